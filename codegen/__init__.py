@@ -1,0 +1,1 @@
+"""The generator: from a model to C source and a compiled module."""

@@ -1,0 +1,176 @@
+"""The immutable robot value: what a description says, checked, and nothing that is derived from it.
+
+A joint's transform from its parent link to its child link is, with eq. (3) of the paper in the middle,
+
+    A = placement . axis_turn . T(x, y, z) . Rx(alpha) . Ry(beta) . Rz(gamma) . axis_turn^T
+
+where ``axis_turn`` is the identity unless the description is an URDF, whose joint axes have any direction.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+
+Vector = tuple[float, float, float]
+Matrix = tuple[Vector, Vector, Vector]
+
+LINEAR = ("x", "y", "z")
+ANGULAR = ("alpha", "beta", "gamma")
+COORDINATES = LINEAR + ANGULAR
+JOINT_TYPES = ("revolute", "prismatic", "fixed", "free")
+PRINCIPAL = {"revolute": "gamma", "prismatic": "z"}
+INERTIA_KEYS = ("xx", "yy", "zz", "xy", "xz", "yz")
+BASE = "base"
+IDENTITY: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+ZERO: Vector = (0.0, 0.0, 0.0)
+
+
+def snap(value: float) -> float:
+    """The value, with a sine or cosine that misses -1, 0 or 1 by round-off of a right angle put there."""
+    for exact in (-1.0, 0.0, 1.0):
+        if abs(value - exact) < 4e-16:
+            return exact
+    return value
+
+
+def rotation_from_rpy(rpy: Vector) -> Matrix:
+    """Rotation matrix Rz(yaw) Ry(pitch) Rx(roll) of URDF's roll, pitch, yaw, rad."""
+    (cr, sr), (cp, sp), (cy, sy) = ((snap(math.cos(t)), snap(math.sin(t))) for t in rpy)
+    return (
+        (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
+        (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
+        (-sp, cp * sr, cp * cr),
+    )
+
+
+@dataclass(frozen=True)
+class Placement:
+    """A constant pose: origin ``xyz`` (m) and ``rotation`` (3x3, axes of the placed frame as columns).
+
+    ``rpy`` (rad) is kept where the description gave it, so that it can be a run-time parameter.
+    """
+
+    xyz: Vector = ZERO
+    rotation: Matrix = IDENTITY
+    rpy: Vector | None = None
+
+    @classmethod
+    def from_rpy(cls, xyz: Vector, rpy: Vector) -> Placement:
+        """Pose of an URDF origin: translation, then Rz(yaw) Ry(pitch) Rx(roll)."""
+        return cls(xyz, rotation_from_rpy(rpy), rpy)
+
+    @classmethod
+    def from_dh(cls, a: float, alpha: float, d: float, theta: float) -> Placement:
+        """Pose of modified Denavit-Hartenberg parameters: Rx(alpha) Tx(a) Rz(theta) Tz(d); m, rad."""
+        ca, sa, ct, st = (snap(t) for t in (math.cos(alpha), math.sin(alpha), math.cos(theta), math.sin(theta)))
+        rotation = ((ct, -st, 0.0), (ca * st, ca * ct, -sa), (sa * st, sa * ct, ca))
+        return cls((a, -sa * d, ca * d), rotation)
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """Properties of one active coordinate; None means that the description does not give the value.
+
+    stiffness: N/m or N m/rad, damping: N s/m or N m s/rad (eq. 13), armature: kg or kg m^2, added to the
+    diagonal of the mass matrix.
+    """
+
+    stiffness: float | None = None
+    damping: float | None = None
+    armature: float | None = None
+
+
+@dataclass(frozen=True)
+class Link:
+    """A rigid body: mass (kg), com (m, link frame), inertia (kg m^2, INERTIA_KEYS, about com, link axes)."""
+
+    name: str
+    mass: float
+    com: Vector
+    inertia: tuple[float, float, float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint: where it is, which of its six coordinates are active (canonical order), and their properties."""
+
+    name: str
+    parent: str
+    child: str
+    type: str
+    placement: Placement = field(default_factory=Placement)
+    axis_turn: Matrix = IDENTITY
+    coordinates: Mapping[str, Coordinate] = field(default_factory=dict)
+    limits: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        ordered = {name: self.coordinates[name] for name in COORDINATES if name in self.coordinates}
+        object.__setattr__(self, "coordinates", MappingProxyType(ordered))
+
+    def __reduce__(self) -> tuple[object, ...]:
+        values = (dict(value) if name == "coordinates" else value for name, value in vars(self).items())
+        return (Joint, tuple(values))  # a mapping proxy cannot be pickled
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A point of interest on a link (or on the base)."""
+
+    name: str
+    link: str
+    placement: Placement = field(default_factory=Placement)
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A validated robot.  Links exclude the base; ``base`` is the base link's name in the description.
+
+    joints are in depth-first order; ``tunable`` names parameters that stay run-time values; ``notes`` are
+    one-line remarks about the reading (an inertia that was projected, say), for the user to see.
+    """
+
+    name: str
+    gravity: Vector
+    links: tuple[Link, ...]
+    joints: tuple[Joint, ...]
+    frames: tuple[Frame, ...] = ()
+    tunable: tuple[str, ...] = ()
+    base: str = BASE
+    source: str = ""
+    notes: tuple[str, ...] = ()
+
+    def link(self, name: str) -> Link:
+        """The link of that name; KeyError if there is none."""
+        return {link.name: link for link in self.links}[name]
+
+    def joint(self, name: str) -> Joint:
+        """The joint of that name; KeyError if there is none."""
+        return {joint.name: joint for joint in self.joints}[name]
+
+    def rigid(self) -> Robot:
+        """The same robot with every deviation locked: only principal coordinates (and free joints) move."""
+        joints = []
+        for joint in self.joints:
+            keep = COORDINATES if joint.type == "free" else (PRINCIPAL.get(joint.type),)
+            joints.append(replace(joint, coordinates={k: v for k, v in joint.coordinates.items() if k in keep}))
+        active = {f"joints.{j.name}.{c}." for j in joints for c in j.coordinates}
+        gone = tuple(
+            name
+            for name in self.tunable
+            if name.startswith("joints.")
+            and name.rsplit(".", 1)[-1] in ("stiffness", "damping", "armature")
+            and not any(name.startswith(prefix) for prefix in active)
+        )
+        tunable = tuple(name for name in self.tunable if name not in gone)
+        return replace(self, name=self.name[:42] + "_rigid", joints=tuple(joints), tunable=tunable)
+
+    def with_coordinates(self, coordinates: Mapping[str, Mapping[str, Coordinate]]) -> Robot:
+        """The same robot with these coordinates (by joint, then by name) added to the active ones."""
+        joints = tuple(
+            replace(joint, coordinates={**joint.coordinates, **coordinates.get(joint.name, {})})
+            for joint in self.joints
+        )
+        return replace(self, joints=joints)

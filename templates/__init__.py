@@ -1,0 +1,1 @@
+"""C and Python templates of generated kernels."""
