@@ -1,0 +1,231 @@
+"""Bind a model's numbers: bodies with placements and pseudo-inertias over any kind of scalar.
+
+The scalar is what ``value`` returns for a name: a float, a SymPy expression, or a node of a program.  All three know
+``+ - *`` and ``scalar.sin``-like functions are taken from ``functions``, so that one source serves the numerical
+reference, closed-form equations and generated code.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from eomgen.model import FIXED_BODY, Model
+from eomgen.robot import IDENTITY, INERTIA_KEYS, Joint
+
+Scalar = Any  # float, sympy.Expr or ir.Node
+Vec = tuple[Scalar, Scalar, Scalar]
+Mat = tuple[Vec, Vec, Vec]
+
+
+@dataclass(frozen=True)
+class PseudoInertia:
+    """H = [[J, mc], [mc^T, m]], the integral of r r^T dm with r = (x, y, z, 1).
+
+    ``second`` is the symmetric 3x3 block J (kg m^2), ``first`` the first moment mc (kg m), ``mass`` m (kg).
+    """
+
+    second: Mat
+    first: Vec
+    mass: Scalar
+
+    def __add__(self, other: PseudoInertia) -> PseudoInertia:
+        second = tuple(
+            tuple(a + b for a, b in zip(r, s, strict=True)) for r, s in zip(self.second, other.second, strict=True)
+        )
+        first = tuple(a + b for a, b in zip(self.first, other.first, strict=True))
+        return PseudoInertia(_mat(second), _vec(first), self.mass + other.mass)
+
+
+@dataclass(frozen=True)
+class Pose:
+    """A pose: rotation (3x3) and origin (3) of a frame in another."""
+
+    rotation: Mat
+    origin: Vec
+
+    def __matmul__(self, other: Pose) -> Pose:
+        return Pose(matmul(self.rotation, other.rotation), add(matvec(self.rotation, other.origin), self.origin))
+
+
+@dataclass(frozen=True)
+class BoundBody:
+    """A body with its numbers: placement of its joint frame in the parent body's frame, and its pseudo-inertia."""
+
+    placement: Pose
+    inertia: PseudoInertia
+
+
+@dataclass(frozen=True)
+class Bound:
+    """A model with its numbers, in the model's order; ``links`` and ``frames`` hold (body, pose in that body).
+
+    ``coms`` are the links' centres of mass in their bodies' frames; ``stiffness``, ``damping`` and ``armature`` are
+    per coordinate.
+    """
+
+    gravity: Vec
+    bodies: tuple[BoundBody, ...]
+    frames: dict[str, tuple[int, Pose]]
+    coms: dict[str, tuple[int, Vec]]
+    stiffness: tuple[Scalar, ...]
+    damping: tuple[Scalar, ...]
+    armature: tuple[Scalar, ...]
+
+
+def bind(
+    model: Model,
+    value: Callable[[str, float], Scalar],
+    sincos: Callable[[Scalar], tuple[Scalar, Scalar]],
+) -> Bound:
+    """Bodies of the model with every number passed through ``value(name, number)``.
+
+    Args:
+        model: the tree.
+        value: turns a named number into a scalar.
+        sincos: sine and cosine of a scalar (used for rotations whose angles are parameters).
+    """
+    binder = _Binder(model, value, sincos)
+    robot = model.robot
+    poses: dict[str, tuple[int, Pose]] = {robot.base: (FIXED_BODY, Pose(IDENTITY, (0.0, 0.0, 0.0)))}
+    placements: list[Pose] = []
+    for joint in robot.joints:
+        body, parent = poses[joint.parent]
+        placed = parent @ binder.placement(joint)
+        if joint.coordinates:
+            placements.append(placed @ Pose(joint.axis_turn, (0.0, 0.0, 0.0)))
+            poses[joint.child] = (len(placements) - 1, Pose(transpose(joint.axis_turn), (0.0, 0.0, 0.0)))
+        else:
+            poses[joint.child] = (body, placed)
+    zero = PseudoInertia(((0.0,) * 3,) * 3, (0.0,) * 3, 0.0)
+    inertias = [zero] * len(placements)
+    coms: dict[str, tuple[int, Vec]] = {}
+    for link in robot.links:
+        body, pose = poses[link.name]
+        if body != FIXED_BODY:
+            inertia, com = binder.pseudo_inertia(link.name)
+            inertias[body] = inertias[body] + congruence(pose, inertia)
+            coms[link.name] = (body, add(matvec(pose.rotation, com), pose.origin))
+    bodies = tuple(BoundBody(p, h) for p, h in zip(placements, inertias, strict=True))
+    return Bound(binder.gravity(), bodies, binder.frames(poses), coms, *binder.forces())
+
+
+class _Binder:
+    """Reads named numbers of one model through ``value``."""
+
+    def __init__(self, model: Model, value: Callable[[str, float], Scalar], sincos: Callable[[Scalar], Any]) -> None:
+        self.model, self.value, self.sincos = model, value, sincos
+
+    def triple(self, prefix: str, numbers: Sequence[float], keys: Sequence[str] = "xyz") -> Vec:
+        return _vec(self.value(f"{prefix}.{key}", number) for key, number in zip(keys, numbers, strict=True))
+
+    def gravity(self) -> Vec:
+        return self.triple("gravity", self.model.robot.gravity)
+
+    def placement(self, joint: Joint) -> Pose:
+        prefix, given = f"joints.{joint.name}.placement", joint.placement
+        rotation: Mat = given.rotation
+        if given.rpy is not None and any(f"{prefix}.rpy.{i}" in self.model.parameters for i in range(3)):
+            rotation = self._rotation(self.triple(f"{prefix}.rpy", given.rpy, "012"))
+        return Pose(rotation, self.triple(f"{prefix}.xyz", given.xyz, "012"))
+
+    def _rotation(self, rpy: Vec) -> Mat:
+        (sr, cr), (sp, cp), (sy, cy) = (self.sincos(angle) for angle in rpy)
+        return (
+            (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
+            (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
+            (-sp, cp * sr, cp * cr),
+        )
+
+    def pseudo_inertia(self, name: str) -> tuple[PseudoInertia, Vec]:
+        """H of a link in its own frame, and its centre of mass: J = 1/2 tr(I) 1 - I about the origin."""
+        link = self.model.robot.link(name)
+        mass = self.value(f"links.{name}.mass", link.mass)
+        com = self.triple(f"links.{name}.com", link.com)
+        xx, yy, zz, xy, xz, yz = (
+            self.value(f"links.{name}.inertia.{key}", number)
+            for key, number in zip(INERTIA_KEYS, link.inertia, strict=True)
+        )
+        about_com = (
+            ((yy + zz - xx) * 0.5, -xy, -xz),
+            (-xy, (xx + zz - yy) * 0.5, -yz),
+            (-xz, -yz, (xx + yy - zz) * 0.5),
+        )
+        first = scale(mass, com)
+        second = _mat(tuple(about_com[i][j] + first[i] * com[j] for j in range(3)) for i in range(3))
+        return PseudoInertia(second, first, mass), com
+
+    def frames(self, poses: dict[str, tuple[int, Pose]]) -> dict[str, tuple[int, Pose]]:
+        found = dict(poses)
+        for frame in self.model.robot.frames:
+            body, pose = poses[frame.link]
+            origin = self.triple(f"frames.{frame.name}.placement.xyz", frame.placement.xyz, "012")
+            found[frame.name] = (body, pose @ Pose(frame.placement.rotation, origin))
+        return {name: found[name] for name in self.model.frames}
+
+    def forces(self) -> tuple[tuple[Scalar, ...], tuple[Scalar, ...], tuple[Scalar, ...]]:
+        """Stiffness, damping and armature of every coordinate."""
+        rows: tuple[list[Scalar], ...] = ([], [], [])
+        for joint in self.model.robot.joints:
+            for name, given in joint.coordinates.items():
+                for row, key in zip(rows, ("stiffness", "damping", "armature"), strict=True):
+                    row.append(self.value(f"joints.{joint.name}.{name}.{key}", getattr(given, key) or 0.0))
+        return tuple(rows[0]), tuple(rows[1]), tuple(rows[2])
+
+
+def congruence(pose: Pose, inertia: PseudoInertia) -> PseudoInertia:
+    """X H X^T: the pseudo-inertia seen from the frame that ``pose`` is given in."""
+    R, p, m = pose.rotation, pose.origin, inertia.mass
+    h = matvec(R, inertia.first)
+    RJ = matmul(R, inertia.second)
+    J = matmul(RJ, transpose(R))
+    upper = [[J[i][j] + p[i] * h[j] + (h[i] + m * p[i]) * p[j] if j >= i else None for j in range(3)] for i in range(3)]
+    second = _mat(tuple(upper[min(i, j)][max(i, j)] for j in range(3)) for i in range(3))
+    return PseudoInertia(second, add(h, scale(m, p)), m)
+
+
+def _vec(items: Any) -> Vec:
+    a, b, c = items
+    return (a, b, c)
+
+
+def _mat(rows: Any) -> Mat:
+    a, b, c = rows
+    return (_vec(a), _vec(b), _vec(c))
+
+
+def add(a: Vec, b: Vec) -> Vec:
+    """a + b."""
+    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+
+
+def scale(factor: Scalar, a: Vec) -> Vec:
+    """factor a."""
+    return (factor * a[0], factor * a[1], factor * a[2])
+
+
+def dot(a: Vec, b: Vec) -> Scalar:
+    """a . b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def cross(a: Vec, b: Vec) -> Vec:
+    """a x b."""
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+def transpose(R: Mat) -> Mat:
+    """R^T."""
+    return _mat(zip(*R, strict=True))
+
+
+def matvec(R: Mat, a: Vec) -> Vec:
+    """R a."""
+    return (dot(R[0], a), dot(R[1], a), dot(R[2], a))
+
+
+def matmul(R: Mat, S: Mat) -> Mat:
+    """R S."""
+    columns = transpose(S)
+    return _mat(tuple(dot(row, column) for column in columns) for row in R)

@@ -1,0 +1,167 @@
+"""Robot -> Model: the ordered tree of moving bodies, their coordinates, and what is a run-time parameter.
+
+A body is a set of links that fixed joints hold together; its frame is its joint's frame after the motion, so the
+principal axis is its z axis.  Numbers stay in the Robot: the generator binds them (``eomgen.codegen.bodies``) as
+constants or, for the names in ``Model.parameters``, as run-time parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from .errors import DescriptionError
+from .robot import COORDINATES, INERTIA_KEYS, Joint, Robot
+
+FIXED_BODY = -1  # what hangs on the base without a moving joint
+
+
+@dataclass(frozen=True)
+class Body:
+    """A moving body: ``parent`` is a body's index or FIXED_BODY, ``first`` the index of its first coordinate.
+
+    ``active`` names the active coordinates of its joint in canonical order; ``links`` the links it is made of, the
+    joint's child first.
+    """
+
+    joint: str
+    parent: int
+    first: int
+    active: tuple[str, ...]
+    links: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """Name of the joint's child link."""
+        return self.links[0]
+
+    @property
+    def indices(self) -> range:
+        """Indices of the joint's coordinates in q."""
+        return range(self.first, self.first + len(self.active))
+
+
+@dataclass(frozen=True)
+class Model:
+    """The tree that equations are derived for.
+
+    ``bodies`` are in depth-first order; ``coordinates`` are the names ("joint1.x", ...) in the order of q;
+    ``links`` are the links that move; ``points`` are links and frames whose pose can be asked for, with the link that
+    each is on; ``parameters`` maps the run-time parameters to their values in the description.
+    """
+
+    robot: Robot
+    bodies: tuple[Body, ...]
+    coordinates: tuple[str, ...]
+    links: tuple[str, ...]
+    body_of: Mapping[str, int]
+    parameters: Mapping[str, float]
+
+    @property
+    def name(self) -> str:
+        """The robot's name."""
+        return self.robot.name
+
+    @property
+    def size(self) -> int:
+        """n, the number of degrees of freedom."""
+        return len(self.coordinates)
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Names whose pose can be asked for: the description's frames, then all links, the base first."""
+        names = [frame.name for frame in self.robot.frames]
+        links = [self.robot.base, *(link.name for link in self.robot.links)]
+        return tuple(names + [name for name in links if name not in names])
+
+    def ancestors(self, body: int) -> Iterator[int]:
+        """The body and the bodies it hangs on, towards the base."""
+        while body != FIXED_BODY:
+            yield body
+            body = self.bodies[body].parent
+
+    def children(self, body: int) -> list[int]:
+        """Bodies that hang on the body directly."""
+        return [k for k, other in enumerate(self.bodies) if other.parent == body]
+
+    def body_of_coordinate(self, index: int) -> int:
+        """The body whose joint has coordinate ``index``."""
+        return next(k for k, body in enumerate(self.bodies) if index in body.indices)
+
+
+def build_model(robot: Robot) -> Model:
+    """Order the tree, merge what fixed joints hold together, and list the parameters.
+
+    Raises:
+        DescriptionError: no coordinate is active, so there is nothing to move.
+    """
+    bodies: list[Body] = []
+    coordinates: list[str] = []
+    body_of = {robot.base: FIXED_BODY}
+    links: list[list[str]] = []
+    for joint in robot.joints:  # depth first: a parent comes before its children
+        parent = body_of[joint.parent]
+        if joint.coordinates:
+            body_of[joint.child] = len(bodies)
+            bodies.append(Body(joint.name, parent, len(coordinates), tuple(joint.coordinates), (joint.child,)))
+            links.append([joint.child])
+            coordinates.extend(f"{joint.name}.{name}" for name in joint.coordinates)
+        else:
+            body_of[joint.child] = parent
+            if parent != FIXED_BODY:
+                links[parent].append(joint.child)
+    if not bodies:
+        raise DescriptionError(
+            "the robot has no active coordinate; give at least one joint a type other than fixed, or a deviation",
+            where="joints",
+            source=robot.source or robot.name,
+        )
+    merged = tuple(
+        Body(body.joint, body.parent, body.first, body.active, tuple(names))
+        for body, names in zip(bodies, links, strict=True)
+    )
+    moving = tuple(link.name for link in robot.links if body_of[link.name] != FIXED_BODY)
+    return Model(robot, merged, tuple(coordinates), moving, body_of, _parameters(robot))
+
+
+def _parameters(robot: Robot) -> dict[str, float]:
+    """Run-time parameters: gravity, every stiffness and damping that is given, and what ``tunable`` lists."""
+    values = dict(parameter_values(robot))
+    chosen = {
+        name
+        for name in values
+        if name.startswith("gravity.") or (name.startswith("joints.") and name.endswith((".stiffness", ".damping")))
+        if values[name] is not None
+    }
+    chosen.update(robot.tunable)
+    return {name: value or 0.0 for name, value in values.items() if name in chosen}
+
+
+def parameter_values(robot: Robot) -> Iterator[tuple[str, float | None]]:
+    """Every number of the description that may be a parameter, by its name; None where none is given."""
+    for axis, value in zip("xyz", robot.gravity, strict=True):
+        yield f"gravity.{axis}", value
+    for link in robot.links:
+        yield f"links.{link.name}.mass", link.mass
+        for axis, value in zip("xyz", link.com, strict=True):
+            yield f"links.{link.name}.com.{axis}", value
+        for key, value in zip(INERTIA_KEYS, link.inertia, strict=True):
+            yield f"links.{link.name}.inertia.{key}", value
+    for joint in robot.joints:
+        yield from _joint_values(joint)
+    for frame in robot.frames:
+        for i, value in enumerate(frame.placement.xyz):
+            yield f"frames.{frame.name}.placement.xyz.{i}", value
+
+
+def _joint_values(joint: Joint) -> Iterator[tuple[str, float | None]]:
+    for name in COORDINATES:
+        if name in joint.coordinates:
+            given = joint.coordinates[name]
+            yield f"joints.{joint.name}.{name}.stiffness", given.stiffness
+            yield f"joints.{joint.name}.{name}.damping", given.damping
+            yield f"joints.{joint.name}.{name}.armature", given.armature
+    for i, value in enumerate(joint.placement.xyz):
+        yield f"joints.{joint.name}.placement.xyz.{i}", value
+    for i, value in enumerate(joint.placement.rpy or ()):
+        yield f"joints.{joint.name}.placement.rpy.{i}", value
