@@ -61,8 +61,8 @@ class BoundBody:
 class Bound:
     """A model with its numbers, in the model's order; ``links`` and ``frames`` hold (body, pose in that body).
 
-    ``coms`` are the links' centres of mass in their bodies' frames; ``stiffness``, ``damping`` and ``armature`` are
-    per coordinate.
+    ``coms`` are the links' centres of mass in their bodies' frames; ``stiffness``, ``damping``, ``armature`` and
+    ``angle_offsets`` (added to an angle before it turns, rad) are per coordinate.
     """
 
     gravity: Vec
@@ -72,6 +72,7 @@ class Bound:
     stiffness: tuple[Scalar, ...]
     damping: tuple[Scalar, ...]
     armature: tuple[Scalar, ...]
+    angle_offsets: tuple[float, ...]
 
 
 def bind(
@@ -108,7 +109,7 @@ def bind(
             inertias[body] = inertias[body] + congruence(pose, inertia)
             coms[link.name] = (body, add(matvec(pose.rotation, com), pose.origin))
     bodies = tuple(BoundBody(p, h) for p, h in zip(placements, inertias, strict=True))
-    return Bound(binder.gravity(), bodies, binder.frames(poses), coms, *binder.forces())
+    return Bound(binder.gravity(), bodies, binder.frames(poses), coms, *binder.forces(), (0.0,) * model.size)
 
 
 class _Binder:

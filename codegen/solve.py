@@ -1,0 +1,59 @@
+"""Linear solve with the mass matrix as a program: M = L^T D L, without fill-in along the branches of the tree.
+
+Source: R. Featherstone, Rigid Body Dynamics Algorithms, section 6.5 (branch-induced sparsity).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from eomgen.model import Model
+
+from .bodies import Scalar
+from .composite import Rows
+
+
+def coordinate_parents(model: Model) -> list[int]:
+    """For every coordinate the one in front of it on the way to the base, or -1."""
+    parents = []
+    last: dict[int, int] = {-1: -1}
+    for k, body in enumerate(model.bodies):
+        before = last[body.parent]
+        for index in body.indices:
+            parents.append(before)
+            before = index
+        last[k] = before
+    return parents
+
+
+def solve(model: Model, matrix: Rows, right: Sequence[Scalar]) -> tuple[list[Scalar], list[Scalar]]:
+    """x of M x = right, and the pivots D (all positive for a body that can be)."""
+    parents = coordinate_parents(model)
+    M, x = dict(matrix), list(right)
+    pivots: list[Scalar] = [0.0] * model.size
+    inverse: list[Scalar] = [0.0] * model.size
+    factors: dict[tuple[int, int], Scalar] = {}
+    for k in range(model.size - 1, -1, -1):
+        pivots[k] = M[k, k]
+        singular = isinstance(pivots[k], float) and pivots[k] <= 0.0  # reported at run time, where the state is known
+        inverse[k] = 0.0 if singular else 1.0 / pivots[k]
+        i = parents[k]
+        while i >= 0:
+            factors[k, i] = M.get((i, k), 0.0) * inverse[k]
+            j = i
+            while j >= 0:
+                M[j, i] = M.get((j, i), 0.0) - factors[k, i] * M.get((j, k), 0.0)
+                j = parents[j]
+            i = parents[i]
+    for k in range(model.size - 1, -1, -1):  # L^T y = right
+        i = parents[k]
+        while i >= 0:
+            x[i] = x[i] - factors[k, i] * x[k]
+            i = parents[i]
+    for k in range(model.size):  # D L x = y
+        x[k] = x[k] * inverse[k]
+        i = parents[k]
+        while i >= 0:
+            x[k] = x[k] - factors[k, i] * x[i]
+            i = parents[i]
+    return x, pivots
