@@ -54,3 +54,7 @@ class IntegrationError(InputError):
 
 class InternalError(EomgenError):
     """A bug of eomgen: something that the code relies on does not hold.  Please report it."""
+
+
+class EomgenWarning(UserWarning):
+    """Something the user asked for on purpose, but should know about (an inertia that no body can have, say)."""

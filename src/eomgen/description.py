@@ -1,0 +1,287 @@
+"""A robot description in, a validated, immutable Robot out.
+
+    source -> text -> Draft (TOML, or URDF, or an URDF refined by TOML) -> inertia policy -> tree order -> Robot
+
+TOML syntax and keys: docs and the built-in robots in ``robots/``.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from .errors import DescriptionError
+from .inertia import POLICIES, apply_inertia_policy
+from .names import ROBOT_RULE, is_robot_name, nearest, show, to_robot_name
+from .robot import (
+    BASE,
+    COORDINATES,
+    INERTIA_KEYS,
+    JOINT_TYPES,
+    PRINCIPAL,
+    ZERO,
+    Coordinate,
+    Frame,
+    Joint,
+    Link,
+    Placement,
+    Robot,
+)
+from .schema import Table
+from .tree import Draft, ordered_joints
+from .tunable import expand_tunable
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+_BUILTIN = Path(__file__).parent / "robots"
+_MOST_BYTES = 1 << 28
+
+_TOP = ("name", "gravity", "urdf", "inertia", "tunable", "links", "joints", "frames")
+_LINK = ("name", "mass", "com", "inertia")
+_JOINT = ("name", "parent", "child", "type", "dh", "placement", *COORDINATES, "limits", "prescribed")
+_COORDINATE = ("stiffness", "damping", "armature")
+_FRAME = ("name", "link", "placement")
+_DH = ("a", "alpha", "d", "theta")
+_PLACEMENT = ("xyz", "rpy")
+_WORLD = (BASE, "world")  # what the ground may be called when the root link of an URDF is put on a joint
+
+
+def builtin_robots() -> tuple[str, ...]:
+    """Names of the built-in robots, sorted."""
+    return tuple(sorted(path.stem for path in _BUILTIN.glob("*.toml")))
+
+
+def load_robot(source: str | Path, *, inertia: str | None = None, urdf_damping: bool = False) -> Robot:
+    """Read a robot.
+
+    Args:
+        source: name of a built-in robot, or path of a ``.toml`` or ``.urdf`` file.
+        inertia: what to do with a link whose inertia no body can have: "error", "warn" (take it as it is) or "project"
+            (take the nearest possible body).  None: what the description says, or "error".
+        urdf_damping: read <dynamics damping> of an URDF; otherwise a note says that it is left out.
+
+    Returns:
+        The robot in SI units; ``notes`` says what was changed or left out.
+
+    Raises:
+        DescriptionError: with the file, the place, what came and what is allowed.
+    """
+    if isinstance(source, str) and source in builtin_robots():
+        return robot_from_toml(_read(_BUILTIN / f"{source}.toml", source), source=source, inertia=inertia)
+    if not isinstance(source, (str, Path)):
+        raise DescriptionError(f"a robot cannot be loaded from {type(source).__name__}; allowed: a name or a path")
+    path = Path(source)
+    if path.suffix not in (".toml", ".urdf"):
+        known, name = builtin_robots(), str(source)
+        allowed = f"a path that ends in .toml or .urdf, or one of {', '.join(known)}"
+        raise DescriptionError(f"there is no robot {show(name)}{nearest(name, known)} (allowed: {allowed})")
+    text = _read(path, str(path))
+    if path.suffix == ".urdf":
+        return robot_from_urdf(text, source=str(path), inertia=inertia, urdf_damping=urdf_damping)
+    return robot_from_toml(text, source=str(path), folder=path.parent, inertia=inertia, urdf_damping=urdf_damping)
+
+
+def robot_from_urdf(
+    text: str, *, source: str = "", inertia: str | None = None, urdf_damping: bool = False
+) -> Robot:
+    """The robot that an URDF text describes; arguments and errors as load_robot."""
+    from .urdf import draft_from_urdf  # only who has an URDF pays for the XML parser
+
+    return _finish(draft_from_urdf(text, source, damping=urdf_damping), inertia or "error", [])
+
+
+def robot_from_toml(
+    text: str,
+    *,
+    source: str = "",
+    folder: Path | None = None,
+    inertia: str | None = None,
+    urdf_damping: bool = False,
+) -> Robot:
+    """The robot that a TOML text describes; ``folder`` is where its ``urdf`` is looked for, the rest as load_robot."""
+    top = Table(_parse_toml(text, source), "", source, _TOP)
+    draft = _start(top, source, folder, urdf_damping)
+    draft.gravity = top.vector("gravity") or draft.gravity
+    for name, entry in top.entries("links", _LINK):
+        draft.links[name] = _link(name, entry, draft)
+    for name, entry in top.entries("joints", _JOINT):
+        draft.joints[name] = _joint(name, entry, draft)
+    for name, entry in top.entries("frames", _FRAME):
+        draft.frames[name] = _frame(name, entry)
+    _settle_base(draft)
+    policy = inertia or top.choice("inertia", POLICIES) or "error"
+    return _finish(draft, policy, top.strings("tunable"))
+
+
+def _read(path: Path, source: str) -> str:
+    """The text of a file, UTF-8."""
+    source = source if source.isprintable() else ascii(source)
+    try:
+        if not path.is_file():
+            raise DescriptionError("there is no such file; allowed: an existing .toml or .urdf file", source=source)
+        if path.stat().st_size > _MOST_BYTES:
+            raise DescriptionError(f"the file has more than {_MOST_BYTES} bytes", source=source)
+        return path.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        message = f"byte {error.start} is no UTF-8; allowed: UTF-8 text"
+        raise DescriptionError(message, source=source) from None
+    except (OSError, ValueError) as error:  # ValueError: a path with a NUL
+        reason = getattr(error, "strerror", None) or str(error)
+        raise DescriptionError(f"cannot be read: {reason}", source=source) from None
+
+
+def _parse_toml(text: str, source: str) -> dict[str, object]:
+    try:
+        values: dict[str, object] = tomllib.loads(text)
+    except RecursionError:
+        raise DescriptionError("not TOML that can be read: it is nested too deeply", source=source) from None
+    except ValueError as error:  # TOMLDecodeError, or an integer of more digits than Python takes
+        message = str(error).encode("ascii", "backslashreplace").decode()[:300]
+        raise DescriptionError(f"not valid TOML: {message}", source=source) from None
+    return values
+
+
+def _start(top: Table, source: str, folder: Path | None, urdf_damping: bool) -> Draft:
+    """The draft to fill: that of the URDF, or an empty one; with its name."""
+    draft = Draft(source)
+    urdf = top.text("urdf")
+    if urdf is not None:
+        if folder is None or not urdf.endswith(".urdf"):
+            top.fail(f"got {show(urdf)}; allowed: the path of an .urdf file, relative to this file", "urdf")
+        from .urdf import draft_from_urdf
+
+        path = folder / urdf
+        draft = draft_from_urdf(_read(path, str(path)), str(path), damping=urdf_damping)
+        draft.source = source
+    elif "name" not in top:
+        top.require("name", ROBOT_RULE)
+    name = top.text("name")
+    if name is not None and not is_robot_name(name):
+        hint = f", such as {to_robot_name(name)!r}" if name else ""
+        top.fail(f"got {show(name)}; allowed: {ROBOT_RULE}{hint}", "name")
+    draft.name = name or draft.name
+    return draft
+
+
+def _link(name: str, entry: Table, draft: Draft) -> Link:
+    """A new link, or one of the URDF with what the entry overrides."""
+    old = draft.links.get(name)
+    if old is None:
+        if name == BASE:
+            entry.fail("the name 'base' is that of the ground; allowed: another name", "name")
+        entry.require("mass", "a mass in kg" + nearest(name, draft.links))
+    mass, com = entry.number("mass", 0.0), entry.vector("com")
+    table = entry.table("inertia", INERTIA_KEYS)
+    inertia = None
+    if table is not None:
+        for key in INERTIA_KEYS[:3]:
+            table.require(key, "a moment of inertia in kg m^2 about the centre of mass")
+        xx, yy, zz, xy, xz, yz = (table.number(key) or 0.0 for key in INERTIA_KEYS)
+        inertia = xx, yy, zz, xy, xz, yz
+    start = old or Link(name, 0.0, ZERO, (0.0,) * 6)
+    return Link(
+        name,
+        start.mass if mass is None else mass,
+        start.com if com is None else com,
+        start.inertia if inertia is None else inertia,
+    )
+
+
+def _joint(name: str, entry: Table, draft: Draft) -> Joint:
+    """A new joint, or one of the URDF with what the entry overrides and the coordinates it activates."""
+    old = draft.joints.get(name)
+    if old is None:
+        for key, what in (("parent", "'base' or a link"), ("child", "a link"), ("type", ", ".join(JOINT_TYPES))):
+            entry.require(key, what + nearest(name, draft.joints))
+        old = Joint(name, "", "", "fixed")
+    parent, child = entry.text("parent") or old.parent, entry.text("child") or old.child
+    kind = entry.choice("type", JOINT_TYPES) or old.type
+    coordinates = dict(old.coordinates) if kind == old.type else {}
+    for key in COORDINATES if kind == "free" else filter(None, [PRINCIPAL.get(kind)]):
+        coordinates.setdefault(key, Coordinate())
+    for key in COORDINATES:
+        table = entry.table(key, _COORDINATE)
+        if table is not None:
+            coordinates[key] = _coordinate(table, coordinates.get(key, Coordinate()))
+    if entry.strings("prescribed"):
+        entry.fail("prescribed is not supported by this version of eomgen", "prescribed")
+    placement = _placement(entry, old.placement)
+    return Joint(name, parent, child, kind, placement, old.axis_turn, coordinates, _limits(entry, kind, old))
+
+
+def _coordinate(table: Table, old: Coordinate) -> Coordinate:
+    given = {key: table.number(key, 0.0) for key in _COORDINATE if key in table}
+    return Coordinate(**{**vars(old), **given})
+
+
+def _limits(entry: Table, kind: str, old: Joint) -> tuple[float, float] | None:
+    limits = entry.numbers("limits", 2)
+    if limits is None:
+        return old.limits if kind == old.type else None
+    if kind not in PRINCIPAL:
+        entry.fail(f"a {kind} joint has no principal coordinate; allowed for: {', '.join(PRINCIPAL)}", "limits")
+    if limits[0] > limits[1]:
+        entry.fail(f"got {show(list(limits))}; allowed: [lower, upper] with lower <= upper", "limits")
+    return limits[0], limits[1]
+
+
+def _placement(entry: Table, old: Placement) -> Placement:
+    dh, placement = entry.table("dh", _DH), entry.table("placement", _PLACEMENT)
+    if dh is not None and placement is not None:
+        entry.fail("both dh and placement are given; allowed: one of them")
+    if dh is not None:
+        a, alpha, d, theta = (dh.number(key) or 0.0 for key in _DH)
+        return Placement.from_dh(a, alpha, d, theta)
+    if placement is None:
+        return old
+    xyz, rpy = placement.vector("xyz") or ZERO, placement.vector("rpy")
+    return Placement(xyz) if rpy is None else Placement.from_rpy(xyz, rpy)
+
+
+def _frame(name: str, entry: Table) -> Frame:
+    entry.require("link", "'base' or a link")
+    return Frame(name, entry.text("link") or "", _placement(entry, Placement()))
+
+
+def _settle_base(draft: Draft) -> None:
+    """Say what the ground is called where TOML refines an URDF.
+
+    'base' means the URDF's root link.  But if a joint of the TOML carries that root (a floating base, say), the root
+    is a link like others, and that joint's parent, 'base' or 'world', is the ground.
+    """
+    root = draft.base
+    parents = [joint.parent for joint in draft.joints.values() if joint.child == root]
+    if parents and parents[0] in _WORLD and parents[0] not in draft.links:
+        draft.base = parents[0]
+    elif BASE not in draft.links and root != BASE:
+        for name, joint in draft.joints.items():
+            if joint.parent == BASE:
+                draft.joints[name] = Joint(**{**vars(joint), "parent": root})
+        for name, frame in draft.frames.items():
+            if frame.link == BASE:
+                draft.frames[name] = Frame(name, root, frame.placement)
+
+
+def _finish(draft: Draft, policy: str, tunable: list[str]) -> Robot:
+    """Draft -> Robot: the checks that need the whole description."""
+    joints = ordered_joints(draft)
+    for frame in draft.frames.values():
+        draft.check_link(frame.link, f"frames.{frame.name}.link")
+    if not any(joint.coordinates for joint in joints):
+        draft.fail("joints", "no joint has a coordinate, so nothing moves; allowed: at least one joint that moves")
+    links, notes = apply_inertia_policy(list(draft.links.values()), policy, source=draft.source)
+    bodies = {link.name: link for link in links}
+    robot = Robot(
+        name=draft.name,
+        gravity=draft.gravity,
+        links=tuple(bodies[joint.child] for joint in joints),
+        joints=tuple(joints),
+        frames=tuple(draft.frames.values()),
+        base=draft.base,
+        source=draft.source,
+        notes=(*draft.notes, *notes),
+    )
+    return Robot(**{**vars(robot), "tunable": expand_tunable(robot, tunable)})
