@@ -1,0 +1,190 @@
+"""Random small robots with physically possible links: shared by the tests that compare two ways of deriving.
+
+Every robot is a plain ``eomgen.robot.Robot`` built from a NumPy generator, so a failing case is known by its seed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eomgen.robot import (
+    COORDINATES,
+    IDENTITY,
+    PRINCIPAL,
+    Coordinate,
+    Frame,
+    Joint,
+    Link,
+    Matrix,
+    Placement,
+    Robot,
+)
+
+Array = NDArray[np.float64]
+RIGHT_ANGLES = (0.0, np.pi / 2, -np.pi / 2, np.pi)
+
+
+@dataclass(frozen=True)
+class State:
+    """Positions (m, rad), velocities, accelerations and drives of all coordinates, each of shape (n,)."""
+
+    q: Array
+    v: Array
+    a: Array
+    u: Array
+
+
+def random_robot(
+    seed: int | np.random.Generator,
+    joints: tuple[int, int] = (1, 3),
+    max_coordinates: int = 6,
+    max_size: int | None = None,
+    tree: bool = False,
+    types: Sequence[str] = ("revolute", "prismatic", "fixed"),
+    rigid: bool = False,
+    forces: bool = True,
+    armature: bool = True,
+    name: str = "random_robot",
+) -> Robot:
+    """A random robot; the same seed gives the same robot.
+
+    Args:
+        seed: an integer or a NumPy generator (which is advanced).
+        joints: least and greatest number of joints that move (a joint that is fixed altogether may come on top).
+        max_coordinates: greatest number of active coordinates in one joint; a free joint has six all the same.
+        max_size: greatest number of coordinates of the robot; joints that would exceed it keep as many as there is
+            room for, and at least one (a free joint counts as six).
+        tree: branches instead of a chain.
+        types: joint types to draw from; "fixed" is a joint whose deviations alone move (any subset of the six).
+        rigid: no deviations, only principal coordinates.
+        forces: random stiffness and damping on about half of the coordinates, otherwise none.
+        armature: random armature on about a third of the coordinates, otherwise none.
+        name: the robot's name.
+    """
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(joints[0], joints[1] + 1))
+    room = max_size if max_size is not None else 6 * count
+    made: list[Joint] = []
+    links: list[Link] = []
+    path = ["base"]  # from the base to the newest link; parents from this path keep the depth-first order
+    for i in range(count):
+        kind = str(rng.choice(list(types)))
+        spare = room - (count - 1 - i)
+        active = _active(rng, kind, max(1, min(max_coordinates, spare)), rigid)
+        room -= len(active)
+        if tree and len(path) > 1:
+            path = path[: int(rng.integers(1, len(path) + 1))]
+        made.append(_joint(rng, f"joint{i + 1}", path[-1], f"link{i + 1}", kind, active, forces, armature))
+        links.append(random_link(rng, f"link{i + 1}"))
+        path.append(f"link{i + 1}")
+        if rng.random() < 0.15:  # a link that is welded on: the model merges it
+            made.append(Joint(f"weld{i + 1}", path[-1], f"tool{i + 1}", "fixed", random_placement(rng)))
+            links.append(random_link(rng, f"tool{i + 1}"))
+            path.append(f"tool{i + 1}")
+    frames = (Frame("tcp", links[-1].name, random_placement(rng)),)
+    gravity = _triple(9.81 * random_rotation(rng)[:, 0])
+    return Robot(name, gravity, tuple(links), tuple(made), frames)
+
+
+def random_state(robot: Robot, seed: int | np.random.Generator) -> State:
+    """A random state: any principal coordinate, deviations up to 0.3, no beta near the singular +-pi/2."""
+    rng = np.random.default_rng(seed)
+    spans = []
+    for joint in robot.joints:
+        for coordinate in joint.coordinates:
+            wide = coordinate == PRINCIPAL.get(joint.type) or joint.type == "free"
+            limit = {"beta": 1.2}.get(coordinate, 3.0)
+            spans.append(limit if wide else 0.3)
+    q = rng.uniform(-1.0, 1.0, len(spans)) * np.array(spans)
+    v, a, u = (rng.uniform(-2.0, 2.0, len(spans)) for _ in range(3))
+    return State(q, v, a, u)
+
+
+def random_link(rng: np.random.Generator, name: str) -> Link:
+    """A link whose pseudo-inertia is positive definite; sometimes with com and axes that prune, or a thin rod."""
+    style = rng.random()
+    moments = rng.uniform(0.002, 0.1, 3)  # principal second moments, kg m^2: any three that are >= 0 make a body
+    com = rng.uniform(-0.3, 0.3, 3)
+    axes = random_rotation(rng)
+    if style < 0.3:  # diagonal tensor, com on an axis
+        axes, com = np.eye(3), com * (np.arange(3) == rng.integers(3))
+    elif style < 0.4:  # thin rod along its own axis: semi-definite
+        moments[1:] = 0.0
+    J = axes @ np.diag(moments) @ axes.T
+    inertia = np.trace(J) * np.eye(3) - J
+    xx, yy, zz, xy, xz, yz = (float(inertia[i, j]) for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
+    return Link(name, float(rng.uniform(0.5, 8.0)), _triple(com), (xx, yy, zz, xy, xz, yz))
+
+
+def random_rotation(rng: np.random.Generator) -> Array:
+    """A uniformly distributed rotation matrix, shape (3, 3)."""
+    basis, upper = np.linalg.qr(rng.standard_normal((3, 3)))
+    basis = basis * np.sign(np.diag(upper))
+    return np.asarray(basis * np.linalg.det(basis), dtype=np.float64)
+
+
+def random_placement(rng: np.random.Generator) -> Placement:
+    """A placement: modified DH or roll-pitch-yaw with right angles, or generic."""
+    xyz = _triple(rng.uniform(-0.6, 0.6, 3) * (rng.random(3) < 0.7))
+    style = rng.random()
+    if style < 0.3:
+        a, d = (float(t) for t in rng.uniform(-0.5, 0.5, 2) * (rng.random(2) < 0.7))
+        return Placement.from_dh(a, float(rng.choice(RIGHT_ANGLES)), d, float(rng.choice((0.0, np.pi / 2, 0.4))))
+    if style < 0.6:
+        return Placement.from_rpy(xyz, _triple(rng.choice(RIGHT_ANGLES, 3)))
+    return Placement.from_rpy(xyz, _triple(rng.uniform(-1.5, 1.5, 3)))
+
+
+def _active(rng: np.random.Generator, kind: str, most: int, rigid: bool) -> tuple[str, ...]:
+    if kind == "free":
+        return COORDINATES
+    principal = PRINCIPAL.get(kind)
+    if rigid:
+        return (principal,) if principal else ("gamma",)
+    count = int(rng.integers(1, most + 1))
+    chosen = [principal] if principal else []
+    others = [name for name in COORDINATES if name != principal]
+    chosen += [str(name) for name in rng.permutation(others)][: count - len(chosen)]
+    return tuple(name for name in COORDINATES if name in chosen)
+
+
+def _joint(
+    rng: np.random.Generator,
+    name: str,
+    parent: str,
+    child: str,
+    kind: str,
+    active: Sequence[str],
+    forces: bool,
+    armature: bool,
+) -> Joint:
+    def draw(wanted: bool, chance: float, low: float, high: float) -> float | None:
+        drawn = rng.random() < chance, float(rng.uniform(low, high))
+        return drawn[1] if wanted and drawn[0] else None
+
+    table = {
+        coordinate: Coordinate(
+            stiffness=draw(forces, 0.5, 10.0, 200.0),
+            damping=draw(forces, 0.5, 0.1, 5.0),
+            armature=draw(armature, 0.3, 0.01, 0.5),
+        )
+        for coordinate in active
+    }
+    turn: Matrix = IDENTITY
+    if rng.random() < 0.3:  # as an URDF's joint axis gives it
+        turn = _matrix(random_rotation(rng))
+    return Joint(name, parent, child, kind, random_placement(rng), turn, table)
+
+
+def _triple(values: Array) -> tuple[float, float, float]:
+    a, b, c = (float(value) for value in values)
+    return (a, b, c)
+
+
+def _matrix(values: Array) -> Matrix:
+    a, b, c = (_triple(row) for row in values)
+    return (a, b, c)
