@@ -84,9 +84,7 @@ def load_robot(source: str | Path, *, inertia: str | None = None, urdf_damping: 
     return robot_from_toml(text, source=str(path), folder=path.parent, inertia=inertia, urdf_damping=urdf_damping)
 
 
-def robot_from_urdf(
-    text: str, *, source: str = "", inertia: str | None = None, urdf_damping: bool = False
-) -> Robot:
+def robot_from_urdf(text: str, *, source: str = "", inertia: str | None = None, urdf_damping: bool = False) -> Robot:
     """The robot that an URDF text describes; arguments and errors as load_robot."""
     from .urdf import draft_from_urdf  # only who has an URDF pays for the XML parser
 
@@ -156,6 +154,7 @@ def _start(top: Table, source: str, folder: Path | None, urdf_damping: bool) -> 
         path = folder / urdf
         draft = draft_from_urdf(_read(path, str(path)), str(path), damping=urdf_damping)
         draft.source = source
+        draft.inherited = (*draft.links, *draft.joints)
     elif "name" not in top:
         top.require("name", ROBOT_RULE)
     name = top.text("name")
@@ -166,13 +165,18 @@ def _start(top: Table, source: str, folder: Path | None, urdf_damping: bool) -> 
     return draft
 
 
+def _hint(name: str, draft: Draft) -> str:
+    """What a new entry was perhaps meant to be: one that refines the URDF."""
+    return f" (the URDF has no {name!r}{nearest(name, draft.inherited)})" if draft.inherited else ""
+
+
 def _link(name: str, entry: Table, draft: Draft) -> Link:
     """A new link, or one of the URDF with what the entry overrides."""
     old = draft.links.get(name)
     if old is None:
         if name == BASE:
             entry.fail("the name 'base' is that of the ground; allowed: another name", "name")
-        entry.require("mass", "a mass in kg" + nearest(name, draft.links))
+        entry.require("mass", "a mass in kg" + _hint(name, draft))
     mass, com = entry.number("mass", 0.0), entry.vector("com")
     table = entry.table("inertia", INERTIA_KEYS)
     inertia = None
@@ -195,7 +199,7 @@ def _joint(name: str, entry: Table, draft: Draft) -> Joint:
     old = draft.joints.get(name)
     if old is None:
         for key, what in (("parent", "'base' or a link"), ("child", "a link"), ("type", ", ".join(JOINT_TYPES))):
-            entry.require(key, what + nearest(name, draft.joints))
+            entry.require(key, what + _hint(name, draft))
         old = Joint(name, "", "", "fixed")
     parent, child = entry.text("parent") or old.parent, entry.text("child") or old.child
     kind = entry.choice("type", JOINT_TYPES) or old.type
@@ -272,7 +276,7 @@ def _finish(draft: Draft, policy: str, tunable: list[str]) -> Robot:
         draft.check_link(frame.link, f"frames.{frame.name}.link")
     if not any(joint.coordinates for joint in joints):
         draft.fail("joints", "no joint has a coordinate, so nothing moves; allowed: at least one joint that moves")
-    links, notes = apply_inertia_policy(list(draft.links.values()), policy, source=draft.source)
+    links, notes = apply_inertia_policy(list(draft.links.values()), policy, base=draft.base, source=draft.source)
     bodies = {link.name: link for link in links}
     robot = Robot(
         name=draft.name,

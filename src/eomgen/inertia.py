@@ -26,12 +26,13 @@ WAYS_OUT = 'inertia = "warn" takes it as it is, inertia = "project" the nearest 
 
 
 def apply_inertia_policy(
-    links: Sequence[Link], policy: str, *, source: str = ""
+    links: Sequence[Link], policy: str, *, base: str = "", source: str = ""
 ) -> tuple[tuple[Link, ...], tuple[str, ...]]:
     """The links that the policy lets through, and one note per link that is no body.
 
     Args:
         links: mass in kg, inertia in kg m^2 about the centre of mass.
+        base: the name of the link that is fixed to the ground, for messages.
         policy: "error", "warn" (as it is) or "project" (mass and com kept, negative eigenvalues of J_c put to zero).
         source: the description's name, for messages.
 
@@ -52,7 +53,9 @@ def apply_inertia_policy(
         first, others = links[bad[0]], [links[k].name for k in bad[1:]]
         more = f" The same holds for {listed(others)}." if others else ""
         where = f"links.{first.name}.inertia"
-        raise DescriptionError(f"{_diagnosis(first, lowest[bad[0]])}; {WAYS_OUT}.{more}", where=where, source=source)
+        root = " (this link is fixed to the ground, so its inertia has no effect)" if first.name == base else ""
+        message = f"{_diagnosis(first, lowest[bad[0]])}; {WAYS_OUT}{root}.{more}"
+        raise DescriptionError(message, where=where, source=source)
     for k in bad:
         note = f"link {links[k].name}: {_diagnosis(links[k], lowest[k])}; "
         if policy == "project":
@@ -61,7 +64,7 @@ def apply_inertia_policy(
         else:
             note += "taken as it is"
         notes.append(note)
-        warnings.warn(f"{source}: {note}" if source else note, EomgenWarning, stacklevel=4)
+        warnings.warn(f"{source}: {note}" if source else note, EomgenWarning, stacklevel=5)
     for k in sorted(set(range(len(links))) - set(bad)):
         if links[k].mass == 0.0 and any(links[k].inertia):
             notes.append(f"link {links[k].name}: it has inertia but no mass; taken as it is")

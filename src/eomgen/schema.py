@@ -27,7 +27,7 @@ class Table:
             self.fail(f"got {show(value)}; allowed: a table with the keys {listed(allowed, 20)}")
         self.values: dict[str, Any] = value
         for key in value:
-            if key not in allowed:
+            if key not in allowed and not (key in LATER and value[key] == []):
                 self._refuse_key(key, allowed)
 
     def _refuse_key(self, key: str, allowed: Sequence[str]) -> NoReturn:

@@ -16,7 +16,8 @@ GRAVITY: Vector = (0.0, 0.0, -9.81)
 class Draft:
     """What has been read so far, by name and in the order of the description.
 
-    links holds the root link of an URDF as well, joints' children hang on their parent in the order of this mapping.
+    links holds the root link of an URDF as well; joints has the order in which a parent's children follow each other;
+    inherited names the links and joints that an URDF brought in.
     """
 
     source: str
@@ -27,6 +28,7 @@ class Draft:
     joints: dict[str, Joint] = field(default_factory=dict)
     frames: dict[str, Frame] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    inherited: tuple[str, ...] = ()
 
     def fail(self, where: str, message: str) -> NoReturn:
         """Raise the DescriptionError of this description."""
@@ -58,8 +60,11 @@ def ordered_joints(draft: Draft) -> list[Joint]:
         stack += children.get(joint.child, [])[::-1]
     loose = [name for name in draft.links if name != draft.base and name not in carrier]
     if loose:
-        draft.fail(f"links.{loose[0]}", f"no joint has this link as its child (there are {len(loose)} such links: "
-                   f"{listed(loose)}); allowed: every link but the base {show(draft.base)} is the child of one joint")
+        draft.fail(
+            f"links.{loose[0]}",
+            f"no joint has this link as its child (there are {len(loose)} such links: "
+            f"{listed(loose)}); allowed: every link but the base {show(draft.base)} is the child of one joint",
+        )
     if len(result) < len(draft.joints):
         reached = {joint.name for joint in result}
         _fail_cycle(draft, carrier, next(joint for name, joint in draft.joints.items() if name not in reached))
@@ -77,8 +82,10 @@ def _carriers(draft: Draft) -> dict[str, Joint]:
         draft.check_link(joint.child, f"{where}.child")
         if joint.child in carrier:
             other = carrier[joint.child].name
-            draft.fail(f"{where}.child", f"link {show(joint.child)} is already the child of joint {show(other)}; "
-                       "allowed: one parent per link")
+            draft.fail(
+                f"{where}.child",
+                f"link {show(joint.child)} is already the child of joint {show(other)}; allowed: one parent per link",
+            )
         carrier[joint.child] = joint
     return carrier
 
@@ -89,6 +96,8 @@ def _fail_cycle(draft: Draft, carrier: dict[str, Joint], joint: Joint) -> NoRetu
         seen[joint.name] = None
         joint = carrier[joint.parent]
     names = list(seen)
-    cycle = names[names.index(joint.name):]
-    draft.fail(f"joints.{joint.name}", f"the joints {listed(cycle)} form a cycle; allowed: a tree that grows from the "
-               f"base {show(draft.base)}")
+    cycle = names[names.index(joint.name) :]
+    draft.fail(
+        f"joints.{joint.name}",
+        f"the joints {listed(cycle)} form a cycle; allowed: a tree that grows from the base {show(draft.base)}",
+    )

@@ -21,7 +21,11 @@ if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
 TYPES = {
-    "revolute": "revolute", "continuous": "revolute", "prismatic": "prismatic", "fixed": "fixed", "floating": "free",
+    "revolute": "revolute",
+    "continuous": "revolute",
+    "prismatic": "prismatic",
+    "fixed": "fixed",
+    "floating": "free",
 }
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")  # float() also takes nan, inf and 1_000
 _MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
@@ -289,8 +293,8 @@ class _Reader:
         children = {joint.child for joint in self.draft.joints.values()}
         roots = [name for name in self.draft.links if name not in children]
         if len(roots) != 1:
-            what = f"there are {len(roots)} links without a parent joint: {listed(roots)}" if roots else (
-                "every link is the child of a joint, so the joints form a cycle")
+            what = f"there are {len(roots)} links without a parent joint: {listed(roots)}"
+            what = what if roots else "every link is the child of a joint, so the joints form a cycle"
             self.fail("robot", f"{what}; allowed: a tree with one root link")
         return roots[0]
 

@@ -1,0 +1,111 @@
+"""Small descriptions that the tests of the reader change in one place, and a plain reading of a Robot."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from eomgen.robot import Joint, Placement, Robot
+
+ARM = """
+name = "arm"
+gravity = [0.0, 0.0, -9.81]
+tunable = ["links.link2.mass"]
+
+[[links]]
+name = "link1"
+mass = 3.0
+com = [0.1, 0.0, 0.0]
+inertia = { xx = 0.1, yy = 0.2, zz = 0.2 }
+
+[[links]]
+name = "link2"
+mass = 1.0
+inertia = { xx = 0.1, yy = 0.1, zz = 0.1 }
+
+[[joints]]
+name = "joint1"
+parent = "base"
+child = "link1"
+type = "revolute"
+dh = { a = 0.0, alpha = 0.0, d = 0.3, theta = 0.0 }
+x = { stiffness = 1e6, damping = 10 }
+gamma = { damping = 0.1, armature = 0.02 }
+limits = [-1, 2]
+
+[[joints]]
+name = "joint2"
+parent = "link1"
+child = "link2"
+type = "prismatic"
+placement = { xyz = [0.5, 0.0, 0.0], rpy = [0.0, 0.1, 0.0] }
+
+[[frames]]
+name = "tcp"
+link = "link2"
+placement = { xyz = [0.0, 0.0, 0.1] }
+"""
+
+URDF = """<?xml version="1.0"?>
+<robot name="arm">
+  <link name="ground"/>
+  <link name="upper">
+    <inertial>
+      <origin xyz="0.1 0 0.2" rpy="0.3 0 0"/>
+      <mass value="2.0"/>
+      <inertia ixx="0.1" iyy="0.2" izz="0.15" ixy="0.01" ixz="0" iyz="0"/>
+    </inertial>
+  </link>
+  <link name="lower">
+    <inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
+  </link>
+  <joint name="shoulder" type="revolute">
+    <parent link="ground"/><child link="upper"/>
+    <origin xyz="0 0 0.5" rpy="0 0 0.1"/>
+    <axis xyz="0 1 0"/>
+    <limit lower="-1" upper="2" effort="10" velocity="1"/>
+    <dynamics damping="0.7"/>
+  </joint>
+  <joint name="elbow" type="continuous">
+    <parent link="upper"/><child link="lower"/>
+    <axis xyz="1 2 3"/>
+  </joint>
+</robot>
+"""
+
+
+def example_urdfs() -> list[Path]:
+    """All URDFs of the wheel example-robot-data."""
+    folders = [Path(entry) / "cmeel.prefix/share/example-robot-data/robots" for entry in sys.path]
+    return sorted(path for folder in folders if folder.is_dir() for path in folder.rglob("*.urdf"))
+
+
+def homogeneous(placement: Placement) -> np.ndarray:
+    """The 4x4 matrix of a placement."""
+    result = np.eye(4)
+    result[:3, :3], result[:3, 3] = placement.rotation, placement.xyz
+    return result
+
+
+def joint_transform(joint: Joint, values: dict[str, float]) -> np.ndarray:
+    """Pose of the child link in the parent link: placement . turn . T . Rx . Ry . Rz . turn^T."""
+    turn, motion = np.eye(4), np.eye(4)
+    turn[:3, :3] = joint.axis_turn
+    motion[:3, 3] = [values.get(key, 0.0) for key in "xyz"]
+    for axis, key in enumerate(("alpha", "beta", "gamma")):
+        i, j = (axis + 1) % 3, (axis + 2) % 3
+        c, s = np.cos(values.get(key, 0.0)), np.sin(values.get(key, 0.0))
+        rotation = np.eye(4)
+        rotation[i, i], rotation[i, j], rotation[j, i], rotation[j, j] = c, -s, s, c
+        motion = motion @ rotation
+    return homogeneous(joint.placement) @ turn @ motion @ turn.T
+
+
+def link_poses(robot: Robot, q: np.ndarray) -> dict[str, np.ndarray]:
+    """Pose of every link in the base; q in the order of the joints and their coordinates."""
+    poses, values = {robot.base: np.eye(4)}, iter(q)
+    for joint in robot.joints:
+        poses[joint.child] = poses[joint.parent] @ joint_transform(joint, {k: next(values) for k in joint.coordinates})
+    return poses
