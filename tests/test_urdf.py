@@ -215,7 +215,7 @@ def test_mimic_and_friction_are_noted() -> None:
 
 def test_floating_joint_is_free_and_massless_link_is_a_link() -> None:
     text = URDF.replace('type="continuous"', 'type="floating"')
-    text = re.sub('<link name="lower">.*</link>', '<link name="lower"/>', text)
+    text = re.sub('<link name="lower">.*?</link>', '<link name="lower"/>', text, flags=re.DOTALL)
     robot = robot_from_urdf(text)
     assert list(robot.joints[1].coordinates) == ["x", "y", "z", "alpha", "beta", "gamma"]
     assert robot.joints[1].axis_turn == IDENTITY

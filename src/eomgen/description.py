@@ -228,7 +228,7 @@ def _limits(entry: Table, kind: str, old: Joint) -> tuple[float, float] | None:
     if kind not in PRINCIPAL:
         entry.fail(f"a {kind} joint has no principal coordinate; allowed for: {', '.join(PRINCIPAL)}", "limits")
     if limits[0] > limits[1]:
-        entry.fail(f"got {show(list(limits))}; allowed: [lower, upper] with lower <= upper", "limits")
+        entry.fail(f"got {show(entry.values['limits'])}; allowed: [lower, upper] with lower <= upper", "limits")
     return limits[0], limits[1]
 
 

@@ -1,0 +1,521 @@
+"""Bad descriptions: one DescriptionError each, that names the thing, the value and what is allowed; nothing else."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import time
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from description_samples import ARM, URDF
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from eomgen.description import load_robot, robot_from_toml, robot_from_urdf
+from eomgen.errors import DescriptionError
+from eomgen.robot import Robot
+
+
+def refusal(read: Callable[[str], Robot], text: str) -> str:
+    """The message with which the text is refused: one printable line of reasonable length."""
+    with pytest.raises(DescriptionError) as caught:
+        read(text)
+    message = str(caught.value)
+    assert message.isascii()
+    assert message.isprintable()
+    assert len(message) < 900
+    assert caught.value.__cause__ is None
+    return message
+
+
+def changed(sample: str, old: str, new: str) -> str:
+    assert sample.count(old) >= 1, old
+    return sample.replace(old, new, 1)
+
+
+# what is replaced, by what, and what the message must say: the place, the value, what is allowed
+TOML_CASES = {
+    "syntax": ("mass = 3.0", "mass = = 3.0", ["line 8", "column 8"]),
+    "unknown key": (
+        "stiffness = 1e6",
+        "stiffnes = 1e6",
+        ["joints.joint1.x", "'stiffnes'", "mean 'stiffness'", "damping"],
+    ),
+    "unknown top key": ("gravity =", "gravitiy =", ["'gravitiy'", "mean 'gravity'", "allowed: name"]),
+    "unknown coordinate": ("x = { stiff", "delta = { stiff", ["joints.joint1", "'delta'", "allowed", "gamma"]),
+    "key with control characters": ("gravity =", '"\\u001b[31m\\n" =', [r"'\x1b[31m\n'", "allowed"]),
+    "duplicate key": ("mass = 3.0", "mass = 3.0\nmass = 4.0", ["line 9"]),
+    "string for number": ("mass = 3.0", 'mass = "3.0"', ["links.link1.mass", "'3.0'", "at least 0"]),
+    "boolean for number": ("mass = 3.0", "mass = true", ["links.link1.mass", "true", "at least 0"]),
+    "number for table": (
+        "x = { stiffness = 1e6, damping = 10 }",
+        "x = 1e6",
+        ["joints.joint1.x", "1000000.0", "a table"],
+    ),
+    "number for name": ('name = "link1"', "name = 1", ["links[0].name", "1", "a string"]),
+    "date for number": ("mass = 3.0", "mass = 1979-05-27", ["links.link1.mass", "1979", "allowed"]),
+    "table for array": ("gravity = [0.0, 0.0, -9.81]", "gravity = { z = -9.81 }", ["gravity", "a table", "3 numbers"]),
+    "short vector": ("[0.1, 0.0, 0.0]", "[0.1, 0.0]", ["links.link1.com", "[0.1, 0.0]", "an array of 3 numbers"]),
+    "text in vector": ("[0.1, 0.0, 0.0]", '[0.1, "a", 0.0]', ["links.link1.com.1", "'a'", "a finite number"]),
+    "nested vector": ("[0.1, 0.0, 0.0]", "[[0.1], 0.0, 0.0]", ["links.link1.com.0", "[0.1]", "a finite number"]),
+    "table for array of tables": ("[[frames]]", "[frames]", ["frames", "a table", "[[frames]]"]),
+    "nan": ("mass = 3.0", "mass = nan", ["links.link1.mass", "nan", "at least 0"]),
+    "inf": ("-9.81", "-inf", ["gravity.2", "-inf", "a finite number"]),
+    "huge number": ("mass = 3.0", "mass = 1e200", ["links.link1.mass", "1e+200", "1e+30"]),
+    "huge integer": ("mass = 3.0", "mass = 0x" + "f" * 9000, ["links.link1.mass", "36000 bits", "1e+30"]),
+    "integer of 5000 digits": ("mass = 3.0", "mass = " + "9" * 5000, ["not valid TOML"]),
+    "negative mass": ("mass = 3.0", "mass = -3.0", ["links.link1.mass", "-3.0", "at least 0"]),
+    "negative stiffness": ("1e6", "-1e6", ["joints.joint1.x.stiffness", "-1000000.0", "at least 0"]),
+    "negative damping": ("damping = 10", "damping = -10", ["joints.joint1.x.damping", "-10", "at least 0"]),
+    "negative armature": ("0.02", "-0.02", ["joints.joint1.gamma.armature", "-0.02", "at least 0"]),
+    "impossible inertia": ("zz = 0.2", "zz = 0.5", ["links.link1.inertia", "-0.1", '"warn"', '"project"', "--inertia"]),
+    "indefinite inertia": ("xx = 0.1", "xx = -0.1", ["links.link1.inertia", "(-0.1, 0.2, 0.2", "allowed"]),
+    "product of inertia": ("zz = 0.2", "zz = 0.2, xy = 0.3", ["links.link1.inertia", "eigenvalue -", "allowed"]),
+    "inertia without zz": (", zz = 0.2", "", ["links.link1.inertia", "'zz'", "missing", "kg m^2"]),
+    "mass missing": ("mass = 3.0\n", "", ["links.link1", "'mass'", "missing"]),
+    "name missing": ('name = "link1"\n', "", ["links[0]", "'name'", "missing"]),
+    "robot name missing": ('name = "arm"\n', "", ["'name'", "missing", "lower-case"]),
+    "parent missing": ('parent = "base"\n', "", ["joints.joint1", "'parent'", "missing", "'base'"]),
+    "type missing": ('type = "revolute"\n', "", ["joints.joint1", "'type'", "missing", "prismatic"]),
+    "unknown type": ('"revolute"', '"revolut"', ["joints.joint1.type", "'revolut'", "mean 'revolute'", "free"]),
+    "type of URDF": ('"revolute"', '"continuous"', ["joints.joint1.type", "'continuous'", "mean 'revolute'"]),
+    "unsupported type": (
+        '"revolute"',
+        '"planar"',
+        ["joints.joint1.type", "'planar'", "revolute, prismatic, fixed, free"],
+    ),
+    "unknown parent": (
+        'parent = "link1"',
+        'parent = "lnk1"',
+        ["joints.joint2.parent", "'lnk1'", "mean 'link1'", "base"],
+    ),
+    "unknown child": ('child = "link2"', 'child = "lnk2"', ["joints.joint2.child", "'lnk2'", "mean 'link2'"]),
+    "unknown link of frame": ('link = "link2"', 'link = "hand"', ["frames.tcp.link", "'hand'", "'link1', 'link2'"]),
+    "two parents": ('child = "link2"', 'child = "link1"', ["joints.joint2.child", "'link1'", "'joint1'", "one parent"]),
+    "cycle": ('parent = "base"', 'parent = "link2"', ["joints.joint", "'joint1', 'joint2'", "cycle", "a tree"]),
+    "own parent": ('parent = "link1"', 'parent = "link2"', ["joints.joint2", "'joint2'", "cycle"]),
+    "base as child": ('child = "link2"', 'child = "base"', ["joints.joint2.child", "'base'", "a link"]),
+    "link without joint": ("[[frames]]", '[[links]]\nname = "far"\nmass = 1\n[[frames]]', ["links.far", "one joint"]),
+    "link named base": ('name = "link1"', 'name = "base"', ["links.base.name", "another name"]),
+    "duplicate link": ('name = "link2"', 'name = "link1"', ["links.link1", "unique"]),
+    "duplicate joint": ('name = "joint2"', 'name = "joint1"', ["joints.joint1", "unique"]),
+    "no identifier": ('name = "link1"', 'name = "link 1"', ["links[0].name", "'link 1'", "letter", "'link_1'"]),
+    "trailing newline": ('name = "link1"', 'name = "link1\\n"', ["links[0].name", r"'link1\n'", "letter"]),
+    "code in a name": ('name = "link1"', 'name = "*/ int x; /*"', ["links[0].name", "'*/ int x; /*'", "letter"]),
+    "foreign letters": (
+        'name = "joint1"',
+        'name = "\N{GREEK SMALL LETTER PHI}"',
+        ["joints[0].name", r"'\u03c6'", "letter"],
+    ),
+    "empty name": ('name = "link1"', 'name = ""', ["links[0].name", "''", "letter"]),
+    "long name": ('name = "link1"', f'name = "{"l" * 5000}"', ["links[0].name", "lll...'", "128"]),
+    "robot name in capitals": ('name = "arm"', 'name = "Arm"', ["name", "'Arm'", "lower-case", "'arm'"]),
+    "robot name with newline": ('name = "arm"', 'name = "arm\\n"', ["name", r"'arm\n'", "lower-case"]),
+    "long robot name": ('name = "arm"', f'name = "{"a" * 49}"', ["name", "'aaaa", "48"]),
+    "dh and placement": ("dh =", "placement = {}\ndh =", ["joints.joint1", "both dh and placement", "one of them"]),
+    "limits reversed": ("limits = [-1, 2]", "limits = [2, -1]", ["joints.joint1.limits", "[2, -1]", "lower <= upper"]),
+    "limits of a fixed joint": ('type = "revolute"', 'type = "fixed"', ["joints.joint1.limits", "fixed", "revolute"]),
+    "clearance": (
+        "stiffness = 1e6",
+        "clearance = 1e-4",
+        ["joints.joint1.x.clearance", "not supported by this version"],
+    ),
+    "prescribed": ("limits =", 'prescribed = ["x"]\nlimits =', ["joints.joint1.prescribed", "not supported by this"]),
+    "loops": ("[[frames]]", "[[loops]]\na = 1\n[[frames]]", ["loops", "not supported by this version"]),
+    "role": ("stiffness = 1e6", 'role = "drive"', ["joints.joint1.x.role", "not supported by this version"]),
+    "inertia policy": ("tunable =", 'inertia = "ignore"\ntunable =', ["inertia", "'ignore'", "error, warn, project"]),
+    "urdf without folder": ("tunable =", 'urdf = "a.urdf"\ntunable =', ["urdf", "'a.urdf'", "relative"]),
+    "tunable of no link": ("links.link2.mass", "links.lnk2.mass", ["tunable", "lnk2.mass", "links.link2.mass"]),
+    "tunable of no joint": (
+        "links.link2.mass",
+        "joints.joint3.x.damping",
+        ["tunable", "joint3.x", "joints.joint1.x.damping"],
+    ),
+    "tunable of inactive": ("links.link2.mass", "joints.joint2.x.damping", ["tunable", "joint2.x", "allowed: gravity"]),
+    "tunable rpy of dh": ("links.link2.mass", "joints.joint1.placement.rpy", ["tunable", "joint1", "dh does not"]),
+    "tunable half wildcard": (
+        "links.link2.mass",
+        "links.link*.mass",
+        ["tunable", "'links.link*.mass'", "any one component"],
+    ),
+    "tunable number": ('["links.link2.mass"]', "[3]", ["tunable", "[3]", "an array of strings"]),
+    "nothing moves": ('"revolute"', '"fixed"', ["joints", "allowed"]),
+}
+NOTHING_MOVES = re.sub("^(x|gamma|limits) = .*\n", "", ARM, flags=re.MULTILINE).replace('"prismatic"', '"fixed"')
+
+
+@pytest.mark.parametrize("case", TOML_CASES)
+def test_bad_toml(case: str) -> None:
+    old, new, expected = TOML_CASES[case]
+    text = changed(NOTHING_MOVES if case == "nothing moves" else ARM, old, new)
+    message = refusal(lambda text: robot_from_toml(text, source="my.toml"), text)
+    assert message.startswith("my.toml: ")
+    for part in expected:
+        assert part in message
+
+
+URDF_CASES = {
+    "not XML": ("<?xml", "hello <?xml", ["not well-formed XML"]),
+    "truncated": ("</robot>", "", ["not well-formed XML", "line"]),
+    "doctype": (
+        "<robot",
+        '<!DOCTYPE robot SYSTEM "http://localhost/x.dtd"><robot',
+        ["document type", "plain elements"],
+    ),
+    "entity": ("<robot", '<!DOCTYPE r [<!ENTITY a "b">]><robot', ["entity", "plain elements"]),
+    "unknown entity": ('name="arm"', 'name="&arm;"', ["not well-formed XML"]),
+    "no robot name": ('<robot name="arm"', "<robot", ["robot", "name is missing"]),
+    "xacro": ("<link", '<x:macro xmlns:x="http://ros.org/wiki/xacro"/><link', ["xacro", "expanded"]),
+    "duplicate link": ('<link name="lower"', '<link name="upper"', ["link 'upper'", "unique"]),
+    "duplicate joint": ('<joint name="elbow"', '<joint name="shoulder"', ["joint 'shoulder'", "unique"]),
+    "link without name": ('<link name="ground"', "<link", ["link number 1", "name is missing"]),
+    "unknown type": ('type="revolute"', 'type="planar"', ["joint 'shoulder'", "'planar'", "continuous, prismatic"]),
+    "type missing": ('type="revolute"', "", ["joint 'shoulder'", "type is missing", "continuous, prismatic"]),
+    "no parent": ('<parent link="ground"/>', "", ["joint 'shoulder'", "<parent"]),
+    "no child": ('<child link="upper"/>', "", ["joint 'shoulder'", "<child"]),
+    "unknown parent": (
+        '<parent link="upper"/>',
+        '<parent link="uper"/>',
+        ["'elbow', <parent>", "'uper'", "mean 'upper'"],
+    ),
+    "two parents": (
+        '<child link="lower"/>',
+        '<child link="upper"/>',
+        ["2 links without a parent", "'ground', 'lower'", "one root"],
+    ),
+    "second parent": (
+        "</robot>",
+        '<joint name="more" type="fixed"><parent link="ground"/><child link="lower"/></joint></robot>',
+        ["joints.more.child", "'lower'", "'elbow'", "one parent"],
+    ),
+    "parent twice": (
+        '<parent link="ground"/>',
+        '<parent link="ground"/><parent link="lower"/>',
+        ["'shoulder'", "2 elem"],
+    ),
+    "cycle": ('<parent link="ground"/>', '<parent link="lower"/>', ["cycle"]),
+    "cycle of all": (
+        "</robot>",
+        '<joint name="more" type="fixed"><parent link="lower"/><child link="ground"/></joint></robot>',
+        ["robot", "cycle", "one root"],
+    ),
+    "no axis": (
+        '<axis xyz="0 1 0"/>',
+        '<axis xyz="0 0 0"/>',
+        ["joint 'shoulder', <axis>", "[0.0, 0.0, 0.0]", "direction"],
+    ),
+    "axis of two": ('<axis xyz="0 1 0"/>', '<axis xyz="0 1"/>', ["joint 'shoulder', <axis>", "'0 1'", "three numbers"]),
+    "nan": ('value="2.0"', 'value="nan"', ["link 'upper', <inertial>, <mass>", "'nan'", "a finite number"]),
+    "inf": ('xyz="0 0 0.5"', 'xyz="0 0 inf"', ["joint 'shoulder', <origin>", "'inf'", "a finite number"]),
+    "overflow": ('value="2.0"', 'value="1e999"', ["'1e999'", "a finite number"]),
+    "5000 digits": ('value="2.0"', f'value="{"9" * 5000}"', ["99...'", "a finite number"]),
+    "underscore": ('value="2.0"', 'value="2_0"', ["'2_0'", "a finite number"]),
+    "hexadecimal": ('value="2.0"', 'value="0x10"', ["'0x10'", "a finite number"]),
+    "other digits": ('value="2.0"', 'value="\N{ARABIC-INDIC DIGIT TWO}"', [r"'\u0662'", "a finite number"]),
+    "negative mass": ('value="2.0"', 'value="-2.0"', ["link 'upper', <inertial>, <mass>", "-2", "at least 0"]),
+    "mass missing": ('<mass value="2.0"/>', "", ["link 'upper', <inertial>", "no <mass>"]),
+    "inertia incomplete": ('iyz="0"', "", ["link 'upper', <inertial>, <inertia>", "iyz is missing", "a finite number"]),
+    "impossible inertia": ('izz="0.15"', 'izz="0.9"', ["links.upper.inertia", "eigenvalue -", '"project"']),
+    "limits reversed": ('lower="-1"', 'lower="3"', ["joint 'shoulder', <limit>", "3", "lower <= upper"]),
+    "negative damping": ('damping="0.7"', 'damping="-1"', ["joint 'shoulder', <dynamics>", "-1", "at least 0"]),
+    "control character": ('type="revolute"', 'type="&#27;"', ["not well-formed XML"]),
+    "text that turns a line": ('type="revolute"', 'type="&lt;\u202eb&gt;"', [r"'<\u202eb>'", "allowed"]),
+}
+
+
+@pytest.mark.parametrize("case", URDF_CASES)
+def test_bad_urdf(case: str) -> None:
+    old, new, expected = URDF_CASES[case]
+    message = refusal(lambda text: robot_from_urdf(text, source="my.urdf"), changed(URDF, old, new))
+    assert message.startswith("my.urdf: ")
+    for part in expected:
+        assert part in message
+
+
+BOMB = (
+    '<?xml version="1.0"?><!DOCTYPE b [<!ENTITY a "aaaaaaaaaa">'
+    + "".join(f'<!ENTITY {chr(98 + k)} "{f"&{chr(97 + k)};" * 10}">' for k in range(9))
+    + ']><robot name="&j;"/>'
+)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        BOMB,
+        '<!DOCTYPE r [<!ENTITY e SYSTEM "file:///etc/passwd">]><robot name="&e;"/>',
+        '<!DOCTYPE r [<!ENTITY % p SYSTEM "http://127.0.0.1:9/x"> %p;]><robot name="r"/>',
+        '<robot name="r" xmlns:xi="http://www.w3.org/2001/XInclude"><xi:include href="/etc/passwd"/></robot>',
+        "",
+        "\0",
+        "<robot",
+        '<robot name="r"/>',
+        '<sdf version="1.6"/>',
+        '<robot name="r"><link name="a"/></robot>',
+        "<a>" * 200_000,
+        "<a>" * 50_000 + "</a>" * 50_000,
+        '<robot name="r">' + "<link>" * 30_000 + "</link>" * 30_000 + "</robot>",
+        '<?xml version="1.0" encoding="klingon"?><robot name="r"/>',
+        '<robot name="\ud800"/>',
+    ],
+    ids=range(15),
+)
+def test_hostile_xml(text: str) -> None:
+    start = time.perf_counter()
+    message = refusal(robot_from_urdf, text)
+    assert "passwd" not in message
+    assert "root:" not in message
+    assert time.perf_counter() - start < 5.0
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a = " + "[" * 100_000,
+        "a = " + "{a = " * 10_000,
+        "a." * 2_000 + "a = 1",
+        'name = "r"\n' + "links." * 500 + "a = 1",
+        "\0",
+        "a = 1\n" * 2,
+        "[[links]]\n" * 1000,
+        'name = "r"\ngravity = [' + "0, " * 100_000 + "]",
+        "",
+        'name = "r"',
+    ],
+    ids=range(10),
+)
+def test_hostile_toml(text: str) -> None:
+    refusal(robot_from_toml, text)
+
+
+def test_a_hundred_thousand_links() -> None:
+    """Read in a few seconds, whatever their names; a mistake at the end is found and named."""
+    count = 100_000
+    parts = ['<robot name="many">', *(f'<link name="l-{k}"/>' for k in range(count))]
+    for k in range(1, count):
+        parent = k - 1 if k < count // 2 else k // 2  # a long chain, then a bushy tree
+        parts.append(f'<joint name="j-{k}" type="revolute"><parent link="l-{parent}"/><child link="l-{k}"/></joint>')
+    text = "\n".join([*parts, "</robot>"])
+    robot = robot_from_urdf(text)
+    assert len(robot.links) == count - 1
+    assert "'l-99999x'" in refusal(robot_from_urdf, text.replace('<child link="l-99999"/>', '<child link="l-99999x"/>'))
+
+
+def test_files(tmp_path: Path) -> None:
+    cases: dict[str, tuple[bytes | None, list[str]]] = {
+        "absent.toml": (None, ["absent.toml", "no such file"]),
+        "latin.toml": ('name = "\N{LATIN SMALL LETTER U WITH DIAERESIS}"'.encode("latin-1"), ["byte 8", "UTF-8"]),
+        "latin.urdf": (b'<?xml version="1.0" encoding="latin-1"?><robot name="\xfc"/>', ["byte", "UTF-8"]),
+        "wide.urdf": (URDF.encode("utf-16"), ["byte 0", "UTF-8"]),
+        "arm.xml": (b"<robot/>", ["arm.xml", ".toml or .urdf"]),
+        "link.toml": (b'urdf = "nowhere.urdf"', ["nowhere.urdf", "no such file"]),
+        "type.toml": (b'urdf = "nowhere.xml"', ["'nowhere.xml'", ".urdf"]),
+        "control.toml": (b'urdf = "\\u001b[31m.urdf"', ["x1b[31m", "no such file"]),
+        "nul.toml": (b'urdf = "a\\u0000.urdf"', ["x00", "allowed"]),
+    }
+    for name, (content, expected) in cases.items():
+        if content is not None:
+            (tmp_path / name).write_bytes(content)
+        message = refusal(lambda path: load_robot(path), str(tmp_path / name))
+        for part in expected:
+            assert part in message, (name, message)
+    (tmp_path / "folder.toml").mkdir()
+    assert "no such file" in refusal(lambda path: load_robot(path), str(tmp_path / "folder.toml"))
+
+
+def test_bad_urdf_behind_toml_names_both(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(URDF)
+    (tmp_path / "arm.toml").write_text('name = "a"\nurdf = "arm.urdf"\n[[joints]]\nname = "elbo"\nx = {}\n')
+    message = refusal(lambda path: load_robot(path), str(tmp_path / "arm.toml"))
+    assert "joints.elbo" in message
+    assert "mean 'elbow'" in message
+    (tmp_path / "arm.urdf").write_text(URDF.replace('"planar"', "").replace('"continuous"', '"planar"'))
+    assert "arm.urdf: joint 'elbow'" in refusal(lambda path: load_robot(path), str(tmp_path / "arm.toml"))
+
+
+@pytest.mark.parametrize(
+    ("source", "expected"),
+    [("puma56", "mean 'puma560'"), ("", "one_link"), ("no\nsuch", "'no\\nsuch'"), ("ur5.TOML", "allowed")],
+)
+def test_unknown_robot(source: str, expected: str) -> None:
+    assert expected in refusal(load_robot, source)
+
+
+@pytest.mark.parametrize("source", [None, 3, b"ur5", ["ur5"]])
+def test_source_of_wrong_type(source: object) -> None:
+    with pytest.raises(DescriptionError, match="a name or a path"):
+        load_robot(source)  # type: ignore[arg-type]
+
+
+def test_bad_policy_keyword() -> None:
+    with pytest.raises(DescriptionError, match=r"'off'.*error, warn, project"):
+        load_robot("ur5", inertia="off")
+
+
+FUZZ = settings(max_examples=300, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+KEYS = [
+    "name",
+    "gravity",
+    "urdf",
+    "inertia",
+    "tunable",
+    "links",
+    "joints",
+    "frames",
+    "loops",
+    "mass",
+    "com",
+    "parent",
+    "child",
+    "type",
+    "dh",
+    "placement",
+    "x",
+    "gamma",
+    "limits",
+    "prescribed",
+    "xyz",
+    "rpy",
+    "xx",
+    "stiffness",
+    "a",
+]
+SCALARS = st.one_of(
+    st.none().map(lambda _: "base"),
+    st.sampled_from(
+        ["arm", "link1", "joint1", "revolute", "fixed", "free", "project", "links.*.mass", "*", "a.urdf", ""]
+    ),
+    st.text(max_size=8),
+    st.integers(-(2**70), 2**70),
+    st.floats(),
+    st.booleans(),
+)
+TABLES = st.recursive(
+    SCALARS,
+    lambda inner: st.one_of(
+        st.lists(inner, max_size=4), st.dictionaries(st.sampled_from(KEYS) | st.text(max_size=4), inner, max_size=6)
+    ),
+    max_leaves=25,
+)
+
+
+def as_toml(value: object) -> str:
+    """A value in TOML's inline notation."""
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{json.dumps(key)} = {as_toml(item)}" for key, item in value.items()) + " }"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(as_toml, value)) + "]"
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    return json.dumps(value)
+
+
+def outcome(read: Callable[[str], Robot], text: str) -> Robot | DescriptionError:
+    """What comes of the text; any other exception is an error of this test."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            return read(text)
+        except DescriptionError as error:
+            return error
+
+
+def harmless(read: Callable[[str], Robot], text: str) -> None:
+    """A Robot with clean names and finite numbers, or a DescriptionError in printable ASCII."""
+    robot = outcome(read, text)
+    if isinstance(robot, DescriptionError):
+        assert str(robot).isascii()
+        assert str(robot).isprintable()
+        return
+    for name in (robot.name, *(item.name for item in (*robot.links, *robot.joints, *robot.frames))):
+        assert re.fullmatch("[A-Za-z_][A-Za-z0-9_]*", name)
+    for link in robot.links:
+        assert all(map(math.isfinite, (link.mass, *link.com, *link.inertia)))
+    for joint in robot.joints:
+        rows = (*joint.placement.rotation, *joint.axis_turn, joint.placement.xyz)
+        assert all(math.isfinite(value) for row in rows for value in row)
+
+
+@FUZZ
+@given(st.dictionaries(st.sampled_from(KEYS), TABLES, max_size=6))
+def test_any_toml_table_is_harmless(top: dict[str, object]) -> None:
+    harmless(robot_from_toml, "\n".join(f"{key} = {as_toml(value)}" for key, value in top.items()))
+
+
+@FUZZ
+@given(st.sampled_from(["links", "joints", "frames"]), st.sampled_from(KEYS), TABLES)
+def test_any_value_in_a_good_toml_is_harmless(table: str, key: str, value: object) -> None:
+    harmless(robot_from_toml, ARM.replace(f"[[{table}]]\n", f"[[{table}]]\n{json.dumps(key)} = {as_toml(value)}\n", 1))
+    line = re.compile(f"^{key} = .*$", re.MULTILINE)
+    harmless(robot_from_toml, line.sub(lambda _: f"{key} = {as_toml(value)}", ARM, count=1))
+
+
+PIECES = [
+    '"',
+    "<",
+    ">",
+    "/>",
+    "&amp;",
+    "=",
+    "{",
+    "}",
+    "[",
+    "]",
+    "\n",
+    "nan",
+    "-",
+    "1e400",
+    "-1",
+    "0",
+    "<link/>",
+    "link1",
+    '<joint name="j" type="fixed">',
+    "upper",
+    "base",
+    "\0",
+    "\N{SNOWMAN}",
+    "]]>",
+    "<!--",
+    "'''",
+    "x = ",
+    "free",
+]
+EDITS = st.lists(
+    st.tuples(st.floats(0, 1), st.integers(0, 40), st.sampled_from(PIECES) | st.text(max_size=3)),
+    min_size=1,
+    max_size=4,
+)
+
+
+def edited(text: str, edits: list[tuple[float, int, str]]) -> str:
+    for where, length, piece in edits:
+        at = int(where * len(text))
+        text = text[:at] + piece + text[at + length :]
+    return text
+
+
+@FUZZ
+@given(EDITS)
+def test_mutated_urdf_is_harmless(edits: list[tuple[float, int, str]]) -> None:
+    harmless(lambda text: robot_from_urdf(text, inertia="project"), edited(URDF, edits))
+
+
+@FUZZ
+@given(EDITS)
+def test_mutated_toml_is_harmless(edits: list[tuple[float, int, str]]) -> None:
+    harmless(lambda text: robot_from_toml(text, inertia="project"), edited(ARM, edits))
+
+
+NUMBERS = st.sampled_from(["0", "-0", "1e-320", "1e30", "-1e30", "1e-30", "3.14", "1.5707963267948966", "-2", "1e31"])
+
+
+@FUZZ
+@given(st.lists(NUMBERS, min_size=22, max_size=22))
+def test_extreme_numbers_in_urdf_are_harmless(numbers: list[str]) -> None:
+    values = iter(numbers)
+    text = re.sub(r'(?<=[" ])-?[0-9.]+(?=[" ])', lambda found: next(values, "1"), URDF.split("?>")[1])
+    harmless(lambda text: robot_from_urdf(text, inertia="project", urdf_damping=True), text)
