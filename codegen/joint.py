@@ -167,6 +167,17 @@ def prove_coaxial() -> tuple[tuple[str, str], ...]:
 
 
 @cache
+def prove_coaxial_swap() -> None:
+    """C_i,jk = -C_l,mk for two coaxial pairs (i, m) and (l, j) of two joints, and every k that both j and m move.
+
+    A coaxial pair shares one direction: dA_0k/dx = [0 | e] and Omega = skew(e).  For the pairs' directions p and r the
+    two entries are p^T skew(r) y and r^T skew(p) y with the same y.
+    """
+    p, r, y = (sp.Matrix(sp.symbols(f"{letter}:3")) for letter in "pry")
+    _prove((p.T * _skew(r) * y + r.T * _skew(p) * y).expand(), "coaxial swap")
+
+
+@cache
 def prove_antisymmetry() -> None:
     """C_i,jk = -C_k,ij whenever j is at or upstream of both i and k (in the product of elementary transforms).
 
@@ -196,6 +207,8 @@ def proofs() -> Iterator[str]:
     yield f"coaxial translation and rotation ({len(prove_coaxial())} pairs)"
     prove_antisymmetry()
     yield "C_i,jk = -C_k,ij for j <= min(i, k)"
+    prove_coaxial_swap()
+    yield "C_i,jk = -C_l,mk for coaxial (i, m) and (l, j)"
 
 
 def _translation(coordinate: str, s: Any) -> Matrix:
@@ -230,6 +243,10 @@ def _gram() -> Matrix:
     for i in range(4):
         gram[i, 3] = gram[3, i] = sp.Symbol(f"g{i}")
     return sp.ImmutableMatrix(gram)
+
+
+def _skew(a: Matrix) -> Matrix:
+    return sp.ImmutableMatrix([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
 
 
 def _trace(product: Matrix) -> Any:

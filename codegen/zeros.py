@@ -1,7 +1,7 @@
 """The zero map of a robot: which terms of eqs. (11) and (12) vanish identically, how many, and why.
 
-The map is structural: it follows from which coordinates are active and from the tree, by the proofs of ``joint``; what a
-special geometry or inertia makes zero on top is left to the folding of constants.  Counted are M_sv for s <= v and
+The map is structural: it follows from which coordinates are active and from the tree, by the proofs of ``joint``; what
+a special geometry or inertia makes zero on top is left to the folding of constants.  Counted are M_sv for s <= v and
 C_s,vw for v <= w.  Each zero is counted once, under the first reason of the list that holds for it.
 """
 
@@ -51,23 +51,27 @@ class Tally:
 class ZeroMap:
     """Zeros of the mass matrix, mask (n, n), and of the tensor C, mask (n, n, n) indexed [s, v, w].
 
-    ``independent`` is the number of survivors of C that the antisymmetry leaves different up to sign.
+    Survivors of C that are independent up to sign: ``by_antisymmetry`` counts those that C_i,jk = -C_k,ij leaves
+    different, ``independent`` those that C_i,jk = -C_l,mk for coaxial pairs (i, m) and (l, j) leaves different too.
     """
 
     mass_matrix: Tally
     christoffel: Tally
+    by_antisymmetry: int
     independent: int
 
     def as_dict(self) -> dict[str, object]:
         """Plain values, for JSON."""
-        christoffel = {**self.christoffel.as_dict(), "independent": self.independent}
+        counts = {"independent_by_antisymmetry": self.by_antisymmetry, "independent": self.independent}
+        christoffel = {**self.christoffel.as_dict(), **counts}
         return {"mass_matrix": self.mass_matrix.as_dict(), "christoffel": christoffel}
 
     def lines(self) -> list[str]:
         """A report for people: entries, zeros by reason, survivors."""
         lines = _lines("M, eq. (11), entries s <= v", self.mass_matrix)
         lines += _lines("C, eq. (12), entries v <= w", self.christoffel)
-        return [*lines, f"  {self.independent:>9,}  of them independent up to sign"]
+        lines.append(f"  {self.by_antisymmetry:>9,}  of them independent up to sign by the antisymmetry")
+        return [*lines, f"  {self.independent:>9,}  when coaxial pairs of two joints are exchanged as well"]
 
 
 def zero_map(model: Model) -> ZeroMap:
@@ -77,8 +81,9 @@ def zero_map(model: Model) -> ZeroMap:
     upper = np.triu(np.ones((n, n), dtype=bool))
     mass = _tally(upper, [(TREE, ~structure.related), *structure.mass_rules()])
     christoffel = _tally(np.broadcast_to(upper, (n, n, n)), structure.christoffel_rules())
-    independent = _independent(christoffel.mask)
-    return ZeroMap(_mirrored(mass), _mirrored(christoffel), independent)
+    by_antisymmetry = christoffel.survivors - _antisymmetric_pairs(christoffel.mask)
+    independent = by_antisymmetry - structure.coaxial_swaps()
+    return ZeroMap(_mirrored(mass), _mirrored(christoffel), by_antisymmetry, independent)
 
 
 class _Structure:
@@ -112,22 +117,33 @@ class _Structure:
         yield GYRO, (s == w) & self.before[v, w]
         yield COAXIAL, self.coaxial[s, v] & self.before[v, w] | self.coaxial[s, w] & self.before[w, v]
 
+    def coaxial_swaps(self) -> int:
+        """Pairs C_i,jk = -C_l,mk of coaxial (i, m) and (l, j), the joint of j downstream of that of i."""
+        joint.prove_coaxial_swap()
+        turns = np.flatnonzero(self.coaxial.any(axis=0))  # one rotation at most in each joint
+        above = self.before[np.ix_(turns, turns)] & ~np.eye(len(turns), dtype=bool)
+        moved = self.before[turns].sum(axis=1)  # coordinates at or after a rotation: the values of k
+        return int((above.sum(axis=0) * moved).sum())
+
     def _second_derivative_zero(self, reason: str) -> Mask:
         """(v, w) with v before w in the chain, whose second derivative the named lemma proves zero."""
         pairs = [pair for pair in joint.prove_second_derivative_zeros() if pair.reason == reason]
         same = _table([(pair.first, pair.second) for pair in pairs if pair.same_joint])
         apart = _table([(pair.first, pair.second) for pair in pairs if not pair.same_joint])
-        return self.before & np.where(self.same, self._look_up(same), self._look_up(apart))
+        zero: Mask = self.before & np.where(self.same, self._look_up(same), self._look_up(apart))
+        return zero
 
     def _coaxial(self, model: Model) -> Mask:
         """(s, v): a translation, and its joint's first active rotation on the same axis."""
         found = _table(joint.prove_coaxial())
         turns = [next((name for name in body.active if name in ANGULAR), None) for body in model.bodies]
         is_first = np.array([turns[k] == COORDINATES[i] for k, i in zip(self.body, self.names, strict=True)])
-        return self.same & self._look_up(found) & is_first
+        coaxial: Mask = self.same & self._look_up(found) & is_first
+        return coaxial
 
     def _look_up(self, table: Mask) -> Mask:
-        return table[np.ix_(self.names, self.names)]
+        by_coordinate: Mask = table[np.ix_(self.names, self.names)]
+        return by_coordinate
 
 
 def _table(pairs: Iterable[tuple[str, str]]) -> Mask:
@@ -153,12 +169,10 @@ def _mirrored(tally: Tally) -> Tally:
     return Tally(tally.total, tally.zeros, tally.mask | np.swapaxes(tally.mask, -1, -2))
 
 
-def _independent(survivors: Mask) -> int:
+def _antisymmetric_pairs(survivors: Mask) -> int:
     """Survivors with v <= min(s, w) come in pairs C_s,vw = -C_w,vs; the others stand alone."""
-    n = len(survivors)
-    s, v, _ = np.ix_(*(np.arange(n),) * 3)
-    paired = int((survivors & (v <= s)).sum())
-    return int(survivors.sum()) - paired // 2
+    s, v, _ = np.ix_(*(np.arange(len(survivors)),) * 3)
+    return int((survivors & (v <= s)).sum()) // 2
 
 
 def _lines(title: str, tally: Tally) -> list[str]:

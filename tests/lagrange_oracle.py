@@ -60,11 +60,13 @@ class LagrangeOracle:
             wrench: by link name, force (N) then moment (N m) about the link's centre of mass, base axes.
         """
         forcing = self._forcing(q, v, wrench)
-        return self.mass_matrix(q) @ np.asarray(a) - forcing + self._damping * np.asarray(v) - np.asarray(u)
+        residual: Array = self.mass_matrix(q) @ np.asarray(a) - forcing + self._damping * np.asarray(v) - np.asarray(u)
+        return residual
 
     def mass_matrix(self, q: Sequence[float] | Array) -> Array:
         """The mass matrix, shape (n, n)."""
-        return np.array(self._mass(*q), dtype=float)
+        M: Array = np.reshape(np.array(self._mass(*q), dtype=float), (self.size, self.size))
+        return M
 
     def bias_force(self, q: Sequence[float] | Array, v: Sequence[float] | Array) -> Array:
         """Coriolis and centrifugal terms, shape (n,): what v changes in the equations, damping apart."""
@@ -108,8 +110,7 @@ class LagrangeOracle:
 
         self._energy = function([*plain_q, *plain_v], [kinetic, kinetic - L])
         self._force = function([*plain_q, *plain_v, *self._wrenches], list(method.forcing))
-        rows = function(plain_q, list(method.mass_matrix))
-        self._mass = lambda *numbers: np.reshape(rows(*numbers), (self.size, self.size))
+        self._mass = function(plain_q, list(method.mass_matrix))
 
     def _forces(self, bodies: Mapping[str, RigidBody], N: ReferenceFrame) -> list[tuple[Any, Any]]:
         forces = []
@@ -197,6 +198,6 @@ def _rigid_body(link: Link, pose: _Pose, N: ReferenceFrame) -> RigidBody:
     return RigidBody(link.name, com, pose.frame, link.mass, inertia)
 
 
-def _vector(components: Sequence[Any], frame: ReferenceFrame) -> Any:
+def _vector(components: Sequence[Any] | Array, frame: ReferenceFrame) -> Any:
     x, y, z = components
     return x * frame.x + y * frame.y + z * frame.z

@@ -1,0 +1,121 @@
+"""Eq. (3): elementary transforms, derivatives, and proofs that are neither too weak nor too strong."""
+
+from __future__ import annotations
+
+import time
+from itertools import combinations, product
+
+import numpy as np
+import pytest
+import sympy as sp
+from eomgen.codegen import joint
+from eomgen.codegen.joint import joint_derivatives, joint_transform, step
+
+from eomgen.errors import InternalError
+from eomgen.robot import ANGULAR, COORDINATES, LINEAR, rotation_from_rpy
+
+SUBSETS = [active for size in range(7) for active in combinations(COORDINATES, size)]
+
+
+@pytest.mark.parametrize("coordinate", COORDINATES)
+def test_step_moves_along_or_about_its_own_axis(coordinate: str) -> None:
+    found, t = step(coordinate), 0.7
+    A = np.array(found.transform.subs(found.symbol, t), dtype=float)
+    expected = np.eye(4)
+    axis = (LINEAR + ANGULAR).index(coordinate) % 3
+    if coordinate in LINEAR:
+        expected[axis, 3] = t
+    else:  # roll, pitch and yaw of a URDF are right-handed rotations about x, y, z
+        expected[:3, :3] = rotation_from_rpy(tuple(t if i == axis else 0.0 for i in range(3)))  # type: ignore[arg-type]
+    assert np.allclose(A, expected, atol=1e-15)
+    assert (found.is_rotation, found.axis) == (coordinate in ANGULAR, axis)
+    assert found.rotation == found.transform[:3, :3]
+
+
+@pytest.mark.parametrize("coordinate", COORDINATES)
+def test_generator_is_constant_and_gives_the_derivative(coordinate: str) -> None:
+    found = step(coordinate)
+    assert not found.generator.free_symbols
+    assert found.transform.diff(found.symbol) == found.transform * found.generator
+    assert found.generator.row(3).is_zero_matrix
+
+
+@pytest.mark.parametrize("active", SUBSETS, ids="-".join)
+def test_inactive_coordinates_vanish_from_the_transform(active: tuple[str, ...]) -> None:
+    A = joint_transform(active)
+    assert {symbol.name for symbol in A.free_symbols} == set(active)
+    inactive = {step(name).symbol: 0 for name in COORDINATES if name not in active}
+    assert joint_transform(COORDINATES).subs(inactive) == A
+
+
+def test_order_of_eq_3() -> None:
+    """Translation, then rotations about x, the turned y and the turned z."""
+    numbers = dict(zip(COORDINATES, (0.1, 0.2, 0.3, 0.4, 0.5, 0.6), strict=True))
+    A = np.array(joint_transform(COORDINATES).subs({step(k).symbol: t for k, t in numbers.items()}), dtype=float)
+    Rx, Ry, Rz = (rotation_from_rpy(rpy) for rpy in ((0.4, 0.0, 0.0), (0.0, 0.5, 0.0), (0.0, 0.0, 0.6)))
+    assert np.allclose(A[:3, :3], np.array(Rx) @ np.array(Ry) @ np.array(Rz), atol=1e-15)
+    assert np.allclose(A[:, 3], (0.1, 0.2, 0.3, 1.0), atol=1e-15)
+
+
+def test_derivatives_against_finite_differences() -> None:
+    symbols = [step(name).symbol for name in COORDINATES]
+    at = np.array([0.1, -0.2, 0.3, 0.4, -0.5, 0.6])
+    derivatives = joint_derivatives(COORDINATES)
+    A = sp.lambdify([symbols], joint_transform(COORDINATES), "numpy")
+    h = 1e-5
+    for i, s in enumerate(COORDINATES):
+        up, down = at + h * np.eye(6)[i], at - h * np.eye(6)[i]
+        first = sp.lambdify([symbols], derivatives.first[s], "numpy")
+        assert np.allclose((A(up) - A(down)) / (2 * h), first(at), atol=1e-9)
+        for w in COORDINATES:
+            by_w = sp.lambdify([symbols], derivatives.first[w], "numpy")
+            second = sp.lambdify([symbols], derivatives.second[s, w], "numpy")
+            assert np.allclose((by_w(up) - by_w(down)) / (2 * h), second(at), atol=1e-9)
+
+
+def test_lemmas_name_exactly_the_zero_second_derivatives() -> None:
+    """Two 6-DOF joints with numbers in them: every pair that is not proved zero is not zero."""
+    derivatives = joint_derivatives(COORDINATES)
+    at = {step(name).symbol: 0.1 + 0.2 * i for i, name in enumerate(COORDINATES)}
+    first, second = (
+        {key: np.array(D.subs(at), dtype=float) for key, D in table.items()}
+        for table in (derivatives.first, derivatives.second)
+    )
+    between = np.eye(4)
+    between[:3] = np.random.default_rng(1).uniform(-1.0, 1.0, (3, 4))
+    proved = {(pair.first, pair.second, pair.same_joint) for pair in joint.prove_second_derivative_zeros()}
+    for s, w in product(COORDINATES, repeat=2):
+        assert ((s, w, False) in proved) == (not np.any(first[s] @ between @ first[w]))
+        if COORDINATES.index(s) <= COORDINATES.index(w):
+            assert ((s, w, True) in proved) == (not np.any(second[s, w]))
+
+
+def test_lemma_7_and_the_sharper_lemma_are_told_apart() -> None:
+    pairs = joint.prove_second_derivative_zeros()
+    for pair in pairs:
+        both_linear = pair.first in LINEAR and pair.second in LINEAR
+        assert pair.reason == (joint.LEMMA_7 if both_linear else joint.SHARPER)
+    assert sum(pair.reason == joint.LEMMA_7 for pair in pairs) == 6 + 9  # in one joint, and in two
+    assert sum(pair.reason == joint.SHARPER for pair in pairs) == 9 + 9
+
+
+def test_relations_inside_a_joint() -> None:
+    assert joint.prove_translations_orthogonal() == (("x", "y"), ("x", "z"), ("y", "z"))
+    assert joint.prove_coaxial() == (("x", "alpha"), ("y", "beta"), ("z", "gamma"))
+    joint.prove_antisymmetry()
+    joint.prove_translation_column()
+    joint.prove_coaxial_swap()
+
+
+def test_a_wrong_claim_is_not_proved() -> None:
+    with pytest.raises(InternalError, match="the proof failed: a wrong claim"):
+        joint._prove(step("x").generator, "a wrong claim")
+
+
+def test_all_proofs_take_less_than_a_second() -> None:
+    for function in vars(joint).values():
+        if hasattr(function, "cache_clear"):
+            function.cache_clear()
+    start = time.process_time()
+    assert len(list(joint.proofs())) == 7
+    assert time.process_time() - start < 1.0

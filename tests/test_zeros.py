@@ -1,0 +1,192 @@
+"""The zero map: the counts of the paper's hardest robot, and numbers that show it neither misses nor invents a zero."""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sp
+from eomgen.codegen import zeros
+from eomgen.codegen.bodies import bind
+from eomgen.codegen.joint import joint_derivatives, joint_transform, step
+from eomgen.codegen.zeros import ZeroMap, zero_map
+from numpy.typing import NDArray
+from random_robots import random_link, random_robot, random_rotation, random_state
+
+from eomgen.model import FIXED_BODY, Body, Model, build_model
+from eomgen.robot import COORDINATES, Coordinate, Joint, Link, Placement, Robot
+
+Array = NDArray[np.float64]
+
+
+def generic(robot: Robot, rng: np.random.Generator) -> Robot:
+    """The robot with placements and links in which nothing is zero by accident (and nothing is welded on)."""
+
+    def placement() -> Placement:
+        x, y, z = rng.uniform(0.2, 0.6, 3)
+        r, p, w = rng.uniform(0.3, 1.2, 3)
+        return Placement.from_rpy((x, y, z), (r, p, w))
+
+    def link(name: str) -> Link:
+        made = random_link(rng, name)
+        J = random_rotation(rng) @ np.diag(rng.uniform(0.01, 0.1, 3))
+        tensor = np.trace(J @ J.T) * np.eye(3) - J @ J.T
+        inertia = tuple(float(tensor[i, j]) for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
+        x, y, z = (float(c) for c in rng.uniform(0.1, 0.3, 3))
+        return replace(made, com=(x, y, z), inertia=inertia)  # type: ignore[arg-type]
+
+    joints = tuple(replace(joint, placement=placement()) for joint in robot.joints)
+    return replace(robot, joints=joints, links=tuple(link(old.name) for old in robot.links))
+
+
+def chain(joints: int) -> Robot:
+    """A chain of joints with all six coordinates active, generic placements and links."""
+    rng = np.random.default_rng(7)
+    links = tuple(random_link(rng, f"link{i + 1}") for i in range(joints))
+    active = {name: Coordinate() for name in COORDINATES}
+    parents = ["base", *(link.name for link in links)]
+    made = tuple(Joint(f"joint{i + 1}", parents[i], links[i].name, "free", coordinates=active) for i in range(joints))
+    return generic(Robot("chain", (0.0, 0.0, -9.81), links, made), rng)
+
+
+@cache
+def _joint_functions(active: tuple[str, ...]) -> Any:
+    derivatives = joint_derivatives(active)
+    blocks = [joint_transform(active), *derivatives.first.values(), *derivatives.second.values()]
+    return sp.lambdify([[step(name).symbol for name in active]], blocks, "numpy")
+
+
+def _joint_blocks(body: Body, q: Array) -> tuple[Array, Array, Array]:
+    d = len(body.active)
+    blocks = [np.array(block, dtype=float) for block in _joint_functions(body.active)(q[list(body.indices)])]
+    first = np.array(blocks[1 : d + 1]).reshape(d, 4, 4)
+    return blocks[0], first, np.array(blocks[d + 1 :]).reshape(d, d, 4, 4)
+
+
+def brute_force(model: Model, q: Array) -> tuple[Array, Array]:
+    """M (n, n) and C (n, n, n) of eqs. (11) and (12) on floats, without dropping anything."""
+    bound = bind(model, lambda _, number: number, lambda angle: (np.sin(angle), np.cos(angle)))
+    n = model.size
+    M, C = np.zeros((n, n)), np.zeros((n, n, n))
+    poses: list[tuple[Array, Array, Array]] = []
+    for body, numbers in zip(model.bodies, bound.bodies, strict=True):
+        start = (np.eye(4), np.zeros((n, 4, 4)), np.zeros((n, n, 4, 4)))
+        A, D, D2 = poses[body.parent] if body.parent != FIXED_BODY else start
+        B, H = np.eye(4), np.zeros((4, 4))
+        B[:3, :3], B[:3, 3] = numbers.placement.rotation, numbers.placement.origin
+        H[:3, :3], H[3, 3] = numbers.inertia.second, numbers.inertia.mass
+        H[:3, 3] = H[3, :3] = numbers.inertia.first
+        J, J1, J2 = _joint_blocks(body, q)
+        own = list(body.indices)
+        new = (A @ B @ J, D @ B @ J, D2 @ B @ J)
+        new[1][own] = A @ B @ J1
+        mixed = np.einsum("vij,wjk->vwik", D @ B, J1)
+        new[2][:, own] += mixed
+        new[2][own] += np.swapaxes(mixed, 0, 1)
+        new[2][np.ix_(own, own)] += A @ B @ J2
+        poses.append(new)
+        DH = new[1] @ H
+        M += np.einsum("sij,vij->sv", DH, new[1])
+        C += np.einsum("sij,vwij->svw", DH, new[2], optimize=True)
+    return M, C
+
+
+def check(model: Model, seed: int, tolerance: float = 1e-13) -> ZeroMap:
+    """The masks equal the pattern of numbers over several states, and the count that of different numbers."""
+    found = zero_map(model)
+    rng = np.random.default_rng(seed)
+    greatest_M, greatest_C = np.zeros((model.size,) * 2), np.zeros((model.size,) * 3)
+    for _ in range(3):
+        M, C = brute_force(model, rng.uniform(0.2, 1.2, model.size))
+        greatest_M = np.maximum(greatest_M, np.abs(M) / np.abs(M).max())
+        greatest_C = np.maximum(greatest_C, np.abs(C) / max(np.abs(C).max(), np.abs(M).max()))
+    assert np.array_equal(greatest_M > tolerance, found.mass_matrix.mask)
+    assert np.array_equal(greatest_C > tolerance, found.christoffel.mask)
+    assert different_sizes(C) == found.independent
+    return found
+
+
+def test_counts_of_six_joints_with_six_coordinates() -> None:
+    """The last paragraph of the errata's section on counts: every number of it comes from a structural rule."""
+    found = zero_map(build_model(chain(6)))
+    dropped = dict(found.christoffel.zeros)
+    left = found.christoffel.total
+    assert left == 23_976
+    left -= dropped[zeros.LEMMA_7]
+    assert left == 17_820
+    left -= dropped[zeros.SHARPER]
+    assert left == 11_016
+    left -= dropped[zeros.GYRO] + dropped[zeros.COAXIAL]
+    assert (dropped[zeros.GYRO], dropped[zeros.COAXIAL]) == (306, 108)
+    assert left == found.christoffel.survivors == 10_602
+    assert found.by_antisymmetry == 7_203
+    assert found.independent == 7_203 - 165
+    assert dropped[zeros.TREE] == 0
+    assert dict(found.mass_matrix.zeros) == {zeros.TREE: 0, zeros.ORTHOGONAL: 18, zeros.COAXIAL: 6}
+    assert (found.mass_matrix.total, found.mass_matrix.survivors) == (666, 642)
+
+
+def test_counts_of_six_joints_are_those_of_numbers() -> None:
+    """10,602 entries are not zero and 7,038 differ in size, for generic placements and inertias."""
+    found = check(build_model(chain(6)), 1)
+    assert (found.christoffel.survivors, found.independent) == (10_602, 7_038)
+
+
+def different_sizes(C: Array) -> int:
+    """How many different absolute values there are among the entries v <= w that are not zero."""
+    upper = np.triu(np.ones(C.shape[1:], dtype=bool))
+    sizes = np.sort(np.abs(C[:, upper]).ravel())
+    sizes = sizes[sizes > 1e-13 * max(sizes[-1], 1.0)]
+    return int((np.diff(sizes, prepend=-1.0) > 1e-11 * sizes[-1:]).sum()) if len(sizes) else 0
+
+
+def test_antisymmetry_holds_in_numbers() -> None:
+    model = build_model(chain(2))
+    _, C = brute_force(model, np.random.default_rng(3).uniform(0.2, 1.2, model.size))
+    for i in range(model.size):
+        for k in range(model.size):
+            for j in range(min(i, k) + 1):
+                assert C[i, j, k] == pytest.approx(-C[k, i, j], abs=1e-13)
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_map_equals_the_pattern_of_numbers(seed: int) -> None:
+    """Any subset of coordinates, chains and trees: no zero is missed and none is claimed that is not there."""
+    rng = np.random.default_rng(seed)
+    robot = random_robot(rng, joints=(1, 4), tree=seed % 2 == 1, armature=False)
+    check(build_model(generic(robot, rng)), seed)
+
+
+def test_special_geometry_never_contradicts_the_map() -> None:
+    """Right angles and thin rods make more zeros, never fewer."""
+    for seed in range(20):
+        robot = random_robot(seed, joints=(2, 4), tree=seed % 2 == 1, armature=False)
+        model = build_model(robot)
+        found = zero_map(model)
+        M, C = brute_force(model, random_state(robot, seed).q)
+        assert np.abs(M[~found.mass_matrix.mask]).max(initial=0.0) < 1e-12
+        assert np.abs(C[~found.christoffel.mask]).max(initial=0.0) < 1e-12
+
+
+def test_fast_for_many_coordinates() -> None:
+    model = build_model(chain(8))
+    zero_map(model)  # proofs
+    start = time.process_time()
+    assert zero_map(model).christoffel.total == 48 * 48 * 49 // 2
+    assert time.process_time() - start < 0.1
+
+
+def test_report() -> None:
+    found = zero_map(build_model(chain(6)))
+    text = "\n".join(found.lines())
+    for number in ("23,976", "6,156", "6,804", "306", "108", "10,602", "7,203", "7,038", "666", "642"):
+        assert number in text
+    assert "lemma (7)" in text
+    plain = json.loads(json.dumps(found.as_dict()))
+    assert plain["christoffel"]["independent_by_antisymmetry"] == 7_203
+    assert plain["mass_matrix"]["survivors"] == 642
