@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 import sympy as sp
-from eomgen.codegen.trace import ClosedForm, closed_form
+from eomgen.codegen.trace import closed_form
 from lagrange_oracle import LagrangeOracle
 from numpy.typing import NDArray
+from paper_example import equal, gravity, length, m, one_link, stiffness
 from random_robots import random_robot, random_state
 from sympy.physics.mechanics import (
     Inertia,
@@ -22,37 +23,15 @@ from sympy.physics.mechanics import (
     dynamicsymbols,
 )
 
-from eomgen.description import load_robot
 from eomgen.model import build_model, parameter_values
 from eomgen.robot import Robot
 
 Array = NDArray[np.float64]
 TOLERANCE = 1e-11  # relative, max-norm
 
-m, length, stiffness = sp.symbols("m l a", positive=True)
-gravity = sp.symbols("g_x g_y g_z", real=True)
-
-
-def one_link() -> ClosedForm:
-    """The paper's robot with its letters for parameters and gravity along any axis."""
-    moment = m * length**2 / 12
-    letters: dict[str, Any] = {
-        "links.link1.mass": m,
-        "links.link1.com.x": length / 2,
-        "links.link1.inertia.yy": moment,
-        "links.link1.inertia.zz": moment,
-        "joints.joint1.x.stiffness": stiffness,
-    }
-    letters |= {f"gravity.{axis}": g for axis, g in zip("xyz", gravity, strict=True)}
-    return closed_form(build_model(load_robot("one_link")), letters)
-
 
 def relative_error(found: Array, expected: Array) -> float:
     return float(np.abs(found - expected).max() / max(np.abs(expected).max(), 1e-300))
-
-
-def equal(found: Any, expected: Any) -> bool:
-    return bool(sp.simplify(sp.nsimplify(found) - expected) == 0)
 
 
 def test_left_sides_of_17_and_18() -> None:
