@@ -106,12 +106,14 @@ def closed_form(
     C = _christoffel(bodies, inertias, len(q))
     pairs = [(i, j) for i in range(len(q)) for j in range(len(q))]
     bias = tuple(sum(C[s][i][j] * v[i] * v[j] for i, j in pairs) for s in range(len(q)))
-    Q = _generalized_force(model, bound, bodies, q, v, wrench)
+    Q = _elastic_and_weight(bound, bodies, inertias, q, v)
+    for s, force in _external_force(model, bound, bodies, wrench):
+        Q[s] += force
     Ma = M * sp.Matrix(a)
     residual = tuple(Ma[s] + bias[s] - Q[s] - u[s] for s in range(len(q)))
     kinetic = _kinetic(bodies, inertias, bound.armature, v)
-    potential = _potential(bound, bodies, q)
-    return ClosedForm(q, v, a, u, wrench, binder.symbols, M, C, bias, Q, residual, kinetic, potential)
+    potential = _potential(bound, bodies, inertias, q)
+    return ClosedForm(q, v, a, u, wrench, binder.symbols, M, C, bias, tuple(Q), residual, kinetic, potential)
 
 
 class _Values:
@@ -133,7 +135,10 @@ class _Values:
 
 
 def _number(number: Any) -> Expr:
-    return sp.Integer(int(number)) if number in (-1.0, 0.0, 1.0) else sp.sympify(number)
+    """A number or expression, with floats that are small multiples of 1/2 made exact: they prune, and read better."""
+    expression = sp.sympify(number)
+    exact = {f: sp.Rational(float(f)) for f in expression.atoms(sp.Float) if float(2 * f) in range(-4, 5)}
+    return expression.xreplace(exact)
 
 
 def _symbols(model: Model) -> tuple[Row, Row, Row, Row]:
@@ -204,22 +209,27 @@ def _christoffel(bodies: Sequence[_Derivatives], inertias: Sequence[Matrix], n: 
     return tuple(tuple(tuple(C[s][min(v, w)][max(v, w)] for w in range(n)) for v in range(n)) for s in range(n))
 
 
-def _generalized_force(
-    model: Model, bound: Bound, bodies: Sequence[_Derivatives], q: Row, v: Row, wrench: Sequence[Row]
-) -> Row:
-    """Eqs. (13)-(15) without the drives: springs and dampers, gravity, external forces; (14) with the right axes."""
+def _elastic_and_weight(
+    bound: Bound, bodies: Sequence[_Derivatives], inertias: Sequence[Matrix], q: Row, v: Row
+) -> list[Expr]:
+    """Q_P of eq. (13), and Q_G: eq. (14) with weights as forces; the last column of H is (m r_C, m)."""
     Q = [-a * s - b * s_dot for a, b, s, s_dot in zip(bound.stiffness, bound.damping, q, v, strict=True)]
     g = sp.Matrix([*bound.gravity, 0])
-    for numbers, body in zip(bound.bodies, bodies, strict=True):
-        moment = sp.Matrix([*numbers.inertia.first, numbers.inertia.mass])  # m r_C, homogeneous
+    for body, H in zip(bodies, inertias, strict=True):
         for s, D in body.first.items():
-            Q[s] += _dot(g, D * moment)
-    for link, symbols in zip(model.links, wrench, strict=False):
+            Q[s] += _dot(g, D * H[:, 3])
+    return Q
+
+
+def _external_force(
+    model: Model, bound: Bound, bodies: Sequence[_Derivatives], wrench: Sequence[Row]
+) -> Iterator[tuple[int, Expr]]:
+    """Q_F of eq. (14), with each angle's own axis in the moment term: (index, addend) pairs."""
+    for link, symbols in zip(model.links, wrench, strict=False):  # no wrenches unless they were asked for
         k, com = bound.coms[link]
         F, R = sp.Matrix([*symbols[:3], 0]), sp.Matrix(symbols[3:])
         for s, D in bodies[k].first.items():
-            Q[s] += _dot(F, D * sp.Matrix([*com, 1])) + _dot(R, _axis(D, bodies[k].pose))
-    return tuple(Q)
+            yield s, _dot(F, D * sp.Matrix([*com, 1])) + _dot(R, _axis(D, bodies[k].pose))
 
 
 def _axis(derivative: Matrix, pose: Matrix) -> Matrix:
@@ -237,14 +247,11 @@ def _kinetic(bodies: Sequence[_Derivatives], inertias: Sequence[Matrix], armatur
     return total / 2
 
 
-def _potential(bound: Bound, bodies: Sequence[_Derivatives], q: Row) -> Expr:
+def _potential(bound: Bound, bodies: Sequence[_Derivatives], inertias: Sequence[Matrix], q: Row) -> Expr:
+    """Springs, and weights with respect to the base's origin."""
     g = sp.Matrix([*bound.gravity, 0])
     springs = sum(a * s**2 / 2 for a, s in zip(bound.stiffness, q, strict=True))
-    weights = (
-        _dot(g, body.pose * sp.Matrix([*numbers.inertia.first, numbers.inertia.mass]))
-        for numbers, body in zip(bound.bodies, bodies, strict=True)
-    )
-    return springs - sum(weights)
+    return springs - sum(_dot(g, body.pose * H[:, 3]) for body, H in zip(bodies, inertias, strict=True))
 
 
 def _pose(pose: Pose) -> Matrix:
