@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,13 +18,13 @@ from .frames import choose_frames
 from .freeze import JointGeometry, geometry
 from .ir import Graph, Program, Value, finish
 from .kinematics import body_poses, external_rows, frame_poses, potential_energy
+from .passes import PARAMETERS, hoist_parameters, run_passes
 from .recursion import inertial_rows, kinetic_energy
 from .regroup import regroup
-from .solve import solve
+from .solve import coordinate_parents, solve
 
-PARAMETERS = "p"
 STRAIGHT_SOLVE = 12  # up to so many coordinates the factorisation is written out, above it is a loop in C
-STRAIGHT_CHRISTOFFEL = 6000  # up to so many operations the tensor is written out, above it is a loop over columns
+STRAIGHT_CHRISTOFFEL = 12000  # up to so many operations the tensor is written out, above it is a loop over columns
 
 DESCRIPTION_FRAMES = ("reactions", "kinematics", "external_force")  # report, or are asked, in the description's frames
 
@@ -70,6 +70,68 @@ def shapes(model: Model) -> dict[str, tuple[int, ...]]:
     }
 
 
+@dataclass(frozen=True)
+class Equations:
+    """The programs of a model: ``kernels`` are those a user may call, ``programs`` what is written out in C.
+
+    ``setup`` computes what depends on parameters alone; ``loops`` names the kernels whose C calls other kernels in a
+    loop because a straight-line program would be too long, each with the reason.
+    """
+
+    model: Model
+    kernels: tuple[str, ...]
+    setup: Program
+    programs: Mapping[str, Program]
+    loops: Mapping[str, str]
+
+
+def derive_equations(model: Model, kernels: Sequence[str] = ()) -> Equations:
+    """Model -> Equations, with every pass run.
+
+    Args:
+        kernels: names of KERNELS; all of them if empty.
+    """
+    public = tuple(name for name in KERNELS if not kernels or name in kernels)
+    raw: dict[str, Program] = {}
+    loops: dict[str, str] = {}
+
+    def need(*names: str) -> None:
+        raw.update({name: run_passes(derive(model, name)) for name in names if name not in raw})
+
+    for name in public:
+        if name == "forward_dynamics" and model.size > STRAIGHT_SOLVE:
+            need("mass_matrix", "right_side")
+            loops[name] = f"{model.size} coordinates: M = L^T D L is factorised in a loop over the tree"
+        elif name == "christoffel" and _columns_cost(model, raw) > STRAIGHT_CHRISTOFFEL:
+            need("coriolis_matrix")
+            loops[name] = f"{model.size} coordinates: one Coriolis matrix per unit velocity"
+        else:
+            need(name)
+    setup, programs = hoist_parameters(list(raw.values()), len(model.parameters))
+    return Equations(model, public, setup, dict(zip(raw, programs, strict=True)), loops)
+
+
+def _columns_cost(model: Model, known: Mapping[str, Program]) -> int:
+    """Operations of n Coriolis matrices: an upper bound for the written-out tensor."""
+    program = known.get("coriolis_matrix") or run_passes(derive(model, "coriolis_matrix"))
+    return model.size * sum(program.count().values())
+
+
+def loop_operations(equations: Equations, name: str, counts: Mapping[str, Mapping[str, int]]) -> dict[str, int]:
+    """Operations of a kernel whose C is a loop over other kernels."""
+    n = equations.model.size
+    if name == "christoffel":
+        return {key: n * number for key, number in counts["coriolis_matrix"].items()}
+    parents = coordinate_parents(equations.model)
+    depth = [0] * n
+    for k in range(n):
+        depth[k] = 0 if parents[k] < 0 else depth[parents[k]] + 1
+    factor = sum(d * (d + 1) // 2 for d in depth)
+    lower = sum(depth)
+    solving = {"mul": factor + lower + 2 * lower + n, "add": factor + 2 * lower, "div": n, "sincos": 0}
+    return {key: number + counts["mass_matrix"][key] + counts["right_side"][key] for key, number in solving.items()}
+
+
 class Derivation:
     """One kernel's graph with the model's numbers, inputs and joint transforms bound in it."""
 
@@ -100,13 +162,9 @@ class Derivation:
 
 
 def derive(model: Model, kernel: str) -> Program:
-    """The program of one kernel of KERNELS.
-
-    Forward dynamics of more than STRAIGHT_SOLVE coordinates and large Christoffel tensors have no program of their
-    own: their templates call other kernels in a loop (see ``loops``).
-    """
+    """The program of one entry of WRITERS."""
     derivation = Derivation(model, regrouped=kernel not in DESCRIPTION_FRAMES)
-    return finish(derivation.graph, kernel, _WRITERS[kernel](derivation))
+    return finish(derivation.graph, kernel, WRITERS[kernel](derivation))
 
 
 def _vector(values: list[Scalar]) -> Outputs:
@@ -144,8 +202,17 @@ def _inverse_dynamics(d: Derivation) -> Outputs:
     return _vector(d.dynamics(d.v, d.a))
 
 
+def _right_hand_side(d: Derivation) -> list[Scalar]:
+    return [drive - row for row, drive in zip(d.dynamics(d.v, d.still), d.u, strict=True)]
+
+
+def _right_side(d: Derivation) -> Outputs:
+    """u minus everything but M a: what forward dynamics solves for, when it solves in a loop."""
+    return _vector(_right_hand_side(d))
+
+
 def _forward_dynamics(d: Derivation) -> Outputs:
-    right = [drive - row for row, drive in zip(d.dynamics(d.v, d.still), d.u, strict=True)]
+    right = _right_hand_side(d)
     matrix = d.matrix()
     acceleration, pivots = solve(d.model, matrix, right)
     outputs = _vector(acceleration)
@@ -199,7 +266,7 @@ def _reactions(d: Derivation) -> Outputs:
     return _vector([x for wrench in total for x in (*wrench.force, *wrench.moment)])
 
 
-_WRITERS: Mapping[str, Callable[[Derivation], Outputs]] = {
+WRITERS: Mapping[str, Callable[[Derivation], Outputs]] = {
     "mass_matrix": _mass_matrix,
     "bias_force": _bias_force,
     "generalized_force": _generalized_force,
@@ -212,4 +279,5 @@ _WRITERS: Mapping[str, Callable[[Derivation], Outputs]] = {
     "kinematics": _kinematics,
     "energy": _energy,
     "reactions": _reactions,
+    "right_side": _right_side,
 }

@@ -88,6 +88,10 @@ class Graph:
         """The number as a node (arithmetic takes plain floats just as well)."""
         return self._node("const", (), float(number) + 0.0)
 
+    def insert(self, op: str, args: tuple[int, ...], leaf: Any = None) -> Node:
+        """A value copied from another program as it is, without folding."""
+        return self._node(op, args, leaf)
+
     def sincos(self, x: Value) -> tuple[Value, Value]:
         """Sine and cosine of x."""
         if not isinstance(x, Node):

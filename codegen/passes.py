@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from .ir import Instruction, Program, select, users, verify
+from .ir import Graph, Instruction, Node, Program, Value, finish, select, users, verify
+
+PARAMETERS = "p"  # the input array of run-time parameters
 
 
 def absorb_negations(program: Program) -> Program:
@@ -65,3 +67,48 @@ def run_passes(program: Program) -> Program:
     for step in PASSES:
         program = verify(step(program))
     return program
+
+
+def hoist_parameters(programs: Sequence[Program], parameters: int) -> tuple[Program, list[Program]]:
+    """Split off what depends on parameters alone.
+
+    Args:
+        programs: kernels that read parameters from the input array "p".
+        parameters: how many parameters there are.
+
+    Returns:
+        The setup program, which writes the array "h" (the parameters, then what is computed from them; shared by all
+        kernels), and the programs with "h" in the place of "p".
+    """
+    setup = Graph()
+    slots: dict[int, int] = {setup.input(PARAMETERS, i).index: i for i in range(parameters)}
+    rewritten = [_hoist(program, setup, slots) for program in programs]
+    outputs: dict[tuple[str, int], Value] = {("h", slot): Node(setup, index) for index, slot in slots.items()}
+    return verify(finish(setup, "setup", outputs)), [verify(program) for program in rewritten]
+
+
+def _hoist(program: Program, setup: Graph, slots: dict[int, int]) -> Program:
+    """One program with every value that depends on parameters alone read from "h"."""
+    count = len(program.instructions)
+    reads_parameters = [False] * count
+    reads_state = [False] * count
+    for index, instruction in enumerate(program.instructions):
+        if instruction.op == "input":
+            reads_parameters[index] = instruction.leaf[0] == PARAMETERS
+            reads_state[index] = not reads_parameters[index]
+        for arg in instruction.args:
+            reads_parameters[index] |= reads_parameters[arg]
+            reads_state[index] |= reads_state[arg]
+    early = [reads_parameters[i] and not reads_state[i] for i in range(count)]
+    wanted = {arg for i, x in enumerate(program.instructions) if not early[i] for arg in x.args if early[arg]}
+    wanted.update(index for index in program.outputs.values() if early[index])
+    moved: dict[int, Node] = {}
+    instructions = list(program.instructions)
+    for index, instruction in enumerate(program.instructions):
+        if early[index] or instruction.op == "const":
+            args = tuple(moved[arg].index for arg in instruction.args)
+            moved[index] = setup.insert(instruction.op, args, instruction.leaf)
+        if index in wanted:
+            slot = slots.setdefault(moved[index].index, len(slots))
+            instructions[index] = Instruction("input", (), ("h", slot))
+    return select(program.name, instructions, program.outputs, program.notes)

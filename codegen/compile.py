@@ -1,0 +1,206 @@
+"""Source -> a package that imports: files, the C compiler, cffi.
+
+A package is written into a folder that nobody else uses; whoever calls moves it into place.  cffi's API mode needs
+Python's headers; on a machine without them the same C is loaded in cffi's ABI mode, which costs about a microsecond
+more per call.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+import sysconfig
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import cffi
+
+import eomgen
+from eomgen._version import __version__
+from eomgen.errors import BuildError
+
+from .render import Source, environment
+
+FLAGS = ("-O2", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off")
+NATIVE = ("-march=native", "-ffp-contract=fast")
+WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic")
+
+
+@dataclass(frozen=True)
+class Compiler:
+    """A C compiler: the command, and what it says of its version."""
+
+    command: tuple[str, ...]
+    version: str
+
+
+def find_compiler() -> Compiler:
+    """The compiler of $CC, or cc, gcc or clang from the path, or the one of the package ziglang.
+
+    Raises:
+        BuildError: there is none, or it does not run.
+    """
+    chosen = os.environ.get("CC", "")
+    if chosen:
+        return _probe(tuple(shlex.split(chosen)))
+    for name in ("cc", "gcc", "clang"):
+        if shutil.which(name):
+            return _probe((name,))
+    try:
+        import ziglang  # noqa: F401
+    except ImportError:
+        raise BuildError(
+            "no C compiler found: $CC is not set, and cc, gcc and clang are not on the path; install one"
+            " (Debian: apt install gcc; or pip install ziglang), or set CC to its command"
+        ) from None
+    return _probe((sys.executable, "-m", "ziglang", "cc"))
+
+
+@cache
+def _probe(command: tuple[str, ...]) -> Compiler:
+    try:
+        answer = subprocess.run([*command, "--version"], capture_output=True, text=True, timeout=60, check=True)
+    except (OSError, subprocess.SubprocessError) as error:
+        raise BuildError(
+            f"the C compiler does not run: {shlex.join(command)} --version: {error}; install gcc or clang, or set CC"
+        ) from None
+    return Compiler(command, answer.stdout.strip())
+
+
+def processor() -> str:
+    """What -march=native may depend on: the machine's type and its processor's features."""
+    features = ""
+    info = Path("/proc/cpuinfo")
+    if info.exists():
+        lines = info.read_text(encoding="utf-8", errors="replace").splitlines()
+        features = next((line for line in lines if line.startswith(("flags", "Features"))), "")
+    return os.uname().machine + features
+
+
+def build_key(source: Source, compiler: Compiler, flags: Sequence[str]) -> str:
+    """Hash of all that a binary depends on: source, flags, compiler, Python's ABI and the processor."""
+    suffix, headers = sysconfig.get_config_var("EXT_SUFFIX"), _headers() is not None
+    parts = (
+        __version__,
+        source.header,
+        source.code,
+        source.cdef,
+        source.meta,
+        *(Path(eomgen.__path__[0], name).read_text(encoding="ascii") for name in ("kernel.py", "errors.py")),
+        *flags,
+        *compiler.command,
+        compiler.version,
+        cffi.__version__,
+        sys.implementation.cache_tag,
+        str(suffix),
+        str(headers),
+        processor() if "-march=native" in flags else os.uname().machine,
+    )
+    digest = hashlib.sha256()
+    for part in parts:
+        digest.update(f"{len(part)}:{part}".encode())
+    return digest.hexdigest()
+
+
+def write_package(source: Source, compiler: Compiler, flags: Sequence[str], folder: Path) -> None:
+    """Write and compile the package of a kernel into an empty folder of its own.
+
+    Raises:
+        BuildError: the compiler failed; the message holds its command and what it said.
+    """
+    name = source.name
+    (folder / f"{name}.h").write_text(source.header, encoding="ascii")
+    (folder / f"{name}.c").write_text(source.code, encoding="ascii")
+    (folder / f"{name}.json").write_text(source.meta, encoding="ascii")
+    package = environment().get_template("package.py.jinja").render(name=name, version=__version__)
+    (folder / "__init__.py").write_text(package, encoding="ascii")
+    here = Path(eomgen.__path__[0])
+    (folder / "runtime.py").write_text((here / "kernel.py").read_text(encoding="ascii"), encoding="ascii")
+    (folder / "errors.py").write_text((here / "errors.py").read_text(encoding="ascii"), encoding="ascii")
+    headers = _headers()
+    if headers is None:
+        _build_abi(source, compiler, flags, folder)
+    else:
+        _build_api(source, compiler, flags, folder, headers)
+
+
+def _headers() -> str | None:
+    """Folder of Python.h, or None."""
+    folder = sysconfig.get_path("include")
+    return folder if folder and Path(folder, "Python.h").exists() else None
+
+
+def _build_api(source: Source, compiler: Compiler, flags: Sequence[str], folder: Path, headers: str) -> None:
+    """cffi's API mode: its wrapper and the kernel, compiled side by side, linked into one extension module."""
+    name, work = source.name, folder / "build"
+    work.mkdir()
+    ffi = cffi.FFI()
+    ffi.cdef(source.cdef)
+    ffi.set_source(f"_{name}", f'#include "{name}.h"')
+    wrapper = work / f"_{name}.c"
+    ffi.emit_c_code(str(wrapper))
+    include = ("-I", str(folder), "-I", headers)
+    objects = [work / "wrapper.o", work / "kernel.o"]
+    jobs = [
+        [*compiler.command, "-c", "-fPIC", "-O1", *include, str(wrapper), "-o", str(objects[0])],
+        [*compiler.command, "-c", "-fPIC", *WARNINGS, *flags, str(folder / f"{name}.c"), "-o", str(objects[1])],
+    ]
+    _run_all(jobs)
+    module = folder / f"_{name}{_suffix()}"
+    _run_all([[*compiler.command, *_shared(), *map(str, objects), "-o", str(module), "-lm"]])
+    shutil.rmtree(work)
+
+
+def _build_abi(source: Source, compiler: Compiler, flags: Sequence[str], folder: Path) -> None:
+    """cffi's ABI mode: a plain shared library, opened by a Python module."""
+    name = source.name
+    ffi = cffi.FFI()
+    ffi.cdef(source.cdef)
+    ffi.set_source(f"_{name}_types", None)
+    ffi.emit_python_code(str(folder / f"_{name}_types.py"))
+    opened = (
+        "from pathlib import Path\n\n"
+        f"from ._{name}_types import ffi\n\n"
+        f'lib = ffi.dlopen(str(Path(__file__).with_name("lib{name}.so")))\n'
+    )
+    (folder / f"_{name}.py").write_text(opened, encoding="ascii")
+    code, library = str(folder / f"{name}.c"), str(folder / f"lib{name}.so")
+    _run_all([[*compiler.command, "-fPIC", *WARNINGS, *flags, *_shared(), code, "-o", library, "-lm"]])
+
+
+def _suffix() -> str:
+    from importlib.machinery import EXTENSION_SUFFIXES
+
+    return ".abi3.so" if ".abi3.so" in EXTENSION_SUFFIXES else EXTENSION_SUFFIXES[0]
+
+
+def _shared() -> tuple[str, ...]:
+    return ("-bundle", "-undefined", "dynamic_lookup") if sys.platform == "darwin" else ("-shared",)
+
+
+def _run_all(commands: Sequence[Sequence[str]]) -> None:
+    """Run the commands side by side; the first that fails is reported with what it said."""
+    running = []
+    for command in commands:
+        try:
+            process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        except OSError as error:
+            raise BuildError(f"the C compiler does not run: {shlex.join(command)}: {error}") from None
+        running.append((command, process))
+    failures = []
+    for command, process in running:
+        said, _ = process.communicate()
+        if process.returncode != 0:
+            failures.append((command, process.returncode, said))
+    if failures:
+        command, status, said = failures[0]
+        raise BuildError(
+            f"the C compiler failed with status {status}:\n  {shlex.join(command)}\n{said.strip()[:4000]}\n"
+            "check that the compiler works (CC names another one), that the disk is not full, and that flags are right"
+        )

@@ -1,0 +1,332 @@
+"""Programs -> C source.  Python decides here, templates hold the C.
+
+A program becomes a function of one statement per value; a value that one other value uses is written into it.  Large
+programs are split into several functions that hand values on in an array on the stack, because compilers need more
+than linear time for a long function.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import jinja2
+import jinja2.meta
+import numpy as np
+
+from eomgen._version import __version__
+from eomgen.model import Model
+
+from .equations import KERNELS, Equations, loop_operations, shapes
+from .ir import Program, users
+from .solve import coordinate_parents
+
+CHUNK = 600  # values per function
+INLINE = 72  # longest expression, in characters, that is written into another one
+FILL = 16  # from so many zeros on an output is cleared in a loop
+
+
+@dataclass(frozen=True)
+class Source:
+    """What is compiled: ``header``, ``code`` and ``cdef`` (the header's declarations for cffi), and ``meta`` for Python.
+
+    ``statements`` is the length of the code in values, from which the optimisation level is chosen.
+    """
+
+    name: str
+    header: str
+    code: str
+    cdef: str
+    meta: str
+    statements: int
+
+
+@dataclass(frozen=True)
+class Scalar:
+    """The C type of numbers: double, or float with its literals and functions."""
+
+    name: str
+    suffix: str
+
+    def literal(self, number: float) -> str:
+        """A literal that reads back as the same number."""
+        text = repr(float(number)) if not self.suffix else str(np.float32(number)) + self.suffix
+        return f"({text})" if text.startswith("-") else text
+
+
+SCALARS = {"float64": Scalar("double", ""), "float32": Scalar("float", "f")}
+
+
+@dataclass(frozen=True)
+class Function:
+    """A program as C: per chunk its statements, the size of the array that chunks share, arrays that are not read."""
+
+    name: str
+    arrays: tuple[str, ...]
+    chunks: tuple[tuple[str, ...], ...]
+    workspace: int
+    unused: tuple[tuple[str, ...], ...]
+    outputs: tuple[str, ...]
+
+
+def render(equations: Equations, dtype: str) -> Source:
+    """Equations -> Source.
+
+    Args:
+        dtype: "float64" or "float32".
+    """
+    model, scalar = equations.model, SCALARS[dtype]
+    functions = {name: write_function(program, scalar) for name, program in equations.programs.items()}
+    meta = metadata(equations, dtype)
+    context: dict[str, Any] = {
+        "name": model.name,
+        "guard": f"EOMGEN_{model.name.upper()}_H",
+        "version": __version__,
+        "dtype": dtype,
+        "real": scalar.name,
+        "one": scalar.literal(1.0),
+        "zero": scalar.literal(0.0),
+        "pivot_limit": scalar.literal(1e-12 if dtype == "float64" else 1e-5),
+        "coordinates": model.coordinates,
+        "n": model.size,
+        "bodies": [(body.name, body.joint) for body in model.bodies],
+        "links": model.links,
+        "frames": model.frames,
+        "origins": 12 * len(model.frames),
+        "axes": 12 * len(model.frames) + 3 * len(model.bodies),
+        "frame_bodies": [model.body_of[_link_of(model, frame)] for frame in model.frames],
+        "body_parents": [body.parent for body in model.bodies],
+        "body_first": [body.first for body in model.bodies],
+        "body_count": [len(body.active) for body in model.bodies],
+        "is_rotation": [int(name in ("alpha", "beta", "gamma")) for body in model.bodies for name in body.active],
+        "coordinate_parents": coordinate_parents(model),
+        "parameters": list(model.parameters),
+        "hoisted": len(equations.setup.outputs),
+        "kernels": [k for k in KERNELS if k in equations.kernels],
+        "all_kernels": KERNELS,
+        "sizes": {key: int(np.prod(shape)) for key, shape in shapes(model).items()},
+        "functions": functions,
+        "setup": write_function(equations.setup, scalar),
+        "loops": sorted(equations.loops),
+        "operations": meta["operations"],
+    }
+    header = _fill("kernel.h.jinja", context)
+    code = _fill("kernel.c.jinja", context)
+    declarations = header.split("/* begin of declarations */")[1].split("/* end of declarations */")[0]
+    statements = sum(len(program.instructions) for program in equations.programs.values())
+    return Source(model.name, header, code, declarations, json.dumps(meta, indent=1) + "\n", statements)
+
+
+@cache
+def environment() -> jinja2.Environment:
+    """Where the templates are; a name that is not given is an error."""
+    return jinja2.Environment(
+        loader=jinja2.PackageLoader("eomgen.templates", ""),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=False,  # C and Python, not HTML; every name in them is a checked identifier
+    )
+
+
+def _fill(template: str, context: Mapping[str, Any]) -> str:
+    """The template with its context; a name that the context does not have is a bug."""
+    loader = environment().loader
+    assert loader is not None
+    source = loader.get_source(environment(), template)[0]
+    missing = jinja2.meta.find_undeclared_variables(environment().parse(source)) - set(context)
+    assert not missing, f"{template} asks for {sorted(missing)}"
+    return environment().get_template(template).render(context)
+
+
+def _link_of(model: Model, frame: str) -> str:
+    return {f.name: f.link for f in model.robot.frames}.get(frame, frame)
+
+
+def metadata(equations: Equations, dtype: str) -> dict[str, Any]:
+    """What the Python face of a kernel knows of it."""
+    model = equations.model
+    return {
+        "generator": f"eomgen {__version__}",
+        "name": model.name,
+        "dtype": dtype,
+        "coordinates": model.coordinates,
+        "joints": [body.joint for body in model.bodies],
+        "links": model.links,
+        "frames": model.frames,
+        "parameters": dict(model.parameters),
+        "hoisted": len(equations.setup.outputs),
+        "shapes": {key: list(shape) for key, shape in shapes(model).items()},
+        "kernels": {
+            name: {"reads": KERNELS[name].reads, "writes": KERNELS[name].writes}
+            for name in KERNELS
+            if name in equations.kernels
+        },
+        "operations": operations(equations),
+    }
+
+
+def operations(equations: Equations) -> dict[str, dict[str, int]]:
+    """Multiplications, additions, divisions and sine-cosine pairs of every kernel's C, and of the parameters' setup."""
+    counts = {name: equations.programs[name].count() for name in equations.programs}
+    for name in equations.loops:
+        counts[name] = loop_operations(equations, name, counts)
+    public = {name: counts[name] for name in KERNELS if name in counts and name in equations.kernels}
+    return {**public, "parameters": equations.setup.count()}
+
+
+def write_function(program: Program, scalar: Scalar) -> Function:
+    """Program -> statements of C."""
+    signature = KERNELS.get(program.name)
+    arrays = tuple(a for a in ("h", "p", "q", "v", "a", "u", "wrench") if a in program.inputs())
+    if signature is not None:
+        arrays = ("h", *signature.reads)
+    chunks, workspace = _Writer(program, scalar).chunks()
+    unused = tuple(tuple(a for a in arrays if not any(re.search(rf"\b{a}\[", line) for line in chunk)) for chunk in chunks)
+    outputs = tuple(dict.fromkeys(key[0] for key in program.outputs))
+    return Function(program.name, arrays, tuple(tuple(chunk) for chunk in chunks), workspace, unused, outputs)
+
+
+class _Writer:
+    """Writes the statements of one program."""
+
+    def __init__(self, program: Program, scalar: Scalar) -> None:
+        self.program, self.scalar = program, scalar
+        self.count = users(program)
+        self.stores: dict[int, list[str]] = {}
+        for (array, position), index in program.outputs.items():
+            self.stores.setdefault(index, []).append(f"{array}[{position}]")
+        size = len(program.instructions)
+        computed = [i for i in range(size) if program.instructions[i].op not in ("const", "input")]
+        self.chunk_of = {index: order // CHUNK for order, index in enumerate(computed)}
+        self.last = max(self.chunk_of.values(), default=0)
+        self.slots = self._handed_on()
+
+    def _handed_on(self) -> dict[int, int]:
+        """Values that a later chunk reads, and their places in the shared array."""
+        slots: dict[int, int] = {}
+        for index, instruction in enumerate(self.program.instructions):
+            for arg in instruction.args:
+                if arg in self.chunk_of and self.chunk_of[arg] != self.chunk_of[index]:
+                    slots.setdefault(arg, len(slots))
+        return slots
+
+    def chunks(self) -> tuple[list[list[str]], int]:
+        """Statements per chunk, and the size of the shared array."""
+        lines: list[list[str]] = [[] for _ in range(self.last + 1)]
+        lines[0].extend(self._constant_outputs())
+        text: dict[int, str] = {}
+        known: list[dict[int, str]] = [{} for _ in lines]
+        for index, instruction in enumerate(self.program.instructions):
+            chunk = self.chunk_of.get(index)
+            if index in self.program.notes:
+                lines[chunk if chunk is not None else 0].append(f"/* {self.program.notes[index]} */")
+            if chunk is None:
+                text[index] = self._leaf(index)
+                continue
+            args = [self._argument(arg, chunk, text, known[chunk], lines[chunk]) for arg in instruction.args]
+            expression = self._expression(instruction.op, args)
+            if self._is_inlined(index, expression):
+                text[index] = expression
+                continue
+            if index in self.stores and self.count[index] == len(self.stores[index]):
+                lines[chunk].append(f"{' = '.join(self.stores[index])} = {expression};")
+                continue
+            lines[chunk].append(f"const {self.scalar.name} t{index} = {expression};")
+            text[index] = f"t{index}"
+            if index in self.slots:
+                lines[chunk].append(f"w[{self.slots[index]}] = t{index};")
+            if index in self.stores:
+                lines[chunk].append(f"{' = '.join(self.stores[index])} = t{index};")
+        return lines, len(self.slots)
+
+    def _constant_outputs(self) -> Iterator[str]:
+        """Outputs that are numbers or inputs, zeros in a loop where there are many."""
+        zeros: dict[str, int] = {}
+        for index, places in self.stores.items():
+            if index not in self.chunk_of and self._leaf(index) == self.scalar.literal(0.0):
+                for place in places:
+                    array = place.split("[")[0]
+                    zeros[array] = zeros.get(array, 0) + 1
+        filled = {array for array, number in zeros.items() if number >= FILL}
+        for array in sorted(filled):
+            size = 1 + max(position for name, position in self.program.outputs if name == array)
+            yield f"for (size_t i = 0; i < {size}; ++i) {array}[i] = {self.scalar.literal(0.0)};"
+        for index, places in self.stores.items():
+            if index not in self.chunk_of:
+                leaf = self._leaf(index)
+                kept = [p for p in places if leaf != self.scalar.literal(0.0) or p.split("[")[0] not in filled]
+                if kept:
+                    yield f"{' = '.join(kept)} = {leaf};"
+
+    def _leaf(self, index: int) -> str:
+        instruction = self.program.instructions[index]
+        if instruction.op == "const":
+            return self.scalar.literal(instruction.leaf)
+        return f"{instruction.leaf[0]}[{instruction.leaf[1]}]"
+
+    def _argument(self, arg: int, chunk: int, text: dict[int, str], known: dict[int, str], lines: list[str]) -> str:
+        """The text of an argument; one from an earlier chunk is loaded once."""
+        if arg not in self.chunk_of or self.chunk_of[arg] == chunk:
+            return text[arg]
+        if arg not in known:
+            lines.append(f"const {self.scalar.name} t{arg} = w[{self.slots[arg]}];")
+            known[arg] = f"t{arg}"
+        return known[arg]
+
+    def _is_inlined(self, index: int, expression: str) -> bool:
+        return (
+            self.count[index] == 1
+            and index not in self.stores
+            and index not in self.slots
+            and len(expression) <= INLINE
+            and self.program.instructions[index].op not in ("sin", "cos")
+        )
+
+    def _expression(self, op: str, args: Sequence[str]) -> str:
+        if op in ("sin", "cos"):
+            return f"{op}{self.scalar.suffix}({args[0]})"
+        if op == "neg":
+            return f"-{_factor(args[0])}"
+        x, y = args
+        if op == "add":
+            return f"{x} + {_term(y)}"
+        if op == "sub":
+            return f"{x} - {_term(y)}"
+        sign = "*" if op == "mul" else "/"
+        return f"{_factor(x, leading=True)}{sign}{_factor(y)}"
+
+
+def _is_sum(text: str) -> bool:
+    return " " in _outside_brackets(text)
+
+
+def _is_product(text: str) -> bool:
+    outside = _outside_brackets(text)
+    return "*" in outside or "/" in outside
+
+
+def _outside_brackets(text: str) -> str:
+    depth, kept = 0, []
+    for letter in text:
+        depth += (letter == "(") - (letter == ")")
+        if depth == 0:
+            kept.append(letter)
+    return "".join(kept)
+
+
+def _term(text: str) -> str:
+    """A right summand, in brackets where its own sum or sign would be read otherwise."""
+    return f"({text})" if _is_sum(text) or text.startswith("-") else text
+
+
+def _factor(text: str, *, leading: bool = False) -> str:
+    """A factor; a product on the right keeps its brackets, because rounding depends on the order."""
+    if _is_sum(text) or text.startswith("-") or (not leading and _is_product(text)):
+        return f"({text})"
+    return text
