@@ -20,12 +20,13 @@ from functools import cache
 from pathlib import Path
 
 import cffi
+from cffi.recompiler import make_c_source, make_py_source
 
 import eomgen
 from eomgen._version import __version__
 from eomgen.errors import BuildError
 
-from .render import Source, environment
+from .source import Source, environment
 
 FLAGS = ("-O2", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off")
 NATIVE = ("-march=native", "-ffp-contract=fast")
@@ -142,9 +143,8 @@ def _build_api(source: Source, compiler: Compiler, flags: Sequence[str], folder:
     work.mkdir()
     ffi = cffi.FFI()
     ffi.cdef(source.cdef)
-    ffi.set_source(f"_{name}", f'#include "{name}.h"')
     wrapper = work / f"_{name}.c"
-    ffi.emit_c_code(str(wrapper))
+    make_c_source(ffi, f"_{name}", f'#include "{name}.h"', str(wrapper))  # emit_c_code prints to stdout
     include = ("-I", str(folder), "-I", headers)
     objects = [work / "wrapper.o", work / "kernel.o"]
     jobs = [
@@ -162,8 +162,7 @@ def _build_abi(source: Source, compiler: Compiler, flags: Sequence[str], folder:
     name = source.name
     ffi = cffi.FFI()
     ffi.cdef(source.cdef)
-    ffi.set_source(f"_{name}_types", None)
-    ffi.emit_python_code(str(folder / f"_{name}_types.py"))
+    make_py_source(ffi, f"_{name}_types", str(folder / f"_{name}_types.py"))
     opened = (
         "from pathlib import Path\n\n"
         f"from ._{name}_types import ffi\n\n"

@@ -11,10 +11,8 @@ import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
-import jinja2
 import jinja2.meta
 import numpy as np
 
@@ -24,25 +22,11 @@ from eomgen.model import Model
 from .equations import KERNELS, Equations, loop_operations, shapes
 from .ir import Program, users
 from .solve import coordinate_parents
+from .source import Source, environment
 
 CHUNK = 600  # values per function
 INLINE = 72  # longest expression, in characters, that is written into another one
 FILL = 16  # from so many zeros on an output is cleared in a loop
-
-
-@dataclass(frozen=True)
-class Source:
-    """What is compiled: ``header``, ``code`` and ``cdef`` (the header's declarations for cffi), and ``meta`` for Python.
-
-    ``statements`` is the length of the code in values, from which the optimisation level is chosen.
-    """
-
-    name: str
-    header: str
-    code: str
-    cdef: str
-    meta: str
-    statements: int
 
 
 @dataclass(frozen=True)
@@ -119,19 +103,6 @@ def render(equations: Equations, dtype: str) -> Source:
     declarations = header.split("/* begin of declarations */")[1].split("/* end of declarations */")[0]
     statements = sum(len(program.instructions) for program in equations.programs.values())
     return Source(model.name, header, code, declarations, json.dumps(meta, indent=1) + "\n", statements)
-
-
-@cache
-def environment() -> jinja2.Environment:
-    """Where the templates are; a name that is not given is an error."""
-    return jinja2.Environment(
-        loader=jinja2.PackageLoader("eomgen.templates", ""),
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-        autoescape=False,  # C and Python, not HTML; every name in them is a checked identifier
-    )
 
 
 def _fill(template: str, context: Mapping[str, Any]) -> str:

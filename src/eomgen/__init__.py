@@ -1,0 +1,50 @@
+"""From a robot's description to compiled equations of motion.
+
+    import eomgen
+    robot = eomgen.load_robot("puma560_elastic")
+    kernel = eomgen.build(robot)
+    kernel.mass_matrix(q)
+"""
+
+from __future__ import annotations
+
+from ._version import __version__
+from .description import builtin_robots, load_robot
+from .errors import (
+    ArrayError,
+    BuildError,
+    DescriptionError,
+    EomgenError,
+    InputError,
+    IntegrationError,
+    InternalError,
+    SingularError,
+    UnknownNameError,
+)
+from .kernel import Kernel
+from .pipeline import build, generate
+from .robot import Coordinate, Frame, Joint, Link, Placement, Robot
+
+__all__ = [
+    "ArrayError",
+    "BuildError",
+    "Coordinate",
+    "DescriptionError",
+    "EomgenError",
+    "Frame",
+    "InputError",
+    "IntegrationError",
+    "InternalError",
+    "Joint",
+    "Kernel",
+    "Link",
+    "Placement",
+    "Robot",
+    "SingularError",
+    "UnknownNameError",
+    "__version__",
+    "build",
+    "builtin_robots",
+    "generate",
+    "load_robot",
+]

@@ -1,0 +1,93 @@
+/* one_link.h: equations of motion of the robot one_link.
+ *
+ * Written by eomgen 0.1.0 in float64; this code belongs to whoever generated it.
+ * Numbers are SI units and radians; matrices are stored by rows.
+ *
+ * Coordinates, in the order of q:
+ *     0  joint1.x
+ *     1  joint1.gamma
+ *
+ * Run-time parameters, in the order of p:
+ *     0  gravity.x
+ *     1  gravity.y
+ *     2  gravity.z
+ *     3  joints.joint1.x.stiffness
+ *
+ * Links, in the order of wrench:
+ *     0  link1
+ *
+ * Frames, by number:
+ *     0  tcp
+ *     1  base
+ *     2  link1
+ *
+ * Operations          mul    add    div  sincos
+ *   mass_matrix           1      0      0      1
+ *   bias_force            3      0      0      1
+ *   generalized_force     8      4      0      1
+ *   external_force        7      4      0      1
+ *   residual             12     10      0      1
+ *   inverse_dynamics     12      8      0      1
+ *   forward_dynamics     17     10      1      1
+ *   coriolis_matrix      18      7      0      1
+ *   christoffel          14      6      0      1
+ *   kinematics            0      2      0      1
+ *   energy               15      7      0      1
+ *   reactions             9      6      0      1
+ *   parameters            2      1      0      0
+ */
+#ifndef EOMGEN_ONE_LINK_H
+#define EOMGEN_ONE_LINK_H
+
+#include <stddef.h>
+
+#define ONE_LINK_DOF 2
+#define ONE_LINK_LINKS 1
+#define ONE_LINK_FRAMES 3
+#define ONE_LINK_PARAMETERS 4
+#define ONE_LINK_HOISTED 7
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Every kernel returns 0, or 1 + i where the mass matrix cannot be inverted at coordinate i.
+ * h is what one_link_setup makes of the parameters p; all arrays are the caller's, and out overlaps no other.
+ * A batch takes count states that lie step numbers apart (0: the same for all) and returns -1, or
+ * state * ONE_LINK_DOF + i of the first failure. */
+
+/* begin of declarations */
+void one_link_setup(const double *p, double *h);
+int one_link_mass_matrix(const double *h, const double *q, double *out);
+long long one_link_mass_matrix_batch(size_t count, const double *h, const double *q, size_t q_step, double *out);
+int one_link_bias_force(const double *h, const double *q, const double *v, double *out);
+long long one_link_bias_force_batch(size_t count, const double *h, const double *q, size_t q_step, const double *v, size_t v_step, double *out);
+int one_link_generalized_force(const double *h, const double *q, const double *v, double *out);
+long long one_link_generalized_force_batch(size_t count, const double *h, const double *q, size_t q_step, const double *v, size_t v_step, double *out);
+int one_link_external_force(const double *h, const double *q, const double *wrench, double *out);
+long long one_link_external_force_batch(size_t count, const double *h, const double *q, size_t q_step, const double *wrench, size_t wrench_step, double *out);
+int one_link_residual(const double *h, const double *q, const double *v, const double *a, const double *u, double *out);
+long long one_link_residual_batch(size_t count, const double *h, const double *q, size_t q_step, const double *v, size_t v_step, const double *a, size_t a_step, const double *u, size_t u_step, double *out);
+int one_link_inverse_dynamics(const double *h, const double *q, const double *v, const double *a, double *out);
+long long one_link_inverse_dynamics_batch(size_t count, const double *h, const double *q, size_t q_step, const double *v, size_t v_step, const double *a, size_t a_step, double *out);
+int one_link_forward_dynamics(const double *h, const double *q, const double *v, const double *u, double *out);
+long long one_link_forward_dynamics_batch(size_t count, const double *h, const double *q, size_t q_step, const double *v, size_t v_step, const double *u, size_t u_step, double *out);
+int one_link_coriolis_matrix(const double *h, const double *q, const double *v, double *out);
+long long one_link_coriolis_matrix_batch(size_t count, const double *h, const double *q, size_t q_step, const double *v, size_t v_step, double *out);
+int one_link_christoffel(const double *h, const double *q, double *out);
+long long one_link_christoffel_batch(size_t count, const double *h, const double *q, size_t q_step, double *out);
+int one_link_energy(const double *h, const double *q, const double *v, double *out);
+long long one_link_energy_batch(size_t count, const double *h, const double *q, size_t q_step, const double *v, size_t v_step, double *out);
+int one_link_reactions(const double *h, const double *q, const double *v, const double *a, double *out);
+long long one_link_reactions_batch(size_t count, const double *h, const double *q, size_t q_step, const double *v, size_t v_step, const double *a, size_t a_step, double *out);
+int one_link_frame_pose(const double *h, const double *q, int frame, double *out);
+int one_link_frame_jacobian(const double *h, const double *q, int frame, double *out);
+long long one_link_frame_pose_batch(size_t count, const double *h, const double *q, size_t q_step, int frame, double *out);
+long long one_link_frame_jacobian_batch(size_t count, const double *h, const double *q, size_t q_step, int frame, double *out);
+/* end of declarations */
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,359 @@
+"""The NumPy face of a compiled module.
+
+A generated package carries a copy of this file: it imports NumPy and its neighbour ``errors`` and nothing else.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator, Mapping, MutableMapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .errors import ArrayError, InputError, SingularError, UnknownNameError
+
+Array = NDArray[Any]
+
+
+class Kernel:
+    """Compiled equations of motion of one robot.
+
+    Arrays are (n,) for one state or (N, n) for N states, and the result gains the same leading axis; a single state
+    beside a batch stands for all of it.  SI units, radians; frames are the description's.  Coordinates are in the
+    order of ``coordinates``.  Calls are re-entrant and release the GIL.
+
+    Attributes:
+        name: the robot's name.
+        coordinates: n names such as "joint1.x".
+        joints: names of the joints that move, in the order of ``reactions``.
+        links: names of the links that move, in the order of ``wrench``.
+        frames: names that ``frame_pose`` knows: frames, then links.
+        parameters: mapping from name to value; an assignment takes effect without recompiling.
+        operations: per kernel the multiplications, additions, divisions and sine-cosine pairs of its C.
+        dtype: the dtype of all arrays.
+
+    Raises (all methods):
+        ArrayError: an array of wrong shape, of a dtype that is not converted exactly, or with NaN or infinity.
+    """
+
+    def __init__(self, ffi: Any, lib: Any, meta: Mapping[str, Any]) -> None:
+        self.name: str = meta["name"]
+        self.coordinates: tuple[str, ...] = tuple(meta["coordinates"])
+        self.joints: tuple[str, ...] = tuple(meta["joints"])
+        self.links: tuple[str, ...] = tuple(meta["links"])
+        self.frames: tuple[str, ...] = tuple(meta["frames"])
+        self.operations: dict[str, dict[str, int]] = {k: dict(v) for k, v in meta["operations"].items()}
+        self.dtype: np.dtype[Any] = np.dtype(meta["dtype"])
+        self._ffi, self._lib = ffi, lib
+        self._pointer = {"float64": "double[]", "float32": "float[]"}[meta["dtype"]]
+        self._shapes = {key: tuple(shape) for key, shape in meta["shapes"].items()}
+        n = len(self.coordinates)
+        self._shapes.update(pose=(4, 4), jacobian=(6, n))
+        self._functions = {
+            name: (getattr(lib, f"{self.name}_{name}_batch"), tuple(entry["reads"]), entry["writes"])
+            for name, entry in meta["kernels"].items()
+            if name != "kinematics"
+        }
+        if "kinematics" in meta["kernels"]:
+            for name, writes in (("frame_pose", "pose"), ("frame_jacobian", "jacobian")):
+                self._functions[name] = (getattr(lib, f"{self.name}_{name}_batch"), ("q",), writes)
+        self.parameters = Parameters(self, meta["parameters"], meta["hoisted"])
+
+    def __repr__(self) -> str:
+        return f"<Kernel {self.name}: {len(self.coordinates)} coordinates, {self.dtype}>"
+
+    @property
+    def n(self) -> int:
+        """Number of coordinates."""
+        return len(self.coordinates)
+
+    def mass_matrix(self, q: ArrayLike, *, out: Array | None = None) -> Array:
+        """M(q), (n, n), symmetric; eq. (11).  Entry units: kg, kg m or kg m^2 by the kinds of its coordinates."""
+        return self._run("mass_matrix", out, (q,))
+
+    def bias_force(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
+        """Coriolis and centrifugal terms, (n,), N or N m: sum_vw C^svw v w of eq. (12)."""
+        return self._run("bias_force", out, (q, v))
+
+    def generalized_force(
+        self, q: ArrayLike, v: ArrayLike, *, wrench: ArrayLike | None = None, out: Array | None = None
+    ) -> Array:
+        """Q_P + Q_G, eqs. (13) and (14), (n,), N or N m; with Q_F where wrenches are given.
+
+        Args:
+            q, v: coordinates and their rates, (n,).
+            wrench: (links, 6), per link force (N) then moment (N m) about its centre of mass, base axes.
+            out: array to write to.
+        """
+        result = self._run("generalized_force", out, (q, v))
+        return self._add_external(result, q, wrench, 1.0)
+
+    def residual(
+        self,
+        q: ArrayLike,
+        v: ArrayLike,
+        a: ArrayLike,
+        u: ArrayLike,
+        *,
+        wrench: ArrayLike | None = None,
+        out: Array | None = None,
+    ) -> Array:
+        """M a + bias - generalized_force - u, (n,), N or N m; zero on a motion."""
+        return self._add_external(self._run("residual", out, (q, v, a, u)), q, wrench, -1.0)
+
+    def inverse_dynamics(
+        self,
+        q: ArrayLike,
+        v: ArrayLike,
+        a: ArrayLike,
+        *,
+        wrench: ArrayLike | None = None,
+        out: Array | None = None,
+    ) -> Array:
+        """The drives u, (n,), N or N m, that make the residual zero."""
+        return self._add_external(self._run("inverse_dynamics", out, (q, v, a)), q, wrench, -1.0)
+
+    def forward_dynamics(
+        self,
+        q: ArrayLike,
+        v: ArrayLike,
+        u: ArrayLike,
+        *,
+        wrench: ArrayLike | None = None,
+        out: Array | None = None,
+    ) -> Array:
+        """Accelerations, (n,), m/s^2 or rad/s^2, under the drives u.
+
+        Raises:
+            SingularError: M cannot be inverted in this state.
+        """
+        if wrench is not None:
+            u = self._array("u", u, self._shapes["u"])[0] + self.external_force(q, wrench)
+        return self._run("forward_dynamics", out, (q, v, u))
+
+    def external_force(self, q: ArrayLike, wrench: ArrayLike, *, out: Array | None = None) -> Array:
+        """Q_F of eq. (14), its moment term corrected, (n,), N or N m, of wrenches (links, 6) in base axes."""
+        return self._run("external_force", out, (q, wrench))
+
+    def coriolis_matrix(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
+        """C(q, v), (n, n), the Christoffel one: C v = bias, M_dot = C + C^T."""
+        return self._run("coriolis_matrix", out, (q, v))
+
+    def christoffel(self, q: ArrayLike, *, out: Array | None = None) -> Array:
+        """Christoffel symbols of the first kind, (n, n, n): C^svw of eq. (12), symmetric in the last two indices."""
+        return self._run("christoffel", out, (q,))
+
+    def frame_pose(self, q: ArrayLike, frame: str, *, out: Array | None = None) -> Array:
+        """A_0k of a frame or link in the base, (4, 4), m; eqs. (1) and (2).
+
+        Raises:
+            UnknownNameError: no frame or link of that name.
+        """
+        return self._run("frame_pose", out, (q,), self._frame(frame))
+
+    def frame_jacobian(self, q: ArrayLike, frame: str, *, out: Array | None = None) -> Array:
+        """Velocity of a frame's origin and angular velocity per coordinate rate, (6, n): linear, angular, base axes.
+
+        Raises:
+            UnknownNameError: no frame or link of that name.
+        """
+        return self._run("frame_jacobian", out, (q,), self._frame(frame))
+
+    def energy(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
+        """(kinetic, potential) energy, (2,), J: eq. (4); gravity (zero at the base's origin) and springs."""
+        return self._run("energy", out, (q, v))
+
+    def reactions(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, out: Array | None = None) -> Array:
+        """What each joint exerts on its child link, (joints, 6): force (N), moment (N m) at the joint.
+
+        In the axes of the joint's frame after its motion (z is the principal axis), at that frame's origin.  Without
+        external wrenches; the joint's own springs, dampers and drives are part of it.
+        """
+        return self._run("reactions", out, (q, v, a))
+
+    def _frame(self, name: str) -> tuple[int]:
+        if name not in self.frames:
+            raise UnknownNameError(f"frame: {name!r} is unknown{_nearest(name, self.frames)}")
+        return (self.frames.index(name),)
+
+    def _add_external(self, result: Array, q: ArrayLike, wrench: ArrayLike | None, sign: float) -> Array:
+        if wrench is None:
+            return result
+        external = self.external_force(q, wrench)
+        if external.ndim > result.ndim:
+            return np.asarray(result + self.dtype.type(sign) * external)
+        result += self.dtype.type(sign) * external
+        return result
+
+    def _run(self, name: str, out: Array | None, values: Sequence[ArrayLike], extra: tuple[int, ...] = ()) -> Array:
+        """Check the arrays, call the C, and say what went wrong."""
+        found = self._functions.get(name)
+        if found is None:
+            raise UnknownNameError(f"{self.name} was built without the kernel {name}; built: {', '.join(self._functions)}")
+        function, reads, writes = found
+        count: int | None = None
+        arguments: list[Any] = []
+        arrays: list[Array] = []
+        for label, value in zip(reads, values, strict=True):
+            shape = self._shapes[label]
+            array, states = self._array(label, value, shape)
+            if states is not None:
+                if count not in (None, states):
+                    raise ArrayError(f"{label}: {states} states, but {count} in the arrays before it")
+                count = states
+            arrays.append(array)
+            arguments += [self._ffi.from_buffer(self._pointer, array), 0 if states is None else array[0].size if states else 0]
+        shape = self._shapes[writes] if count is None else (count, *self._shapes[writes])
+        result = np.empty(shape, self.dtype) if out is None else self._checked_out(out, shape, arrays)
+        target = self._ffi.from_buffer(self._pointer, result)
+        setup = self.parameters._setup
+        failed = function(1 if count is None else count, setup.pointer, *arguments, *extra, target)
+        if failed >= 0:
+            self._raise_singular(int(failed), count)
+        return result
+
+    def _array(self, label: str, value: ArrayLike, shape: tuple[int, ...]) -> tuple[Array, int | None]:
+        """The value as a C-contiguous array of this kernel's dtype, and the number of states if it is a batch."""
+        if isinstance(value, np.ndarray) and value.dtype == self.dtype and value.flags.c_contiguous:
+            array = value
+        else:
+            array = self._converted(label, value, shape)
+        if array.shape == shape:
+            states = None
+        elif array.ndim == len(shape) + 1 and array.shape[1:] == shape:
+            states = array.shape[0]
+        else:
+            raise ArrayError(f"{label}: expected {self._expected(shape)}, got shape {array.shape}")
+        if not np.isfinite(array).all():
+            where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+            raise ArrayError(f"{label}: {self._element(label, where, shape)} is {array[where]}; numbers must be finite")
+        return array, states
+
+    def _converted(self, label: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
+        try:
+            array = np.asarray(value)
+        except (ValueError, TypeError) as error:
+            raise ArrayError(f"{label}: expected {self._expected(shape)}, got {type(value).__name__} ({error})") from None
+        plain = not isinstance(value, np.ndarray) and array.dtype == np.float64  # Python floats, not an array of them
+        if array.dtype.kind not in "fiub" or not (plain or np.can_cast(array.dtype, self.dtype, "safe")):
+            raise ArrayError(
+                f"{label}: expected {self._expected(shape)}, got dtype {array.dtype}, which {self.dtype} cannot hold exactly"
+            )
+        return np.ascontiguousarray(array, self.dtype).reshape(array.shape)
+
+    def _expected(self, shape: tuple[int, ...]) -> str:
+        inner = ", ".join(map(str, shape))
+        comma = "," if len(shape) == 1 else ""
+        return f"{self.dtype} of shape ({inner}{comma}) or (N, {inner})"
+
+    def _element(self, label: str, where: tuple[int, ...], shape: tuple[int, ...]) -> str:
+        inner = where[-len(shape) :]
+        if label == "wrench":
+            axis = ("force.x", "force.y", "force.z", "moment.x", "moment.y", "moment.z")[inner[1]]
+            text = f"{axis} of link {self.links[inner[0]]}"
+        else:
+            text = self.coordinates[inner[0]]
+        return text if len(where) == len(shape) else f"{text} in state {where[0]}"
+
+    def _checked_out(self, out: Array, shape: tuple[int, ...], arrays: Sequence[Array]) -> Array:
+        if not isinstance(out, np.ndarray):
+            raise ArrayError(f"out: expected a NumPy array, got {type(out).__name__}")
+        if out.shape != shape or out.dtype != self.dtype:
+            raise ArrayError(f"out: expected {self.dtype} of shape {shape}, got {out.dtype} of shape {out.shape}")
+        if not out.flags.c_contiguous or not out.flags.writeable:
+            raise ArrayError("out: expected a C-contiguous array that can be written, got one that is not")
+        if any(np.may_share_memory(out, array) for array in arrays):
+            raise ArrayError("out: overlaps an argument; give it memory of its own")
+        return out
+
+    def _raise_singular(self, failed: int, count: int | None) -> None:
+        state, coordinate = divmod(failed, self.n)
+        place = "" if count is None else f" in state {state}"
+        raise SingularError(
+            f"forward_dynamics: the mass matrix cannot be inverted at {self.coordinates[coordinate]}{place}; either the"
+            " links that it moves have no inertia along it, or an angle beta is at +-pi/2, where Euler angles are singular"
+        )
+
+
+class _Setup:
+    """Parameters and what is computed from them; replaced as a whole, so that a running call keeps its own."""
+
+    def __init__(self, ffi: Any, lib: Any, name: str, pointer: str, values: Array, hoisted: int) -> None:
+        self.values = values
+        self.computed = np.zeros(max(hoisted, 1), values.dtype)
+        self.pointer = ffi.from_buffer(pointer, self.computed)
+        padded = values if values.size else np.zeros(1, values.dtype)
+        getattr(lib, f"{name}_setup")(ffi.from_buffer(pointer, padded), self.pointer)
+
+
+class Parameters(MutableMapping[str, float]):
+    """Run-time parameters by name; assigning computes what depends on them alone.
+
+    ``update`` sets several at once.  Masses, stiffnesses, dampings and armatures are at least 0; that an inertia
+    stays one that a body can have is up to the caller.
+    """
+
+    def __init__(self, kernel: Kernel, values: Mapping[str, float], hoisted: int) -> None:
+        self._kernel, self._hoisted = kernel, hoisted
+        self._slots = {name: slot for slot, name in enumerate(values)}
+        self._set(np.array(list(values.values()), kernel.dtype))
+
+    def _set(self, values: Array) -> None:
+        kernel = self._kernel
+        self._setup = _Setup(kernel._ffi, kernel._lib, kernel.name, kernel._pointer, values, self._hoisted)
+
+    def __getitem__(self, name: str) -> float:
+        return float(self._setup.values[self._slot(name)])
+
+    def __setitem__(self, name: str, value: float) -> None:
+        self.update({name: value})
+
+    def __delitem__(self, name: str) -> None:
+        raise InputError(f"parameters: {name!r} cannot be removed; assign another value")
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._slots)
+
+    def __len__(self) -> int:
+        return len(self._slots)
+
+    def __repr__(self) -> str:
+        return f"Parameters({dict(self)})"
+
+    def update(self, *args: Any, **kwargs: float) -> None:
+        """Set several parameters at once; all of them, or none if one is refused.
+
+        Raises:
+            UnknownNameError: not a run-time parameter of this kernel.
+            InputError: not a finite number, or negative where that cannot be.
+        """
+        values = self._setup.values.copy()
+        for name, value in dict(*args, **kwargs).items():
+            slot = self._slot(name)
+            if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
+                raise InputError(f"parameters: {name} = {value!r} is not a number")
+            if not np.isfinite(value):
+                raise InputError(f"parameters: {name} = {value!r} is not finite")
+            if value < 0 and name.endswith((".mass", ".stiffness", ".damping", ".armature")):
+                raise InputError(f"parameters: {name} = {value!r} is negative; at least 0 is allowed")
+            values[slot] = value
+        self._set(values)
+
+    def _slot(self, name: str) -> int:
+        try:
+            return self._slots[name]
+        except (KeyError, TypeError):
+            pass
+        raise UnknownNameError(
+            f"parameters: {name!r} is not a run-time parameter of {self._kernel.name}{_nearest(str(name), list(self._slots))};"
+            " list other numbers of the description under `tunable`"
+        )
+
+
+def _nearest(name: str, known: Sequence[str]) -> str:
+    close = difflib.get_close_matches(name, known, 1)
+    if close:
+        return f"; did you mean {close[0]!r}?"
+    return f"; known: {', '.join(known)}" if known else "; there are none"

@@ -1,0 +1,217 @@
+"""Robot -> Kernel, one line per stage.
+
+    stage            input              output
+    build_model      Robot              Model       the ordered tree, its coordinates and parameters
+    derive_equations Model              Equations   SymPy joint blocks bound along the tree: one program per kernel
+    render           Equations          Source      C, header, metadata
+    write_package    Source             package     compiled, importable with NumPy and cffi alone
+    load_package     package            Kernel      the NumPy face
+
+The first three are skipped when the cache holds their source, the fourth when it holds their package; then SymPy is
+not imported.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import json
+import shutil
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from . import cache as store
+from ._version import __version__
+from .errors import BuildError, InputError
+from .kernel import Kernel
+from .model import Model, build_model
+from .robot import Robot
+
+KERNEL_NAMES = (
+    "mass_matrix",
+    "bias_force",
+    "generalized_force",
+    "external_force",
+    "residual",
+    "inverse_dynamics",
+    "forward_dynamics",
+    "coriolis_matrix",
+    "christoffel",
+    "kinematics",
+    "energy",
+    "reactions",
+)
+DTYPES = ("float64", "float32")
+
+Progress = Callable[[str], None]
+
+
+def _silent(_: str) -> None:
+    """No progress report."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """What is generated and how it is compiled.
+
+    kernels: names of KERNEL_NAMES, all if empty ("kinematics" stands for frame_pose and frame_jacobian).
+    dtype: "float64" or "float32".
+    native: compile for this processor, with fused multiply-add; the default runs on any of its kind.
+    flags: further compiler flags.
+    """
+
+    kernels: tuple[str, ...] = ()
+    dtype: str = "float64"
+    native: bool = False
+    flags: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in self.kernels:
+            if name not in KERNEL_NAMES:
+                raise InputError(f"kernels: {name!r} is unknown; allowed: {', '.join(KERNEL_NAMES)}")
+        if self.dtype not in DTYPES:
+            raise InputError(f"dtype: {self.dtype!r} is unknown; allowed: {', '.join(DTYPES)}")
+
+
+def build(
+    robot: Robot,
+    *,
+    kernels: Sequence[str] = (),
+    dtype: str = "float64",
+    native: bool = False,
+    flags: Sequence[str] = (),
+    progress: Progress = _silent,
+) -> Kernel:
+    """Derive, render and compile the robot's equations of motion, or load them from the cache.
+
+    Args:
+        robot: from ``load_robot``.
+        kernels, dtype, native, flags: see Options.
+        progress: called with a line of text when a stage begins.
+
+    Raises:
+        InputError: an option is unknown.
+        BuildError: no compiler, a compiler that fails, a cache that cannot be written.
+    """
+    options = Options(tuple(kernels), dtype, native, tuple(flags))
+    return load_package(_cached_package(robot, options, progress), robot.name)
+
+
+def generate(robot: Robot, folder: Path, options: Options | None = None, *, progress: Progress = _silent) -> Path:
+    """Write the importable package ``folder/<robot.name>`` and return its path.
+
+    A package of an earlier generation there is replaced in one step; a folder that holds anything else is refused.
+
+    Raises:
+        InputError: the target exists and is not a generated package, or the folder cannot be written.
+        BuildError: see ``build``.
+    """
+    package = _cached_package(robot, options or Options(), progress)
+    target = folder / robot.name
+    if target.exists() and not (target / f"{robot.name}.json").is_file() and any(target.iterdir()):
+        raise InputError(f"{target} exists and is not a generated package; give another folder with -o, or move it")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        private = Path(tempfile.mkdtemp(prefix=".making-", dir=folder))
+        try:
+            for path in package.iterdir():
+                if path.is_file() and path.name != store.MANIFEST:
+                    shutil.copyfile(path, private / path.name)
+            private.chmod(0o755)
+            if target.exists():
+                target.rename(private / "replaced")
+            private.rename(target)
+            shutil.rmtree(target / "replaced", ignore_errors=True)
+        finally:
+            shutil.rmtree(private, ignore_errors=True)
+    except OSError as error:
+        raise InputError(f"{target} cannot be written: {error.strerror or error}") from None
+    return target
+
+
+def _cached_package(robot: Robot, options: Options, progress: Progress) -> Path:
+    from .codegen.compile import FLAGS, NATIVE, Source, build_key, find_compiler, write_package
+
+    sources = store.entry("sources", _source_key(robot, options), lambda folder: _derive(robot, options, folder, progress))
+    source = Source(**json.loads((sources / "source.json").read_text(encoding="ascii")))
+    compiler = find_compiler()
+    flags = (*FLAGS, *(NATIVE if options.native else ()), *options.flags)
+
+    def make(folder: Path) -> None:
+        progress(f"compiling {source.statements} statements of C")
+        write_package(source, compiler, flags, folder)
+
+    return store.entry("packages", build_key(source, compiler, flags), make)
+
+
+def _derive(robot: Robot, options: Options, folder: Path, progress: Progress) -> None:
+    """Robot -> Source, written into the folder."""
+    progress("importing SymPy")
+    from .codegen.equations import derive_equations
+    from .codegen.render import render
+
+    model = build_model(robot)  # Robot -> Model
+    progress(f"deriving the equations of {model.size} coordinates")
+    equations = derive_equations(model, options.kernels)  # Model -> Equations
+    source = render(equations, options.dtype)  # Equations -> Source
+    (folder / "source.json").write_text(json.dumps(asdict(source)), encoding="ascii")
+
+
+def _source_key(robot: Robot, options: Options) -> str:
+    """Hash of the description, the options that change the source, and the generator's own code."""
+    text = json.dumps([_plain(robot), options.kernels, options.dtype, __version__, _generator()])
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _plain(robot: Robot) -> Any:
+    """The robot's numbers and names; its source and notes do not change the equations."""
+    joints = [{**vars(j), "coordinates": {k: vars(c) for k, c in j.coordinates.items()}} for j in robot.joints]
+    values = {**vars(robot), "joints": joints, "source": "", "notes": ""}
+    return json.loads(json.dumps(values, default=vars))
+
+
+@cache
+def _generator() -> str:
+    """Hash of the generator's code and templates."""
+    here = Path(__file__).parent
+    digest = hashlib.sha256()
+    spec = [importlib.util.find_spec(f"eomgen.{name}") for name in ("codegen", "templates")]
+    folders = [Path(place) for found in spec if found for place in found.submodule_search_locations or ()]
+    files = [here / "model.py", here / "robot.py"]
+    files += [path for folder in folders for path in sorted(folder.iterdir()) if path.suffix in (".py", ".jinja")]
+    for path in files:
+        digest.update(path.name.encode() + path.read_bytes())
+    return digest.hexdigest()
+
+
+def load_package(package: Path, name: str) -> Kernel:
+    """A kernel, with parameters of its own, from the folder of a generated package.
+
+    Raises:
+        BuildError: the package does not load.
+    """
+    module_name = f"_eomgen_{package.name}_{name}"
+    module = sys.modules.get(module_name)
+    if module is None:
+        spec = importlib.util.spec_from_file_location(
+            module_name, package / "__init__.py", submodule_search_locations=[str(package)]
+        )
+        if spec is None or spec.loader is None:
+            raise BuildError(f"{package} is not a package")
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[module_name] = module
+        try:
+            spec.loader.exec_module(module)
+        except (ImportError, OSError) as error:
+            del sys.modules[module_name]
+            raise BuildError(f"the compiled module in {package} does not load: {error}") from None
+    meta = module._META
+    return Kernel(module._ffi, module._lib, meta)
+
+
+__all__ = ["DTYPES", "KERNEL_NAMES", "Model", "Options", "build", "generate", "load_package"]
