@@ -22,6 +22,7 @@ from .passes import PARAMETERS, hoist_parameters, run_passes
 from .recursion import inertial_rows, kinetic_energy
 from .regroup import regroup
 from .solve import coordinate_parents, solve
+from .zeros import zero_map
 
 STRAIGHT_SOLVE = 12  # up to so many coordinates the factorisation is written out, above it is a loop in C
 STRAIGHT_CHRISTOFFEL = 12000  # up to so many operations the tensor is written out, above it is a loop over columns
@@ -232,13 +233,17 @@ def _coriolis_matrix(d: Derivation) -> Outputs:
 
 
 def _christoffel(d: Derivation) -> Outputs:
-    """Column by column: C at unit velocities, so that zeros fold and the rest is shared."""
+    """Column by column: C at unit velocities, so that zeros fold and the rest is shared.
+
+    What vanishes only by an identity (C_i,ji = 0, say) would be left as round-off; the zero map knows it.
+    """
     n = d.model.size
+    survives = zero_map(d.model).christoffel.mask.reshape(n * n, n)
     outputs: Outputs = {}
     for k in range(n):
         velocity = [float(i == k) for i in range(n)]
         for ij, value in enumerate(_coriolis(d, velocity)):
-            outputs["out", ij * n + k] = value
+            outputs["out", ij * n + k] = value if survives[ij, k] else 0.0
     return dict(sorted(outputs.items()))
 
 

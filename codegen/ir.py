@@ -116,6 +116,13 @@ class Graph:
             return self.sub(x, minus_y)
         if minus_x is not None:
             return self.sub(y, minus_x)
+        for one, other in ((x, y), (y, x)):  # (a - b) + b
+            difference = self._args("sub", one)
+            if difference is not None and difference[1] == other.index:
+                return Node(self, difference[0])
+        merged = self._merged_constants(x, y)
+        if merged is not None:
+            return merged
         return self._binary("add", x, y) if x.index <= y.index else self._binary("add", y, x)
 
     def sub(self, x: Value, y: Value) -> Value:
@@ -134,8 +141,48 @@ class Graph:
             return self.add(x, minus_y)
         if minus_x is not None:
             return self.neg(self.add(minus_x, y))
+        cancelled = self._cancelled(x, y)
+        if cancelled is not None:
+            return cancelled
         turned = self._interned.get(("sub", (y.index, x.index), None))
         return self._binary("sub", x, y) if turned is None else self.neg(Node(self, turned))
+
+    def _cancelled(self, x: Node, y: Node) -> Value | None:
+        """x - y where a summand of one is the other: (a + y) - y, x - (x + b), x - (x - b), (y - b) - y."""
+        for one, other, sign in ((x, y, 1), (y, x, -1)):
+            total = self._args("add", one)
+            if total is not None and other.index in total:
+                rest = Node(self, total[1] if total[0] == other.index else total[0])
+                return rest if sign > 0 else self.neg(rest)
+            difference = self._args("sub", one)
+            if difference is not None and difference[0] == other.index:
+                rest = Node(self, difference[1])
+                return self.neg(rest) if sign > 0 else rest
+        return None
+
+    def _merged_constants(self, x: Node, y: Node) -> Value | None:
+        """x + y with one constant where both bring one."""
+        (rest_x, c), (rest_y, d) = self._split_constant(x), self._split_constant(y)
+        if c is None or d is None:
+            return None
+        return self.add(self.add(rest_x, rest_y), c + d)
+
+    def _split_constant(self, x: Node) -> tuple[Value, float | None]:
+        """x as (rest, constant): a constant itself, c + rest, or c - rest."""
+        found = self.instructions[x.index]
+        if found.op == "const":
+            return 0.0, found.leaf
+        for op in ("add", "sub"):
+            if found.op == op:
+                for arg, other in (found.args, found.args[::-1]) if op == "add" else (found.args,):
+                    if self.instructions[arg].op == "const":
+                        rest = Node(self, other)
+                        return (rest if op == "add" else self.neg(rest)), self.instructions[arg].leaf
+        return x, None
+
+    def _args(self, op: str, x: Node) -> tuple[int, ...] | None:
+        found = self.instructions[x.index]
+        return found.args if found.op == op else None
 
     def mul(self, x: Value, y: Value) -> Value:
         """x y; signs move outwards, constants inwards."""

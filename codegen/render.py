@@ -23,6 +23,7 @@ from .equations import KERNELS, Equations, loop_operations, shapes
 from .ir import Program, users
 from .solve import coordinate_parents
 from .source import Source, environment
+from .zeros import zero_map
 
 CHUNK = 600  # values per function
 INLINE = 72  # longest expression, in characters, that is written into another one
@@ -96,6 +97,7 @@ def render(equations: Equations, dtype: str) -> Source:
         "functions": functions,
         "setup": write_function(equations.setup, scalar),
         "loops": sorted(equations.loops),
+        "survivors": christoffel_bits(model) if "christoffel" in equations.loops else [],
         "operations": meta["operations"],
     }
     header = _fill("kernel.h.jinja", context)
@@ -113,6 +115,15 @@ def _fill(template: str, context: Mapping[str, Any]) -> str:
     missing = jinja2.meta.find_undeclared_variables(environment().parse(source)) - set(context)
     assert not missing, f"{template} asks for {sorted(missing)}"
     return environment().get_template(template).render(context)
+
+
+def christoffel_bits(model: Model) -> list[str]:
+    """The zero map of the tensor C as 64-bit words, the first entry in the lowest bit."""
+    mask = zero_map(model).christoffel.mask.ravel()
+    padded = np.zeros(-(-mask.size // 64) * 64, bool)
+    padded[: mask.size] = mask
+    words = np.packbits(padded, bitorder="little").view("<u8")
+    return [f"{word:#x}ULL" for word in words]
 
 
 def _link_of(model: Model, frame: str) -> str:
