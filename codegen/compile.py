@@ -54,7 +54,7 @@ def find_compiler() -> Compiler:
         if shutil.which(name):
             return _probe((name,))
     try:
-        import ziglang  # noqa: F401
+        import ziglang  # type: ignore[import-not-found,unused-ignore]  # noqa: F401
     except ImportError:
         raise BuildError(
             "no C compiler found: $CC is not set, and cc, gcc and clang are not on the path; install one"

@@ -15,6 +15,7 @@ from eomgen.model import FIXED_BODY, Model
 from .bodies import (
     Bound,
     Mat,
+    Pose,
     PseudoInertia,
     Scalar,
     Vec,
@@ -28,16 +29,17 @@ from .bodies import (
     transpose,
 )
 from .freeze import JointGeometry, Rotation, unit
-from .recursion import STILL, Velocity, Wrench, rotational_inertia, through_joint_back, velocities
+from .recursion import Note, Velocity, Wrench, no_note, rotational_inertia, through_joint_back, velocities
 
 Rows = dict[tuple[int, int], Scalar]
 
 
-def mass_matrix(model: Model, bound: Bound, joints: Sequence[JointGeometry]) -> Rows:
+def mass_matrix(model: Model, bound: Bound, joints: Sequence[JointGeometry], note: Note = no_note) -> Rows:
     """Entries (i, j) with i <= j of M; an absent pair is identically zero."""
     rows: Rows = {}
     composite = [body.inertia for body in bound.bodies]
     for k in range(len(model.bodies) - 1, -1, -1):
+        note(f"{model.bodies[k].joint}: columns of M from the composite pseudo-inertia, eq. (11)")
         columns, at_joint = _columns(composite[k], joints[k])
         for index, wrench in columns:
             _read_column(model, joints, k, index, wrench, rows)
@@ -69,9 +71,7 @@ def _columns(H: PseudoInertia, joint: JointGeometry) -> tuple[list[tuple[int, Wr
     return columns, H
 
 
-def _read_column(
-    model: Model, joints: Sequence[JointGeometry], k: int, index: int, wrench: Wrench, rows: Rows
-) -> None:
+def _read_column(model: Model, joints: Sequence[JointGeometry], k: int, index: int, wrench: Wrench, rows: Rows) -> None:
     """All entries of one column: in its own joint from where it stands, then towards the base."""
     read: list[Scalar] = [None] * model.size
     wrench = through_joint_back(wrench, _front(joints[k], index), read)
@@ -127,12 +127,6 @@ def turned(R: Mat, H: PseudoInertia) -> PseudoInertia:
         a, b = (axis + 1) % 3, (axis + 2) % 3
         if all(R[axis][j] == (j == axis) and R[j][axis] == (j == axis) for j in range(3)):
             return rotated(Rotation(-1, axis, R[b][a], R[a][a], R), H)
-    return _turned_in_general(R, H)
-
-
-def _turned_in_general(R: Mat, H: PseudoInertia) -> PseudoInertia:
-    from .bodies import Pose
-
     return congruence(Pose(R, (0.0, 0.0, 0.0)), H)
 
 
@@ -190,7 +184,11 @@ class _Coordinate:
 
 
 def coriolis_matrix(
-    model: Model, bound: Bound, joints: Sequence[JointGeometry], v: Sequence[Scalar]
+    model: Model,
+    bound: Bound,
+    joints: Sequence[JointGeometry],
+    v: Sequence[Scalar],
+    note: Note = no_note,
 ) -> Rows:
     """Entries (i, j) of C; an absent pair is identically zero."""
     entries: Rows = {}
@@ -198,6 +196,7 @@ def coriolis_matrix(
     composite = [body.inertia for body in bound.bodies]
     momenta = [_momentum(H, W) for H, (_, W) in zip(composite, speed, strict=True)]
     for k in range(len(model.bodies) - 1, -1, -1):
+        note(f"{model.bodies[k].joint}: columns and rows of C, eq. (12) contracted with the velocity")
         found, H, G = _contributions(composite[k], momenta[k], joints[k], speed[k][0])
         for index, contribution in found:
             _read_coordinate(model, joints, speed, k, index, contribution, entries)
@@ -280,6 +279,3 @@ def _read_against_rates(
     for index, axis in joint.translations:
         values[index] = dot(force, cross(before[0].rate, unit(axis)))
     return matvec(joint.turn, couple), values
-
-
-__all__ = ["STILL", "coriolis_matrix", "mass_matrix", "rotated", "shifted", "turned"]

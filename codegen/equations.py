@@ -59,7 +59,7 @@ KERNELS: Mapping[str, Signature] = {
 def shapes(model: Model) -> dict[str, tuple[int, ...]]:
     """Shape of every array that kernels read and write."""
     n = model.size
-    vectors = {name: (n,) for name in ("q", "v", "a", "u", "vector")}
+    vectors: dict[str, tuple[int, ...]] = dict.fromkeys(("q", "v", "a", "u", "vector"), (n,))
     return {
         **vectors,
         "wrench": (len(model.links), 6),
@@ -154,12 +154,12 @@ class Derivation:
 
     def dynamics(self, v: list[Any], a: list[Any]) -> list[Scalar]:
         """Inertial, gravity, spring and damper terms: the drives that the motion needs."""
-        rows, _ = inertial_rows(self.model, self.bound, self.joints, v, a, self.bound.gravity)
+        rows, _ = inertial_rows(self.model, self.bound, self.joints, v, a, self.bound.gravity, self.graph.note)
         return [row + force for row, force in zip(rows, elastic_rows(self.bound, self.q, v), strict=True)]
 
     def matrix(self) -> Rows:
         """Entries of M on and above the diagonal."""
-        return mass_matrix(self.model, self.bound, self.joints)
+        return mass_matrix(self.model, self.bound, self.joints, self.graph.note)
 
 
 def derive(model: Model, kernel: str) -> Program:
@@ -181,7 +181,7 @@ def _symmetric(rows: Rows, n: int) -> Outputs:
 
 
 def _bias_force(d: Derivation) -> Outputs:
-    return _vector(inertial_rows(d.model, d.bound, d.joints, d.v, d.still, (0.0, 0.0, 0.0))[0])
+    return _vector(inertial_rows(d.model, d.bound, d.joints, d.v, d.still, (0.0, 0.0, 0.0), d.graph.note)[0])
 
 
 def _generalized_force(d: Derivation) -> Outputs:
@@ -224,7 +224,7 @@ def _forward_dynamics(d: Derivation) -> Outputs:
 
 
 def _coriolis(d: Derivation, v: list[Any]) -> list[Scalar]:
-    entries, n = coriolis_matrix(d.model, d.bound, d.joints, v), d.model.size
+    entries, n = coriolis_matrix(d.model, d.bound, d.joints, v, d.graph.note), d.model.size
     return [entries.get((i, j), 0.0) for i in range(n) for j in range(n)]
 
 
@@ -267,7 +267,7 @@ def _energy(d: Derivation) -> Outputs:
 
 
 def _reactions(d: Derivation) -> Outputs:
-    _, total = inertial_rows(d.model, d.bound, d.joints, d.v, d.a, d.bound.gravity)
+    _, total = inertial_rows(d.model, d.bound, d.joints, d.v, d.a, d.bound.gravity, d.graph.note)
     return _vector([x for wrench in total for x in (*wrench.force, *wrench.moment)])
 
 

@@ -11,9 +11,9 @@ import math
 from dataclasses import replace
 
 from eomgen.model import Model
+from eomgen.robot import IDENTITY
 
 from .bodies import Bound, BoundBody, Pose, PseudoInertia, Scalar, Vec, add, congruence, dot, scale, transpose
-from eomgen.robot import IDENTITY
 
 AXIS = 2  # the principal axis
 
@@ -43,7 +43,7 @@ def choose_frames(model: Model, bound: Bound) -> Bound:
 def _move(bodies: list[BoundBody], k: int, children: list[int], by: Pose, *, placed: bool) -> None:
     """Move body k's frame by a pose given in that frame; ``placed``: the joint's placement moves too."""
     back_rotation = transpose(by.rotation)
-    back = Pose(back_rotation, scale(-1.0, tuple(dot(row, by.origin) for row in back_rotation)))  # type: ignore[arg-type]
+    back = Pose(back_rotation, scale(-1.0, tuple(dot(row, by.origin) for row in back_rotation)))
     placement = bodies[k].placement @ by if placed else bodies[k].placement
     bodies[k] = BoundBody(placement, congruence(back, bodies[k].inertia))
     for child in children:
@@ -62,7 +62,8 @@ def _best_shift(bodies: list[BoundBody], k: int, children: list[int]) -> float:
         moved += [add(origin, (0.0, 0.0, -shift)) for origin in origins]
         return sum(component != 0.0 for origin in moved for component in origin)
 
-    return min(candidates, key=lambda shift: (cost(shift), shift != 0.0))
+    best: float = min(candidates, key=lambda shift: (cost(shift), shift != 0.0))
+    return best
 
 
 def _turn_onto_x(first: Vec) -> float:
@@ -79,5 +80,3 @@ def _plain(bodies: list[BoundBody], k: int, children: list[int]) -> bool:
 def _is_plain(H: PseudoInertia) -> bool:
     numbers = [*(x for row in H.second for x in row), *H.first, H.mass]
     return all(isinstance(x, float) for x in numbers)
-
-

@@ -231,7 +231,7 @@ class Graph:
             return x
         found = self.instructions[x.index]
         if found.op == "const":
-            return factor * found.leaf
+            return factor * float(found.leaf)
         if found.op == "mul" and self.instructions[found.args[0]].op == "const":
             return self._scaled(factor * self.instructions[found.args[0]].leaf, Node(self, found.args[1]))
         return self._binary("mul", self.constant(factor), x)

@@ -62,15 +62,13 @@ def _cross(a: Vec, b: Vec) -> Vec:
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
-def potential_energy(
-    model: Model, bound: Bound, joints: Sequence[JointGeometry], q: Sequence[Scalar]
-) -> Scalar:
+def potential_energy(model: Model, bound: Bound, joints: Sequence[JointGeometry], q: Sequence[Scalar]) -> Scalar:
     """Energy of gravity (zero with every body's mass at the base's origin) and of the springs, J."""
     poses, _ = body_poses(model, joints)
     energy: Scalar = 0.0
     for pose, body in zip(poses, bound.bodies, strict=True):
         H = body.inertia
-        first = add(matvec(pose.rotation, H.first), tuple(H.mass * x for x in pose.origin))  # type: ignore[arg-type]
+        first = add(matvec(pose.rotation, H.first), tuple(H.mass * x for x in pose.origin))
         for g, moment in zip(bound.gravity, first, strict=True):
             energy = energy - g * moment
     for stiffness, s in zip(bound.stiffness, q, strict=True):

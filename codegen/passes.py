@@ -27,9 +27,7 @@ def absorb_negations(program: Program) -> Program:
                 turned[index] = arg
     if not turned:
         return program
-    moved = [
-        Instruction(i.op, tuple(turned.get(arg, arg) for arg in i.args), i.leaf) for i in instructions
-    ]
+    moved = [Instruction(i.op, tuple(turned.get(arg, arg) for arg in i.args), i.leaf) for i in instructions]
     outputs = {key: turned.get(index, index) for key, index in program.outputs.items()}
     return select(program.name, moved, outputs, program.notes)
 

@@ -9,7 +9,7 @@ expressions alike.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from eomgen.model import FIXED_BODY, Model
@@ -18,6 +18,11 @@ from .bodies import Bound, Mat, PseudoInertia, Scalar, Vec, add, cross, dot, mat
 from .freeze import JointGeometry, unit
 
 ZERO: Vec = (0.0, 0.0, 0.0)
+Note = Callable[[str], None]
+
+
+def no_note(_: str) -> None:
+    """Where nobody reads comments."""
 
 
 @dataclass(frozen=True)
@@ -59,12 +64,18 @@ def acceleration(rate: Vec, dot_rate: Vec, origin: Vec) -> Acceleration:
 
 
 def accelerations(
-    model: Model, joints: Sequence[JointGeometry], v: Sequence[Scalar], a: Sequence[Scalar], base: Vec
+    model: Model,
+    joints: Sequence[JointGeometry],
+    v: Sequence[Scalar],
+    a: Sequence[Scalar],
+    base: Vec,
+    note: Note = no_note,
 ) -> list[Acceleration]:
     """K of every body, the base's origin accelerated with ``base`` (m/s^2; minus gravity stands for gravity)."""
     still = acceleration(ZERO, ZERO, base)
     bodies: list[Acceleration] = []
     for body, joint in zip(model.bodies, joints, strict=True):
+        note(f"{body.name}: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded")
         parent = still if body.parent == FIXED_BODY else bodies[body.parent]
         bodies.append(_through_joint(parent, joint, v, a))
     return bodies
@@ -100,7 +111,7 @@ def body_wrench(K: Acceleration, H: PseudoInertia) -> Wrench:
 
 
 def collect(
-    model: Model, joints: Sequence[JointGeometry], wrenches: Sequence[Wrench]
+    model: Model, joints: Sequence[JointGeometry], wrenches: Sequence[Wrench], note: Note = no_note
 ) -> tuple[list[Scalar], list[Wrench]]:
     """From the tips to the base: the trace against every tangent, and each joint's whole wrench in body axes.
 
@@ -113,6 +124,7 @@ def collect(
     total = list(wrenches)
     rows: list[Scalar] = [0.0] * model.size
     for k in range(len(model.bodies) - 1, -1, -1):
+        note(f"{model.bodies[k].joint}: traces against its tangents, eq. (5)")
         at_parent = through_joint_back(total[k], joints[k], rows)
         parent = model.bodies[k].parent
         if parent != FIXED_BODY:
@@ -139,11 +151,13 @@ def inertial_rows(
     v: Sequence[Scalar],
     a: Sequence[Scalar],
     gravity: Vec,
+    note: Note = no_note,
 ) -> tuple[list[Scalar], list[Wrench]]:
     """Left-hand side of eq. (5) minus gravity's generalized force, per coordinate, and the joints' wrenches."""
-    moving = accelerations(model, joints, v, a, scale(-1.0, gravity))
+    moving = accelerations(model, joints, v, a, scale(-1.0, gravity), note)
+    note("force and moment of every link: P = K H")
     wrenches = [body_wrench(K, body.inertia) for K, body in zip(moving, bound.bodies, strict=True)]
-    rows, total = collect(model, joints, wrenches)
+    rows, total = collect(model, joints, wrenches, note)
     return [row + c * acc for row, c, acc in zip(rows, bound.armature, a, strict=True)], total
 
 
@@ -179,9 +193,7 @@ def velocities(
     return bodies
 
 
-def kinetic_energy(
-    model: Model, bound: Bound, joints: Sequence[JointGeometry], v: Sequence[Scalar]
-) -> Scalar:
+def kinetic_energy(model: Model, bound: Bound, joints: Sequence[JointGeometry], v: Sequence[Scalar]) -> Scalar:
     """Eq. (4): E = 1/2 sum_k tr(W_k H_k W_k^T), with the armatures."""
     energy: Scalar = 0.0
     for (_, W), body in zip(velocities(model, joints, v), bound.bodies, strict=True):

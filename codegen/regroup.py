@@ -37,9 +37,7 @@ def split(H: PseudoInertia, active: tuple[str, ...]) -> tuple[PseudoInertia, Pse
     with_mass = all(turn.is_rotation for turn in steps)
 
     def parts(inside: bool) -> PseudoInertia:
-        second = tuple(
-            tuple(H.second[i][j] if ({i, j} <= axes) == inside else 0.0 for j in range(3)) for i in range(3)
-        )
+        second = tuple(tuple(H.second[i][j] if ({i, j} <= axes) == inside else 0.0 for j in range(3)) for i in range(3))
         first = tuple(H.first[i] if (i in axes and with_mass) == inside else 0.0 for i in range(3))
         mass = H.mass if with_mass == inside else 0.0
         return PseudoInertia(second, first, mass)  # type: ignore[arg-type]

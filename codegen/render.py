@@ -165,13 +165,19 @@ def operations(equations: Equations) -> dict[str, dict[str, int]]:
 def write_function(program: Program, scalar: Scalar) -> Function:
     """Program -> statements of C."""
     signature = KERNELS.get(program.name)
-    arrays = tuple(a for a in ("h", "p", "q", "v", "a", "u", "wrench") if a in program.inputs())
+    arrays: tuple[str, ...] = tuple(a for a in ("h", "p", "q", "v", "a", "u", "wrench") if a in program.inputs())
     if signature is not None:
         arrays = ("h", *signature.reads)
     chunks, workspace = _Writer(program, scalar).chunks()
-    unused = tuple(tuple(a for a in arrays if not any(re.search(rf"\b{a}\[", line) for line in chunk)) for chunk in chunks)
+    unused = tuple(
+        tuple(a for a in arrays if not any(re.search(rf"\b{a}\[", line) for line in chunk)) for chunk in chunks
+    )
     outputs = tuple(dict.fromkeys(key[0] for key in program.outputs))
     return Function(program.name, arrays, tuple(tuple(chunk) for chunk in chunks), workspace, unused, outputs)
+
+
+def _reads(chunk: Sequence[str], array: str) -> bool:
+    return any(re.search(rf"\b{array}\[", line) for line in chunk)
 
 
 class _Writer:

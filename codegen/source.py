@@ -10,9 +10,9 @@ import jinja2
 
 @dataclass(frozen=True)
 class Source:
-    """What is compiled: ``header``, ``code`` and ``cdef`` (the header's declarations for cffi), and ``meta`` for Python.
+    """What is compiled: ``header``, ``code``, ``cdef`` (the header's declarations, for cffi), ``meta`` for Python.
 
-    ``statements`` is the length of the code in values, from which the optimisation level is chosen.
+    ``statements`` is the length of the code in values.
     """
 
     name: str

@@ -1,0 +1,60 @@
+# eomgen: what can be run here.  Everything happens in .venv; nothing else on the machine is touched.
+#
+#   make demo     derive, compile, simulate and plot the 36-DOF elastic PUMA 560; results in out/demo
+#   make test     lint, then the whole test suite
+#   make lint     ruff (lint and format) and mypy --strict
+#   make bench    operation counts and times beside Newton-Euler; writes docs/benchmarks.md
+#   make soak     the long tests
+#   make sample   regenerate the committed sample in generated/one_link
+#   make wheel    build the wheel into dist/
+#   make clean    remove what the commands above made
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+
+# An editable install links file by file (mypy needs that), so a new or renamed file asks for a new install.
+FILES := $(sort $(wildcard src/eomgen/*.py src/eomgen/robots/*.toml codegen/*.py templates/*))
+STAMP := $(shell echo '$(FILES)' | cksum | cut -d ' ' -f 1)
+INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --config-settings editable_mode=strict
+
+.PHONY: demo test lint bench soak sample wheel clean
+
+demo: $(VENV)/.sim-$(STAMP)
+	$(BIN)/eomgen info puma560_elastic
+	$(BIN)/eomgen simulate puma560_elastic -o out/demo
+
+test: lint
+	$(BIN)/python -m pytest -n auto --dist worksteal
+
+lint: $(VENV)/.test-$(STAMP)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy -p eomgen
+
+bench: $(VENV)/.test-$(STAMP)
+	$(BIN)/python benchmarks/run.py
+
+soak: $(VENV)/.test-$(STAMP)
+	$(BIN)/python -m pytest -n auto --dist worksteal -m soak
+
+sample: $(VENV)/.sim-$(STAMP)
+	$(BIN)/eomgen generate one_link -o generated
+
+wheel: $(VENV)/.test-$(STAMP)
+	rm -rf build/lib dist
+	$(BIN)/python -m build --wheel
+
+clean:
+	rm -rf $(VENV) build dist out src/*.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+
+$(BIN)/python:
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.sim-$(STAMP): pyproject.toml | $(BIN)/python
+	$(INSTALL) -e '.[sim]'
+	touch $@
+
+$(VENV)/.test-$(STAMP): pyproject.toml | $(BIN)/python
+	$(INSTALL) -e '.[test]'
+	touch $@ $(VENV)/.sim-$(STAMP)

@@ -1,0 +1,7 @@
+"""python -m eomgen."""
+
+import sys
+
+from .cli import main
+
+sys.exit(main())

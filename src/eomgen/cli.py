@@ -1,0 +1,204 @@
+"""The command line: robots, info, generate, simulate, bench.
+
+Exit status: 0; 1 something given cannot be used; 2 usage; 70 a bug of eomgen.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import traceback
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from ._version import __version__
+from .description import builtin_robots, load_robot
+from .errors import EomgenError, EomgenWarning, InputError
+from .pipeline import DTYPES, KERNEL_NAMES, Options, generate
+from .robot import Robot
+
+OK, INPUT_ERROR, BUG = 0, 1, 70
+INTERRUPTED = 130
+
+EXAMPLES = """\
+examples:
+  eomgen robots                                  the built-in robots
+  eomgen info puma560_elastic                    coordinates, parameters, zero blocks, operation counts
+  eomgen generate arm.toml -o generated          write and compile generated/arm, then: import arm
+  eomgen simulate puma560_elastic -o out         programmed motion; trajectory.npz and plots
+  eomgen bench ur5                               operation counts and times beside Newton-Euler
+
+ROBOT is the name of a built-in robot, or the path of a .toml or .urdf file.
+"""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command; the value is the exit status."""
+    options = _parser().parse_args(arguments)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", EomgenWarning)  # the robot's notes say the same, and are printed
+            command: Callable[[argparse.Namespace], None] = options.command
+            command(options)
+        sys.stdout.flush()
+        return OK
+    except EomgenError as error:
+        print(f"eomgen: {error}", file=sys.stderr)
+        return INPUT_ERROR if isinstance(error, InputError) else BUG
+    except BrokenPipeError:  # the reader has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return OK
+    except KeyboardInterrupt:
+        print("eomgen: interrupted", file=sys.stderr)
+        return INTERRUPTED
+    except Exception:  # noqa: BLE001  the last resort: whatever it is, it is our bug
+        print("eomgen: this is a bug of eomgen; please report it with the lines below", file=sys.stderr)
+        traceback.print_exc()
+        return BUG
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="eomgen",
+        description="From a robot's description to compiled equations of motion.",
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"eomgen {__version__}")
+    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    robots = commands.add_parser("robots", help="list the built-in robots")
+    robots.add_argument("--json", action="store_true", help="print JSON")
+    robots.set_defaults(command=_robots)
+    info = _robot_command(commands, "info", _info, "what a robot is made of, and what its equations cost")
+    info.add_argument("--json", action="store_true", help="print JSON")
+    make = _robot_command(commands, "generate", _generate, "write and compile an importable package")
+    make.add_argument("-o", "--output", type=Path, default=Path("generated"), help="folder to write to (generated)")
+    make.add_argument("--dtype", choices=DTYPES, default="float64", help="type of all numbers (float64)")
+    make.add_argument("--native", action="store_true", help="compile for this processor alone")
+    make.add_argument(
+        "--kernel", action="append", default=[], choices=KERNEL_NAMES, help="only this kernel; may be repeated (all)"
+    )
+    _add_simulate(commands)
+    bench = _robot_command(commands, "bench", _bench, "operation counts and times beside a Newton-Euler algorithm in C")
+    bench.add_argument("--json", action="store_true", help="print JSON")
+    return parser
+
+
+def _add_simulate(commands: Any) -> None:
+    simulate = _robot_command(commands, "simulate", _simulate, "run a programmed motion of all coordinates")
+    simulate.add_argument("-o", "--output", type=Path, default=Path("out"), help="folder for results and plots (out)")
+    simulate.add_argument("--duration", type=float, default=2.0, metavar="S", help="duration in seconds (2)")
+    simulate.add_argument("--method", default="auto", help="auto, Radau, BDF, LSODA, DOP853, RK45 or rk4 (auto)")
+    simulate.add_argument(
+        "--goal", type=float, nargs="+", metavar="Q", help="goal of the principal coordinates, rad or m, joint by joint"
+    )
+    simulate.add_argument("--no-plots", action="store_true", help="write the trajectory only")
+    simulate.add_argument("--json", action="store_true", help="print JSON")
+
+
+def _robot_command(commands: Any, name: str, function: Any, text: str) -> argparse.ArgumentParser:
+    """A command that takes a ROBOT and the options of reading it."""
+    parser: argparse.ArgumentParser = commands.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
+    parser.add_argument("robot", metavar="ROBOT", help="built-in name, or path of a .toml or .urdf file")
+    parser.add_argument(
+        "--inertia",
+        choices=("error", "warn", "project"),
+        help="an inertia that no body can have: refuse it, take it as it is, or take the nearest one (error)",
+    )
+    parser.add_argument("--urdf-damping", action="store_true", help="read <dynamics damping=...> of an URDF")
+    parser.set_defaults(command=function)
+    return parser
+
+
+def _load(options: argparse.Namespace) -> Robot:
+    robot = load_robot(options.robot, inertia=options.inertia, urdf_damping=options.urdf_damping)
+    for note in robot.notes:
+        print(f"note: {note}", file=sys.stderr)
+    return robot
+
+
+@contextmanager
+def _progress(title: str) -> Iterator[Callable[[float, str], None]]:
+    """A progress bar on a terminal, nothing in a pipe."""
+    if not sys.stderr.isatty():
+        yield lambda fraction, text: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
+        task = bars.add_task(title, total=None)
+
+        def report(fraction: float, text: str) -> None:
+            bars.update(task, description=text or title, total=1.0 if fraction > 0 else None, completed=fraction)
+
+        yield report
+
+
+def _robots(options: argparse.Namespace) -> None:
+    from .model import build_model
+
+    rows = []
+    for name in builtin_robots():
+        model = build_model(load_robot(name))
+        rows.append({"name": name, "coordinates": model.size, "links": len(model.links)})
+    if options.json:
+        print(json.dumps(rows, indent=1))
+        return
+    for row in rows:
+        print(f"{row['name']:<18} {row['coordinates']:>3} coordinates, {row['links']:>2} moving links")
+
+
+def _info(options: argparse.Namespace) -> None:
+    from .info import robot_info
+
+    robot = _load(options)
+    with _progress("deriving") as report:
+        info = robot_info(robot, progress=lambda text: report(0.0, text))
+    print(json.dumps(info.as_dict(), indent=1) if options.json else "\n".join(info.lines()))
+
+
+def _generate(options: argparse.Namespace) -> None:
+    robot = _load(options)
+    chosen = Options(tuple(options.kernel), options.dtype, options.native)
+    with _progress("generating") as report:
+        target = generate(robot, options.output, chosen, progress=lambda text: report(0.0, text))
+    print(target)
+
+
+def _simulate(options: argparse.Namespace) -> None:
+    from .simulate import simulate
+
+    robot = _load(options)
+    with _progress("simulating") as report:
+        result = simulate(robot, duration=options.duration, method=options.method, goal=options.goal, progress=report)
+    written = [result.save(options.output / "trajectory.npz")]
+    if not options.no_plots:
+        from .plots import plot_result
+
+        written += plot_result(result, options.output)
+    if options.json:
+        print(json.dumps({"files": [str(path) for path in written], **result.summary()}, indent=1))
+        return
+    print("\n".join(result.summary_lines()))
+    for path in written:
+        print(f"wrote {path}")
+
+
+def _bench(options: argparse.Namespace) -> None:
+    from .bench import bench
+
+    robot = _load(options)
+    with _progress("measuring") as report:
+        result = bench(robot, progress=lambda text: report(0.0, text))
+    print(json.dumps(result.as_dict(), indent=1) if options.json else "\n".join(result.lines()))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,90 @@
+"""What a robot is made of, which terms of its equations vanish, and what the rest costs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from .model import Model, build_model
+from .robot import Robot
+
+UNITS = {"x": "m", "y": "m", "z": "m", "alpha": "rad", "beta": "rad", "gamma": "rad"}
+
+
+@dataclass(frozen=True)
+class RobotInfo:
+    """A model with its zero map's text and the operations of its kernels.
+
+    ``loops`` names the kernels whose C calls others in a loop, each with the reason.
+    """
+
+    model: Model
+    zeros: Mapping[str, Any]
+    zero_lines: tuple[str, ...]
+    operations: Mapping[str, Mapping[str, int]]
+    loops: Mapping[str, str]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        model = self.model
+        return {
+            "name": model.name,
+            "source": model.robot.source,
+            "notes": list(model.robot.notes),
+            "coordinates": list(model.coordinates),
+            "joints": [body.joint for body in model.bodies],
+            "links": list(model.links),
+            "frames": list(model.frames),
+            "mass": self._mass(),
+            "parameters": dict(model.parameters),
+            "zeros": dict(self.zeros),
+            "operations": {name: dict(count) for name, count in self.operations.items()},
+            "choices": dict(self.loops),
+        }
+
+    def lines(self) -> list[str]:
+        """A page of text."""
+        model = self.model
+        count = f"{model.size} coordinates, {len(model.bodies)} joints that move, {self._mass():.6g} kg moving"
+        lines = [f"{model.name}: {count}", "", *self._joint_lines(), "", *self.zero_lines, "", *self._operation_lines()]
+        parameters = len(model.parameters)
+        lines += ["", f"run-time parameters: {parameters} (kernel.parameters; list more under `tunable`)"]
+        lines += [f"frames: {', '.join(model.frames)}"]
+        return lines
+
+    def _mass(self) -> float:
+        robot = self.model.robot
+        return float(sum(robot.link(name).mass for name in self.model.links))
+
+    def _joint_lines(self) -> list[str]:
+        lines = ["coordinate                        stiffness     damping    armature"]
+        for body in self.model.bodies:
+            joint = self.model.robot.joint(body.joint)
+            for name, given in joint.coordinates.items():
+                numbers = (given.stiffness, given.damping, given.armature)
+                texts = ["-" if number is None else f"{number:.4g}" for number in numbers]
+                label = f"{body.joint}.{name} [{UNITS[name]}]"
+                lines.append(f"{label:<30} {texts[0]:>12}{texts[1]:>12}{texts[2]:>12}")
+        return lines
+
+    def _operation_lines(self) -> list[str]:
+        lines = ["operations of the C           mul      add    div  sincos"]
+        for name, count in self.operations.items():
+            row = f"{count['mul']:>9}{count['add']:>9}{count['div']:>7}{count['sincos']:>8}"
+            lines.append(f"{name:<24}{row}" + ("  (loop)" if name in self.loops else ""))
+        lines += [f"  {name}: {reason}" for name, reason in self.loops.items()]
+        return lines
+
+
+def robot_info(robot: Robot, *, progress: Callable[[str], None] = lambda text: None) -> RobotInfo:
+    """Derive the robot's equations and say what came out; nothing is compiled."""
+    from .codegen.equations import derive_equations
+    from .codegen.render import operations
+    from .codegen.zeros import zero_map
+
+    model = build_model(robot)
+    progress(f"deriving the equations of {model.size} coordinates")
+    equations = derive_equations(model)
+    zeros = zero_map(model)
+    return RobotInfo(model, zeros.as_dict(), tuple(zeros.lines()), operations(equations), equations.loops)
