@@ -62,7 +62,8 @@ class Bound:
     """A model with its numbers, in the model's order; ``links`` and ``frames`` hold (body, pose in that body).
 
     ``coms`` are the links' centres of mass in their bodies' frames; ``stiffness``, ``damping``, ``armature`` and
-    ``angle_offsets`` (added to an angle before it turns, rad) are per coordinate.
+    ``angle_offsets`` (added to an angle before it turns, rad) are per coordinate.  ``at_rest`` is the first moment
+    (kg m, base frame) of mass that regrouping moved to the base: its weight is a constant of the potential energy.
     """
 
     gravity: Vec
@@ -73,6 +74,7 @@ class Bound:
     damping: tuple[Scalar, ...]
     armature: tuple[Scalar, ...]
     angle_offsets: tuple[float, ...]
+    at_rest: Vec = (0.0, 0.0, 0.0)
 
 
 def bind(

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from eomgen.model import FIXED_BODY, Model
 
-from .bodies import Bound, Pose, Scalar, Vec, add, matmul, matvec, transpose
+from .bodies import Bound, Pose, Scalar, Vec, add, dot, matmul, matvec, transpose
 from .freeze import JointGeometry
 from .recursion import Wrench, collect
 
@@ -65,7 +65,7 @@ def _cross(a: Vec, b: Vec) -> Vec:
 def potential_energy(model: Model, bound: Bound, joints: Sequence[JointGeometry], q: Sequence[Scalar]) -> Scalar:
     """Energy of gravity (zero with every body's mass at the base's origin) and of the springs, J."""
     poses, _ = body_poses(model, joints)
-    energy: Scalar = 0.0
+    energy: Scalar = -dot(bound.gravity, bound.at_rest)
     for pose, body in zip(poses, bound.bodies, strict=True):
         H = body.inertia
         first = add(matvec(pose.rotation, H.first), tuple(H.mass * x for x in pose.origin))

@@ -11,20 +11,24 @@ from dataclasses import replace
 
 from eomgen.model import FIXED_BODY, Model
 
-from .bodies import Bound, BoundBody, PseudoInertia, congruence
+from .bodies import Bound, BoundBody, PseudoInertia, add, congruence
 from .freeze import freeze
 
 
 def regroup(model: Model, bound: Bound) -> Bound:
     """The same robot with every movable block of a pseudo-inertia moved towards the base."""
     inertias = [body.inertia for body in bound.bodies]
+    at_rest = bound.at_rest
     for k in range(len(inertias) - 1, -1, -1):
         body = model.bodies[k]
         moved, inertias[k] = split(inertias[k], body.active)
+        moved = congruence(bound.bodies[k].placement, moved)
         if body.parent != FIXED_BODY:
-            inertias[body.parent] = inertias[body.parent] + congruence(bound.bodies[k].placement, moved)
+            inertias[body.parent] = inertias[body.parent] + moved
+        else:
+            at_rest = add(at_rest, moved.first)
     bodies = tuple(BoundBody(b.placement, h) for b, h in zip(bound.bodies, inertias, strict=True))
-    return replace(bound, bodies=bodies)
+    return replace(bound, bodies=bodies, at_rest=at_rest)
 
 
 def split(H: PseudoInertia, active: tuple[str, ...]) -> tuple[PseudoInertia, PseudoInertia]:

@@ -39,10 +39,24 @@ class Scalar:
 
     def literal(self, number: float) -> str:
         """A literal that reads back as the same number."""
-        text = repr(float(number)) if not self.suffix else str(np.float32(number)) + self.suffix
-        return f"({text})" if text.startswith("-") else text
+        return repr(float(number)) if not self.suffix else str(np.float32(number)) + self.suffix
 
 
+TEXTS = {
+    "mass_matrix": "Mass matrix M(q), eq. (11).",
+    "bias_force": "Coriolis and centrifugal terms, eq. (12) contracted with the velocities.",
+    "generalized_force": "Springs, dampers and gravity: Q_P + Q_G, eqs. (13) and (14).",
+    "external_force": "Q_F of eq. (14), its moment term corrected: per link force, then moment about its com, base axes.",
+    "residual": "M a + bias - Q - u, eq. (5) unexpanded; zero on a motion.",
+    "inverse_dynamics": "The drives u that make the residual zero.",
+    "forward_dynamics": "Accelerations under the drives u.",
+    "coriolis_matrix": "Coriolis matrix C(q, v) with C v = bias and M_dot = C + C^T.",
+    "christoffel": "Christoffel symbols of the first kind, the tensor C of eq. (12).",
+    "kinematics": "Rows of [R | X] of all frames, origins of all bodies, axes of all coordinates; eqs. (1) to (3).",
+    "energy": "Kinetic energy, eq. (4), and potential energy of gravity and springs.",
+    "reactions": "Per joint the force and moment on its child link, in the joint's axes after the motion.",
+    "right_side": "u minus everything but M a.",
+}
 SCALARS = {"float64": Scalar("double", ""), "float32": Scalar("float", "f")}
 
 
@@ -91,6 +105,7 @@ def render(equations: Equations, dtype: str) -> Source:
         "coordinate_parents": coordinate_parents(model),
         "parameters": list(model.parameters),
         "hoisted": len(equations.setup.outputs),
+        "texts": TEXTS,
         "kernels": [k for k in KERNELS if k in equations.kernels],
         "all_kernels": KERNELS,
         "sizes": {key: int(np.prod(shape)) for key, shape in shapes(model).items()},
@@ -101,10 +116,16 @@ def render(equations: Equations, dtype: str) -> Source:
         "operations": meta["operations"],
     }
     header = _fill("kernel.h.jinja", context)
-    code = _fill("kernel.c.jinja", context)
+    code = _tidy(_fill("kernel.c.jinja", context))
     declarations = header.split("/* begin of declarations */")[1].split("/* end of declarations */")[0]
     statements = sum(len(program.instructions) for program in equations.programs.values())
     return Source(model.name, header, code, declarations, json.dumps(meta, indent=1) + "\n", statements)
+
+
+def _tidy(code: str) -> str:
+    """The code without the empty lines that macros leave behind."""
+    code = re.sub(r"\n{3,}", "\n\n", code)
+    return re.sub(r"(?<=\n{\n)\n", "", code.replace("\n\n}", "\n}"))
 
 
 def _fill(template: str, context: Mapping[str, Any]) -> str:
@@ -209,11 +230,11 @@ class _Writer:
         lines: list[list[str]] = [[] for _ in range(self.last + 1)]
         lines[0].extend(self._constant_outputs())
         text: dict[int, str] = {}
+        note = ""
         known: list[dict[int, str]] = [{} for _ in lines]
         for index, instruction in enumerate(self.program.instructions):
             chunk = self.chunk_of.get(index)
-            if index in self.program.notes:
-                lines[chunk if chunk is not None else 0].append(f"/* {self.program.notes[index]} */")
+            note = self.program.notes.get(index, note)
             if chunk is None:
                 text[index] = self._leaf(index)
                 continue
@@ -222,6 +243,9 @@ class _Writer:
             if self._is_inlined(index, expression):
                 text[index] = expression
                 continue
+            if note:  # the last one counts: the steps before it wrote nothing
+                lines[chunk].append(f"/* {note} */")
+                note = ""
             if index in self.stores and self.count[index] == len(self.stores[index]):
                 lines[chunk].append(f"{' = '.join(self.stores[index])} = {expression};")
                 continue
@@ -315,6 +339,6 @@ def _term(text: str) -> str:
 
 def _factor(text: str, *, leading: bool = False) -> str:
     """A factor; a product on the right keeps its brackets, because rounding depends on the order."""
-    if _is_sum(text) or text.startswith("-") or (not leading and _is_product(text)):
+    if _is_sum(text) or (not leading and (text.startswith("-") or _is_product(text))):
         return f"({text})"
     return text

@@ -11,6 +11,7 @@
 #define EOMGEN_PART static
 #endif
 
+/* What depends on parameters alone: h holds p, then what kernels read of it. */
 void one_link_setup(const double *restrict p, double *restrict h)
 {
     (void)p;
@@ -23,10 +24,9 @@ void one_link_setup(const double *restrict p, double *restrict h)
     h[4] = 0.5*p[3];
     h[5] = -p[2];
     h[6] = 0.5*p[2];
-
 }
 
-
+/* Mass matrix M(q), eq. (11). */
 int one_link_mass_matrix(const double *restrict h, const double *restrict q, double *restrict out)
 {
     (void)h;
@@ -34,7 +34,8 @@ int one_link_mass_matrix(const double *restrict h, const double *restrict q, dou
     out[0] = 1.0;
     out[3] = 0.3333333333333333;
     const double t1 = sin(q[1]);
-    out[1] = out[2] = (-0.5)*t1;
+    /* joint1: columns of M from the composite pseudo-inertia, eq. (11) */
+    out[1] = out[2] = -0.5*t1;
 
     return 0;
 }
@@ -48,15 +49,15 @@ long long one_link_mass_matrix_batch(size_t count, const double *restrict h, con
     return -1;
 }
 
-
-
+/* Coriolis and centrifugal terms, eq. (12) contracted with the velocities. */
 int one_link_bias_force(const double *restrict h, const double *restrict q, const double *restrict v, double *restrict out)
 {
     (void)h;
 
     out[1] = 0.0;
     const double t2 = cos(q[1]);
-    out[0] = t2*((-0.5)*(v[1]*v[1]));
+    /* joint1: traces against its tangents, eq. (5) */
+    out[0] = t2*(-0.5*(v[1]*v[1]));
 
     return 0;
 }
@@ -70,8 +71,7 @@ long long one_link_bias_force_batch(size_t count, const double *restrict h, cons
     return -1;
 }
 
-
-
+/* Springs, dampers and gravity: Q_P + Q_G, eqs. (13) and (14). */
 int one_link_generalized_force(const double *restrict h, const double *restrict q, const double *restrict v, double *restrict out)
 {
     (void)v;
@@ -79,7 +79,7 @@ int one_link_generalized_force(const double *restrict h, const double *restrict 
     const double t5 = sin(q[1]);
     const double t6 = cos(q[1]);
     const double t12 = h[0]*t5 - h[1]*t6;
-    out[1] = (-0.5)*t12;
+    out[1] = -0.5*t12;
     out[0] = t6*(h[0]*t6 + h[1]*t5) + t5*t12 - q[0]*h[3];
 
     return 0;
@@ -94,8 +94,7 @@ long long one_link_generalized_force_batch(size_t count, const double *restrict 
     return -1;
 }
 
-
-
+/* Q_F of eq. (14), its moment term corrected: per link force, then moment about its com, base axes. */
 int one_link_external_force(const double *restrict h, const double *restrict q, const double *restrict wrench, double *restrict out)
 {
     (void)h;
@@ -118,15 +117,15 @@ long long one_link_external_force_batch(size_t count, const double *restrict h, 
     return -1;
 }
 
-
-
+/* M a + bias - Q - u, eq. (5) unexpanded; zero on a motion. */
 int one_link_residual(const double *restrict h, const double *restrict q, const double *restrict v, const double *restrict a, const double *restrict u, double *restrict out)
 {
-
     const double t10 = sin(q[1]);
     const double t11 = cos(q[1]);
+    /* link1: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded */
     const double t12 = a[0] - h[0];
     const double t18 = t10*t12 + h[1]*t11;
+    /* joint1: traces against its tangents, eq. (5) */
     const double t33 = t11*(t11*t12 - h[1]*t10 - 0.5*(v[1]*v[1])) - t10*(0.5*a[1] - t18) + q[0]*h[3];
     out[0] = t33 - u[0];
     out[1] = 0.3333333333333333*a[1] - 0.5*t18 - u[1];
@@ -143,16 +142,17 @@ long long one_link_residual_batch(size_t count, const double *restrict h, const 
     return -1;
 }
 
-
-
+/* The drives u that make the residual zero. */
 int one_link_inverse_dynamics(const double *restrict h, const double *restrict q, const double *restrict v, const double *restrict a, double *restrict out)
 {
-
     const double t8 = sin(q[1]);
     const double t9 = cos(q[1]);
+    /* link1: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded */
     const double t10 = a[0] - h[0];
     const double t16 = t8*t10 + h[1]*t9;
+    /* force and moment of every link: P = K H */
     out[1] = 0.3333333333333333*a[1] - 0.5*t16;
+    /* joint1: traces against its tangents, eq. (5) */
     out[0] = t9*(t9*t10 - h[1]*t8 - 0.5*(v[1]*v[1])) - t8*(0.5*a[1] - t16) + q[0]*h[3];
 
     return 0;
@@ -167,8 +167,7 @@ long long one_link_inverse_dynamics_batch(size_t count, const double *restrict h
     return -1;
 }
 
-
-
+/* Accelerations under the drives u. */
 int one_link_forward_dynamics(const double *restrict h, const double *restrict q, const double *restrict v, const double *restrict u, double *restrict out)
 {
     double pivot[4];
@@ -177,8 +176,11 @@ int one_link_forward_dynamics(const double *restrict h, const double *restrict q
     pivot[2] = pivot[3] = 0.3333333333333333;
     const double t8 = sin(q[1]);
     const double t9 = cos(q[1]);
+    /* link1: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded */
     const double t15 = h[0]*t8 - h[1]*t9;
+    /* joint1: traces against its tangents, eq. (5) */
     const double t27 = u[1] - 0.5*t15;
+    /* joint1: columns of M from the composite pseudo-inertia, eq. (11) */
     const double t31 = 1.5*t8;
     const double t34 = 1.0 - 0.5*t8*t31;
     pivot[0] = t34;
@@ -201,8 +203,7 @@ long long one_link_forward_dynamics_batch(size_t count, const double *restrict h
     return -1;
 }
 
-
-
+/* Coriolis matrix C(q, v) with C v = bias and M_dot = C + C^T. */
 int one_link_coriolis_matrix(const double *restrict h, const double *restrict q, const double *restrict v, double *restrict out)
 {
     (void)h;
@@ -214,6 +215,7 @@ int one_link_coriolis_matrix(const double *restrict h, const double *restrict q,
     const double t6 = v[0]*t3;
     const double t10 = 0.5*t5;
     const double t12 = 0.3333333333333333*v[1] - 0.5*t6;
+    /* joint1: columns and rows of C, eq. (12) contracted with the velocity */
     out[1] = t4*(t6 - 0.5*v[1]) - t3*t5;
     out[3] = t4*(t4*t10) - t3*(t4*t12) + (t3*(t3*t10) + t4*(t3*t12)) - v[0]*(0.5*t4);
 
@@ -229,20 +231,14 @@ long long one_link_coriolis_matrix_batch(size_t count, const double *restrict h,
     return -1;
 }
 
-
-
+/* Christoffel symbols of the first kind, the tensor C of eq. (12). */
 int one_link_christoffel(const double *restrict h, const double *restrict q, double *restrict out)
 {
     (void)h;
 
-    out[0] = out[1] = out[2] = out[4] = out[5] = 0.0;
-    const double t1 = sin(q[1]);
-    const double t2 = cos(q[1]);
-    const double t4 = 0.5*t2;
-    const double t5 = 0.5*t1;
-    out[3] = -t4;
-    out[6] = t2*(t2*t4) + t1*(t2*t5) + (t1*(t1*t4) - t2*(t1*t5)) - t4;
-    out[7] = t2*(0.3333333333333333*t1) - t1*(0.3333333333333333*t2);
+    out[0] = out[1] = out[2] = out[4] = out[5] = out[6] = out[7] = 0.0;
+    const double t1 = cos(q[1]);
+    out[3] = -0.5*t1;
 
     return 0;
 }
@@ -256,8 +252,7 @@ long long one_link_christoffel_batch(size_t count, const double *restrict h, con
     return -1;
 }
 
-
-
+/* Rows of [R | X] of all frames, origins of all bodies, axes of all coordinates; eqs. (1) to (3). */
 static int one_link_kinematics(const double *restrict h, const double *restrict q, double *restrict out)
 {
     (void)h;
@@ -275,10 +270,9 @@ static int one_link_kinematics(const double *restrict h, const double *restrict 
     return 0;
 }
 
-
+/* Kinetic energy, eq. (4), and potential energy of gravity and springs. */
 int one_link_energy(const double *restrict h, const double *restrict q, const double *restrict v, double *restrict out)
 {
-
     const double t6 = sin(q[1]);
     const double t7 = cos(q[1]);
     const double t8 = v[0]*t7;
@@ -298,18 +292,18 @@ long long one_link_energy_batch(size_t count, const double *restrict h, const do
     return -1;
 }
 
-
-
+/* Per joint the force and moment on its child link, in the joint's axes after the motion. */
 int one_link_reactions(const double *restrict h, const double *restrict q, const double *restrict v, const double *restrict a, double *restrict out)
 {
-
     out[2] = h[5];
     out[3] = 0.0;
     out[4] = h[6];
     const double t6 = sin(q[1]);
     const double t7 = cos(q[1]);
+    /* link1: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded */
     const double t9 = a[0] - h[0];
     const double t15 = t6*t9 + h[1]*t7;
+    /* force and moment of every link: P = K H */
     out[0] = t7*t9 - h[1]*t6 - 0.5*(v[1]*v[1]);
     out[1] = 0.5*a[1] - t15;
     out[5] = 0.3333333333333333*a[1] - 0.5*t15;
@@ -325,7 +319,6 @@ long long one_link_reactions_batch(size_t count, const double *restrict h, const
     }
     return -1;
 }
-
 
 /* Pose of a frame in the base, 4x4; eqs. (1) and (2). */
 int one_link_frame_pose(const double *restrict h, const double *restrict q, int frame, double *restrict out)

@@ -30,7 +30,7 @@
  *   inverse_dynamics     12      8      0      1
  *   forward_dynamics     17     10      1      1
  *   coriolis_matrix      18      7      0      1
- *   christoffel          14      6      0      1
+ *   christoffel           1      0      0      1
  *   kinematics            0      2      0      1
  *   energy               15      7      0      1
  *   reactions             9      6      0      1

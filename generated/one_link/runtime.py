@@ -6,6 +6,7 @@ A generated package carries a copy of this file: it imports NumPy and its neighb
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Iterator, Mapping, MutableMapping, Sequence
 from typing import Any
 
@@ -191,7 +192,9 @@ class Kernel:
         """Check the arrays, call the C, and say what went wrong."""
         found = self._functions.get(name)
         if found is None:
-            raise UnknownNameError(f"{self.name} was built without the kernel {name}; built: {', '.join(self._functions)}")
+            raise UnknownNameError(
+                f"{self.name} was built without the kernel {name}; built: {', '.join(self._functions)}"
+            )
         function, reads, writes = found
         count: int | None = None
         arguments: list[Any] = []
@@ -204,7 +207,7 @@ class Kernel:
                     raise ArrayError(f"{label}: {states} states, but {count} in the arrays before it")
                 count = states
             arrays.append(array)
-            arguments += [self._ffi.from_buffer(self._pointer, array), 0 if states is None else array[0].size if states else 0]
+            arguments += [self._ffi.from_buffer(self._pointer, array), math.prod(shape) if states else 0]
         shape = self._shapes[writes] if count is None else (count, *self._shapes[writes])
         result = np.empty(shape, self.dtype) if out is None else self._checked_out(out, shape, arrays)
         target = self._ffi.from_buffer(self._pointer, result)
@@ -235,11 +238,14 @@ class Kernel:
         try:
             array = np.asarray(value)
         except (ValueError, TypeError) as error:
-            raise ArrayError(f"{label}: expected {self._expected(shape)}, got {type(value).__name__} ({error})") from None
+            raise ArrayError(
+                f"{label}: expected {self._expected(shape)}, got {type(value).__name__} ({error})"
+            ) from None
         plain = not isinstance(value, np.ndarray) and array.dtype == np.float64  # Python floats, not an array of them
         if array.dtype.kind not in "fiub" or not (plain or np.can_cast(array.dtype, self.dtype, "safe")):
             raise ArrayError(
-                f"{label}: expected {self._expected(shape)}, got dtype {array.dtype}, which {self.dtype} cannot hold exactly"
+                f"{label}: expected {self._expected(shape)}, got dtype {array.dtype},"
+                f" which {self.dtype} cannot hold exactly"
             )
         return np.ascontiguousarray(array, self.dtype).reshape(array.shape)
 
@@ -272,8 +278,9 @@ class Kernel:
         state, coordinate = divmod(failed, self.n)
         place = "" if count is None else f" in state {state}"
         raise SingularError(
-            f"forward_dynamics: the mass matrix cannot be inverted at {self.coordinates[coordinate]}{place}; either the"
-            " links that it moves have no inertia along it, or an angle beta is at +-pi/2, where Euler angles are singular"
+            f"forward_dynamics: the mass matrix cannot be inverted at {self.coordinates[coordinate]}{place}; either"
+            " the links that it moves have no inertia along it, or an angle beta is at +-pi/2, where Euler angles are"
+            " singular"
         )
 
 
@@ -347,8 +354,8 @@ class Parameters(MutableMapping[str, float]):
         except (KeyError, TypeError):
             pass
         raise UnknownNameError(
-            f"parameters: {name!r} is not a run-time parameter of {self._kernel.name}{_nearest(str(name), list(self._slots))};"
-            " list other numbers of the description under `tunable`"
+            f"parameters: {name!r} is not a run-time parameter of {self._kernel.name}"
+            f"{_nearest(str(name), list(self._slots))}; list other numbers of the description under `tunable`"
         )
 
 

@@ -1,9 +1,9 @@
 """From a robot's description to compiled equations of motion.
 
-    import eomgen
-    robot = eomgen.load_robot("puma560_elastic")
-    kernel = eomgen.build(robot)
-    kernel.mass_matrix(q)
+import eomgen
+robot = eomgen.load_robot("puma560_elastic")
+kernel = eomgen.build(robot)
+kernel.mass_matrix(q)
 """
 
 from __future__ import annotations

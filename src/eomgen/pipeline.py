@@ -29,7 +29,7 @@ from . import cache as store
 from ._version import __version__
 from .errors import BuildError, InputError
 from .kernel import Kernel
-from .model import Model, build_model
+from .model import build_model
 from .robot import Robot
 
 KERNEL_NAMES = (
@@ -135,9 +135,12 @@ def generate(robot: Robot, folder: Path, options: Options | None = None, *, prog
 
 
 def _cached_package(robot: Robot, options: Options, progress: Progress) -> Path:
-    from .codegen.compile import FLAGS, NATIVE, Source, build_key, find_compiler, write_package
+    from .codegen.compile import FLAGS, NATIVE, build_key, find_compiler, write_package
+    from .codegen.source import Source
 
-    sources = store.entry("sources", _source_key(robot, options), lambda folder: _derive(robot, options, folder, progress))
+    sources = store.entry(
+        "sources", _source_key(robot, options), lambda folder: _derive(robot, options, folder, progress)
+    )
     source = Source(**json.loads((sources / "source.json").read_text(encoding="ascii")))
     compiler = find_compiler()
     flags = (*FLAGS, *(NATIVE if options.native else ()), *options.flags)
@@ -214,4 +217,4 @@ def load_package(package: Path, name: str) -> Kernel:
     return Kernel(module._ffi, module._lib, meta)
 
 
-__all__ = ["DTYPES", "KERNEL_NAMES", "Model", "Options", "build", "generate", "load_package"]
+__all__ = ["DTYPES", "KERNEL_NAMES", "Options", "build", "generate", "load_package"]
