@@ -6,6 +6,7 @@
 #   make bench    operation counts and times beside Newton-Euler; writes docs/benchmarks.md
 #   make soak     the long tests
 #   make sample   regenerate the committed sample in generated/one_link
+#   make tables   regenerate the tables in README.md
 #   make wheel    build the wheel into dist/
 #   make clean    remove what the commands above made
 
@@ -18,7 +19,7 @@ FILES := $(sort $(wildcard src/eomgen/*.py src/eomgen/robots/*.toml codegen/*.py
 STAMP := $(shell echo '$(FILES)' | cksum | cut -d ' ' -f 1)
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --config-settings editable_mode=strict
 
-.PHONY: demo test lint bench soak sample wheel clean
+.PHONY: demo test lint bench soak sample tables wheel clean
 
 demo: $(VENV)/.sim-$(STAMP)
 	$(BIN)/eomgen info puma560_elastic
@@ -40,6 +41,9 @@ soak: $(VENV)/.test-$(STAMP)
 
 sample: $(VENV)/.sim-$(STAMP)
 	$(BIN)/eomgen generate one_link -o generated
+
+tables: sample
+	$(BIN)/python docs/tables.py
 
 wheel: $(VENV)/.test-$(STAMP)
 	rm -rf build/lib dist

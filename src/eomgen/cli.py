@@ -56,7 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("eomgen: interrupted", file=sys.stderr)
         return INTERRUPTED
-    except Exception:  # noqa: BLE001  the last resort: whatever it is, it is our bug
+    except Exception:  # the last resort: whatever it is, it is our bug
         print("eomgen: this is a bug of eomgen; please report it with the lines below", file=sys.stderr)
         traceback.print_exc()
         return BUG
