@@ -1,0 +1,53 @@
+"""A compile cache of the tests' own, and kernels that are built quickly."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+import eomgen
+from eomgen.cache import VARIABLE
+from eomgen.pipeline import _generator
+from eomgen.robot import Robot
+
+Build = Callable[..., eomgen.Kernel]
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Keep out of the user's cache; pytest-xdist's workers and later runs share what was compiled."""
+    root = Path(config.rootpath, ".pytest_cache", "eomgen")
+    root.mkdir(parents=True, exist_ok=True)
+    here = root / _generator()[:16]
+    here.mkdir(exist_ok=True)
+    here.chmod(0o700)  # whatever the umask is: a cache that others may write to is refused
+    for other in root.iterdir():  # of a generator that has changed since
+        if other != here and other.stat().st_mtime < time.time() - 86400:
+            shutil.rmtree(other, ignore_errors=True)
+    os.environ[VARIABLE] = str(here)
+
+
+@pytest.fixture(scope="session")
+def built() -> Build:
+    """``built(robot, kernel names..., options)``: a kernel of its own, compiled without optimisation.
+
+    The C may not contract or reorder anything, so the level changes no result; the optimiser takes most of the time.
+    """
+
+    def build(robot: Robot, *kernels: str, **options: object) -> eomgen.Kernel:
+        options.setdefault("flags", ("-O0",))
+        return eomgen.build(robot, kernels=kernels, **options)  # type: ignore[arg-type]
+
+    return build
+
+
+@pytest.fixture
+def empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A cache folder that nothing was built into."""
+    folder = tmp_path / "cache"
+    monkeypatch.setenv(VARIABLE, str(folder))
+    return folder
