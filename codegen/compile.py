@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import platform
 import shlex
 import shutil
 import subprocess
@@ -81,7 +82,7 @@ def processor() -> str:
     if info.exists():
         lines = info.read_text(encoding="utf-8", errors="replace").splitlines()
         features = next((line for line in lines if line.startswith(("flags", "Features"))), "")
-    return os.uname().machine + features
+    return platform.machine() + features
 
 
 def build_key(source: Source, compiler: Compiler, flags: Sequence[str]) -> str:
@@ -101,7 +102,7 @@ def build_key(source: Source, compiler: Compiler, flags: Sequence[str]) -> str:
         sys.implementation.cache_tag,
         str(suffix),
         str(headers),
-        processor() if "-march=native" in flags else os.uname().machine,
+        processor() if "-march=native" in flags else platform.machine(),
     )
     digest = hashlib.sha256()
     for part in parts:

@@ -44,11 +44,12 @@ def entry(kind: str, key: str, make: Callable[[Path], None]) -> Path:
     """
     root = cache_folder()
     folder = root / kind / key
-    if _is_whole(folder):
-        return folder
     try:
+        if root.exists():
+            _check_owner(root)
+        if _is_whole(folder):
+            return folder
         root.mkdir(parents=True, exist_ok=True, mode=0o700)
-        _check_owner(root)
         (root / kind).mkdir(exist_ok=True)
         return _make_locked(root, folder, make)
     except OSError as error:
@@ -85,7 +86,7 @@ def _check_owner(root: Path) -> None:
     if not hasattr(os, "getuid"):
         return
     found = root.stat()
-    if found.st_uid != os.getuid():
+    if found.st_uid not in (os.getuid(), 0):
         raise BuildError(f"the cache folder {root} belongs to another user; set {VARIABLE} to a folder of your own")
     if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
         raise BuildError(
