@@ -146,7 +146,7 @@ def _build_api(source: Source, compiler: Compiler, flags: Sequence[str], folder:
     ffi.cdef(source.cdef)
     wrapper = work / f"_{name}.c"
     make_c_source(ffi, f"_{name}", f'#include "{name}.h"', str(wrapper))  # emit_c_code prints to stdout
-    include = ("-I", str(folder), "-I", headers)
+    include = ("-iquote", str(folder), "-I", headers)  # a robot may be named as a system header is
     objects = [work / "wrapper.o", work / "kernel.o"]
     jobs = [
         [*compiler.command, "-c", "-fPIC", "-O1", *include, str(wrapper), "-o", str(objects[0])],

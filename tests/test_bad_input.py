@@ -519,3 +519,9 @@ def test_extreme_numbers_in_urdf_are_harmless(numbers: list[str]) -> None:
     values = iter(numbers)
     text = re.sub(r'(?<=[" ])-?[0-9.]+(?=[" ])', lambda found: next(values, "1"), URDF.split("?>")[1])
     harmless(lambda text: robot_from_urdf(text, inertia="project", urdf_damping=True), text)
+
+
+@pytest.mark.parametrize("name", ["lambda", "class", "import"])
+def test_python_keyword_as_robot_name(name: str) -> None:
+    with pytest.raises(DescriptionError, match=rf"(?s)name.*{name}.*no Python keyword"):
+        robot_from_toml(f'name = "{name}"\n')

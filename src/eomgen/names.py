@@ -6,6 +6,7 @@ Nothing of a description goes into a message or a file before it went through th
 from __future__ import annotations
 
 import difflib
+import keyword
 import re
 from collections.abc import Iterable, Sequence
 
@@ -14,7 +15,9 @@ ROBOT_LENGTH = 48
 IDENTIFIER = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 ROBOT_NAME = re.compile(r"[a-z][a-z0-9_]*")
 IDENTIFIER_RULE = f"a letter or _, then letters, digits or _, at most {NAME_LENGTH} characters"
-ROBOT_RULE = f"a lower-case letter, then lower-case letters, digits or _, at most {ROBOT_LENGTH} characters"
+ROBOT_RULE = (
+    f"a lower-case letter, then lower-case letters, digits or _, at most {ROBOT_LENGTH} characters, no Python keyword"
+)
 _SHOWN = 60  # characters of somebody else's text in a message
 _CANDIDATES = 5000  # difflib is slow: look for a near name among so many
 
@@ -26,7 +29,7 @@ def is_identifier(text: str) -> bool:
 
 def is_robot_name(text: str) -> bool:
     """True for a robot name, which becomes file, module and C prefix."""
-    return len(text) <= ROBOT_LENGTH and ROBOT_NAME.fullmatch(text) is not None
+    return len(text) <= ROBOT_LENGTH and ROBOT_NAME.fullmatch(text) is not None and not keyword.iskeyword(text)
 
 
 def show(value: object) -> str:
@@ -69,7 +72,7 @@ def to_identifier(text: str) -> str:
 def to_robot_name(text: str) -> str:
     """A robot name that resembles the text."""
     name = re.sub(r"[^a-z0-9_]", "_", text[:ROBOT_LENGTH].lower())
-    return (name if ROBOT_NAME.fullmatch(name) else "robot_" + name.lstrip("_"))[:ROBOT_LENGTH]
+    return (name if is_robot_name(name) else "robot_" + name.lstrip("_"))[:ROBOT_LENGTH]
 
 
 def unique_identifiers(texts: Sequence[str]) -> dict[str, str]:
