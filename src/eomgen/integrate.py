@@ -1,0 +1,475 @@
+"""Numerical integration of a compiled kernel's equations of motion, explicit and implicit, and static equilibrium.
+
+SciPy is imported when an integration with one of its methods begins, not with this file.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from itertools import pairwise
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .errors import ArrayError, EomgenError, InputError, IntegrationError
+from .kernel import Kernel
+
+Array = NDArray[np.float64]
+Drive = Callable[[float, Array, Array], ArrayLike]
+Wrench = Callable[[float, Array, Array], ArrayLike]
+Progress = Callable[[float, str], None]
+
+EXPLICIT = ("DOP853", "RK45", "rk4")
+IMPLICIT = ("Radau", "BDF", "LSODA")
+METHODS = ("auto", *IMPLICIT, *EXPLICIT)
+
+REFERENCE_ACCELERATION = 10.0  # m/s^2, rad/s^2: about 1 g; what it does to a spring is the size of its deviation
+Q_STEP, V_STEP = 1e-7, 1e-6  # finite differences: small beside 1 rad, 1e9 times the round-off of a force
+
+
+class IntegrationStopped(IntegrationError):
+    """An integration that could not go on, with its last good state.
+
+    Attributes:
+        t: time of the last good state, s.
+        q, v: that state, (n,).
+        coordinate: name of the coordinate that is to blame: it is not finite, or moves fastest for its size.
+    """
+
+    def __init__(self, message: str, t: float, q: Array, v: Array, coordinate: str) -> None:
+        super().__init__(message)
+        self.t, self.q, self.v, self.coordinate = t, q, v, coordinate
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A motion, sampled at equal distances in time.
+
+    Attributes:
+        t: times, (T,), s.
+        q, v: coordinates and rates, (T, n).
+        u: drives, (T, n), N or N m.
+        energy: kinetic and potential energy, (T, 2), J.
+        coordinates: names, (n,).
+        method: the method that was used.
+        info: numbers of steps, evaluations (calls of forward_dynamics) and jacobians; wall_s, seconds it took.
+    """
+
+    t: Array
+    q: Array
+    v: Array
+    u: Array
+    energy: Array
+    coordinates: tuple[str, ...]
+    method: str
+    info: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "info", MappingProxyType(dict(self.info)))
+
+    def of(self, coordinate: str) -> Array:
+        """One coordinate over time, (T,), m or rad; InputError if there is none of that name."""
+        if coordinate not in self.coordinates:
+            raise InputError(f"coordinate: {coordinate!r} is unknown; known: {', '.join(self.coordinates)}")
+        return self.q[:, self.coordinates.index(coordinate)]
+
+
+def integrate(
+    kernel: Kernel,
+    q0: ArrayLike,
+    v0: ArrayLike,
+    duration: float,
+    *,
+    drive: Drive | None = None,
+    wrench: Wrench | ArrayLike | None = None,
+    method: str = "auto",
+    rtol: float = 1e-6,
+    atol: ArrayLike | None = None,
+    step: float | None = None,
+    output_step: float | None = None,
+    progress: Progress | None = None,
+) -> Trajectory:
+    """Integrate M(q) a + bias = generalized force + u from a state.
+
+    Args:
+        kernel: float64, with forward_dynamics and energy; implicit methods and ``atol=None`` need mass_matrix, and
+            implicit ones inverse_dynamics.
+        q0, v0: the state at t = 0, (n,).
+        duration: s.
+        drive: (t, q, v) -> u, (n,), N or N m; none if not given.  With an attribute ``batched`` that is true it is
+            called with q and v of shape (N, n), too, and returns (N, n).
+        wrench: (links, 6) as in the kernel's methods, or (t, q, v) -> that.
+        method: "auto" (Radau if any coordinate has a stiffness, else DOP853), "Radau", "BDF", "LSODA", "DOP853",
+            "RK45" (all SciPy's), or "rk4" with a fixed step.
+        rtol, atol: tolerances; atol is a number or (2n,), first of q, then of v.  By default rtol times the size of
+            each coordinate: ``coordinate_sizes``.
+        step: of rk4, s; shortened so that it divides ``output_step``.  Default: half the time in which the fastest
+            spring turns by 1 rad.
+        output_step: distance of the samples, s, shortened so that it divides the duration; default duration / 1000.
+        progress: called with a fraction from 0 to 1 and a line of text.
+
+    Raises:
+        IntegrationStopped: the state diverges, the step becomes too small or M singular; an IntegrationError that
+            names coordinate and time and has the last good state.
+        InputError: an argument is wrong, or SciPy is not installed.
+    """
+    system = System(kernel, drive, wrench)
+    q0, v0 = system.vector("q0", q0), system.vector("v0", v0)
+    times = _output_times(duration, output_step)
+    method = choose_method(kernel, method)
+    began = time.perf_counter()
+    report = _reporter(progress, float(times[-1]))
+    y0 = np.concatenate([q0, v0])
+    if method == "rk4":
+        states = _rk4(system, y0, times, _fixed_step(kernel, q0, step, times), report)
+    else:
+        solver = _start_solver(system, y0, times[-1], method, rtol, atol)
+        states = _sampled(solver, system, times, report)
+    q, v = np.ascontiguousarray(states[:, : system.n]), np.ascontiguousarray(states[:, system.n :])
+    u = np.array([system.drives(float(t), *state) for t, *state in zip(times, q, v, strict=True)])
+    info = {**system.counts, "wall_s": time.perf_counter() - began}
+    return Trajectory(times, q, v, u, np.asarray(kernel.energy(q, v)), kernel.coordinates, method, info)
+
+
+def choose_method(kernel: Kernel, method: str = "auto") -> str:
+    """The method that ``integrate`` takes: "auto" becomes Radau if any coordinate has a stiffness, else DOP853.
+
+    Raises:
+        InputError: the method is unknown.
+    """
+    if method not in METHODS:
+        raise InputError(f"method: {method!r} is unknown; allowed: {', '.join(METHODS)}")
+    if method != "auto":
+        return method
+    return "Radau" if stiffnesses(kernel).any() else "DOP853"
+
+
+def stiffnesses(kernel: Kernel) -> Array:
+    """Stiffness of every coordinate as the kernel has it now, (n,), N/m or N m/rad; 0 where there is no spring."""
+    names = (f"joints.{coordinate}.stiffness" for coordinate in kernel.coordinates)
+    return np.array([kernel.parameters.get(name, 0.0) for name in names])
+
+
+def coordinate_sizes(kernel: Kernel, q: Array) -> tuple[Array, Array]:
+    """Sizes of coordinates and rates that tolerances refer to, (n,) each; m, rad, s.
+
+    A coordinate with stiffness k and inertia m, the diagonal entry of M(q), has w^2 = k / m; at 10 m/s^2 or rad/s^2
+    it gives way by 10 / w^2, often micrometres, and swings with rates of 10 / w.  Without a spring, or with a soft
+    one, the size is 1.
+    """
+    stiffness = stiffnesses(kernel)
+    inertia = np.diagonal(kernel.mass_matrix(q))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        period = np.where((stiffness > 0.0) & (inertia > 0.0), np.sqrt(inertia / stiffness), np.inf)
+    return np.minimum(1.0, REFERENCE_ACCELERATION * period**2), np.minimum(1.0, REFERENCE_ACCELERATION * period)
+
+
+class System:
+    """The equations of motion as y' = f(t, y), y = (q, v), with their Jacobian; counts its calls."""
+
+    def __init__(self, kernel: Kernel, drive: Drive | None, wrench: Wrench | ArrayLike | None) -> None:
+        if kernel.dtype != np.float64:
+            raise InputError(f"integration needs a float64 kernel; {kernel.name} is {kernel.dtype}")
+        self.kernel, self.n = kernel, kernel.n
+        self._drive = drive
+        self._batched = bool(getattr(drive, "batched", False))
+        self._wrench = wrench
+        self._no_drive = np.zeros(self.n)
+        self.counts = {"steps": 0, "evaluations": 0, "jacobians": 0}
+        self.trouble: Exception | None = None
+
+    def vector(self, label: str, value: ArrayLike) -> Array:
+        """The value as a vector of n finite numbers, a copy."""
+        try:
+            array = np.array(value, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise ArrayError(f"{label}: expected {self.n} numbers, got {type(value).__name__} ({error})") from None
+        if array.shape != (self.n,):
+            raise ArrayError(f"{label}: expected float64 of shape ({self.n},), got shape {array.shape}")
+        bad = np.flatnonzero(~np.isfinite(array))
+        if bad.size:
+            raise ArrayError(f"{label}: {self.kernel.coordinates[bad[0]]} is {array[bad[0]]}; numbers must be finite")
+        return array
+
+    def drives(self, t: float, q: Array, v: Array) -> Array:
+        """u of one state, (n,), or of a batch, (N, n)."""
+        if self._drive is None:
+            return self._no_drive if q.ndim == 1 else np.zeros_like(q)
+        if q.ndim == 2 and not self._batched:
+            return np.array([self.drives(t, *state) for state in zip(q, v, strict=True)])
+        u = np.asarray(self._drive(t, q, v), dtype=np.float64)
+        if u.shape != q.shape:
+            raise ArrayError(f"drive: expected forces of shape {q.shape}, got shape {u.shape} at t = {t:.6g} s")
+        return u
+
+    def wrench(self, t: float, q: Array, v: Array) -> ArrayLike | None:
+        """External wrenches in one state, (links, 6)."""
+        return self._wrench(t, q, v) if callable(self._wrench) else self._wrench
+
+    def derivative(self, t: float, y: Array) -> Array:
+        """y' of one state."""
+        self.counts["evaluations"] += 1
+        q, v = y[: self.n], y[self.n :]
+        result = np.empty_like(y)
+        result[: self.n] = v
+        u, wrench = self.drives(t, q, v), self.wrench(t, q, v)
+        self.kernel.forward_dynamics(q, v, u, wrench=wrench, out=result[self.n :])
+        return result
+
+    def trial(self, t: float, y: Array) -> Array:
+        """As ``derivative``, but NaN where that is impossible: a method with step control then takes a shorter step."""
+        try:
+            return self.derivative(t, y)
+        except (ValueError, ArithmeticError) as error:  # a state that is not finite, or M is singular there
+            self.trouble = error
+            return np.full_like(y, np.nan)
+
+    def jacobian(self, t: float, y: Array) -> Array:
+        """dy'/dy, (2n, 2n), by finite differences of the residual: M da = -d(inverse_dynamics - u) at constant a.
+
+        One batch of inverse dynamics, several times cheaper than forward dynamics; wrenches are taken as constant.
+        """
+        self.counts["jacobians"] += 1
+        n, (q, v) = self.n, (y[: self.n], y[self.n :])
+        a = self.derivative(t, y)[n:]
+        steps = np.concatenate([Q_STEP * np.maximum(1.0, np.abs(q)), V_STEP * np.maximum(1.0, np.abs(v))])
+        states = np.tile(y, (2 * n + 1, 1))
+        states[np.arange(1, 2 * n + 1), np.arange(2 * n)] += steps
+        qs, vs = np.ascontiguousarray(states[:, :n]), np.ascontiguousarray(states[:, n:])
+        residual = self.kernel.inverse_dynamics(qs, vs, a, wrench=self.wrench(t, q, v)) - self.drives(t, qs, vs)
+        slopes = (residual[1:] - residual[0]).T / steps
+        result = np.zeros((2 * n, 2 * n))
+        result[:n, n:] = np.eye(n)
+        result[n:] = -np.linalg.solve(self.kernel.mass_matrix(q), slopes)
+        return result
+
+    def stopped(self, reason: str, t: float, y: Array, blame: Array | None = None) -> IntegrationStopped:
+        """The error that says where a motion could not go on; ``blame`` is the state that shows it, if not y."""
+        q, v = y[: self.n].copy(), y[self.n :].copy()
+        seen = y if blame is None else blame
+        bad = np.flatnonzero(~np.isfinite(seen))
+        if bad.size:
+            worst, what = int(bad[0]) % self.n, "is not finite"
+        else:
+            worst = int(np.argmax(np.abs(seen[self.n :]) / coordinate_sizes(self.kernel, q)[1]))
+            what = f"moves fastest for its size, at {seen[self.n + worst]:.3g} per second"
+        name = self.kernel.coordinates[worst]
+        detail = f"; {self.trouble}" if self.trouble else ""
+        return IntegrationStopped(f"{self.kernel.name}, t = {t:.6g} s: {reason}; {name} {what}{detail}", t, q, v, name)
+
+
+def _output_times(duration: float, output_step: float | None) -> Array:
+    if not (np.isfinite(duration) and duration > 0.0):
+        raise InputError(f"duration: {duration!r} s; an integration takes a finite time greater than 0")
+    if output_step is None:
+        output_step = duration / 1000.0
+    if not (np.isfinite(output_step) and output_step > 0.0):
+        raise InputError(f"output_step: {output_step!r} s; samples are a finite time greater than 0 apart")
+    return np.linspace(0.0, duration, max(1, int(np.ceil(duration / output_step - 1e-9))) + 1)
+
+
+def _reporter(progress: Progress | None, duration: float) -> Callable[[float, str], None]:
+    """A report of the time reached, at most one per percent."""
+    last = -1.0
+
+    def report(t: float, text: str) -> None:
+        nonlocal last
+        fraction = min(1.0, t / duration)
+        if progress is not None and (fraction - last >= 0.01 or (fraction == 1.0 and last < 1.0)):
+            last = fraction
+            progress(fraction, text)
+
+    return report
+
+
+def _fixed_step(kernel: Kernel, q0: Array, step: float | None, times: Array) -> float:
+    if step is not None:
+        if not (np.isfinite(step) and step > 0.0):
+            raise InputError(f"step: {step!r} s; a step is a finite time greater than 0")
+        return step
+    stiffness = stiffnesses(kernel)
+    fastest = 0.0
+    if stiffness.any():
+        fastest = float(
+            np.sqrt(np.abs(np.linalg.eigvals(np.linalg.solve(kernel.mass_matrix(q0), np.diag(stiffness)))).max())
+        )
+    return min(1e-3, 0.5 / fastest if fastest else np.inf, float(times[1]))
+
+
+def _rk4(system: System, y: Array, times: Array, step: float, report: Callable[[float, str], None]) -> Array:
+    """The classical Runge-Kutta method of order 4; states at the times, (T, 2n)."""
+    states = np.empty((times.size, y.size))
+    states[0] = y
+    f = system.derivative
+    for i, (t0, t1) in enumerate(pairwise(times), 1):
+        count = max(1, int(np.ceil((t1 - t0) / step - 1e-9)))
+        h = (t1 - t0) / count
+        for j in range(count):
+            t = float(t0 + j * h)
+            good = y
+            try:
+                with np.errstate(over="ignore", invalid="ignore"):
+                    k1 = f(t, y)
+                    k2 = f(t + 0.5 * h, y + 0.5 * h * k1)
+                    k3 = f(t + 0.5 * h, y + 0.5 * h * k2)
+                    k4 = f(t + h, y + h * k3)
+                    y = y + (h / 6.0) * (k1 + 2.0 * (k2 + k3) + k4)
+            except (ValueError, ArithmeticError) as error:
+                system.trouble = error
+                raise system.stopped(f"rk4 cannot go on with a step of {h:.3g} s", t, good) from error
+            if not np.isfinite(y).all():
+                raise system.stopped(f"rk4 diverged with a step of {h:.3g} s", t, good, y)
+            system.counts["steps"] += 1
+        states[i] = y
+        report(float(t1), f"t = {t1:.3f} s, rk4, {system.counts['steps']} steps")
+    return states
+
+
+def _start_solver(system: System, y0: Array, duration: float, method: str, rtol: float, atol: ArrayLike | None) -> Any:
+    """SciPy's solver at t = 0: the classes that solve_ivp drives, stepped here so that progress can be shown."""
+    try:
+        from scipy import integrate as scipy_integrate
+    except ImportError:
+        raise InputError(f'method {method} needs SciPy: pip install "eomgen[sim]"; "rk4" works without') from None
+    if not (np.isfinite(rtol) and 1e-13 <= rtol < 1.0):
+        raise InputError(f"rtol: {rtol!r}; allowed: from 1e-13 to less than 1")
+    tolerance = _absolute_tolerances(system, y0, rtol, atol)
+    system.derivative(0.0, y0)  # a state that cannot move is the caller's: its error comes as it is
+    options: dict[str, Any] = {"rtol": rtol, "atol": tolerance}
+    if method in IMPLICIT:
+        options["jac"] = system.jacobian
+    function = system.derivative if method == "LSODA" else system.trial
+    return getattr(scipy_integrate, method)(function, 0.0, y0, duration, **options)
+
+
+def _absolute_tolerances(system: System, y0: Array, rtol: float, atol: ArrayLike | None) -> Array:
+    n = system.n
+    if atol is None:
+        return rtol * np.concatenate(coordinate_sizes(system.kernel, y0[:n]))
+    try:
+        tolerance = np.broadcast_to(np.asarray(atol, dtype=np.float64), (2 * n,))
+    except (TypeError, ValueError):
+        raise ArrayError(f"atol: expected a number or shape ({2 * n},), got shape {np.shape(atol)}") from None
+    if not (np.isfinite(tolerance).all() and (tolerance >= 0.0).all()):
+        raise InputError("atol: tolerances are finite and at least 0")
+    return tolerance
+
+
+def _sampled(solver: Any, system: System, times: Array, report: Callable[[float, str], None]) -> Array:
+    """Step SciPy's solver to the end; states at the times, (T, 2n)."""
+    states = np.empty((times.size, solver.y.size))
+    states[0] = solver.y
+    done = 1
+    name = type(solver).__name__
+    while solver.status == "running":
+        t, y = solver.t, solver.y
+        try:
+            with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+                message = solver.step()
+        except EomgenError as error:
+            system.trouble = error
+            raise system.stopped(f"{name} cannot go on", t, y) from error
+        except (ValueError, ArithmeticError) as error:  # LU of a Jacobian that is not finite, say
+            system.trouble = system.trouble or error
+            raise system.stopped(f"{name} cannot go on", t, y) from error
+        if solver.status == "failed":
+            raise system.stopped(f"{name} cannot go on: {str(message).rstrip('.').lower()}", t, y)
+        if not np.isfinite(solver.y).all():
+            raise system.stopped(f"{name} diverged", t, y, solver.y)
+        system.counts["steps"] += 1
+        end = int(np.searchsorted(times, solver.t, side="right"))
+        if end > done:
+            states[done:end] = solver.dense_output()(times[done:end]).T
+            done = end
+        report(solver.t, f"t = {solver.t:.3f} s, {name}, {system.counts['steps']} steps")
+    return states
+
+
+def static_equilibrium(
+    kernel: Kernel,
+    q_guess: ArrayLike,
+    *,
+    u: ArrayLike | Callable[[Array], ArrayLike] | None = None,
+    held: Iterable[str] = (),
+    wrench: ArrayLike | None = None,
+) -> tuple[Array, Array]:
+    """The state of rest near a guess: springs, gravity, drives and wrenches in balance; Newton's method.
+
+    Args:
+        kernel: float64, with inverse_dynamics and mass_matrix.
+        q_guess: coordinates, (n,).
+        u: drives, (n,), N or N m, or a function of q, (N, n) -> (N, n); none if not given.
+        held: names of coordinates that stay at their guess, whatever drive that takes.
+        wrench: external wrenches, (links, 6).
+
+    Returns:
+        q, (n,), and the drives that hold it, (n,): u, and in held coordinates what is needed.
+
+    Raises:
+        IntegrationError: there is no such state near the guess: a coordinate that nothing holds is named.
+        UnknownNameError, ArrayError: a name or an array is wrong.
+    """
+    drive = (lambda _t, q, _v: u(q)) if callable(u) else None
+    if drive is not None:
+        drive.batched = True  # type: ignore[attr-defined]
+    system = System(kernel, drive, wrench)
+    constant = np.zeros(kernel.n) if u is None or callable(u) else system.vector("u", u)
+    q = system.vector("q_guess", q_guess)
+    free = np.array([name not in _known(held, kernel) for name in kernel.coordinates])
+    zero = np.zeros(kernel.n)
+
+    def forces(qs: Array) -> tuple[Array, Array]:
+        needed = np.asarray(kernel.inverse_dynamics(qs, zero, zero, wrench=wrench))
+        return needed, system.drives(0.0, qs, np.zeros_like(qs)) + constant
+
+    q = _newton(kernel, q, free, lambda qs: np.subtract(*forces(qs)))
+    needed, given = forces(q)
+    return q, np.where(free, given, needed)
+
+
+def _known(names: Iterable[str], kernel: Kernel) -> set[str]:
+    known = set(names)
+    for name in known:
+        if name not in kernel.coordinates:
+            raise InputError(f"held: {name!r} is unknown; known: {', '.join(kernel.coordinates)}")
+    return known
+
+
+def _newton(kernel: Kernel, q: Array, free: NDArray[np.bool_], residual: Callable[[Array], Array]) -> Array:
+    """Root of the residual's free rows in the free coordinates; scaled by sizes, with backtracking."""
+    size = coordinate_sizes(kernel, q)[0][free]
+    inertia = np.maximum(np.diagonal(kernel.mass_matrix(q))[free], 1e-12)
+    index = np.flatnonzero(free)
+    if not index.size:
+        return q
+    for _ in range(60):
+        states = np.tile(q, (index.size + 1, 1))
+        states[np.arange(1, index.size + 1), index] += Q_STEP
+        r = residual(states)[:, free] / inertia  # as accelerations
+        slopes = (r[1:] - r[0]).T / Q_STEP * size
+        _refuse_singular(slopes, [kernel.coordinates[i] for i in index], kernel.name)
+        change = -np.linalg.solve(slopes, r[0]) * size
+        change *= min(1.0, 0.5 / np.abs(change).max(initial=0.0)) if change.any() else 1.0
+        for factor in 0.5 ** np.arange(12):
+            trial = q.copy()
+            trial[free] += factor * change
+            if np.linalg.norm(residual(trial)[free] / inertia) <= (1.0 - 1e-4 * factor) * np.linalg.norm(r[0]):
+                break
+        q = trial
+        if (np.abs(change) <= 1e-9 * size).all():  # the slopes are good to 1e-7: what is left is round-off
+            return q
+    worst = kernel.coordinates[index[int(np.argmax(np.abs(r[0])))]]
+    raise IntegrationError(f"{kernel.name}: no static equilibrium near the guess; {worst} stays out of balance")
+
+
+def _refuse_singular(slopes: Array, names: list[str], robot: str) -> None:
+    _, values, directions = np.linalg.svd(slopes)
+    if values[-1] <= 1e-12 * values[0]:
+        loose = names[int(np.argmax(np.abs(directions[-1])))]
+        raise IntegrationError(
+            f"{robot}: no static equilibrium: nothing holds {loose}; give it a stiffness or a drive, or list it in held"
+        )
