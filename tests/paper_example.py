@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import sympy as sp
-from eomgen.codegen.trace import ClosedForm, closed_form
 
+from eomgen.codegen.trace import ClosedForm, closed_form
 from eomgen.description import load_robot
 from eomgen.model import build_model
 

@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 import pytest
 import sympy as sp
-from eomgen.codegen.joint import joint_transform, step
-from eomgen.codegen.trace import closed_form
-from eomgen.codegen.zeros import zero_map
 from lagrange_oracle import LagrangeOracle
 from numpy.typing import NDArray
 from paper_example import equal, gravity, length, m, one_link, stiffness
 from sympy.physics.mechanics import dynamicsymbols
 
+from eomgen.codegen.joint import joint_transform, step
+from eomgen.codegen.trace import closed_form
+from eomgen.codegen.zeros import zero_map
 from eomgen.model import build_model
 from eomgen.robot import ANGULAR, COORDINATES, LINEAR, Coordinate, Joint, Link, Placement, Robot, rotation_from_rpy
 

@@ -8,9 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 import sympy as sp
-from eomgen.codegen.equations import derive
-from eomgen.codegen.ir import evaluate
-from eomgen.codegen.trace import closed_form
 from lagrange_oracle import LagrangeOracle
 from numpy.typing import NDArray
 from paper_example import equal, gravity, length, m, one_link, stiffness
@@ -25,6 +22,9 @@ from sympy.physics.mechanics import (
     dynamicsymbols,
 )
 
+from eomgen.codegen.equations import derive
+from eomgen.codegen.ir import evaluate
+from eomgen.codegen.trace import closed_form
 from eomgen.model import build_model, parameter_values
 from eomgen.robot import Robot
 
