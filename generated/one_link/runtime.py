@@ -88,8 +88,7 @@ class Kernel:
             wrench: (links, 6), per link force (N) then moment (N m) about its centre of mass, base axes.
             out: array to write to.
         """
-        result = self._run("generalized_force", out, (q, v))
-        return self._add_external(result, q, wrench, 1.0)
+        return self._run_with("generalized_force", out, (q, v), wrench, 1.0)
 
     def residual(
         self,
@@ -102,7 +101,7 @@ class Kernel:
         out: Array | None = None,
     ) -> Array:
         """M a + bias - generalized_force - u, (n,), N or N m; zero on a motion."""
-        return self._add_external(self._run("residual", out, (q, v, a, u)), q, wrench, -1.0)
+        return self._run_with("residual", out, (q, v, a, u), wrench, -1.0)
 
     def inverse_dynamics(
         self,
@@ -114,7 +113,7 @@ class Kernel:
         out: Array | None = None,
     ) -> Array:
         """The drives u, (n,), N or N m, that make the residual zero."""
-        return self._add_external(self._run("inverse_dynamics", out, (q, v, a)), q, wrench, -1.0)
+        return self._run_with("inverse_dynamics", out, (q, v, a), wrench, -1.0)
 
     def forward_dynamics(
         self,
@@ -131,7 +130,11 @@ class Kernel:
             SingularError: M cannot be inverted in this state.
         """
         if wrench is not None:
-            u = self._array("u", u, self._shapes["u"])[0] + self.external_force(q, wrench)
+            drives, states = self._array("u", u, self._shapes["u"])
+            external = self.external_force(q, wrench)
+            if states is not None and external.ndim > 1 and len(external) != states:
+                raise ArrayError(f"wrench: {len(external)} states, but {states} in u")
+            u = drives + external
         return self._run("forward_dynamics", out, (q, v, u))
 
     def external_force(self, q: ArrayLike, wrench: ArrayLike, *, out: Array | None = None) -> Array:
@@ -176,19 +179,28 @@ class Kernel:
 
     def _frame(self, name: str) -> tuple[int]:
         if name not in self.frames:
-            raise UnknownNameError(f"frame: {name!r} is unknown{_nearest(name, self.frames)}")
+            raise UnknownNameError(f"frame: {name!r} is unknown{_nearest(str(name), self.frames)}")
         return (self.frames.index(name),)
 
-    def _add_external(self, result: Array, q: ArrayLike, wrench: ArrayLike | None, sign: float) -> Array:
+    def _run_with(
+        self, name: str, out: Array | None, values: Sequence[ArrayLike], wrench: ArrayLike | None, sign: float
+    ) -> Array:
+        """A kernel's result plus the generalized forces of the wrenches, times a sign."""
         if wrench is None:
-            return result
-        external = self.external_force(q, wrench)
-        if external.ndim > result.ndim:
-            return np.asarray(result + self.dtype.type(sign) * external)
+            return self._run(name, out, values)
+        external = self.external_force(values[0], wrench)
+        result = self._run(name, out, values, count=len(external) if external.ndim > 1 else None)
         result += self.dtype.type(sign) * external
         return result
 
-    def _run(self, name: str, out: Array | None, values: Sequence[ArrayLike], extra: tuple[int, ...] = ()) -> Array:
+    def _run(
+        self,
+        name: str,
+        out: Array | None,
+        values: Sequence[ArrayLike],
+        extra: tuple[int, ...] = (),
+        count: int | None = None,
+    ) -> Array:
         """Check the arrays, call the C, and say what went wrong."""
         found = self._functions.get(name)
         if found is None:
@@ -196,7 +208,6 @@ class Kernel:
                 f"{self.name} was built without the kernel {name}; built: {', '.join(self._functions)}"
             )
         function, reads, writes = found
-        count: int | None = None
         arguments: list[Any] = []
         arrays: list[Array] = []
         for label, value in zip(reads, values, strict=True):
@@ -204,7 +215,7 @@ class Kernel:
             array, states = self._array(label, value, shape)
             if states is not None:
                 if count not in (None, states):
-                    raise ArrayError(f"{label}: {states} states, but {count} in the arrays before it")
+                    raise ArrayError(f"{label}: {states} states, but {count} in other arrays")
                 count = states
             arrays.append(array)
             arguments += [self._ffi.from_buffer(self._pointer, array), math.prod(shape) if states else 0]
@@ -219,7 +230,7 @@ class Kernel:
 
     def _array(self, label: str, value: ArrayLike, shape: tuple[int, ...]) -> tuple[Array, int | None]:
         """The value as a C-contiguous array of this kernel's dtype, and the number of states if it is a batch."""
-        if isinstance(value, np.ndarray) and value.dtype == self.dtype and value.flags.c_contiguous:
+        if type(value) is np.ndarray and value.dtype == self.dtype and value.flags.c_contiguous and value.flags.aligned:
             array = value
         else:
             array = self._converted(label, value, shape)
@@ -241,13 +252,16 @@ class Kernel:
             raise ArrayError(
                 f"{label}: expected {self._expected(shape)}, got {type(value).__name__} ({error})"
             ) from None
-        plain = not isinstance(value, np.ndarray) and array.dtype == np.float64  # Python floats, not an array of them
+        if getattr(value, "mask", None) is not None:
+            raise ArrayError(f"{label}: expected {self._expected(shape)}, got a masked array; fill what is masked")
+        plain = not isinstance(value, np.ndarray) and array.dtype in (np.float64, np.int64)  # Python's own numbers
         if array.dtype.kind not in "fiub" or not (plain or np.can_cast(array.dtype, self.dtype, "safe")):
             raise ArrayError(
                 f"{label}: expected {self._expected(shape)}, got dtype {array.dtype},"
                 f" which {self.dtype} cannot hold exactly"
             )
-        return np.ascontiguousarray(array, self.dtype).reshape(array.shape)
+        with np.errstate(over="ignore"):  # what becomes infinite is refused by its name
+            return np.require(array, self.dtype, ("C", "A"))
 
     def _expected(self, shape: tuple[int, ...]) -> str:
         inner = ", ".join(map(str, shape))
