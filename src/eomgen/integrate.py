@@ -1,4 +1,4 @@
-"""Numerical integration of a compiled kernel's equations of motion, explicit and implicit, and static equilibrium.
+"""Numerical integration of a compiled kernel's equations of motion, explicit and implicit.
 
 SciPy is imported when an integration with one of its methods begins, not with this file.
 """
@@ -6,7 +6,7 @@ SciPy is imported when an integration with one of its methods begins, not with t
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 from types import MappingProxyType
@@ -118,7 +118,7 @@ def integrate(
         InputError: an argument is wrong, or SciPy is not installed.
     """
     system = System(kernel, drive, wrench)
-    q0, v0 = system.vector("q0", q0), system.vector("v0", v0)
+    q0, v0 = (state_vector(label, x, kernel.coordinates) for label, x in (("q0", q0), ("v0", v0)))
     times = _output_times(duration, output_step)
     method = choose_method(kernel, method)
     began = time.perf_counter()
@@ -168,6 +168,25 @@ def coordinate_sizes(kernel: Kernel, q: Array) -> tuple[Array, Array]:
     return np.minimum(1.0, REFERENCE_ACCELERATION * period**2), np.minimum(1.0, REFERENCE_ACCELERATION * period)
 
 
+def state_vector(label: str, value: ArrayLike, coordinates: tuple[str, ...]) -> Array:
+    """The value as a vector of one finite number per coordinate, a copy.
+
+    Raises:
+        ArrayError: it is none; the message begins with the label.
+    """
+    n = len(coordinates)
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ArrayError(f"{label}: expected {n} numbers, got {type(value).__name__} ({error})") from None
+    if array.shape != (n,):
+        raise ArrayError(f"{label}: expected float64 of shape ({n},), got shape {array.shape}")
+    bad = np.flatnonzero(~np.isfinite(array))
+    if bad.size:
+        raise ArrayError(f"{label}: {coordinates[bad[0]]} is {array[bad[0]]}; numbers must be finite")
+    return array
+
+
 class System:
     """The equations of motion as y' = f(t, y), y = (q, v), with their Jacobian; counts its calls."""
 
@@ -181,19 +200,6 @@ class System:
         self._no_drive = np.zeros(self.n)
         self.counts = {"steps": 0, "evaluations": 0, "jacobians": 0}
         self.trouble: Exception | None = None
-
-    def vector(self, label: str, value: ArrayLike) -> Array:
-        """The value as a vector of n finite numbers, a copy."""
-        try:
-            array = np.array(value, dtype=np.float64)
-        except (TypeError, ValueError) as error:
-            raise ArrayError(f"{label}: expected {self.n} numbers, got {type(value).__name__} ({error})") from None
-        if array.shape != (self.n,):
-            raise ArrayError(f"{label}: expected float64 of shape ({self.n},), got shape {array.shape}")
-        bad = np.flatnonzero(~np.isfinite(array))
-        if bad.size:
-            raise ArrayError(f"{label}: {self.kernel.coordinates[bad[0]]} is {array[bad[0]]}; numbers must be finite")
-        return array
 
     def drives(self, t: float, q: Array, v: Array) -> Array:
         """u of one state, (n,), or of a batch, (N, n)."""
@@ -387,89 +393,3 @@ def _sampled(solver: Any, system: System, times: Array, report: Callable[[float,
             done = end
         report(solver.t, f"t = {solver.t:.3f} s, {name}, {system.counts['steps']} steps")
     return states
-
-
-def static_equilibrium(
-    kernel: Kernel,
-    q_guess: ArrayLike,
-    *,
-    u: ArrayLike | Callable[[Array], ArrayLike] | None = None,
-    held: Iterable[str] = (),
-    wrench: ArrayLike | None = None,
-) -> tuple[Array, Array]:
-    """The state of rest near a guess: springs, gravity, drives and wrenches in balance; Newton's method.
-
-    Args:
-        kernel: float64, with inverse_dynamics and mass_matrix.
-        q_guess: coordinates, (n,).
-        u: drives, (n,), N or N m, or a function of q, (N, n) -> (N, n); none if not given.
-        held: names of coordinates that stay at their guess, whatever drive that takes.
-        wrench: external wrenches, (links, 6).
-
-    Returns:
-        q, (n,), and the drives that hold it, (n,): u, and in held coordinates what is needed.
-
-    Raises:
-        IntegrationError: there is no such state near the guess: a coordinate that nothing holds is named.
-        UnknownNameError, ArrayError: a name or an array is wrong.
-    """
-    drive = (lambda _t, q, _v: u(q)) if callable(u) else None
-    if drive is not None:
-        drive.batched = True  # type: ignore[attr-defined]
-    system = System(kernel, drive, wrench)
-    constant = np.zeros(kernel.n) if u is None or callable(u) else system.vector("u", u)
-    q = system.vector("q_guess", q_guess)
-    free = np.array([name not in _known(held, kernel) for name in kernel.coordinates])
-    zero = np.zeros(kernel.n)
-
-    def forces(qs: Array) -> tuple[Array, Array]:
-        needed = np.asarray(kernel.inverse_dynamics(qs, zero, zero, wrench=wrench))
-        return needed, system.drives(0.0, qs, np.zeros_like(qs)) + constant
-
-    q = _newton(kernel, q, free, lambda qs: np.subtract(*forces(qs)))
-    needed, given = forces(q)
-    return q, np.where(free, given, needed)
-
-
-def _known(names: Iterable[str], kernel: Kernel) -> set[str]:
-    known = set(names)
-    for name in known:
-        if name not in kernel.coordinates:
-            raise InputError(f"held: {name!r} is unknown; known: {', '.join(kernel.coordinates)}")
-    return known
-
-
-def _newton(kernel: Kernel, q: Array, free: NDArray[np.bool_], residual: Callable[[Array], Array]) -> Array:
-    """Root of the residual's free rows in the free coordinates; scaled by sizes, with backtracking."""
-    size = coordinate_sizes(kernel, q)[0][free]
-    inertia = np.maximum(np.diagonal(kernel.mass_matrix(q))[free], 1e-12)
-    index = np.flatnonzero(free)
-    if not index.size:
-        return q
-    for _ in range(60):
-        states = np.tile(q, (index.size + 1, 1))
-        states[np.arange(1, index.size + 1), index] += Q_STEP
-        r = residual(states)[:, free] / inertia  # as accelerations
-        slopes = (r[1:] - r[0]).T / Q_STEP * size
-        _refuse_singular(slopes, [kernel.coordinates[i] for i in index], kernel.name)
-        change = -np.linalg.solve(slopes, r[0]) * size
-        change *= min(1.0, 0.5 / np.abs(change).max(initial=0.0)) if change.any() else 1.0
-        for factor in 0.5 ** np.arange(12):
-            trial = q.copy()
-            trial[free] += factor * change
-            if np.linalg.norm(residual(trial)[free] / inertia) <= (1.0 - 1e-4 * factor) * np.linalg.norm(r[0]):
-                break
-        q = trial
-        if (np.abs(change) <= 1e-9 * size).all():  # the slopes are good to 1e-7: what is left is round-off
-            return q
-    worst = kernel.coordinates[index[int(np.argmax(np.abs(r[0])))]]
-    raise IntegrationError(f"{kernel.name}: no static equilibrium near the guess; {worst} stays out of balance")
-
-
-def _refuse_singular(slopes: Array, names: list[str], robot: str) -> None:
-    _, values, directions = np.linalg.svd(slopes)
-    if values[-1] <= 1e-12 * values[0]:
-        loose = names[int(np.argmax(np.abs(directions[-1])))]
-        raise IntegrationError(
-            f"{robot}: no static equilibrium: nothing holds {loose}; give it a stiffness or a drive, or list it in held"
-        )
