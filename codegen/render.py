@@ -103,6 +103,7 @@ def render(equations: Equations, dtype: str) -> Source:
         "body_count": [len(body.active) for body in model.bodies],
         "is_rotation": [int(name in ("alpha", "beta", "gamma")) for body in model.bodies for name in body.active],
         "coordinate_parents": coordinate_parents(model),
+        "is_chain": coordinate_parents(model) == list(range(-1, model.size - 1)),
         "parameters": list(model.parameters),
         "hoisted": len(equations.setup.outputs),
         "texts": TEXTS,
