@@ -7,12 +7,13 @@ reference, closed-form equations and generated code.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from eomgen.model import FIXED_BODY, Model
-from eomgen.robot import IDENTITY, INERTIA_KEYS, Joint
+from eomgen.robot import IDENTITY, INERTIA_KEYS, Placement, snap
 
 Scalar = Any  # float, sympy.Expr or ir.Node
 Vec = tuple[Scalar, Scalar, Scalar]
@@ -95,7 +96,7 @@ def bind(
     placements: list[Pose] = []
     for joint in robot.joints:
         body, parent = poses[joint.parent]
-        placed = parent @ binder.placement(joint)
+        placed = parent @ binder.placement(f"joints.{joint.name}", joint.placement)
         if joint.coordinates:
             placements.append(placed @ Pose(joint.axis_turn, (0.0, 0.0, 0.0)))
             poses[joint.child] = (len(placements) - 1, Pose(transpose(joint.axis_turn), (0.0, 0.0, 0.0)))
@@ -126,20 +127,24 @@ class _Binder:
     def gravity(self) -> Vec:
         return self.triple("gravity", self.model.robot.gravity)
 
-    def placement(self, joint: Joint) -> Pose:
-        prefix, given = f"joints.{joint.name}.placement", joint.placement
+    def placement(self, owner: str, given: Placement) -> Pose:
+        prefix = f"{owner}.placement"
         rotation: Mat = given.rotation
         if given.rpy is not None and any(f"{prefix}.rpy.{i}" in self.model.parameters for i in range(3)):
             rotation = self._rotation(self.triple(f"{prefix}.rpy", given.rpy, "012"))
         return Pose(rotation, self.triple(f"{prefix}.xyz", given.xyz, "012"))
 
     def _rotation(self, rpy: Vec) -> Mat:
-        (sr, cr), (sp, cp), (sy, cy) = (self.sincos(angle) for angle in rpy)
+        (sr, cr), (sp, cp), (sy, cy) = (self._turn(angle) for angle in rpy)
         return (
             (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
             (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
             (-sp, cp * sr, cp * cr),
         )
+
+    def _turn(self, angle: Scalar) -> tuple[Scalar, Scalar]:
+        """Sine and cosine; of a number as the description reads it, so that right angles prune."""
+        return (snap(math.sin(angle)), snap(math.cos(angle))) if isinstance(angle, float) else self.sincos(angle)
 
     def pseudo_inertia(self, name: str) -> tuple[PseudoInertia, Vec]:
         """H of a link in its own frame, and its centre of mass: J = 1/2 tr(I) 1 - I about the origin."""
@@ -163,8 +168,7 @@ class _Binder:
         found = dict(poses)
         for frame in self.model.robot.frames:
             body, pose = poses[frame.link]
-            origin = self.triple(f"frames.{frame.name}.placement.xyz", frame.placement.xyz, "012")
-            found[frame.name] = (body, pose @ Pose(frame.placement.rotation, origin))
+            found[frame.name] = (body, pose @ self.placement(f"frames.{frame.name}", frame.placement))
         return {name: found[name] for name in self.model.frames}
 
     def forces(self) -> tuple[tuple[Scalar, ...], tuple[Scalar, ...], tuple[Scalar, ...]]:

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from .errors import DescriptionError
-from .robot import COORDINATES, INERTIA_KEYS, Joint, Robot
+from .robot import COORDINATES, INERTIA_KEYS, Joint, Placement, Robot
 
 FIXED_BODY = -1  # what hangs on the base without a moving joint
 
@@ -150,8 +150,7 @@ def parameter_values(robot: Robot) -> Iterator[tuple[str, float | None]]:
     for joint in robot.joints:
         yield from _joint_values(joint)
     for frame in robot.frames:
-        for i, value in enumerate(frame.placement.xyz):
-            yield f"frames.{frame.name}.placement.xyz.{i}", value
+        yield from _placement_values(f"frames.{frame.name}", frame.placement)
 
 
 def _joint_values(joint: Joint) -> Iterator[tuple[str, float | None]]:
@@ -161,7 +160,11 @@ def _joint_values(joint: Joint) -> Iterator[tuple[str, float | None]]:
             yield f"joints.{joint.name}.{name}.stiffness", given.stiffness
             yield f"joints.{joint.name}.{name}.damping", given.damping
             yield f"joints.{joint.name}.{name}.armature", given.armature
-    for i, value in enumerate(joint.placement.xyz):
-        yield f"joints.{joint.name}.placement.xyz.{i}", value
-    for i, value in enumerate(joint.placement.rpy or ()):
-        yield f"joints.{joint.name}.placement.rpy.{i}", value
+    yield from _placement_values(f"joints.{joint.name}", joint.placement)
+
+
+def _placement_values(owner: str, placement: Placement) -> Iterator[tuple[str, float | None]]:
+    for i, value in enumerate(placement.xyz):
+        yield f"{owner}.placement.xyz.{i}", value
+    for i, value in enumerate(placement.rpy or ()):
+        yield f"{owner}.placement.rpy.{i}", value
