@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import threading
 from collections.abc import Iterator, Mapping, MutableMapping, Sequence
 from typing import Any
 
@@ -319,6 +320,7 @@ class Parameters(MutableMapping[str, float]):
     def __init__(self, kernel: Kernel, values: Mapping[str, float], hoisted: int) -> None:
         self._kernel, self._hoisted = kernel, hoisted
         self._slots = {name: slot for slot, name in enumerate(values)}
+        self._lock = threading.Lock()
         self._set(np.array(list(values.values()), kernel.dtype))
 
     def _set(self, values: Array) -> None:
@@ -350,7 +352,7 @@ class Parameters(MutableMapping[str, float]):
             UnknownNameError: not a run-time parameter of this kernel.
             InputError: not a finite number, or negative where that cannot be.
         """
-        values = self._setup.values.copy()
+        wanted: dict[int, float] = {}
         for name, value in dict(*args, **kwargs).items():
             slot = self._slot(name)
             if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
@@ -359,8 +361,11 @@ class Parameters(MutableMapping[str, float]):
                 raise InputError(f"parameters: {name} = {value!r} is not finite")
             if value < 0 and name.endswith((".mass", ".stiffness", ".damping", ".armature")):
                 raise InputError(f"parameters: {name} = {value!r} is negative; at least 0 is allowed")
-            values[slot] = value
-        self._set(values)
+            wanted[slot] = float(value)
+        with self._lock:  # assignments of other threads are kept
+            values = self._setup.values.copy()
+            values[list(wanted)] = list(wanted.values())
+            self._set(values)
 
     def _slot(self, name: str) -> int:
         try:
