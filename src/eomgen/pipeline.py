@@ -113,7 +113,7 @@ def generate(robot: Robot, folder: Path, options: Options | None = None, *, prog
     """
     package = _cached_package(robot, options or Options(), progress)
     target = folder / robot.name
-    if target.exists() and not (target / f"{robot.name}.json").is_file() and any(target.iterdir()):
+    if _is_foreign(target):
         raise InputError(f"{target} exists and is not a generated package; give another folder with -o, or move it")
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -132,6 +132,16 @@ def generate(robot: Robot, folder: Path, options: Options | None = None, *, prog
     except OSError as error:
         raise InputError(f"{target} cannot be written: {error.strerror or error}") from None
     return target
+
+
+def _is_foreign(target: Path) -> bool:
+    """Whether something is there that no generation wrote; an empty folder is nothing."""
+    if not target.is_dir():
+        return target.exists()
+    try:
+        return "eomgen" not in json.loads((target / f"{target.name}.json").read_text(encoding="ascii"))["generator"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return any(target.iterdir())
 
 
 def _cached_package(robot: Robot, options: Options, progress: Progress) -> Path:
