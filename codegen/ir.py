@@ -318,6 +318,7 @@ def verify(program: Program) -> Program:
             constant that is not finite, or an output that does not exist.
     """
     for index, (op, args, leaf) in enumerate((i.op, i.args, i.leaf) for i in program.instructions):
+        assert op in ARITY, f"{program.name}: value {index}, unknown operation {op}"
         assert len(args) == ARITY[op], f"{program.name}: value {index}, {op} takes {ARITY[op]} arguments"
         assert all(0 <= arg < index for arg in args), f"{program.name}: value {index} uses a later one"
         assert (leaf is None) == (ARITY[op] > 0), f"{program.name}: value {index}, leaf {leaf!r} of {op}"
