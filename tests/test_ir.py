@@ -1,0 +1,462 @@
+"""The straight-line program: a golden one, folding, verification, passes, evaluation, and its text in C."""
+
+from __future__ import annotations
+
+import ast
+import math
+import re
+import subprocess
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import cffi
+import numpy as np
+import pytest
+from conftest import Build
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from random_robots import random_robot, random_state
+
+import eomgen
+from eomgen.codegen import render
+from eomgen.codegen.compile import FLAGS
+from eomgen.codegen.equations import KERNELS, derive, derive_equations
+from eomgen.codegen.ir import Graph, Instruction, Node, Program, evaluate, finish, users, verify
+from eomgen.codegen.passes import PASSES, hoist_parameters, run_passes
+from eomgen.codegen.render import SCALARS, write_function
+from eomgen.codegen.source import Source
+from eomgen.model import build_model
+
+DOUBLE = SCALARS["float64"]
+
+
+def pendulum() -> Program:
+    """M a + m g l sin(q) of a pendulum with m l^2 = 0.75 and m l = 1.5, gravity a parameter: 10 instructions."""
+    graph = Graph()
+    q, a, g = graph.input("q", 0), graph.input("a", 0), graph.input("p", 0)
+    sin, cos = graph.sincos(q)
+    graph.note("weight")
+    graph_out = {("out", 0): 0.75 * a + 1.5 * (g * sin), ("out", 1): cos * 0.0}
+    return finish(graph, "pendulum", graph_out)
+
+
+def test_golden_program() -> None:
+    program = pendulum()
+    assert program.instructions == (
+        Instruction("input", (), ("q", 0)),
+        Instruction("input", (), ("a", 0)),
+        Instruction("input", (), ("p", 0)),
+        Instruction("sin", (0,)),
+        Instruction("const", (), 0.75),
+        Instruction("mul", (4, 1)),
+        Instruction("mul", (2, 3)),
+        Instruction("const", (), 1.5),
+        Instruction("mul", (7, 6)),
+        Instruction("add", (5, 8)),
+        Instruction("const", (), 0.0),  # the cosine is gone: its product with zero folds
+    )
+    assert dict(program.outputs) == {("out", 0): 9, ("out", 1): 10}
+    assert program.count() == {"mul": 3, "add": 1, "div": 0, "sincos": 1}
+    assert program.inputs() == {"q", "a", "p"}
+    assert program.notes == {4: "weight"}
+    found = evaluate(program, {"q": [0.5], "a": [2.0], "p": [-9.81]})
+    assert found == {("out", 0): 0.75 * 2.0 + 1.5 * (-9.81 * math.sin(0.5)), ("out", 1): 0.0}
+    (lines,) = write_function(program, DOUBLE).chunks
+    assert lines == (
+        "out[1] = 0.0;",
+        "const double t3 = sin(q[0]);",
+        "/* weight */",
+        "out[0] = 0.75*a[0] + 1.5*(p[0]*t3);",
+    )
+
+
+def test_golden_program_after_passes() -> None:
+    program = run_passes(pendulum())
+    assert program == pendulum()
+    setup, (hoisted,) = hoist_parameters([program], 1)
+    assert dict(setup.outputs) == {("h", 0): 0}
+    assert hoisted.instructions[2] == Instruction("input", (), ("h", 0))
+
+
+Fold = Callable[[Graph, Node, Node], Any]
+FOLDS: dict[str, tuple[Fold, Fold]] = {
+    "x + 0": (lambda g, x, y: x + 0.0, lambda g, x, y: x),
+    "0 + x": (lambda g, x, y: 0.0 + x, lambda g, x, y: x),
+    "x - 0": (lambda g, x, y: x - 0.0, lambda g, x, y: x),
+    "0 - x": (lambda g, x, y: 0.0 - x, lambda g, x, y: -x),
+    "x - x": (lambda g, x, y: x - x, lambda g, x, y: 0.0),
+    "x * 0": (lambda g, x, y: x * 0.0, lambda g, x, y: 0.0),
+    "x * 1": (lambda g, x, y: 1.0 * x, lambda g, x, y: x),
+    "x * -1": (lambda g, x, y: x * -1.0, lambda g, x, y: -x),
+    "x / 1": (lambda g, x, y: x / 1.0, lambda g, x, y: x),
+    "0 / x": (lambda g, x, y: 0.0 / x, lambda g, x, y: 0.0),
+    "--x": (lambda g, x, y: g.neg(-x), lambda g, x, y: x),
+    "x + -y": (lambda g, x, y: x + -y, lambda g, x, y: x - y),
+    "-x + y": (lambda g, x, y: -x + y, lambda g, x, y: y - x),
+    "-x - y": (lambda g, x, y: -x - y, lambda g, x, y: -(x + y)),
+    "x - -y": (lambda g, x, y: x - -y, lambda g, x, y: x + y),
+    "-x * -y": (lambda g, x, y: -x * -y, lambda g, x, y: x * y),
+    "-x * y": (lambda g, x, y: -x * y, lambda g, x, y: -(x * y)),
+    "2 (3 x)": (lambda g, x, y: 2.0 * (3.0 * x), lambda g, x, y: 6.0 * x),
+    "-2 x": (lambda g, x, y: -2.0 * x, lambda g, x, y: -(2.0 * x)),
+    "2 (x / 2)": (lambda g, x, y: 2.0 * (x / 2.0), lambda g, x, y: x),
+    "x + y, y + x": (lambda g, x, y: x + y, lambda g, x, y: y + x),
+    "x y, y x": (lambda g, x, y: x * y, lambda g, x, y: y * x),
+    "(x + y) - y": (lambda g, x, y: (x + y) - y, lambda g, x, y: x),
+    "(x - y) + y": (lambda g, x, y: (x - y) + y, lambda g, x, y: x),
+    "x - (x + y)": (lambda g, x, y: x - (x + y), lambda g, x, y: -y),
+    "(x + 2) + (y + 3)": (lambda g, x, y: (x + 2.0) + (y + 3.0), lambda g, x, y: (x + y) + 5.0),
+    "y - x after x - y": (lambda g, x, y: y - x, lambda g, x, y: -(x - y)),
+    "sin x twice": (lambda g, x, y: g.sincos(x)[0], lambda g, x, y: g.sincos(x)[0]),
+}
+
+
+@pytest.mark.parametrize("name", FOLDS)
+def test_folding(name: str) -> None:
+    """Both sides are the same node, or the same number."""
+    graph = Graph()
+    x, y = graph.input("q", 0), graph.input("q", 1)
+    before, after = FOLDS[name]
+    if name.startswith("y - x after"):
+        assert isinstance(x - y, Node)
+    left, right = before(graph, x, y), after(graph, x, y)
+    if isinstance(right, Node):
+        assert left.index == right.index
+    else:
+        assert left == right
+
+
+def test_numbers_stay_numbers() -> None:
+    graph = Graph()
+    assert graph.add(1.0, 2.0) == 3.0
+    assert graph.sub(1.0, 2.0) == -1.0
+    assert graph.mul(3.0, 2.0) == 6.0
+    assert graph.div(3.0, 2.0) == 1.5
+    assert graph.neg(3.0) == -3.0
+    assert graph.sincos(0.5) == (math.sin(0.5), math.cos(0.5))
+    assert graph.instructions == []
+
+
+BAD: dict[str, tuple[Sequence[Instruction], Mapping[tuple[str, int], int], str]] = {
+    "unknown operation": ([Instruction("pow", (0, 0))], {}, "pow"),
+    "too few arguments": ([Instruction("input", (), ("q", 0)), Instruction("add", (0,))], {}, "takes 2 arguments"),
+    "too many arguments": ([Instruction("input", (), ("q", 0)), Instruction("neg", (0, 0))], {}, "takes 1 arg"),
+    "a later argument": ([Instruction("neg", (1,)), Instruction("input", (), ("q", 0))], {}, "uses a later one"),
+    "itself": ([Instruction("neg", (0,))], {}, "uses a later one"),
+    "a negative argument": ([Instruction("input", (), ("q", 0)), Instruction("neg", (-1,))], {}, "uses a later one"),
+    "a constant without a number": ([Instruction("const")], {}, "leaf None"),
+    "a leaf too many": ([Instruction("input", (), ("q", 0)), Instruction("neg", (0,), 1.0)], {}, "leaf 1.0"),
+    "not a number": ([Instruction("const", (), math.nan)], {}, "nan"),
+    "infinite": ([Instruction("const", (), math.inf)], {}, "inf"),
+    "an output that is not there": ([Instruction("const", (), 1.0)], {("out", 0): 1}, "output"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_verify_refuses(name: str) -> None:
+    instructions, outputs, message = BAD[name]
+    with pytest.raises(AssertionError, match=re.escape(message)):
+        verify(Program("bad", tuple(instructions), outputs))
+
+
+# Random programs.  Their values are numbers modulo a prime, so that folding may not lose a bit.
+PRIME = 2**61 - 1
+OPERATIONS = ("add", "sub", "mul", "div", "neg", "sin", "cos")
+CONSTANTS = (0.0, 1.0, -1.0, 2.0, -2.0, 0.5, -0.5, 3.0, 0.75)
+
+
+@dataclass(frozen=True)
+class Mod:
+    """A number modulo PRIME; floats that are sums of powers of two convert exactly."""
+
+    value: int
+
+    @classmethod
+    def of(cls, number: Any) -> Mod:
+        if isinstance(number, Mod):
+            return number
+        exact = Fraction(number)
+        return cls(exact.numerator * pow(exact.denominator, -1, PRIME) % PRIME)
+
+    def __add__(self, other: Any) -> Mod:
+        return Mod((self.value + Mod.of(other).value) % PRIME)
+
+    def __sub__(self, other: Any) -> Mod:
+        return Mod((self.value - Mod.of(other).value) % PRIME)
+
+    def __mul__(self, other: Any) -> Mod:
+        return Mod(self.value * Mod.of(other).value % PRIME)
+
+    def __truediv__(self, other: Any) -> Mod:
+        return Mod(self.value * pow(Mod.of(other).value, -1, PRIME) % PRIME)
+
+    def __neg__(self) -> Mod:
+        return Mod(-self.value % PRIME)
+
+    __radd__, __rmul__ = __add__, __mul__
+
+    def __rsub__(self, other: Any) -> Mod:
+        return Mod.of(other) - self
+
+    def __rtruediv__(self, other: Any) -> Mod:
+        return Mod.of(other) / self
+
+
+def opaque_sincos(x: Any) -> tuple[Any, Any]:
+    """Two functions of which nothing is known; any will do."""
+    return Mod.of(x) * 5 + 7, Mod.of(x) * 11 + 13
+
+
+steps = st.lists(
+    st.tuples(st.sampled_from(OPERATIONS), st.integers(0, 40), st.integers(0, 40)), min_size=1, max_size=40
+)
+
+
+def build_both(plan: Sequence[tuple[str, int, int]], pool: Sequence[Any], graph: Graph) -> tuple[list[Any], list[Any]]:
+    """The plan's last values as folded nodes, and as numbers that nothing folded."""
+    nodes: list[Any] = [*pool, *CONSTANTS]
+    numbers = [*(Mod(12345 + 678 * i * i) for i in range(len(pool))), *map(Mod.of, CONSTANTS)]
+    for op, i, j in plan:
+        i, j = i % len(nodes), j % len(nodes)
+        x, y = nodes[i], nodes[j]
+        if op in ("sin", "cos"):
+            if isinstance(x, Node):  # of a number the graph would take the true sine
+                nodes.append(graph.sincos(x)[op == "cos"])
+                numbers.append(opaque_sincos(numbers[i])[op == "cos"])
+        elif op == "neg":
+            nodes.append(graph.neg(x))
+            numbers.append(-numbers[i])
+        elif op == "div":
+            power_of_two = not isinstance(y, Node) and abs(y) in (0.5, 1.0, 2.0)
+            if numbers[j].value != 0 and (isinstance(y, Node) or power_of_two):
+                nodes.append(graph.div(x, y))
+                numbers.append(numbers[i] / numbers[j])
+        else:
+            nodes.append(getattr(graph, op)(x, y))
+            numbers.append({"add": Mod.__add__, "sub": Mod.__sub__, "mul": Mod.__mul__}[op](numbers[i], numbers[j]))
+    return nodes[-6:], numbers[-6:]
+
+
+def random_program(plan: Sequence[tuple[str, int, int]]) -> tuple[Program, dict[str, list[Mod]], list[Mod]]:
+    graph = Graph()
+    pool = [graph.input("q", 0), graph.input("q", 1), graph.input("p", 0), graph.input("p", 1)]
+    nodes, numbers = build_both(plan, pool, graph)
+    inputs = {"q": [Mod(12345), Mod(12345 + 678)], "p": [Mod(12345 + 678 * 4), Mod(12345 + 678 * 9)]}
+    return finish(graph, "random", {("out", i): node for i, node in enumerate(nodes)}), inputs, numbers
+
+
+def values(program: Program, inputs: Mapping[str, Sequence[Any]]) -> list[Mod]:
+    found = evaluate(program, inputs, opaque_sincos)
+    return [Mod.of(found["out", i]) for i in range(len(found))]
+
+
+@settings(max_examples=300, deadline=None)
+@given(steps)
+def test_folding_keeps_values(plan: Sequence[tuple[str, int, int]]) -> None:
+    program, inputs, numbers = random_program(plan)
+    verify(program)
+    assert values(program, inputs) == numbers
+
+
+@settings(max_examples=300, deadline=None)
+@given(steps)
+def test_folding_leaves_nothing_to_fold(plan: Sequence[tuple[str, int, int]]) -> None:
+    """No product with 0, 1 or -1, no sum with 0, no double sign, nothing twice, nothing that no output needs."""
+    program, _, _ = random_program(plan)
+    instructions = program.instructions
+    for op, args in ((i.op, i.args) for i in instructions):
+        arguments = [instructions[arg] for arg in args]
+        constants = [argument.leaf for argument in arguments if argument.op == "const"]
+        assert len(constants) < len(args) or not args
+        if op == "mul":
+            assert not {0.0, 1.0, -1.0} & set(constants)
+        if op in ("add", "sub"):
+            assert 0.0 not in constants
+            assert all(argument.op != "neg" for argument in arguments)
+        if op == "neg":
+            assert arguments[0].op != "neg"
+    assert len(set(instructions)) == len(instructions)
+    assert 0 not in users(program)
+
+
+@pytest.mark.parametrize("step", PASSES, ids=lambda step: step.__name__)
+@settings(max_examples=300, deadline=None)
+@given(plan=steps)
+def test_every_pass_keeps_values(step: Callable[[Program], Program], plan: Sequence[tuple[str, int, int]]) -> None:
+    program, inputs, numbers = random_program(plan)
+    changed = verify(step(program))
+    assert values(changed, inputs) == numbers
+    assert all(changed.count()[key] <= number for key, number in program.count().items())
+
+
+@settings(max_examples=300, deadline=None)
+@given(steps, steps)
+def test_hoisting_keeps_values(plan: Sequence[tuple[str, int, int]], other: Sequence[tuple[str, int, int]]) -> None:
+    """Two kernels share one setup; after it no kernel reads a parameter or does what the setup can do."""
+    made = [random_program(plan), random_program(other)]
+    setup, hoisted = hoist_parameters([run_passes(program) for program, _, _ in made], 2)
+    assert setup.inputs() <= {"p"}
+    found = evaluate(setup, {"p": made[0][1]["p"]}, opaque_sincos)
+    h = [found["h", slot] for slot in range(len(found))]
+    assert h[:2] == made[0][1]["p"]
+    for program, (_, inputs, numbers) in zip(hoisted, made, strict=True):
+        assert values(program, {"q": inputs["q"], "h": h}) == numbers
+        assert program.inputs() <= {"q", "h"}
+        for instruction in program.instructions:
+            arguments = [program.instructions[arg] for arg in instruction.args]
+            early = [x.op == "const" or (x.op == "input" and x.leaf[0] == "h") for x in arguments]
+            assert not arguments or not all(early)
+
+
+def test_evaluate_on_arrays_and_symbols() -> None:
+    """The same program on NumPy arrays, and read back into SymPy."""
+    import sympy as sp
+
+    program = pendulum()
+    q, a = np.linspace(-1, 1, 5), np.linspace(0, 1, 5)
+    found = evaluate(program, {"q": [q], "a": [a], "p": [9.81]}, lambda x: (np.sin(x), np.cos(x)))
+    assert np.allclose(found["out", 0], 0.75 * a + 1.5 * 9.81 * np.sin(q), rtol=1e-15)
+    x, y, g = sp.symbols("x y g")
+    symbolic = evaluate(program, {"q": [x], "a": [y], "p": [g]}, lambda s: (sp.sin(s), sp.cos(s)))
+    assert sp.nsimplify(symbolic["out", 0] - (sp.Rational(3, 4) * y + sp.Rational(3, 2) * g * sp.sin(x))) == 0
+
+
+def float_program(rng: np.random.Generator, length: int) -> Program:
+    """A random program for floats: no division by zero, sums and products of moderate size."""
+    graph = Graph()
+    nodes: list[Any] = [graph.input("q", i) for i in range(3)] + [graph.input("v", 0), 0.7, -1.3, 1.0]
+    for _ in range(length):
+        op = str(rng.choice(["add", "sub", "mul", "neg", "sin", "div"]))
+        x, y = (nodes[int(i)] for i in rng.integers(max(0, len(nodes) - 12), len(nodes), 2))
+        if op == "sin" and isinstance(x, Node):
+            nodes.extend(graph.sincos(x))
+        elif op == "neg":
+            nodes.append(graph.neg(x))
+        elif op == "div":
+            nodes.append(graph.div(x, graph.add(graph.mul(y, y), 1.0)))
+        elif op != "sin":
+            nodes.append(getattr(graph, op)(x, y))
+    return finish(graph, "random", {("out", i): node for i, node in enumerate(nodes[-8:])})
+
+
+def test_evaluation_equals_compiled_code(tmp_path: Path) -> None:
+    """To the bit: brackets, signs and literals mean in C what the program means."""
+    rng = np.random.default_rng(5)
+    programs = [run_passes(float_program(rng, 60)) for _ in range(60)]
+    code, declarations = ["#include <math.h>"], []
+    for k, program in enumerate(programs):
+        (lines,) = write_function(program, DOUBLE).chunks
+        head = f"void f{k}(const double *q, const double *v, double *out)"
+        code.append(f"{head}\n{{\n    (void)q; (void)v;\n    " + "\n    ".join(lines) + "\n}")
+        declarations.append(f"{head};")
+    (tmp_path / "f.c").write_text("#include <stddef.h>\n" + "\n".join(code), encoding="ascii")
+    command = ["cc", "-shared", "-fPIC", *FLAGS, str(tmp_path / "f.c"), "-o", str(tmp_path / "f.so"), "-lm"]
+    subprocess.run(command, check=True)
+    ffi = cffi.FFI()
+    ffi.cdef("\n".join(declarations))
+    lib = ffi.dlopen(str(tmp_path / "f.so"))
+    for k, program in enumerate(programs):
+        q, v, out = rng.uniform(-2, 2, 3), rng.uniform(-2, 2, 1), np.zeros(8)
+        pointers = [ffi.from_buffer("double[]", x) for x in (q, v, out)]
+        getattr(lib, f"f{k}")(*pointers)
+        expected = evaluate(program, {"q": q.tolist(), "v": v.tolist()})
+        assert np.array_equal(out, list(expected.values()), equal_nan=True)
+
+
+def test_split_functions_equal_whole_ones(built: Build, empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Functions of a few statements that hand values on, against one function per kernel: the same to the bit."""
+    robot = random_robot(7, joints=(3, 3), types=("revolute", "free"))
+    kernels = []
+    for name, size in (("whole", 10**9), ("split", 25)):
+        monkeypatch.setattr(render, "CHUNK", size)
+        kernels.append(built(replace(robot, name=name)))
+    s = random_state(robot, 1)
+    whole, split = kernels
+    for name in KERNELS:
+        if name not in ("kinematics", "external_force"):
+            arrays = [getattr(s, letter) for letter in KERNELS[name].reads]
+            assert np.array_equal(getattr(whole, name)(*arrays), getattr(split, name)(*arrays)), name
+    for frame in whole.frames:
+        assert np.array_equal(whole.frame_pose(s.q, frame), split.frame_pose(s.q, frame))
+        assert np.array_equal(whole.frame_jacobian(s.q, frame), split.frame_jacobian(s.q, frame))
+    package = next(path for path in (empty_cache / "packages").iterdir() if (path / "split.c").exists())
+    assert "split_forward_dynamics_part3(" in (package / "split.c").read_text()
+
+
+def operators(text: str) -> Iterator[str]:
+    """Operations of an expression, which reads the same in Python: the sign of a number is part of the number."""
+    for node in ast.walk(ast.parse(text, mode="eval")):
+        if isinstance(node, ast.BinOp):
+            yield {ast.Mult: "mul", ast.Div: "div", ast.Add: "add", ast.Sub: "add"}[type(node.op)]
+        elif isinstance(node, ast.UnaryOp) and not isinstance(node.operand, ast.Constant):
+            yield "add"
+        elif isinstance(node, ast.Call):
+            yield f"sincos {ast.unparse(node.args[0])}"
+
+
+def counted(lines: Sequence[str]) -> dict[str, int]:
+    """Operations in the statements of a function of C."""
+    found: list[str] = []
+    for line in lines:
+        if " = " in line and not line.startswith(("for ", "/*")):
+            found.extend(operators(line.rstrip(";").rsplit(" = ", 1)[1].replace("sinf(", "sin(")))
+    angles = {name for name in found if name.startswith("sincos")}
+    return {"mul": found.count("mul"), "add": found.count("add"), "div": found.count("div"), "sincos": len(angles)}
+
+
+def test_operations_are_those_of_the_text(built: Build) -> None:
+    """What a kernel reports is what its C does."""
+    robot = random_robot(8, joints=(3, 3), tree=True, max_size=9)
+    equations = derive_equations(build_model(robot))
+    kernel = built(robot)
+    for name, program in equations.programs.items():
+        lines = [line for chunk in write_function(program, DOUBLE).chunks for line in chunk]
+        assert counted(lines) == program.count(), name
+        assert kernel.operations[name] == program.count(), name
+    setup = [line for chunk in write_function(equations.setup, DOUBLE).chunks for line in chunk]
+    assert counted(setup) == kernel.operations["parameters"]
+
+
+def test_operations_of_loops(built: Build) -> None:
+    """Of kernels that are loops in C: the sum over what they call and do, as the loops would count it."""
+    robot = random_robot(9, joints=(4, 4), types=("free",), tree=True, armature=False)
+    kernel = built(robot, "forward_dynamics", "mass_matrix", "christoffel", "coriolis_matrix")
+    model = build_model(robot)
+    solving = {"mul": 0, "add": 0, "div": 0}
+    parents = [-1] * model.size
+    for body in model.bodies:
+        before = -1 if body.parent < 0 else model.bodies[body.parent].indices[-1]
+        for index in body.indices:
+            parents[index], before = before, index
+
+    def path(i: int) -> list[int]:
+        found = []
+        while (i := parents[i]) >= 0:
+            found.append(i)
+        return found
+
+    for k in range(model.size - 1, -1, -1):
+        solving["div"] += 1
+        for i in path(k):
+            above = [i, *path(i)]
+            solving["mul"] += 1 + len(above)
+            solving["add"] += len(above)
+    for k in range(model.size):
+        solving["mul"] += 2 * len(path(k)) + 1
+        solving["add"] += 2 * len(path(k))
+    _, (right,) = hoist_parameters([run_passes(derive(model, "right_side"))], len(model.parameters))
+    called = {key: kernel.operations["mass_matrix"][key] + number for key, number in right.count().items()}
+    for key, number in solving.items():
+        assert kernel.operations["forward_dynamics"][key] == number + called[key]
+        assert kernel.operations["christoffel"][key] == 24 * kernel.operations["coriolis_matrix"][key]
+
+
+def test_the_source_is_a_value() -> None:
+    """Everything that is compiled is text; two derivations give equal sources."""
+    model = build_model(eomgen.load_robot("one_link"))
+    first, second = (render.render(derive_equations(model), "float64") for _ in range(2))
+    assert isinstance(first, Source)
+    assert first == second
