@@ -13,13 +13,12 @@ import numpy as np
 from .errors import InputError
 from .result import SimulationResult, unit_of, write_atomically
 
-
 COLORS = {  # Okabe and Ito: told apart by colour-blind readers
     "m": {"x": "#0072b2", "y": "#d55e00", "z": "#009e73"},
     "rad": {"alpha": "#56b4e9", "beta": "#e69f00", "gamma": "#cc79a7"},
 }
 PROGRAM_COLOR, TOOL_COLOR, GRID_COLOR = "#777777", "#cc3311", "#dddddd"
-SHOWN_PART = 0.15  # a magnified deviation is about this part of the path's extent
+SHOWN_PART = 0.25  # a magnified deviation is about this part of the path's extent
 WHISKERS = 25
 DPI = 200
 MICRO = 1e6
@@ -59,11 +58,12 @@ def plot_tool(result: SimulationResult, path: Path | str) -> Path:
     """
     mpl, figure = _figure(7.4, 3.8)
     with mpl.rc_context(RC):
-        grid = figure.add_gridspec(2, 2, width_ratios=(1.1, 1.0), left=0.01, right=0.985, top=0.87, bottom=0.115)
-        grid.update(wspace=0.22, hspace=0.16)
+        grid = figure.add_gridspec(2, 2, width_ratios=(1.1, 1.0), left=0.01, right=0.975, top=0.87, bottom=0.115)
+        grid.update(wspace=0.24, hspace=0.16)
         _draw_path(figure.add_subplot(grid[:, 0], projection="3d"), result)
         upper = figure.add_subplot(grid[0, 1])
         _draw_tool_deviation(upper, figure.add_subplot(grid[1, 1], sharex=upper), result)
+        figure.align_ylabels()
         _title(figure, f"{result.robot}: {result.tool} against its program")
         return _save(figure, Path(path))
 
@@ -85,7 +85,7 @@ def plot_deviations(result: SimulationResult, path: Path | str) -> Path:
     width, height = max(4.4, 2.45 * across), 1.35 * rows + 0.75
     mpl, figure = _figure(width, height)
     with mpl.rc_context(RC):
-        grid = {"left": 0.62 / width, "right": 1.0 - 0.12 / width, "top": 1.0 - 0.72 / height, "bottom": 0.4 / height}
+        grid = {"left": 0.62 / width, "right": 1.0 - 0.2 / width, "top": 1.0 - 0.72 / height, "bottom": 0.4 / height}
         panels = figure.subplots(
             rows, across, sharex=True, squeeze=False, gridspec_kw={**grid, "hspace": 0.32, "wspace": 0.3}
         )
@@ -122,9 +122,9 @@ def _draw_path(axes: Any, result: SimulationResult) -> None:
     for name, center in zip("xyz", middle, strict=True):
         getattr(axes, f"set_{name}lim")(center - half, center + half)
         getattr(axes, f"set_{name}label")(f"{name}, m", labelpad=-3.0)
-        getattr(axes, f"{name}axis").set_major_locator(_ticker().MaxNLocator(4))
+        getattr(axes, f"{name}axis").set_major_locator(_ticker().MaxNLocator(4, steps=[1, 2, 5, 10], prune="both"))
     axes.tick_params(pad=-2.0, labelsize=7.0)
-    axes.set_box_aspect((1.0, 1.0, 1.0), zoom=0.92)
+    axes.set_box_aspect((1.0, 1.0, 1.0), zoom=0.98)
     axes.view_init(elev=24.0, azim=-52.0)
     axes.legend(loc="upper left", bbox_to_anchor=(0.02, 1.06), ncols=2, fontsize=7.0, handlelength=1.8)
 
@@ -147,7 +147,6 @@ def _draw_tool_deviation(upper: Any, lower: Any, result: SimulationResult) -> No
     lower.set_xlim(t[0], t[-1])
     for panel in (upper, lower):
         _mark_end(panel, result)
-        panel.yaxis.set_label_coords(-0.15, 0.5)
 
 
 def _draw_joint(panel: Any, result: SimulationResult, joint: str, unit: str) -> None:
@@ -164,7 +163,7 @@ def _draw_joint(panel: Any, result: SimulationResult, joint: str, unit: str) -> 
         panel.set_yticks([])
     panel.set_title(f"{joint}, u{unit}", loc="left", pad=3.0)
     panel.set_xlim(t[0], t[-1])
-    panel.yaxis.set_major_locator(_ticker().MaxNLocator(4))
+    panel.yaxis.set_major_locator(_ticker().MaxNLocator(4, steps=[1, 2, 5, 10]))
     panel.margins(y=0.12)
     _mark_end(panel, result)
 

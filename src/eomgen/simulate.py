@@ -107,7 +107,8 @@ def simulate(
             ("joint2", "joint2.gamma") to values.  By default from zero (or the nearest pose that is well inside the
             limits) by 45 degrees or 0.2 m to where there is more room, by less if the limits demand it.
         bandwidth: of the drives' PD law, rad/s.
-        tool: frame or link to look at; default "tcp", else the first frame, else the last link.
+        tool: frame or link to look at; default "tcp", else the first frame, else a link
+            whose name ends with "tcp" or "tool0", else the end of the longest chain.
         method, rtol, step, output_step: see ``integrate``.
         progress: called with a fraction from 0 to 1 and a line of text.
 
@@ -186,11 +187,21 @@ def _build_both(robot: Robot, report: Progress) -> tuple[Kernel, Kernel]:
 
 def _tool(robot: Robot, kernel: Kernel, tool: str | None) -> str:
     if tool is None:
-        names = [frame.name for frame in robot.frames]
-        return "tcp" if "tcp" in kernel.frames else names[0] if names else robot.joints[-1].child
+        return _default_tool(robot, kernel)
     if tool not in kernel.frames:
         raise UnknownNameError(f"tool: {tool!r} is unknown; known: {', '.join(kernel.frames)}")
     return tool
+
+
+def _default_tool(robot: Robot, kernel: Kernel) -> str:
+    """A frame "tcp", else the first frame, else a link that is called so, else the end of the longest chain."""
+    if "tcp" in kernel.frames or robot.frames:
+        return "tcp" if "tcp" in kernel.frames else robot.frames[0].name
+    called = [name for name in kernel.frames if name.endswith(("tcp", "tool0"))]
+    depth = {robot.base: 0}
+    for joint in robot.joints:
+        depth[joint.child] = depth[joint.parent] + bool(joint.coordinates)
+    return called[0] if called else max(depth, key=lambda name: depth[name])
 
 
 def _balanced_start(kernel: Kernel, drive: ComputedTorque) -> tuple[Array, tuple[str, ...]]:
@@ -219,6 +230,8 @@ def _method_note(kernel: Kernel, asked: str, taken: str) -> tuple[str, ...]:
 
 def _assumptions(robot: Robot, loose: tuple[str, ...]) -> tuple[str, ...]:
     notes = []
+    if robot.rigid().joints == robot.joints:
+        notes.append("no joint has a deviation: what the tool is off by is the integration's error")
     free = [joint.name for joint in robot.joints if joint.type == "free"]
     if free:
         notes.append(f"free joint {', '.join(free)}: held where it is by drives on all its six coordinates")
