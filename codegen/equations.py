@@ -13,6 +13,7 @@ from eomgen.model import Model
 
 from .bodies import Bound, Scalar, bind
 from .composite import Rows, coriolis_matrix, mass_matrix
+from .elimination import Elimination
 from .forces import elastic_rows, gravity_rows
 from .frames import choose_frames
 from .freeze import JointGeometry, geometry
@@ -21,10 +22,12 @@ from .kinematics import body_poses, external_rows, frame_poses, potential_energy
 from .passes import PARAMETERS, hoist_parameters, run_passes
 from .recursion import inertial_rows, kinetic_energy
 from .regroup import regroup
-from .solve import coordinate_parents, solve
+from .solve import solve
 from .zeros import zero_map
 
-STRAIGHT_SOLVE = 12  # up to so many coordinates the factorisation is written out, above it is a loop in C
+STRAIGHT_SOLVE = 12  # up to so many coordinates the factorisation is tried beside the elimination
+FACTORISED = "M = L^T D L factorised"
+DIVISION = 8  # a division takes about as long as so many products
 STRAIGHT_CHRISTOFFEL = 12000  # up to so many operations the tensor is written out, above it is a loop over columns
 
 DESCRIPTION_FRAMES = ("reactions", "kinematics", "external_force")  # report, or are asked, in the description's frames
@@ -75,15 +78,16 @@ def shapes(model: Model) -> dict[str, tuple[int, ...]]:
 class Equations:
     """The programs of a model: ``kernels`` are those a user may call, ``programs`` what is written out in C.
 
-    ``setup`` computes what depends on parameters alone; ``loops`` names the kernels whose C calls other kernels in a
-    loop because a straight-line program would be too long, each with the reason.
+    ``setup`` computes what depends on parameters alone; ``loops`` names the kernels whose C calls another kernel in a
+    loop, because a straight-line program would be too long; ``choices`` says which way was taken where there are two.
     """
 
     model: Model
     kernels: tuple[str, ...]
     setup: Program
     programs: Mapping[str, Program]
-    loops: Mapping[str, str]
+    loops: frozenset[str]
+    choices: Mapping[str, str]
 
 
 def derive_equations(model: Model, kernels: Sequence[str] = ()) -> Equations:
@@ -94,43 +98,35 @@ def derive_equations(model: Model, kernels: Sequence[str] = ()) -> Equations:
     """
     public = tuple(name for name in KERNELS if not kernels or name in kernels)
     raw: dict[str, Program] = {}
-    loops: dict[str, str] = {}
+    loops: set[str] = set()
+    choices: dict[str, str] = {}
 
     def need(*names: str) -> None:
-        raw.update({name: run_passes(derive(model, name)) for name in names if name not in raw})
+        raw.update({name: derive(model, name) for name in names if name not in raw})
 
     for name in public:
-        if name == "forward_dynamics" and model.size > STRAIGHT_SOLVE:
-            need("mass_matrix", "right_side")
-            loops[name] = f"{model.size} coordinates: M = L^T D L is factorised in a loop over the tree"
+        if name == "forward_dynamics":
+            raw[name], choices[name] = derive_forward_dynamics(model)
         elif name == "christoffel" and _columns_cost(model, raw) > STRAIGHT_CHRISTOFFEL:
             need("coriolis_matrix")
-            loops[name] = f"{model.size} coordinates: one Coriolis matrix per unit velocity"
+            loops.add(name)
+            choices[name] = "a loop in C, one Coriolis matrix per unit velocity"
         else:
             need(name)
     setup, programs = hoist_parameters(list(raw.values()), len(model.parameters))
-    return Equations(model, public, setup, dict(zip(raw, programs, strict=True)), loops)
+    return Equations(model, public, setup, dict(zip(raw, programs, strict=True)), frozenset(loops), choices)
 
 
 def _columns_cost(model: Model, known: Mapping[str, Program]) -> int:
     """Operations of n Coriolis matrices: an upper bound for the written-out tensor."""
-    program = known.get("coriolis_matrix") or run_passes(derive(model, "coriolis_matrix"))
+    program = known.get("coriolis_matrix") or derive(model, "coriolis_matrix")
     return model.size * sum(program.count().values())
 
 
 def loop_operations(equations: Equations, name: str, counts: Mapping[str, Mapping[str, int]]) -> dict[str, int]:
-    """Operations of a kernel whose C is a loop over other kernels."""
-    n = equations.model.size
-    if name == "christoffel":
-        return {key: n * number for key, number in counts["coriolis_matrix"].items()}
-    parents = coordinate_parents(equations.model)
-    depth = [0] * n
-    for k in range(n):
-        depth[k] = 0 if parents[k] < 0 else depth[parents[k]] + 1
-    factor = sum(d * (d + 1) // 2 for d in depth)
-    lower = sum(depth)
-    solving = {"mul": factor + lower + 2 * lower + n, "add": factor + 2 * lower, "div": n, "sincos": 0}
-    return {key: number + counts["mass_matrix"][key] + counts["right_side"][key] for key, number in solving.items()}
+    """Operations of a kernel whose C is a loop over another kernel."""
+    assert name == "christoffel"
+    return {key: equations.model.size * number for key, number in counts["coriolis_matrix"].items()}
 
 
 class Derivation:
@@ -163,9 +159,32 @@ class Derivation:
 
 
 def derive(model: Model, kernel: str) -> Program:
-    """The program of one entry of WRITERS."""
+    """The program of one entry of WRITERS, or of forward dynamics by the solver that costs least."""
+    if kernel == "forward_dynamics":
+        return derive_forward_dynamics(model)[0]
     derivation = Derivation(model, regrouped=kernel not in DESCRIPTION_FRAMES)
-    return finish(derivation.graph, kernel, WRITERS[kernel](derivation))
+    return run_passes(finish(derivation.graph, kernel, WRITERS[kernel](derivation)))
+
+
+def derive_forward_dynamics(model: Model, solver: str = "") -> tuple[Program, str]:
+    """The program of forward dynamics, and the name of its solver in SOLVERS.
+
+    Args:
+        solver: which one; the one that costs least if empty.
+    """
+    candidates = []
+    for name, write in SOLVERS.items():
+        if solver == name or (not solver and (name != FACTORISED or model.size <= STRAIGHT_SOLVE)):
+            derivation = Derivation(model)
+            program = run_passes(finish(derivation.graph, "forward_dynamics", write(derivation)))
+            candidates.append((program, name))
+    return min(candidates, key=lambda candidate: _cost(candidate[0]))
+
+
+def _cost(program: Program) -> int:
+    """Operations, a division as DIVISION of them."""
+    count = program.count()
+    return count["mul"] + count["add"] + DIVISION * count["div"]
 
 
 def _vector(values: list[Scalar]) -> Outputs:
@@ -203,24 +222,28 @@ def _inverse_dynamics(d: Derivation) -> Outputs:
     return _vector(d.dynamics(d.v, d.a))
 
 
-def _right_hand_side(d: Derivation) -> list[Scalar]:
-    return [drive - row for row, drive in zip(d.dynamics(d.v, d.still), d.u, strict=True)]
+def _solved(acceleration: list[Scalar], pivots: list[tuple[Scalar, Scalar]]) -> Outputs:
+    """Accelerations, and for every coordinate a pivot with the size that it is compared to."""
+    outputs = _vector(acceleration)
+    for i, pair in enumerate(pivots):
+        outputs["pivot", 2 * i], outputs["pivot", 2 * i + 1] = pair
+    return outputs
 
 
-def _right_side(d: Derivation) -> Outputs:
-    """u minus everything but M a: what forward dynamics solves for, when it solves in a loop."""
-    return _vector(_right_hand_side(d))
-
-
-def _forward_dynamics(d: Derivation) -> Outputs:
-    right = _right_hand_side(d)
+def _factorised(d: Derivation) -> Outputs:
+    """M = L^T D L, solved for u minus everything but M a."""
+    right = [drive - row for row, drive in zip(d.dynamics(d.v, d.still), d.u, strict=True)]
     matrix = d.matrix()
     acceleration, pivots = solve(d.model, matrix, right)
-    outputs = _vector(acceleration)
-    for i, pivot in enumerate(pivots):
-        outputs["pivot", 2 * i] = pivot
-        outputs["pivot", 2 * i + 1] = matrix[i, i]
-    return outputs
+    return _solved(acceleration, [(pivot, matrix[i, i]) for i, pivot in enumerate(pivots)])
+
+
+def _eliminated(d: Derivation) -> Outputs:
+    """Joint by joint from the tips, without a mass matrix."""
+    springs = elastic_rows(d.bound, d.q, d.v)
+    drives = [drive - spring for drive, spring in zip(d.u, springs, strict=True)]
+    solved = Elimination(d.model, d.bound, d.joints, d.v, drives, d.graph.note)
+    return _solved(solved.accelerations, solved.pivots)
 
 
 def _coriolis(d: Derivation, v: list[Any]) -> list[Scalar]:
@@ -271,6 +294,11 @@ def _reactions(d: Derivation) -> Outputs:
     return _vector([x for wrench in total for x in (*wrench.force, *wrench.moment)])
 
 
+SOLVERS: Mapping[str, Callable[[Derivation], Outputs]] = {
+    FACTORISED: _factorised,
+    "joints eliminated in O(n)": _eliminated,
+}
+
 WRITERS: Mapping[str, Callable[[Derivation], Outputs]] = {
     "mass_matrix": _mass_matrix,
     "bias_force": _bias_force,
@@ -278,11 +306,9 @@ WRITERS: Mapping[str, Callable[[Derivation], Outputs]] = {
     "external_force": _external_force,
     "residual": _residual,
     "inverse_dynamics": _inverse_dynamics,
-    "forward_dynamics": _forward_dynamics,
     "coriolis_matrix": _coriolis_matrix,
     "christoffel": _christoffel,
     "kinematics": _kinematics,
     "energy": _energy,
     "reactions": _reactions,
-    "right_side": _right_side,
 }

@@ -88,7 +88,7 @@ def _through_joint(
     w, d = matvec(back, parent.rate), matvec(back, parent.dot)
     origin = matvec(back, add(parent.origin, matvec(parent.U, joint.offset)))
     for index, axis in joint.translations:
-        origin = add(origin, scale(2.0, cross(w, unit(axis, v[index]))))  # Coriolis
+        origin = add(origin, cross(scale(2.0, w), unit(axis, v[index])))  # Coriolis
         origin = add(origin, unit(axis, a[index]))
     for turn in joint.rotations:
         back, spin = transpose(turn.matrix), unit(turn.axis, v[turn.index])

@@ -21,7 +21,6 @@ from eomgen.model import Model
 
 from .equations import KERNELS, Equations, loop_operations, shapes
 from .ir import Program, users
-from .solve import coordinate_parents
 from .source import Source, environment
 from .zeros import zero_map
 
@@ -46,7 +45,7 @@ TEXTS = {
     "mass_matrix": "Mass matrix M(q), eq. (11).",
     "bias_force": "Coriolis and centrifugal terms, eq. (12) contracted with the velocities.",
     "generalized_force": "Springs, dampers and gravity: Q_P + Q_G, eqs. (13) and (14).",
-    "external_force": "Q_F of eq. (14), its moment term corrected: per link force, then moment about its com, base axes.",
+    "external_force": "Q_F of eq. (14), moment term corrected; per link force, then moment about its com, base axes.",
     "residual": "M a + bias - Q - u, eq. (5) unexpanded; zero on a motion.",
     "inverse_dynamics": "The drives u that make the residual zero.",
     "forward_dynamics": "Accelerations under the drives u.",
@@ -55,7 +54,6 @@ TEXTS = {
     "kinematics": "Rows of [R | X] of all frames, origins of all bodies, axes of all coordinates; eqs. (1) to (3).",
     "energy": "Kinetic energy, eq. (4), and potential energy of gravity and springs.",
     "reactions": "Per joint the force and moment on its child link, in the joint's axes after the motion.",
-    "right_side": "u minus everything but M a.",
 }
 SCALARS = {"float64": Scalar("double", ""), "float32": Scalar("float", "f")}
 
@@ -102,8 +100,6 @@ def render(equations: Equations, dtype: str) -> Source:
         "body_first": [body.first for body in model.bodies],
         "body_count": [len(body.active) for body in model.bodies],
         "is_rotation": [int(name in ("alpha", "beta", "gamma")) for body in model.bodies for name in body.active],
-        "coordinate_parents": coordinate_parents(model),
-        "is_chain": coordinate_parents(model) == list(range(-1, model.size - 1)),
         "parameters": list(model.parameters),
         "hoisted": len(equations.setup.outputs),
         "texts": TEXTS,

@@ -94,7 +94,7 @@ long long one_link_generalized_force_batch(size_t count, const double *restrict 
     return -1;
 }
 
-/* Q_F of eq. (14), its moment term corrected: per link force, then moment about its com, base axes. */
+/* Q_F of eq. (14), moment term corrected; per link force, then moment about its com, base axes. */
 int one_link_external_force(const double *restrict h, const double *restrict q, const double *restrict wrench, double *restrict out)
 {
     (void)h;

@@ -16,14 +16,14 @@ UNITS = {"x": "m", "y": "m", "z": "m", "alpha": "rad", "beta": "rad", "gamma": "
 class RobotInfo:
     """A model with its zero map's text and the operations of its kernels.
 
-    ``loops`` names the kernels whose C calls others in a loop, each with the reason.
+    ``choices`` says how a kernel is computed where there are several ways.
     """
 
     model: Model
     zeros: Mapping[str, Any]
     zero_lines: tuple[str, ...]
     operations: Mapping[str, Mapping[str, int]]
-    loops: Mapping[str, str]
+    choices: Mapping[str, str]
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""
@@ -40,7 +40,7 @@ class RobotInfo:
             "parameters": dict(model.parameters),
             "zeros": dict(self.zeros),
             "operations": {name: dict(count) for name, count in self.operations.items()},
-            "choices": dict(self.loops),
+            "choices": dict(self.choices),
         }
 
     def lines(self) -> list[str]:
@@ -72,8 +72,7 @@ class RobotInfo:
         lines = ["operations of the C           mul      add    div  sincos"]
         for name, count in self.operations.items():
             row = f"{count['mul']:>9}{count['add']:>9}{count['div']:>7}{count['sincos']:>8}"
-            lines.append(f"{name:<24}{row}" + ("  (loop)" if name in self.loops else ""))
-        lines += [f"  {name}: {reason}" for name, reason in self.loops.items()]
+            lines.append(f"{name:<24}{row}" + (f"  {self.choices[name]}" if name in self.choices else ""))
         return lines
 
 
@@ -87,4 +86,4 @@ def robot_info(robot: Robot, *, progress: Callable[[str], None] = lambda text: N
     progress(f"deriving the equations of {model.size} coordinates")
     equations = derive_equations(model)
     zeros = zero_map(model)
-    return RobotInfo(model, zeros.as_dict(), tuple(zeros.lines()), operations(equations), equations.loops)
+    return RobotInfo(model, zeros.as_dict(), tuple(zeros.lines()), operations(equations), equations.choices)

@@ -1,0 +1,413 @@
+"""Forward dynamics in O(n): joints are eliminated from the tips, no mass matrix is formed.
+
+A body with all that hangs on it answers an acceleration (a, w_dot) of its origin with the wrench
+
+    [f; n] = [[L, C], [C^T, A]] [a; w_dot] + [p_f; p_n],
+
+its articulated inertia; for a body alone L = m 1, C w_dot = w_dot x mc, A = I.  A coordinate along a unit axis takes
+one rank-one term away (R. Featherstone, Rigid Body Dynamics Algorithms, chapter 7, one elementary step at a time).
+
+A joint with all six coordinates hands on no inertia at all: its wrench follows from the drives alone, because the six
+traces against its tangents determine it.  What hangs on such joints is a free body, and only their armatures, which
+oppose a relative acceleration, couple it to its parent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from eomgen.model import FIXED_BODY, Model
+from eomgen.robot import COORDINATES
+
+from .bodies import Bound, Mat, PseudoInertia, Scalar, Vec, add, cross, dot, matmul, matvec, scale, transpose
+from .composite import rotated_block
+from .freeze import JointGeometry, Rotation, unit
+from .recursion import (
+    NO_WRENCH,
+    ZERO,
+    Acceleration,
+    Note,
+    Wrench,
+    acceleration,
+    no_note,
+    rotational_inertia,
+)
+
+NOTHING: Mat = (ZERO, ZERO, ZERO)
+
+
+@dataclass(frozen=True)
+class Articulated:
+    """Articulated inertia: blocks L, C, A, and the wrench p at zero acceleration, all at one frame."""
+
+    L: Mat
+    C: Mat
+    A: Mat
+    p: Wrench
+
+    def __add__(self, other: Articulated) -> Articulated:
+        return Articulated(_sum(self.L, other.L), _sum(self.C, other.C), _sum(self.A, other.A), self.p + other.p)
+
+    def answer(self, a: Vec, d: Vec) -> Wrench:
+        """The wrench at accelerations (a, d)."""
+        force = add(add(matvec(self.L, a), matvec(self.C, d)), self.p.force)
+        return Wrench(force, add(add(matvec(transpose(self.C), a), matvec(self.A, d)), self.p.moment))
+
+
+@dataclass(frozen=True)
+class _Speeds:
+    """Angular velocities: in the joint's axes, behind every rotation; and the acceleration that velocities make."""
+
+    joint: Vec
+    behind: tuple[Vec, ...]
+    drift: Vec  # of the origin, joint axes
+
+
+@dataclass(frozen=True)
+class _Step:
+    """What the forward pass needs of an eliminated coordinate: acceleration = free - gain . (a, w_dot)."""
+
+    index: int
+    free: Scalar
+    gain: Wrench
+
+
+@dataclass(frozen=True)
+class _FreeBody:
+    """A body behind a joint with six coordinates: w_dot = inverse (right + G w0), a = specific - U com."""
+
+    inverse: Mat
+    right: Vec
+    G: Mat
+    specific: Vec
+    com: Vec
+    inverse_cosine: Scalar
+
+
+class Elimination:
+    """Forward dynamics of a model; ``accelerations`` are the result, ``pivots`` (value, scale) must stay positive."""
+
+    def __init__(
+        self,
+        model: Model,
+        bound: Bound,
+        joints: Sequence[JointGeometry],
+        v: Sequence[Scalar],
+        drives: Sequence[Scalar],
+        note: Note = no_note,
+    ) -> None:
+        self.model, self.bound, self.joints, self.v, self.drives, self.note = model, bound, joints, v, drives, note
+        n = model.size
+        self.accelerations: list[Scalar] = [0.0] * n
+        self.pivots: list[tuple[Scalar, Scalar]] = [(1.0, 1.0)] * n
+        self.free = _free_bodies(model, bound)
+        self.speeds = self._speeds()
+        self.steps: list[list[_Step]] = [[] for _ in model.bodies]
+        self.bodies: dict[int, _FreeBody] = {}
+        self._backward()
+        self._forward()
+
+    def _speeds(self) -> list[_Speeds]:
+        found: list[_Speeds] = []
+        for body, joint in zip(self.model.bodies, self.joints, strict=True):
+            parent = ZERO if body.parent == FIXED_BODY else found[body.parent].behind[-1]
+            back = transpose(joint.turn)
+            w = matvec(back, parent)
+            drift = matvec(back, matvec(acceleration(parent, ZERO, ZERO).U, joint.offset))
+            for index, axis in joint.translations:
+                drift = add(drift, cross(scale(2.0, w), unit(axis, self.v[index])))
+            behind = [w]
+            for turn in joint.rotations:
+                behind.append(add(matvec(transpose(turn.matrix), behind[-1]), unit(turn.axis, self.v[turn.index])))
+            found.append(_Speeds(w, tuple(behind), drift))
+        return found
+
+    def _backward(self) -> None:
+        inertias = [self._body(k) for k in range(len(self.joints))]
+        for k in range(len(self.joints) - 1, -1, -1):
+            self.note(f"{self.model.bodies[k].joint}: eliminated, from the tips to the base")
+            eliminate = self._eliminate_free if self.free[k] else self._eliminate_steps
+            at_joint = eliminate(k, inertias[k])
+            parent = self.model.bodies[k].parent
+            if parent != FIXED_BODY:
+                inertias[parent] = inertias[parent] + _to_parent(at_joint, self.joints[k])
+
+    def _body(self, k: int) -> Articulated:
+        """The body alone; one behind six coordinates brings its mass in itself (``_eliminate_free``)."""
+        if self.free[k]:
+            return Articulated(NOTHING, NOTHING, NOTHING, NO_WRENCH)
+        H, w = self.bound.bodies[k].inertia, self.speeds[k].behind[-1]
+        x, y, z = H.first
+        coupling: Mat = ((0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0))
+        mass: Mat = (unit(0, H.mass), unit(1, H.mass), unit(2, H.mass))
+        p = Wrench(matvec(acceleration(w, ZERO, ZERO).U, H.first), gyroscopic_moment(H.second, w))
+        return Articulated(mass, coupling, inertia_tensor(H.second), p)
+
+    def _eliminate_steps(self, k: int, inertia: Articulated) -> Articulated:
+        """One coordinate after the other; the inertia that is left, in the joint's axes at its origin."""
+        joint, speeds = self.joints[k], self.speeds[k]
+        for turn, w in reversed(list(zip(joint.rotations, speeds.behind[1:], strict=True))):
+            drift = cross(w, unit(turn.axis, self.v[turn.index]))
+            inertia = replace(inertia, p=inertia.answer(ZERO, drift))
+            inertia = _turned(turn, self._eliminate(k, inertia, turn.index, 3 + turn.axis))
+        inertia = replace(inertia, p=inertia.answer(speeds.drift, ZERO))
+        for index, axis in reversed(joint.translations):
+            inertia = self._eliminate(k, inertia, index, axis)
+        return inertia
+
+    def _eliminate(self, k: int, inertia: Articulated, index: int, row: int) -> Articulated:
+        """Take a coordinate along unit axis ``row`` (0-2 force, 3-5 moment) out of the inertia."""
+        axis = row % 3
+        if row < 3:
+            gain, here = Wrench(transpose(inertia.L)[axis], inertia.C[axis]), inertia.p.force[axis]
+            own = inertia.L[axis][axis]
+        else:
+            gain, here = Wrench(transpose(inertia.C)[axis], inertia.A[axis]), inertia.p.moment[axis]
+            own = inertia.A[axis][axis]
+        armature = self.bound.armature[index]
+        pivot = own + armature
+        self.pivots[index] = (pivot, self._scale(k, row) + armature)
+        inverse = _inverse(pivot)
+        free = (self.drives[index] - here) * inverse
+        scaled = Wrench(scale(inverse, gain.force), scale(inverse, gain.moment))
+        self.steps[k].append(_Step(index, free, scaled))
+        p = inertia.p + Wrench(scale(free, gain.force), scale(free, gain.moment))
+        left = Articulated(
+            _less(inertia.L, scaled.force, gain.force),
+            _less(inertia.C, scaled.force, gain.moment),
+            _less(inertia.A, scaled.moment, gain.moment),
+            p,
+        )
+        exact = isinstance(armature, float) and armature == 0.0
+        return _without(left, row, self.drives[index]) if exact else left
+
+    def _scale(self, k: int, row: int) -> Scalar:
+        """Size of an entry of the body's inertia, to which a pivot is compared."""
+        H = self.bound.bodies[k].inertia
+        return H.mass if row < 3 else H.second[0][0] + H.second[1][1] + H.second[2][2]
+
+    def _eliminate_free(self, k: int, inertia: Articulated) -> Articulated:
+        """All six coordinates at once: the joint's wrench from the drives, and the free body's own equations."""
+        joint, first = self.joints[k], self.model.bodies[k].first
+        alpha, beta, gamma = joint.rotations
+        force = (self.drives[first], self.drives[first + 1], self.drives[first + 2])
+        inverse_cosine = 1.0 / beta.cos
+        self.pivots[beta.index] = (beta.cos * beta.cos, 1.0)
+        # in the axes behind beta: tau_alpha = cos n_x + sin n_z, tau_beta = n_y, tau_gamma = n_z
+        d = self.drives
+        n_x = (d[alpha.index] - beta.sin * d[gamma.index]) * inverse_cosine
+        held: Vec = (n_x, d[beta.index], d[gamma.index])
+        in_body = matvec(transpose(gamma.matrix), held)
+        push = force
+        for turn in joint.rotations:
+            push = matvec(transpose(turn.matrix), push)
+        G = self._armature_block(k, inverse_cosine)
+        H = self.bound.bodies[k].inertia
+        inverse_mass = _inverse(H.mass)
+        com = scale(inverse_mass, H.first)
+        J = _symmetric(_less(H.second, com, H.first))
+        left = add(push, scale(-1.0, inertia.p.force))  # m times the acceleration of the centre of mass
+        turning = add(gyroscopic_moment(J, self.speeds[k].behind[-1]), cross(com, left))
+        right = add(in_body, scale(-1.0, add(inertia.p.moment, turning)))
+        about_com = _sum(_sum(inertia_tensor(J), inertia.A), G)
+        inverse, determinant = _inverse3(_symmetric(about_com))
+        self.pivots[gamma.index] = (determinant, _diagonal_product(about_com))
+        self.pivots[first] = (H.mass, H.mass) if not isinstance(H.mass, float) else (H.mass, 0.0)
+        specific = scale(inverse_mass, left)
+        self.bodies[k] = _FreeBody(inverse, right, G, specific, com, inverse_cosine)
+        turned_G = matmul(G, inverse)
+        passed = _symmetric(_sum(G, scale_mat(-1.0, matmul(turned_G, G))))
+        back = scale(-1.0, matvec(turned_G, right))  # what the armatures take from the held moment
+        moment = add(add(in_body, back), matvec(passed, self._unforced(k, ZERO)))
+        for turn in reversed(joint.rotations):
+            moment, passed = matvec(turn.matrix, moment), rotated_block(turn, passed)
+        return Articulated(NOTHING, NOTHING, passed, Wrench(force, moment))
+
+    def _armature_block(self, k: int, inverse_cosine: Scalar) -> Mat:
+        """G: the moment in body axes that armatures of angles set against a relative angular acceleration."""
+        alpha, beta, gamma = self.joints[k].rotations
+        tangent = beta.sin * inverse_cosine
+        back = transpose(gamma.matrix)
+        duals: tuple[Vec, ...] = ((inverse_cosine, 0.0, 0.0), (0.0, 1.0, 0.0), (-tangent, 0.0, 1.0))
+        G = NOTHING
+        for turn, dual in zip((alpha, beta, gamma), duals, strict=True):
+            w = matvec(back, dual)
+            G = _less(G, scale(-1.0 * self.bound.armature[turn.index], w), w)
+        return G
+
+    def _unforced(self, k: int, d: Vec) -> Vec:
+        """Angular acceleration behind the joint if its own coordinates did not accelerate; d in the joint's axes."""
+        for turn, w in zip(self.joints[k].rotations, self.speeds[k].behind[1:], strict=True):
+            d = add(matvec(transpose(turn.matrix), d), cross(w, unit(turn.axis, self.v[turn.index])))
+        return d
+
+    def _forward(self) -> None:
+        found: list[Acceleration] = []
+        base = acceleration(ZERO, ZERO, scale(-1.0, self.bound.gravity))
+        for k, body in enumerate(self.model.bodies):
+            self.note(f"{body.joint}: accelerations, from the base to the tips")
+            parent = base if body.parent == FIXED_BODY else found[body.parent]
+            release = self._release_free if self.free[k] else self._release_steps
+            a, d = release(k, parent)
+            found.append(acceleration(self.speeds[k].behind[-1], d, a))
+
+    def _release_steps(self, k: int, parent: Acceleration) -> tuple[Vec, Vec]:
+        joint, speeds = self.joints[k], self.speeds[k]
+        back = transpose(joint.turn)
+        a, d = matvec(back, add(parent.origin, cross(parent.dot, joint.offset))), matvec(back, parent.dot)
+        steps = {step.index: step for step in self.steps[k]}
+
+        def released(index: int, a: Vec, d: Vec) -> Scalar:
+            step = steps[index]
+            value = step.free - (dot(step.gain.force, a) + dot(step.gain.moment, d))
+            self.accelerations[index] = value
+            return value
+
+        for index, axis in joint.translations:
+            a = add(a, unit(axis, released(index, a, d)))
+        a = add(a, speeds.drift)
+        for turn, w in zip(joint.rotations, speeds.behind[1:], strict=True):
+            back = transpose(turn.matrix)
+            a, d = matvec(back, a), matvec(back, d)
+            value = released(turn.index, a, d)
+            d = add(add(d, cross(w, unit(turn.axis, self.v[turn.index]))), unit(turn.axis, value))
+        return a, d
+
+    def _release_free(self, k: int, parent: Acceleration) -> tuple[Vec, Vec]:
+        joint, solved, first = self.joints[k], self.bodies[k], self.model.bodies[k].first
+        alpha, beta, gamma = joint.rotations
+        back = transpose(joint.turn)
+        unforced = self._unforced(k, matvec(back, parent.dot))
+        d = matvec(solved.inverse, add(solved.right, matvec(solved.G, unforced)))
+        a = add(solved.specific, scale(-1.0, matvec(acceleration(self.speeds[k].behind[-1], d, ZERO).U, solved.com)))
+        relative = matvec(gamma.matrix, add(d, scale(-1.0, unforced)))  # behind beta
+        about_alpha = relative[0] * solved.inverse_cosine
+        self.accelerations[alpha.index] = about_alpha
+        self.accelerations[beta.index] = relative[1]
+        self.accelerations[gamma.index] = relative[2] - beta.sin * about_alpha
+        along = a
+        for turn in reversed(joint.rotations):
+            along = matvec(turn.matrix, along)
+        carried = matvec(back, add(parent.origin, matvec(parent.U, joint.offset)))
+        for index, axis in joint.translations:
+            carried = add(carried, cross(scale(2.0, self.speeds[k].joint), unit(axis, self.v[index])))
+        self.accelerations[first : first + 3] = add(along, scale(-1.0, carried))
+        return a, d
+
+
+def _free_bodies(model: Model, bound: Bound) -> list[bool]:
+    """Bodies behind six coordinates whose children, all of that kind too, hand on no mass."""
+    free = [False] * len(model.bodies)
+    for k in range(len(model.bodies) - 1, -1, -1):
+        body = model.bodies[k]
+        slides = [bound.armature[body.first + i] for i in range(3)] if body.active == COORDINATES else []
+        light = bool(slides) and all(isinstance(c, float) and c == 0.0 for c in slides)
+        free[k] = light and all(free[child] for child in model.children(k))
+    return free
+
+
+def inertia_tensor(J: Mat) -> Mat:
+    """I = tr(J) 1 - J."""
+    columns = [rotational_inertia(PseudoInertia(J, ZERO, 0.0), unit(axis)) for axis in range(3)]
+    return (columns[0], columns[1], columns[2])
+
+
+def gyroscopic_moment(J: Mat, w: Vec) -> Vec:
+    """w x I w, the antisymmetric part of skew(w)^2 J: 12 products."""
+    x, y, z = w
+    xx, yy, zz, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
+    return (
+        (J[1][1] - J[2][2]) * yz + J[1][2] * (zz - yy) + J[0][1] * xz - J[0][2] * xy,
+        (J[2][2] - J[0][0]) * xz + J[0][2] * (xx - zz) + J[1][2] * xy - J[0][1] * yz,
+        (J[0][0] - J[1][1]) * xy + J[0][1] * (yy - xx) + J[0][2] * yz - J[1][2] * xz,
+    )
+
+
+def _inverse(pivot: Scalar) -> Scalar:
+    """1 / pivot; 0 for a pivot that is a plain zero, which the kernel reports when it runs."""
+    return 0.0 if isinstance(pivot, float) and pivot <= 0.0 else 1.0 / pivot
+
+
+def _inverse3(S: Mat) -> tuple[Mat, Scalar]:
+    """Inverse of a symmetric matrix by cofactors, and its determinant."""
+    (a, b, c), (_, d, e), (_, _, f) = S
+    A, B, C = d * f - e * e, c * e - b * f, b * e - c * d
+    D, E, F = a * f - c * c, b * c - a * e, a * d - b * b
+    determinant = a * A + b * B + c * C
+    r = _inverse(determinant)
+    A, B, C, D, E, F = (r * x for x in (A, B, C, D, E, F))
+    return ((A, B, C), (B, D, E), (C, E, F)), determinant
+
+
+def _diagonal_product(S: Mat) -> Scalar:
+    return S[0][0] * S[1][1] * S[2][2]
+
+
+def _sum(R: Mat, S: Mat) -> Mat:
+    return (add(R[0], S[0]), add(R[1], S[1]), add(R[2], S[2]))
+
+
+def scale_mat(factor: Scalar, S: Mat) -> Mat:
+    """factor S."""
+    return (scale(factor, S[0]), scale(factor, S[1]), scale(factor, S[2]))
+
+
+def _symmetric(S: Mat) -> Mat:
+    """The upper half of a matrix that is symmetric but for round-off, twice."""
+    return (S[0], (S[0][1], S[1][1], S[1][2]), (S[0][2], S[1][2], S[2][2]))
+
+
+def _less(S: Mat, x: Vec, y: Vec) -> Mat:
+    """S - x y^T."""
+    rows = [add(S[i], scale(-1.0 * x[i], y)) for i in range(3)]
+    return (rows[0], rows[1], rows[2])
+
+
+def _without(inertia: Articulated, row: int, drive: Scalar) -> Articulated:
+    """Zeros where an elimination leaves exact ones, and the drive itself where it leaves the drive."""
+    axis, linear = row % 3, row < 3
+
+    def cleared(S: Mat, in_row: bool, in_column: bool) -> Mat:
+        rows = [
+            tuple(0.0 if (in_row and i == axis) or (in_column and j == axis) else S[i][j] for j in range(3))
+            for i in range(3)
+        ]
+        return (rows[0], rows[1], rows[2])  # type: ignore[return-value]
+
+    force, moment = list(inertia.p.force), list(inertia.p.moment)
+    (force if linear else moment)[axis] = drive
+    p = Wrench((force[0], force[1], force[2]), (moment[0], moment[1], moment[2]))
+    L, C, A = inertia.L, inertia.C, inertia.A
+    if linear:
+        return Articulated(_symmetric(cleared(L, True, True)), cleared(C, True, False), _symmetric(A), p)
+    return Articulated(_symmetric(L), cleared(C, False, True), _symmetric(cleared(A, True, True)), p)
+
+
+def _turned(turn: Rotation, inertia: Articulated) -> Articulated:
+    """From the axes behind a rotation to those in front of it."""
+    L, C, A = (rotated_block(turn, block) for block in (inertia.L, inertia.C, inertia.A))
+    p = Wrench(matvec(turn.matrix, inertia.p.force), matvec(turn.matrix, inertia.p.moment))
+    return Articulated(L, C, A, p)
+
+
+def _to_parent(inertia: Articulated, joint: JointGeometry) -> Articulated:
+    """To the parent's axes and origin: C - L P and A - C^T P + P C' with P = skew(offset)."""
+    R, back = joint.turn, transpose(joint.turn)
+    L, C, A = (matmul(matmul(R, block), back) for block in (inertia.L, inertia.C, inertia.A))
+    force, moment = matvec(R, inertia.p.force), matvec(R, inertia.p.moment)
+    p = joint.offset
+    L, A = _symmetric(L), _symmetric(A)
+    moved = tuple(add(C[i], scale(-1.0, _times_skew(L[i], p))) for i in range(3))
+    C_new: Mat = (moved[0], moved[1], moved[2])
+    Ct = transpose(C)
+    first = tuple(add(A[i], scale(-1.0, _times_skew(Ct[i], p))) for i in range(3))
+    columns = [cross(p, column) for column in transpose(C_new)]
+    second = transpose((columns[0], columns[1], columns[2]))
+    A_new = _symmetric(_sum((first[0], first[1], first[2]), second))
+    return Articulated(L, C_new, A_new, Wrench(force, add(moment, cross(p, force))))
+
+
+def _times_skew(row: Vec, p: Vec) -> Vec:
+    """row . skew(p), which is row x p."""
+    return cross(row, p)
