@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from .errors import DescriptionError
+from .names import IDENTIFIER_RULE, ROBOT_RULE, is_identifier, is_robot_name, show
 from .robot import COORDINATES, INERTIA_KEYS, Joint, Placement, Robot
 
 FIXED_BODY = -1  # what hangs on the base without a moving joint
@@ -93,8 +94,10 @@ def build_model(robot: Robot) -> Model:
     """Order the tree, merge what fixed joints hold together, and list the parameters.
 
     Raises:
-        DescriptionError: no coordinate is active, so there is nothing to move.
+        DescriptionError: no coordinate is active, so there is nothing to move; or a name is no identifier (the reader
+            lets none through, but a Robot can be made without it).
     """
+    _check_names(robot)
     bodies: list[Body] = []
     coordinates: list[str] = []
     body_of = {robot.base: FIXED_BODY}
@@ -122,6 +125,17 @@ def build_model(robot: Robot) -> Model:
     )
     moving = tuple(link.name for link in robot.links if body_of[link.name] != FIXED_BODY)
     return Model(robot, merged, tuple(coordinates), moving, body_of, _parameters(robot))
+
+
+def _check_names(robot: Robot) -> None:
+    """Names go into C and Python: the last look at them."""
+    named = [("links", robot.base, is_identifier), ("name", robot.name, is_robot_name)]
+    for key in ("links", "joints", "frames"):
+        named += [(key, item.name, is_identifier) for item in getattr(robot, key)]
+    for where, name, is_allowed in named:
+        if not is_allowed(name):
+            rule = ROBOT_RULE if where == "name" else IDENTIFIER_RULE
+            raise DescriptionError(f"got {show(name)}; allowed: {rule}", where=where, source=robot.source)
 
 
 def _parameters(robot: Robot) -> dict[str, float]:
