@@ -29,6 +29,7 @@ from .integrate import (
     stiffnesses,
 )
 from .kernel import Kernel
+from .model import build_model
 from .motion import PointToPoint
 from .pipeline import build
 from .result import SimulationResult, index_of, load_result, unit_of
@@ -121,9 +122,9 @@ def simulate(
         raise InputError(f"bandwidth: {bandwidth!r} rad/s; a finite number greater than 0 is allowed")
     if method not in METHODS:
         raise InputError(f"method: {method!r} is unknown; allowed: {', '.join(METHODS)}")
+    tool = _tool(robot, tool)
+    motion = default_motion(robot, MOVING_PART * duration, _driven(robot), start=start, goal=goal)
     kernel, rigid = _build_both(robot, report)
-    tool = _tool(robot, kernel, tool)
-    motion = default_motion(robot, MOVING_PART * duration, rigid.coordinates, start=start, goal=goal)
     drive = ComputedTorque(rigid, motion, index_of(kernel.coordinates, rigid.coordinates), float(bandwidth))
     report(0.0, "static equilibrium at the start")
     q0, loose = _balanced_start(kernel, drive)
@@ -170,14 +171,10 @@ def default_motion(
     return PointToPoint(first, last, duration, names=tuple(coordinates))
 
 
-def _build_both(robot: Robot, report: Progress) -> tuple[Kernel, Kernel]:
-    """Kernels of the robot and of its rigid model; one and the same if nothing deviates."""
-    kernel = build(robot, progress=lambda text: report(0.0, text))
-    stiff = robot.rigid()
-    if sum(len(joint.coordinates) for joint in stiff.joints) == kernel.n:
-        return kernel, kernel
+def _driven(robot: Robot) -> tuple[str, ...]:
+    """Names of the coordinates of the rigid model."""
     try:
-        return kernel, build(stiff, progress=lambda text: report(0.0, f"rigid model: {text}"))
+        return build_model(robot.rigid()).coordinates
     except DescriptionError:
         raise InputError(
             f"{robot.name}: no joint has a principal coordinate, so there is nothing to drive; "
@@ -185,23 +182,26 @@ def _build_both(robot: Robot, report: Progress) -> tuple[Kernel, Kernel]:
         ) from None
 
 
-def _tool(robot: Robot, kernel: Kernel, tool: str | None) -> str:
-    if tool is None:
-        return _default_tool(robot, kernel)
-    if tool not in kernel.frames:
-        raise UnknownNameError(f"tool: {tool!r} is unknown; known: {', '.join(kernel.frames)}")
-    return tool
+def _build_both(robot: Robot, report: Progress) -> tuple[Kernel, Kernel]:
+    """Kernels of the robot and of its rigid model; one and the same if nothing deviates."""
+    kernel = build(robot, progress=lambda text: report(0.0, text))
+    if len(_driven(robot)) == kernel.n:
+        return kernel, kernel
+    names = ("inverse_dynamics", "kinematics")
+    return kernel, build(robot.rigid(), kernels=names, progress=lambda text: report(0.0, f"rigid model: {text}"))
 
 
-def _default_tool(robot: Robot, kernel: Kernel) -> str:
-    """A frame "tcp", else the first frame, else a link that is called so, else the end of the longest chain."""
-    if "tcp" in kernel.frames or robot.frames:
-        return "tcp" if "tcp" in kernel.frames else robot.frames[0].name
-    called = [name for name in kernel.frames if name.endswith(("tcp", "tool0"))]
+def _tool(robot: Robot, tool: str | None) -> str:
+    """The frame to look at; by default "tcp", the first frame, a link called so, or the end of the longest chain."""
+    known = build_model(robot).frames
+    if tool is not None and tool not in known:
+        raise UnknownNameError(f"tool: {tool!r} is unknown; known: {', '.join(known)}")
     depth = {robot.base: 0}
     for joint in robot.joints:
         depth[joint.child] = depth[joint.parent] + bool(joint.coordinates)
-    return called[0] if called else max(depth, key=lambda name: depth[name])
+    candidates = ["tcp"] if "tcp" in known else [frame.name for frame in robot.frames]
+    candidates += [name for name in known if name.endswith(("tcp", "tool0"))]
+    return tool or (candidates[0] if candidates else max(depth, key=lambda name: depth[name]))
 
 
 def _balanced_start(kernel: Kernel, drive: ComputedTorque) -> tuple[Array, tuple[str, ...]]:
