@@ -334,12 +334,3 @@ def test_loading_again_does_not_import_sympy(built: Build) -> None:
         print(json.dumps([M.shape, [name for name in heavy if name in sys.modules]]))
     """
     assert answer(python(code)) == [[36, 36], []]
-
-
-def test_importing_eomgen_is_light() -> None:
-    code = """
-        import json, sys
-        import eomgen
-        print(json.dumps([name for name in ("sympy", "scipy", "matplotlib", "cffi", "jinja2") if name in sys.modules]))
-    """
-    assert answer(python(code)) == []

@@ -1,0 +1,159 @@
+"""What is shipped: the wheel against the tree, one version, light imports."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+import eomgen
+
+ROOT = Path(__file__).parent.parent
+PLACES = {
+    "src/eomgen": "eomgen",
+    "codegen": "eomgen/codegen",
+    "templates": "eomgen/templates",
+}  # in the tree, in the wheel
+SHIPPED = (".py", ".toml", ".jinja", ".typed")
+
+
+def can_build_here() -> bool:
+    """Whether the installed setuptools makes wheels by itself; otherwise one is fetched for the build."""
+    major, minor = (int(part) for part in importlib.metadata.version("setuptools").split(".")[:2])
+    return (major, minor) >= (70, 1)
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wheel, made of the source distribution as an index would get it; from a copy, so the tree stays clean."""
+    copy, out = tmp_path_factory.mktemp("tree") / "eomgen", tmp_path_factory.mktemp("dist")
+    rubbish = shutil.ignore_patterns("__pycache__", "*.pyc", "*.egg-info")
+    for folder in ("src", "codegen", "templates"):
+        shutil.copytree(ROOT / folder, copy / folder, ignore=rubbish)
+    for path in ROOT.iterdir():
+        if path.is_file() and not path.name.startswith("."):
+            shutil.copy(path, copy)
+    isolation = ["--no-isolation"] if can_build_here() else []
+    command = [sys.executable, "-m", "build", *isolation, "--outdir", str(out), str(copy)]
+    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stdout[-3000:] + result.stderr[-3000:]
+    (path,) = out.glob("*.whl")
+    return path
+
+
+def test_the_wheel_holds_what_the_tree_holds(wheel: Path) -> None:
+    """Nothing is forgotten and nothing left over; file by file the same bytes."""
+    expected = {}
+    for folder, place in PLACES.items():
+        for path in (ROOT / folder).rglob("*"):
+            if path.is_file() and path.suffix in SHIPPED:
+                expected[f"{place}/{path.relative_to(ROOT / folder).as_posix()}"] = path.read_bytes()
+    with zipfile.ZipFile(wheel) as archive:
+        found = {name: archive.read(name) for name in archive.namelist() if ".dist-info/" not in name}
+    assert sorted(found) == sorted(expected)
+    assert found == expected
+    assert {"eomgen/py.typed", "eomgen/templates/kernel.c.jinja", "eomgen/robots/one_link.toml"} <= set(found)
+
+
+def test_metadata_of_the_wheel(wheel: Path) -> None:
+    with zipfile.ZipFile(wheel) as archive:
+        folder = f"eomgen-{eomgen.__version__}.dist-info"
+        metadata = archive.read(f"{folder}/METADATA").decode()
+        assert archive.read(f"{folder}/entry_points.txt").decode().split() == [
+            "[console_scripts]",
+            "eomgen",
+            "=",
+            "eomgen.cli:main",
+        ]
+        assert any(name.endswith("LICENSE") for name in archive.namelist())
+    assert f"\nVersion: {eomgen.__version__}\n" in metadata
+    required = re.findall(r"^Requires-Dist: ([A-Za-z0-9_-]+)(?!.*extra ==)", metadata, re.MULTILINE)
+    assert {"sympy", "numpy", "jinja2", "cffi", "setuptools"} <= set(required)
+    assert not {"scipy", "matplotlib", "pytest", "pin"} & set(required)
+
+
+def test_the_wheel_works_by_itself(wheel: Path, tmp_path: Path) -> None:
+    """Unpacked somewhere else, it derives, renders, compiles and runs."""
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(tmp_path / "site")
+    code = """
+        import json
+        import eomgen, eomgen.codegen, eomgen.templates
+        kernel = eomgen.build(eomgen.load_robot("one_link"), kernels=("mass_matrix",), flags=("-O0",))
+        print(json.dumps([eomgen.__file__, eomgen.codegen.__file__, kernel.mass_matrix([0.0, 0.0])[0, 0]]))
+    """
+    package, generator, mass = run(code, PYTHONPATH=str(tmp_path / "site"), EOMGEN_CACHE_DIR=str(tmp_path / "cache"))
+    assert package == str(tmp_path / "site" / "eomgen" / "__init__.py")
+    assert generator == str(tmp_path / "site" / "eomgen" / "codegen" / "__init__.py")
+    assert mass == 1.0
+
+
+def run(code: str, **variables: str) -> list[object]:
+    lines = [line[8:] for line in code.strip("\n").splitlines()]
+    command, environment = [sys.executable, "-c", "\n".join(lines)], {**os.environ, **variables}
+    result = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
+    answer: list[object] = json.loads(result.stdout)
+    return answer
+
+
+def test_the_version_is_written_once() -> None:
+    assert importlib.metadata.version("eomgen") == eomgen.__version__
+    text = re.escape(eomgen.__version__)
+    files = [ROOT / "pyproject.toml"]
+    files += [path for folder in (*PLACES, "tests") for path in (ROOT / folder).rglob("*") if path.suffix in SHIPPED]
+    found = [path.name for path in files if re.search(rf"(?<![\d.]){text}(?![\d.])", path.read_text(encoding="utf-8"))]
+    assert found == ["_version.py"]
+
+
+def test_every_public_name_exists() -> None:
+    assert sorted(eomgen.__all__) == eomgen.__all__
+    for name in eomgen.__all__:
+        assert getattr(eomgen, name) is not None
+    assert len(set(eomgen.__all__)) == len(eomgen.__all__)
+
+
+def test_importing_eomgen_is_light() -> None:
+    code = """
+        import json, sys
+        import eomgen
+        heavy = ("sympy", "scipy", "matplotlib", "cffi", "jinja2", "setuptools", "rich")
+        print(json.dumps([name for name in heavy if name in sys.modules]))
+    """
+    assert run(code) == []
+
+
+def test_the_generator_is_imported_by_nobody_but_the_pipeline() -> None:
+    """description <- model <- codegen <- pipeline <- cli: kernels and their users run without SymPy."""
+    for path in (ROOT / "src" / "eomgen").glob("*.py"):
+        text = path.read_text(encoding="utf-8")
+        at_top = re.findall(r"^(?:from|import) .*(?:codegen|sympy|scipy|matplotlib).*$", text, re.MULTILINE)
+        assert not at_top, (path.name, at_top)
+    for name in ("description", "model", "robot", "kernel", "errors", "tree", "schema", "inertia", "urdf", "tunable"):
+        text = (ROOT / "src" / "eomgen" / f"{name}.py").read_text(encoding="utf-8")
+        assert "codegen" not in re.sub(r"``.*?``", "", text), name
+
+
+@pytest.mark.parametrize("name", ["kernel.py", "errors.py"])
+def test_what_a_generated_package_copies_imports_nothing_of_eomgen(name: str) -> None:
+    text = (ROOT / "src" / "eomgen" / name).read_text(encoding="ascii")
+    imported = set(re.findall(r"^\s*(?:from|import) ([\w.]+)", text, re.MULTILINE))
+    assert imported <= {
+        "__future__",
+        ".errors",
+        "difflib",
+        "math",
+        "threading",
+        "collections.abc",
+        "typing",
+        "numpy",
+        "numpy.typing",
+    }
