@@ -152,9 +152,9 @@ def _build_api(source: Source, compiler: Compiler, flags: Sequence[str], folder:
         [*compiler.command, "-c", "-fPIC", "-O1", *include, str(wrapper), "-o", str(objects[0])],
         [*compiler.command, "-c", "-fPIC", *WARNINGS, *flags, str(folder / f"{name}.c"), "-o", str(objects[1])],
     ]
-    _run_all(jobs)
+    run_all(jobs)
     module = folder / f"_{name}{_suffix()}"
-    _run_all([[*compiler.command, *_shared(), *map(str, objects), "-o", str(module), "-lm"]])
+    run_all([[*compiler.command, *shared_flags(), *map(str, objects), "-o", str(module), "-lm"]])
     shutil.rmtree(work)
 
 
@@ -171,7 +171,7 @@ def _build_abi(source: Source, compiler: Compiler, flags: Sequence[str], folder:
     )
     (folder / f"_{name}.py").write_text(opened, encoding="ascii")
     code, library = str(folder / f"{name}.c"), str(folder / f"lib{name}.so")
-    _run_all([[*compiler.command, "-fPIC", *WARNINGS, *flags, *_shared(), code, "-o", library, "-lm"]])
+    run_all([[*compiler.command, "-fPIC", *WARNINGS, *flags, *shared_flags(), code, "-o", library, "-lm"]])
 
 
 def _suffix() -> str:
@@ -180,11 +180,11 @@ def _suffix() -> str:
     return ".abi3.so" if ".abi3.so" in EXTENSION_SUFFIXES else EXTENSION_SUFFIXES[0]
 
 
-def _shared() -> tuple[str, ...]:
+def shared_flags() -> tuple[str, ...]:
     return ("-bundle", "-undefined", "dynamic_lookup") if sys.platform == "darwin" else ("-shared",)
 
 
-def _run_all(commands: Sequence[Sequence[str]]) -> None:
+def run_all(commands: Sequence[Sequence[str]]) -> None:
     """Run the commands side by side; the first that fails is reported with what it said."""
     running = []
     for command in commands:

@@ -94,9 +94,12 @@ class Graph:
 
     def sincos(self, x: Value) -> tuple[Value, Value]:
         """Sine and cosine of x."""
-        if not isinstance(x, Node):
-            return math.sin(x), math.cos(x)
-        return self._node("sin", (x.index,)), self._node("cos", (x.index,))
+        if isinstance(x, Node):
+            number = self._number(x)
+            if number is None:
+                return self._node("sin", (x.index,)), self._node("cos", (x.index,))
+            x = number
+        return math.sin(x), math.cos(x)
 
     def add(self, x: Value, y: Value) -> Value:
         """x + y."""
@@ -216,7 +219,9 @@ class Graph:
         """-x."""
         if not isinstance(x, Node):
             return -x
-        minus_x = self._negated(x)
+        minus_x, number = self._negated(x), self._number(x)
+        if number is not None:
+            return -number
         return self._node("neg", (x.index,)) if minus_x is None else minus_x
 
     def _scaled(self, factor: float, x: Node) -> Value:
@@ -241,8 +246,16 @@ class Graph:
         found = self.instructions[x.index]
         return Node(self, found.args[0]) if found.op == "neg" else None
 
-    def _binary(self, op: str, x: Node, y: Node) -> Node:
+    def _binary(self, op: str, x: Node, y: Node) -> Value:
+        a, b = self._number(x), self._number(y)
+        if a is not None and b is not None and not (op == "div" and b == 0.0):
+            return {"add": a + b, "sub": a - b, "mul": a * b, "div": a / b if b else 0.0}[op]
         return self._node(op, (x.index, y.index))
+
+    def _number(self, x: Node) -> float | None:
+        """The number of a constant node, or None."""
+        found = self.instructions[x.index]
+        return float(found.leaf) if found.op == "const" else None
 
     def _node(self, op: str, args: tuple[int, ...], leaf: Any = None) -> Node:
         key = (op, args, leaf)

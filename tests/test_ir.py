@@ -23,7 +23,7 @@ from random_robots import random_robot, random_state
 import eomgen
 from eomgen.codegen import render
 from eomgen.codegen.compile import FLAGS
-from eomgen.codegen.equations import KERNELS, derive, derive_equations
+from eomgen.codegen.equations import KERNELS, derive_equations
 from eomgen.codegen.ir import Graph, Instruction, Node, Program, evaluate, finish, users, verify
 from eomgen.codegen.passes import PASSES, hoist_parameters, run_passes
 from eomgen.codegen.render import SCALARS, write_function
@@ -420,38 +420,12 @@ def test_operations_are_those_of_the_text(built: Build) -> None:
     assert counted(setup) == kernel.operations["parameters"]
 
 
-def test_operations_of_loops(built: Build) -> None:
-    """Of kernels that are loops in C: the sum over what they call and do, as the loops would count it."""
+def test_operations_of_a_loop(built: Build) -> None:
+    """A tensor C in a loop counts what it calls."""
     robot = random_robot(9, joints=(4, 4), types=("free",), tree=True, armature=False)
-    kernel = built(robot, "forward_dynamics", "mass_matrix", "christoffel", "coriolis_matrix")
-    model = build_model(robot)
-    solving = {"mul": 0, "add": 0, "div": 0}
-    parents = [-1] * model.size
-    for body in model.bodies:
-        before = -1 if body.parent < 0 else model.bodies[body.parent].indices[-1]
-        for index in body.indices:
-            parents[index], before = before, index
-
-    def path(i: int) -> list[int]:
-        found = []
-        while (i := parents[i]) >= 0:
-            found.append(i)
-        return found
-
-    for k in range(model.size - 1, -1, -1):
-        solving["div"] += 1
-        for i in path(k):
-            above = [i, *path(i)]
-            solving["mul"] += 1 + len(above)
-            solving["add"] += len(above)
-    for k in range(model.size):
-        solving["mul"] += 2 * len(path(k)) + 1
-        solving["add"] += 2 * len(path(k))
-    _, (right,) = hoist_parameters([run_passes(derive(model, "right_side"))], len(model.parameters))
-    called = {key: kernel.operations["mass_matrix"][key] + number for key, number in right.count().items()}
-    for key, number in solving.items():
-        assert kernel.operations["forward_dynamics"][key] == number + called[key]
-        assert kernel.operations["christoffel"][key] == 24 * kernel.operations["coriolis_matrix"][key]
+    kernel = built(robot, "christoffel", "coriolis_matrix")
+    for key, number in kernel.operations["coriolis_matrix"].items():
+        assert kernel.operations["christoffel"][key] == 24 * number
 
 
 def test_the_source_is_a_value() -> None:

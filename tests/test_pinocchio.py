@@ -105,7 +105,7 @@ def all_coordinates(robot: Robot) -> Robot:
 
 
 def test_ur5_with_six_coordinates_in_every_joint(built: Build) -> None:
-    """36 coordinates; beyond that size the generator writes loops for forward dynamics."""
+    """36 coordinates: every joint hands on no inertia."""
     robot = all_coordinates(load(EXAMPLES["ur5_robot"]))
     kernel, oracle = built(robot, *DYNAMICS), PinocchioOracle(robot)
     assert kernel.n == 36

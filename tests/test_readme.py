@@ -26,10 +26,10 @@ def test_generated_parts_are_current() -> None:
     assert tables.filled(README) == README, "run: make tables"
 
 
-def test_python_blocks_run() -> None:
+def test_python_blocks_run(tmp_path: Path) -> None:
     assert blocks("python")
     for block in blocks("python"):
-        subprocess.run([sys.executable, "-c", block], check=True, capture_output=True)
+        subprocess.run([sys.executable, "-c", block], check=True, capture_output=True, cwd=tmp_path)
 
 
 def test_toml_blocks_are_robots() -> None:

@@ -23,6 +23,7 @@ from .errors import (
 )
 from .kernel import Kernel
 from .pipeline import build, generate
+from .result import load_result
 from .robot import Coordinate, Frame, Joint, Link, Placement, Robot
 
 __all__ = [
@@ -46,5 +47,6 @@ __all__ = [
     "build",
     "builtin_robots",
     "generate",
+    "load_result",
     "load_robot",
 ]

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pycparser import c_ast, c_generator, c_parser  # type: ignore[import-untyped]  # cffi brings it
+from pycparser import c_ast, c_generator, c_parser
 
 from ._version import __version__
 from .model import Model
@@ -143,7 +143,7 @@ def compile_yardstick(model: Model, flags: Sequence[str]) -> Yardstick:
     """
     import cffi
 
-    from .codegen.compile import WARNINGS, _run_all, _shared, find_compiler
+    from .codegen.compile import WARNINGS, find_compiler, run_all, shared_flags
     from .codegen.source import environment
 
     ffi = cffi.FFI()
@@ -156,10 +156,10 @@ def compile_yardstick(model: Model, flags: Sequence[str]) -> Yardstick:
         folder = Path(private)
         for file, text in (("textbook", code), ("stopwatch", stopwatch), ("counting", instrument(code))):
             (folder / f"{file}.c").write_text(text, encoding="ascii")
-        command = (*find_compiler().command, "-fPIC", *_shared(), *WARNINGS)
+        command = (*find_compiler().command, "-fPIC", *shared_flags(), *WARNINGS)
         timed, counting = folder / "textbook.so", folder / "counting.so"
         sources = [str(folder / "textbook.c"), str(folder / "stopwatch.c")]
-        _run_all(
+        run_all(
             [
                 [*command, *flags, *sources, "-o", str(timed), "-lm"],
                 [*command, "-w", "-O1", str(folder / "counting.c"), "-o", str(counting), "-lm"],
