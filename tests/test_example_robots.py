@@ -21,11 +21,11 @@ from pinocchio_oracle import PinocchioOracle, UrdfOracle
 NOTHING_MOVES = {"quadrotor_base.urdf", "iris_simple.urdf", "ur3.urdf"}
 EXAMPLES = example_urdfs()
 MOVING = [path for path in EXAMPLES if path.name not in NOTHING_MOVES]
-WITHOUT_INERTIA = {  # the first tip that nothing resists: links of these files have neither mass nor inertia
-    "romeo.urdf": r"R\w+\.gamma",
-    "romeo_laas_small.urdf": r"r_gripper_joint\.gamma",
+WITHOUT_INERTIA = {  # a tip that nothing resists: links of these files have neither mass nor inertia
+    "romeo.urdf": r"[LR]\w+\.gamma",
+    "romeo_laas_small.urdf": r"[lr]_gripper_joint\.gamma",
 }
-EVERY_KERNEL = ("baxter.urdf", "centauro.urdf", "bolt.urdf", "TwoDofs.urdf")
+EVERY_KERNEL = ("anymal-kinova.urdf", "bolt.urdf", "TwoDofs.urdf")
 TOLERANCE = 1e-11
 
 
