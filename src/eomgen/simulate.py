@@ -120,6 +120,8 @@ def simulate(
     report: Progress = progress or (lambda _fraction, _text: None)
     if not (np.isfinite(bandwidth) and bandwidth > 0.0):
         raise InputError(f"bandwidth: {bandwidth!r} rad/s; a finite number greater than 0 is allowed")
+    if not (np.isfinite(duration) and duration > 0.0):
+        raise InputError(f"duration: {duration!r} s; a finite time greater than 0 is allowed")
     if method not in METHODS:
         raise InputError(f"method: {method!r} is unknown; allowed: {', '.join(METHODS)}")
     tool = _tool(robot, tool)
