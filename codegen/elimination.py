@@ -102,6 +102,7 @@ class Elimination:
         self.accelerations: list[Scalar] = [0.0] * n
         self.pivots: list[tuple[Scalar, Scalar]] = [(1.0, 1.0)] * n
         self.free = _free_bodies(model, bound)
+        self.sizes = self._sizes()
         self.speeds = self._speeds()
         self.steps: list[list[_Step]] = [[] for _ in model.bodies]
         self.bodies: dict[int, _FreeBody] = {}
@@ -167,7 +168,7 @@ class Elimination:
             own = inertia.A[axis][axis]
         armature = self.bound.armature[index]
         pivot = own + armature
-        self.pivots[index] = (pivot, self._scale(k, row) + armature)
+        self.pivots[index] = (pivot, self.sizes[k][row // 3] + armature)
         inverse = _inverse(pivot)
         free = (self.drives[index] - here) * inverse
         scaled = Wrench(scale(inverse, gain.force), scale(inverse, gain.moment))
@@ -182,10 +183,21 @@ class Elimination:
         exact = isinstance(armature, float) and armature == 0.0
         return _without(left, row, self.drives[index]) if exact else left
 
-    def _scale(self, k: int, row: int) -> Scalar:
-        """Size of an entry of the body's inertia, to which a pivot is compared."""
-        H = self.bound.bodies[k].inertia
-        return H.mass if row < 3 else H.second[0][0] + H.second[1][1] + H.second[2][2]
+    def _sizes(self) -> list[tuple[Scalar, Scalar]]:
+        """Per body, mass and moments of inertia of all that hangs on it, roughly: what a pivot is compared to.
+
+        The body alone would not do: what comes from behind may be round-off of an inertia that is gone.  Bodies behind
+        six coordinates hand on an exact zero and are left out.
+        """
+        inertias = [body.inertia for body in self.bound.bodies]
+        masses = [H.mass for H in inertias]
+        moments = [H.second[0][0] + H.second[1][1] + H.second[2][2] for H in inertias]
+        for k in range(len(inertias) - 1, -1, -1):
+            parent, offset = self.model.bodies[k].parent, self.bound.bodies[k].placement.origin
+            if parent != FIXED_BODY and not self.free[k]:
+                masses[parent] = masses[parent] + masses[k]
+                moments[parent] = moments[parent] + (moments[k] + masses[k] * dot(offset, offset))
+        return list(zip(masses, moments, strict=True))
 
     def _eliminate_free(self, k: int, inertia: Articulated) -> Articulated:
         """All six coordinates at once: the joint's wrench from the drives, and the free body's own equations."""
