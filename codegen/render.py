@@ -17,6 +17,7 @@ import jinja2.meta
 import numpy as np
 
 from eomgen._version import __version__
+from eomgen.errors import InputError
 from eomgen.model import Model
 
 from .equations import KERNELS, Equations, loop_operations, shapes
@@ -37,8 +38,16 @@ class Scalar:
     suffix: str
 
     def literal(self, number: float) -> str:
-        """A literal that reads back as the same number."""
-        return repr(float(number)) if not self.suffix else str(np.float32(number)) + self.suffix
+        """A literal that reads back as the same number.
+
+        Raises:
+            InputError: the number is too large for a float.
+        """
+        if not self.suffix:
+            return repr(float(number))
+        if abs(number) > np.finfo(np.float32).max:
+            raise InputError(f"dtype: float32 cannot hold {number!r}, a number of the description; use float64")
+        return str(np.float32(number)) + self.suffix
 
 
 TEXTS = {

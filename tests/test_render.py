@@ -24,7 +24,7 @@ from eomgen.codegen.equations import derive_equations
 from eomgen.codegen.render import SCALARS, render
 from eomgen.codegen.source import Source
 from eomgen.description import robot_from_urdf
-from eomgen.errors import DescriptionError
+from eomgen.errors import DescriptionError, InputError
 from eomgen.model import build_model
 from eomgen.pipeline import generate
 from eomgen.robot import COORDINATES, Coordinate, Robot
@@ -284,3 +284,8 @@ def test_the_committed_sample_is_current(tmp_path: Path) -> None:
 
     assert texts(sample) == texts(made)
     assert set(texts(sample)) == {"__init__.py", "errors.py", "runtime.py", "one_link.c", "one_link.h", "one_link.json"}
+
+
+def test_a_number_too_large_for_a_float_is_named() -> None:
+    with pytest.raises(InputError, match=r"float32 cannot hold 1e\+39"):
+        SCALARS["float32"].literal(1e39)

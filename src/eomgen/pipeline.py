@@ -123,9 +123,15 @@ def generate(robot: Robot, folder: Path, options: Options | None = None, *, prog
                 if path.is_file() and path.name != store.MANIFEST:
                     shutil.copyfile(path, private / path.name)
             private.chmod(0o755)
+            replaced = private / "replaced"
             if target.exists():
-                target.rename(private / "replaced")
-            private.rename(target)
+                target.rename(replaced)
+            try:
+                private.rename(target)
+            except OSError:
+                if replaced.exists():
+                    replaced.rename(target)  # nothing is lost
+                raise
             shutil.rmtree(target / "replaced", ignore_errors=True)
         finally:
             shutil.rmtree(private, ignore_errors=True)
