@@ -21,20 +21,6 @@ from eomgen.robot import COORDINATES, Coordinate, Robot
 HERE = Path(__file__).parent
 TARGET = HERE.parent / "docs" / "benchmarks.md"
 
-# Multiplications and additions of other tools for the URDFs in benchmarks/data, counted once and not by this script:
-# SymPyBotics with inertias at run time, and Pinocchio traced by CasADi with the numbers folded in.
-PEERS: Mapping[tuple[str, str], tuple[str, str]] = {
-    ("puma560_generic", "inverse_dynamics"): ("378 / 319", "559 / 458"),
-    ("puma560_generic", "mass_matrix"): ("402 / 320", "411 / 364"),
-    ("puma560_generic", "forward_dynamics"): ("", "1170 / 992"),
-    ("ur5_generic", "inverse_dynamics"): ("517 / 414", "528 / 430"),
-    ("ur5_generic", "mass_matrix"): ("399 / 325", "351 / 317"),
-    ("ur5_generic", "forward_dynamics"): ("", "1078 / 920"),
-    ("puma560_generic_x6", "inverse_dynamics"): ("", "1078 / 892"),
-    ("puma560_generic_x6", "mass_matrix"): ("", "3613 / 2463"),
-    ("puma560_generic_x6", "forward_dynamics"): ("", "3925 / 3230"),
-}
-
 
 def generic(name: str) -> Robot:
     """A robot of benchmarks/data: all ten inertial parameters of every link are non-zero."""
@@ -87,7 +73,7 @@ def page(results: list[BenchResult], command: str) -> str:
     ]
     for result in results:
         lines += ["", *table(result)]
-    return "\n".join([*lines, "", *peers(results)]) + "\n"
+    return "\n".join(lines) + "\n"
 
 
 def table(result: BenchResult) -> list[str]:
@@ -114,26 +100,6 @@ def _counts(contender: Contender | None) -> list[str]:
     if contender is None:
         return [""] * 4
     return [str(contender.operations[key]) for key in ("mul", "add", "div", "sincos")]
-
-
-def peers(results: list[BenchResult]) -> list[str]:
-    """Counts of other tools for the same robots; nothing if none of those robots was run."""
-    lines = [
-        "## Counts of other tools (mul / add)",
-        "",
-        "Counted once for the URDFs in `benchmarks/data`, not by this script.",
-        "",
-        "| robot | kernel | eomgen | SymPyBotics, inertias at run time | Pinocchio traced by CasADi |",
-        "|---|---|---:|---:|---:|",
-    ]
-    rows = []
-    for result in results:
-        for row in result.rows:
-            others = PEERS.get((result.robot, row.kernel.name))
-            if others:
-                mul, add, *_ = _counts(row.kernel)
-                rows.append(f"| {result.robot} | {row.kernel.name} | {mul} / {add} | {' | '.join(others)} |")
-    return [*lines, *rows] if rows else []
 
 
 def main() -> int:

@@ -45,7 +45,7 @@ class Scalar:
         """
         if not self.suffix:
             return repr(float(number))
-        if abs(number) > np.finfo(np.float32).max:
+        if abs(number) > float(np.finfo(np.float32).max):
             raise InputError(f"dtype: float32 cannot hold {number!r}, a number of the description; use float64")
         return str(np.float32(number)) + self.suffix
 
