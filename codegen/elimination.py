@@ -225,7 +225,7 @@ class Elimination:
         about_com = _sum(_sum(inertia_tensor(J), inertia.A), G)
         inverse, determinant = _inverse3(_symmetric(about_com))
         self.pivots[gamma.index] = (determinant, _diagonal_product(about_com))
-        self.pivots[first] = (H.mass, H.mass) if not isinstance(H.mass, float) else (H.mass, 0.0)
+        self.pivots[first] = (H.mass, 0.0)
         specific = scale(inverse_mass, left)
         self.bodies[k] = _FreeBody(inverse, right, G, specific, com, inverse_cosine)
         turned_G = matmul(G, inverse)
