@@ -20,9 +20,25 @@ from dataclasses import dataclass, replace
 from eomgen.model import FIXED_BODY, Model
 from eomgen.robot import COORDINATES
 
-from .bodies import Bound, Mat, PseudoInertia, Scalar, Vec, add, cross, dot, matmul, matvec, scale, transpose
+from .articulated import (
+    NOTHING,
+    Articulated,
+    diagonal_product,
+    gyroscopic_moment,
+    inertia_tensor,
+    inverse3,
+    inverse_or_zero,
+    less,
+    scale_mat,
+    sum_mat,
+    symmetric,
+    to_parent,
+    turned,
+    without,
+)
+from .bodies import Bound, Mat, Scalar, Vec, add, cross, dot, matmul, matvec, scale, transpose
 from .composite import rotated_block
-from .freeze import JointGeometry, Rotation, unit
+from .freeze import JointGeometry, unit
 from .recursion import (
     NO_WRENCH,
     ZERO,
@@ -31,28 +47,7 @@ from .recursion import (
     Wrench,
     acceleration,
     no_note,
-    rotational_inertia,
 )
-
-NOTHING: Mat = (ZERO, ZERO, ZERO)
-
-
-@dataclass(frozen=True)
-class Articulated:
-    """Articulated inertia: blocks L, C, A, and the wrench p at zero acceleration, all at one frame."""
-
-    L: Mat
-    C: Mat
-    A: Mat
-    p: Wrench
-
-    def __add__(self, other: Articulated) -> Articulated:
-        return Articulated(_sum(self.L, other.L), _sum(self.C, other.C), _sum(self.A, other.A), self.p + other.p)
-
-    def answer(self, a: Vec, d: Vec) -> Wrench:
-        """The wrench at accelerations (a, d)."""
-        force = add(add(matvec(self.L, a), matvec(self.C, d)), self.p.force)
-        return Wrench(force, add(add(matvec(transpose(self.C), a), matvec(self.A, d)), self.p.moment))
 
 
 @dataclass(frozen=True)
@@ -132,7 +127,7 @@ class Elimination:
             at_joint = eliminate(k, inertias[k])
             parent = self.model.bodies[k].parent
             if parent != FIXED_BODY:
-                inertias[parent] = inertias[parent] + _to_parent(at_joint, self.joints[k])
+                inertias[parent] = inertias[parent] + to_parent(at_joint, self.joints[k])
 
     def _body(self, k: int) -> Articulated:
         """The body alone; one behind six coordinates brings its mass in itself (``_eliminate_free``)."""
@@ -151,7 +146,7 @@ class Elimination:
         for turn, w in reversed(list(zip(joint.rotations, speeds.behind[1:], strict=True))):
             drift = cross(w, unit(turn.axis, self.v[turn.index]))
             inertia = replace(inertia, p=inertia.answer(ZERO, drift))
-            inertia = _turned(turn, self._eliminate(k, inertia, turn.index, 3 + turn.axis))
+            inertia = turned(turn, self._eliminate(k, inertia, turn.index, 3 + turn.axis))
         inertia = replace(inertia, p=inertia.answer(speeds.drift, ZERO))
         for index, axis in reversed(joint.translations):
             inertia = self._eliminate(k, inertia, index, axis)
@@ -169,19 +164,19 @@ class Elimination:
         armature = self.bound.armature[index]
         pivot = own + armature
         self.pivots[index] = (pivot, self.sizes[k][row // 3] + armature)
-        inverse = _inverse(pivot)
+        inverse = inverse_or_zero(pivot)
         free = (self.drives[index] - here) * inverse
         scaled = Wrench(scale(inverse, gain.force), scale(inverse, gain.moment))
         self.steps[k].append(_Step(index, free, scaled))
         p = inertia.p + Wrench(scale(free, gain.force), scale(free, gain.moment))
         left = Articulated(
-            _less(inertia.L, scaled.force, gain.force),
-            _less(inertia.C, scaled.force, gain.moment),
-            _less(inertia.A, scaled.moment, gain.moment),
+            less(inertia.L, scaled.force, gain.force),
+            less(inertia.C, scaled.force, gain.moment),
+            less(inertia.A, scaled.moment, gain.moment),
             p,
         )
         exact = isinstance(armature, float) and armature == 0.0
-        return _without(left, row, self.drives[index]) if exact else left
+        return without(left, row, self.drives[index]) if exact else left
 
     def _sizes(self) -> list[tuple[Scalar, Scalar]]:
         """Per body, mass and moments of inertia of all that hangs on it, roughly: what a pivot is compared to.
@@ -216,20 +211,20 @@ class Elimination:
             push = matvec(transpose(turn.matrix), push)
         G = self._armature_block(k, inverse_cosine)
         H = self.bound.bodies[k].inertia
-        inverse_mass = _inverse(H.mass)
+        inverse_mass = inverse_or_zero(H.mass)
         com = scale(inverse_mass, H.first)
-        J = _symmetric(_less(H.second, com, H.first))
+        J = symmetric(less(H.second, com, H.first))
         left = add(push, scale(-1.0, inertia.p.force))  # m times the acceleration of the centre of mass
         turning = add(gyroscopic_moment(J, self.speeds[k].behind[-1]), cross(com, left))
         right = add(in_body, scale(-1.0, add(inertia.p.moment, turning)))
-        about_com = _sum(_sum(inertia_tensor(J), inertia.A), G)
-        inverse, determinant = _inverse3(_symmetric(about_com))
-        self.pivots[gamma.index] = (determinant, _diagonal_product(about_com))
+        about_com = sum_mat(sum_mat(inertia_tensor(J), inertia.A), G)
+        inverse, determinant = inverse3(symmetric(about_com))
+        self.pivots[gamma.index] = (determinant, diagonal_product(about_com))
         self.pivots[first] = (H.mass, 0.0)
         specific = scale(inverse_mass, left)
         self.bodies[k] = _FreeBody(inverse, right, G, specific, com, inverse_cosine)
         turned_G = matmul(G, inverse)
-        passed = _symmetric(_sum(G, scale_mat(-1.0, matmul(turned_G, G))))
+        passed = symmetric(sum_mat(G, scale_mat(-1.0, matmul(turned_G, G))))
         back = scale(-1.0, matvec(turned_G, right))  # what the armatures take from the held moment
         moment = add(add(in_body, back), matvec(passed, self._unforced(k, ZERO)))
         for turn in reversed(joint.rotations):
@@ -245,7 +240,7 @@ class Elimination:
         G = NOTHING
         for turn, dual in zip((alpha, beta, gamma), duals, strict=True):
             w = matvec(back, dual)
-            G = _less(G, scale(-1.0 * self.bound.armature[turn.index], w), w)
+            G = less(G, scale(-1.0 * self.bound.armature[turn.index], w), w)
         return G
 
     def _unforced(self, k: int, d: Vec) -> Vec:
@@ -317,109 +312,3 @@ def _free_bodies(model: Model, bound: Bound) -> list[bool]:
         light = bool(slides) and all(isinstance(c, float) and c == 0.0 for c in slides)
         free[k] = light and all(free[child] for child in model.children(k))
     return free
-
-
-def inertia_tensor(J: Mat) -> Mat:
-    """I = tr(J) 1 - J."""
-    columns = [rotational_inertia(PseudoInertia(J, ZERO, 0.0), unit(axis)) for axis in range(3)]
-    return (columns[0], columns[1], columns[2])
-
-
-def gyroscopic_moment(J: Mat, w: Vec) -> Vec:
-    """w x I w, the antisymmetric part of skew(w)^2 J: 12 products."""
-    x, y, z = w
-    xx, yy, zz, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
-    return (
-        (J[1][1] - J[2][2]) * yz + J[1][2] * (zz - yy) + J[0][1] * xz - J[0][2] * xy,
-        (J[2][2] - J[0][0]) * xz + J[0][2] * (xx - zz) + J[1][2] * xy - J[0][1] * yz,
-        (J[0][0] - J[1][1]) * xy + J[0][1] * (yy - xx) + J[0][2] * yz - J[1][2] * xz,
-    )
-
-
-def _inverse(pivot: Scalar) -> Scalar:
-    """1 / pivot; 0 for a pivot that is a plain zero, which the kernel reports when it runs."""
-    return 0.0 if isinstance(pivot, float) and pivot <= 0.0 else 1.0 / pivot
-
-
-def _inverse3(S: Mat) -> tuple[Mat, Scalar]:
-    """Inverse of a symmetric matrix by cofactors, and its determinant."""
-    (a, b, c), (_, d, e), (_, _, f) = S
-    A, B, C = d * f - e * e, c * e - b * f, b * e - c * d
-    D, E, F = a * f - c * c, b * c - a * e, a * d - b * b
-    determinant = a * A + b * B + c * C
-    r = _inverse(determinant)
-    A, B, C, D, E, F = (r * x for x in (A, B, C, D, E, F))
-    return ((A, B, C), (B, D, E), (C, E, F)), determinant
-
-
-def _diagonal_product(S: Mat) -> Scalar:
-    return S[0][0] * S[1][1] * S[2][2]
-
-
-def _sum(R: Mat, S: Mat) -> Mat:
-    return (add(R[0], S[0]), add(R[1], S[1]), add(R[2], S[2]))
-
-
-def scale_mat(factor: Scalar, S: Mat) -> Mat:
-    """factor S."""
-    return (scale(factor, S[0]), scale(factor, S[1]), scale(factor, S[2]))
-
-
-def _symmetric(S: Mat) -> Mat:
-    """The upper half of a matrix that is symmetric but for round-off, twice."""
-    return (S[0], (S[0][1], S[1][1], S[1][2]), (S[0][2], S[1][2], S[2][2]))
-
-
-def _less(S: Mat, x: Vec, y: Vec) -> Mat:
-    """S - x y^T."""
-    rows = [add(S[i], scale(-1.0 * x[i], y)) for i in range(3)]
-    return (rows[0], rows[1], rows[2])
-
-
-def _without(inertia: Articulated, row: int, drive: Scalar) -> Articulated:
-    """Zeros where an elimination leaves exact ones, and the drive itself where it leaves the drive."""
-    axis, linear = row % 3, row < 3
-
-    def cleared(S: Mat, in_row: bool, in_column: bool) -> Mat:
-        rows = [
-            tuple(0.0 if (in_row and i == axis) or (in_column and j == axis) else S[i][j] for j in range(3))
-            for i in range(3)
-        ]
-        return (rows[0], rows[1], rows[2])  # type: ignore[return-value]
-
-    force, moment = list(inertia.p.force), list(inertia.p.moment)
-    (force if linear else moment)[axis] = drive
-    p = Wrench((force[0], force[1], force[2]), (moment[0], moment[1], moment[2]))
-    L, C, A = inertia.L, inertia.C, inertia.A
-    if linear:
-        return Articulated(_symmetric(cleared(L, True, True)), cleared(C, True, False), _symmetric(A), p)
-    return Articulated(_symmetric(L), cleared(C, False, True), _symmetric(cleared(A, True, True)), p)
-
-
-def _turned(turn: Rotation, inertia: Articulated) -> Articulated:
-    """From the axes behind a rotation to those in front of it."""
-    L, C, A = (rotated_block(turn, block) for block in (inertia.L, inertia.C, inertia.A))
-    p = Wrench(matvec(turn.matrix, inertia.p.force), matvec(turn.matrix, inertia.p.moment))
-    return Articulated(L, C, A, p)
-
-
-def _to_parent(inertia: Articulated, joint: JointGeometry) -> Articulated:
-    """To the parent's axes and origin: C - L P and A - C^T P + P C' with P = skew(offset)."""
-    R, back = joint.turn, transpose(joint.turn)
-    L, C, A = (matmul(matmul(R, block), back) for block in (inertia.L, inertia.C, inertia.A))
-    force, moment = matvec(R, inertia.p.force), matvec(R, inertia.p.moment)
-    p = joint.offset
-    L, A = _symmetric(L), _symmetric(A)
-    moved = tuple(add(C[i], scale(-1.0, _times_skew(L[i], p))) for i in range(3))
-    C_new: Mat = (moved[0], moved[1], moved[2])
-    Ct = transpose(C)
-    first = tuple(add(A[i], scale(-1.0, _times_skew(Ct[i], p))) for i in range(3))
-    columns = [cross(p, column) for column in transpose(C_new)]
-    second = transpose((columns[0], columns[1], columns[2]))
-    A_new = _symmetric(_sum((first[0], first[1], first[2]), second))
-    return Articulated(L, C_new, A_new, Wrench(force, add(moment, cross(p, force))))
-
-
-def _times_skew(row: Vec, p: Vec) -> Vec:
-    """row . skew(p), which is row x p."""
-    return cross(row, p)

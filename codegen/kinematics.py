@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from eomgen.model import FIXED_BODY, Model
 
-from .bodies import Bound, Pose, Scalar, Vec, add, dot, matmul, matvec, transpose
+from .bodies import Bound, Pose, Scalar, Vec, add, cross, dot, matmul, matvec, transpose
 from .freeze import JointGeometry
 from .recursion import Wrench, collect
 
@@ -53,13 +53,9 @@ def external_rows(
         back = transpose(poses[body].rotation)
         force = matvec(back, (given[0], given[1], given[2]))
         moment = matvec(back, (given[3], given[4], given[5]))
-        arm = Wrench(force, add(moment, _cross(com, force)))
+        arm = Wrench(force, add(moment, cross(com, force)))
         at_bodies[body] = at_bodies[body] + arm
     return collect(model, joints, at_bodies)[0]
-
-
-def _cross(a: Vec, b: Vec) -> Vec:
-    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
 def potential_energy(model: Model, bound: Bound, joints: Sequence[JointGeometry], q: Sequence[Scalar]) -> Scalar:

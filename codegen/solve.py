@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 from eomgen.model import Model
 
+from .articulated import inverse_or_zero
 from .bodies import Scalar
 from .composite import Rows
 
@@ -35,8 +36,7 @@ def solve(model: Model, matrix: Rows, right: Sequence[Scalar]) -> tuple[list[Sca
     factors: dict[tuple[int, int], Scalar] = {}
     for k in range(model.size - 1, -1, -1):
         pivots[k] = M[k, k]
-        singular = isinstance(pivots[k], float) and pivots[k] <= 0.0  # reported at run time, where the state is known
-        inverse[k] = 0.0 if singular else 1.0 / pivots[k]
+        inverse[k] = inverse_or_zero(pivots[k])
         i = parents[k]
         while i >= 0:
             factors[k, i] = M.get((i, k), 0.0) * inverse[k]
