@@ -1,8 +1,8 @@
 """Bind a model's numbers: bodies with placements and pseudo-inertias over any kind of scalar.
 
 The scalar is what ``value`` returns for a name: a float, a SymPy expression, or a node of a program.  All three know
-``+ - *`` and ``scalar.sin``-like functions are taken from ``functions``, so that one source serves the numerical
-reference, closed-form equations and generated code.
+``+ - *``, and sine and cosine come from ``sincos``, so that one source serves the numerical reference, closed-form
+equations and generated code.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Model -> Programs: one program per kernel, every intermediate bound as it arises.
-
-``KERNELS`` is the table of what a kernel reads and writes; the functions below it say how.
-"""
+"""Model -> Equations: one program per kernel, every intermediate bound as it arises."""
 
 from __future__ import annotations
 
@@ -22,6 +19,7 @@ from .kinematics import body_poses, external_rows, frame_poses, potential_energy
 from .passes import PARAMETERS, hoist_parameters, run_passes
 from .recursion import inertial_rows, kinetic_energy
 from .regroup import regroup
+from .signatures import KERNELS
 from .solve import solve
 from .zeros import zero_map
 
@@ -33,45 +31,6 @@ STRAIGHT_CHRISTOFFEL = 12000  # up to so many operations the tensor is written o
 DESCRIPTION_FRAMES = ("reactions", "kinematics", "external_force")  # report, or are asked, in the description's frames
 
 Outputs = dict[tuple[str, int], Value]
-
-
-@dataclass(frozen=True)
-class Signature:
-    """Arrays that a kernel reads, by the name of their shape (see ``shapes``), and the shape that it writes."""
-
-    reads: tuple[str, ...]
-    writes: str
-
-
-KERNELS: Mapping[str, Signature] = {
-    "mass_matrix": Signature(("q",), "matrix"),
-    "bias_force": Signature(("q", "v"), "vector"),
-    "generalized_force": Signature(("q", "v"), "vector"),
-    "external_force": Signature(("q", "wrench"), "vector"),
-    "residual": Signature(("q", "v", "a", "u"), "vector"),
-    "inverse_dynamics": Signature(("q", "v", "a"), "vector"),
-    "forward_dynamics": Signature(("q", "v", "u"), "vector"),
-    "coriolis_matrix": Signature(("q", "v"), "matrix"),
-    "christoffel": Signature(("q",), "tensor"),
-    "kinematics": Signature(("q",), "kinematics"),
-    "energy": Signature(("q", "v"), "pair"),
-    "reactions": Signature(("q", "v", "a"), "reactions"),
-}
-
-
-def shapes(model: Model) -> dict[str, tuple[int, ...]]:
-    """Shape of every array that kernels read and write."""
-    n = model.size
-    vectors: dict[str, tuple[int, ...]] = dict.fromkeys(("q", "v", "a", "u", "vector"), (n,))
-    return {
-        **vectors,
-        "wrench": (len(model.links), 6),
-        "matrix": (n, n),
-        "tensor": (n, n, n),
-        "pair": (2,),
-        "reactions": (len(model.bodies), 6),
-        "kinematics": (12 * len(model.frames) + 3 * len(model.bodies) + 3 * n,),
-    }
 
 
 @dataclass(frozen=True)
@@ -123,16 +82,11 @@ def _columns_cost(model: Model, known: Mapping[str, Program]) -> int:
     return model.size * sum(program.count().values())
 
 
-def loop_operations(equations: Equations, name: str, counts: Mapping[str, Mapping[str, int]]) -> dict[str, int]:
-    """Operations of a kernel whose C is a loop over another kernel."""
-    assert name == "christoffel"
-    return {key: equations.model.size * number for key, number in counts["coriolis_matrix"].items()}
-
-
 class Derivation:
-    """One kernel's graph with the model's numbers, inputs and joint transforms bound in it."""
+    """One kernel's graph with the model's numbers, inputs and joint transforms bound in it.
 
-    """``regrouped``: with the frames and pseudo-inertias that cost least (``choose_frames``, ``regroup``)."""
+    ``regrouped``: with the frames and pseudo-inertias that cost least (``choose_frames``, ``regroup``).
+    """
 
     def __init__(self, model: Model, *, regrouped: bool = True) -> None:
         self.model, self.graph = model, Graph()

@@ -12,7 +12,7 @@ so sharing is a dictionary and most pruning is free.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -381,8 +381,3 @@ def users(program: Program) -> list[int]:
     for index in program.outputs.values():
         count[index] += 1
     return count
-
-
-def arrays(programs: Iterable[Program]) -> set[str]:
-    """Input arrays that any of the programs reads."""
-    return set().union(*(program.inputs() for program in programs))

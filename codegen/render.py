@@ -20,8 +20,9 @@ from eomgen._version import __version__
 from eomgen.errors import InputError
 from eomgen.model import Model
 
-from .equations import KERNELS, Equations, loop_operations, shapes
+from .equations import Equations
 from .ir import Program, users
+from .signatures import KERNELS, shapes
 from .source import Source, environment
 from .zeros import zero_map
 
@@ -50,20 +51,6 @@ class Scalar:
         return str(np.float32(number)) + self.suffix
 
 
-TEXTS = {
-    "mass_matrix": "Mass matrix M(q), eq. (11).",
-    "bias_force": "Coriolis and centrifugal terms, eq. (12) contracted with the velocities.",
-    "generalized_force": "Springs, dampers and gravity: Q_P + Q_G, eqs. (13) and (14).",
-    "external_force": "Q_F of eq. (14), moment term corrected; per link force, then moment about its com, base axes.",
-    "residual": "M a + bias - Q - u, eq. (5) unexpanded; zero on a motion.",
-    "inverse_dynamics": "The drives u that make the residual zero.",
-    "forward_dynamics": "Accelerations under the drives u.",
-    "coriolis_matrix": "Coriolis matrix C(q, v) with C v = bias and M_dot = C + C^T.",
-    "christoffel": "Christoffel symbols of the first kind, the tensor C of eq. (12).",
-    "kinematics": "Rows of [R | X] of all frames, origins of all bodies, axes of all coordinates; eqs. (1) to (3).",
-    "energy": "Kinetic energy, eq. (4), and potential energy of gravity and springs.",
-    "reactions": "Per joint the force and moment on its child link, in the joint's axes after the motion.",
-}
 SCALARS = {"float64": Scalar("double", ""), "float32": Scalar("float", "f")}
 
 
@@ -111,7 +98,6 @@ def render(equations: Equations, dtype: str) -> Source:
         "is_rotation": [int(name in ("alpha", "beta", "gamma")) for body in model.bodies for name in body.active],
         "parameters": list(model.parameters),
         "hoisted": len(equations.setup.outputs),
-        "texts": TEXTS,
         "kernels": [k for k in KERNELS if k in equations.kernels],
         "all_kernels": KERNELS,
         "sizes": {key: int(np.prod(shape)) for key, shape in shapes(model).items()},
@@ -183,8 +169,8 @@ def metadata(equations: Equations, dtype: str) -> dict[str, Any]:
 def operations(equations: Equations) -> dict[str, dict[str, int]]:
     """Multiplications, additions, divisions and sine-cosine pairs of every kernel's C, and of the parameters' setup."""
     counts = {name: equations.programs[name].count() for name in equations.programs}
-    for name in equations.loops:
-        counts[name] = loop_operations(equations, name, counts)
+    if "christoffel" in equations.loops:
+        counts["christoffel"] = {key: equations.model.size * n for key, n in counts["coriolis_matrix"].items()}
     public = {name: counts[name] for name in KERNELS if name in counts and name in equations.kernels}
     return {**public, "parameters": equations.setup.count()}
 
@@ -196,14 +182,13 @@ def write_function(program: Program, scalar: Scalar) -> Function:
     if signature is not None:
         arrays = ("h", *signature.reads)
     chunks, workspace = _Writer(program, scalar).chunks()
-    unused = tuple(
-        tuple(a for a in arrays if not any(re.search(rf"\b{a}\[", line) for line in chunk)) for chunk in chunks
-    )
+    unused = tuple(tuple(a for a in arrays if not _reads(chunk, a)) for chunk in chunks)
     outputs = tuple(dict.fromkeys(key[0] for key in program.outputs))
     return Function(program.name, arrays, tuple(tuple(chunk) for chunk in chunks), workspace, unused, outputs)
 
 
 def _reads(chunk: Sequence[str], array: str) -> bool:
+    """Whether any of the statements reads the array."""
     return any(re.search(rf"\b{array}\[", line) for line in chunk)
 
 

@@ -23,10 +23,11 @@ from random_robots import random_robot, random_state
 import eomgen
 from eomgen.codegen import render
 from eomgen.codegen.compile import FLAGS
-from eomgen.codegen.equations import KERNELS, derive_equations
+from eomgen.codegen.equations import derive_equations
 from eomgen.codegen.ir import Graph, Instruction, Node, Program, evaluate, finish, users, verify
 from eomgen.codegen.passes import PASSES, hoist_parameters, run_passes
 from eomgen.codegen.render import SCALARS, write_function
+from eomgen.codegen.signatures import KERNELS
 from eomgen.codegen.source import Source
 from eomgen.model import build_model
 

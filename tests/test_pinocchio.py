@@ -133,7 +133,17 @@ def test_chains_of_six_coordinates_per_joint(seed: int, built: Build) -> None:
 
 @pytest.mark.parametrize("seed", range(200, 212))
 def test_random_trees(seed: int, built: Build) -> None:
-    """Every kernel; random subsets of coordinates, branches, welded links, turned axes, rotors, springs."""
+    check_every_kernel(seed, built)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("seed", range(1000, 1300))
+def test_many_random_trees(seed: int, built: Build) -> None:
+    check_every_kernel(seed, built)
+
+
+def check_every_kernel(seed: int, built: Build) -> None:
+    """Random subsets of coordinates, branches, welded links, turned axes, rotors, springs."""
     robot = random_robot(seed, joints=(2, 5), tree=True, types=("revolute", "prismatic", "fixed", "free"))
     kernel, oracle = built(robot), PinocchioOracle(robot)
     states = random_states(robot, seed, 10)

@@ -49,7 +49,7 @@ long long one_link_mass_matrix_batch(size_t count, const double *restrict h, con
     return -1;
 }
 
-/* Coriolis and centrifugal terms, eq. (12) contracted with the velocities. */
+/* Coriolis and centrifugal terms, eq. (12) contracted. */
 int one_link_bias_force(const double *restrict h, const double *restrict q, const double *restrict v, double *restrict out)
 {
     (void)h;
@@ -71,7 +71,7 @@ long long one_link_bias_force_batch(size_t count, const double *restrict h, cons
     return -1;
 }
 
-/* Springs, dampers and gravity: Q_P + Q_G, eqs. (13) and (14). */
+/* Springs, dampers, gravity: Q_P + Q_G, eqs. (13), (14). */
 int one_link_generalized_force(const double *restrict h, const double *restrict q, const double *restrict v, double *restrict out)
 {
     (void)v;
@@ -94,7 +94,7 @@ long long one_link_generalized_force_batch(size_t count, const double *restrict 
     return -1;
 }
 
-/* Q_F of eq. (14), moment term corrected; per link force, then moment about its com, base axes. */
+/* Q_F of eq. (14), its moment term corrected; base axes. */
 int one_link_external_force(const double *restrict h, const double *restrict q, const double *restrict wrench, double *restrict out)
 {
     (void)h;
@@ -252,7 +252,7 @@ long long one_link_christoffel_batch(size_t count, const double *restrict h, con
     return -1;
 }
 
-/* Rows of [R | X] of all frames, origins of all bodies, axes of all coordinates; eqs. (1) to (3). */
+/* Frames [R | X], bodies' origins, coordinates' axes; eqs. (1)-(3). */
 static int one_link_kinematics(const double *restrict h, const double *restrict q, double *restrict out)
 {
     (void)h;
@@ -292,7 +292,7 @@ long long one_link_energy_batch(size_t count, const double *restrict h, const do
     return -1;
 }
 
-/* Per joint the force and moment on its child link, in the joint's axes after the motion. */
+/* Force and moment on each joint's child link, moved joint's axes. */
 int one_link_reactions(const double *restrict h, const double *restrict q, const double *restrict v, const double *restrict a, double *restrict out)
 {
     out[2] = h[5];

@@ -141,6 +141,11 @@ def _progress(title: str) -> Iterator[Callable[[float, str], None]]:
         yield report
 
 
+def _show(options: argparse.Namespace, result: Any) -> None:
+    """A result that has ``lines`` and ``as_dict``, as the options ask for it."""
+    print(json.dumps(result.as_dict(), indent=1) if options.json else "\n".join(result.lines()))
+
+
 def _robots(options: argparse.Namespace) -> None:
     from .model import build_model
 
@@ -161,7 +166,7 @@ def _info(options: argparse.Namespace) -> None:
     robot = _load(options)
     with _progress("deriving") as report:
         info = robot_info(robot, progress=lambda text: report(0.0, text))
-    print(json.dumps(info.as_dict(), indent=1) if options.json else "\n".join(info.lines()))
+    _show(options, info)
 
 
 def _generate(options: argparse.Namespace) -> None:
@@ -197,7 +202,7 @@ def _bench(options: argparse.Namespace) -> None:
     robot = _load(options)
     with _progress("measuring") as report:
         result = bench(robot, progress=lambda text: report(0.0, text))
-    print(json.dumps(result.as_dict(), indent=1) if options.json else "\n".join(result.lines()))
+    _show(options, result)
 
 
 if __name__ == "__main__":

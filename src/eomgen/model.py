@@ -85,10 +85,6 @@ class Model:
         """Bodies that hang on the body directly."""
         return [k for k, other in enumerate(self.bodies) if other.parent == body]
 
-    def body_of_coordinate(self, index: int) -> int:
-        """The body whose joint has coordinate ``index``."""
-        return next(k for k, body in enumerate(self.bodies) if index in body.indices)
-
 
 def build_model(robot: Robot) -> Model:
     """Order the tree, merge what fixed joints hold together, and list the parameters.

@@ -27,25 +27,13 @@ from typing import Any
 
 from . import cache as store
 from ._version import __version__
+from .codegen.signatures import KERNELS
 from .errors import BuildError, InputError
 from .kernel import Kernel
 from .model import build_model
 from .robot import Robot
 
-KERNEL_NAMES = (
-    "mass_matrix",
-    "bias_force",
-    "generalized_force",
-    "external_force",
-    "residual",
-    "inverse_dynamics",
-    "forward_dynamics",
-    "coriolis_matrix",
-    "christoffel",
-    "kinematics",
-    "energy",
-    "reactions",
-)
+KERNEL_NAMES = tuple(KERNELS)
 DTYPES = ("float64", "float32")
 
 Progress = Callable[[str], None]

@@ -1,0 +1,60 @@
+"""What every kernel reads and writes: the one table of kernels, without SymPy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from eomgen.model import Model
+
+
+@dataclass(frozen=True)
+class Signature:
+    """Arrays that a kernel reads and the one that it writes, by their names in ``shapes``, and what it computes."""
+
+    reads: tuple[str, ...]
+    writes: str
+    text: str
+
+
+KERNELS: Mapping[str, Signature] = {
+    "mass_matrix": Signature(("q",), "matrix", "Mass matrix M(q), eq. (11)."),
+    "bias_force": Signature(("q", "v"), "vector", "Coriolis and centrifugal terms, eq. (12) contracted."),
+    "generalized_force": Signature(("q", "v"), "vector", "Springs, dampers, gravity: Q_P + Q_G, eqs. (13), (14)."),
+    "external_force": Signature(
+        ("q", "wrench"),
+        "vector",
+        "Q_F of eq. (14), its moment term corrected; base axes.",
+    ),
+    "residual": Signature(("q", "v", "a", "u"), "vector", "M a + bias - Q - u, eq. (5) unexpanded; zero on a motion."),
+    "inverse_dynamics": Signature(("q", "v", "a"), "vector", "The drives u that make the residual zero."),
+    "forward_dynamics": Signature(("q", "v", "u"), "vector", "Accelerations under the drives u."),
+    "coriolis_matrix": Signature(("q", "v"), "matrix", "Coriolis matrix C(q, v) with C v = bias and M_dot = C + C^T."),
+    "christoffel": Signature(("q",), "tensor", "Christoffel symbols of the first kind, the tensor C of eq. (12)."),
+    "kinematics": Signature(
+        ("q",),
+        "kinematics",
+        "Frames [R | X], bodies' origins, coordinates' axes; eqs. (1)-(3).",
+    ),
+    "energy": Signature(("q", "v"), "pair", "Kinetic energy, eq. (4), and potential energy of gravity and springs."),
+    "reactions": Signature(
+        ("q", "v", "a"),
+        "reactions",
+        "Force and moment on each joint's child link, moved joint's axes.",
+    ),
+}
+
+
+def shapes(model: Model) -> dict[str, tuple[int, ...]]:
+    """Shape of every array that kernels read and write."""
+    n = model.size
+    vectors: dict[str, tuple[int, ...]] = dict.fromkeys(("q", "v", "a", "u", "vector"), (n,))
+    return {
+        **vectors,
+        "wrench": (len(model.links), 6),
+        "matrix": (n, n),
+        "tensor": (n, n, n),
+        "pair": (2,),
+        "reactions": (len(model.bodies), 6),
+        "kinematics": (12 * len(model.frames) + 3 * len(model.bodies) + 3 * n,),
+    }
