@@ -65,12 +65,17 @@ def each(function: Callable[..., Array], *arrays: Array) -> Array:
     return np.array([function(*state) for state in zip(*arrays, strict=True)])
 
 
+def is_singular(M: Array) -> bool:
+    """Whether some state's mass matrix is singular to working precision: a thin rod may turn about itself, say."""
+    return bool(np.linalg.cond(M).max() > 1e15)
+
+
 def check_dynamics(kernel: eomgen.Kernel, oracle: PinocchioOracle | UrdfOracle, states: tuple[Array, ...]) -> None:
     q, v, a, u = states
     M = each(oracle.mass_matrix, q)
     assert errors(kernel.mass_matrix(q), M).max() <= TOLERANCE
     assert errors(kernel.inverse_dynamics(q, v, a), each(oracle.inverse_dynamics, q, v, a)).max() <= TOLERANCE
-    if np.linalg.cond(M).min() > 1e15:  # a thin rod that may turn about itself: no accelerations, but an error
+    if is_singular(M):  # no accelerations, but an error
         with pytest.raises(SingularError, match="cannot be inverted"):
             kernel.forward_dynamics(q, v, u)
         return
@@ -185,5 +190,7 @@ def check_wrench(kernel: eomgen.Kernel, oracle: PinocchioOracle, states: tuple[A
     ):
         call = getattr(kernel, name)
         assert errors(call(*arguments, wrench=wrench), call(*arguments) + sign * external).max() <= TOLERANCE
+    if is_singular(kernel.mass_matrix(q)):
+        return
     found = kernel.forward_dynamics(q, v, u, wrench=wrench)
     assert np.allclose(found, kernel.forward_dynamics(q, v, u + external), rtol=1e-10, atol=1e-10)
