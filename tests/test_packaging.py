@@ -136,7 +136,7 @@ def test_the_generator_is_imported_by_nobody_but_the_pipeline() -> None:
     for path in (ROOT / "src" / "eomgen").glob("*.py"):
         text = path.read_text(encoding="utf-8")
         at_top = re.findall(r"^(?:from|import) .*(?:codegen|sympy|scipy|matplotlib).*$", text, re.MULTILINE)
-        light = ["from .codegen.signatures import KERNELS"] if path.name == "pipeline.py" else []  # the table of kernels
+        light = ["from .codegen.signatures import KERNELS"] if path.name == "pipeline.py" else []
         assert at_top == light, (path.name, at_top)
     signatures = (ROOT / "codegen" / "signatures.py").read_text(encoding="utf-8")
     assert re.findall(r"^(?:from|import) (\S+)", signatures, re.MULTILINE) == [
