@@ -61,7 +61,7 @@ def find_compiler() -> Compiler:
             "no C compiler found: $CC is not set, and cc, gcc and clang are not on the path; install one"
             " (Debian: apt install gcc; or pip install ziglang), or set CC to its command"
         ) from None
-    return _probe((sys.executable, "-m", "ziglang", "cc"))
+    return _probe((sys.executable, "-m", "ziglang", "cc", "-DEOMGEN_NO_LIBMVEC"))  # its libm has no vectors
 
 
 @cache
@@ -147,11 +147,14 @@ def _build_api(source: Source, compiler: Compiler, flags: Sequence[str], folder:
     wrapper = work / f"_{name}.c"
     make_c_source(ffi, f"_{name}", f'#include "{name}.h"', str(wrapper))  # emit_c_code prints to stdout
     include = ("-iquote", str(folder), "-I", headers)  # a robot may be named as a system header is
-    objects = [work / "wrapper.o", work / "kernel.o"]
+    objects = [work / f"{part}.o" for part in ("singles", "batches", "wrapper")]
+    halves = ("-DEOMGEN_SINGLES_ONLY", "-DEOMGEN_BATCHES_ONLY")  # one source, compiled on two cores
+    compile_c = [*compiler.command, "-c", "-fPIC"]
     jobs = [
-        [*compiler.command, "-c", "-fPIC", "-O1", *include, str(wrapper), "-o", str(objects[0])],
-        [*compiler.command, "-c", "-fPIC", *WARNINGS, *flags, str(folder / f"{name}.c"), "-o", str(objects[1])],
+        [*compile_c, *WARNINGS, *flags, half, str(folder / f"{name}.c"), "-o", str(target)]
+        for half, target in zip(halves, objects, strict=False)
     ]
+    jobs.append([*compile_c, "-O1", *include, str(wrapper), "-o", str(objects[2])])
     run_all(jobs)
     module = folder / f"_{name}{_suffix()}"
     run_all([[*compiler.command, *shared_flags(), *map(str, objects), "-o", str(module), "-lm"]])

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import jinja2.meta
@@ -28,15 +28,37 @@ from .zeros import zero_map
 
 CHUNK = 600  # values per function
 INLINE = 72  # longest expression, in characters, that is written into another one
+VECTORS = (16, 32, 64)  # bytes of a vector
+LANE_VALUES = 8192  # values that a kernel for several states may keep on the stack: 512 KB of the longest vectors
 FILL = 16  # from so many zeros on an output is cleared in a loop
 
 
 @dataclass(frozen=True)
 class Scalar:
-    """The C type of numbers: double, or float with its literals and functions."""
+    """The C type of numbers: double, or float with its literals and functions; or vectors of them.
+
+    name: the type.
+    suffix: of literals and of the functions of <math.h>.
+    prefix: of sine and cosine.
+    spread: macro that makes a vector of a number; empty where numbers are no vectors.
+    """
 
     name: str
     suffix: str
+    prefix: str = ""
+    spread: str = ""
+
+    def lanes(self) -> Scalar:
+        """Vectors of these numbers, named as in ``batches.c.jinja``."""
+        return replace(self, name="lanes", prefix="lanes_", spread="ALL")
+
+    def function(self, name: str) -> str:
+        """Name of a function of <math.h> for these numbers."""
+        return self.prefix + name + ("" if self.prefix else self.suffix)
+
+    def whole(self, text: str) -> str:
+        """A number where a value of this type has to stand."""
+        return f"{self.spread}({text})" if self.spread else text
 
     def literal(self, number: float) -> str:
         """A literal that reads back as the same number.
@@ -72,15 +94,31 @@ def render(equations: Equations, dtype: str) -> Source:
     Args:
         dtype: "float64" or "float32".
     """
+    model = equations.model
+    meta = metadata(equations, dtype)
+    context = _context(equations, dtype, meta)
+    header = _fill("kernel.h.jinja", context)
+    code = _tidy(_fill("kernel.c.jinja", context) + _fill("batches.c.jinja", {**context, **_lanes(equations, dtype)}))
+    declarations = header.split("/* begin of declarations */")[1].split("/* end of declarations */")[0]
+    statements = sum(len(program.instructions) for program in equations.programs.values())
+    return Source(model.name, header, code, declarations, json.dumps(meta, indent=1) + "\n", statements)
+
+
+def _context(equations: Equations, dtype: str, meta: Mapping[str, Any]) -> dict[str, Any]:
+    """What the templates know."""
     model, scalar = equations.model, SCALARS[dtype]
     functions = {name: write_function(program, scalar) for name, program in equations.programs.items()}
-    meta = metadata(equations, dtype)
-    context: dict[str, Any] = {
+    public = [name for name in KERNELS if name in equations.kernels]
+    return {
         "name": model.name,
         "guard": f"EOMGEN_{model.name.upper()}_H",
         "version": __version__,
         "dtype": dtype,
         "real": scalar.name,
+        "scalar": scalar.name,
+        "bytes": np.dtype(dtype).itemsize,
+        "literal_suffix": scalar.suffix,
+        "suffix": "",
         "one": scalar.literal(1.0),
         "zero": scalar.literal(0.0),
         "pivot_limit": scalar.literal(1e-12 if dtype == "float64" else 1e-5),
@@ -98,20 +136,49 @@ def render(equations: Equations, dtype: str) -> Source:
         "is_rotation": [int(name in ("alpha", "beta", "gamma")) for body in model.bodies for name in body.active],
         "parameters": list(model.parameters),
         "hoisted": len(equations.setup.outputs),
-        "kernels": [k for k in KERNELS if k in equations.kernels],
+        "kernels": public,
         "all_kernels": KERNELS,
         "sizes": {key: int(np.prod(shape)) for key, shape in shapes(model).items()},
         "functions": functions,
+        "solving": any("pivot" in function.outputs for function in functions.values()),
+        "looped": [name for name in public if name not in batched(equations)],
         "setup": write_function(equations.setup, scalar),
         "loops": sorted(equations.loops),
         "survivors": christoffel_bits(model) if "christoffel" in equations.loops else [],
         "operations": meta["operations"],
     }
-    header = _fill("kernel.h.jinja", context)
-    code = _tidy(_fill("kernel.c.jinja", context))
-    declarations = header.split("/* begin of declarations */")[1].split("/* end of declarations */")[0]
-    statements = sum(len(program.instructions) for program in equations.programs.values())
-    return Source(model.name, header, code, declarations, json.dumps(meta, indent=1) + "\n", statements)
+
+
+def _lanes(equations: Equations, dtype: str) -> dict[str, Any]:
+    """What is different in the templates where a number is a vector of states."""
+    scalar, lanes = SCALARS[dtype], SCALARS[dtype].lanes()
+    functions = {name: write_function(equations.programs[name], lanes) for name in batched(equations)}
+    return {
+        "real": lanes.name,
+        "suffix": "_lanes",
+        "one": lanes.whole(scalar.literal(1.0)),
+        "zero_lanes": scalar.literal(0.0),
+        "zero": lanes.whole(scalar.literal(0.0)),
+        "functions": functions,
+        "solving": any("pivot" in function.outputs for function in functions.values()),
+        "lane_counts": [width // np.dtype(dtype).itemsize for width in VECTORS],
+        "distances": lambda count: [1 << bit for bit in range(count.bit_length() - 1)],
+        "lower": lambda count, d: [count + lane - d if lane & d else lane for lane in range(count)],
+        "upper": lambda count, d: [count + lane if lane & d else lane + d for lane in range(count)],
+        "turns": any(i.op in ("sin", "cos") for name in functions for i in equations.programs[name].instructions),
+    }
+
+
+def batched(equations: Equations) -> list[str]:
+    """Public kernels that work on several states at a time: those whose arrays fit the stack as vectors."""
+    size = {key: int(np.prod(shape)) for key, shape in shapes(equations.model).items()}
+
+    def values(name: str) -> int:
+        arrays = (*KERNELS[name].reads, KERNELS[name].writes)
+        return sum(size[array] for array in arrays) + len(handed_on(equations.programs[name]))
+
+    written = [name for name in KERNELS if name in equations.kernels and name in equations.programs]
+    return [name for name in written if values(name) <= LANE_VALUES]
 
 
 def _tidy(code: str) -> str:
@@ -192,6 +259,24 @@ def _reads(chunk: Sequence[str], array: str) -> bool:
     return any(re.search(rf"\b{array}\[", line) for line in chunk)
 
 
+def split(program: Program) -> dict[int, int]:
+    """For every value that is computed, the function that computes it."""
+    size = len(program.instructions)
+    computed = [i for i in range(size) if program.instructions[i].op not in ("const", "input")]
+    return {index: order // CHUNK for order, index in enumerate(computed)}
+
+
+def handed_on(program: Program) -> dict[int, int]:
+    """Values that a later function reads, and their places in the array that functions share."""
+    chunk_of = split(program)
+    slots: dict[int, int] = {}
+    for index, instruction in enumerate(program.instructions):
+        for arg in instruction.args:
+            if arg in chunk_of and chunk_of[arg] != chunk_of[index]:
+                slots.setdefault(arg, len(slots))
+    return slots
+
+
 class _Writer:
     """Writes the statements of one program."""
 
@@ -201,20 +286,9 @@ class _Writer:
         self.stores: dict[int, list[str]] = {}
         for (array, position), index in program.outputs.items():
             self.stores.setdefault(index, []).append(f"{array}[{position}]")
-        size = len(program.instructions)
-        computed = [i for i in range(size) if program.instructions[i].op not in ("const", "input")]
-        self.chunk_of = {index: order // CHUNK for order, index in enumerate(computed)}
+        self.chunk_of = split(program)
         self.last = max(self.chunk_of.values(), default=0)
-        self.slots = self._handed_on()
-
-    def _handed_on(self) -> dict[int, int]:
-        """Values that a later chunk reads, and their places in the shared array."""
-        slots: dict[int, int] = {}
-        for index, instruction in enumerate(self.program.instructions):
-            for arg in instruction.args:
-                if arg in self.chunk_of and self.chunk_of[arg] != self.chunk_of[index]:
-                    slots.setdefault(arg, len(slots))
-        return slots
+        self.slots = handed_on(program)
 
     def chunks(self) -> tuple[list[list[str]], int]:
         """Statements per chunk, and the size of the shared array."""
@@ -259,13 +333,14 @@ class _Writer:
         filled = {array for array, number in zeros.items() if number >= FILL}
         for array in sorted(filled):
             size = 1 + max(position for name, position in self.program.outputs if name == array)
-            yield f"for (size_t i = 0; i < {size}; ++i) {array}[i] = {self.scalar.literal(0.0)};"
+            yield f"for (size_t i = 0; i < {size}; ++i) {array}[i] = {self.scalar.whole(self.scalar.literal(0.0))};"
         for index, places in self.stores.items():
             if index not in self.chunk_of:
                 leaf = self._leaf(index)
                 kept = [p for p in places if leaf != self.scalar.literal(0.0) or p.split("[")[0] not in filled]
                 if kept:
-                    yield f"{' = '.join(kept)} = {leaf};"
+                    is_vector = self.program.instructions[index].op == "input" and not leaf.startswith(("h[", "p["))
+                    yield f"{' = '.join(kept)} = {leaf if is_vector else self.scalar.whole(leaf)};"
 
     def _leaf(self, index: int) -> str:
         instruction = self.program.instructions[index]
@@ -293,7 +368,7 @@ class _Writer:
 
     def _expression(self, op: str, args: Sequence[str]) -> str:
         if op in ("sin", "cos"):
-            return f"{op}{self.scalar.suffix}({args[0]})"
+            return f"{self.scalar.function(op)}({args[0]})"
         if op == "neg":
             return f"-{_factor(args[0])}"
         x, y = args

@@ -180,13 +180,12 @@ def test_wrenches_in_batches(name: str, kernel: eomgen.Kernel) -> None:
     expected = [call(*arrays[:, i], wrench=wrench[i]) for i in range(STATES)]
     out = np.empty((STATES, 2))
     assert call(*arrays, wrench=wrench, out=out) is out
-    assert np.array_equal(out, expected)
+    assert np.allclose(out, expected, rtol=1e-13)
     one_state = call(*arrays[:, 1], wrench=wrench, out=out)
     assert one_state is out
-    assert np.array_equal(out, [call(*arrays[:, 1], wrench=w) for w in wrench])
-    assert np.array_equal(
-        call(*arrays, wrench=wrench[1]), [call(*arrays[:, i], wrench=wrench[1]) for i in range(STATES)]
-    )
+    assert np.allclose(out, [call(*arrays[:, 1], wrench=w) for w in wrench], rtol=1e-13)
+    expected = [call(*arrays[:, i], wrench=wrench[1]) for i in range(STATES)]
+    assert np.allclose(call(*arrays, wrench=wrench[1]), expected, rtol=1e-13)
 
 
 def test_out_is_written_and_returned(kernel: eomgen.Kernel) -> None:

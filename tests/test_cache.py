@@ -111,7 +111,7 @@ def test_eight_processes_build_the_same_kernel_at_once(empty_cache: Path, tmp_pa
     answers = [answer(process) for process in processes]
     assert all(found == answers[0] for found in answers)
     assert answers[0] == one_link().mass_matrix(Q).tolist()
-    assert len(log.read_text().splitlines()) == 3
+    assert len(log.read_text().splitlines()) == 4
 
 
 def test_a_build_that_was_killed_does_not_block_the_next(empty_cache: Path, tmp_path: Path) -> None:

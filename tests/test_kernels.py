@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import cmath
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -151,32 +150,6 @@ def test_linear_in_acceleration_and_quadratic_in_velocity(case: Case) -> None:
     assert np.abs(first - second).max() <= TOLERANCE * case.size
     assert np.abs(k.bias_force(q, -3 * v) - 9 * k.bias_force(q, v)).max() <= TOLERANCE * 9 * case.size
     assert np.array_equal(k.bias_force(q, 0 * v), np.zeros_like(v))
-
-
-def test_batches_equal_single_states_to_the_bit(case: Case) -> None:
-    k, q, v, a, u = case.kernel, case.q, case.v, case.a, case.u
-    frame = k.frames[0]
-    calls: dict[str, Sequence[Array]] = {
-        "mass_matrix": (q,),
-        "bias_force": (q, v),
-        "generalized_force": (q, v),
-        "residual": (q, v, a, u),
-        "inverse_dynamics": (q, v, a),
-        "forward_dynamics": (q, v, u),
-        "coriolis_matrix": (q, v),
-        "christoffel": (q,),
-        "energy": (q, v),
-        "reactions": (q, v, a),
-    }
-    for name, arrays in calls.items():
-        call = getattr(k, name)
-        batch = call(*arrays)
-        assert all(np.array_equal(batch[i], call(*(x[i] for x in arrays))) for i in range(STATES)), name
-        mixed = call(q[3], *arrays[1:])  # one state beside a batch stands for all of it
-        if len(arrays) > 1:
-            assert np.array_equal(mixed[5], call(q[3], *(x[5] for x in arrays[1:]))), name
-    for call in (k.frame_pose, k.frame_jacobian):
-        assert all(np.array_equal(call(q, frame)[i], call(q[i], frame)) for i in range(STATES))
 
 
 def test_regrouped_inertias_change_nothing(case: Case) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import platform
 import re
 import shutil
 import subprocess
@@ -80,10 +81,24 @@ def test_no_compiler_warns(name: str, dtype: str, tmp_path: Path) -> None:
     (tmp_path / f"{name}.h").write_text(source.header, encoding="ascii")
     (tmp_path / f"{name}.c").write_text(source.code, encoding="ascii")
     assert ("_part1(" in source.code) == (name != "one_link")
-    for compiler, level in (("gcc", "-O1"), ("clang", "-O0")):
+    for compiler, flags in (("gcc", ["-O1"]), ("clang", ["-O0"]), ("gcc", ["-O0", "-DEOMGEN_VECTOR=0"])):
         if shutil.which(compiler):
             out = tmp_path / f"{compiler}.o"
-            compiled(compiler, "-std=c99", *WARNINGS, level, "-c", tmp_path / f"{name}.c", "-o", out)
+            compiled(compiler, "-std=c99", *WARNINGS, *flags, "-c", tmp_path / f"{name}.c", "-o", out)
+            check_symbols(out, source)
+
+
+@pytest.mark.parametrize("flags", [("-march=native",), ("-mavx2",), ("-mavx",), ("-DEOMGEN_NO_LIBMVEC",)])
+def test_no_compiler_warns_of_vectors(flags: tuple[str, ...], tmp_path: Path) -> None:
+    source = source_of(eomgen.load_robot("one_link"))
+    (tmp_path / "one_link.h").write_text(source.header, encoding="ascii")
+    (tmp_path / "one_link.c").write_text(source.code, encoding="ascii")
+    if "x86" not in platform.machine():
+        flags = flags[-1:] if flags[0].startswith("-D") else ()
+    for compiler in ("gcc", "clang"):
+        if shutil.which(compiler):
+            out = tmp_path / f"{compiler}.o"
+            compiled(compiler, "-std=c99", *WARNINGS, "-O1", *flags, "-c", tmp_path / "one_link.c", "-o", out)
             check_symbols(out, source)
 
 
@@ -92,6 +107,8 @@ def check_symbols(library: Path, source: Source) -> None:
     listed = subprocess.run(["nm", library], capture_output=True, text=True, check=True).stdout
     found = [line.split()[-2:] for line in listed.splitlines()]
     libm = {"sin", "cos", "sincos", "sinf", "cosf", "sincosf"}
+    libm |= {f"_ZGV{lanes}v_{name}" for lanes in ("bN2", "dN4", "eN8") for name in ("sin", "cos")}
+    libm |= {f"_ZGV{lanes}v_{name}f" for lanes in ("bN4", "dN8", "eN16") for name in ("sin", "cos")}
     compilers_own = {"memset", "memcpy", "memmove", "_GLOBAL_OFFSET_TABLE_", "__stack_chk_fail"}
     for kind, name in found:
         assert kind in "TtUrR", (kind, name)  # no data, no bss

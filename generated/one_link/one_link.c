@@ -4,12 +4,15 @@
 #include "one_link.h"
 
 #include <math.h>
+#include <string.h>
 
 #if defined(__GNUC__)
 #define EOMGEN_PART static __attribute__((noinline))
 #else
 #define EOMGEN_PART static
 #endif
+
+#if !defined(EOMGEN_BATCHES_ONLY) /* one state at a time */
 
 /* What depends on parameters alone: h holds p, then what kernels read of it. */
 void one_link_setup(const double *restrict p, double *restrict h)
@@ -26,6 +29,14 @@ void one_link_setup(const double *restrict p, double *restrict h)
     h[6] = 0.5*p[2];
 }
 
+/* 0, or 1 + i for the first coordinate i whose pivot vanishes beside its scale; NaN counts as vanished. */
+static int one_link_failed(const double *restrict pivot)
+{
+    for (int i = 0; i < 2; ++i)
+        if (!(pivot[2 * i] > 1e-12 * pivot[2 * i + 1])) return 1 + i;
+    return 0;
+}
+
 /* Mass matrix M(q), eq. (11). */
 int one_link_mass_matrix(const double *restrict h, const double *restrict q, double *restrict out)
 {
@@ -40,15 +51,6 @@ int one_link_mass_matrix(const double *restrict h, const double *restrict q, dou
     return 0;
 }
 
-long long one_link_mass_matrix_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, double *restrict out)
-{
-    for (size_t i = 0; i < count; ++i) {
-        const int status = one_link_mass_matrix(h, q + i * q_step, out + i * 4);
-        if (status != 0) return (long long)i * 2 + status - 1;
-    }
-    return -1;
-}
-
 /* Coriolis and centrifugal terms, eq. (12) contracted. */
 int one_link_bias_force(const double *restrict h, const double *restrict q, const double *restrict v, double *restrict out)
 {
@@ -60,15 +62,6 @@ int one_link_bias_force(const double *restrict h, const double *restrict q, cons
     out[0] = t2*(-0.5*(v[1]*v[1]));
 
     return 0;
-}
-
-long long one_link_bias_force_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, double *restrict out)
-{
-    for (size_t i = 0; i < count; ++i) {
-        const int status = one_link_bias_force(h, q + i * q_step, v + i * v_step, out + i * 2);
-        if (status != 0) return (long long)i * 2 + status - 1;
-    }
-    return -1;
 }
 
 /* Springs, dampers, gravity: Q_P + Q_G, eqs. (13), (14). */
@@ -85,15 +78,6 @@ int one_link_generalized_force(const double *restrict h, const double *restrict 
     return 0;
 }
 
-long long one_link_generalized_force_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, double *restrict out)
-{
-    for (size_t i = 0; i < count; ++i) {
-        const int status = one_link_generalized_force(h, q + i * q_step, v + i * v_step, out + i * 2);
-        if (status != 0) return (long long)i * 2 + status - 1;
-    }
-    return -1;
-}
-
 /* Q_F of eq. (14), its moment term corrected; base axes. */
 int one_link_external_force(const double *restrict h, const double *restrict q, const double *restrict wrench, double *restrict out)
 {
@@ -106,15 +90,6 @@ int one_link_external_force(const double *restrict h, const double *restrict q, 
     out[0] = t2*(t2*wrench[0] + t1*wrench[1]) - t1*t11;
 
     return 0;
-}
-
-long long one_link_external_force_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict wrench, size_t wrench_step, double *restrict out)
-{
-    for (size_t i = 0; i < count; ++i) {
-        const int status = one_link_external_force(h, q + i * q_step, wrench + i * wrench_step, out + i * 2);
-        if (status != 0) return (long long)i * 2 + status - 1;
-    }
-    return -1;
 }
 
 /* M a + bias - Q - u, eq. (5) unexpanded; zero on a motion. */
@@ -133,15 +108,6 @@ int one_link_residual(const double *restrict h, const double *restrict q, const 
     return 0;
 }
 
-long long one_link_residual_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict a, size_t a_step, const double *restrict u, size_t u_step, double *restrict out)
-{
-    for (size_t i = 0; i < count; ++i) {
-        const int status = one_link_residual(h, q + i * q_step, v + i * v_step, a + i * a_step, u + i * u_step, out + i * 2);
-        if (status != 0) return (long long)i * 2 + status - 1;
-    }
-    return -1;
-}
-
 /* The drives u that make the residual zero. */
 int one_link_inverse_dynamics(const double *restrict h, const double *restrict q, const double *restrict v, const double *restrict a, double *restrict out)
 {
@@ -156,15 +122,6 @@ int one_link_inverse_dynamics(const double *restrict h, const double *restrict q
     out[0] = t9*(t9*t10 - h[1]*t8 - 0.5*(v[1]*v[1])) - t8*(0.5*a[1] - t16) + q[0]*h[3];
 
     return 0;
-}
-
-long long one_link_inverse_dynamics_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict a, size_t a_step, double *restrict out)
-{
-    for (size_t i = 0; i < count; ++i) {
-        const int status = one_link_inverse_dynamics(h, q + i * q_step, v + i * v_step, a + i * a_step, out + i * 2);
-        if (status != 0) return (long long)i * 2 + status - 1;
-    }
-    return -1;
 }
 
 /* Accelerations under the drives u. */
@@ -189,18 +146,7 @@ int one_link_forward_dynamics(const double *restrict h, const double *restrict q
     out[0] = t38;
     out[1] = 3.0*t27 + t31*t38;
 
-    for (int i = 0; i < 2; ++i)
-        if (!(pivot[2 * i] > 1e-12 * pivot[2 * i + 1])) return 1 + i;
-    return 0;
-}
-
-long long one_link_forward_dynamics_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict u, size_t u_step, double *restrict out)
-{
-    for (size_t i = 0; i < count; ++i) {
-        const int status = one_link_forward_dynamics(h, q + i * q_step, v + i * v_step, u + i * u_step, out + i * 2);
-        if (status != 0) return (long long)i * 2 + status - 1;
-    }
-    return -1;
+    return one_link_failed(pivot);
 }
 
 /* Coriolis matrix C(q, v) with C v = bias and M_dot = C + C^T. */
@@ -222,15 +168,6 @@ int one_link_coriolis_matrix(const double *restrict h, const double *restrict q,
     return 0;
 }
 
-long long one_link_coriolis_matrix_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, double *restrict out)
-{
-    for (size_t i = 0; i < count; ++i) {
-        const int status = one_link_coriolis_matrix(h, q + i * q_step, v + i * v_step, out + i * 4);
-        if (status != 0) return (long long)i * 2 + status - 1;
-    }
-    return -1;
-}
-
 /* Christoffel symbols of the first kind, the tensor C of eq. (12). */
 int one_link_christoffel(const double *restrict h, const double *restrict q, double *restrict out)
 {
@@ -241,15 +178,6 @@ int one_link_christoffel(const double *restrict h, const double *restrict q, dou
     out[3] = -0.5*t1;
 
     return 0;
-}
-
-long long one_link_christoffel_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, double *restrict out)
-{
-    for (size_t i = 0; i < count; ++i) {
-        const int status = one_link_christoffel(h, q + i * q_step, out + i * 8);
-        if (status != 0) return (long long)i * 2 + status - 1;
-    }
-    return -1;
 }
 
 /* Frames [R | X], bodies' origins, coordinates' axes; eqs. (1)-(3). */
@@ -283,15 +211,6 @@ int one_link_energy(const double *restrict h, const double *restrict q, const do
     return 0;
 }
 
-long long one_link_energy_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, double *restrict out)
-{
-    for (size_t i = 0; i < count; ++i) {
-        const int status = one_link_energy(h, q + i * q_step, v + i * v_step, out + i * 2);
-        if (status != 0) return (long long)i * 2 + status - 1;
-    }
-    return -1;
-}
-
 /* Force and moment on each joint's child link, moved joint's axes. */
 int one_link_reactions(const double *restrict h, const double *restrict q, const double *restrict v, const double *restrict a, double *restrict out)
 {
@@ -309,15 +228,6 @@ int one_link_reactions(const double *restrict h, const double *restrict q, const
     out[5] = 0.3333333333333333*a[1] - 0.5*t15;
 
     return 0;
-}
-
-long long one_link_reactions_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict a, size_t a_step, double *restrict out)
-{
-    for (size_t i = 0; i < count; ++i) {
-        const int status = one_link_reactions(h, q + i * q_step, v + i * v_step, a + i * a_step, out + i * 6);
-        if (status != 0) return (long long)i * 2 + status - 1;
-    }
-    return -1;
 }
 
 /* Pose of a frame in the base, 4x4; eqs. (1) and (2). */
@@ -360,14 +270,578 @@ int one_link_frame_jacobian(const double *restrict h, const double *restrict q, 
     return 0;
 }
 
+#endif /* one state at a time */
+
+#if !defined(EOMGEN_SINGLES_ONLY) /* several states at a time: the same statements on vectors, a state in every lane */
+
+#if !defined(EOMGEN_VECTOR) /* bytes of a vector; 0 for none */
+#if defined(__GNUC__) && defined(__AVX512F__)
+#define EOMGEN_VECTOR 64
+#elif defined(__GNUC__) && defined(__AVX__)
+#define EOMGEN_VECTOR 32
+#elif defined(__GNUC__) && (defined(__SSE2__) || defined(__ARM_NEON))
+#define EOMGEN_VECTOR 16
+#else
+#define EOMGEN_VECTOR 0
+#endif
+#endif
+
+#if EOMGEN_VECTOR
+typedef double lanes __attribute__((vector_size(EOMGEN_VECTOR)));
+#define LANES (EOMGEN_VECTOR / 8)
+#define LANE(x, l) ((x)[l])
+#define ALL(x) ((x) - (lanes){ 0.0 })
+#else
+typedef double lanes;
+#define LANES 1
+#define LANE(x, l) (x)
+#define ALL(x) (x)
+#endif
+
+#if !EOMGEN_VECTOR
+#define lanes_sin sin
+#define lanes_cos cos
+#elif defined(__x86_64__) && defined(__GLIBC__) && !defined(EOMGEN_NO_LIBMVEC) && (EOMGEN_VECTOR < 32 || defined(__AVX2__))
+/* glibc's libmvec, 4 units in the last place: the letter is the instruction set, the number the lanes. */
+#if EOMGEN_VECTOR == 64
+#define lanes_sin _ZGVeN8v_sin
+#define lanes_cos _ZGVeN8v_cos
+#elif EOMGEN_VECTOR == 32
+#define lanes_sin _ZGVdN4v_sin
+#define lanes_cos _ZGVdN4v_cos
+#else
+#define lanes_sin _ZGVbN2v_sin
+#define lanes_cos _ZGVbN2v_cos
+#endif
+extern lanes lanes_sin(lanes);
+extern lanes lanes_cos(lanes);
+#else
+static lanes lanes_sin(lanes x)
+{
+    for (int l = 0; l < LANES; ++l) x[l] = sin(x[l]);
+    return x;
+}
+static lanes lanes_cos(lanes x)
+{
+    for (int l = 0; l < LANES; ++l) x[l] = cos(x[l]);
+    return x;
+}
+#endif
+
+#if EOMGEN_VECTOR && defined(__has_builtin)
+#if __has_builtin(__builtin_shufflevector)
+#define EOMGEN_TRANSPOSE
+/* A square of numbers turned over: swap blocks of 1, 2, 4 ... numbers across the diagonal. */
+static inline void transpose(lanes *x)
+{
+#if LANES == 2
+    for (int i = 0; i < LANES; ++i) {
+        if (i & 1) continue;
+        const lanes a = x[i], b = x[i + 1];
+        x[i] = __builtin_shufflevector(a, b, 0, 2);
+        x[i + 1] = __builtin_shufflevector(a, b, 1, 3);
+    }
+#endif
+#if LANES == 4
+    for (int i = 0; i < LANES; ++i) {
+        if (i & 1) continue;
+        const lanes a = x[i], b = x[i + 1];
+        x[i] = __builtin_shufflevector(a, b, 0, 4, 2, 6);
+        x[i + 1] = __builtin_shufflevector(a, b, 1, 5, 3, 7);
+    }
+    for (int i = 0; i < LANES; ++i) {
+        if (i & 2) continue;
+        const lanes a = x[i], b = x[i + 2];
+        x[i] = __builtin_shufflevector(a, b, 0, 1, 4, 5);
+        x[i + 2] = __builtin_shufflevector(a, b, 2, 3, 6, 7);
+    }
+#endif
+#if LANES == 8
+    for (int i = 0; i < LANES; ++i) {
+        if (i & 1) continue;
+        const lanes a = x[i], b = x[i + 1];
+        x[i] = __builtin_shufflevector(a, b, 0, 8, 2, 10, 4, 12, 6, 14);
+        x[i + 1] = __builtin_shufflevector(a, b, 1, 9, 3, 11, 5, 13, 7, 15);
+    }
+    for (int i = 0; i < LANES; ++i) {
+        if (i & 2) continue;
+        const lanes a = x[i], b = x[i + 2];
+        x[i] = __builtin_shufflevector(a, b, 0, 1, 8, 9, 4, 5, 12, 13);
+        x[i + 2] = __builtin_shufflevector(a, b, 2, 3, 10, 11, 6, 7, 14, 15);
+    }
+    for (int i = 0; i < LANES; ++i) {
+        if (i & 4) continue;
+        const lanes a = x[i], b = x[i + 4];
+        x[i] = __builtin_shufflevector(a, b, 0, 1, 2, 3, 8, 9, 10, 11);
+        x[i + 4] = __builtin_shufflevector(a, b, 4, 5, 6, 7, 12, 13, 14, 15);
+    }
+#endif
+}
+#endif
+#endif
+
+/* Numbers of up to LANES states that lie step apart; the last one fills the lanes that are left. */
+static void gather(const double *restrict x, size_t step, size_t here, int size, lanes *restrict y)
+{
+    const double *state[LANES];
+    int i = 0;
+    for (size_t l = 0; l < LANES; ++l) state[l] = x + (l < here ? l : here - 1) * step;
+#if defined(EOMGEN_TRANSPOSE)
+    for (; i + LANES <= size; i += LANES) {
+        for (int l = 0; l < LANES; ++l) memcpy(y + i + l, state[l] + i, sizeof(lanes));
+        transpose(y + i);
+    }
+#endif
+    for (; i < size; ++i) {
+#if LANES == 2
+        y[i] = (lanes){ state[0][i], state[1][i] };
+#endif
+#if LANES == 4
+        y[i] = (lanes){ state[0][i], state[1][i], state[2][i], state[3][i] };
+#endif
+#if LANES == 8
+        y[i] = (lanes){ state[0][i], state[1][i], state[2][i], state[3][i], state[4][i], state[5][i], state[6][i], state[7][i] };
+#endif
+#if LANES == 1
+        y[i] = state[0][i];
+#endif
+    }
+}
+
+/* The other way; x is used up. */
+static void scatter(lanes *restrict x, size_t here, int size, double *restrict y)
+{
+    int i = 0;
+#if defined(EOMGEN_TRANSPOSE)
+    for (; i + LANES <= size; i += LANES) {
+        transpose(x + i);
+        for (size_t l = 0; l < here; ++l) memcpy(y + l * (size_t)size + i, x + i + l, sizeof(lanes));
+    }
+#endif
+    for (; i < size; ++i)
+        for (size_t l = 0; l < here; ++l) y[l * (size_t)size + (size_t)i] = LANE(x[i], l);
+}
+
+/* 0, or 1 + i + lane * 2 for the first lane with a pivot i that vanishes beside its scale. */
+static int one_link_failed_lanes(const lanes *restrict pivot)
+{
+    for (int l = 0; l < LANES; ++l)
+        for (int i = 0; i < 2; ++i)
+            if (!(LANE(pivot[2 * i], l) > 1e-12 * LANE(pivot[2 * i + 1], l))) return 1 + i + l * 2;
+    return 0;
+}
+
+/* Mass matrix M(q), eq. (11). */
+static int one_link_mass_matrix_lanes(const double *restrict h, const lanes *restrict q, lanes *restrict out)
+{
+    (void)h;
+
+    out[0] = ALL(1.0);
+    out[3] = ALL(0.3333333333333333);
+    const lanes t1 = lanes_sin(q[1]);
+    /* joint1: columns of M from the composite pseudo-inertia, eq. (11) */
+    out[1] = out[2] = -0.5*t1;
+
+    return 0;
+}
+
+long long one_link_mass_matrix_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, double *restrict out)
+{
+    lanes q_lanes[2], out_lanes[4];
+    for (size_t i = 0; i < count; i += LANES) {
+        const size_t here = count - i < LANES ? count - i : LANES;
+        gather(q + i * q_step, q_step, here, 2, q_lanes);
+        const int status = one_link_mass_matrix_lanes(h, q_lanes, out_lanes);
+        if (status != 0) return (long long)i * 2 + status - 1;
+        scatter(out_lanes, here, 4, out + i * 4);
+    }
+    return -1;
+}
+
+/* Coriolis and centrifugal terms, eq. (12) contracted. */
+static int one_link_bias_force_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, lanes *restrict out)
+{
+    (void)h;
+
+    out[1] = ALL(0.0);
+    const lanes t2 = lanes_cos(q[1]);
+    /* joint1: traces against its tangents, eq. (5) */
+    out[0] = t2*(-0.5*(v[1]*v[1]));
+
+    return 0;
+}
+
+long long one_link_bias_force_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, double *restrict out)
+{
+    lanes q_lanes[2], v_lanes[2], out_lanes[2];
+    for (size_t i = 0; i < count; i += LANES) {
+        const size_t here = count - i < LANES ? count - i : LANES;
+        gather(q + i * q_step, q_step, here, 2, q_lanes);
+        gather(v + i * v_step, v_step, here, 2, v_lanes);
+        const int status = one_link_bias_force_lanes(h, q_lanes, v_lanes, out_lanes);
+        if (status != 0) return (long long)i * 2 + status - 1;
+        scatter(out_lanes, here, 2, out + i * 2);
+    }
+    return -1;
+}
+
+/* Springs, dampers, gravity: Q_P + Q_G, eqs. (13), (14). */
+static int one_link_generalized_force_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, lanes *restrict out)
+{
+    (void)v;
+
+    const lanes t5 = lanes_sin(q[1]);
+    const lanes t6 = lanes_cos(q[1]);
+    const lanes t12 = h[0]*t5 - h[1]*t6;
+    out[1] = -0.5*t12;
+    out[0] = t6*(h[0]*t6 + h[1]*t5) + t5*t12 - q[0]*h[3];
+
+    return 0;
+}
+
+long long one_link_generalized_force_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, double *restrict out)
+{
+    lanes q_lanes[2], v_lanes[2], out_lanes[2];
+    for (size_t i = 0; i < count; i += LANES) {
+        const size_t here = count - i < LANES ? count - i : LANES;
+        gather(q + i * q_step, q_step, here, 2, q_lanes);
+        gather(v + i * v_step, v_step, here, 2, v_lanes);
+        const int status = one_link_generalized_force_lanes(h, q_lanes, v_lanes, out_lanes);
+        if (status != 0) return (long long)i * 2 + status - 1;
+        scatter(out_lanes, here, 2, out + i * 2);
+    }
+    return -1;
+}
+
+/* Q_F of eq. (14), its moment term corrected; base axes. */
+static int one_link_external_force_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict wrench, lanes *restrict out)
+{
+    (void)h;
+
+    const lanes t1 = lanes_sin(q[1]);
+    const lanes t2 = lanes_cos(q[1]);
+    const lanes t11 = t2*wrench[1] - t1*wrench[0];
+    out[1] = wrench[5] + 0.5*t11;
+    out[0] = t2*(t2*wrench[0] + t1*wrench[1]) - t1*t11;
+
+    return 0;
+}
+
+long long one_link_external_force_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict wrench, size_t wrench_step, double *restrict out)
+{
+    lanes q_lanes[2], wrench_lanes[6], out_lanes[2];
+    for (size_t i = 0; i < count; i += LANES) {
+        const size_t here = count - i < LANES ? count - i : LANES;
+        gather(q + i * q_step, q_step, here, 2, q_lanes);
+        gather(wrench + i * wrench_step, wrench_step, here, 6, wrench_lanes);
+        const int status = one_link_external_force_lanes(h, q_lanes, wrench_lanes, out_lanes);
+        if (status != 0) return (long long)i * 2 + status - 1;
+        scatter(out_lanes, here, 2, out + i * 2);
+    }
+    return -1;
+}
+
+/* M a + bias - Q - u, eq. (5) unexpanded; zero on a motion. */
+static int one_link_residual_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, const lanes *restrict u, lanes *restrict out)
+{
+    const lanes t10 = lanes_sin(q[1]);
+    const lanes t11 = lanes_cos(q[1]);
+    /* link1: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded */
+    const lanes t12 = a[0] - h[0];
+    const lanes t18 = t10*t12 + h[1]*t11;
+    /* joint1: traces against its tangents, eq. (5) */
+    const lanes t33 = t11*(t11*t12 - h[1]*t10 - 0.5*(v[1]*v[1])) - t10*(0.5*a[1] - t18) + q[0]*h[3];
+    out[0] = t33 - u[0];
+    out[1] = 0.3333333333333333*a[1] - 0.5*t18 - u[1];
+
+    return 0;
+}
+
+long long one_link_residual_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict a, size_t a_step, const double *restrict u, size_t u_step, double *restrict out)
+{
+    lanes q_lanes[2], v_lanes[2], a_lanes[2], u_lanes[2], out_lanes[2];
+    for (size_t i = 0; i < count; i += LANES) {
+        const size_t here = count - i < LANES ? count - i : LANES;
+        gather(q + i * q_step, q_step, here, 2, q_lanes);
+        gather(v + i * v_step, v_step, here, 2, v_lanes);
+        gather(a + i * a_step, a_step, here, 2, a_lanes);
+        gather(u + i * u_step, u_step, here, 2, u_lanes);
+        const int status = one_link_residual_lanes(h, q_lanes, v_lanes, a_lanes, u_lanes, out_lanes);
+        if (status != 0) return (long long)i * 2 + status - 1;
+        scatter(out_lanes, here, 2, out + i * 2);
+    }
+    return -1;
+}
+
+/* The drives u that make the residual zero. */
+static int one_link_inverse_dynamics_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, lanes *restrict out)
+{
+    const lanes t8 = lanes_sin(q[1]);
+    const lanes t9 = lanes_cos(q[1]);
+    /* link1: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded */
+    const lanes t10 = a[0] - h[0];
+    const lanes t16 = t8*t10 + h[1]*t9;
+    /* force and moment of every link: P = K H */
+    out[1] = 0.3333333333333333*a[1] - 0.5*t16;
+    /* joint1: traces against its tangents, eq. (5) */
+    out[0] = t9*(t9*t10 - h[1]*t8 - 0.5*(v[1]*v[1])) - t8*(0.5*a[1] - t16) + q[0]*h[3];
+
+    return 0;
+}
+
+long long one_link_inverse_dynamics_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict a, size_t a_step, double *restrict out)
+{
+    lanes q_lanes[2], v_lanes[2], a_lanes[2], out_lanes[2];
+    for (size_t i = 0; i < count; i += LANES) {
+        const size_t here = count - i < LANES ? count - i : LANES;
+        gather(q + i * q_step, q_step, here, 2, q_lanes);
+        gather(v + i * v_step, v_step, here, 2, v_lanes);
+        gather(a + i * a_step, a_step, here, 2, a_lanes);
+        const int status = one_link_inverse_dynamics_lanes(h, q_lanes, v_lanes, a_lanes, out_lanes);
+        if (status != 0) return (long long)i * 2 + status - 1;
+        scatter(out_lanes, here, 2, out + i * 2);
+    }
+    return -1;
+}
+
+/* Accelerations under the drives u. */
+static int one_link_forward_dynamics_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict u, lanes *restrict out)
+{
+    lanes pivot[4];
+
+    pivot[1] = ALL(1.0);
+    pivot[2] = pivot[3] = ALL(0.3333333333333333);
+    const lanes t8 = lanes_sin(q[1]);
+    const lanes t9 = lanes_cos(q[1]);
+    /* link1: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded */
+    const lanes t15 = h[0]*t8 - h[1]*t9;
+    /* joint1: traces against its tangents, eq. (5) */
+    const lanes t27 = u[1] - 0.5*t15;
+    /* joint1: columns of M from the composite pseudo-inertia, eq. (11) */
+    const lanes t31 = 1.5*t8;
+    const lanes t34 = 1.0 - 0.5*t8*t31;
+    pivot[0] = t34;
+    const lanes t37 = u[0] - (q[0]*h[3] - (t9*(h[0]*t9 + h[1]*t8 + 0.5*(v[1]*v[1])) + t8*t15)) + t27*t31;
+    const lanes t38 = 1.0/t34*t37;
+    out[0] = t38;
+    out[1] = 3.0*t27 + t31*t38;
+
+    return one_link_failed_lanes(pivot);
+}
+
+long long one_link_forward_dynamics_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict u, size_t u_step, double *restrict out)
+{
+    lanes q_lanes[2], v_lanes[2], u_lanes[2], out_lanes[2];
+    for (size_t i = 0; i < count; i += LANES) {
+        const size_t here = count - i < LANES ? count - i : LANES;
+        gather(q + i * q_step, q_step, here, 2, q_lanes);
+        gather(v + i * v_step, v_step, here, 2, v_lanes);
+        gather(u + i * u_step, u_step, here, 2, u_lanes);
+        const int status = one_link_forward_dynamics_lanes(h, q_lanes, v_lanes, u_lanes, out_lanes);
+        if (status != 0) return (long long)i * 2 + status - 1;
+        scatter(out_lanes, here, 2, out + i * 2);
+    }
+    return -1;
+}
+
+/* Coriolis matrix C(q, v) with C v = bias and M_dot = C + C^T. */
+static int one_link_coriolis_matrix_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, lanes *restrict out)
+{
+    (void)h;
+
+    out[0] = out[2] = ALL(0.0);
+    const lanes t3 = lanes_sin(q[1]);
+    const lanes t4 = lanes_cos(q[1]);
+    const lanes t5 = v[0]*t4;
+    const lanes t6 = v[0]*t3;
+    const lanes t10 = 0.5*t5;
+    const lanes t12 = 0.3333333333333333*v[1] - 0.5*t6;
+    /* joint1: columns and rows of C, eq. (12) contracted with the velocity */
+    out[1] = t4*(t6 - 0.5*v[1]) - t3*t5;
+    out[3] = t4*(t4*t10) - t3*(t4*t12) + (t3*(t3*t10) + t4*(t3*t12)) - v[0]*(0.5*t4);
+
+    return 0;
+}
+
+long long one_link_coriolis_matrix_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, double *restrict out)
+{
+    lanes q_lanes[2], v_lanes[2], out_lanes[4];
+    for (size_t i = 0; i < count; i += LANES) {
+        const size_t here = count - i < LANES ? count - i : LANES;
+        gather(q + i * q_step, q_step, here, 2, q_lanes);
+        gather(v + i * v_step, v_step, here, 2, v_lanes);
+        const int status = one_link_coriolis_matrix_lanes(h, q_lanes, v_lanes, out_lanes);
+        if (status != 0) return (long long)i * 2 + status - 1;
+        scatter(out_lanes, here, 4, out + i * 4);
+    }
+    return -1;
+}
+
+/* Christoffel symbols of the first kind, the tensor C of eq. (12). */
+static int one_link_christoffel_lanes(const double *restrict h, const lanes *restrict q, lanes *restrict out)
+{
+    (void)h;
+
+    out[0] = out[1] = out[2] = out[4] = out[5] = out[6] = out[7] = ALL(0.0);
+    const lanes t1 = lanes_cos(q[1]);
+    out[3] = -0.5*t1;
+
+    return 0;
+}
+
+long long one_link_christoffel_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, double *restrict out)
+{
+    lanes q_lanes[2], out_lanes[8];
+    for (size_t i = 0; i < count; i += LANES) {
+        const size_t here = count - i < LANES ? count - i : LANES;
+        gather(q + i * q_step, q_step, here, 2, q_lanes);
+        const int status = one_link_christoffel_lanes(h, q_lanes, out_lanes);
+        if (status != 0) return (long long)i * 2 + status - 1;
+        scatter(out_lanes, here, 8, out + i * 8);
+    }
+    return -1;
+}
+
+/* Frames [R | X], bodies' origins, coordinates' axes; eqs. (1)-(3). */
+static int one_link_kinematics_lanes(const double *restrict h, const lanes *restrict q, lanes *restrict out)
+{
+    (void)h;
+
+    for (size_t i = 0; i < 45; ++i) out[i] = ALL(0.0);
+    out[10] = out[12] = out[17] = out[22] = out[34] = out[39] = out[44] = ALL(1.0);
+    out[27] = out[36] = q[0];
+    const lanes t2 = lanes_sin(q[1]);
+    out[4] = out[7] = out[28] = t2;
+    const lanes t3 = lanes_cos(q[1]);
+    out[0] = out[5] = out[24] = out[29] = t3;
+    out[1] = out[25] = -t2;
+    out[3] = q[0] + t3;
+
+    return 0;
+}
+
+/* Kinetic energy, eq. (4), and potential energy of gravity and springs. */
+static int one_link_energy_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, lanes *restrict out)
+{
+    const lanes t6 = lanes_sin(q[1]);
+    const lanes t7 = lanes_cos(q[1]);
+    const lanes t8 = v[0]*t7;
+    const lanes t9 = v[0]*t6;
+    out[0] = 0.5*(t8*t8 - t9*(0.5*v[1] - t9) + v[1]*(0.3333333333333333*v[1] - 0.5*t9));
+    out[1] = q[0]*(q[0]*h[4]) - (h[0]*(q[0] + 0.5*t7) + h[1]*(0.5*t6));
+
+    return 0;
+}
+
+long long one_link_energy_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, double *restrict out)
+{
+    lanes q_lanes[2], v_lanes[2], out_lanes[2];
+    for (size_t i = 0; i < count; i += LANES) {
+        const size_t here = count - i < LANES ? count - i : LANES;
+        gather(q + i * q_step, q_step, here, 2, q_lanes);
+        gather(v + i * v_step, v_step, here, 2, v_lanes);
+        const int status = one_link_energy_lanes(h, q_lanes, v_lanes, out_lanes);
+        if (status != 0) return (long long)i * 2 + status - 1;
+        scatter(out_lanes, here, 2, out + i * 2);
+    }
+    return -1;
+}
+
+/* Force and moment on each joint's child link, moved joint's axes. */
+static int one_link_reactions_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, lanes *restrict out)
+{
+    out[2] = ALL(h[5]);
+    out[3] = ALL(0.0);
+    out[4] = ALL(h[6]);
+    const lanes t6 = lanes_sin(q[1]);
+    const lanes t7 = lanes_cos(q[1]);
+    /* link1: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded */
+    const lanes t9 = a[0] - h[0];
+    const lanes t15 = t6*t9 + h[1]*t7;
+    /* force and moment of every link: P = K H */
+    out[0] = t7*t9 - h[1]*t6 - 0.5*(v[1]*v[1]);
+    out[1] = 0.5*a[1] - t15;
+    out[5] = 0.3333333333333333*a[1] - 0.5*t15;
+
+    return 0;
+}
+
+long long one_link_reactions_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict a, size_t a_step, double *restrict out)
+{
+    lanes q_lanes[2], v_lanes[2], a_lanes[2], out_lanes[6];
+    for (size_t i = 0; i < count; i += LANES) {
+        const size_t here = count - i < LANES ? count - i : LANES;
+        gather(q + i * q_step, q_step, here, 2, q_lanes);
+        gather(v + i * v_step, v_step, here, 2, v_lanes);
+        gather(a + i * a_step, a_step, here, 2, a_lanes);
+        const int status = one_link_reactions_lanes(h, q_lanes, v_lanes, a_lanes, out_lanes);
+        if (status != 0) return (long long)i * 2 + status - 1;
+        scatter(out_lanes, here, 6, out + i * 6);
+    }
+    return -1;
+}
+/* Pose of a frame in the base, 4x4; eqs. (1) and (2). */
+static int one_link_frame_pose_lanes(const double *restrict h, const lanes *restrict q, int frame, lanes *restrict out)
+{
+    lanes k[45];
+    one_link_kinematics_lanes(h, q, k);
+    for (int i = 0; i < 12; ++i) out[i] = k[12 * frame + i];
+    out[12] = out[13] = out[14] = ALL(0.0);
+    out[15] = ALL(1.0);
+    return 0;
+}
+
+/* Linear velocity of a frame's origin (rows 0 to 2) and angular velocity (rows 3 to 5) per coordinate, base axes. */
+static int one_link_frame_jacobian_lanes(const double *restrict h, const lanes *restrict q, int frame, lanes *restrict out)
+{
+    static const int body_of[3] = { 0, -1, 0 };
+    static const int parent[1] = { -1 };
+    static const int first[1] = { 0 };
+    static const int count[1] = { 2 };
+    static const int is_rotation[2] = { 0, 1 };
+    lanes k[45];
+    one_link_kinematics_lanes(h, q, k);
+    for (int i = 0; i < 12; ++i) out[i] = ALL(0.0);
+    for (int body = body_of[frame]; body >= 0; body = parent[body]) {
+        const lanes *origin = k + 36 + 3 * body;
+        const lanes arm[3] = { k[12 * frame + 3] - origin[0], k[12 * frame + 7] - origin[1], k[12 * frame + 11] - origin[2] };
+        for (int s = first[body]; s < first[body] + count[body]; ++s) {
+            const lanes *axis = k + 39 + 3 * s;
+            if (is_rotation[s]) {
+                out[s] = axis[1] * arm[2] - axis[2] * arm[1];
+                out[2 + s] = axis[2] * arm[0] - axis[0] * arm[2];
+                out[4 + s] = axis[0] * arm[1] - axis[1] * arm[0];
+                for (int i = 0; i < 3; ++i) out[(3 + i) * 2 + s] = axis[i];
+            } else {
+                for (int i = 0; i < 3; ++i) out[i * 2 + s] = axis[i];
+            }
+        }
+    }
+    return 0;
+}
+
 long long one_link_frame_pose_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, int frame, double *restrict out)
 {
-    for (size_t i = 0; i < count; ++i) one_link_frame_pose(h, q + i * q_step, frame, out + i * 16);
+    lanes q_lanes[2], out_lanes[16];
+    for (size_t i = 0; i < count; i += LANES) {
+        const size_t here = count - i < LANES ? count - i : LANES;
+        gather(q + i * q_step, q_step, here, 2, q_lanes);
+        one_link_frame_pose_lanes(h, q_lanes, frame, out_lanes);
+        scatter(out_lanes, here, 16, out + i * 16);
+    }
     return -1;
 }
 
 long long one_link_frame_jacobian_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, int frame, double *restrict out)
 {
-    for (size_t i = 0; i < count; ++i) one_link_frame_jacobian(h, q + i * q_step, frame, out + i * 12);
+    lanes q_lanes[2], out_lanes[12];
+    for (size_t i = 0; i < count; i += LANES) {
+        const size_t here = count - i < LANES ? count - i : LANES;
+        gather(q + i * q_step, q_step, here, 2, q_lanes);
+        one_link_frame_jacobian_lanes(h, q_lanes, frame, out_lanes);
+        scatter(out_lanes, here, 12, out + i * 12);
+    }
     return -1;
 }
+
+#endif /* several states at a time */

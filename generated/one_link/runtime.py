@@ -6,9 +6,12 @@ A generated package carries a copy of this file: it imports NumPy and its neighb
 from __future__ import annotations
 
 import difflib
+import functools
 import math
+import os
 import threading
 from collections.abc import Iterator, Mapping, MutableMapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -17,6 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 from .errors import ArrayError, InputError, SingularError, UnknownNameError
 
 Array = NDArray[Any]
+
+SHARE = 256  # states that are worth a thread of their own
 
 
 class Kernel:
@@ -54,13 +59,15 @@ class Kernel:
         n = len(self.coordinates)
         self._shapes.update(pose=(4, 4), jacobian=(6, n))
         self._functions = {
-            name: (getattr(lib, f"{self.name}_{name}_batch"), tuple(entry["reads"]), entry["writes"])
+            name: (tuple(entry["reads"]), entry["writes"])
             for name, entry in meta["kernels"].items()
             if name != "kinematics"
         }
         if "kinematics" in meta["kernels"]:
-            for name, writes in (("frame_pose", "pose"), ("frame_jacobian", "jacobian")):
-                self._functions[name] = (getattr(lib, f"{self.name}_{name}_batch"), ("q",), writes)
+            self._functions.update(frame_pose=(("q",), "pose"), frame_jacobian=(("q",), "jacobian"))
+        self._code = {name: getattr(lib, f"{self.name}_{name}") for name in self._functions}
+        self._batch_code = {name: getattr(lib, f"{self.name}_{name}_batch") for name in self._functions}
+        self._threads = 1
         self.parameters = Parameters(self, meta["parameters"], meta["hoisted"])
 
     def __repr__(self) -> str:
@@ -70,6 +77,21 @@ class Kernel:
     def n(self) -> int:
         """Number of coordinates."""
         return len(self.coordinates)
+
+    @property
+    def threads(self) -> int:
+        """Threads that share a batch, 1 at first; results do not depend on it.
+
+        Raises:
+            InputError: on assignment of anything but a whole number from 1 on.
+        """
+        return self._threads
+
+    @threads.setter
+    def threads(self, number: int) -> None:
+        if isinstance(number, bool) or not isinstance(number, (int, np.integer)) or number < 1:
+            raise InputError(f"threads: {number!r} is not a number of threads; a whole number from 1 on is allowed")
+        self._threads = int(number)
 
     def mass_matrix(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """M(q), (n, n), symmetric; eq. (11).  Entry units: kg, kg m or kg m^2 by the kinds of its coordinates."""
@@ -208,9 +230,9 @@ class Kernel:
             raise UnknownNameError(
                 f"{self.name} was built without the kernel {name}; built: {', '.join(self._functions)}"
             )
-        function, reads, writes = found
-        arguments: list[Any] = []
+        reads, writes = found
         arrays: list[Array] = []
+        steps: list[int] = []
         for label, value in zip(reads, values, strict=True):
             shape = self._shapes[label]
             array, states = self._array(label, value, shape)
@@ -219,15 +241,43 @@ class Kernel:
                     raise ArrayError(f"{label}: {states} states, but {count} in other arrays")
                 count = states
             arrays.append(array)
-            arguments += [self._ffi.from_buffer(self._pointer, array), math.prod(shape) if states else 0]
+            steps.append(math.prod(shape) if states is not None else 0)
         shape = self._shapes[writes] if count is None else (count, *self._shapes[writes])
         result = np.empty(shape, self.dtype) if out is None else self._checked_out(out, shape, arrays)
-        target = self._ffi.from_buffer(self._pointer, result)
-        setup = self.parameters._setup
-        failed = function(1 if count is None else count, setup.pointer, *arguments, *extra, target)
+        failed = self._call(name, arrays, steps, extra, count, result)
         if failed >= 0:
-            self._raise_singular(int(failed), count)
+            self._raise_singular(failed, count)
         return result
+
+    def _call(
+        self,
+        name: str,
+        arrays: Sequence[Array],
+        steps: Sequence[int],
+        extra: tuple[int, ...],
+        count: int | None,
+        result: Array,
+    ) -> int:
+        """Call the C for a state, or for a batch in as many threads as there shall be; -1, or the first failure."""
+        setup, view, pointer = self.parameters._setup, self._ffi.from_buffer, self._pointer
+        if count is None:
+            pointers = [view(pointer, array) for array in arrays]
+            return int(self._code[name](setup.pointer, *pointers, *extra, view(pointer, result))) - 1
+        batch = self._batch_code[name]
+
+        def run(first: int, last: int) -> int:
+            arguments: list[Any] = []
+            for array, step in zip(arrays, steps, strict=True):
+                arguments += [view(pointer, array[first:last] if step else array), step]
+            failed = batch(last - first, setup.pointer, *arguments, *extra, view(pointer, result[first:last]))
+            return int(failed) + first * self.n if failed >= 0 else -1
+
+        parts = min(self._threads, count // SHARE)
+        if parts < 2:
+            return run(0, count)
+        edges = [count * part // parts for part in range(parts + 1)]
+        failures = [found for found in _pool(parts).map(run, edges[:-1], edges[1:]) if found >= 0]
+        return min(failures, default=-1)
 
     def _array(self, label: str, value: ArrayLike, shape: tuple[int, ...]) -> tuple[Array, int | None]:
         """The value as a C-contiguous array of this kernel's dtype, and the number of states if it is a batch."""
@@ -297,6 +347,16 @@ class Kernel:
             " the links that it moves have no inertia along it, or an angle beta is at +-pi/2, where Euler angles are"
             " singular"
         )
+
+
+@functools.cache
+def _pool_of(process: int, threads: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(threads, "eomgen")
+
+
+def _pool(threads: int) -> ThreadPoolExecutor:
+    """Threads that wait for batches; a forked process gets its own."""
+    return _pool_of(os.getpid(), threads)
 
 
 class _Setup:

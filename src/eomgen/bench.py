@@ -207,7 +207,7 @@ def compare(kernel: Kernel, yardstick: Yardstick, inputs: Mapping[str, Array]) -
         if name not in kernel._functions:
             continue
         for state in range(STATES):
-            arrays = [np.ascontiguousarray(inputs[label][state]) for label in kernel._functions[name][1]]
+            arrays = [np.ascontiguousarray(inputs[label][state]) for label in kernel._functions[name][0]]
             shape = (kernel.n, kernel.n) if name == "mass_matrix" else (kernel.n,)
             ours, textbook = np.zeros(shape), np.zeros(shape)
             failed = _call(kernel, name, arrays, ours), yardstick.run(name, arrays, textbook)
@@ -239,9 +239,9 @@ def _call(kernel: Kernel, name: str, arrays: Sequence[Array], out: Array) -> int
 
 def _measure(kernel: Kernel, yardstick: Yardstick, name: str, inputs: Mapping[str, Array], rounds: int) -> Row:
     """Time a kernel and its counterpart in turns."""
-    reads = kernel._functions[name][1]
+    reads = kernel._functions[name][0]
     arrays = [inputs[label] for label in reads]
-    out = np.zeros(int(np.prod(kernel._shapes[kernel._functions[name][2]])))
+    out = np.zeros(int(np.prod(kernel._shapes[kernel._functions[name][1]])))
     counts = dict(kernel.operations["kinematics" if name.startswith("frame_") else name])
     names, operations = [name], [counts]
     codes = [kernel._ffi.addressof(kernel._lib, f"{kernel.name}_{name}")]
