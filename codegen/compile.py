@@ -31,6 +31,12 @@ from .source import Source, environment
 
 FLAGS = ("-O2", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off")
 NATIVE = ("-march=native", "-ffp-contract=fast")
+RUNTIME = {  # what a package copies of eomgen, and its name there: ``kernel`` is the kernel itself
+    "runtime.py": "kernel.py",
+    "parameters.py": "parameters.py",
+    "rollout.py": "rollout.py",
+    "errors.py": "errors.py",
+}
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic")
 
 
@@ -94,7 +100,7 @@ def build_key(source: Source, compiler: Compiler, flags: Sequence[str]) -> str:
         source.code,
         source.cdef,
         source.meta,
-        *(Path(eomgen.__path__[0], name).read_text(encoding="ascii") for name in ("kernel.py", "errors.py")),
+        *(Path(eomgen.__path__[0], name).read_text(encoding="ascii") for name in RUNTIME.values()),
         *flags,
         *compiler.command,
         compiler.version,
@@ -122,9 +128,9 @@ def write_package(source: Source, compiler: Compiler, flags: Sequence[str], fold
     (folder / f"{name}.json").write_text(source.meta, encoding="ascii")
     package = environment().get_template("package.py.jinja").render(name=name, version=__version__)
     (folder / "__init__.py").write_text(package, encoding="ascii")
-    here = Path(eomgen.__path__[0])
-    (folder / "runtime.py").write_text((here / "kernel.py").read_text(encoding="ascii"), encoding="ascii")
-    (folder / "errors.py").write_text((here / "errors.py").read_text(encoding="ascii"), encoding="ascii")
+    for copy, original in RUNTIME.items():
+        text = Path(eomgen.__path__[0], original).read_text(encoding="ascii")
+        (folder / copy).write_text(text, encoding="ascii")
     headers = _headers()
     if headers is None:
         _build_abi(source, compiler, flags, folder)

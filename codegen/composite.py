@@ -45,7 +45,7 @@ def mass_matrix(model: Model, bound: Bound, joints: Sequence[JointGeometry], not
             _read_column(model, joints, k, index, wrench, rows)
         parent = model.bodies[k].parent
         if parent != FIXED_BODY:
-            composite[parent] = composite[parent] + _to_parent(at_joint, joints[k])
+            composite[parent] = composite[parent] + to_parent(at_joint, joints[k])
     for index, c in enumerate(bound.armature):
         rows[index, index] = rows.get((index, index), 0.0) + c
     return rows
@@ -74,7 +74,7 @@ def _columns(H: PseudoInertia, joint: JointGeometry) -> tuple[list[tuple[int, Wr
 def _read_column(model: Model, joints: Sequence[JointGeometry], k: int, index: int, wrench: Wrench, rows: Rows) -> None:
     """All entries of one column: in its own joint from where it stands, then towards the base."""
     read: list[Scalar] = [None] * model.size
-    wrench = through_joint_back(wrench, _front(joints[k], index), read)
+    wrench = through_joint_back(wrench, front(joints[k], index), read)
     parent = model.bodies[k].parent
     while parent != FIXED_BODY:
         wrench = through_joint_back(wrench, joints[parent], read)
@@ -84,7 +84,7 @@ def _read_column(model: Model, joints: Sequence[JointGeometry], k: int, index: i
             rows[row, index] = value
 
 
-def _front(joint: JointGeometry, index: int) -> JointGeometry:
+def front(joint: JointGeometry, index: int) -> JointGeometry:
     """The joint's steps up to and with the coordinate, the coordinate's own rotation undone already."""
     rotations = tuple(
         Rotation(turn.index, turn.axis, 0.0, 1.0, _IDENTITY) if turn.index == index else turn
@@ -123,7 +123,16 @@ def rotated_block(turn: Rotation, S: Mat) -> Mat:
     return (rows[0], rows[1], rows[2])
 
 
-def _to_parent(H: PseudoInertia, joint: JointGeometry) -> PseudoInertia:
+def turned_block(R: Mat, S: Mat) -> Mat:
+    """R S R^T for a constant rotation, elementary where it is about one axis."""
+    for axis in range(3):
+        a, b = (axis + 1) % 3, (axis + 2) % 3
+        if all(R[axis][j] == (j == axis) and R[j][axis] == (j == axis) for j in range(3)):
+            return rotated_block(Rotation(-1, axis, R[b][a], R[a][a], R), S)
+    return matmul(matmul(R, S), transpose(R))
+
+
+def to_parent(H: PseudoInertia, joint: JointGeometry) -> PseudoInertia:
     """X H X^T from the joint's axes (translations included) to the parent body."""
     return shifted(turned(joint.turn, H), joint.offset)
 
@@ -162,17 +171,25 @@ class Momentum:
         return Momentum((a, b, c), add(self.linear, other.linear))
 
 
-def _momentum(H: PseudoInertia, W: Velocity) -> Momentum:
+def momentum(H: PseudoInertia, W: Velocity) -> Momentum:
     """H W^T of one body: rows J_i x-skewed by w plus mc_i v, and the linear momentum."""
     a, b, c = (add(cross(W.rate, H.second[i]), scale(H.first[i], W.origin)) for i in range(3))
     return Momentum((a, b, c), add(cross(W.rate, H.first), scale(H.mass, W.origin)))
 
 
-def _turn_momentum(R: Mat, G: Momentum) -> Momentum:
-    return Momentum(matmul(matmul(R, G.block), transpose(R)), matvec(R, G.linear))
+def rotated_momentum(turn: Rotation, G: Momentum) -> Momentum:
+    """G in the axes in front of a rotation."""
+    return Momentum(rotated_block(turn, G.block), matvec(turn.matrix, G.linear))
 
 
-def _shift_momentum(G: Momentum, p: Vec) -> Momentum:
+def momentum_to_parent(G: Momentum, joint: JointGeometry) -> Momentum:
+    """G from the joint's axes (translations included) to the parent body."""
+    R = joint.turn
+    return shifted_momentum(Momentum(turned_block(R, G.block), matvec(R, G.linear)), joint.offset)
+
+
+def shifted_momentum(G: Momentum, p: Vec) -> Momentum:
+    """G about an origin that is p away."""
     a, b, c = (add(G.block[i], scale(p[i], G.linear)) for i in range(3))
     return Momentum((a, b, c), G.linear)
 
@@ -201,7 +218,7 @@ def coriolis_matrix(
     entries: Rows = {}
     speed = velocities(model, joints, v)
     composite = [body.inertia for body in bound.bodies]
-    momenta = [_momentum(H, W) for H, (_, W) in zip(composite, speed, strict=True)]
+    momenta = [momentum(H, W) for H, (_, W) in zip(composite, speed, strict=True)]
     for k in range(len(model.bodies) - 1, -1, -1):
         note(f"{model.bodies[k].joint}: columns and rows of C, eq. (12) contracted with the velocity")
         found, H, G = _contributions(composite[k], momenta[k], joints[k], speed[k][0])
@@ -209,9 +226,8 @@ def coriolis_matrix(
             _read_coordinate(model, joints, speed, k, index, contribution, entries)
         parent = model.bodies[k].parent
         if parent != FIXED_BODY:
-            composite[parent] = composite[parent] + _to_parent(H, joints[k])
-            G = _shift_momentum(_turn_momentum(joints[k].turn, G), joints[k].offset)
-            momenta[parent] = momenta[parent] + G
+            composite[parent] = composite[parent] + to_parent(H, joints[k])
+            momenta[parent] = momenta[parent] + momentum_to_parent(G, joints[k])
     return entries
 
 
@@ -220,7 +236,7 @@ def _contributions(
 ) -> tuple[list[tuple[int, _Coordinate]], PseudoInertia, Momentum]:
     found = []
     for turn, W in reversed(list(zip(joint.rotations, before, strict=False))):
-        H, G = rotated(turn, H), _turn_momentum(turn.matrix, G)
+        H, G = rotated(turn, H), rotated_momentum(turn, G)
         e, trace = unit(turn.axis), G.block[0][0] + G.block[1][1] + G.block[2][2]
         rate, shift = cross(W.rate, e), cross(W.origin, e)  # N_v = [W, D_v]
         moment = add(rotational_inertia(H, rate), cross(H.first, shift))
@@ -255,7 +271,7 @@ def _read_coordinate(
     """Column ``index`` of C at and above coordinate ``index``, and row ``index`` above it."""
     read: list[Scalar] = [None] * model.size
     column, row, couple = contribution.column, contribution.row, contribution.couple
-    joint, body = _front(joints[k], index), k
+    joint, body = front(joints[k], index), k
     while True:
         couple, values = _read_against_rates(row, couple, joint, speed[body][0])
         for other, value in values.items():

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from eomgen.model import Model
 
 from .bodies import Bound, Scalar, bind
 from .composite import Rows, coriolis_matrix, mass_matrix
+from .derivatives import residual_derivatives
 from .elimination import Elimination
 from .forces import elastic_rows, gravity_rows
 from .frames import choose_frames
@@ -61,11 +62,18 @@ def derive_equations(model: Model, kernels: Sequence[str] = ()) -> Equations:
     choices: dict[str, str] = {}
 
     def need(*names: str) -> None:
-        raw.update({name: derive(model, name) for name in names if name not in raw})
+        for name in names:
+            if name in raw:
+                continue
+            if name == "forward_dynamics":
+                raw[name], choices[name] = derive_forward_dynamics(model)
+            else:
+                raw[name] = derive(model, name)
 
     for name in public:
-        if name == "forward_dynamics":
-            raw[name], choices[name] = derive_forward_dynamics(model)
+        if KERNELS[name].calls:
+            need(*KERNELS[name].calls)
+            loops.add(name)
         elif name == "christoffel" and _columns_cost(model, raw) > STRAIGHT_CHRISTOFFEL:
             need("coriolis_matrix")
             loops.add(name)
@@ -176,6 +184,14 @@ def _inverse_dynamics(d: Derivation) -> Outputs:
     return _vector(d.dynamics(d.v, d.a))
 
 
+def _residual_jacobian(d: Derivation) -> Outputs:
+    found = residual_derivatives(d.model, d.bound, d.joints, d.v, d.a, d.graph.note)
+    n = d.model.size
+    return _vector(
+        [rows.get((i, j), 0.0) for rows in (found.by_q, found.by_v, found.by_a) for i in range(n) for j in range(n)]
+    )
+
+
 def _solved(acceleration: list[Scalar], pivots: list[tuple[Scalar, Scalar]]) -> Outputs:
     """Accelerations, and for every coordinate a pivot with the size that it is compared to."""
     outputs = _vector(acceleration)
@@ -198,6 +214,34 @@ def _eliminated(d: Derivation) -> Outputs:
     drives = [drive - spring for drive, spring in zip(d.u, springs, strict=True)]
     solved = Elimination(d.model, d.bound, d.joints, d.v, drives, d.graph.note)
     return _solved(solved.accelerations, solved.pivots)
+
+
+def _implicit_step(d: Derivation) -> Outputs:
+    """Springs and dampers at the end of the step: they add to the diagonal of M, so the elimination stays O(n).
+
+    ``added`` is what a joint's controller adds to the diagonal; it acts on principal coordinates.
+    """
+    dt, square = d.graph.input("dt", 0), d.graph.input("dt", 1)
+    ahead = [q + dt * v for q, v in zip(d.q, d.v, strict=True)]
+    drives = [u - spring for u, spring in zip(d.u, elastic_rows(d.bound, ahead, d.v), strict=True)]
+    armature = list(d.bound.armature)
+    for i, (stiffness, damping) in enumerate(zip(d.bound.stiffness, d.bound.damping, strict=True)):
+        armature[i] = armature[i] + (dt * damping + square * stiffness)
+    for i in d.model.principal:
+        armature[i] = armature[i] + d.graph.input("added", i)
+    bound = replace(d.bound, armature=tuple(armature))
+    solved = Elimination(d.model, bound, d.joints, d.v, drives, d.graph.note)
+    return _solved(solved.accelerations, solved.pivots)
+
+
+def _euler_cosines(d: Derivation) -> Outputs:
+    angles = ("alpha", "beta", "gamma")
+    return _vector(
+        [
+            joint.rotations[1].cos if set(angles) <= set(body.active) else 1.0
+            for body, joint in zip(d.model.bodies, d.joints, strict=True)
+        ]
+    )
 
 
 def _coriolis(d: Derivation, v: list[Any]) -> list[Scalar]:
@@ -260,9 +304,12 @@ WRITERS: Mapping[str, Callable[[Derivation], Outputs]] = {
     "external_force": _external_force,
     "residual": _residual,
     "inverse_dynamics": _inverse_dynamics,
+    "residual_jacobian": _residual_jacobian,
     "coriolis_matrix": _coriolis_matrix,
     "christoffel": _christoffel,
     "kinematics": _kinematics,
     "energy": _energy,
     "reactions": _reactions,
+    "euler_cosines": _euler_cosines,
+    "implicit_step": _implicit_step,
 }

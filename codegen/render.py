@@ -22,12 +22,14 @@ from eomgen.model import Model
 
 from .equations import Equations
 from .ir import Program, users
-from .signatures import KERNELS, shapes
+from .signatures import KERNELS, SIGNATURES, shapes
+from .solve import coordinate_parents, solve_operations
 from .source import Source, environment
 from .zeros import zero_map
 
 CHUNK = 600  # values per function
 INLINE = 72  # longest expression, in characters, that is written into another one
+LITERALS = {"zero": 0.0, "half": 0.5, "one": 1.0, "two": 2.0, "six": 6.0}  # of templates
 VECTORS = (16, 32, 64)  # bytes of a vector
 LANE_VALUES = 8192  # values that a kernel for several states may keep on the stack: 512 KB of the longest vectors
 FILL = 16  # from so many zeros on an output is cleared in a loop
@@ -137,10 +139,15 @@ def _context(equations: Equations, dtype: str, meta: Mapping[str, Any]) -> dict[
         "parameters": list(model.parameters),
         "hoisted": len(equations.setup.outputs),
         "kernels": public,
-        "all_kernels": KERNELS,
+        "all_kernels": SIGNATURES,
+        "all": str,
+        "literals": {name: scalar.literal(value) for name, value in LITERALS.items()},
+        "lane_count": 1,
+        "coordinate_parents": coordinate_parents(model),
         "sizes": {key: int(np.prod(shape)) for key, shape in shapes(model).items()},
         "functions": functions,
         "solving": any("pivot" in function.outputs for function in functions.values()),
+        "batched": batched(equations),
         "looped": [name for name in public if name not in batched(equations)],
         "setup": write_function(equations.setup, scalar),
         "loops": sorted(equations.loops),
@@ -152,10 +159,13 @@ def _context(equations: Equations, dtype: str, meta: Mapping[str, Any]) -> dict[
 def _lanes(equations: Equations, dtype: str) -> dict[str, Any]:
     """What is different in the templates where a number is a vector of states."""
     scalar, lanes = SCALARS[dtype], SCALARS[dtype].lanes()
-    functions = {name: write_function(equations.programs[name], lanes) for name in batched(equations)}
+    wanted = {program for name in batched(equations) for program in SIGNATURES[name].calls or (name,)}
+    functions = {name: write_function(p, lanes) for name, p in equations.programs.items() if name in wanted}
     return {
         "real": lanes.name,
         "suffix": "_lanes",
+        "lane_count": "LANES",
+        "all": lanes.whole,
         "one": lanes.whole(scalar.literal(1.0)),
         "zero_lanes": scalar.literal(0.0),
         "zero": lanes.whole(scalar.literal(0.0)),
@@ -174,11 +184,19 @@ def batched(equations: Equations) -> list[str]:
     size = {key: int(np.prod(shape)) for key, shape in shapes(equations.model).items()}
 
     def values(name: str) -> int:
-        arrays = (*KERNELS[name].reads, KERNELS[name].writes)
-        return sum(size[array] for array in arrays) + len(handed_on(equations.programs[name]))
+        signature = SIGNATURES[name]
+        arrays = sum(size[array] for array in (*signature.reads, signature.writes))
+        if name in equations.programs:
+            return arrays + len(handed_on(equations.programs[name]))
+        return arrays + max(values(program) for program in signature.calls)
 
-    written = [name for name in KERNELS if name in equations.kernels and name in equations.programs]
-    return [name for name in written if values(name) <= LANE_VALUES]
+    public = [name for name in KERNELS if name in equations.kernels]
+    return [name for name in public if _is_vector(equations, name) and values(name) <= LANE_VALUES]
+
+
+def _is_vector(equations: Equations, name: str) -> bool:
+    """Whether there is C of the kernel for vectors: a program, or a template that calls programs."""
+    return name in equations.programs or bool(SIGNATURES[name].calls)
 
 
 def _tidy(code: str) -> str:
@@ -221,6 +239,7 @@ def metadata(equations: Equations, dtype: str) -> dict[str, Any]:
         "joints": [body.joint for body in model.bodies],
         "links": model.links,
         "frames": model.frames,
+        "principal": model.principal,
         "parameters": dict(model.parameters),
         "hoisted": len(equations.setup.outputs),
         "shapes": {key: list(shape) for key, shape in shapes(model).items()},
@@ -238,13 +257,18 @@ def operations(equations: Equations) -> dict[str, dict[str, int]]:
     counts = {name: equations.programs[name].count() for name in equations.programs}
     if "christoffel" in equations.loops:
         counts["christoffel"] = {key: equations.model.size * n for key, n in counts["coriolis_matrix"].items()}
+    if "forward_dynamics_jacobian" in equations.loops:
+        parts = (counts["forward_dynamics"], counts["residual_jacobian"], solve_operations(equations.model))
+        counts["forward_dynamics_jacobian"] = {key: sum(part[key] for part in parts) for key in parts[0]}
+    if "rollout" in equations.loops:
+        counts["rollout"] = counts["implicit_step"]  # of one linearly implicit step
     public = {name: counts[name] for name in KERNELS if name in counts and name in equations.kernels}
     return {**public, "parameters": equations.setup.count()}
 
 
 def write_function(program: Program, scalar: Scalar) -> Function:
     """Program -> statements of C."""
-    signature = KERNELS.get(program.name)
+    signature = SIGNATURES.get(program.name)
     arrays: tuple[str, ...] = tuple(a for a in ("h", "p", "q", "v", "a", "u", "wrench") if a in program.inputs())
     if signature is not None:
         arrays = ("h", *signature.reads)

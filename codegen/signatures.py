@@ -10,11 +10,15 @@ from eomgen.model import Model
 
 @dataclass(frozen=True)
 class Signature:
-    """Arrays that a kernel reads and the one that it writes, by their names in ``shapes``, and what it computes."""
+    """Arrays that a kernel reads and the one that it writes, by their names in ``shapes``, and what it computes.
+
+    ``calls``: the programs that a kernel's C calls, where it is no program of its own.
+    """
 
     reads: tuple[str, ...]
     writes: str
     text: str
+    calls: tuple[str, ...] = ()
 
 
 KERNELS: Mapping[str, Signature] = {
@@ -29,6 +33,17 @@ KERNELS: Mapping[str, Signature] = {
     "residual": Signature(("q", "v", "a", "u"), "vector", "M a + bias - Q - u, eq. (5) unexpanded; zero on a motion."),
     "inverse_dynamics": Signature(("q", "v", "a"), "vector", "The drives u that make the residual zero."),
     "forward_dynamics": Signature(("q", "v", "u"), "vector", "Accelerations under the drives u."),
+    "residual_jacobian": Signature(
+        ("q", "v", "a"),
+        "derivatives",
+        "Derivatives of the residual by q, v and a: three matrices.",
+    ),
+    "forward_dynamics_jacobian": Signature(
+        ("q", "v", "u"),
+        "derivatives",
+        "Derivatives of the accelerations by q, v and u: three matrices.",
+        calls=("forward_dynamics", "residual_jacobian"),
+    ),
     "coriolis_matrix": Signature(("q", "v"), "matrix", "Coriolis matrix C(q, v) with C v = bias and M_dot = C + C^T."),
     "christoffel": Signature(("q",), "tensor", "Christoffel symbols of the first kind, the tensor C of eq. (12)."),
     "kinematics": Signature(
@@ -42,19 +57,39 @@ KERNELS: Mapping[str, Signature] = {
         "reactions",
         "Force and moment on each joint's child link, moved joint's axes.",
     ),
+    "euler_cosines": Signature(("q",), "joints", "Cosine of beta of every joint with three angles, 1 for the others."),
+    "rollout": Signature(
+        ("q", "v", "u"),
+        "vector",
+        "Many steps of one integration.",
+        calls=("forward_dynamics", "implicit_step"),
+    ),
 }
+
+PARTS: Mapping[str, Signature] = {  # programs that only other kernels call
+    "implicit_step": Signature(
+        ("q", "v", "u", "added", "dt"),
+        "vector",
+        "(M + dt B + dt^2 K + added) a = u - bias - K (q + dt v) - B v: accelerations of a linearly implicit step.",
+    ),
+}
+
+SIGNATURES: Mapping[str, Signature] = {**KERNELS, **PARTS}
 
 
 def shapes(model: Model) -> dict[str, tuple[int, ...]]:
     """Shape of every array that kernels read and write."""
     n = model.size
-    vectors: dict[str, tuple[int, ...]] = dict.fromkeys(("q", "v", "a", "u", "vector"), (n,))
+    vectors: dict[str, tuple[int, ...]] = dict.fromkeys(("q", "v", "a", "u", "added", "vector"), (n,))
     return {
         **vectors,
         "wrench": (len(model.links), 6),
         "matrix": (n, n),
         "tensor": (n, n, n),
+        "derivatives": (3, n, n),
         "pair": (2,),
+        "dt": (2,),
+        "joints": (len(model.bodies),),
         "reactions": (len(model.bodies), 6),
         "kinematics": (12 * len(model.frames) + 3 * len(model.bodies) + 3 * n,),
     }

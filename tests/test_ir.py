@@ -27,7 +27,7 @@ from eomgen.codegen.equations import derive_equations
 from eomgen.codegen.ir import Graph, Instruction, Node, Program, evaluate, finish, users, verify
 from eomgen.codegen.passes import PASSES, hoist_parameters, run_passes
 from eomgen.codegen.render import SCALARS, write_function
-from eomgen.codegen.signatures import KERNELS
+from eomgen.codegen.signatures import KERNELS, PARTS
 from eomgen.codegen.source import Source
 from eomgen.model import build_model
 
@@ -377,7 +377,7 @@ def test_split_functions_equal_whole_ones(built: Build, empty_cache: Path, monke
     s = random_state(robot, 1)
     whole, split = kernels
     for name in KERNELS:
-        if name not in ("kinematics", "external_force"):
+        if name not in ("kinematics", "external_force", "rollout"):
             arrays = [getattr(s, letter) for letter in KERNELS[name].reads]
             assert np.array_equal(getattr(whole, name)(*arrays), getattr(split, name)(*arrays)), name
     for frame in whole.frames:
@@ -416,7 +416,8 @@ def test_operations_are_those_of_the_text(built: Build) -> None:
     for name, program in equations.programs.items():
         lines = [line for chunk in write_function(program, DOUBLE).chunks for line in chunk]
         assert counted(lines) == program.count(), name
-        assert kernel.operations[name] == program.count(), name
+        if name not in PARTS:
+            assert kernel.operations[name] == program.count(), name
     setup = [line for chunk in write_function(equations.setup, DOUBLE).chunks for line in chunk]
     assert counted(setup) == kernel.operations["parameters"]
 

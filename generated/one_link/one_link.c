@@ -149,6 +149,31 @@ int one_link_forward_dynamics(const double *restrict h, const double *restrict q
     return one_link_failed(pivot);
 }
 
+/* Derivatives of the residual by q, v and a: three matrices. */
+int one_link_residual_jacobian(const double *restrict h, const double *restrict q, const double *restrict v, const double *restrict a, double *restrict out)
+{
+    out[0] = h[3];
+    out[2] = out[4] = out[6] = 0.0;
+    out[8] = 1.0;
+    out[11] = 0.3333333333333333;
+    const double t8 = sin(q[1]);
+    const double t9 = cos(q[1]);
+    /* link1: velocity, acceleration, and what they are to the tangents of joint1 */
+    const double t10 = a[0] - h[0];
+    const double t13 = v[0]*t9;
+    /* joint1: rows and columns of the derivatives of eq. (5) */
+    const double t33 = t8*(0.5*(v[1]*v[1]) - (t9*t10 - h[1]*t8)) - t9*(0.5*a[1] - (t8*t10 + h[1]*t9));
+    const double t34 = 0.5*t9;
+    const double t35 = 0.5*t8;
+    out[5] = t9*(2.0*(v[0]*t8) - v[1]) - t8*(2.0*t13);
+    out[9] = out[10] = -t35;
+    out[7] = t13 - 2.0*v[0]*t34;
+    out[3] = h[1]*t35 - t10*t34;
+    out[1] = t33 - h[1];
+
+    return 0;
+}
+
 /* Coriolis matrix C(q, v) with C v = bias and M_dot = C + C^T. */
 int one_link_coriolis_matrix(const double *restrict h, const double *restrict q, const double *restrict v, double *restrict out)
 {
@@ -158,12 +183,9 @@ int one_link_coriolis_matrix(const double *restrict h, const double *restrict q,
     const double t3 = sin(q[1]);
     const double t4 = cos(q[1]);
     const double t5 = v[0]*t4;
-    const double t6 = v[0]*t3;
-    const double t10 = 0.5*t5;
-    const double t12 = 0.3333333333333333*v[1] - 0.5*t6;
     /* joint1: columns and rows of C, eq. (12) contracted with the velocity */
-    out[1] = t4*(t6 - 0.5*v[1]) - t3*t5;
-    out[3] = t4*(t4*t10) - t3*(t4*t12) + (t3*(t3*t10) + t4*(t3*t12)) - v[0]*(0.5*t4);
+    out[1] = t4*(v[0]*t3 - 0.5*v[1]) - t3*t5;
+    out[3] = 0.5*t5 - v[0]*(0.5*t4);
 
     return 0;
 }
@@ -230,6 +252,45 @@ int one_link_reactions(const double *restrict h, const double *restrict q, const
     return 0;
 }
 
+/* Cosine of beta of every joint with three angles, 1 for the others. */
+int one_link_euler_cosines(const double *restrict h, const double *restrict q, double *restrict out)
+{
+    (void)h;
+    (void)q;
+
+    out[0] = 1.0;
+
+    return 0;
+}
+
+/* (M + dt B + dt^2 K + added) a = u - bias - K (q + dt v) - B v: accelerations of a linearly implicit step. */
+static int one_link_implicit_step(const double *restrict h, const double *restrict q, const double *restrict v, const double *restrict u, const double *restrict added, const double *restrict dt, double *restrict out)
+{
+    double pivot[4];
+
+    const double t9 = sin(q[1]);
+    const double t10 = cos(q[1]);
+    const double t17 = h[3]*dt[1];
+    /* joint1: eliminated, from the tips to the base */
+    const double t23 = added[1] + 0.3333333333333333;
+    pivot[2] = pivot[3] = t23;
+    const double t25 = 1.0/t23;
+    const double t26 = u[1]*t25;
+    const double t33 = t9*(1.0 - (1.0 - 0.25*t25));
+    const double t35 = 1.0 - t9*t33;
+    const double t40 = t17 + t35;
+    pivot[0] = t40;
+    pivot[1] = t17 + 1.0;
+    const double t42 = 1.0/t40;
+    const double t44 = t42*(u[0] - h[3]*(q[0] + v[0]*dt[0]) + (t10*(0.5*(v[1]*v[1])) + t9*(0.5*t26)));
+    /* joint1: accelerations, from the base to the tips */
+    const double t50 = t44 + (h[0]*(t35*t42) + h[1]*(t10*t33*t42));
+    out[0] = t50;
+    out[1] = t26 + 0.5*t25*(t9*(t50 - h[0]) + h[1]*t10);
+
+    return one_link_failed(pivot);
+}
+
 /* Pose of a frame in the base, 4x4; eqs. (1) and (2). */
 int one_link_frame_pose(const double *restrict h, const double *restrict q, int frame, double *restrict out)
 {
@@ -268,6 +329,139 @@ int one_link_frame_jacobian(const double *restrict h, const double *restrict q, 
         }
     }
     return 0;
+}
+
+/* Derivatives of the accelerations by q, v and u: three matrices.
+ * They are -M^-1 dr/dq, -M^-1 dr/dv and M^-1 at the acceleration under u, with M = L^T D L along the branches. */
+int one_link_forward_dynamics_jacobian(const double *restrict h, const double *restrict q, const double *restrict v, const double *restrict u, double *restrict out)
+{
+    static const int front[2] = { -1, 0 };
+    double a[2], M[4], pivot[4];
+    const int status = one_link_forward_dynamics(h, q, v, u, a);
+    if (status != 0) return status;
+    one_link_residual_jacobian(h, q, v, a, out);
+    for (int i = 0; i < 4; ++i) M[i] = out[8 + i];
+    for (int i = 0; i < 2; ++i) pivot[2 * i + 1] = M[3 * i];
+    for (int k = 1; k >= 0; --k) {
+        pivot[2 * k] = M[3 * k];
+        for (int i = front[k]; i >= 0; i = front[i]) {
+            const double factor = M[2 * k + i] / pivot[2 * k];
+            for (int j = i; j >= 0; j = front[j]) M[2 * i + j] -= factor * M[2 * k + j];
+            M[2 * k + i] = factor;
+        }
+    }
+    for (int i = 0; i < 8; ++i) out[i] = -out[i];
+    for (int i = 0; i < 4; ++i) out[8 + i] = 0.0;
+    for (int i = 0; i < 2; ++i) out[8 + 3 * i] = 1.0;
+    for (double *x = out; x < out + 12; x += 4) {
+        for (int k = 1; k >= 0; --k)
+            for (int i = front[k]; i >= 0; i = front[i])
+                for (int j = 0; j < 2; ++j) x[2 * i + j] -= M[2 * k + i] * x[2 * k + j];
+        for (int k = 0; k < 2; ++k) {
+            for (int j = 0; j < 2; ++j) x[2 * k + j] /= pivot[2 * k];
+            for (int i = front[k]; i >= 0; i = front[i])
+                for (int j = 0; j < 2; ++j) x[2 * k + j] -= M[2 * k + i] * x[2 * i + j];
+        }
+    }
+    return one_link_failed(pivot);
+}
+
+static void one_link_load(const double *restrict x, size_t step, size_t here, double *restrict y)
+{
+    (void)step;
+    (void)here;
+    memcpy(y, x, 2 * sizeof *y);
+}
+
+static void one_link_store(const double *restrict x, size_t here, size_t stride, double *restrict y)
+{
+    (void)here;
+    (void)stride;
+    memcpy(y, x, 2 * sizeof *x);
+}
+
+/* Drives at a step: u + kp (target - q - ahead v) - kd v. */
+static void one_link_drives(const one_link_drive *restrict drive, size_t state, size_t here, size_t step, const double *restrict q, const double *restrict v, double ahead, double *restrict u)
+{
+    double target[2];
+    one_link_load(drive->u + state * drive->u_state + step * drive->u_step, drive->u_state, here, u);
+    if (drive->kp == NULL) return;
+    one_link_load(drive->target + state * drive->target_state + step * drive->target_step, drive->target_state, here, target);
+    for (int i = 0; i < 2; ++i)
+        u[i] += drive->kp[i] * (target[i] - q[i] - ahead * v[i]) - drive->kd[i] * v[i];
+}
+
+/* One step of the classical Runge-Kutta method, drives held. */
+static int one_link_rk4(const double *restrict h, const one_link_drive *restrict drive, size_t state, size_t here, size_t step, double dt, double *restrict q, double *restrict v)
+{
+    static const double part[4] = { 0.5, 0.5, 1.0, 0.0 };
+    static const double weight[4] = { 1.0, 2.0, 2.0, 1.0 };
+    double u[2], a[2], q_here[2], v_here[2], q_sum[2], v_sum[2];
+    for (int i = 0; i < 2; ++i) {
+        q_here[i] = q[i];
+        v_here[i] = v[i];
+        q_sum[i] = v_sum[i] = 0.0;
+    }
+    for (int stage = 0; stage < 4; ++stage) {
+        one_link_drives(drive, state, here, step, q_here, v_here, 0.0, u);
+        const int status = one_link_forward_dynamics(h, q_here, v_here, u, a);
+        if (status != 0) return status;
+        for (int i = 0; i < 2; ++i) {
+            q_sum[i] += weight[stage] * v_here[i];
+            v_sum[i] += weight[stage] * a[i];
+            q_here[i] = q[i] + part[stage] * dt * v_here[i];
+            v_here[i] = v[i] + part[stage] * dt * a[i];
+        }
+    }
+    for (int i = 0; i < 2; ++i) {
+        q[i] += dt / 6.0 * q_sum[i];
+        v[i] += dt / 6.0 * v_sum[i];
+    }
+    return 0;
+}
+
+/* One linearly implicit step: springs, dampers and the controller at its end, all else at its beginning. */
+static int one_link_implicit(const double *restrict h, const one_link_drive *restrict drive, size_t state, size_t here, size_t step, double dt, double *restrict q, double *restrict v)
+{
+    double u[2], a[2], added[2], times[2];
+    times[0] = dt;
+    times[1] = dt * dt;
+    for (int i = 0; i < 2; ++i) added[i] = drive->kp == NULL ? 0.0 : dt * (drive->kd[i] + dt * drive->kp[i]);
+    one_link_drives(drive, state, here, step, q, v, dt, u);
+    const int status = one_link_implicit_step(h, q, v, u, added, times, a);
+    if (status != 0) return status;
+    for (int i = 0; i < 2; ++i) {
+        v[i] += dt * a[i];
+        q[i] += dt * v[i];
+    }
+    return 0;
+}
+
+/* Steps from one state to the next; every so many are stored.  -1, or step * states in a call + what the step said. */
+static long long one_link_steps(const double *restrict h, const one_link_drive *restrict drive, size_t state, size_t here, double dt, size_t steps, size_t every, int method, double *restrict q, double *restrict v, double *restrict q_out, double *restrict v_out)
+{
+    const size_t stride = (steps / every + 1) * 2;
+    one_link_store(q, here, stride, q_out);
+    one_link_store(v, here, stride, v_out);
+    for (size_t step = 0; step < steps; ++step) {
+        const int status = method == 0 ? one_link_rk4(h, drive, state, here, step, dt, q, v)
+                                       : one_link_implicit(h, drive, state, here, step, dt, q, v);
+        if (status != 0) return (long long)(step * 2) * 1 + status - 1;
+        if ((step + 1) % every == 0) {
+            one_link_store(q, here, stride, q_out + (step + 1) / every * 2);
+            one_link_store(v, here, stride, v_out + (step + 1) / every * 2);
+        }
+    }
+    return -1;
+}
+
+/* One state over many steps. */
+long long one_link_rollout(const double *restrict h, const double *restrict q, const double *restrict v, const one_link_drive *restrict drive, double dt, size_t steps, size_t every, int method, double *restrict q_out, double *restrict v_out)
+{
+    double q_here[2], v_here[2];
+    memcpy(q_here, q, sizeof q_here);
+    memcpy(v_here, v, sizeof v_here);
+    return one_link_steps(h, drive, 0, 1, dt, steps, every, method, q_here, v_here, q_out, v_out);
 }
 
 #endif /* one state at a time */
@@ -409,17 +603,17 @@ static void gather(const double *restrict x, size_t step, size_t here, int size,
 }
 
 /* The other way; x is used up. */
-static void scatter(lanes *restrict x, size_t here, int size, double *restrict y)
+static void scatter(lanes *restrict x, size_t here, int size, size_t step, double *restrict y)
 {
     int i = 0;
 #if defined(EOMGEN_TRANSPOSE)
     for (; i + LANES <= size; i += LANES) {
         transpose(x + i);
-        for (size_t l = 0; l < here; ++l) memcpy(y + l * (size_t)size + i, x + i + l, sizeof(lanes));
+        for (size_t l = 0; l < here; ++l) memcpy(y + l * step + i, x + i + l, sizeof(lanes));
     }
 #endif
     for (; i < size; ++i)
-        for (size_t l = 0; l < here; ++l) y[l * (size_t)size + (size_t)i] = LANE(x[i], l);
+        for (size_t l = 0; l < here; ++l) y[l * step + (size_t)i] = LANE(x[i], l);
 }
 
 /* 0, or 1 + i + lane * 2 for the first lane with a pivot i that vanishes beside its scale. */
@@ -445,19 +639,6 @@ static int one_link_mass_matrix_lanes(const double *restrict h, const lanes *res
     return 0;
 }
 
-long long one_link_mass_matrix_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, double *restrict out)
-{
-    lanes q_lanes[2], out_lanes[4];
-    for (size_t i = 0; i < count; i += LANES) {
-        const size_t here = count - i < LANES ? count - i : LANES;
-        gather(q + i * q_step, q_step, here, 2, q_lanes);
-        const int status = one_link_mass_matrix_lanes(h, q_lanes, out_lanes);
-        if (status != 0) return (long long)i * 2 + status - 1;
-        scatter(out_lanes, here, 4, out + i * 4);
-    }
-    return -1;
-}
-
 /* Coriolis and centrifugal terms, eq. (12) contracted. */
 static int one_link_bias_force_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, lanes *restrict out)
 {
@@ -469,20 +650,6 @@ static int one_link_bias_force_lanes(const double *restrict h, const lanes *rest
     out[0] = t2*(-0.5*(v[1]*v[1]));
 
     return 0;
-}
-
-long long one_link_bias_force_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, double *restrict out)
-{
-    lanes q_lanes[2], v_lanes[2], out_lanes[2];
-    for (size_t i = 0; i < count; i += LANES) {
-        const size_t here = count - i < LANES ? count - i : LANES;
-        gather(q + i * q_step, q_step, here, 2, q_lanes);
-        gather(v + i * v_step, v_step, here, 2, v_lanes);
-        const int status = one_link_bias_force_lanes(h, q_lanes, v_lanes, out_lanes);
-        if (status != 0) return (long long)i * 2 + status - 1;
-        scatter(out_lanes, here, 2, out + i * 2);
-    }
-    return -1;
 }
 
 /* Springs, dampers, gravity: Q_P + Q_G, eqs. (13), (14). */
@@ -499,20 +666,6 @@ static int one_link_generalized_force_lanes(const double *restrict h, const lane
     return 0;
 }
 
-long long one_link_generalized_force_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, double *restrict out)
-{
-    lanes q_lanes[2], v_lanes[2], out_lanes[2];
-    for (size_t i = 0; i < count; i += LANES) {
-        const size_t here = count - i < LANES ? count - i : LANES;
-        gather(q + i * q_step, q_step, here, 2, q_lanes);
-        gather(v + i * v_step, v_step, here, 2, v_lanes);
-        const int status = one_link_generalized_force_lanes(h, q_lanes, v_lanes, out_lanes);
-        if (status != 0) return (long long)i * 2 + status - 1;
-        scatter(out_lanes, here, 2, out + i * 2);
-    }
-    return -1;
-}
-
 /* Q_F of eq. (14), its moment term corrected; base axes. */
 static int one_link_external_force_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict wrench, lanes *restrict out)
 {
@@ -525,20 +678,6 @@ static int one_link_external_force_lanes(const double *restrict h, const lanes *
     out[0] = t2*(t2*wrench[0] + t1*wrench[1]) - t1*t11;
 
     return 0;
-}
-
-long long one_link_external_force_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict wrench, size_t wrench_step, double *restrict out)
-{
-    lanes q_lanes[2], wrench_lanes[6], out_lanes[2];
-    for (size_t i = 0; i < count; i += LANES) {
-        const size_t here = count - i < LANES ? count - i : LANES;
-        gather(q + i * q_step, q_step, here, 2, q_lanes);
-        gather(wrench + i * wrench_step, wrench_step, here, 6, wrench_lanes);
-        const int status = one_link_external_force_lanes(h, q_lanes, wrench_lanes, out_lanes);
-        if (status != 0) return (long long)i * 2 + status - 1;
-        scatter(out_lanes, here, 2, out + i * 2);
-    }
-    return -1;
 }
 
 /* M a + bias - Q - u, eq. (5) unexpanded; zero on a motion. */
@@ -557,22 +696,6 @@ static int one_link_residual_lanes(const double *restrict h, const lanes *restri
     return 0;
 }
 
-long long one_link_residual_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict a, size_t a_step, const double *restrict u, size_t u_step, double *restrict out)
-{
-    lanes q_lanes[2], v_lanes[2], a_lanes[2], u_lanes[2], out_lanes[2];
-    for (size_t i = 0; i < count; i += LANES) {
-        const size_t here = count - i < LANES ? count - i : LANES;
-        gather(q + i * q_step, q_step, here, 2, q_lanes);
-        gather(v + i * v_step, v_step, here, 2, v_lanes);
-        gather(a + i * a_step, a_step, here, 2, a_lanes);
-        gather(u + i * u_step, u_step, here, 2, u_lanes);
-        const int status = one_link_residual_lanes(h, q_lanes, v_lanes, a_lanes, u_lanes, out_lanes);
-        if (status != 0) return (long long)i * 2 + status - 1;
-        scatter(out_lanes, here, 2, out + i * 2);
-    }
-    return -1;
-}
-
 /* The drives u that make the residual zero. */
 static int one_link_inverse_dynamics_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, lanes *restrict out)
 {
@@ -587,21 +710,6 @@ static int one_link_inverse_dynamics_lanes(const double *restrict h, const lanes
     out[0] = t9*(t9*t10 - h[1]*t8 - 0.5*(v[1]*v[1])) - t8*(0.5*a[1] - t16) + q[0]*h[3];
 
     return 0;
-}
-
-long long one_link_inverse_dynamics_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict a, size_t a_step, double *restrict out)
-{
-    lanes q_lanes[2], v_lanes[2], a_lanes[2], out_lanes[2];
-    for (size_t i = 0; i < count; i += LANES) {
-        const size_t here = count - i < LANES ? count - i : LANES;
-        gather(q + i * q_step, q_step, here, 2, q_lanes);
-        gather(v + i * v_step, v_step, here, 2, v_lanes);
-        gather(a + i * a_step, a_step, here, 2, a_lanes);
-        const int status = one_link_inverse_dynamics_lanes(h, q_lanes, v_lanes, a_lanes, out_lanes);
-        if (status != 0) return (long long)i * 2 + status - 1;
-        scatter(out_lanes, here, 2, out + i * 2);
-    }
-    return -1;
 }
 
 /* Accelerations under the drives u. */
@@ -629,19 +737,29 @@ static int one_link_forward_dynamics_lanes(const double *restrict h, const lanes
     return one_link_failed_lanes(pivot);
 }
 
-long long one_link_forward_dynamics_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict u, size_t u_step, double *restrict out)
+/* Derivatives of the residual by q, v and a: three matrices. */
+static int one_link_residual_jacobian_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, lanes *restrict out)
 {
-    lanes q_lanes[2], v_lanes[2], u_lanes[2], out_lanes[2];
-    for (size_t i = 0; i < count; i += LANES) {
-        const size_t here = count - i < LANES ? count - i : LANES;
-        gather(q + i * q_step, q_step, here, 2, q_lanes);
-        gather(v + i * v_step, v_step, here, 2, v_lanes);
-        gather(u + i * u_step, u_step, here, 2, u_lanes);
-        const int status = one_link_forward_dynamics_lanes(h, q_lanes, v_lanes, u_lanes, out_lanes);
-        if (status != 0) return (long long)i * 2 + status - 1;
-        scatter(out_lanes, here, 2, out + i * 2);
-    }
-    return -1;
+    out[0] = ALL(h[3]);
+    out[2] = out[4] = out[6] = ALL(0.0);
+    out[8] = ALL(1.0);
+    out[11] = ALL(0.3333333333333333);
+    const lanes t8 = lanes_sin(q[1]);
+    const lanes t9 = lanes_cos(q[1]);
+    /* link1: velocity, acceleration, and what they are to the tangents of joint1 */
+    const lanes t10 = a[0] - h[0];
+    const lanes t13 = v[0]*t9;
+    /* joint1: rows and columns of the derivatives of eq. (5) */
+    const lanes t33 = t8*(0.5*(v[1]*v[1]) - (t9*t10 - h[1]*t8)) - t9*(0.5*a[1] - (t8*t10 + h[1]*t9));
+    const lanes t34 = 0.5*t9;
+    const lanes t35 = 0.5*t8;
+    out[5] = t9*(2.0*(v[0]*t8) - v[1]) - t8*(2.0*t13);
+    out[9] = out[10] = -t35;
+    out[7] = t13 - 2.0*v[0]*t34;
+    out[3] = h[1]*t35 - t10*t34;
+    out[1] = t33 - h[1];
+
+    return 0;
 }
 
 /* Coriolis matrix C(q, v) with C v = bias and M_dot = C + C^T. */
@@ -653,28 +771,11 @@ static int one_link_coriolis_matrix_lanes(const double *restrict h, const lanes 
     const lanes t3 = lanes_sin(q[1]);
     const lanes t4 = lanes_cos(q[1]);
     const lanes t5 = v[0]*t4;
-    const lanes t6 = v[0]*t3;
-    const lanes t10 = 0.5*t5;
-    const lanes t12 = 0.3333333333333333*v[1] - 0.5*t6;
     /* joint1: columns and rows of C, eq. (12) contracted with the velocity */
-    out[1] = t4*(t6 - 0.5*v[1]) - t3*t5;
-    out[3] = t4*(t4*t10) - t3*(t4*t12) + (t3*(t3*t10) + t4*(t3*t12)) - v[0]*(0.5*t4);
+    out[1] = t4*(v[0]*t3 - 0.5*v[1]) - t3*t5;
+    out[3] = 0.5*t5 - v[0]*(0.5*t4);
 
     return 0;
-}
-
-long long one_link_coriolis_matrix_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, double *restrict out)
-{
-    lanes q_lanes[2], v_lanes[2], out_lanes[4];
-    for (size_t i = 0; i < count; i += LANES) {
-        const size_t here = count - i < LANES ? count - i : LANES;
-        gather(q + i * q_step, q_step, here, 2, q_lanes);
-        gather(v + i * v_step, v_step, here, 2, v_lanes);
-        const int status = one_link_coriolis_matrix_lanes(h, q_lanes, v_lanes, out_lanes);
-        if (status != 0) return (long long)i * 2 + status - 1;
-        scatter(out_lanes, here, 4, out + i * 4);
-    }
-    return -1;
 }
 
 /* Christoffel symbols of the first kind, the tensor C of eq. (12). */
@@ -687,19 +788,6 @@ static int one_link_christoffel_lanes(const double *restrict h, const lanes *res
     out[3] = -0.5*t1;
 
     return 0;
-}
-
-long long one_link_christoffel_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, double *restrict out)
-{
-    lanes q_lanes[2], out_lanes[8];
-    for (size_t i = 0; i < count; i += LANES) {
-        const size_t here = count - i < LANES ? count - i : LANES;
-        gather(q + i * q_step, q_step, here, 2, q_lanes);
-        const int status = one_link_christoffel_lanes(h, q_lanes, out_lanes);
-        if (status != 0) return (long long)i * 2 + status - 1;
-        scatter(out_lanes, here, 8, out + i * 8);
-    }
-    return -1;
 }
 
 /* Frames [R | X], bodies' origins, coordinates' axes; eqs. (1)-(3). */
@@ -733,20 +821,6 @@ static int one_link_energy_lanes(const double *restrict h, const lanes *restrict
     return 0;
 }
 
-long long one_link_energy_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, double *restrict out)
-{
-    lanes q_lanes[2], v_lanes[2], out_lanes[2];
-    for (size_t i = 0; i < count; i += LANES) {
-        const size_t here = count - i < LANES ? count - i : LANES;
-        gather(q + i * q_step, q_step, here, 2, q_lanes);
-        gather(v + i * v_step, v_step, here, 2, v_lanes);
-        const int status = one_link_energy_lanes(h, q_lanes, v_lanes, out_lanes);
-        if (status != 0) return (long long)i * 2 + status - 1;
-        scatter(out_lanes, here, 2, out + i * 2);
-    }
-    return -1;
-}
-
 /* Force and moment on each joint's child link, moved joint's axes. */
 static int one_link_reactions_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, lanes *restrict out)
 {
@@ -766,6 +840,252 @@ static int one_link_reactions_lanes(const double *restrict h, const lanes *restr
     return 0;
 }
 
+/* Cosine of beta of every joint with three angles, 1 for the others. */
+static int one_link_euler_cosines_lanes(const double *restrict h, const lanes *restrict q, lanes *restrict out)
+{
+    (void)h;
+    (void)q;
+
+    out[0] = ALL(1.0);
+
+    return 0;
+}
+
+/* (M + dt B + dt^2 K + added) a = u - bias - K (q + dt v) - B v: accelerations of a linearly implicit step. */
+static int one_link_implicit_step_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict u, const lanes *restrict added, const lanes *restrict dt, lanes *restrict out)
+{
+    lanes pivot[4];
+
+    const lanes t9 = lanes_sin(q[1]);
+    const lanes t10 = lanes_cos(q[1]);
+    const lanes t17 = h[3]*dt[1];
+    /* joint1: eliminated, from the tips to the base */
+    const lanes t23 = added[1] + 0.3333333333333333;
+    pivot[2] = pivot[3] = t23;
+    const lanes t25 = 1.0/t23;
+    const lanes t26 = u[1]*t25;
+    const lanes t33 = t9*(1.0 - (1.0 - 0.25*t25));
+    const lanes t35 = 1.0 - t9*t33;
+    const lanes t40 = t17 + t35;
+    pivot[0] = t40;
+    pivot[1] = t17 + 1.0;
+    const lanes t42 = 1.0/t40;
+    const lanes t44 = t42*(u[0] - h[3]*(q[0] + v[0]*dt[0]) + (t10*(0.5*(v[1]*v[1])) + t9*(0.5*t26)));
+    /* joint1: accelerations, from the base to the tips */
+    const lanes t50 = t44 + (h[0]*(t35*t42) + h[1]*(t10*t33*t42));
+    out[0] = t50;
+    out[1] = t26 + 0.5*t25*(t9*(t50 - h[0]) + h[1]*t10);
+
+    return one_link_failed_lanes(pivot);
+}
+
+/* Derivatives of the accelerations by q, v and u: three matrices.
+ * They are -M^-1 dr/dq, -M^-1 dr/dv and M^-1 at the acceleration under u, with M = L^T D L along the branches. */
+static int one_link_forward_dynamics_jacobian_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict u, lanes *restrict out)
+{
+    static const int front[2] = { -1, 0 };
+    lanes a[2], M[4], pivot[4];
+    const int status = one_link_forward_dynamics_lanes(h, q, v, u, a);
+    if (status != 0) return status;
+    one_link_residual_jacobian_lanes(h, q, v, a, out);
+    for (int i = 0; i < 4; ++i) M[i] = out[8 + i];
+    for (int i = 0; i < 2; ++i) pivot[2 * i + 1] = M[3 * i];
+    for (int k = 1; k >= 0; --k) {
+        pivot[2 * k] = M[3 * k];
+        for (int i = front[k]; i >= 0; i = front[i]) {
+            const lanes factor = M[2 * k + i] / pivot[2 * k];
+            for (int j = i; j >= 0; j = front[j]) M[2 * i + j] -= factor * M[2 * k + j];
+            M[2 * k + i] = factor;
+        }
+    }
+    for (int i = 0; i < 8; ++i) out[i] = -out[i];
+    for (int i = 0; i < 4; ++i) out[8 + i] = ALL(0.0);
+    for (int i = 0; i < 2; ++i) out[8 + 3 * i] = ALL(1.0);
+    for (lanes *x = out; x < out + 12; x += 4) {
+        for (int k = 1; k >= 0; --k)
+            for (int i = front[k]; i >= 0; i = front[i])
+                for (int j = 0; j < 2; ++j) x[2 * i + j] -= M[2 * k + i] * x[2 * k + j];
+        for (int k = 0; k < 2; ++k) {
+            for (int j = 0; j < 2; ++j) x[2 * k + j] /= pivot[2 * k];
+            for (int i = front[k]; i >= 0; i = front[i])
+                for (int j = 0; j < 2; ++j) x[2 * k + j] -= M[2 * k + i] * x[2 * i + j];
+        }
+    }
+    return one_link_failed_lanes(pivot);
+}
+
+long long one_link_mass_matrix_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, double *restrict out)
+{
+    lanes q_lanes[2], out_lanes[4];
+    for (size_t i = 0; i < count; i += LANES) {
+        const size_t here = count - i < LANES ? count - i : LANES;
+        gather(q + i * q_step, q_step, here, 2, q_lanes);
+        const int status = one_link_mass_matrix_lanes(h, q_lanes, out_lanes);
+        if (status != 0) return (long long)i * 2 + status - 1;
+        scatter(out_lanes, here, 4, 4, out + i * 4);
+    }
+    return -1;
+}
+
+long long one_link_bias_force_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, double *restrict out)
+{
+    lanes q_lanes[2], v_lanes[2], out_lanes[2];
+    for (size_t i = 0; i < count; i += LANES) {
+        const size_t here = count - i < LANES ? count - i : LANES;
+        gather(q + i * q_step, q_step, here, 2, q_lanes);
+        gather(v + i * v_step, v_step, here, 2, v_lanes);
+        const int status = one_link_bias_force_lanes(h, q_lanes, v_lanes, out_lanes);
+        if (status != 0) return (long long)i * 2 + status - 1;
+        scatter(out_lanes, here, 2, 2, out + i * 2);
+    }
+    return -1;
+}
+
+long long one_link_generalized_force_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, double *restrict out)
+{
+    lanes q_lanes[2], v_lanes[2], out_lanes[2];
+    for (size_t i = 0; i < count; i += LANES) {
+        const size_t here = count - i < LANES ? count - i : LANES;
+        gather(q + i * q_step, q_step, here, 2, q_lanes);
+        gather(v + i * v_step, v_step, here, 2, v_lanes);
+        const int status = one_link_generalized_force_lanes(h, q_lanes, v_lanes, out_lanes);
+        if (status != 0) return (long long)i * 2 + status - 1;
+        scatter(out_lanes, here, 2, 2, out + i * 2);
+    }
+    return -1;
+}
+
+long long one_link_external_force_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict wrench, size_t wrench_step, double *restrict out)
+{
+    lanes q_lanes[2], wrench_lanes[6], out_lanes[2];
+    for (size_t i = 0; i < count; i += LANES) {
+        const size_t here = count - i < LANES ? count - i : LANES;
+        gather(q + i * q_step, q_step, here, 2, q_lanes);
+        gather(wrench + i * wrench_step, wrench_step, here, 6, wrench_lanes);
+        const int status = one_link_external_force_lanes(h, q_lanes, wrench_lanes, out_lanes);
+        if (status != 0) return (long long)i * 2 + status - 1;
+        scatter(out_lanes, here, 2, 2, out + i * 2);
+    }
+    return -1;
+}
+
+long long one_link_residual_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict a, size_t a_step, const double *restrict u, size_t u_step, double *restrict out)
+{
+    lanes q_lanes[2], v_lanes[2], a_lanes[2], u_lanes[2], out_lanes[2];
+    for (size_t i = 0; i < count; i += LANES) {
+        const size_t here = count - i < LANES ? count - i : LANES;
+        gather(q + i * q_step, q_step, here, 2, q_lanes);
+        gather(v + i * v_step, v_step, here, 2, v_lanes);
+        gather(a + i * a_step, a_step, here, 2, a_lanes);
+        gather(u + i * u_step, u_step, here, 2, u_lanes);
+        const int status = one_link_residual_lanes(h, q_lanes, v_lanes, a_lanes, u_lanes, out_lanes);
+        if (status != 0) return (long long)i * 2 + status - 1;
+        scatter(out_lanes, here, 2, 2, out + i * 2);
+    }
+    return -1;
+}
+
+long long one_link_inverse_dynamics_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict a, size_t a_step, double *restrict out)
+{
+    lanes q_lanes[2], v_lanes[2], a_lanes[2], out_lanes[2];
+    for (size_t i = 0; i < count; i += LANES) {
+        const size_t here = count - i < LANES ? count - i : LANES;
+        gather(q + i * q_step, q_step, here, 2, q_lanes);
+        gather(v + i * v_step, v_step, here, 2, v_lanes);
+        gather(a + i * a_step, a_step, here, 2, a_lanes);
+        const int status = one_link_inverse_dynamics_lanes(h, q_lanes, v_lanes, a_lanes, out_lanes);
+        if (status != 0) return (long long)i * 2 + status - 1;
+        scatter(out_lanes, here, 2, 2, out + i * 2);
+    }
+    return -1;
+}
+
+long long one_link_forward_dynamics_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict u, size_t u_step, double *restrict out)
+{
+    lanes q_lanes[2], v_lanes[2], u_lanes[2], out_lanes[2];
+    for (size_t i = 0; i < count; i += LANES) {
+        const size_t here = count - i < LANES ? count - i : LANES;
+        gather(q + i * q_step, q_step, here, 2, q_lanes);
+        gather(v + i * v_step, v_step, here, 2, v_lanes);
+        gather(u + i * u_step, u_step, here, 2, u_lanes);
+        const int status = one_link_forward_dynamics_lanes(h, q_lanes, v_lanes, u_lanes, out_lanes);
+        if (status != 0) return (long long)i * 2 + status - 1;
+        scatter(out_lanes, here, 2, 2, out + i * 2);
+    }
+    return -1;
+}
+
+long long one_link_residual_jacobian_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict a, size_t a_step, double *restrict out)
+{
+    lanes q_lanes[2], v_lanes[2], a_lanes[2], out_lanes[12];
+    for (size_t i = 0; i < count; i += LANES) {
+        const size_t here = count - i < LANES ? count - i : LANES;
+        gather(q + i * q_step, q_step, here, 2, q_lanes);
+        gather(v + i * v_step, v_step, here, 2, v_lanes);
+        gather(a + i * a_step, a_step, here, 2, a_lanes);
+        const int status = one_link_residual_jacobian_lanes(h, q_lanes, v_lanes, a_lanes, out_lanes);
+        if (status != 0) return (long long)i * 2 + status - 1;
+        scatter(out_lanes, here, 12, 12, out + i * 12);
+    }
+    return -1;
+}
+
+long long one_link_forward_dynamics_jacobian_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict u, size_t u_step, double *restrict out)
+{
+    lanes q_lanes[2], v_lanes[2], u_lanes[2], out_lanes[12];
+    for (size_t i = 0; i < count; i += LANES) {
+        const size_t here = count - i < LANES ? count - i : LANES;
+        gather(q + i * q_step, q_step, here, 2, q_lanes);
+        gather(v + i * v_step, v_step, here, 2, v_lanes);
+        gather(u + i * u_step, u_step, here, 2, u_lanes);
+        const int status = one_link_forward_dynamics_jacobian_lanes(h, q_lanes, v_lanes, u_lanes, out_lanes);
+        if (status != 0) return (long long)i * 2 + status - 1;
+        scatter(out_lanes, here, 12, 12, out + i * 12);
+    }
+    return -1;
+}
+
+long long one_link_coriolis_matrix_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, double *restrict out)
+{
+    lanes q_lanes[2], v_lanes[2], out_lanes[4];
+    for (size_t i = 0; i < count; i += LANES) {
+        const size_t here = count - i < LANES ? count - i : LANES;
+        gather(q + i * q_step, q_step, here, 2, q_lanes);
+        gather(v + i * v_step, v_step, here, 2, v_lanes);
+        const int status = one_link_coriolis_matrix_lanes(h, q_lanes, v_lanes, out_lanes);
+        if (status != 0) return (long long)i * 2 + status - 1;
+        scatter(out_lanes, here, 4, 4, out + i * 4);
+    }
+    return -1;
+}
+
+long long one_link_christoffel_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, double *restrict out)
+{
+    lanes q_lanes[2], out_lanes[8];
+    for (size_t i = 0; i < count; i += LANES) {
+        const size_t here = count - i < LANES ? count - i : LANES;
+        gather(q + i * q_step, q_step, here, 2, q_lanes);
+        const int status = one_link_christoffel_lanes(h, q_lanes, out_lanes);
+        if (status != 0) return (long long)i * 2 + status - 1;
+        scatter(out_lanes, here, 8, 8, out + i * 8);
+    }
+    return -1;
+}
+
+long long one_link_energy_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, double *restrict out)
+{
+    lanes q_lanes[2], v_lanes[2], out_lanes[2];
+    for (size_t i = 0; i < count; i += LANES) {
+        const size_t here = count - i < LANES ? count - i : LANES;
+        gather(q + i * q_step, q_step, here, 2, q_lanes);
+        gather(v + i * v_step, v_step, here, 2, v_lanes);
+        const int status = one_link_energy_lanes(h, q_lanes, v_lanes, out_lanes);
+        if (status != 0) return (long long)i * 2 + status - 1;
+        scatter(out_lanes, here, 2, 2, out + i * 2);
+    }
+    return -1;
+}
+
 long long one_link_reactions_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict a, size_t a_step, double *restrict out)
 {
     lanes q_lanes[2], v_lanes[2], a_lanes[2], out_lanes[6];
@@ -776,7 +1096,20 @@ long long one_link_reactions_batch(size_t count, const double *restrict h, const
         gather(a + i * a_step, a_step, here, 2, a_lanes);
         const int status = one_link_reactions_lanes(h, q_lanes, v_lanes, a_lanes, out_lanes);
         if (status != 0) return (long long)i * 2 + status - 1;
-        scatter(out_lanes, here, 6, out + i * 6);
+        scatter(out_lanes, here, 6, 6, out + i * 6);
+    }
+    return -1;
+}
+
+long long one_link_euler_cosines_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, double *restrict out)
+{
+    lanes q_lanes[2], out_lanes[1];
+    for (size_t i = 0; i < count; i += LANES) {
+        const size_t here = count - i < LANES ? count - i : LANES;
+        gather(q + i * q_step, q_step, here, 2, q_lanes);
+        const int status = one_link_euler_cosines_lanes(h, q_lanes, out_lanes);
+        if (status != 0) return (long long)i * 2 + status - 1;
+        scatter(out_lanes, here, 1, 1, out + i * 1);
     }
     return -1;
 }
@@ -827,7 +1160,7 @@ long long one_link_frame_pose_batch(size_t count, const double *restrict h, cons
         const size_t here = count - i < LANES ? count - i : LANES;
         gather(q + i * q_step, q_step, here, 2, q_lanes);
         one_link_frame_pose_lanes(h, q_lanes, frame, out_lanes);
-        scatter(out_lanes, here, 16, out + i * 16);
+        scatter(out_lanes, here, 16, 16, out + i * 16);
     }
     return -1;
 }
@@ -839,7 +1172,112 @@ long long one_link_frame_jacobian_batch(size_t count, const double *restrict h, 
         const size_t here = count - i < LANES ? count - i : LANES;
         gather(q + i * q_step, q_step, here, 2, q_lanes);
         one_link_frame_jacobian_lanes(h, q_lanes, frame, out_lanes);
-        scatter(out_lanes, here, 12, out + i * 12);
+        scatter(out_lanes, here, 12, 12, out + i * 12);
+    }
+    return -1;
+}
+
+static void one_link_load_lanes(const double *restrict x, size_t step, size_t here, lanes *restrict y)
+{
+    gather(x, step, here, 2, y);
+}
+
+static void one_link_store_lanes(const lanes *restrict x, size_t here, size_t stride, double *restrict y)
+{
+    lanes copy[2];
+    memcpy(copy, x, sizeof copy);
+    scatter(copy, here, 2, stride, y);
+}
+
+/* Drives at a step: u + kp (target - q - ahead v) - kd v. */
+static void one_link_drives_lanes(const one_link_drive *restrict drive, size_t state, size_t here, size_t step, const lanes *restrict q, const lanes *restrict v, double ahead, lanes *restrict u)
+{
+    lanes target[2];
+    one_link_load_lanes(drive->u + state * drive->u_state + step * drive->u_step, drive->u_state, here, u);
+    if (drive->kp == NULL) return;
+    one_link_load_lanes(drive->target + state * drive->target_state + step * drive->target_step, drive->target_state, here, target);
+    for (int i = 0; i < 2; ++i)
+        u[i] += drive->kp[i] * (target[i] - q[i] - ahead * v[i]) - drive->kd[i] * v[i];
+}
+
+/* One step of the classical Runge-Kutta method, drives held. */
+static int one_link_rk4_lanes(const double *restrict h, const one_link_drive *restrict drive, size_t state, size_t here, size_t step, double dt, lanes *restrict q, lanes *restrict v)
+{
+    static const double part[4] = { 0.5, 0.5, 1.0, 0.0 };
+    static const double weight[4] = { 1.0, 2.0, 2.0, 1.0 };
+    lanes u[2], a[2], q_here[2], v_here[2], q_sum[2], v_sum[2];
+    for (int i = 0; i < 2; ++i) {
+        q_here[i] = q[i];
+        v_here[i] = v[i];
+        q_sum[i] = v_sum[i] = ALL(0.0);
+    }
+    for (int stage = 0; stage < 4; ++stage) {
+        one_link_drives_lanes(drive, state, here, step, q_here, v_here, 0.0, u);
+        const int status = one_link_forward_dynamics_lanes(h, q_here, v_here, u, a);
+        if (status != 0) return status;
+        for (int i = 0; i < 2; ++i) {
+            q_sum[i] += weight[stage] * v_here[i];
+            v_sum[i] += weight[stage] * a[i];
+            q_here[i] = q[i] + part[stage] * dt * v_here[i];
+            v_here[i] = v[i] + part[stage] * dt * a[i];
+        }
+    }
+    for (int i = 0; i < 2; ++i) {
+        q[i] += dt / 6.0 * q_sum[i];
+        v[i] += dt / 6.0 * v_sum[i];
+    }
+    return 0;
+}
+
+/* One linearly implicit step: springs, dampers and the controller at its end, all else at its beginning. */
+static int one_link_implicit_lanes(const double *restrict h, const one_link_drive *restrict drive, size_t state, size_t here, size_t step, double dt, lanes *restrict q, lanes *restrict v)
+{
+    lanes u[2], a[2], added[2], times[2];
+    times[0] = ALL(dt);
+    times[1] = ALL(dt * dt);
+    for (int i = 0; i < 2; ++i) added[i] = drive->kp == NULL ? ALL(0.0) : ALL(dt * (drive->kd[i] + dt * drive->kp[i]));
+    one_link_drives_lanes(drive, state, here, step, q, v, dt, u);
+    const int status = one_link_implicit_step_lanes(h, q, v, u, added, times, a);
+    if (status != 0) return status;
+    for (int i = 0; i < 2; ++i) {
+        v[i] += dt * a[i];
+        q[i] += dt * v[i];
+    }
+    return 0;
+}
+
+/* Steps from one state to the next; every so many are stored.  -1, or step * states in a call + what the step said. */
+static long long one_link_steps_lanes(const double *restrict h, const one_link_drive *restrict drive, size_t state, size_t here, double dt, size_t steps, size_t every, int method, lanes *restrict q, lanes *restrict v, double *restrict q_out, double *restrict v_out)
+{
+    const size_t stride = (steps / every + 1) * 2;
+    one_link_store_lanes(q, here, stride, q_out);
+    one_link_store_lanes(v, here, stride, v_out);
+    for (size_t step = 0; step < steps; ++step) {
+        const int status = method == 0 ? one_link_rk4_lanes(h, drive, state, here, step, dt, q, v)
+                                       : one_link_implicit_lanes(h, drive, state, here, step, dt, q, v);
+        if (status != 0) return (long long)(step * 2) * LANES + status - 1;
+        if ((step + 1) % every == 0) {
+            one_link_store_lanes(q, here, stride, q_out + (step + 1) / every * 2);
+            one_link_store_lanes(v, here, stride, v_out + (step + 1) / every * 2);
+        }
+    }
+    return -1;
+}
+
+/* Several states over many steps; -1, or (state * steps + step) * 2 + i of the first failure. */
+long long one_link_rollout_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const one_link_drive *restrict drive, double dt, size_t steps, size_t every, int method, double *restrict q_out, double *restrict v_out)
+{
+    const size_t stride = (steps / every + 1) * 2;
+    lanes q_lanes[2], v_lanes[2];
+    for (size_t i = 0; i < count; i += LANES) {
+        const size_t here = count - i < LANES ? count - i : LANES;
+        gather(q + i * q_step, q_step, here, 2, q_lanes);
+        gather(v + i * v_step, v_step, here, 2, v_lanes);
+        const long long failed = one_link_steps_lanes(h, drive, i, here, dt, steps, every, method, q_lanes, v_lanes, q_out + i * stride, v_out + i * stride);
+        if (failed >= 0) {
+            const long long step = failed / (2 * LANES), place = failed % (2 * LANES);
+            return (((long long)i + place / 2) * (long long)steps + step) * 2 + place % 2;
+        }
     }
     return -1;
 }

@@ -29,11 +29,15 @@
  *   residual             12     10      0      1
  *   inverse_dynamics     12      8      0      1
  *   forward_dynamics     17     10      1      1
- *   coriolis_matrix      18      7      0      1
+ *   residual_jacobian    21     12      0      1
+ *   forward_dynamics_jacobian    51     43     14      2
+ *   coriolis_matrix       8      3      0      1
  *   christoffel           1      0      0      1
  *   kinematics            0      2      0      1
  *   energy               15      7      0      1
  *   reactions             9      6      0      1
+ *   euler_cosines         0      0      0      0
+ *   rollout              22     15      2      1
  *   parameters            2      1      0      0
  */
 #ifndef EOMGEN_ONE_LINK_H
@@ -56,6 +60,11 @@ extern "C" {
  * A batch takes count states that lie step numbers apart (0: the same for all) and returns -1, or
  * state * ONE_LINK_DOF + i of the first failure. */
 
+/* A rollout takes steps of length dt by the classical Runge-Kutta method (method 0) or linearly implicit ones (1), and
+ * stores q and v of the beginning and of every so many steps.  Drives, held over a step, are u + kp (target - q) - kd v;
+ * those of state i at step k lie at i * u_state + k * u_step.  kp, kd (not 0 at principal coordinates alone) and target
+ * may be NULL together.  It returns -1, or (state * steps + step) * ONE_LINK_DOF + i of the first failure. */
+
 /* begin of declarations */
 void one_link_setup(const double *p, double *h);
 int one_link_mass_matrix(const double *h, const double *q, double *out);
@@ -72,6 +81,10 @@ int one_link_inverse_dynamics(const double *h, const double *q, const double *v,
 long long one_link_inverse_dynamics_batch(size_t count, const double *h, const double *q, size_t q_step, const double *v, size_t v_step, const double *a, size_t a_step, double *out);
 int one_link_forward_dynamics(const double *h, const double *q, const double *v, const double *u, double *out);
 long long one_link_forward_dynamics_batch(size_t count, const double *h, const double *q, size_t q_step, const double *v, size_t v_step, const double *u, size_t u_step, double *out);
+int one_link_residual_jacobian(const double *h, const double *q, const double *v, const double *a, double *out);
+long long one_link_residual_jacobian_batch(size_t count, const double *h, const double *q, size_t q_step, const double *v, size_t v_step, const double *a, size_t a_step, double *out);
+int one_link_forward_dynamics_jacobian(const double *h, const double *q, const double *v, const double *u, double *out);
+long long one_link_forward_dynamics_jacobian_batch(size_t count, const double *h, const double *q, size_t q_step, const double *v, size_t v_step, const double *u, size_t u_step, double *out);
 int one_link_coriolis_matrix(const double *h, const double *q, const double *v, double *out);
 long long one_link_coriolis_matrix_batch(size_t count, const double *h, const double *q, size_t q_step, const double *v, size_t v_step, double *out);
 int one_link_christoffel(const double *h, const double *q, double *out);
@@ -80,10 +93,20 @@ int one_link_energy(const double *h, const double *q, const double *v, double *o
 long long one_link_energy_batch(size_t count, const double *h, const double *q, size_t q_step, const double *v, size_t v_step, double *out);
 int one_link_reactions(const double *h, const double *q, const double *v, const double *a, double *out);
 long long one_link_reactions_batch(size_t count, const double *h, const double *q, size_t q_step, const double *v, size_t v_step, const double *a, size_t a_step, double *out);
+int one_link_euler_cosines(const double *h, const double *q, double *out);
+long long one_link_euler_cosines_batch(size_t count, const double *h, const double *q, size_t q_step, double *out);
 int one_link_frame_pose(const double *h, const double *q, int frame, double *out);
 int one_link_frame_jacobian(const double *h, const double *q, int frame, double *out);
 long long one_link_frame_pose_batch(size_t count, const double *h, const double *q, size_t q_step, int frame, double *out);
 long long one_link_frame_jacobian_batch(size_t count, const double *h, const double *q, size_t q_step, int frame, double *out);
+typedef struct {
+    const double *u;
+    size_t u_state, u_step;
+    const double *kp, *kd, *target;
+    size_t target_state, target_step;
+} one_link_drive;
+long long one_link_rollout(const double *h, const double *q, const double *v, const one_link_drive *drive, double dt, size_t steps, size_t every, int method, double *q_out, double *v_out);
+long long one_link_rollout_batch(size_t count, const double *h, const double *q, size_t q_step, const double *v, size_t v_step, const one_link_drive *drive, double dt, size_t steps, size_t every, int method, double *q_out, double *v_out);
 /* end of declarations */
 
 #ifdef __cplusplus

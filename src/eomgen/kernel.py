@@ -1,16 +1,14 @@
 """The NumPy face of a compiled module.
 
-A generated package carries a copy of this file: it imports NumPy and its neighbour ``errors`` and nothing else.
+A generated package carries a copy of this file, which imports NumPy and its neighbours and nothing else.
 """
 
 from __future__ import annotations
 
-import difflib
 import functools
 import math
 import os
-import threading
-from collections.abc import Iterator, Mapping, MutableMapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -18,6 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .errors import ArrayError, InputError, SingularError, UnknownNameError
+from .parameters import Parameters, nearest
+from .rollout import rollout
 
 Array = NDArray[Any]
 
@@ -61,13 +61,15 @@ class Kernel:
         self._functions = {
             name: (tuple(entry["reads"]), entry["writes"])
             for name, entry in meta["kernels"].items()
-            if name != "kinematics"
+            if name not in ("kinematics", "rollout")
         }
         if "kinematics" in meta["kernels"]:
             self._functions.update(frame_pose=(("q",), "pose"), frame_jacobian=(("q",), "jacobian"))
         self._code = {name: getattr(lib, f"{self.name}_{name}") for name in self._functions}
         self._batch_code = {name: getattr(lib, f"{self.name}_{name}_batch") for name in self._functions}
         self._threads = 1
+        self._principal = tuple(meta["principal"])
+        self._rolls = "rollout" in meta["kernels"]
         self.parameters = Parameters(self, meta["parameters"], meta["hoisted"])
 
     def __repr__(self) -> str:
@@ -160,6 +162,46 @@ class Kernel:
             u = drives + external
         return self._run("forward_dynamics", out, (q, v, u))
 
+    def residual_jacobian(
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, u: ArrayLike | None = None, *, out: Array | None = None
+    ) -> tuple[Array, Array, Array]:
+        """Exact derivatives of the residual, three (n, n): dr/dq, dr/dv and dr/da (the mass matrix).
+
+        Row i belongs to the residual's coordinate i, column j to the coordinate that changes.  Without external
+        wrenches.  The residual is linear in the drives with -1, so that ``u`` changes nothing; it may be left out.
+
+        Args:
+            q, v, a, u: (n,).
+            out: array (3, n, n) to write to; the result are views of it.
+        """
+        if u is not None:
+            self._array("u", u, self._shapes["u"])
+        return _three(self._run("residual_jacobian", out, (q, v, a)))
+
+    def forward_dynamics_jacobian(
+        self, q: ArrayLike, v: ArrayLike, u: ArrayLike, *, out: Array | None = None
+    ) -> tuple[Array, Array, Array]:
+        """Exact derivatives of the accelerations, three (n, n): da/dq, da/dv and da/du (the inverse mass matrix).
+
+        Without external wrenches; where some are constant generalized forces, add them to ``u``.
+
+        Args:
+            q, v, u: (n,).
+            out: array (3, n, n) to write to; the result are views of it.
+
+        Raises:
+            SingularError: M cannot be inverted in this state.
+        """
+        return _three(self._run("forward_dynamics_jacobian", out, (q, v, u)))
+
+    def euler_cosines(self, q: ArrayLike, *, out: Array | None = None) -> Array:
+        """Per joint with three angles the cosine of beta, (joints,); 1 for other joints.
+
+        At 0 the Euler angles are singular (beta = +-pi/2) and forward dynamics has no solution; near it,
+        accelerations of alpha and gamma lose as many digits as the cosine has zeros.
+        """
+        return self._run("euler_cosines", out, (q,))
+
     def external_force(self, q: ArrayLike, wrench: ArrayLike, *, out: Array | None = None) -> Array:
         """Q_F of eq. (14), its moment term corrected, (n,), N or N m, of wrenches (links, 6) in base axes."""
         return self._run("external_force", out, (q, wrench))
@@ -200,9 +242,60 @@ class Kernel:
         """
         return self._run("reactions", out, (q, v, a))
 
+    def rollout(
+        self,
+        q0: ArrayLike,
+        v0: ArrayLike,
+        u: ArrayLike,
+        dt: float,
+        steps: int,
+        *,
+        method: str = "rk4",
+        every: int = 1,
+        kp: ArrayLike | None = None,
+        kd: ArrayLike | None = None,
+        target: ArrayLike | None = None,
+    ) -> tuple[Array, Array]:
+        """Integrate with fixed steps in C, one state or many at a time; no external wrenches.
+
+        "rk4" is the classical Runge-Kutta method: fourth order, stable while dt is below about 2.8 over the fastest
+        eigenfrequency.  "implicit" takes springs, dampers and the controller at the end of a step: first order, and
+        stable whatever their stiffness; theory section "Stiff joints without small steps".
+
+        Args:
+            q0, v0: states, (n,) or (N, n).
+            u: drives, N or N m, held over a step: (n,); for one state (steps, n); for many (N, n), (N, steps, n) or
+                (1, steps, n).
+            dt: length of a step, s.
+            steps: their number.
+            method: "rk4" or "implicit".
+            every: one of so many steps is stored.
+            kp, kd: gains of a joint controller that adds kp (target - q) - kd v: a number for all principal
+                coordinates, or (n,) with 0 at deviations.
+            target: coordinates that the controller aims at, shapes as for ``u``.
+
+        Returns:
+            q and v, (steps // every + 1, n) or (N, steps // every + 1, n), the states at the beginning first.
+
+        Raises:
+            SingularError: M cannot be inverted in a state that is reached.
+            IntegrationError: a state is not finite any more.
+            InputError: another argument is wrong.
+        """
+        return rollout(self, q0, v0, u, dt, steps, method=method, every=every, kp=kp, kd=kd, target=target)
+
+    def _shared(self, run: Callable[[int, int], int], count: int | None, least: int) -> int:
+        """run(first, last) over all states in as many threads as there shall be; -1, or the first failure."""
+        parts = min(self._threads, (count or 0) // least)
+        if parts < 2:
+            return run(0, 1 if count is None else count)
+        edges = [(count or 0) * part // parts for part in range(parts + 1)]
+        failures = [found for found in _pool(parts).map(run, edges[:-1], edges[1:]) if found >= 0]
+        return min(failures, default=-1)
+
     def _frame(self, name: str) -> tuple[int]:
         if name not in self.frames:
-            raise UnknownNameError(f"frame: {name!r} is unknown{_nearest(str(name), self.frames)}")
+            raise UnknownNameError(f"frame: {name!r} is unknown{nearest(str(name), self.frames)}")
         return (self.frames.index(name),)
 
     def _run_with(
@@ -246,7 +339,8 @@ class Kernel:
         result = np.empty(shape, self.dtype) if out is None else self._checked_out(out, shape, arrays)
         failed = self._call(name, arrays, steps, extra, count, result)
         if failed >= 0:
-            self._raise_singular(failed, count)
+            state, coordinate = divmod(failed, self.n)
+            self._raise_singular(name, coordinate, "" if count is None else f" in state {state}")
         return result
 
     def _call(
@@ -272,12 +366,7 @@ class Kernel:
             failed = batch(last - first, setup.pointer, *arguments, *extra, view(pointer, result[first:last]))
             return int(failed) + first * self.n if failed >= 0 else -1
 
-        parts = min(self._threads, count // SHARE)
-        if parts < 2:
-            return run(0, count)
-        edges = [count * part // parts for part in range(parts + 1)]
-        failures = [found for found in _pool(parts).map(run, edges[:-1], edges[1:]) if found >= 0]
-        return min(failures, default=-1)
+        return self._shared(run, count, SHARE)
 
     def _array(self, label: str, value: ArrayLike, shape: tuple[int, ...]) -> tuple[Array, int | None]:
         """The value as a C-contiguous array of this kernel's dtype, and the number of states if it is a batch."""
@@ -339,14 +428,16 @@ class Kernel:
             raise ArrayError("out: overlaps an argument; give it memory of its own")
         return out
 
-    def _raise_singular(self, failed: int, count: int | None) -> None:
-        state, coordinate = divmod(failed, self.n)
-        place = "" if count is None else f" in state {state}"
+    def _raise_singular(self, name: str, coordinate: int, place: str) -> None:
         raise SingularError(
-            f"forward_dynamics: the mass matrix cannot be inverted at {self.coordinates[coordinate]}{place}; either"
+            f"{name}: the mass matrix cannot be inverted at {self.coordinates[coordinate]}{place}; either"
             " the links that it moves have no inertia along it, or an angle beta is at +-pi/2, where Euler angles are"
             " singular"
         )
+
+
+def _three(blocks: Array) -> tuple[Array, Array, Array]:
+    return blocks[..., 0, :, :], blocks[..., 1, :, :], blocks[..., 2, :, :]
 
 
 @functools.cache
@@ -357,89 +448,3 @@ def _pool_of(process: int, threads: int) -> ThreadPoolExecutor:
 def _pool(threads: int) -> ThreadPoolExecutor:
     """Threads that wait for batches; a forked process gets its own."""
     return _pool_of(os.getpid(), threads)
-
-
-class _Setup:
-    """Parameters and what is computed from them; replaced as a whole, so that a running call keeps its own."""
-
-    def __init__(self, ffi: Any, lib: Any, name: str, pointer: str, values: Array, hoisted: int) -> None:
-        self.values = values
-        self.computed = np.zeros(max(hoisted, 1), values.dtype)
-        self.pointer = ffi.from_buffer(pointer, self.computed)
-        padded = values if values.size else np.zeros(1, values.dtype)
-        getattr(lib, f"{name}_setup")(ffi.from_buffer(pointer, padded), self.pointer)
-
-
-class Parameters(MutableMapping[str, float]):
-    """Run-time parameters by name; assigning computes what depends on them alone.
-
-    ``update`` sets several at once.  Masses, stiffnesses, dampings and armatures are at least 0; that an inertia
-    stays one that a body can have is up to the caller.
-    """
-
-    def __init__(self, kernel: Kernel, values: Mapping[str, float], hoisted: int) -> None:
-        self._kernel, self._hoisted = kernel, hoisted
-        self._slots = {name: slot for slot, name in enumerate(values)}
-        self._lock = threading.Lock()
-        self._set(np.array(list(values.values()), kernel.dtype))
-
-    def _set(self, values: Array) -> None:
-        kernel = self._kernel
-        self._setup = _Setup(kernel._ffi, kernel._lib, kernel.name, kernel._pointer, values, self._hoisted)
-
-    def __getitem__(self, name: str) -> float:
-        return float(self._setup.values[self._slot(name)])
-
-    def __setitem__(self, name: str, value: float) -> None:
-        self.update({name: value})
-
-    def __delitem__(self, name: str) -> None:
-        raise InputError(f"parameters: {name!r} cannot be removed; assign another value")
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._slots)
-
-    def __len__(self) -> int:
-        return len(self._slots)
-
-    def __repr__(self) -> str:
-        return f"Parameters({dict(self)})"
-
-    def update(self, *args: Any, **kwargs: float) -> None:
-        """Set several parameters at once; all of them, or none if one is refused.
-
-        Raises:
-            UnknownNameError: not a run-time parameter of this kernel.
-            InputError: not a finite number, or negative where that cannot be.
-        """
-        wanted: dict[int, float] = {}
-        for name, value in dict(*args, **kwargs).items():
-            slot = self._slot(name)
-            if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
-                raise InputError(f"parameters: {name} = {value!r} is not a number")
-            if not np.isfinite(value):
-                raise InputError(f"parameters: {name} = {value!r} is not finite")
-            if value < 0 and name.endswith((".mass", ".stiffness", ".damping", ".armature")):
-                raise InputError(f"parameters: {name} = {value!r} is negative; at least 0 is allowed")
-            wanted[slot] = float(value)
-        with self._lock:  # assignments of other threads are kept
-            values = self._setup.values.copy()
-            values[list(wanted)] = list(wanted.values())
-            self._set(values)
-
-    def _slot(self, name: str) -> int:
-        try:
-            return self._slots[name]
-        except (KeyError, TypeError):
-            pass
-        raise UnknownNameError(
-            f"parameters: {name!r} is not a run-time parameter of {self._kernel.name}"
-            f"{_nearest(str(name), list(self._slots))}; list other numbers of the description under `tunable`"
-        )
-
-
-def _nearest(name: str, known: Sequence[str]) -> str:
-    close = difflib.get_close_matches(name, known, 1)
-    if close:
-        return f"; did you mean {close[0]!r}?"
-    return f"; known: {', '.join(known)}" if known else "; there are none"

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from .errors import DescriptionError
 from .names import IDENTIFIER_RULE, ROBOT_RULE, is_identifier, is_robot_name, show
-from .robot import COORDINATES, INERTIA_KEYS, Joint, Placement, Robot
+from .robot import COORDINATES, INERTIA_KEYS, PRINCIPAL, Joint, Placement, Robot
 
 FIXED_BODY = -1  # what hangs on the base without a moving joint
 
@@ -74,6 +74,17 @@ class Model:
         names = [frame.name for frame in self.robot.frames]
         links = [self.robot.base, *(link.name for link in self.robot.links)]
         return tuple(names + [name for name in links if name not in names])
+
+    @property
+    def principal(self) -> tuple[int, ...]:
+        """Indices of the coordinates that are their joints' principal ones."""
+        kinds = {joint.name: PRINCIPAL.get(joint.type) for joint in self.robot.joints}
+        return tuple(
+            body.first + place
+            for body in self.bodies
+            for place, name in enumerate(body.active)
+            if name == kinds[body.joint]
+        )
 
     def ancestors(self, body: int) -> Iterator[int]:
         """The body and the bodies it hangs on, towards the base."""
