@@ -90,7 +90,7 @@ def _through_joint(
     for index, axis in joint.translations:
         origin = add(origin, cross(scale(2.0, w), unit(axis, v[index])))  # Coriolis
         origin = add(origin, unit(axis, a[index]))
-    if len(joint.rotations) == 1 and any(abs(row[joint.rotations[0].axis]) == 1.0 for row in joint.turn):
+    if len(joint.rotations) == 1 and any(row[joint.rotations[0].axis] in (-1.0, 1.0) for row in joint.turn):
         return _through_turn(parent, joint, (w, d, origin), v, a)
     for turn in joint.rotations:
         back, spin = transpose(turn.matrix), unit(turn.axis, v[turn.index])
