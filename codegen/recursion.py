@@ -156,12 +156,17 @@ def collect(
     return rows, total
 
 
-def through_joint_back(wrench: Wrench, joint: JointGeometry, rows: list[Scalar]) -> Wrench:
-    """Read the joint's rows off a wrench in body axes, and move it to the parent body's origin and axes."""
+def through_joint_back(wrench: Wrench, joint: JointGeometry, rows: list[Scalar], whole: Mat | None = None) -> Wrench:
+    """Read the joint's rows off a wrench in body axes, and move it to the parent body's origin and axes.
+
+    ``whole`` is the product of the joint's rotations, where many wrenches pass: 9 products turn a force, not 12.
+    """
     force, moment = wrench.force, wrench.moment
     for turn in reversed(joint.rotations):
         rows[turn.index] = moment[turn.axis]
-        force, moment = matvec(turn.matrix, force), matvec(turn.matrix, moment)
+        moment = matvec(turn.matrix, moment)
+        force = matvec(turn.matrix, force) if whole is None else force
+    force = force if whole is None else matvec(whole, force)
     for index, axis in joint.translations:
         rows[index] = force[axis]
     force = matvec(joint.turn, force)
