@@ -24,9 +24,10 @@ from .articulated import (
     inertia_tensor,
     inverse_or_zero,
     less,
+    symmetric,
     to_parent,
     turned,
-    without,
+    with_row,
 )
 from .bodies import Bound, Mat, Scalar, Vec, add, cross, dot, matvec, scale, transpose
 from .free_bodies import FreeBodies, Speeds
@@ -135,13 +136,14 @@ class Elimination:
         self.steps[k].append(_Step(index, free, scaled))
         p = inertia.p + Wrench(scale(free, gain.force), scale(free, gain.moment))
         left = Articulated(
-            less(inertia.L, scaled.force, gain.force),
+            symmetric(less(inertia.L, scaled.force, gain.force)),
             less(inertia.C, scaled.force, gain.moment),
-            less(inertia.A, scaled.moment, gain.moment),
+            symmetric(less(inertia.A, scaled.moment, gain.moment)),
             p,
         )
-        exact = isinstance(armature, float) and armature == 0.0
-        return without(left, row, self.drives[index]) if exact else left
+        share = armature * inverse  # of its own row, that is all that the armature leaves
+        row_left = Wrench(scale(share, gain.force), scale(share, gain.moment))
+        return with_row(left, row, row_left, self.drives[index] - armature * free)
 
     def _sizes(self) -> list[tuple[Scalar, Scalar]]:
         """Per body, mass and moments of inertia of all that hangs on it, roughly: what a pivot is compared to.
