@@ -90,24 +90,25 @@ def less(S: Mat, x: Vec, y: Vec) -> Mat:
     return (rows[0], rows[1], rows[2])
 
 
-def without(inertia: Articulated, row: int, drive: Scalar) -> Articulated:
-    """Zeros where an elimination leaves exact ones, and the drive itself where it leaves the drive."""
-    axis, linear = row % 3, row < 3
-
-    def cleared(S: Mat, in_row: bool, in_column: bool) -> Mat:
-        rows = [
-            tuple(0.0 if (in_row and i == axis) or (in_column and j == axis) else S[i][j] for j in range(3))
-            for i in range(3)
-        ]
-        return (rows[0], rows[1], rows[2])  # type: ignore[return-value]
-
-    force, moment = list(inertia.p.force), list(inertia.p.moment)
-    (force if linear else moment)[axis] = drive
+def with_row(inertia: Articulated, row: int, entries: Wrench, held: Scalar) -> Articulated:
+    """The row and column of unit axis ``row`` (0-2 force, 3-5 moment), and the wrench along it, replaced."""
+    axis, force, moment = row % 3, list(inertia.p.force), list(inertia.p.moment)
+    L, C, A = ([list(line) for line in block] for block in (inertia.L, inertia.C, inertia.A))
+    if row < 3:
+        force[axis] = held
+        L[axis], C[axis] = list(entries.force), list(entries.moment)
+        for i in range(3):
+            L[i][axis] = entries.force[i]
+    else:
+        moment[axis] = held
+        A[axis] = list(entries.moment)
+        for i in range(3):
+            A[i][axis], C[i][axis] = entries.moment[i], entries.force[i]
+    L_left, C_left, A_left = (
+        ((S[0][0], S[0][1], S[0][2]), (S[1][0], S[1][1], S[1][2]), (S[2][0], S[2][1], S[2][2])) for S in (L, C, A)
+    )
     p = Wrench((force[0], force[1], force[2]), (moment[0], moment[1], moment[2]))
-    L, C, A = inertia.L, inertia.C, inertia.A
-    if linear:
-        return Articulated(symmetric(cleared(L, True, True)), cleared(C, True, False), symmetric(A), p)
-    return Articulated(symmetric(L), cleared(C, False, True), symmetric(cleared(A, True, True)), p)
+    return Articulated(L_left, C_left, A_left, p)
 
 
 def turned(turn: Rotation, inertia: Articulated) -> Articulated:

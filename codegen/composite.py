@@ -7,7 +7,7 @@ from the tips to the base by the congruence X H X^T.  C is the Christoffel one: 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from eomgen.model import FIXED_BODY, Model
@@ -38,11 +38,14 @@ def mass_matrix(model: Model, bound: Bound, joints: Sequence[JointGeometry], not
     """Entries (i, j) with i <= j of M; an absent pair is identically zero."""
     rows: Rows = {}
     composite = [body.inertia for body in bound.bodies]
+    whole = _whole_rotations(model, joints)
     for k in range(len(model.bodies) - 1, -1, -1):
         note(f"{model.bodies[k].joint}: columns of M from the composite pseudo-inertia, eq. (11)")
         columns, at_joint = _columns(composite[k], joints[k])
         for index, wrench in columns:
-            _read_column(model, joints, k, index, wrench, rows)
+            _read_column(model, joints, whole, k, index, wrench, rows)
+        if len(joints[k].translations) > 1:
+            _read_translations(model, joints, k, at_joint, rows)
         parent = model.bodies[k].parent
         if parent != FIXED_BODY:
             composite[parent] = composite[parent] + to_parent(at_joint, joints[k])
@@ -52,10 +55,11 @@ def mass_matrix(model: Model, bound: Bound, joints: Sequence[JointGeometry], not
 
 
 def _columns(H: PseudoInertia, joint: JointGeometry) -> tuple[list[tuple[int, Wrench]], PseudoInertia]:
-    """Wrench of a unit acceleration along every coordinate, in the axes in front of that coordinate; H there.
+    """Wrench of a unit acceleration of a coordinate, in the axes in front of it; H in the joint's axes.
 
     A rotation leaves its own axis alone, so its column is read from H in front of it: one rotation less per column.
-    The moment of inertia about that axis is taken behind it, where the base joint needs nothing else.
+    The moment of inertia about that axis is taken behind it, where the base joint needs nothing else.  Several
+    translations are left to ``_read_translations``.
     """
     columns = []
     for turn in reversed(joint.rotations):
@@ -65,23 +69,67 @@ def _columns(H: PseudoInertia, joint: JointGeometry) -> tuple[list[tuple[int, Wr
         moment = list(rotational_inertia(H, axis))
         moment[turn.axis] = about_axis
         columns.append((turn.index, Wrench(cross(axis, H.first), (moment[0], moment[1], moment[2]))))
-    for index, axis_number in joint.translations:
-        axis = unit(axis_number)
-        columns.append((index, Wrench(scale(H.mass, axis), cross(H.first, axis))))
+    if len(joint.translations) == 1:
+        ((index, number),) = joint.translations
+        columns.append((index, Wrench(scale(H.mass, unit(number)), cross(H.first, unit(number)))))
     return columns, H
 
 
-def _read_column(model: Model, joints: Sequence[JointGeometry], k: int, index: int, wrench: Wrench, rows: Rows) -> None:
+def _read_column(
+    model: Model,
+    joints: Sequence[JointGeometry],
+    whole: Mapping[int, Mat],
+    k: int,
+    index: int,
+    wrench: Wrench,
+    rows: Rows,
+) -> None:
     """All entries of one column: in its own joint from where it stands, then towards the base."""
     read: list[Scalar] = [None] * model.size
     wrench = through_joint_back(wrench, front(joints[k], index), read)
     parent = model.bodies[k].parent
     while parent != FIXED_BODY:
-        wrench = through_joint_back(wrench, joints[parent], read)
+        wrench = through_joint_back(wrench, joints[parent], read, whole.get(parent))
         parent = model.bodies[parent].parent
     for row, value in enumerate(read):
         if value is not None and (row <= index):
             rows[row, index] = value
+
+
+def _read_translations(model: Model, joints: Sequence[JointGeometry], k: int, H: PseudoInertia, rows: Rows) -> None:
+    """Columns of a joint's translations: force m e, moment mc x e, where e and mc alone move through the joints.
+
+    H is that in the joint's axes.
+    """
+    axes = [(index, unit(axis)) for index, axis in joints[k].translations]
+    first, body = H.first, k
+    for index, e in axes:
+        rows.update({(row, index): H.mass * e[axis] for row, axis in joints[k].translations if row <= index})
+    while axes and model.bodies[body].parent != FIXED_BODY:
+        turn, offset, body = joints[body].turn, joints[body].offset, model.bodies[body].parent
+        axes = [(index, matvec(turn, e)) for index, e in axes]
+        first = add(matvec(turn, first), scale(H.mass, offset))
+        for step in reversed(joints[body].rotations):
+            rows.update({(step.index, index): cross(first, e)[step.axis] for index, e in axes})
+            axes = [(index, matvec(step.matrix, e)) for index, e in axes]
+            first = matvec(step.matrix, first)
+        for index, e in axes:
+            rows.update({(row, index): H.mass * e[axis] for row, axis in joints[body].translations})
+
+
+def _whole_rotations(model: Model, joints: Sequence[JointGeometry]) -> dict[int, Mat]:
+    """The product of a joint's three rotations, where enough columns pass to make it worth its 14 products."""
+    behind = [0] * len(joints)
+    for k in range(len(joints) - 1, -1, -1):
+        parent = model.bodies[k].parent
+        if parent != FIXED_BODY:
+            behind[parent] += behind[k] + len(joints[k].rotations)
+    product: dict[int, Mat] = {}
+    for k, joint in enumerate(joints):
+        if len(joint.rotations) == 3 and behind[k] > 5:
+            one, two, three = (turn.matrix for turn in joint.rotations)
+            product[k] = matmul(matmul(one, two), three)
+    return product
 
 
 def front(joint: JointGeometry, index: int) -> JointGeometry:

@@ -7,9 +7,7 @@ A body with all that hangs on it answers an acceleration (a, w_dot) of its origi
 its articulated inertia; for a body alone L = m 1, C w_dot = w_dot x mc, A = I.  A coordinate along a unit axis takes
 one rank-one term away (R. Featherstone, Rigid Body Dynamics Algorithms, chapter 7, one elementary step at a time).
 
-A joint with all six coordinates hands on no inertia at all: its wrench follows from the drives alone, because the six
-traces against its tangents determine it.  What hangs on such joints is a free body, and only their armatures, which
-oppose a relative acceleration, couple it to its parent.
+A joint with all six coordinates hands on no inertia at all: what hangs on such joints is a free body (``free_bodies``).
 """
 
 from __future__ import annotations
@@ -18,45 +16,23 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from eomgen.model import FIXED_BODY, Model
-from eomgen.robot import COORDINATES
 
 from .articulated import (
     NOTHING,
     Articulated,
-    diagonal_product,
     gyroscopic_moment,
     inertia_tensor,
-    inverse3,
     inverse_or_zero,
     less,
-    scale_mat,
-    sum_mat,
     symmetric,
     to_parent,
     turned,
-    without,
+    with_row,
 )
-from .bodies import Bound, Mat, Scalar, Vec, add, cross, dot, matmul, matvec, scale, transpose
-from .composite import rotated_block
+from .bodies import Bound, Mat, Scalar, Vec, add, cross, dot, matvec, scale, transpose
+from .free_bodies import FreeBodies, Speeds
 from .freeze import JointGeometry, unit
-from .recursion import (
-    NO_WRENCH,
-    ZERO,
-    Acceleration,
-    Note,
-    Wrench,
-    acceleration,
-    no_note,
-)
-
-
-@dataclass(frozen=True)
-class _Speeds:
-    """Angular velocities: in the joint's axes, behind every rotation; and the acceleration that velocities make."""
-
-    joint: Vec
-    behind: tuple[Vec, ...]
-    drift: Vec  # of the origin, joint axes
+from .recursion import NO_WRENCH, ZERO, Acceleration, Note, Wrench, acceleration, no_note
 
 
 @dataclass(frozen=True)
@@ -66,18 +42,6 @@ class _Step:
     index: int
     free: Scalar
     gain: Wrench
-
-
-@dataclass(frozen=True)
-class _FreeBody:
-    """A body behind a joint with six coordinates: w_dot = inverse (right + G w0), a = specific - U com."""
-
-    inverse: Mat
-    right: Vec
-    G: Mat
-    specific: Vec
-    com: Vec
-    inverse_cosine: Scalar
 
 
 class Elimination:
@@ -96,16 +60,16 @@ class Elimination:
         n = model.size
         self.accelerations: list[Scalar] = [0.0] * n
         self.pivots: list[tuple[Scalar, Scalar]] = [(1.0, 1.0)] * n
-        self.free = _free_bodies(model, bound)
+        self.bodies = FreeBodies(model, bound, joints, v, drives, self.accelerations, self.pivots)
+        self.free = self.bodies.free
         self.sizes = self._sizes()
         self.speeds = self._speeds()
         self.steps: list[list[_Step]] = [[] for _ in model.bodies]
-        self.bodies: dict[int, _FreeBody] = {}
         self._backward()
         self._forward()
 
-    def _speeds(self) -> list[_Speeds]:
-        found: list[_Speeds] = []
+    def _speeds(self) -> list[Speeds]:
+        found: list[Speeds] = []
         for body, joint in zip(self.model.bodies, self.joints, strict=True):
             parent = ZERO if body.parent == FIXED_BODY else found[body.parent].behind[-1]
             back = transpose(joint.turn)
@@ -116,21 +80,23 @@ class Elimination:
             behind = [w]
             for turn in joint.rotations:
                 behind.append(add(matvec(transpose(turn.matrix), behind[-1]), unit(turn.axis, self.v[turn.index])))
-            found.append(_Speeds(w, tuple(behind), drift))
+            found.append(Speeds(w, tuple(behind), drift))
         return found
 
     def _backward(self) -> None:
         inertias = [self._body(k) for k in range(len(self.joints))]
         for k in range(len(self.joints) - 1, -1, -1):
             self.note(f"{self.model.bodies[k].joint}: eliminated, from the tips to the base")
-            eliminate = self._eliminate_free if self.free[k] else self._eliminate_steps
-            at_joint = eliminate(k, inertias[k])
+            if self.free[k]:
+                at_joint = self.bodies.eliminate(k, inertias[k].p, self.speeds[k])
+            else:
+                at_joint = self._eliminate_steps(k, inertias[k])
             parent = self.model.bodies[k].parent
             if parent != FIXED_BODY:
                 inertias[parent] = inertias[parent] + to_parent(at_joint, self.joints[k])
 
     def _body(self, k: int) -> Articulated:
-        """The body alone; one behind six coordinates brings its mass in itself (``_eliminate_free``)."""
+        """The body alone; one behind six coordinates brings its mass in itself (``FreeBodies``)."""
         if self.free[k]:
             return Articulated(NOTHING, NOTHING, NOTHING, NO_WRENCH)
         H, w = self.bound.bodies[k].inertia, self.speeds[k].behind[-1]
@@ -170,13 +136,14 @@ class Elimination:
         self.steps[k].append(_Step(index, free, scaled))
         p = inertia.p + Wrench(scale(free, gain.force), scale(free, gain.moment))
         left = Articulated(
-            less(inertia.L, scaled.force, gain.force),
+            symmetric(less(inertia.L, scaled.force, gain.force)),
             less(inertia.C, scaled.force, gain.moment),
-            less(inertia.A, scaled.moment, gain.moment),
+            symmetric(less(inertia.A, scaled.moment, gain.moment)),
             p,
         )
-        exact = isinstance(armature, float) and armature == 0.0
-        return without(left, row, self.drives[index]) if exact else left
+        share = armature * inverse  # of its own row, that is all that the armature leaves
+        row_left = Wrench(scale(share, gain.force), scale(share, gain.moment))
+        return with_row(left, row, row_left, self.drives[index] - armature * free)
 
     def _sizes(self) -> list[tuple[Scalar, Scalar]]:
         """Per body, mass and moments of inertia of all that hangs on it, roughly: what a pivot is compared to.
@@ -194,69 +161,16 @@ class Elimination:
                 moments[parent] = moments[parent] + (moments[k] + masses[k] * dot(offset, offset))
         return list(zip(masses, moments, strict=True))
 
-    def _eliminate_free(self, k: int, inertia: Articulated) -> Articulated:
-        """All six coordinates at once: the joint's wrench from the drives, and the free body's own equations."""
-        joint, first = self.joints[k], self.model.bodies[k].first
-        alpha, beta, gamma = joint.rotations
-        force = (self.drives[first], self.drives[first + 1], self.drives[first + 2])
-        inverse_cosine = 1.0 / beta.cos
-        self.pivots[beta.index] = (beta.cos * beta.cos, 1.0)
-        # in the axes behind beta: tau_alpha = cos n_x + sin n_z, tau_beta = n_y, tau_gamma = n_z
-        d = self.drives
-        n_x = (d[alpha.index] - beta.sin * d[gamma.index]) * inverse_cosine
-        held: Vec = (n_x, d[beta.index], d[gamma.index])
-        in_body = matvec(transpose(gamma.matrix), held)
-        push = force
-        for turn in joint.rotations:
-            push = matvec(transpose(turn.matrix), push)
-        G = self._armature_block(k, inverse_cosine)
-        H = self.bound.bodies[k].inertia
-        inverse_mass = inverse_or_zero(H.mass)
-        com = scale(inverse_mass, H.first)
-        J = symmetric(less(H.second, com, H.first))
-        left = add(push, scale(-1.0, inertia.p.force))  # m times the acceleration of the centre of mass
-        turning = add(gyroscopic_moment(J, self.speeds[k].behind[-1]), cross(com, left))
-        right = add(in_body, scale(-1.0, add(inertia.p.moment, turning)))
-        about_com = sum_mat(sum_mat(inertia_tensor(J), inertia.A), G)
-        inverse, determinant = inverse3(symmetric(about_com))
-        self.pivots[gamma.index] = (determinant, diagonal_product(about_com))
-        self.pivots[first] = (H.mass, 0.0)
-        specific = scale(inverse_mass, left)
-        self.bodies[k] = _FreeBody(inverse, right, G, specific, com, inverse_cosine)
-        turned_G = matmul(G, inverse)
-        passed = symmetric(sum_mat(G, scale_mat(-1.0, matmul(turned_G, G))))
-        back = scale(-1.0, matvec(turned_G, right))  # what the armatures take from the held moment
-        moment = add(add(in_body, back), matvec(passed, self._unforced(k, ZERO)))
-        for turn in reversed(joint.rotations):
-            moment, passed = matvec(turn.matrix, moment), rotated_block(turn, passed)
-        return Articulated(NOTHING, NOTHING, passed, Wrench(force, moment))
-
-    def _armature_block(self, k: int, inverse_cosine: Scalar) -> Mat:
-        """G: the moment in body axes that armatures of angles set against a relative angular acceleration."""
-        alpha, beta, gamma = self.joints[k].rotations
-        tangent = beta.sin * inverse_cosine
-        back = transpose(gamma.matrix)
-        duals: tuple[Vec, ...] = ((inverse_cosine, 0.0, 0.0), (0.0, 1.0, 0.0), (-tangent, 0.0, 1.0))
-        G = NOTHING
-        for turn, dual in zip((alpha, beta, gamma), duals, strict=True):
-            w = matvec(back, dual)
-            G = less(G, scale(-1.0 * self.bound.armature[turn.index], w), w)
-        return G
-
-    def _unforced(self, k: int, d: Vec) -> Vec:
-        """Angular acceleration behind the joint if its own coordinates did not accelerate; d in the joint's axes."""
-        for turn, w in zip(self.joints[k].rotations, self.speeds[k].behind[1:], strict=True):
-            d = add(matvec(transpose(turn.matrix), d), cross(w, unit(turn.axis, self.v[turn.index])))
-        return d
-
     def _forward(self) -> None:
         found: list[Acceleration] = []
         base = acceleration(ZERO, ZERO, scale(-1.0, self.bound.gravity))
         for k, body in enumerate(self.model.bodies):
             self.note(f"{body.joint}: accelerations, from the base to the tips")
             parent = base if body.parent == FIXED_BODY else found[body.parent]
-            release = self._release_free if self.free[k] else self._release_steps
-            a, d = release(k, parent)
+            if self.free[k]:
+                a, d = self.bodies.release(k, parent, self.speeds[k])
+            else:
+                a, d = self._release_steps(k, parent)
             found.append(acceleration(self.speeds[k].behind[-1], d, a))
 
     def _release_steps(self, k: int, parent: Acceleration) -> tuple[Vec, Vec]:
@@ -280,35 +194,3 @@ class Elimination:
             value = released(turn.index, a, d)
             d = add(add(d, cross(w, unit(turn.axis, self.v[turn.index]))), unit(turn.axis, value))
         return a, d
-
-    def _release_free(self, k: int, parent: Acceleration) -> tuple[Vec, Vec]:
-        joint, solved, first = self.joints[k], self.bodies[k], self.model.bodies[k].first
-        alpha, beta, gamma = joint.rotations
-        back = transpose(joint.turn)
-        unforced = self._unforced(k, matvec(back, parent.dot))
-        d = matvec(solved.inverse, add(solved.right, matvec(solved.G, unforced)))
-        a = add(solved.specific, scale(-1.0, matvec(acceleration(self.speeds[k].behind[-1], d, ZERO).U, solved.com)))
-        relative = matvec(gamma.matrix, add(d, scale(-1.0, unforced)))  # behind beta
-        about_alpha = relative[0] * solved.inverse_cosine
-        self.accelerations[alpha.index] = about_alpha
-        self.accelerations[beta.index] = relative[1]
-        self.accelerations[gamma.index] = relative[2] - beta.sin * about_alpha
-        along = a
-        for turn in reversed(joint.rotations):
-            along = matvec(turn.matrix, along)
-        carried = matvec(back, add(parent.origin, matvec(parent.U, joint.offset)))
-        for index, axis in joint.translations:
-            carried = add(carried, cross(scale(2.0, self.speeds[k].joint), unit(axis, self.v[index])))
-        self.accelerations[first : first + 3] = add(along, scale(-1.0, carried))
-        return a, d
-
-
-def _free_bodies(model: Model, bound: Bound) -> list[bool]:
-    """Bodies behind six coordinates whose children, all of that kind too, hand on no mass."""
-    free = [False] * len(model.bodies)
-    for k in range(len(model.bodies) - 1, -1, -1):
-        body = model.bodies[k]
-        slides = [bound.armature[body.first + i] for i in range(3)] if body.active == COORDINATES else []
-        light = bool(slides) and all(isinstance(c, float) and c == 0.0 for c in slides)
-        free[k] = light and all(free[child] for child in model.children(k))
-    return free

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 from .ir import Graph, Instruction, Node, Program, Value, finish, select, users, verify
 
@@ -56,7 +58,106 @@ def _negative(
     return None
 
 
-PASSES: Sequence[Callable[[Program], Program]] = (absorb_negations,)
+def factor_sums(program: Program) -> Program:
+    """a f + b f as (a + b) f, also where other summands stand between them; products that others use stay."""
+    count = users(program)
+    inner = _inner_sums(program, count)
+    plans: dict[int, list[_Group]] = {}
+    for index, instruction in enumerate(program.instructions):
+        if instruction.op in SUMS and not inner[index]:
+            groups = _groups(_summands(program, index, inner), program, count)
+            if any(len(group.parts) > 1 for group in groups):
+                plans[index] = groups
+    return _rebuilt(program, plans) if plans else program
+
+
+SUMS = ("add", "sub", "neg")
+
+
+@dataclass
+class _Group:
+    """Summands with a common factor, (sign, what is left of each); a summand by itself has no factor."""
+
+    factor: int | None
+    parts: list[tuple[int, int]]
+
+
+def _inner_sums(program: Program, count: Sequence[int]) -> list[bool]:
+    """Whether a value is a sum that only another sum uses, once."""
+    inner = [False] * len(program.instructions)
+    for instruction in program.instructions:
+        if instruction.op in SUMS:
+            for arg in instruction.args:
+                inner[arg] = count[arg] == 1 and program.instructions[arg].op in SUMS
+    return inner
+
+
+def _summands(program: Program, index: int, inner: Sequence[bool]) -> list[tuple[int, int]]:
+    """(sign, value) of everything that a sum adds up, from left to right."""
+    found: list[tuple[int, int]] = []
+    waiting = [(1, index)]
+    while waiting:
+        sign, value = waiting.pop()
+        op, args = program.instructions[value].op, program.instructions[value].args
+        if value != index and not inner[value]:
+            found.append((sign, value))
+        elif op == "neg":
+            waiting.append((-sign, args[0]))
+        else:
+            waiting += [(sign if op == "add" else -sign, args[1]), (sign, args[0])]
+    return found
+
+
+def _groups(summands: list[tuple[int, int]], program: Program, count: Sequence[int]) -> list[_Group]:
+    """The summands, those with a common factor together, at the place of the first of them."""
+    products = {value for _, value in summands if program.instructions[value].op == "mul" and count[value] == 1}
+    often = Counter(arg for value in products for arg in set(program.instructions[value].args))
+    groups: list[_Group] = []
+    open_groups: dict[int, _Group] = {}
+    for sign, value in summands:
+        args = program.instructions[value].args if value in products else ()
+        factor = max(args, key=lambda arg: (arg in open_groups, often[arg]), default=None)
+        if factor is None or often[factor] < 2:
+            groups.append(_Group(None, [(sign, value)]))
+            continue
+        rest = args[1] if args[0] == factor else args[0]
+        often[rest] -= rest != factor
+        if factor not in open_groups:
+            open_groups[factor] = _Group(factor, [])
+            groups.append(open_groups[factor])
+        open_groups[factor].parts.append((sign, rest))
+    return groups
+
+
+def _rebuilt(program: Program, plans: Mapping[int, list[_Group]]) -> Program:
+    """The program with the planned sums written anew."""
+    graph, made = Graph(), dict[int, Node]()
+
+    def total(parts: list[tuple[int, Value]]) -> Value:
+        parts = sorted(parts, key=lambda part: part[0] < 0)  # a positive one in front saves the sign
+        value: Value = 0.0
+        for sign, part in parts:
+            value = graph.add(value, part) if sign > 0 else graph.sub(value, part)
+        return value
+
+    for index, instruction in enumerate(program.instructions):
+        if index in program.notes:
+            graph.note(program.notes[index])
+        if index in plans:
+            parts: list[tuple[int, Value]] = []
+            for group in plans[index]:
+                sign = max(sign for sign, _ in group.parts)
+                inside = total([(sign * s, made[value]) for s, value in group.parts])
+                parts.append((sign, inside if group.factor is None else graph.mul(inside, made[group.factor])))
+            value = total(parts)
+            made[index] = value if isinstance(value, Node) else graph.constant(value)
+        else:
+            args = tuple(made[arg].index for arg in instruction.args)
+            made[index] = graph.insert(instruction.op, args, instruction.leaf)
+    return finish(graph, program.name, {key: made[index] for key, index in program.outputs.items()})
+
+
+PASSES: Sequence[Callable[[Program], Program]] = (factor_sums, absorb_negations)
 
 
 def run_passes(program: Program) -> Program:

@@ -10,7 +10,7 @@ expressions alike.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from eomgen.model import FIXED_BODY, Model
 
@@ -90,12 +90,36 @@ def _through_joint(
     for index, axis in joint.translations:
         origin = add(origin, cross(scale(2.0, w), unit(axis, v[index])))  # Coriolis
         origin = add(origin, unit(axis, a[index]))
+    if len(joint.rotations) == 1 and any(row[joint.rotations[0].axis] in (-1.0, 1.0) for row in joint.turn):
+        return _through_turn(parent, joint, (w, d, origin), v, a)
     for turn in joint.rotations:
         back, spin = transpose(turn.matrix), unit(turn.axis, v[turn.index])
         w, origin = matvec(back, w), matvec(back, origin)
         d = add(add(matvec(back, d), cross(w, spin)), unit(turn.axis, a[turn.index]))
         w = add(w, spin)
     return acceleration(w, d, origin)
+
+
+def _through_turn(
+    parent: Acceleration, joint: JointGeometry, at_joint: tuple[Vec, Vec, Vec], v: Sequence[Scalar], a: Sequence[Scalar]
+) -> Acceleration:
+    """One rotation about an axis e of the parent's frame: U e is the same vector in front of it and behind it.
+
+    Both bodies carry the axis with them.  So the column U e turns like any vector, w_dot across the axis follows from
+    it, and the products of rates that carry w_dot through the joint are saved.
+    """
+    (turn,) = joint.rotations
+    (w, d, origin), back = at_joint, transpose(turn.matrix)
+    i, j, k = (turn.axis + 1) % 3, (turn.axis + 2) % 3, turn.axis
+    w = add(matvec(back, w), unit(k, v[turn.index]))
+    axis = tuple(row[k] for row in joint.turn)
+    column = matvec(back, matvec(transpose(joint.turn), matvec(parent.U, axis)))
+    across = {i: w[j] * w[k] - column[j], j: column[i] - w[i] * w[k], k: d[k] + a[turn.index]}
+    moving = acceleration(w, (across[0], across[1], across[2]), matvec(back, origin))
+    U = [list(row) for row in moving.U]
+    U[i][k], U[j][k] = column[i], column[j]
+    a_row, b_row, c_row = ((row[0], row[1], row[2]) for row in U)
+    return replace(moving, U=(a_row, b_row, c_row))
 
 
 def body_wrench(K: Acceleration, H: PseudoInertia) -> Wrench:
@@ -132,12 +156,17 @@ def collect(
     return rows, total
 
 
-def through_joint_back(wrench: Wrench, joint: JointGeometry, rows: list[Scalar]) -> Wrench:
-    """Read the joint's rows off a wrench in body axes, and move it to the parent body's origin and axes."""
+def through_joint_back(wrench: Wrench, joint: JointGeometry, rows: list[Scalar], whole: Mat | None = None) -> Wrench:
+    """Read the joint's rows off a wrench in body axes, and move it to the parent body's origin and axes.
+
+    ``whole`` is the product of the joint's rotations, where many wrenches pass: 9 products turn a force, not 12.
+    """
     force, moment = wrench.force, wrench.moment
     for turn in reversed(joint.rotations):
         rows[turn.index] = moment[turn.axis]
-        force, moment = matvec(turn.matrix, force), matvec(turn.matrix, moment)
+        moment = matvec(turn.matrix, moment)
+        force = matvec(turn.matrix, force) if whole is None else force
+    force = force if whole is None else matvec(whole, force)
     for index, axis in joint.translations:
         rows[index] = force[axis]
     force = matvec(joint.turn, force)

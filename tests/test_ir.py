@@ -25,7 +25,7 @@ from eomgen.codegen import render
 from eomgen.codegen.compile import FLAGS
 from eomgen.codegen.equations import derive_equations
 from eomgen.codegen.ir import Graph, Instruction, Node, Program, evaluate, finish, users, verify
-from eomgen.codegen.passes import PASSES, hoist_parameters, run_passes
+from eomgen.codegen.passes import PASSES, factor_sums, hoist_parameters, run_passes
 from eomgen.codegen.render import SCALARS, write_function
 from eomgen.codegen.signatures import KERNELS, PARTS
 from eomgen.codegen.source import Source
@@ -281,6 +281,20 @@ def test_folding_leaves_nothing_to_fold(plan: Sequence[tuple[str, int, int]]) ->
             assert arguments[0].op != "neg"
     assert len(set(instructions)) == len(instructions)
     assert 0 not in users(program)
+
+
+def test_common_factors_of_a_sum() -> None:
+    """a f + (c - b f) + a g: one product with f, though c stands between; a product that is used twice stays."""
+    graph = Graph()
+    a, b, c, f, g = (graph.input("q", i) for i in range(5))
+    sum_ = a * f + (c - b * f) + a * g
+    kept, both = a * c, b * c
+    program = finish(graph, "sums", {("out", 0): sum_, ("out", 1): kept + both, ("out", 2): kept})
+    factored = factor_sums(program)
+    assert (program.count()["mul"], factored.count()["mul"]) == (5, 4)
+    assert factored.count()["add"] == program.count()["add"]
+    inputs = {"q": [2.0, 3.0, 5.0, 7.0, 11.0]}
+    assert evaluate(factored, inputs) == evaluate(program, inputs)
 
 
 @pytest.mark.parametrize("step", PASSES, ids=lambda step: step.__name__)
