@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
-from benchmarks.peers.mjcf import mjcf
 from numpy.typing import NDArray
 
+from benchmarks.peers.mjcf import mjcf
 from eomgen.robot import Robot
 
 Array = NDArray[np.float64]

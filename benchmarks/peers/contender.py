@@ -77,8 +77,10 @@ def build_library(
     link: Sequence[str],
     sources: Mapping[str, str],
     depends: Sequence[str] = (),
+    *,
+    program: bool = False,
 ) -> Path:
-    """A shared library, compiled once and then from the cache.
+    """A shared library, or a program, compiled once and then from the cache.
 
     Args:
         name: of the library.
@@ -87,6 +89,7 @@ def build_library(
         link: flags of the linker.
         sources: file name -> text.
         depends: what else it depends on: versions of headers.
+        program: make a program.
 
     Raises:
         MissingPeer: the compiler is missing or fails.
@@ -99,21 +102,23 @@ def build_library(
     for text in (name, version, processor(), repr(parts), repr(link), *sources.values(), *depends):
         digest.update(f"{len(text)}:{text}".encode())
 
+    target = name if program else f"lib{name}.so"
+
     def make(folder: Path) -> None:
         for file, text in sources.items():
             (folder / file).write_text(text, encoding="ascii")
         objects = [folder / f"part{i}.o" for i in range(len(parts))]
         jobs = [
-            [*command, "-fPIC", *flags[:-1], "-c", str(folder / flags[-1]), "-o", str(target)]
-            for flags, target in zip(parts, objects, strict=True)
+            [*command, "-fPIC", *flags[:-1], "-c", str(folder / flags[-1]), "-o", str(made)]
+            for flags, made in zip(parts, objects, strict=True)
         ]
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             list(pool.map(_run, jobs))
-        _run([*command, "-shared", *map(str, objects), *link, "-o", str(folder / f"lib{name}.so")])
-        for target in objects:
-            target.unlink()
+        _run([*command, *(() if program else ("-shared",)), *map(str, objects), *link, "-o", str(folder / target)])
+        for made in objects:
+            made.unlink()
 
-    return cache.entry("peers", digest.hexdigest(), make) / f"lib{name}.so"
+    return cache.entry("peers", digest.hexdigest(), make) / target
 
 
 def _run(command: Sequence[str]) -> None:

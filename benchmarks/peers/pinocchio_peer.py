@@ -18,6 +18,7 @@ from .contender import FFI, Contender, MissingPeer, address, build_library
 
 NAME = "Pinocchio"
 SOURCE = Path(__file__).with_suffix(".cpp")
+HEADER = SOURCE.with_name("pinocchio_model.hpp")
 FLAGS = ("-O3", "-march=native")
 OTHERS = (  # as Pinocchio's own build sets them
     "-std=c++17",
@@ -53,34 +54,54 @@ def library() -> Path:
     Raises:
         MissingPeer: a header or the compiler is missing.
     """
-    include = [*_include("pinocchio/multibody.hpp", "pin"), *_eigen()]
-    flags = (*FLAGS, *OTHERS, *(f"-I{folder}" for folder in include))
+    flags = (*FLAGS, *compile_flags())
     parts = [(*flags, f"-DPART={i + 1}", SOURCE.name) for i in range(PARTS)]
-    sources = {SOURCE.name: SOURCE.read_text(encoding="ascii")}
-    return build_library(
-        "pinocchio_peer", os.environ.get("CXX", "") or "g++", parts, (), sources, (version(), _eigen_version())
-    )
+    return build_library("pinocchio_peer", cxx(), parts, (), sources(SOURCE), versions())
 
 
-def _include(header: str, wheel: str) -> list[str]:
+def cxx() -> str:
+    """The C++ compiler: $CXX or g++."""
+    return os.environ.get("CXX", "") or "g++"
+
+
+def compile_flags() -> tuple[str, ...]:
+    """What every translation unit with Pinocchio's headers is compiled with.
+
+    Raises:
+        MissingPeer: a header is missing.
+    """
+    folders = (_include("pinocchio/multibody.hpp"), _eigen())
+    return (*OTHERS, *(f"-I{folder}" for folder in folders))
+
+
+def versions() -> tuple[str, ...]:
+    """Of the headers."""
+    text = (_eigen() / "Eigen/src/Core/util/Macros.h").read_text(encoding="utf-8")
+    eigen = "".join(line for line in text.splitlines() if "define EIGEN_" in line and "_VERSION" in line)
+    return version(), eigen
+
+
+def sources(main: Path) -> dict[str, str]:
+    """A source with the header that it shares."""
+    return {path.name: path.read_text(encoding="ascii") for path in (main, HEADER)}
+
+
+def _include(header: str) -> Path:
     for entry in sys.path:
         folder = Path(entry, "cmeel.prefix", "include")
         if (folder / header).exists():
-            return [str(folder)]
-    raise MissingPeer(f"the wheel {wheel} with its headers is not installed")
+            return folder
+    raise MissingPeer("the wheel pin with its headers is not installed")
 
 
-def _eigen() -> list[str]:
-    places = [Path(entry, "cmeel.prefix", "include", "eigen3") for entry in sys.path]
-    for folder in (*places, Path("/usr/include/eigen3")):
+def _eigen() -> Path:
+    for folder in (
+        *(Path(entry, "cmeel.prefix", "include", "eigen3") for entry in sys.path),
+        Path("/usr/include/eigen3"),
+    ):
         if (folder / "Eigen" / "Core").exists():
-            return [str(folder)]
+            return folder
     raise MissingPeer("Eigen's headers are not installed (pip install cmeel-eigen, or Debian's libeigen3-dev)")
-
-
-def _eigen_version() -> str:
-    text = Path(_eigen()[0], "Eigen", "src", "Core", "util", "Macros.h").read_text(encoding="utf-8")
-    return "".join(line for line in text.splitlines() if "define EIGEN_" in line and "_VERSION" in line)
 
 
 class PinocchioPeer:

@@ -1,4 +1,4 @@
-"""The ratios to hold: a peer's time by this project's, in one run on one core, this project's code compiled natively."""
+"""The ratios to hold: a peer's time by eomgen's, in one run on one core, eomgen's code compiled natively."""
 
 from __future__ import annotations
 

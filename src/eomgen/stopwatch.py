@@ -29,8 +29,8 @@ class Timed:
     """A function that is timed, by addresses.
 
     code: ``int (const double *h, const double *..., double *out)``, with as many arrays as are given to ``time``; if
-    ``batch``, ``long long (size_t count, const double *h, const double *, size_t step, ..., double *out)``, one call for
-    all states.  h, out: its first and last argument; whoever asks for a time keeps them alive.
+    ``batch``, ``long long (size_t count, const double *h, const double *, size_t step, ..., double *out)``, one call
+    for all states.  h, out: its first and last argument; whoever asks for a time keeps them alive.
     """
 
     code: int
