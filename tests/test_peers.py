@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -146,12 +145,6 @@ def test_a_library_is_compiled_once(empty_cache: Path, monkeypatch: pytest.Monke
     monkeypatch.setattr(contender, "_run", lambda command: pytest.fail("compiled again"))
     assert build_library(*arguments) == path
     assert path.is_relative_to(empty_cache)
-
-
-def test_the_report_is_plain_json() -> None:
-    values = json.loads((DOCS / "peers.json").read_text(encoding="ascii"))
-    assert {"machine", "rounds", "entries", "growing", "missing"} <= set(values)
-    assert "/" not in str(values["machine"].get("Pinocchio", "")).replace("n/a", "")
 
 
 def test_it_runs_without_peers(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -43,13 +43,14 @@ def _add_body(parent: ElementTree.Element, back: Array, joint: Joint, link: Link
     xx, yy, zz, xy, xz, yz = link.inertia
     inertia = turn.T @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn
     full = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-    values = {"mass": repr(link.mass), "pos": _text(turn.T @ np.array(link.com)), "fullinertia": _text(full)}
-    ElementTree.SubElement(body, "inertial", values)
+    if link.mass > 0 or joint.coordinates:  # a massless frame is fine where nothing moves it
+        values = {"mass": repr(link.mass), "pos": _text(turn.T @ np.array(link.com)), "fullinertia": _text(full)}
+        ElementTree.SubElement(body, "inertial", values)
     for name, given in joint.coordinates.items():
-        values = {key: repr(getattr(given, key) or 0.0) for key in ("stiffness", "damping", "armature")}
-        kind = "hinge" if name in ANGULAR else "slide"
-        axis = AXES[COORDINATES.index(name) % 3]
-        ElementTree.SubElement(body, "joint", name=f"{joint.name}.{name}", type=kind, axis=axis, **values)
+        values = {"name": f"{joint.name}.{name}", "type": "hinge" if name in ANGULAR else "slide"}
+        values["axis"] = AXES[COORDINATES.index(name) % 3]
+        values |= {key: repr(getattr(given, key) or 0.0) for key in ("stiffness", "damping", "armature")}
+        ElementTree.SubElement(body, "joint", values)
     return body, turn.T
 
 

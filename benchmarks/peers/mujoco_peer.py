@@ -53,7 +53,12 @@ def library() -> Path:
     parts = [("-std=c99", "-O2", f"-I{folder / 'include'}", SOURCE.name)]
     link = (str(found[0]), f"-Wl,-rpath,{folder}")
     return build_library(
-        "mujoco_peer", " ".join(compiler.command), parts, link, {SOURCE.name: SOURCE.read_text()}, (version(),)
+        "mujoco_peer",
+        " ".join(compiler.command),
+        parts,
+        link,
+        {SOURCE.name: SOURCE.read_text(encoding="ascii")},
+        (version(),),
     )
 
 
@@ -72,7 +77,8 @@ class MujocoPeer:
             path.write_text(mjcf(case.robot, TIME_STEP, "implicitfast"), encoding="ascii")
             self._model = self._library.mujoco_peer_load(str(path).encode(), said)
         if self._model == FFI.NULL:
-            raise MissingPeer(f"MuJoCo refuses {case.robot.name}: {FFI.string(said).decode().splitlines()[0]}")
+            text = FFI.string(said).decode(errors="replace").splitlines()[0]
+            raise MissingPeer(f"refuses the robot: {text.removeprefix('Error: ')}")
 
     def contender(self, kernel: str) -> Contender:
         """MuJoCo's function for a kernel: a key of ``CODE``."""

@@ -12,12 +12,13 @@ from eomgen.robot import Robot
 from eomgen.yardstick import Yardstick, compile_yardstick
 
 from .contender import Contender, MissingPeer, address
+from .measure import READS
 
 NAME, BATCH, TEXTBOOK = "eomgen", "eomgen, batch", "textbook"
 USED = (*FLAGS, *NATIVE)
 # Kernels that this file knows by a name of its own: the first that the generator knows is measured.
 DERIVATIVES = ("inverse_dynamics_derivatives", "residual_jacobian")
-STEP = ("implicit_step",)  # (h, q, v, u, out): one linearly implicit step
+STEP = ("implicit_step",)  # (h, q, v, u, out): one linearly implicit step of mujoco_peer.TIME_STEP
 ALIASES = {"derivatives": DERIVATIVES, "step": STEP}
 
 
@@ -43,8 +44,11 @@ class Ours:
 
     def contender(self, kernel: str, *, batch: bool = False) -> Contender:
         """A kernel for one state, or for all states in one call."""
-        ffi, lib = self.kernel._ffi, self.kernel._lib
-        code = ffi.addressof(lib, f"{self.kernel.name}_{kernel_name(kernel)}{'_batch' if batch else ''}")
+        ffi, lib, name = self.kernel._ffi, self.kernel._lib, kernel_name(kernel)
+        reads = self.kernel._functions[name][1]
+        if reads != READS[kernel]:  # a call would be undefined
+            raise MissingPeer(f"not measured: {name} reads {', '.join(reads)}, not {', '.join(READS[kernel])}")
+        code = ffi.addressof(lib, f"{self.kernel.name}_{name}{'_batch' if batch else ''}")
         h = address(ffi, self.kernel.parameters._setup.pointer)
         return Contender(BATCH if batch else NAME, address(ffi, code), h, batch=batch, kept=self)
 

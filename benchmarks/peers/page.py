@@ -40,10 +40,8 @@ def summary(report: Report) -> list[str]:
         lines.append(f"| {title(kernel, batch, report.batch_states)} | {' | '.join(cells)} |")
     step = report.entry(ELASTIC, "step")
     if step is not None:
-        lines.append("")
-        lines.append(
-            f"One linearly implicit step of the {step.title} beside MuJoCo's `implicitfast`: {_cell(step, 'MuJoCo')}."
-        )
+        cell = _cell(step, "MuJoCo")
+        lines += ["", f"One linearly implicit step of the {step.title} beside MuJoCo's `implicitfast`: {cell}."]
     return lines
 
 
@@ -78,6 +76,9 @@ def page(report: Report) -> str:
         "",
         "![time over degrees of freedom](peers.svg)",
         "",
+        "Lines: chains of 6-DOF joints (those of `benchmarks/data/puma560_generic.urdf`, again and again); hollow"
+        f" points: robots of URDFs. A batch has {report.batch_states} states.",
+        "",
         "## How it is measured",
         "",
         f"All contenders of a row take turns in one process on one core, the loop in C: {report.rounds} rounds of at"
@@ -96,9 +97,11 @@ def page(report: Report) -> str:
         " (`templates/newton_euler.c.jinja`), with eomgen's compiler and flags.",
         "- Pinocchio: `rnea`, `crba`, `aba`, `computeRNEADerivatives`; results stay in its `Data`, the mass matrix is"
         " the upper triangle. It reads an URDF itself; a 6-DOF joint is six joints of one coordinate with no bodies"
-        " in between, which is faster than its composite joint.",
+        " in between.",
         "- MuJoCo: `mj_inverse`, `mj_forward` and `mj_step` on the same robot as MJCF, without geometries. They compute"
-        " more than the row's name says (poses of all bodies, the mass matrix and its factors).",
+        " more than the row's name says (poses of all bodies, the mass matrix and its factors). `implicitfast` is"
+        " implicit in velocity alone (MuJoCo's documentation, Computation, Numerical integration), so that steps are"
+        " timed and not compared; the accelerations are.",
         "- CasADi: Pinocchio's algorithms traced with CasADi's `SX` for this robot, the C that CasADi generates"
         " compiled with eomgen's compiler and flags.",
         "",
@@ -111,11 +114,10 @@ def _details(report: Report) -> Iterator[str]:
     """A table per robot: ratios to every peer."""
     for case in dict.fromkeys(entry.case for entry in report.entries):
         entries = [entry for entry in report.entries if entry.case == case]
-        labels = list(dict.fromkeys(label for e in entries for label in e.ratios if not label.startswith("eomgen")))
-        labels.sort(key=lambda label: PEERS.index(label.split(" (")[0]))
+        labels = sorted(dict.fromkeys(label for e in entries for label in e.ratios), key=_order)
         yield f"## {entries[0].title}"
         yield ""
-        yield f"| kernel | {' | '.join(labels)} |"
+        yield f"| kernel | {' | '.join(label + ', one by one' * (label == 'eomgen') for label in labels)} |"
         yield "|---" + "|---:" * len(labels) + "|"
         for entry in entries:
             cells = [_quartiles(entry.ratios.get(label)) for label in labels]
@@ -125,6 +127,12 @@ def _details(report: Report) -> Iterator[str]:
         if said:
             yield from said
             yield ""
+
+
+def _order(label: str) -> int:
+    """Place of a column; eomgen itself, one state after the other beside its batch, comes first."""
+    peer = label.split(" (")[0]
+    return PEERS.index(peer) if peer in PEERS else -1
 
 
 def _quartiles(ratio: Quartiles | None) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from .cases import URDFS
 from .page import KERNELS
 from .report import Entry, Report
 
@@ -16,7 +17,7 @@ STYLES = {  # Okabe and Ito: told apart by colour-blind readers
     "eomgen": ("#0072b2", "o"),
     "eomgen, batch": ("#009e73", "D"),
 }
-RC = {
+RC: Any = {
     "font.size": 8.0,
     "axes.titlesize": 8.5,
     "axes.grid": True,
@@ -43,7 +44,8 @@ def plot(report: Report, path: Path) -> None:
             _panel(axes, report, kernel)
         panels[0].set_ylabel("time per state, ns")
         handles, labels = panels[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+        if handles:
+            figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
         figure.savefig(path, metadata={"Date": None, "Creator": None})
     path.write_text("\n".join(line.rstrip() for line in path.read_text().splitlines()) + "\n", encoding="utf-8")
 
@@ -55,12 +57,12 @@ def _panel(axes: Any, report: Report, kernel: str) -> None:
         chain = _points(report.growing, kernel, label)
         if chain:
             axes.loglog(*zip(*chain, strict=True), color=color, marker=marker, markersize=3.5, label=label)
-        single = _points([entry for entry in report.entries if entry.case in ("UR5", "Panda", "Talos")], kernel, label)
+        single = _points([entry for entry in report.entries if entry.case in URDFS], kernel, label)
         if single:
             axes.loglog(
                 *zip(*single, strict=True), color=color, marker=marker, markersize=5, linestyle="", fillstyle="none"
             )
-    names = {entry.coordinates: entry.case for entry in report.entries if entry.case in ("UR5", "Panda", "Talos")}
+    names = {entry.coordinates: entry.case for entry in report.entries if entry.case in URDFS}
     for coordinates, name in names.items():
         axes.annotate(name, (coordinates, 1.0), xycoords=("data", "axes fraction"), ha="center", va="top", fontsize=6.5)
     ticks = sorted({entry.coordinates for entry in report.growing})
