@@ -69,7 +69,7 @@ class Run:
             if name in self.missing:
                 continue
             if given.key == ELASTIC and name != mujoco_peer.NAME:
-                missing[name] = "has no springs and dampers in its joints"
+                missing[name] = "its `rnea`, `crba` and `aba` know no springs and dampers of joints"
                 continue
             try:
                 found[name] = make()
