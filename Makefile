@@ -3,7 +3,7 @@
 #   make demo     derive, compile, simulate and plot the 36-DOF elastic PUMA 560; results in out/demo
 #   make test     lint, then the whole test suite
 #   make lint     ruff (lint and format) and mypy --strict
-#   make bench    operation counts and times beside Newton-Euler; writes docs/benchmarks.md
+#   make bench    counts and times beside Newton-Euler, Pinocchio, MuJoCo, CasADi; writes docs/benchmarks.md, docs/peers.*
 #   make soak     the long tests
 #   make sample   regenerate the committed sample in generated/one_link
 #   make tables   regenerate the tables in README.md
@@ -33,8 +33,10 @@ lint: $(VENV)/.test-$(STAMP)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy -p eomgen
 
-bench: $(VENV)/.test-$(STAMP)
+bench: $(VENV)/.bench-$(STAMP)
 	$(BIN)/python benchmarks/run.py
+	$(BIN)/python -m benchmarks.peers
+	$(BIN)/python docs/tables.py
 
 soak: $(VENV)/.test-$(STAMP)
 	$(BIN)/python -m pytest -n auto --dist worksteal -m soak
@@ -58,6 +60,10 @@ $(BIN)/python:
 $(VENV)/.sim-$(STAMP): pyproject.toml | $(BIN)/python
 	$(INSTALL) -e '.[sim]'
 	touch $@
+
+$(VENV)/.bench-$(STAMP): pyproject.toml | $(BIN)/python
+	$(INSTALL) -e '.[bench]'
+	touch $@ $(VENV)/.sim-$(STAMP)
 
 $(VENV)/.test-$(STAMP): pyproject.toml | $(BIN)/python
 	$(INSTALL) -e '.[test]'

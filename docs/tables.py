@@ -10,6 +10,7 @@ import eomgen
 from eomgen.info import robot_info
 
 ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT))  # for benchmarks
 ROBOTS = ("one_link", "puma560", "ur5", "puma560_elastic")
 KERNELS = ("inverse_dynamics", "mass_matrix", "forward_dynamics", "bias_force", "generalized_force")
 
@@ -35,9 +36,17 @@ def sample() -> str:
     return "```c\n" + "\n".join(match[0] for match in found if match) + "```"
 
 
+def peers() -> str:
+    """Ratios of the last run of ``make bench``."""
+    from benchmarks.peers.page import readme
+    from benchmarks.peers.report import read
+
+    return readme(read(ROOT / "docs" / "peers.json"))
+
+
 def filled(text: str) -> str:
     """The README with its generated parts as they are now."""
-    for name, make in (("operations", operations), ("sample", sample)):
+    for name, make in (("operations", operations), ("peers", peers), ("sample", sample)):
         begin, end = f"<!-- begin of {name} -->\n", f"<!-- end of {name} -->"
         before, rest = text.split(begin)
         text = before + begin + make() + "\n" + end + rest.split(end, 1)[1]

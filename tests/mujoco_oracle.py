@@ -1,21 +1,15 @@
-"""MuJoCo as an independent oracle: the same robot as an MJCF model.
-
-MuJoCo applies the joints of one body in their order, each about the axes that the ones before it have turned: three
-slides along x, y, z and three hinges about x, y, z are eq. (3).
-"""
+"""MuJoCo as an independent oracle: the same robot as an MJCF model."""
 
 from __future__ import annotations
-
-from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from eomgen.robot import ANGULAR, COORDINATES, Joint, Link, Robot
+from benchmarks.peers.mjcf import mjcf
+from eomgen.robot import Robot
 
 Array = NDArray[np.float64]
-AXES = ("1 0 0", "0 1 0", "0 0 1")
 
 
 class MujocoRobot:
@@ -76,43 +70,3 @@ class MujocoRobot:
             if i % every == 0:
                 states.append(np.concatenate([self.data.qpos, self.data.qvel]))
         return np.array(states)
-
-
-def mjcf(robot: Robot, step: float) -> str:
-    """The robot as MJCF text."""
-    root = ElementTree.Element("mujoco")
-    ElementTree.SubElement(root, "compiler", angle="radian", autolimits="false")
-    option = {"timestep": repr(step), "gravity": _text(robot.gravity), "integrator": "RK4"}
-    ElementTree.SubElement(root, "option", option)
-    bodies = {robot.base: (ElementTree.SubElement(root, "worldbody"), np.eye(3))}
-    for joint in robot.joints:
-        parent, back = bodies[joint.parent]
-        bodies[joint.child] = _add_body(parent, back, joint, robot.link(joint.child))
-    return ElementTree.tostring(root, encoding="unicode")
-
-
-def _add_body(parent: ElementTree.Element, back: Array, joint: Joint, link: Link) -> tuple[ElementTree.Element, Array]:
-    """The link as a body whose axes are the joint's; returns it, and the rotation from link axes to its axes."""
-    turn = np.array(joint.axis_turn)
-    rotation = back @ np.array(joint.placement.rotation) @ turn
-    place = {"name": joint.child, "pos": _text(back @ np.array(joint.placement.xyz)), "xyaxes": _axes(rotation)}
-    body = ElementTree.SubElement(parent, "body", place)
-    xx, yy, zz, xy, xz, yz = link.inertia
-    inertia = turn.T @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn
-    full = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-    values = {"mass": repr(link.mass), "pos": _text(turn.T @ np.array(link.com)), "fullinertia": _text(full)}
-    ElementTree.SubElement(body, "inertial", values)
-    for name, given in joint.coordinates.items():
-        values = {key: repr(getattr(given, key) or 0.0) for key in ("stiffness", "damping", "armature")}
-        kind = "hinge" if name in ANGULAR else "slide"
-        axis = AXES[COORDINATES.index(name) % 3]
-        ElementTree.SubElement(body, "joint", name=f"{joint.name}.{name}", type=kind, axis=axis, **values)
-    return body, turn.T
-
-
-def _axes(rotation: Array) -> str:
-    return _text(np.concatenate([rotation[:, 0], rotation[:, 1]]))
-
-
-def _text(values: Array | tuple[float, ...]) -> str:
-    return " ".join(repr(float(value)) for value in values)

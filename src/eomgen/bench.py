@@ -26,6 +26,7 @@ from .kernel import Kernel
 from .model import build_model
 from .pipeline import Options, Progress, build
 from .robot import PRINCIPAL, Robot
+from .stopwatch import FRAME, Timed
 from .yardstick import Yardstick, compile_yardstick
 
 Array = NDArray[np.float64]
@@ -36,7 +37,6 @@ COUNTERPARTS = {
     "forward_dynamics": "articulated bodies",
 }
 STATES = 16  # random states that every sample cycles through: enough to defeat a lucky one, all in the first cache
-SAMPLE = 3e5  # ns that one sample of the slowest contender takes at least
 TOLERANCE = 1e-9  # greatest relative difference between contenders that are timed
 
 
@@ -244,18 +244,20 @@ def _measure(kernel: Kernel, yardstick: Yardstick, name: str, inputs: Mapping[st
     out = np.zeros(int(np.prod(kernel._shapes[kernel._functions[name][1]])))
     counts = dict(kernel.operations["kinematics" if name.startswith("frame_") else name])
     names, operations = [name], [counts]
-    codes = [kernel._ffi.addressof(kernel._lib, f"{kernel.name}_{name}")]
+    ffi, target = kernel._ffi, int(out.ctypes.data)
+    h = int(ffi.cast("intptr_t", kernel.parameters._setup.pointer))
+    code = int(ffi.cast("intptr_t", ffi.addressof(kernel._lib, f"{kernel.name}_{name}")))
+    timed = [Timed(code, h, target)]
     if name in COUNTERPARTS:
         names.append(COUNTERPARTS[name])
-        codes.append(yardstick.ffi.addressof(yardstick.lib, f"newton_euler_{name}"))
+        timed.append(Timed(yardstick.address(name), 0, target))
         operations.append(yardstick.operations(name, [np.ascontiguousarray(array[0]) for array in arrays], out))
     for state in range(STATES):
         failed = _call(kernel, name, [np.ascontiguousarray(array[state]) for array in arrays], out)
         if failed:
             note = f"not timed: no inertia along {kernel.coordinates[failed - 1]} in state {state}"
             return Row(Contender(name, counts, 0.0, 0.0), note=note)
-    watch = _Stopwatch(kernel, yardstick, codes, 0 if name.startswith("frame_") else len(reads), arrays, out)
-    ns = watch.time(rounds)
+    ns = yardstick.stopwatch.time(timed, FRAME if name.startswith("frame_") else len(reads), arrays, rounds)
     contenders = [
         Contender(label, count, float(min(column)), statistics.median(column.tolist()))
         for label, count, column in zip(names, operations, ns.T, strict=True)
@@ -266,40 +268,3 @@ def _measure(kernel: Kernel, yardstick: Yardstick, name: str, inputs: Mapping[st
     low, middle, high = (float(x) for x in np.quantile(ratios, (0.25, 0.5, 0.75)))
     ours, textbook = contenders
     return Row(ours, textbook, middle, (low, high), textbook.least / ours.least)
-
-
-class _Stopwatch:
-    """The stopwatch in C with its arguments, which stay alive with it."""
-
-    def __init__(
-        self,
-        kernel: Kernel,
-        yardstick: Yardstick,
-        codes: Sequence[Any],
-        reads: int,
-        arrays: Sequence[Array],
-        out: Array,
-    ) -> None:
-        ffi = yardstick.ffi
-        self.yardstick, self.reads, self.kept = yardstick, reads, (arrays, out, kernel)
-        self.codes = ffi.new("Code[]", [ffi.cast("Code", int(kernel._ffi.cast("intptr_t", code))) for code in codes])
-        self.inputs = ffi.new("const double *[]", 4 * STATES)
-        for state in range(STATES):
-            for i, array in enumerate(arrays):
-                self.inputs[4 * state + i] = ffi.cast("double *", array[state].ctypes.data)
-        self.h, self.out = kernel.parameters._setup.pointer, ffi.cast("double *", out.ctypes.data)
-
-    def time(self, rounds: int) -> Array:
-        """Nanoseconds per call, (rounds, contenders), with so many calls per sample that it takes long enough."""
-        calls = STATES
-        self._run(calls, 1)  # warm
-        slowest = max(float(self._run(calls, 3).min(axis=0).max()), 1.0)
-        return self._run(max(1, round(SAMPLE / slowest)), rounds)
-
-    def _run(self, calls: int, rounds: int) -> Array:
-        ns = np.zeros((rounds, len(self.codes)))
-        target = self.yardstick.ffi.cast("double *", ns.ctypes.data)
-        self.yardstick.lib.stopwatch(
-            len(self.codes), self.codes, self.reads, self.h, self.inputs, STATES, calls, rounds, self.out, target
-        )
-        return ns

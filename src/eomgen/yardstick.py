@@ -24,13 +24,11 @@ from pycparser import c_ast, c_generator, c_parser
 from ._version import __version__
 from .model import Model
 from .robot import COORDINATES, IDENTITY, ZERO
+from .stopwatch import DECLARATIONS, Stopwatch
 
 Array = NDArray[np.float64]
 
 _DECLARATIONS = """
-typedef void (*Code)(void);
-void stopwatch(size_t count, const Code *code, int reads, const double *h, const double *const *inputs, size_t states,
-               size_t calls, size_t rounds, double *out, double *ns);
 extern long operations[4];
 void operations_clear(void);
 """
@@ -128,6 +126,14 @@ class Yardstick:
         pointers = [self.ffi.from_buffer("double[]", array) for array in arrays]
         return int(function(self.ffi.NULL, *pointers, self.ffi.from_buffer("double[]", out)))
 
+    def address(self, name: str) -> int:
+        """Address of an algorithm's code."""
+        return int(self.ffi.cast("intptr_t", self.ffi.addressof(self.lib, f"newton_euler_{name}")))
+
+    @property
+    def stopwatch(self) -> Stopwatch:
+        return Stopwatch(self.ffi, self.lib)
+
     def operations(self, name: str, arrays: Sequence[Array], out: Array) -> dict[str, int]:
         """Operations of one call: no branch depends on the state, so that any state does."""
         self.counting.operations_clear()
@@ -147,7 +153,7 @@ def compile_yardstick(model: Model, flags: Sequence[str]) -> Yardstick:
     from .codegen.source import environment
 
     ffi = cffi.FFI()
-    ffi.cdef(_DECLARATIONS)
+    ffi.cdef(DECLARATIONS + _DECLARATIONS)
     for name, reads in _READS.items():
         ffi.cdef(f"int newton_euler_{name}(const double *h{', const double *' * reads}, double *out);")
     code = newton_euler(model)

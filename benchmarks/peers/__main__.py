@@ -1,0 +1,54 @@
+"""Command line: ``python -m benchmarks.peers [--repeat ROUNDS] [--page] [--quick] [ROBOT ...]``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from . import page
+from .cases import GROWING, TITLES
+from .plot import plot
+from .report import read
+from .run import run
+
+DOCS = Path(__file__).parents[2] / "docs"
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.peers",
+        description="Measure this project's kernels beside Pinocchio, MuJoCo, CasADi and a textbook's algorithms, and"
+        " write docs/peers.json, docs/peers.md and docs/peers.svg.",
+    )
+    parser.add_argument("robots", nargs="*", metavar="ROBOT", help=f"of {', '.join(TITLES)}: prints, writes nothing")
+    parser.add_argument("--repeat", type=int, default=100, metavar="ROUNDS", help="rounds per row (default 100)")
+    parser.add_argument("--page", action="store_true", help="write page and plot from docs/peers.json, time nothing")
+    arguments = parser.parse_args()
+    unknown = [name for name in arguments.robots if name not in TITLES]
+    if unknown:
+        parser.error(f"ROBOT: {unknown[0]!r} is unknown; allowed: {', '.join(TITLES)}")
+    if arguments.repeat < 1:
+        parser.error(f"--repeat: {arguments.repeat} is not a number of rounds; at least 1")
+    disagreements: list[str] = []
+    if not arguments.page:
+        progress = (lambda line: print(line, file=sys.stderr)) if sys.stderr.isatty() else (lambda line: None)
+        growing = () if arguments.robots else GROWING
+        report, disagreements = run(arguments.repeat, progress, arguments.robots, growing)
+        print("\n".join(page.lines(report)))
+        for peer, why in report.missing.items():
+            print(f"missing: {peer}: {why}")
+        for text in disagreements:
+            print(f"differs: {text}", file=sys.stderr)
+        if arguments.robots:
+            return int(bool(disagreements))
+        report.write(DOCS / "peers.json")
+    report = read(DOCS / "peers.json")
+    (DOCS / "peers.md").write_text(page.page(report), encoding="ascii")
+    plot(report, DOCS / "peers.svg")
+    print("wrote docs/peers.json, docs/peers.md and docs/peers.svg; make tables copies the table to README.md")
+    return int(bool(disagreements))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

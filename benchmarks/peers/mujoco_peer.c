@@ -1,0 +1,66 @@
+/* MuJoCo behind functions with a kernel's arguments: (h, arrays..., out), h being what mujoco_peer_load returns.
+ *
+ * Each call sets the state (a copy of some numbers) and runs MuJoCo's own pipeline; a null out copies no result. */
+#include <mujoco/mujoco.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+typedef struct {
+    mjModel *model;
+    mjData *data;
+} Peer;
+
+/* The model in an MJCF file, or null with what MuJoCo says in error (of 1000 characters). */
+void *mujoco_peer_load(const char *path, char *error)
+{
+    mjModel *model = mj_loadXML(path, NULL, error, 1000);
+    if (!model) return NULL;
+    Peer *peer = malloc(sizeof *peer);
+    if (!peer) return NULL;
+    peer->model = model;
+    peer->data = mj_makeData(model);
+    return peer;
+}
+
+static const Peer *set(const double *h, const double *q, const double *v)
+{
+    const Peer *p = (const Peer *)(const void *)h;
+    const size_t size = (size_t)p->model->nv * sizeof(double);
+    memcpy(p->data->qpos, q, size);
+    memcpy(p->data->qvel, v, size);
+    return p;
+}
+
+static int done(const Peer *p, const double *first, const double *second, double *out)
+{
+    const size_t n = (size_t)p->model->nv;
+    if (out) memcpy(out, first, n * sizeof(double));
+    if (out && second) memcpy(out + n, second, n * sizeof(double));
+    return 0;
+}
+
+int mujoco_inverse_dynamics(const double *h, const double *q, const double *v, const double *a, double *out)
+{
+    const Peer *p = set(h, q, v);
+    memcpy(p->data->qacc, a, (size_t)p->model->nv * sizeof(double));
+    mj_inverse(p->model, p->data);
+    return done(p, p->data->qfrc_inverse, NULL, out);
+}
+
+int mujoco_forward_dynamics(const double *h, const double *q, const double *v, const double *u, double *out)
+{
+    const Peer *p = set(h, q, v);
+    memcpy(p->data->qfrc_applied, u, (size_t)p->model->nv * sizeof(double));
+    mj_forward(p->model, p->data);
+    return done(p, p->data->qacc, NULL, out);
+}
+
+/* One step of the model's own integrator and length; q and v after it. */
+int mujoco_step(const double *h, const double *q, const double *v, const double *u, double *out)
+{
+    const Peer *p = set(h, q, v);
+    memcpy(p->data->qfrc_applied, u, (size_t)p->model->nv * sizeof(double));
+    mj_step(p->model, p->data);
+    return done(p, p->data->qpos, p->data->qvel, out);
+}

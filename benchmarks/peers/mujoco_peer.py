@@ -1,0 +1,86 @@
+"""MuJoCo through the C library and headers that its wheel brings."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import tempfile
+from collections.abc import Mapping
+from importlib.util import find_spec
+from pathlib import Path
+
+from eomgen.codegen.compile import find_compiler
+from eomgen.errors import BuildError
+
+from .cases import Case
+from .contender import FFI, Contender, MissingPeer, address, build_library
+from .mjcf import mjcf
+
+NAME = "MuJoCo"
+SOURCE = Path(__file__).with_suffix(".c")
+TIME_STEP = 1e-3  # s
+CODE: Mapping[str, tuple[str, str]] = {  # kernel -> function, what it is in MuJoCo
+    "inverse_dynamics": ("mujoco_inverse_dynamics", "mj_inverse"),
+    "forward_dynamics": ("mujoco_forward_dynamics", "mj_forward"),
+    "step": ("mujoco_step", "mj_step, implicitfast"),
+}
+FFI.cdef("void *mujoco_peer_load(const char *path, char *error);")
+for _name, _ in CODE.values():
+    FFI.cdef(f"void {_name}(void);")  # an address is all that is used
+
+
+def version() -> str:
+    """Version of the wheel."""
+    return importlib.metadata.version("mujoco")
+
+
+def library() -> Path:
+    """The compiled peer.
+
+    Raises:
+        MissingPeer: MuJoCo or the compiler is missing.
+    """
+    spec = find_spec("mujoco")
+    if spec is None or spec.origin is None:
+        raise MissingPeer("the wheel mujoco is not installed")
+    folder = Path(spec.origin).parent
+    found = sorted(folder.glob("libmujoco.so*"))
+    if not found:
+        raise MissingPeer("the wheel mujoco has no libmujoco.so")
+    try:
+        compiler = find_compiler()
+    except BuildError as error:
+        raise MissingPeer(str(error)) from None
+    parts = [("-std=c99", "-O2", f"-I{folder / 'include'}", SOURCE.name)]
+    link = (str(found[0]), f"-Wl,-rpath,{folder}")
+    return build_library(
+        "mujoco_peer",
+        " ".join(compiler.command),
+        parts,
+        link,
+        {SOURCE.name: SOURCE.read_text(encoding="ascii")},
+        (version(),),
+    )
+
+
+class MujocoPeer:
+    """A robot in MuJoCo.
+
+    Raises:
+        MissingPeer: MuJoCo refuses the robot: a massless link, or a rod.
+    """
+
+    def __init__(self, case: Case) -> None:
+        self._library = FFI.dlopen(str(library()))
+        said = FFI.new("char[1000]")
+        with tempfile.TemporaryDirectory(prefix="eomgen-bench-") as private:
+            path = Path(private, "robot.xml")
+            path.write_text(mjcf(case.robot, TIME_STEP, "implicitfast"), encoding="ascii")
+            self._model = self._library.mujoco_peer_load(str(path).encode(), said)
+        if self._model == FFI.NULL:
+            text = FFI.string(said).decode(errors="replace").splitlines()[0]
+            raise MissingPeer(f"refuses the robot: {text.removeprefix('Error: ')}")
+
+    def contender(self, kernel: str) -> Contender:
+        """MuJoCo's function for a kernel: a key of ``CODE``."""
+        code = address(FFI, FFI.addressof(self._library, CODE[kernel][0]))
+        return Contender(NAME, code, address(FFI, self._model), keeps_result=True, kept=self)

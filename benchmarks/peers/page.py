@@ -1,0 +1,161 @@
+"""A report as text: the table of README.md, the page docs/peers.md, lines for the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from .cases import CHAIN, ELASTIC, TITLES
+from .report import Entry, Quartiles, Report
+
+KERNELS: Mapping[str, str] = {
+    "inverse_dynamics": "inverse dynamics",
+    "mass_matrix": "mass matrix",
+    "forward_dynamics": "forward dynamics",
+    "derivatives": "derivatives of inverse dynamics",
+    "step": "one linearly implicit step",
+}
+ROBOTS = ("UR5", "Talos", CHAIN)  # of the table with required ratios
+ROWS = (
+    ("inverse_dynamics", False),
+    ("mass_matrix", False),
+    ("forward_dynamics", False),
+    ("inverse_dynamics", True),
+    ("derivatives", False),
+)
+PEERS = ("textbook", "Pinocchio", "CasADi", "MuJoCo")
+NONE = "-"
+
+
+def title(kernel: str, batch: bool, states: int) -> str:
+    """A kernel's name in a table."""
+    return KERNELS[kernel] + (f", per state of {states}" if batch else "")
+
+
+def summary(report: Report) -> list[str]:
+    """The table of required ratios: measured, and the required in brackets."""
+    heads = [next((e.title for e in report.entries if e.case == key), TITLES[key]) for key in ROBOTS]
+    lines = [f"| time by eomgen's | {' | '.join(heads)} |", "|---" + "|---:" * len(ROBOTS) + "|"]
+    for kernel, batch in ROWS:
+        cells = [_cell(report.entry(key, kernel, batch), "Pinocchio") for key in ROBOTS]
+        lines.append(f"| {title(kernel, batch, report.batch_states)} | {' | '.join(cells)} |")
+    step = report.entry(ELASTIC, "step")
+    if step is not None:
+        cell = _cell(step, "MuJoCo")
+        lines += ["", f"One linearly implicit step of the {step.title} beside MuJoCo's `implicitfast`: {cell}."]
+    return lines
+
+
+def _cell(entry: Entry | None, peer: str) -> str:
+    if entry is None:
+        return NONE
+    bar = entry.bar(peer)
+    required = "" if bar is None else f" ({bar:g})"
+    found = entry.against(peer)
+    if found is None:
+        return ("not built" if "eomgen" in entry.missing else NONE) + required
+    return f"{found[1][1]:.1f}{required}"
+
+
+def readme(report: Report) -> str:
+    """The part of README.md."""
+    return "\n".join(summary(report))
+
+
+def page(report: Report) -> str:
+    """The whole page docs/peers.md."""
+    worst = max((entry.difference for entry in (*report.entries, *report.growing)), default=0.0)
+    lines = [
+        "# Beside other people's",
+        "",
+        "Written by `make bench` (`python -m benchmarks.peers`); do not edit.",
+        "",
+        "How many times as long as eomgen's kernel Pinocchio takes, its C++ headers compiled for this processor; in"
+        " brackets the ratio to hold. Where Pinocchio has two conventions (`crba`, `aba`), the faster one counts.",
+        "",
+        *summary(report),
+        "",
+        "![time over degrees of freedom](peers.svg)",
+        "",
+        "Lines: chains of 6-DOF joints (those of `benchmarks/data/puma560_generic.urdf`, again and again); hollow"
+        f" points: robots of URDFs. A batch has {report.batch_states} states.",
+        "",
+        "## How it is measured",
+        "",
+        f"All contenders of a row take turns in one process on one core, the loop in C: {report.rounds} rounds of at"
+        f" least 0.3 ms each over the same {report.states} random states (batches: {report.batch_states} states, which"
+        " eomgen takes in one call and the others one by one). A ratio is the median over the rounds of the"
+        " contender's time by eomgen's, with the quartiles in brackets; above 1 eomgen is faster. Nothing is timed"
+        f" before results agree: the greatest relative difference in this run is {worst:.0e}.",
+        "",
+        *(f"- {key}: {value}" for key, value in report.machine.items()),
+        *(f"- {key}: missing in this run, {value}" for key, value in report.missing.items()),
+        "",
+        "What each is:",
+        "",
+        "- eomgen: one kernel per robot, the description's numbers folded in, gravity and parameters at run time.",
+        "- textbook: recursive Newton-Euler, composite bodies and articulated bodies as loops over a table of links"
+        " (`templates/newton_euler.c.jinja`), with eomgen's compiler and flags.",
+        "- Pinocchio: `rnea`, `crba`, `aba`, `computeRNEADerivatives`; results stay in its `Data`, the mass matrix is"
+        " the upper triangle. It reads an URDF itself; a 6-DOF joint is six joints of one coordinate with no bodies"
+        " in between.",
+        "- MuJoCo: `mj_inverse`, `mj_forward` and `mj_step` on the same robot as MJCF, without geometries. They compute"
+        " more than the row's name says (poses of all bodies, the mass matrix and its factors). `implicitfast` is"
+        " implicit in velocity alone (MuJoCo's documentation, Computation, Numerical integration), so that steps are"
+        " timed and not compared; the accelerations are.",
+        "- CasADi: Pinocchio's algorithms traced with CasADi's `SX` for this robot, the C that CasADi generates"
+        " compiled with eomgen's compiler and flags.",
+        "",
+        *_details(report),
+    ]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def _details(report: Report) -> Iterator[str]:
+    """A table per robot: ratios to every peer."""
+    for case in dict.fromkeys(entry.case for entry in report.entries):
+        entries = [entry for entry in report.entries if entry.case == case]
+        labels = sorted(dict.fromkeys(label for e in entries for label in e.ratios), key=_order)
+        yield f"## {entries[0].title}"
+        yield ""
+        yield f"| kernel | {' | '.join(label + ', one by one' * (label == 'eomgen') for label in labels)} |"
+        yield "|---" + "|---:" * len(labels) + "|"
+        for entry in entries:
+            cells = [_quartiles(entry.ratios.get(label)) for label in labels]
+            yield f"| {title(entry.kernel, entry.batch, report.batch_states)} | {' | '.join(cells)} |"
+        yield ""
+        said = dict.fromkeys(f"- {label}: {why}" for e in entries for label, why in e.missing.items())
+        if said:
+            yield from said
+            yield ""
+
+
+def _order(label: str) -> int:
+    """Place of a column; eomgen itself, one state after the other beside its batch, comes first."""
+    peer = label.split(" (")[0]
+    return PEERS.index(peer) if peer in PEERS else -1
+
+
+def _quartiles(ratio: Quartiles | None) -> str:
+    return "" if ratio is None else f"{ratio[1]:.2f} ({ratio[0]:.2f} - {ratio[2]:.2f})"
+
+
+def _why(entry: Entry, peer: str) -> str:
+    """Why there is no ratio to a peer."""
+    return next((entry.missing[label] for label in ("not timed", "eomgen", peer) if label in entry.missing), "")
+
+
+def lines(report: Report) -> list[str]:
+    """For the terminal: every ratio that is required, and whether this run holds it."""
+    found = []
+    for entry in report.entries:
+        for peer in PEERS:
+            bar, ratio = entry.bar(peer), entry.against(peer)
+            if bar is None:
+                continue
+            name = f"{entry.title:34}{title(entry.kernel, entry.batch, report.batch_states):40}{peer:10}"
+            if ratio is None:
+                found.append(f"{name} {'-':>7}   bar {bar:4g}   {_why(entry, peer)}")
+            else:
+                held = "held" if ratio[1][1] >= bar else "MISSED"
+                found.append(f"{name} {ratio[1][1]:7.2f}   bar {bar:4g}   {held}")
+    return found

@@ -1,0 +1,240 @@
+"""Everything measured, robot by robot -> Report.
+
+had         which peers can be had, and why not          -> Peers
+standard    one robot's kernels beside all peers          -> entries
+growing     chains of more and more joints, for the plot  -> entries
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from eomgen.bench import processor_name
+from eomgen.codegen.compile import find_compiler
+from eomgen.stopwatch import Stopwatch
+
+from . import casadi_peer, mujoco_peer, pinocchio_peer
+from .casadi_peer import CasadiPeer
+from .cases import ELASTIC, GROWING, TITLES, Case, case, chain
+from .contender import Contender, MissingPeer
+from .measure import BATCH_STATES, STATES, Disagreement, measure
+from .mujoco_peer import MujocoPeer
+from .ours import BATCH, NAME, TEXTBOOK, USED, Ours, Textbook
+from .pinocchio_peer import PinocchioPeer
+from .report import Entry, Report
+
+Progress = Callable[[str], None]
+STANDARD = ("inverse_dynamics", "mass_matrix", "forward_dynamics")
+BATCH_ROUNDS = 0.3  # of the rounds: a round takes as long as thousands of calls
+LARGEST_MATRIX = 36  # coordinates: the size of the code for a mass matrix grows with the square
+
+
+@dataclass
+class Run:
+    """A run in progress: which peers there are, and what was found wrong."""
+
+    rounds: int
+    progress: Progress
+    missing: dict[str, str] = field(default_factory=dict)
+    disagreements: list[str] = field(default_factory=list)
+
+    def had(self) -> None:
+        """Compile every peer once, so that a missing one is named once."""
+        for module, make in (
+            (pinocchio_peer, pinocchio_peer.library),
+            (casadi_peer, casadi_peer.tracer),
+            (mujoco_peer, mujoco_peer.library),
+        ):
+            self.progress(f"compiling {module.NAME} (minutes the first time)")
+            try:
+                make()
+            except MissingPeer as error:
+                self.missing[module.NAME] = str(error)
+                self.progress(f"{module.NAME} is missing: {error}")
+
+    def peers(self, given: Case, missing: dict[str, str]) -> dict[str, Any]:
+        """The robot in every peer that can be had; the others' reasons go to ``missing``."""
+        found: dict[str, Any] = {TEXTBOOK: Textbook(given.robot)}
+        for name, make in (
+            (pinocchio_peer.NAME, lambda: PinocchioPeer(given)),
+            (casadi_peer.NAME, lambda: CasadiPeer(given, USED)),
+            (mujoco_peer.NAME, lambda: MujocoPeer(given)),
+        ):
+            if name in self.missing:
+                continue
+            if given.key == ELASTIC and name != mujoco_peer.NAME:
+                missing[name] = "its `rnea`, `crba` and `aba` know no springs and dampers of joints"
+                continue
+            try:
+                found[name] = make()
+            except MissingPeer as error:
+                missing[name] = str(error)
+        return found
+
+    def entry(
+        self,
+        given: Case,
+        kernel: str,
+        contenders: Sequence[Contender],
+        stopwatch: Stopwatch,
+        missing: dict[str, str],
+        *,
+        batch: bool = False,
+        condition: Callable[[np.ndarray], float] | None = None,
+    ) -> Entry:
+        """Contenders compared and timed; if they differ, an entry that says so and has no times."""
+        base = Entry(given.key, given.title, given.coordinates, kernel, batch, missing=missing)
+        rounds = max(3, round(self.rounds * BATCH_ROUNDS)) if batch else self.rounds
+        self.progress(f"timing {kernel}{' in a batch' if batch else ''}")
+        try:
+            with one_core():
+                timing = measure(
+                    stopwatch,
+                    contenders,
+                    given.robot,
+                    kernel,
+                    rounds,
+                    count=BATCH_STATES if batch else STATES,
+                    condition=condition,
+                )
+        except (Disagreement, ArithmeticError) as error:
+            self.disagreements.append(str(error))
+            return Entry(**{**vars(base), "missing": {**missing, "not timed": str(error)}})
+        ns = {label: timing.median(label) for label in timing.ns}
+        ours = BATCH if batch else NAME
+        ratios = {label: timing.ratio(label, ours) for label in ns if label != ours and ours in ns}
+        return Entry(**{**vars(base), "ns": ns, "ratios": ratios, "difference": timing.difference})
+
+    def standard(self, given: Case) -> Iterator[Entry]:
+        """Every kernel of a robot: one state, a batch, derivatives, a step."""
+        missing: dict[str, str] = {}
+        peers = self.peers(given, missing)
+        stopwatch = peers[TEXTBOOK].yardstick.stopwatch
+        ours = Ours(given.robot, STANDARD, self.progress)
+        for kernel in STANDARD:
+            contenders = [ours.contender(kernel), *_contenders(peers, kernel)]
+            condition = _condition(peers[TEXTBOOK], given.coordinates) if kernel == "forward_dynamics" else None
+            yield self.entry(given, kernel, contenders, stopwatch, missing, condition=condition)
+        for kernel in STANDARD:
+            pinocchio = peers[pinocchio_peer.NAME].contenders(kernel) if pinocchio_peer.NAME in peers else []
+            contenders = [ours.contender(kernel, batch=True), ours.contender(kernel), *pinocchio]
+            condition = _condition(peers[TEXTBOOK], given.coordinates) if kernel == "forward_dynamics" else None
+            yield self.entry(given, kernel, contenders, stopwatch, missing, batch=True, condition=condition)
+        for kernel, name in (("derivatives", pinocchio_peer.NAME), ("step", mujoco_peer.NAME)):
+            if name not in peers or (kernel == "step") != (given.key == ELASTIC):
+                continue
+            why = dict(missing)
+            contenders = _contenders({name: peers[name]}, kernel)
+            try:
+                contenders.insert(0, Ours(given.robot, (kernel,), self.progress).contender(kernel))
+            except MissingPeer as error:
+                why[NAME] = str(error)
+            yield self.entry(given, kernel, contenders, stopwatch, why)
+
+    def growing(self, given: Case) -> Iterator[Entry]:
+        """The kernels of the plot: one state beside the textbook and Pinocchio, and a batch."""
+        kernels = [k for k in STANDARD if k != "mass_matrix" or given.coordinates <= LARGEST_MATRIX]
+        ours, textbook = Ours(given.robot, kernels, self.progress), Textbook(given.robot)
+        stopwatch = textbook.yardstick.stopwatch
+        pinocchio = None if pinocchio_peer.NAME in self.missing else PinocchioPeer(given)
+        for kernel in kernels:
+            others = [textbook.contender(kernel), *(pinocchio.contenders(kernel) if pinocchio else [])]
+            condition = _condition(textbook, given.coordinates) if kernel == "forward_dynamics" else None
+            yield self.entry(given, kernel, [ours.contender(kernel), *others], stopwatch, {}, condition=condition)
+            yield self.entry(given, kernel, [ours.contender(kernel, batch=True)], stopwatch, {}, batch=True)
+
+
+def run(
+    rounds: int, progress: Progress, keys: Sequence[str] = (), growing: Sequence[int] = GROWING
+) -> tuple[Report, list[str]]:
+    """The report of a run, and what contenders disagreed on.
+
+    Args:
+        rounds: per row.
+        progress: called with a line of text when something begins.
+        keys: robots of ``TITLES``; all if empty.
+        growing: numbers of joints of the chains in the plot.
+    """
+    going = Run(rounds, progress)
+    going.had()
+    entries: list[Entry] = []
+    for key in keys or TITLES:
+        progress(f"{key}:")
+        try:
+            entries += going.standard(case(key))
+        except MissingPeer as error:
+            going.missing[TITLES[key]] = str(error)
+    chains: list[Entry] = []
+    for joints in growing:
+        progress(f"chain of {joints} joints:")
+        chains += going.growing(chain(joints))
+    report = Report(machine(going.missing), rounds, STATES, BATCH_STATES, going.missing, tuple(entries), tuple(chains))
+    return report, going.disagreements
+
+
+def machine(missing: dict[str, str]) -> dict[str, str]:
+    """What has to be said beside a time."""
+    flags = " ".join((*pinocchio_peer.FLAGS, "-std=c++17", "-DNDEBUG"))
+    said = {
+        "Processor": processor_name(),
+        "eomgen and textbook": f"{find_compiler().version.splitlines()[0]}, `{' '.join(USED)}`",
+        "Pinocchio": f"wheel pin {pinocchio_peer.version()}, {_first_line(pinocchio_peer.cxx())}, `{flags}`"
+        if "Pinocchio" not in missing
+        else "",
+        "MuJoCo": f"wheel mujoco {mujoco_peer.version()}, its own library" if "MuJoCo" not in missing else "",
+        "CasADi": f"wheel casadi {casadi_peer.version()}" if "CasADi" not in missing else "",
+    }
+    return {key: value for key, value in said.items() if value}
+
+
+def _first_line(command: str) -> str:
+    import shlex
+    import subprocess
+
+    said = subprocess.run([*shlex.split(command), "--version"], capture_output=True, text=True, check=True).stdout
+    return said.splitlines()[0]
+
+
+def _contenders(peers: dict[str, Any], kernel: str) -> list[Contender]:
+    """Those of the peers that have the kernel."""
+    found: list[Contender] = []
+    if TEXTBOOK in peers and kernel in STANDARD:
+        found.append(peers[TEXTBOOK].contender(kernel))
+    if pinocchio_peer.NAME in peers and kernel in pinocchio_peer.CODE:
+        found += peers[pinocchio_peer.NAME].contenders(kernel)
+    if casadi_peer.NAME in peers and kernel in casadi_peer.KERNELS:
+        found.append(peers[casadi_peer.NAME].contender(kernel))
+    if mujoco_peer.NAME in peers and kernel in mujoco_peer.CODE:
+        found.append(peers[mujoco_peer.NAME].contender(kernel))
+    return found
+
+
+def _condition(textbook: Textbook, n: int) -> Callable[[np.ndarray], float]:
+    """Condition number of the mass matrix."""
+
+    def condition(q: np.ndarray) -> float:
+        matrix = np.zeros((n, n))
+        textbook.yardstick.run("mass_matrix", [np.ascontiguousarray(q)], matrix)
+        return float(np.linalg.cond(matrix))
+
+    return condition
+
+
+@contextmanager
+def one_core() -> Iterator[None]:
+    """Keep this process on one core, where the system can."""
+    if not hasattr(os, "sched_setaffinity"):
+        yield
+        return
+    before = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {max(before)})
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, before)
