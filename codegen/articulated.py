@@ -69,14 +69,19 @@ def diagonal_product(S: Mat) -> Scalar:
     return S[0][0] * S[1][1] * S[2][2]
 
 
+def diagonal(x: Vec) -> Mat:
+    """The matrix with x on its diagonal."""
+    return ((x[0], 0.0, 0.0), (0.0, x[1], 0.0), (0.0, 0.0, x[2]))
+
+
+def rows_scaled(x: Vec, S: Mat) -> Mat:
+    """diag(x) S."""
+    return (scale(x[0], S[0]), scale(x[1], S[1]), scale(x[2], S[2]))
+
+
 def sum_mat(R: Mat, S: Mat) -> Mat:
     """R + S."""
     return (add(R[0], S[0]), add(R[1], S[1]), add(R[2], S[2]))
-
-
-def scale_mat(factor: Scalar, S: Mat) -> Mat:
-    """factor S."""
-    return (scale(factor, S[0]), scale(factor, S[1]), scale(factor, S[2]))
 
 
 def symmetric(S: Mat) -> Mat:

@@ -67,7 +67,7 @@ def find_compiler() -> Compiler:
             "no C compiler found: $CC is not set, and cc, gcc and clang are not on the path; install one"
             " (Debian: apt install gcc; or pip install ziglang), or set CC to its command"
         ) from None
-    return _probe((sys.executable, "-m", "ziglang", "cc", "-DEOMGEN_NO_LIBMVEC"))  # its libm has no vectors
+    return _probe((sys.executable, "-m", "ziglang", "cc"))
 
 
 @cache

@@ -20,17 +20,21 @@ from eomgen.model import FIXED_BODY, Model
 from .articulated import (
     NOTHING,
     Articulated,
+    diagonal,
     gyroscopic_moment,
     inertia_tensor,
+    inverse3,
     inverse_or_zero,
     less,
+    rows_scaled,
+    sum_mat,
     symmetric,
     to_parent,
     turned,
     with_row,
 )
-from .bodies import Bound, Mat, Scalar, Vec, add, cross, dot, matvec, scale, transpose
-from .free_bodies import FreeBodies, Speeds
+from .bodies import Bound, Mat, Scalar, Vec, add, cross, dot, matmul, matvec, scale, transpose
+from .free_bodies import FreeBodies, Speeds, is_zero
 from .freeze import JointGeometry, unit
 from .recursion import NO_WRENCH, ZERO, Acceleration, Note, Wrench, acceleration, no_note
 
@@ -42,6 +46,15 @@ class _Step:
     index: int
     free: Scalar
     gain: Wrench
+
+
+@dataclass(frozen=True)
+class _Block:
+    """The same of a joint's three translations: accelerations = free - yielding a - gain w_dot."""
+
+    free: Vec
+    yielding: Mat
+    gain: Mat
 
 
 class Elimination:
@@ -65,6 +78,7 @@ class Elimination:
         self.sizes = self._sizes()
         self.speeds = self._speeds()
         self.steps: list[list[_Step]] = [[] for _ in model.bodies]
+        self.blocks: dict[int, _Block] = {}
         self._backward()
         self._forward()
 
@@ -114,6 +128,8 @@ class Elimination:
             inertia = replace(inertia, p=inertia.answer(ZERO, drift))
             inertia = turned(turn, self._eliminate(k, inertia, turn.index, 3 + turn.axis))
         inertia = replace(inertia, p=inertia.answer(speeds.drift, ZERO))
+        if len(joint.translations) == 3 and not any(is_zero(self.bound.armature[i]) for i, _ in joint.translations):
+            return self._eliminate_translations(k, inertia)
         for index, axis in reversed(joint.translations):
             inertia = self._eliminate(k, inertia, index, axis)
         return inertia
@@ -144,6 +160,33 @@ class Elimination:
         share = armature * inverse  # of its own row, that is all that the armature leaves
         row_left = Wrench(scale(share, gain.force), scale(share, gain.moment))
         return with_row(left, row, row_left, self.drives[index] - armature * free)
+
+    def _eliminate_translations(self, k: int, inertia: Articulated) -> Articulated:
+        """Three translations with armatures D at once: one division, and no chain of three.
+
+        L becomes D K L with K = (L + D)^-1, where off its diagonal K L = -K D and on it nothing cancels, however large
+        D is.
+        """
+        first = self.joints[k].translations[0][0]
+        D = (self.bound.armature[first], self.bound.armature[first + 1], self.bound.armature[first + 2])
+        drives = (self.drives[first], self.drives[first + 1], self.drives[first + 2])
+        L, C, A, p = inertia.L, inertia.C, inertia.A, inertia.p
+        K, determinant = inverse3(sum_mat(L, diagonal(D)))
+        x, y, z = (self.sizes[k][0] + d for d in D)
+        self.pivots[first] = (determinant, x * y * z)
+        KL = (
+            (dot(K[0], L[0]), -1.0 * (K[0][1] * D[1]), -1.0 * (K[0][2] * D[2])),
+            (-1.0 * (K[1][0] * D[0]), dot(K[1], L[1]), -1.0 * (K[1][2] * D[2])),
+            (-1.0 * (K[2][0] * D[0]), -1.0 * (K[2][1] * D[1]), dot(K[2], L[2])),
+        )
+        gain = matmul(K, C)
+        free = matvec(K, add(drives, scale(-1.0, p.force)))
+        self.blocks[k] = _Block(free, KL, gain)
+        for i in range(3):
+            A = symmetric(less(A, C[i], gain[i]))
+        held = (drives[0] - D[0] * free[0], drives[1] - D[1] * free[1], drives[2] - D[2] * free[2])
+        p = Wrench(held, add(p.moment, matvec(transpose(C), free)))
+        return Articulated(symmetric(rows_scaled(D, KL)), rows_scaled(D, gain), A, p)
 
     def _sizes(self) -> list[tuple[Scalar, Scalar]]:
         """Per body, mass and moments of inertia of all that hangs on it, roughly: what a pivot is compared to.
@@ -185,8 +228,15 @@ class Elimination:
             self.accelerations[index] = value
             return value
 
-        for index, axis in joint.translations:
-            a = add(a, unit(axis, released(index, a, d)))
+        if k in self.blocks:
+            block = self.blocks[k]
+            moved = add(block.free, scale(-1.0, add(matvec(block.yielding, a), matvec(block.gain, d))))
+            first = joint.translations[0][0]
+            self.accelerations[first : first + 3] = moved
+            a = add(a, moved)
+        else:
+            for index, axis in joint.translations:
+                a = add(a, unit(axis, released(index, a, d)))
         a = add(a, speeds.drift)
         for turn, w in zip(joint.rotations, speeds.behind[1:], strict=True):
             back = transpose(turn.matrix)

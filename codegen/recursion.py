@@ -63,24 +63,6 @@ def acceleration(rate: Vec, dot_rate: Vec, origin: Vec) -> Acceleration:
     return Acceleration(rate, dot_rate, origin, s, U)
 
 
-def accelerations(
-    model: Model,
-    joints: Sequence[JointGeometry],
-    v: Sequence[Scalar],
-    a: Sequence[Scalar],
-    base: Vec,
-    note: Note = no_note,
-) -> list[Acceleration]:
-    """K of every body, the base's origin accelerated with ``base`` (m/s^2; minus gravity stands for gravity)."""
-    still = acceleration(ZERO, ZERO, base)
-    bodies: list[Acceleration] = []
-    for body, joint in zip(model.bodies, joints, strict=True):
-        note(f"{body.name}: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded")
-        parent = still if body.parent == FIXED_BODY else bodies[body.parent]
-        bodies.append(_through_joint(parent, joint, v, a))
-    return bodies
-
-
 def _through_joint(
     parent: Acceleration, joint: JointGeometry, v: Sequence[Scalar], a: Sequence[Scalar]
 ) -> Acceleration:
@@ -148,12 +130,19 @@ def collect(
     total = list(wrenches)
     rows: list[Scalar] = [0.0] * model.size
     for k in range(len(model.bodies) - 1, -1, -1):
-        note(f"{model.bodies[k].joint}: traces against its tangents, eq. (5)")
-        at_parent = through_joint_back(total[k], joints[k], rows)
-        parent = model.bodies[k].parent
-        if parent != FIXED_BODY:
-            total[parent] = total[parent] + at_parent
+        _collect_body(model, joints, k, total, rows, note)
     return rows, total
+
+
+def _collect_body(
+    model: Model, joints: Sequence[JointGeometry], k: int, total: list[Wrench], rows: list[Scalar], note: Note
+) -> None:
+    """Rows of one joint, where all that hangs on its body is in ``total`` already; the parent's part."""
+    note(f"{model.bodies[k].joint}: traces against its tangents, eq. (5)")
+    at_parent = through_joint_back(total[k], joints[k], rows)
+    parent = model.bodies[k].parent
+    if parent != FIXED_BODY:
+        total[parent] = total[parent] + at_parent
 
 
 def through_joint_back(wrench: Wrench, joint: JointGeometry, rows: list[Scalar], whole: Mat | None = None) -> Wrench:
@@ -182,11 +171,29 @@ def inertial_rows(
     gravity: Vec,
     note: Note = no_note,
 ) -> tuple[list[Scalar], list[Wrench]]:
-    """Left-hand side of eq. (5) minus gravity's generalized force, per coordinate, and the joints' wrenches."""
-    moving = accelerations(model, joints, v, a, scale(-1.0, gravity), note)
-    note("force and moment of every link: P = K H")
-    wrenches = [body_wrench(K, body.inertia) for K, body in zip(moving, bound.bodies, strict=True)]
-    rows, total = collect(model, joints, wrenches, note)
+    """Left-hand side of eq. (5) minus gravity's generalized force, per coordinate, and the joints' wrenches.
+
+    A branch is collected before the next one begins, and a link's wrench is taken where its K is: values that wait are
+    what registers cannot hold.
+    """
+    still = acceleration(ZERO, ZERO, scale(-1.0, gravity))
+    moving: list[Acceleration] = []
+    total: list[Wrench] = []
+    rows: list[Scalar] = [0.0] * model.size
+    path: list[int] = []
+
+    def back_to(parent: int) -> None:
+        while path and path[-1] != parent:
+            _collect_body(model, joints, path.pop(), total, rows, note)
+
+    for k, body in enumerate(model.bodies):
+        back_to(body.parent)
+        note(f"{body.name}: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded; its wrench P = K H")
+        K = _through_joint(still if body.parent == FIXED_BODY else moving[body.parent], joints[k], v, a)
+        moving.append(K)
+        total.append(body_wrench(K, bound.bodies[k].inertia))
+        path.append(k)
+    back_to(FIXED_BODY)
     return [row + c * acc for row, c, acc in zip(rows, bound.armature, a, strict=True)], total
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -27,7 +27,7 @@ from .solve import coordinate_parents, solve_operations
 from .source import Source, environment
 from .zeros import zero_map
 
-CHUNK = 600  # values per function
+CHUNK = 1200  # values per function
 INLINE = 72  # longest expression, in characters, that is written into another one
 LITERALS = {"zero": 0.0, "half": 0.5, "one": 1.0, "two": 2.0, "six": 6.0}  # of templates
 VECTORS = (16, 32, 64)  # bytes of a vector
@@ -41,22 +41,16 @@ class Scalar:
 
     name: the type.
     suffix: of literals and of the functions of <math.h>.
-    prefix: of sine and cosine.
     spread: macro that makes a vector of a number; empty where numbers are no vectors.
     """
 
     name: str
     suffix: str
-    prefix: str = ""
     spread: str = ""
 
     def lanes(self) -> Scalar:
         """Vectors of these numbers, named as in ``batches.c.jinja``."""
-        return replace(self, name="lanes", prefix="lanes_", spread="ALL")
-
-    def function(self, name: str) -> str:
-        """Name of a function of <math.h> for these numbers."""
-        return self.prefix + name + ("" if self.prefix else self.suffix)
+        return replace(self, name="lanes", spread="ALL")
 
     def whole(self, text: str) -> str:
         """A number where a value of this type has to stand."""
@@ -75,19 +69,102 @@ class Scalar:
         return str(np.float32(number)) + self.suffix
 
 
+@dataclass(frozen=True)
+class Turn:
+    """Numbers of the sines and cosines of ``vectors.jinja`` for one type, as literals of C.
+
+    integer: of the same width.  shift: what brings a number's units into the lowest bits.  quarter: pi/2 in parts,
+    products of all but the last exact.  sine, cosine: coefficients of powers of z = r^2, the lowest first, in
+    sin r = r + r z (...), cos r = 1 - z (1/2 - z (...)).  sign: from bit 1 to the sign.
+    """
+
+    integer: str
+    error: str
+    source: str
+    limit: str
+    per_quarter: str
+    shift: str
+    quarter: tuple[str, ...]
+    sine: tuple[str, ...]
+    cosine: tuple[str, ...]
+    sign: int
+
+    @staticmethod
+    def horner(coefficients: Sequence[str]) -> str:
+        """A polynomial in z."""
+        text = coefficients[-1]
+        for number in reversed(coefficients[:-1]):
+            text = f"{number} + z*({text})" if text != coefficients[-1] else f"{number} + z*{text}"
+        return text
+
+
+TURNS = {
+    "float64": Turn(
+        "long long",
+        "2.5",
+        "fdlibm (Sun Microsystems 1993)",
+        "1e6",
+        "0.63661977236758134308",
+        "0x1.8p52",
+        ("0x1.921fb544p+0", "0x1.0b4611a6p-34", "0x1.3198a2e037073p-69"),
+        (
+            "-1.66666666666666324348e-01",
+            "8.33333333332248946124e-03",
+            "-1.98412698298579493134e-04",
+            "2.75573137070700676789e-06",
+            "-2.50507602534068634195e-08",
+            "1.58969099521155010221e-10",
+        ),
+        (
+            "4.16666666666666019037e-02",
+            "-1.38888888888741095749e-03",
+            "2.48015872894767294178e-05",
+            "-2.75573143513906633035e-07",
+            "2.08757232129817482790e-09",
+            "-1.13596475577881948265e-11",
+        ),
+        62,
+    ),
+    "float32": Turn(
+        "int",
+        "2.5",
+        "the Cephes library (S. L. Moshier)",
+        "5e3f",
+        "0.636619772f",
+        "0x1.8p23f",
+        ("0x1.92p+0f", "0x1.fb4p-12f", "0x1.444p-24f", "0x1.68c234p-39f"),
+        ("-1.6666654611e-1f", "8.3321608736e-3f", "-1.9515295891e-4f"),
+        ("4.166664568298827e-2f", "-1.388731625493765e-3f", "2.443315711809948e-5f"),
+        30,
+    ),
+}
 SCALARS = {"float64": Scalar("double", ""), "float32": Scalar("float", "f")}
 
 
 @dataclass(frozen=True)
 class Function:
-    """A program as C: per chunk its statements, the size of the array that chunks share, arrays that are not read."""
+    """A program as C: per chunk its statements, the size of the array that chunks share, arrays that are not read.
+
+    ``angles`` are the expressions whose sines and cosines are taken before all else.
+    """
 
     name: str
     arrays: tuple[str, ...]
+    angles: tuple[str, ...]
     chunks: tuple[tuple[str, ...], ...]
     workspace: int
     unused: tuple[tuple[str, ...], ...]
     outputs: tuple[str, ...]
+
+    @property
+    def run(self) -> str:
+        """Where the angles stand, if they stand side by side already; or nothing."""
+        places = [re.fullmatch(r"(\w+)\[(\d+)\]", angle) for angle in self.angles]
+        if not places or not all(places):
+            return ""
+        found = [(place[1], int(place[2])) for place in places if place]
+        array, first = found[0]
+        return f"{array} + {first}" if found == [(array, first + i) for i in range(len(found))] else ""
 
 
 def render(equations: Equations, dtype: str) -> Source:
@@ -143,13 +220,17 @@ def _context(equations: Equations, dtype: str, meta: Mapping[str, Any]) -> dict[
         "all": str,
         "literals": {name: scalar.literal(value) for name, value in LITERALS.items()},
         "lane_count": 1,
+        "turn": TURNS[dtype],
+        "turns": any(i.op in ("sin", "cos") for p in equations.programs.values() for i in p.instructions),
+        "padded": lambda count: f"PADDED({count})",
+        "turned": lambda angles, count: f"{angles}, PADDED({count}), sine, cosine",
         "coordinate_parents": coordinate_parents(model),
         "sizes": {key: int(np.prod(shape)) for key, shape in shapes(model).items()},
         "functions": functions,
         "solving": any("pivot" in function.outputs for function in functions.values()),
         "batched": batched(equations),
         "looped": [name for name in public if name not in batched(equations)],
-        "setup": write_function(equations.setup, scalar),
+        "setup": write_function(equations.setup, scalar, turning=False),
         "loops": sorted(equations.loops),
         "survivors": christoffel_bits(model) if "christoffel" in equations.loops else [],
         "operations": meta["operations"],
@@ -165,6 +246,10 @@ def _lanes(equations: Equations, dtype: str) -> dict[str, Any]:
         "real": lanes.name,
         "suffix": "_lanes",
         "lane_count": "LANES",
+        "padded": str,
+        "turned": lambda angles, count: (
+            f"(const {scalar.name} *)({angles}), {count} * LANES, ({scalar.name} *)sine, ({scalar.name} *)cosine"
+        ),
         "all": lanes.whole,
         "one": lanes.whole(scalar.literal(1.0)),
         "zero_lanes": scalar.literal(0.0),
@@ -173,9 +258,9 @@ def _lanes(equations: Equations, dtype: str) -> dict[str, Any]:
         "solving": any("pivot" in function.outputs for function in functions.values()),
         "lane_counts": [width // np.dtype(dtype).itemsize for width in VECTORS],
         "distances": lambda count: [1 << bit for bit in range(count.bit_length() - 1)],
+        "pairs": lambda count, d: [(i, i + d) for i in range(count) if not i & d],
         "lower": lambda count, d: [count + lane - d if lane & d else lane for lane in range(count)],
         "upper": lambda count, d: [count + lane if lane & d else lane + d for lane in range(count)],
-        "turns": any(i.op in ("sin", "cos") for name in functions for i in equations.programs[name].instructions),
     }
 
 
@@ -187,7 +272,9 @@ def batched(equations: Equations) -> list[str]:
         signature = SIGNATURES[name]
         arrays = sum(size[array] for array in (*signature.reads, signature.writes))
         if name in equations.programs:
-            return arrays + len(handed_on(equations.programs[name]))
+            program = equations.programs[name]
+            apart = turned(program)
+            return arrays + 3 * len(apart) + len(handed_on(program, split(program, apart)))
         return arrays + max(values(program) for program in signature.calls)
 
     public = [name for name in KERNELS if name in equations.kernels]
@@ -266,16 +353,31 @@ def operations(equations: Equations) -> dict[str, dict[str, int]]:
     return {**public, "parameters": equations.setup.count()}
 
 
-def write_function(program: Program, scalar: Scalar) -> Function:
-    """Program -> statements of C."""
+def write_function(program: Program, scalar: Scalar, *, turning: bool = True) -> Function:
+    """Program -> statements of C.
+
+    Args:
+        turning: take all sines and cosines at once in front (``turn`` of ``vectors.jinja``), not one by one.
+    """
     signature = SIGNATURES.get(program.name)
     arrays: tuple[str, ...] = tuple(a for a in ("h", "p", "q", "v", "a", "u", "wrench") if a in program.inputs())
     if signature is not None:
         arrays = ("h", *signature.reads)
-    chunks, workspace = _Writer(program, scalar).chunks()
-    unused = tuple(tuple(a for a in arrays if not _reads(chunk, a)) for chunk in chunks)
+    writer = _Writer(program, scalar, turning)
+    chunks = writer.chunks()
+    unused = [[a for a in arrays if not _reads(chunk, a)] for chunk in chunks]
+    if len(chunks) == 1:
+        unused[0] = [a for a in unused[0] if not _reads(writer.angles, a)]
     outputs = tuple(dict.fromkeys(key[0] for key in program.outputs))
-    return Function(program.name, arrays, tuple(tuple(chunk) for chunk in chunks), workspace, unused, outputs)
+    return Function(
+        program.name,
+        arrays,
+        tuple(writer.angles),
+        tuple(tuple(chunk) for chunk in chunks),
+        len(writer.slots),
+        tuple(tuple(names) for names in unused),
+        outputs,
+    )
 
 
 def _reads(chunk: Sequence[str], array: str) -> bool:
@@ -283,20 +385,35 @@ def _reads(chunk: Sequence[str], array: str) -> bool:
     return any(re.search(rf"\b{array}\[", line) for line in chunk)
 
 
-def split(program: Program) -> dict[int, int]:
-    """For every value that is computed, the function that computes it."""
+def turned(program: Program) -> set[int]:
+    """Sines and cosines, and what they alone need: values that are no statements of their own."""
+    needs = [0] * len(program.instructions)  # statements and outputs that need a value
+    for index in program.outputs.values():
+        needs[index] += 1
+    found: set[int] = set()
+    for index in range(len(program.instructions) - 1, -1, -1):
+        instruction = program.instructions[index]
+        if instruction.op in ("sin", "cos") or (needs[index] == 0 and instruction.args):
+            found.add(index)
+        else:
+            for arg in instruction.args:
+                needs[arg] += 1
+    return found
+
+
+def split(program: Program, apart: Container[int]) -> dict[int, int]:
+    """For every value that is computed, the function that computes it; but for those that are ``apart``."""
     size = len(program.instructions)
-    computed = [i for i in range(size) if program.instructions[i].op not in ("const", "input")]
+    computed = [i for i in range(size) if program.instructions[i].op not in ("const", "input") and i not in apart]
     return {index: order // CHUNK for order, index in enumerate(computed)}
 
 
-def handed_on(program: Program) -> dict[int, int]:
+def handed_on(program: Program, chunk_of: Mapping[int, int]) -> dict[int, int]:
     """Values that a later function reads, and their places in the array that functions share."""
-    chunk_of = split(program)
     slots: dict[int, int] = {}
-    for index, instruction in enumerate(program.instructions):
-        for arg in instruction.args:
-            if arg in chunk_of and chunk_of[arg] != chunk_of[index]:
+    for index, chunk in chunk_of.items():
+        for arg in program.instructions[index].args:
+            if chunk_of.get(arg, chunk) != chunk:
                 slots.setdefault(arg, len(slots))
     return slots
 
@@ -304,18 +421,39 @@ def handed_on(program: Program) -> dict[int, int]:
 class _Writer:
     """Writes the statements of one program."""
 
-    def __init__(self, program: Program, scalar: Scalar) -> None:
+    def __init__(self, program: Program, scalar: Scalar, turning: bool) -> None:
         self.program, self.scalar = program, scalar
         self.count = users(program)
         self.stores: dict[int, list[str]] = {}
         for (array, position), index in program.outputs.items():
             self.stores.setdefault(index, []).append(f"{array}[{position}]")
-        self.chunk_of = split(program)
+        apart = turned(program) if turning else set()
+        self.angles: list[str] = []
+        self.turns: dict[int, str] = {}  # sines and cosines that are taken in front
+        self._take_turns(apart)
+        self.chunk_of = split(program, apart)
         self.last = max(self.chunk_of.values(), default=0)
-        self.slots = handed_on(program)
+        self.slots = handed_on(program, self.chunk_of)
 
-    def chunks(self) -> tuple[list[list[str]], int]:
-        """Statements per chunk, and the size of the shared array."""
+    def _take_turns(self, apart: Container[int]) -> None:
+        place: dict[int, int] = {}
+        for index, instruction in enumerate(self.program.instructions):
+            if index in apart and instruction.op in ("sin", "cos"):
+                (arg,) = instruction.args
+                if arg not in place:
+                    place[arg] = len(self.angles)
+                    self.angles.append(self._from_inputs(arg))
+                self.turns[index] = f"{'sine' if instruction.op == 'sin' else 'cosine'}[{place[arg]}]"
+
+    def _from_inputs(self, index: int) -> str:
+        """A value as one expression of inputs."""
+        instruction = self.program.instructions[index]
+        if not instruction.args:
+            return self._leaf(index)
+        return self._expression(instruction.op, [self._from_inputs(arg) for arg in instruction.args])
+
+    def chunks(self) -> list[list[str]]:
+        """Statements per chunk."""
         lines: list[list[str]] = [[] for _ in range(self.last + 1)]
         lines[0].extend(self._constant_outputs())
         text: dict[int, str] = {}
@@ -325,7 +463,8 @@ class _Writer:
             chunk = self.chunk_of.get(index)
             note = self.program.notes.get(index, note)
             if chunk is None:
-                text[index] = self._leaf(index)
+                if index in self.turns or not instruction.args:
+                    text[index] = self._leaf(index)
                 continue
             args = [self._argument(arg, chunk, text, known[chunk], lines[chunk]) for arg in instruction.args]
             expression = self._expression(instruction.op, args)
@@ -344,7 +483,7 @@ class _Writer:
                 lines[chunk].append(f"w[{self.slots[index]}] = t{index};")
             if index in self.stores:
                 lines[chunk].append(f"{' = '.join(self.stores[index])} = t{index};")
-        return lines, len(self.slots)
+        return lines
 
     def _constant_outputs(self) -> Iterator[str]:
         """Outputs that are numbers or inputs, zeros in a loop where there are many."""
@@ -363,11 +502,13 @@ class _Writer:
                 leaf = self._leaf(index)
                 kept = [p for p in places if leaf != self.scalar.literal(0.0) or p.split("[")[0] not in filled]
                 if kept:
-                    is_vector = self.program.instructions[index].op == "input" and not leaf.startswith(("h[", "p["))
+                    is_vector = self.program.instructions[index].op != "const" and not leaf.startswith(("h[", "p["))
                     yield f"{' = '.join(kept)} = {leaf if is_vector else self.scalar.whole(leaf)};"
 
     def _leaf(self, index: int) -> str:
         instruction = self.program.instructions[index]
+        if index in self.turns:
+            return self.turns[index]
         if instruction.op == "const":
             return self.scalar.literal(instruction.leaf)
         return f"{instruction.leaf[0]}[{instruction.leaf[1]}]"
@@ -392,7 +533,7 @@ class _Writer:
 
     def _expression(self, op: str, args: Sequence[str]) -> str:
         if op in ("sin", "cos"):
-            return f"{self.scalar.function(op)}({args[0]})"
+            return f"{op}{self.scalar.suffix}({args[0]})"
         if op == "neg":
             return f"-{_factor(args[0])}"
         x, y = args

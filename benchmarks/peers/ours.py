@@ -3,54 +3,55 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import eomgen
 from eomgen.codegen.compile import FLAGS, NATIVE
 from eomgen.model import build_model
-from eomgen.pipeline import KERNEL_NAMES
 from eomgen.robot import Robot
 from eomgen.yardstick import Yardstick, compile_yardstick
 
-from .contender import Contender, MissingPeer, address
-from .measure import READS
+from .contender import FFI, Contender, MissingPeer, address, build_library
 
 NAME, BATCH, TEXTBOOK = "eomgen", "eomgen, batch", "textbook"
 USED = (*FLAGS, *NATIVE)
-# Kernels that this file knows by a name of its own: the first that the generator knows is measured.
-DERIVATIVES = ("inverse_dynamics_derivatives", "residual_jacobian")
-STEP = ("implicit_step",)  # (h, q, v, u, out): one linearly implicit step of mujoco_peer.TIME_STEP
-ALIASES = {"derivatives": DERIVATIVES, "step": STEP}
-
-
-def kernel_name(kernel: str) -> str:
-    """The generator's name of a kernel.
-
-    Raises:
-        MissingPeer: it has none.
-    """
-    names = ALIASES.get(kernel, (kernel,))
-    for name in names:
-        if name in KERNEL_NAMES:
-            return name
-    raise MissingPeer(f"not built: the generator has no kernel {names[0]}")
+NAMES = {"derivatives": "residual_jacobian", "step": "rollout"}  # of kernels that are called otherwise here
+STEP = Path(__file__).with_name("ours_step.c")
+LARGEST = 64  # coordinates that its arrays hold
+FFI.cdef("typedef struct { void *rollout; const double *h; double dt; size_t n; } OurStep; void ours_step(void);")
 
 
 class Ours:
     """A robot's kernels, compiled for this machine."""
 
     def __init__(self, robot: Robot, kernels: Sequence[str], progress: Callable[[str], None]) -> None:
-        names = [kernel_name(kernel) for kernel in kernels]
+        names = [NAMES.get(kernel, kernel) for kernel in kernels]
         self.kernel = eomgen.build(robot, kernels=names, native=True, progress=progress)
 
     def contender(self, kernel: str, *, batch: bool = False) -> Contender:
         """A kernel for one state, or for all states in one call."""
-        ffi, lib, name = self.kernel._ffi, self.kernel._lib, kernel_name(kernel)
-        reads = self.kernel._functions[name][1]
-        if reads != READS[kernel]:  # a call would be undefined
-            raise MissingPeer(f"not measured: {name} reads {', '.join(reads)}, not {', '.join(READS[kernel])}")
+        ffi, lib, name = self.kernel._ffi, self.kernel._lib, NAMES.get(kernel, kernel)
         code = ffi.addressof(lib, f"{self.kernel.name}_{name}{'_batch' if batch else ''}")
         h = address(ffi, self.kernel.parameters._setup.pointer)
         return Contender(BATCH if batch else NAME, address(ffi, code), h, batch=batch, kept=self)
+
+    def step(self, dt: float) -> Contender:
+        """One linearly implicit step of so many seconds, q and v after it.
+
+        Raises:
+            MissingPeer: the robot is too large.
+        """
+        kernel = self.kernel
+        if kernel.n > LARGEST:
+            raise MissingPeer(f"{kernel.n} coordinates; at most {LARGEST} are timed")
+        text = STEP.read_text(encoding="ascii")
+        path = build_library("ours_step", "cc", [("-std=c99", "-O2", STEP.name)], (), {STEP.name: text})
+        library = FFI.dlopen(str(path))
+        rollout = address(kernel._ffi, kernel._ffi.addressof(kernel._lib, f"{kernel.name}_rollout"))
+        h = address(kernel._ffi, kernel.parameters._setup.pointer)
+        given = FFI.new("OurStep *", (FFI.cast("void *", rollout), FFI.cast("double *", h), dt, kernel.n))
+        code = address(FFI, FFI.addressof(library, "ours_step"))
+        return Contender(NAME, code, address(FFI, given), kept=(self, library, given))
 
 
 class Textbook:

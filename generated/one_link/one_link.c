@@ -12,6 +12,66 @@
 #define EOMGEN_PART static
 #endif
 
+#if !defined(EOMGEN_VECTOR) /* bytes of a vector; 0 for none */
+#if defined(__GNUC__) && defined(__AVX512F__)
+#define EOMGEN_VECTOR 64
+#elif defined(__GNUC__) && defined(__AVX__)
+#define EOMGEN_VECTOR 32
+#elif defined(__GNUC__) && (defined(__SSE2__) || defined(__ARM_NEON))
+#define EOMGEN_VECTOR 16
+#else
+#define EOMGEN_VECTOR 0
+#endif
+#endif
+
+#if EOMGEN_VECTOR
+typedef double lanes __attribute__((vector_size(EOMGEN_VECTOR)));
+typedef long long bits __attribute__((vector_size(EOMGEN_VECTOR)));
+#define LANES (EOMGEN_VECTOR / 8)
+#define EOMGEN_HELPER static __attribute__((unused))
+#else
+typedef double lanes;
+#define LANES 1
+#define EOMGEN_HELPER static
+#endif
+#define PADDED(count) (((count) + LANES - 1) / LANES * LANES)
+
+/* Sines and cosines of count angles, a multiple of LANES; within 2.5 units in the last place.
+ * The nearest multiple of pi/2 is taken off in parts, and the rest goes into the polynomials of
+ * fdlibm (Sun Microsystems 1993).  Angles beyond 1e6 are left to the library. */
+EOMGEN_HELPER void turn(const double *restrict angle, size_t count, double *restrict sine, double *restrict cosine)
+{
+#if EOMGEN_VECTOR
+    bits far = { 0 };
+    long long any = 0;
+    for (size_t i = 0; i < count; i += LANES) {
+        lanes x;
+        memcpy(&x, angle + i, sizeof x);
+        far |= (bits)(x > 1e6) | (bits)(x < -1e6);
+        const lanes shifted = x*0.63661977236758134308 + 0x1.8p52;
+        const lanes quarters = shifted - 0x1.8p52;
+        const lanes r = x - quarters*0x1.921fb544p+0 - quarters*0x1.0b4611a6p-34 - quarters*0x1.3198a2e037073p-69;
+        const lanes z = r*r;
+        const lanes s = r + r*z*(-1.66666666666666324348e-01 + z*(8.33333333332248946124e-03 + z*(-1.98412698298579493134e-04 + z*(2.75573137070700676789e-06 + z*(-2.50507602534068634195e-08 + z*1.58969099521155010221e-10)))));
+        const lanes c = 1.0 - z*(0.5 - z*(4.16666666666666019037e-02 + z*(-1.38888888888741095749e-03 + z*(2.48015872894767294178e-05 + z*(-2.75573143513906633035e-07 + z*(2.08757232129817482790e-09 + z*-1.13596475577881948265e-11))))));
+        const bits quarter = (bits)shifted, odd = (bits)((quarter & 1) != 0);
+        const bits s_bits = (odd & (bits)c) | (~odd & (bits)s), c_bits = (odd & (bits)s) | (~odd & (bits)c);
+        const bits s_signed = s_bits ^ ((quarter & 2) << 62), c_signed = c_bits ^ (((quarter + 1) & 2) << 62);
+        memcpy(sine + i, &s_signed, sizeof s_signed);
+        memcpy(cosine + i, &c_signed, sizeof c_signed);
+    }
+    for (int l = 0; l < LANES; ++l) any |= far[l];
+    if (!any) return;
+#endif
+    for (size_t i = 0; i < count; ++i) {
+#if EOMGEN_VECTOR
+        if (angle[i] <= 1e6 && angle[i] >= -1e6) continue;
+#endif
+        sine[i] = sin(angle[i]);
+        cosine[i] = cos(angle[i]);
+    }
+}
+
 #if !defined(EOMGEN_BATCHES_ONLY) /* one state at a time */
 
 /* What depends on parameters alone: h holds p, then what kernels read of it. */
@@ -40,13 +100,15 @@ static int one_link_failed(const double *restrict pivot)
 /* Mass matrix M(q), eq. (11). */
 int one_link_mass_matrix(const double *restrict h, const double *restrict q, double *restrict out)
 {
+    const double angle[PADDED(1)] = { q[1] };
+    double sine[PADDED(1)], cosine[PADDED(1)];
+    turn(angle, PADDED(1), sine, cosine);
     (void)h;
 
     out[0] = 1.0;
     out[3] = 0.3333333333333333;
-    const double t1 = sin(q[1]);
     /* joint1: columns of M from the composite pseudo-inertia, eq. (11) */
-    out[1] = out[2] = -0.5*t1;
+    out[1] = out[2] = -0.5*sine[0];
 
     return 0;
 }
@@ -54,12 +116,14 @@ int one_link_mass_matrix(const double *restrict h, const double *restrict q, dou
 /* Coriolis and centrifugal terms, eq. (12) contracted. */
 int one_link_bias_force(const double *restrict h, const double *restrict q, const double *restrict v, double *restrict out)
 {
+    const double angle[PADDED(1)] = { q[1] };
+    double sine[PADDED(1)], cosine[PADDED(1)];
+    turn(angle, PADDED(1), sine, cosine);
     (void)h;
 
     out[1] = 0.0;
-    const double t2 = cos(q[1]);
     /* joint1: traces against its tangents, eq. (5) */
-    out[0] = t2*(-0.5*(v[1]*v[1]));
+    out[0] = cosine[0]*(-0.5*(v[1]*v[1]));
 
     return 0;
 }
@@ -67,13 +131,14 @@ int one_link_bias_force(const double *restrict h, const double *restrict q, cons
 /* Springs, dampers, gravity: Q_P + Q_G, eqs. (13), (14). */
 int one_link_generalized_force(const double *restrict h, const double *restrict q, const double *restrict v, double *restrict out)
 {
+    const double angle[PADDED(1)] = { q[1] };
+    double sine[PADDED(1)], cosine[PADDED(1)];
+    turn(angle, PADDED(1), sine, cosine);
     (void)v;
 
-    const double t5 = sin(q[1]);
-    const double t6 = cos(q[1]);
-    const double t12 = h[0]*t5 - h[1]*t6;
+    const double t12 = h[0]*sine[0] - h[1]*cosine[0];
     out[1] = -0.5*t12;
-    out[0] = t6*(h[0]*t6 + h[1]*t5) + t5*t12 - q[0]*h[3];
+    out[0] = cosine[0]*(h[0]*cosine[0] + h[1]*sine[0]) + sine[0]*t12 - q[0]*h[3];
 
     return 0;
 }
@@ -81,13 +146,14 @@ int one_link_generalized_force(const double *restrict h, const double *restrict 
 /* Q_F of eq. (14), its moment term corrected; base axes. */
 int one_link_external_force(const double *restrict h, const double *restrict q, const double *restrict wrench, double *restrict out)
 {
+    const double angle[PADDED(1)] = { q[1] };
+    double sine[PADDED(1)], cosine[PADDED(1)];
+    turn(angle, PADDED(1), sine, cosine);
     (void)h;
 
-    const double t1 = sin(q[1]);
-    const double t2 = cos(q[1]);
-    const double t11 = t2*wrench[1] - t1*wrench[0];
+    const double t11 = cosine[0]*wrench[1] - sine[0]*wrench[0];
     out[1] = wrench[5] + 0.5*t11;
-    out[0] = t2*(t2*wrench[0] + t1*wrench[1]) - t1*t11;
+    out[0] = cosine[0]*(cosine[0]*wrench[0] + sine[0]*wrench[1]) - sine[0]*t11;
 
     return 0;
 }
@@ -95,14 +161,16 @@ int one_link_external_force(const double *restrict h, const double *restrict q, 
 /* M a + bias - Q - u, eq. (5) unexpanded; zero on a motion. */
 int one_link_residual(const double *restrict h, const double *restrict q, const double *restrict v, const double *restrict a, const double *restrict u, double *restrict out)
 {
-    const double t10 = sin(q[1]);
-    const double t11 = cos(q[1]);
-    /* link1: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded */
+    const double angle[PADDED(1)] = { q[1] };
+    double sine[PADDED(1)], cosine[PADDED(1)];
+    turn(angle, PADDED(1), sine, cosine);
+
+    /* link1: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded; its wrench P = K H */
     const double t12 = a[0] - h[0];
-    const double t18 = t10*t12 + h[1]*t11;
+    const double t18 = sine[0]*t12 + h[1]*cosine[0];
     /* joint1: traces against its tangents, eq. (5) */
-    const double t33 = t11*(t11*t12 - h[1]*t10 - 0.5*(v[1]*v[1])) - t10*(0.5*a[1] - t18) + q[0]*h[3];
-    out[0] = t33 - u[0];
+    const double t31 = cosine[0]*(cosine[0]*t12 - h[1]*sine[0] - 0.5*(v[1]*v[1])) - sine[0]*(0.5*a[1] - t18);
+    out[0] = t31 + q[0]*h[3] - u[0];
     out[1] = 0.3333333333333333*a[1] - 0.5*t18 - u[1];
 
     return 0;
@@ -111,15 +179,17 @@ int one_link_residual(const double *restrict h, const double *restrict q, const 
 /* The drives u that make the residual zero. */
 int one_link_inverse_dynamics(const double *restrict h, const double *restrict q, const double *restrict v, const double *restrict a, double *restrict out)
 {
-    const double t8 = sin(q[1]);
-    const double t9 = cos(q[1]);
-    /* link1: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded */
+    const double angle[PADDED(1)] = { q[1] };
+    double sine[PADDED(1)], cosine[PADDED(1)];
+    turn(angle, PADDED(1), sine, cosine);
+
+    /* link1: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded; its wrench P = K H */
     const double t10 = a[0] - h[0];
-    const double t16 = t8*t10 + h[1]*t9;
-    /* force and moment of every link: P = K H */
+    const double t16 = sine[0]*t10 + h[1]*cosine[0];
     out[1] = 0.3333333333333333*a[1] - 0.5*t16;
     /* joint1: traces against its tangents, eq. (5) */
-    out[0] = t9*(t9*t10 - h[1]*t8 - 0.5*(v[1]*v[1])) - t8*(0.5*a[1] - t16) + q[0]*h[3];
+    const double t29 = cosine[0]*(cosine[0]*t10 - h[1]*sine[0] - 0.5*(v[1]*v[1])) - sine[0]*(0.5*a[1] - t16);
+    out[0] = t29 + q[0]*h[3];
 
     return 0;
 }
@@ -128,21 +198,22 @@ int one_link_inverse_dynamics(const double *restrict h, const double *restrict q
 int one_link_forward_dynamics(const double *restrict h, const double *restrict q, const double *restrict v, const double *restrict u, double *restrict out)
 {
     double pivot[4];
+    const double angle[PADDED(1)] = { q[1] };
+    double sine[PADDED(1)], cosine[PADDED(1)];
+    turn(angle, PADDED(1), sine, cosine);
 
     pivot[1] = 1.0;
     pivot[2] = pivot[3] = 0.3333333333333333;
-    const double t8 = sin(q[1]);
-    const double t9 = cos(q[1]);
-    /* link1: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded */
-    const double t15 = h[0]*t8 - h[1]*t9;
+    /* link1: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded; its wrench P = K H */
+    const double t15 = h[0]*sine[0] - h[1]*cosine[0];
     /* joint1: traces against its tangents, eq. (5) */
+    const double t23 = cosine[0]*(h[0]*cosine[0] + h[1]*sine[0] + 0.5*(v[1]*v[1])) + sine[0]*t15;
     const double t27 = u[1] - 0.5*t15;
     /* joint1: columns of M from the composite pseudo-inertia, eq. (11) */
-    const double t31 = 1.5*t8;
-    const double t34 = 1.0 - 0.5*t8*t31;
+    const double t31 = 1.5*sine[0];
+    const double t34 = 1.0 - 0.5*sine[0]*t31;
     pivot[0] = t34;
-    const double t37 = u[0] - (q[0]*h[3] - (t9*(h[0]*t9 + h[1]*t8 + 0.5*(v[1]*v[1])) + t8*t15)) + t27*t31;
-    const double t38 = 1.0/t34*t37;
+    const double t38 = 1.0/t34*(u[0] - (q[0]*h[3] - t23) + t27*t31);
     out[0] = t38;
     out[1] = 3.0*t27 + t31*t38;
 
@@ -152,20 +223,22 @@ int one_link_forward_dynamics(const double *restrict h, const double *restrict q
 /* Derivatives of the residual by q, v and a: three matrices. */
 int one_link_residual_jacobian(const double *restrict h, const double *restrict q, const double *restrict v, const double *restrict a, double *restrict out)
 {
+    const double angle[PADDED(1)] = { q[1] };
+    double sine[PADDED(1)], cosine[PADDED(1)];
+    turn(angle, PADDED(1), sine, cosine);
+
     out[0] = h[3];
     out[2] = out[4] = out[6] = 0.0;
     out[8] = 1.0;
     out[11] = 0.3333333333333333;
-    const double t8 = sin(q[1]);
-    const double t9 = cos(q[1]);
     /* link1: velocity, acceleration, and what they are to the tangents of joint1 */
     const double t10 = a[0] - h[0];
-    const double t13 = v[0]*t9;
+    const double t13 = v[0]*cosine[0];
     /* joint1: rows and columns of the derivatives of eq. (5) */
-    const double t33 = t8*(0.5*(v[1]*v[1]) - (t9*t10 - h[1]*t8)) - t9*(0.5*a[1] - (t8*t10 + h[1]*t9));
-    const double t34 = 0.5*t9;
-    const double t35 = 0.5*t8;
-    out[5] = t9*(2.0*(v[0]*t8) - v[1]) - t8*(2.0*t13);
+    const double t33 = sine[0]*(0.5*(v[1]*v[1]) - (cosine[0]*t10 - h[1]*sine[0])) - cosine[0]*(0.5*a[1] - (sine[0]*t10 + h[1]*cosine[0]));
+    const double t34 = 0.5*cosine[0];
+    const double t35 = 0.5*sine[0];
+    out[5] = cosine[0]*(2.0*(v[0]*sine[0]) - v[1]) - sine[0]*(2.0*t13);
     out[9] = out[10] = -t35;
     out[7] = t13 - 2.0*v[0]*t34;
     out[3] = h[1]*t35 - t10*t34;
@@ -177,15 +250,16 @@ int one_link_residual_jacobian(const double *restrict h, const double *restrict 
 /* Coriolis matrix C(q, v) with C v = bias and M_dot = C + C^T. */
 int one_link_coriolis_matrix(const double *restrict h, const double *restrict q, const double *restrict v, double *restrict out)
 {
+    const double angle[PADDED(1)] = { q[1] };
+    double sine[PADDED(1)], cosine[PADDED(1)];
+    turn(angle, PADDED(1), sine, cosine);
     (void)h;
 
     out[0] = out[2] = 0.0;
-    const double t3 = sin(q[1]);
-    const double t4 = cos(q[1]);
-    const double t5 = v[0]*t4;
+    const double t5 = v[0]*cosine[0];
     /* joint1: columns and rows of C, eq. (12) contracted with the velocity */
-    out[1] = t4*(v[0]*t3 - 0.5*v[1]) - t3*t5;
-    out[3] = 0.5*t5 - v[0]*(0.5*t4);
+    out[1] = cosine[0]*(v[0]*sine[0] - 0.5*v[1]) - sine[0]*t5;
+    out[3] = 0.5*t5 - v[0]*(0.5*cosine[0]);
 
     return 0;
 }
@@ -193,11 +267,13 @@ int one_link_coriolis_matrix(const double *restrict h, const double *restrict q,
 /* Christoffel symbols of the first kind, the tensor C of eq. (12). */
 int one_link_christoffel(const double *restrict h, const double *restrict q, double *restrict out)
 {
+    const double angle[PADDED(1)] = { q[1] };
+    double sine[PADDED(1)], cosine[PADDED(1)];
+    turn(angle, PADDED(1), sine, cosine);
     (void)h;
 
     out[0] = out[1] = out[2] = out[4] = out[5] = out[6] = out[7] = 0.0;
-    const double t1 = cos(q[1]);
-    out[3] = -0.5*t1;
+    out[3] = -0.5*cosine[0];
 
     return 0;
 }
@@ -205,17 +281,18 @@ int one_link_christoffel(const double *restrict h, const double *restrict q, dou
 /* Frames [R | X], bodies' origins, coordinates' axes; eqs. (1)-(3). */
 static int one_link_kinematics(const double *restrict h, const double *restrict q, double *restrict out)
 {
+    const double angle[PADDED(1)] = { q[1] };
+    double sine[PADDED(1)], cosine[PADDED(1)];
+    turn(angle, PADDED(1), sine, cosine);
     (void)h;
 
     for (size_t i = 0; i < 45; ++i) out[i] = 0.0;
+    out[0] = out[5] = out[24] = out[29] = cosine[0];
+    out[4] = out[7] = out[28] = sine[0];
     out[10] = out[12] = out[17] = out[22] = out[34] = out[39] = out[44] = 1.0;
     out[27] = out[36] = q[0];
-    const double t2 = sin(q[1]);
-    out[4] = out[7] = out[28] = t2;
-    const double t3 = cos(q[1]);
-    out[0] = out[5] = out[24] = out[29] = t3;
-    out[1] = out[25] = -t2;
-    out[3] = q[0] + t3;
+    out[1] = out[25] = -sine[0];
+    out[3] = q[0] + cosine[0];
 
     return 0;
 }
@@ -223,12 +300,14 @@ static int one_link_kinematics(const double *restrict h, const double *restrict 
 /* Kinetic energy, eq. (4), and potential energy of gravity and springs. */
 int one_link_energy(const double *restrict h, const double *restrict q, const double *restrict v, double *restrict out)
 {
-    const double t6 = sin(q[1]);
-    const double t7 = cos(q[1]);
-    const double t8 = v[0]*t7;
-    const double t9 = v[0]*t6;
+    const double angle[PADDED(1)] = { q[1] };
+    double sine[PADDED(1)], cosine[PADDED(1)];
+    turn(angle, PADDED(1), sine, cosine);
+
+    const double t8 = v[0]*cosine[0];
+    const double t9 = v[0]*sine[0];
     out[0] = 0.5*(t8*t8 - t9*(0.5*v[1] - t9) + v[1]*(0.3333333333333333*v[1] - 0.5*t9));
-    out[1] = q[0]*(q[0]*h[4]) - (h[0]*(q[0] + 0.5*t7) + h[1]*(0.5*t6));
+    out[1] = q[0]*(q[0]*h[4]) - (h[0]*(q[0] + 0.5*cosine[0]) + h[1]*(0.5*sine[0]));
 
     return 0;
 }
@@ -236,16 +315,17 @@ int one_link_energy(const double *restrict h, const double *restrict q, const do
 /* Force and moment on each joint's child link, moved joint's axes. */
 int one_link_reactions(const double *restrict h, const double *restrict q, const double *restrict v, const double *restrict a, double *restrict out)
 {
+    const double angle[PADDED(1)] = { q[1] };
+    double sine[PADDED(1)], cosine[PADDED(1)];
+    turn(angle, PADDED(1), sine, cosine);
+
     out[2] = h[5];
     out[3] = 0.0;
     out[4] = h[6];
-    const double t6 = sin(q[1]);
-    const double t7 = cos(q[1]);
-    /* link1: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded */
+    /* link1: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded; its wrench P = K H */
     const double t9 = a[0] - h[0];
-    const double t15 = t6*t9 + h[1]*t7;
-    /* force and moment of every link: P = K H */
-    out[0] = t7*t9 - h[1]*t6 - 0.5*(v[1]*v[1]);
+    const double t15 = sine[0]*t9 + h[1]*cosine[0];
+    out[0] = cosine[0]*t9 - h[1]*sine[0] - 0.5*(v[1]*v[1]);
     out[1] = 0.5*a[1] - t15;
     out[5] = 0.3333333333333333*a[1] - 0.5*t15;
 
@@ -267,26 +347,27 @@ int one_link_euler_cosines(const double *restrict h, const double *restrict q, d
 static int one_link_implicit_step(const double *restrict h, const double *restrict q, const double *restrict v, const double *restrict u, const double *restrict added, const double *restrict dt, double *restrict out)
 {
     double pivot[4];
+    const double angle[PADDED(1)] = { q[1] };
+    double sine[PADDED(1)], cosine[PADDED(1)];
+    turn(angle, PADDED(1), sine, cosine);
 
-    const double t9 = sin(q[1]);
-    const double t10 = cos(q[1]);
     const double t17 = h[3]*dt[1];
     /* joint1: eliminated, from the tips to the base */
     const double t23 = added[1] + 0.3333333333333333;
     pivot[2] = pivot[3] = t23;
     const double t25 = 1.0/t23;
     const double t26 = u[1]*t25;
-    const double t33 = t9*(1.0 - (1.0 - 0.25*t25));
-    const double t35 = 1.0 - t9*t33;
+    const double t33 = sine[0]*(1.0 - (1.0 - 0.25*t25));
+    const double t35 = 1.0 - sine[0]*t33;
     const double t40 = t17 + t35;
     pivot[0] = t40;
     pivot[1] = t17 + 1.0;
     const double t42 = 1.0/t40;
-    const double t44 = t42*(u[0] - h[3]*(q[0] + v[0]*dt[0]) + (t10*(0.5*(v[1]*v[1])) + t9*(0.5*t26)));
+    const double t43 = u[0] - h[3]*(q[0] + v[0]*dt[0]) + (cosine[0]*(0.5*(v[1]*v[1])) + sine[0]*(0.5*t26));
     /* joint1: accelerations, from the base to the tips */
-    const double t50 = t44 + (h[0]*(t35*t42) + h[1]*(t10*t33*t42));
+    const double t50 = t42*t43 + (h[0]*(t35*t42) + h[1]*(cosine[0]*t33*t42));
     out[0] = t50;
-    out[1] = t26 + 0.5*t25*(t9*(t50 - h[0]) + h[1]*t10);
+    out[1] = t26 + 0.5*t25*(sine[0]*(t50 - h[0]) + h[1]*cosine[0]);
 
     return one_link_failed(pivot);
 }
@@ -468,109 +549,100 @@ long long one_link_rollout(const double *restrict h, const double *restrict q, c
 
 #if !defined(EOMGEN_SINGLES_ONLY) /* several states at a time: the same statements on vectors, a state in every lane */
 
-#if !defined(EOMGEN_VECTOR) /* bytes of a vector; 0 for none */
-#if defined(__GNUC__) && defined(__AVX512F__)
-#define EOMGEN_VECTOR 64
-#elif defined(__GNUC__) && defined(__AVX__)
-#define EOMGEN_VECTOR 32
-#elif defined(__GNUC__) && (defined(__SSE2__) || defined(__ARM_NEON))
-#define EOMGEN_VECTOR 16
-#else
-#define EOMGEN_VECTOR 0
-#endif
-#endif
-
 #if EOMGEN_VECTOR
-typedef double lanes __attribute__((vector_size(EOMGEN_VECTOR)));
-#define LANES (EOMGEN_VECTOR / 8)
 #define LANE(x, l) ((x)[l])
 #define ALL(x) ((x) - (lanes){ 0.0 })
 #else
-typedef double lanes;
-#define LANES 1
 #define LANE(x, l) (x)
 #define ALL(x) (x)
-#endif
-
-#if !EOMGEN_VECTOR
-#define lanes_sin sin
-#define lanes_cos cos
-#elif defined(__x86_64__) && defined(__GLIBC__) && !defined(EOMGEN_NO_LIBMVEC) && (EOMGEN_VECTOR < 32 || defined(__AVX2__))
-/* glibc's libmvec, 4 units in the last place: the letter is the instruction set, the number the lanes. */
-#if EOMGEN_VECTOR == 64
-#define lanes_sin _ZGVeN8v_sin
-#define lanes_cos _ZGVeN8v_cos
-#elif EOMGEN_VECTOR == 32
-#define lanes_sin _ZGVdN4v_sin
-#define lanes_cos _ZGVdN4v_cos
-#else
-#define lanes_sin _ZGVbN2v_sin
-#define lanes_cos _ZGVbN2v_cos
-#endif
-extern lanes lanes_sin(lanes);
-extern lanes lanes_cos(lanes);
-#else
-static lanes lanes_sin(lanes x)
-{
-    for (int l = 0; l < LANES; ++l) x[l] = sin(x[l]);
-    return x;
-}
-static lanes lanes_cos(lanes x)
-{
-    for (int l = 0; l < LANES; ++l) x[l] = cos(x[l]);
-    return x;
-}
 #endif
 
 #if EOMGEN_VECTOR && defined(__has_builtin)
 #if __has_builtin(__builtin_shufflevector)
 #define EOMGEN_TRANSPOSE
-/* A square of numbers turned over: swap blocks of 1, 2, 4 ... numbers across the diagonal. */
-static inline void transpose(lanes *x)
-{
 #if LANES == 2
-    for (int i = 0; i < LANES; ++i) {
-        if (i & 1) continue;
-        const lanes a = x[i], b = x[i + 1];
-        x[i] = __builtin_shufflevector(a, b, 0, 2);
-        x[i + 1] = __builtin_shufflevector(a, b, 1, 3);
-    }
+/* A square of numbers turned over, from row to row of y: blocks of 1, 2, 4 ... numbers swap across the diagonal. */
+static inline void transpose(const double *const *restrict x, int at, lanes *restrict y)
+{
+    lanes x0, x1;
+    memcpy(&x0, x[0] + at, sizeof(lanes));
+    memcpy(&x1, x[1] + at, sizeof(lanes));
+    const lanes y1_0 = __builtin_shufflevector(x0, x1, 0, 2);
+    const lanes y1_1 = __builtin_shufflevector(x0, x1, 1, 3);
+    y[0] = y1_0;
+    y[1] = y1_1;
+}
 #endif
 #if LANES == 4
-    for (int i = 0; i < LANES; ++i) {
-        if (i & 1) continue;
-        const lanes a = x[i], b = x[i + 1];
-        x[i] = __builtin_shufflevector(a, b, 0, 4, 2, 6);
-        x[i + 1] = __builtin_shufflevector(a, b, 1, 5, 3, 7);
-    }
-    for (int i = 0; i < LANES; ++i) {
-        if (i & 2) continue;
-        const lanes a = x[i], b = x[i + 2];
-        x[i] = __builtin_shufflevector(a, b, 0, 1, 4, 5);
-        x[i + 2] = __builtin_shufflevector(a, b, 2, 3, 6, 7);
-    }
+/* A square of numbers turned over, from row to row of y: blocks of 1, 2, 4 ... numbers swap across the diagonal. */
+static inline void transpose(const double *const *restrict x, int at, lanes *restrict y)
+{
+    lanes x0, x1, x2, x3;
+    memcpy(&x0, x[0] + at, sizeof(lanes));
+    memcpy(&x1, x[1] + at, sizeof(lanes));
+    memcpy(&x2, x[2] + at, sizeof(lanes));
+    memcpy(&x3, x[3] + at, sizeof(lanes));
+    const lanes y1_0 = __builtin_shufflevector(x0, x1, 0, 4, 2, 6);
+    const lanes y1_1 = __builtin_shufflevector(x0, x1, 1, 5, 3, 7);
+    const lanes y1_2 = __builtin_shufflevector(x2, x3, 0, 4, 2, 6);
+    const lanes y1_3 = __builtin_shufflevector(x2, x3, 1, 5, 3, 7);
+    const lanes y2_0 = __builtin_shufflevector(y1_0, y1_2, 0, 1, 4, 5);
+    const lanes y2_2 = __builtin_shufflevector(y1_0, y1_2, 2, 3, 6, 7);
+    const lanes y2_1 = __builtin_shufflevector(y1_1, y1_3, 0, 1, 4, 5);
+    const lanes y2_3 = __builtin_shufflevector(y1_1, y1_3, 2, 3, 6, 7);
+    y[0] = y2_0;
+    y[1] = y2_1;
+    y[2] = y2_2;
+    y[3] = y2_3;
+}
 #endif
 #if LANES == 8
-    for (int i = 0; i < LANES; ++i) {
-        if (i & 1) continue;
-        const lanes a = x[i], b = x[i + 1];
-        x[i] = __builtin_shufflevector(a, b, 0, 8, 2, 10, 4, 12, 6, 14);
-        x[i + 1] = __builtin_shufflevector(a, b, 1, 9, 3, 11, 5, 13, 7, 15);
-    }
-    for (int i = 0; i < LANES; ++i) {
-        if (i & 2) continue;
-        const lanes a = x[i], b = x[i + 2];
-        x[i] = __builtin_shufflevector(a, b, 0, 1, 8, 9, 4, 5, 12, 13);
-        x[i + 2] = __builtin_shufflevector(a, b, 2, 3, 10, 11, 6, 7, 14, 15);
-    }
-    for (int i = 0; i < LANES; ++i) {
-        if (i & 4) continue;
-        const lanes a = x[i], b = x[i + 4];
-        x[i] = __builtin_shufflevector(a, b, 0, 1, 2, 3, 8, 9, 10, 11);
-        x[i + 4] = __builtin_shufflevector(a, b, 4, 5, 6, 7, 12, 13, 14, 15);
-    }
-#endif
+/* A square of numbers turned over, from row to row of y: blocks of 1, 2, 4 ... numbers swap across the diagonal. */
+static inline void transpose(const double *const *restrict x, int at, lanes *restrict y)
+{
+    lanes x0, x1, x2, x3, x4, x5, x6, x7;
+    memcpy(&x0, x[0] + at, sizeof(lanes));
+    memcpy(&x1, x[1] + at, sizeof(lanes));
+    memcpy(&x2, x[2] + at, sizeof(lanes));
+    memcpy(&x3, x[3] + at, sizeof(lanes));
+    memcpy(&x4, x[4] + at, sizeof(lanes));
+    memcpy(&x5, x[5] + at, sizeof(lanes));
+    memcpy(&x6, x[6] + at, sizeof(lanes));
+    memcpy(&x7, x[7] + at, sizeof(lanes));
+    const lanes y1_0 = __builtin_shufflevector(x0, x1, 0, 8, 2, 10, 4, 12, 6, 14);
+    const lanes y1_1 = __builtin_shufflevector(x0, x1, 1, 9, 3, 11, 5, 13, 7, 15);
+    const lanes y1_2 = __builtin_shufflevector(x2, x3, 0, 8, 2, 10, 4, 12, 6, 14);
+    const lanes y1_3 = __builtin_shufflevector(x2, x3, 1, 9, 3, 11, 5, 13, 7, 15);
+    const lanes y1_4 = __builtin_shufflevector(x4, x5, 0, 8, 2, 10, 4, 12, 6, 14);
+    const lanes y1_5 = __builtin_shufflevector(x4, x5, 1, 9, 3, 11, 5, 13, 7, 15);
+    const lanes y1_6 = __builtin_shufflevector(x6, x7, 0, 8, 2, 10, 4, 12, 6, 14);
+    const lanes y1_7 = __builtin_shufflevector(x6, x7, 1, 9, 3, 11, 5, 13, 7, 15);
+    const lanes y2_0 = __builtin_shufflevector(y1_0, y1_2, 0, 1, 8, 9, 4, 5, 12, 13);
+    const lanes y2_2 = __builtin_shufflevector(y1_0, y1_2, 2, 3, 10, 11, 6, 7, 14, 15);
+    const lanes y2_1 = __builtin_shufflevector(y1_1, y1_3, 0, 1, 8, 9, 4, 5, 12, 13);
+    const lanes y2_3 = __builtin_shufflevector(y1_1, y1_3, 2, 3, 10, 11, 6, 7, 14, 15);
+    const lanes y2_4 = __builtin_shufflevector(y1_4, y1_6, 0, 1, 8, 9, 4, 5, 12, 13);
+    const lanes y2_6 = __builtin_shufflevector(y1_4, y1_6, 2, 3, 10, 11, 6, 7, 14, 15);
+    const lanes y2_5 = __builtin_shufflevector(y1_5, y1_7, 0, 1, 8, 9, 4, 5, 12, 13);
+    const lanes y2_7 = __builtin_shufflevector(y1_5, y1_7, 2, 3, 10, 11, 6, 7, 14, 15);
+    const lanes y4_0 = __builtin_shufflevector(y2_0, y2_4, 0, 1, 2, 3, 8, 9, 10, 11);
+    const lanes y4_4 = __builtin_shufflevector(y2_0, y2_4, 4, 5, 6, 7, 12, 13, 14, 15);
+    const lanes y4_1 = __builtin_shufflevector(y2_1, y2_5, 0, 1, 2, 3, 8, 9, 10, 11);
+    const lanes y4_5 = __builtin_shufflevector(y2_1, y2_5, 4, 5, 6, 7, 12, 13, 14, 15);
+    const lanes y4_2 = __builtin_shufflevector(y2_2, y2_6, 0, 1, 2, 3, 8, 9, 10, 11);
+    const lanes y4_6 = __builtin_shufflevector(y2_2, y2_6, 4, 5, 6, 7, 12, 13, 14, 15);
+    const lanes y4_3 = __builtin_shufflevector(y2_3, y2_7, 0, 1, 2, 3, 8, 9, 10, 11);
+    const lanes y4_7 = __builtin_shufflevector(y2_3, y2_7, 4, 5, 6, 7, 12, 13, 14, 15);
+    y[0] = y4_0;
+    y[1] = y4_1;
+    y[2] = y4_2;
+    y[3] = y4_3;
+    y[4] = y4_4;
+    y[5] = y4_5;
+    y[6] = y4_6;
+    y[7] = y4_7;
 }
+#endif
 #endif
 #endif
 
@@ -581,9 +653,12 @@ static void gather(const double *restrict x, size_t step, size_t here, int size,
     int i = 0;
     for (size_t l = 0; l < LANES; ++l) state[l] = x + (l < here ? l : here - 1) * step;
 #if defined(EOMGEN_TRANSPOSE)
-    for (; i + LANES <= size; i += LANES) {
-        for (int l = 0; l < LANES; ++l) memcpy(y + i + l, state[l] + i, sizeof(lanes));
-        transpose(y + i);
+    if (size >= LANES) {
+        for (; i < size; i += LANES) {
+            const int at = i + LANES <= size ? i : size - LANES; /* the last square overlaps the one before */
+            transpose(state, at, y + at);
+        }
+        return;
     }
 #endif
     for (; i < size; ++i) {
@@ -602,14 +677,21 @@ static void gather(const double *restrict x, size_t step, size_t here, int size,
     }
 }
 
-/* The other way; x is used up. */
-static void scatter(lanes *restrict x, size_t here, int size, size_t step, double *restrict y)
+/* The other way. */
+static void scatter(const lanes *restrict x, size_t here, int size, size_t step, double *restrict y)
 {
     int i = 0;
 #if defined(EOMGEN_TRANSPOSE)
-    for (; i + LANES <= size; i += LANES) {
-        transpose(x + i);
-        for (size_t l = 0; l < here; ++l) memcpy(y + l * step + i, x + i + l, sizeof(lanes));
+    if (size >= LANES) {
+        for (; i < size; i += LANES) {
+            lanes rows[LANES];
+            const double *column[LANES];
+            const int at = i + LANES <= size ? i : size - LANES;
+            for (int l = 0; l < LANES; ++l) column[l] = (const double *)(x + at + l);
+            transpose(column, 0, rows);
+            for (size_t l = 0; l < here; ++l) memcpy(y + l * step + at, rows + l, sizeof(lanes));
+        }
+        return;
     }
 #endif
     for (; i < size; ++i)
@@ -628,13 +710,14 @@ static int one_link_failed_lanes(const lanes *restrict pivot)
 /* Mass matrix M(q), eq. (11). */
 static int one_link_mass_matrix_lanes(const double *restrict h, const lanes *restrict q, lanes *restrict out)
 {
+    lanes sine[1], cosine[1];
+    turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
     (void)h;
 
     out[0] = ALL(1.0);
     out[3] = ALL(0.3333333333333333);
-    const lanes t1 = lanes_sin(q[1]);
     /* joint1: columns of M from the composite pseudo-inertia, eq. (11) */
-    out[1] = out[2] = -0.5*t1;
+    out[1] = out[2] = -0.5*sine[0];
 
     return 0;
 }
@@ -642,12 +725,13 @@ static int one_link_mass_matrix_lanes(const double *restrict h, const lanes *res
 /* Coriolis and centrifugal terms, eq. (12) contracted. */
 static int one_link_bias_force_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, lanes *restrict out)
 {
+    lanes sine[1], cosine[1];
+    turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
     (void)h;
 
     out[1] = ALL(0.0);
-    const lanes t2 = lanes_cos(q[1]);
     /* joint1: traces against its tangents, eq. (5) */
-    out[0] = t2*(-0.5*(v[1]*v[1]));
+    out[0] = cosine[0]*(-0.5*(v[1]*v[1]));
 
     return 0;
 }
@@ -655,13 +739,13 @@ static int one_link_bias_force_lanes(const double *restrict h, const lanes *rest
 /* Springs, dampers, gravity: Q_P + Q_G, eqs. (13), (14). */
 static int one_link_generalized_force_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, lanes *restrict out)
 {
+    lanes sine[1], cosine[1];
+    turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
     (void)v;
 
-    const lanes t5 = lanes_sin(q[1]);
-    const lanes t6 = lanes_cos(q[1]);
-    const lanes t12 = h[0]*t5 - h[1]*t6;
+    const lanes t12 = h[0]*sine[0] - h[1]*cosine[0];
     out[1] = -0.5*t12;
-    out[0] = t6*(h[0]*t6 + h[1]*t5) + t5*t12 - q[0]*h[3];
+    out[0] = cosine[0]*(h[0]*cosine[0] + h[1]*sine[0]) + sine[0]*t12 - q[0]*h[3];
 
     return 0;
 }
@@ -669,13 +753,13 @@ static int one_link_generalized_force_lanes(const double *restrict h, const lane
 /* Q_F of eq. (14), its moment term corrected; base axes. */
 static int one_link_external_force_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict wrench, lanes *restrict out)
 {
+    lanes sine[1], cosine[1];
+    turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
     (void)h;
 
-    const lanes t1 = lanes_sin(q[1]);
-    const lanes t2 = lanes_cos(q[1]);
-    const lanes t11 = t2*wrench[1] - t1*wrench[0];
+    const lanes t11 = cosine[0]*wrench[1] - sine[0]*wrench[0];
     out[1] = wrench[5] + 0.5*t11;
-    out[0] = t2*(t2*wrench[0] + t1*wrench[1]) - t1*t11;
+    out[0] = cosine[0]*(cosine[0]*wrench[0] + sine[0]*wrench[1]) - sine[0]*t11;
 
     return 0;
 }
@@ -683,14 +767,15 @@ static int one_link_external_force_lanes(const double *restrict h, const lanes *
 /* M a + bias - Q - u, eq. (5) unexpanded; zero on a motion. */
 static int one_link_residual_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, const lanes *restrict u, lanes *restrict out)
 {
-    const lanes t10 = lanes_sin(q[1]);
-    const lanes t11 = lanes_cos(q[1]);
-    /* link1: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded */
+    lanes sine[1], cosine[1];
+    turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
+
+    /* link1: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded; its wrench P = K H */
     const lanes t12 = a[0] - h[0];
-    const lanes t18 = t10*t12 + h[1]*t11;
+    const lanes t18 = sine[0]*t12 + h[1]*cosine[0];
     /* joint1: traces against its tangents, eq. (5) */
-    const lanes t33 = t11*(t11*t12 - h[1]*t10 - 0.5*(v[1]*v[1])) - t10*(0.5*a[1] - t18) + q[0]*h[3];
-    out[0] = t33 - u[0];
+    const lanes t31 = cosine[0]*(cosine[0]*t12 - h[1]*sine[0] - 0.5*(v[1]*v[1])) - sine[0]*(0.5*a[1] - t18);
+    out[0] = t31 + q[0]*h[3] - u[0];
     out[1] = 0.3333333333333333*a[1] - 0.5*t18 - u[1];
 
     return 0;
@@ -699,15 +784,16 @@ static int one_link_residual_lanes(const double *restrict h, const lanes *restri
 /* The drives u that make the residual zero. */
 static int one_link_inverse_dynamics_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, lanes *restrict out)
 {
-    const lanes t8 = lanes_sin(q[1]);
-    const lanes t9 = lanes_cos(q[1]);
-    /* link1: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded */
+    lanes sine[1], cosine[1];
+    turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
+
+    /* link1: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded; its wrench P = K H */
     const lanes t10 = a[0] - h[0];
-    const lanes t16 = t8*t10 + h[1]*t9;
-    /* force and moment of every link: P = K H */
+    const lanes t16 = sine[0]*t10 + h[1]*cosine[0];
     out[1] = 0.3333333333333333*a[1] - 0.5*t16;
     /* joint1: traces against its tangents, eq. (5) */
-    out[0] = t9*(t9*t10 - h[1]*t8 - 0.5*(v[1]*v[1])) - t8*(0.5*a[1] - t16) + q[0]*h[3];
+    const lanes t29 = cosine[0]*(cosine[0]*t10 - h[1]*sine[0] - 0.5*(v[1]*v[1])) - sine[0]*(0.5*a[1] - t16);
+    out[0] = t29 + q[0]*h[3];
 
     return 0;
 }
@@ -716,21 +802,21 @@ static int one_link_inverse_dynamics_lanes(const double *restrict h, const lanes
 static int one_link_forward_dynamics_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict u, lanes *restrict out)
 {
     lanes pivot[4];
+    lanes sine[1], cosine[1];
+    turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
 
     pivot[1] = ALL(1.0);
     pivot[2] = pivot[3] = ALL(0.3333333333333333);
-    const lanes t8 = lanes_sin(q[1]);
-    const lanes t9 = lanes_cos(q[1]);
-    /* link1: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded */
-    const lanes t15 = h[0]*t8 - h[1]*t9;
+    /* link1: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded; its wrench P = K H */
+    const lanes t15 = h[0]*sine[0] - h[1]*cosine[0];
     /* joint1: traces against its tangents, eq. (5) */
+    const lanes t23 = cosine[0]*(h[0]*cosine[0] + h[1]*sine[0] + 0.5*(v[1]*v[1])) + sine[0]*t15;
     const lanes t27 = u[1] - 0.5*t15;
     /* joint1: columns of M from the composite pseudo-inertia, eq. (11) */
-    const lanes t31 = 1.5*t8;
-    const lanes t34 = 1.0 - 0.5*t8*t31;
+    const lanes t31 = 1.5*sine[0];
+    const lanes t34 = 1.0 - 0.5*sine[0]*t31;
     pivot[0] = t34;
-    const lanes t37 = u[0] - (q[0]*h[3] - (t9*(h[0]*t9 + h[1]*t8 + 0.5*(v[1]*v[1])) + t8*t15)) + t27*t31;
-    const lanes t38 = 1.0/t34*t37;
+    const lanes t38 = 1.0/t34*(u[0] - (q[0]*h[3] - t23) + t27*t31);
     out[0] = t38;
     out[1] = 3.0*t27 + t31*t38;
 
@@ -740,20 +826,21 @@ static int one_link_forward_dynamics_lanes(const double *restrict h, const lanes
 /* Derivatives of the residual by q, v and a: three matrices. */
 static int one_link_residual_jacobian_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, lanes *restrict out)
 {
+    lanes sine[1], cosine[1];
+    turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
+
     out[0] = ALL(h[3]);
     out[2] = out[4] = out[6] = ALL(0.0);
     out[8] = ALL(1.0);
     out[11] = ALL(0.3333333333333333);
-    const lanes t8 = lanes_sin(q[1]);
-    const lanes t9 = lanes_cos(q[1]);
     /* link1: velocity, acceleration, and what they are to the tangents of joint1 */
     const lanes t10 = a[0] - h[0];
-    const lanes t13 = v[0]*t9;
+    const lanes t13 = v[0]*cosine[0];
     /* joint1: rows and columns of the derivatives of eq. (5) */
-    const lanes t33 = t8*(0.5*(v[1]*v[1]) - (t9*t10 - h[1]*t8)) - t9*(0.5*a[1] - (t8*t10 + h[1]*t9));
-    const lanes t34 = 0.5*t9;
-    const lanes t35 = 0.5*t8;
-    out[5] = t9*(2.0*(v[0]*t8) - v[1]) - t8*(2.0*t13);
+    const lanes t33 = sine[0]*(0.5*(v[1]*v[1]) - (cosine[0]*t10 - h[1]*sine[0])) - cosine[0]*(0.5*a[1] - (sine[0]*t10 + h[1]*cosine[0]));
+    const lanes t34 = 0.5*cosine[0];
+    const lanes t35 = 0.5*sine[0];
+    out[5] = cosine[0]*(2.0*(v[0]*sine[0]) - v[1]) - sine[0]*(2.0*t13);
     out[9] = out[10] = -t35;
     out[7] = t13 - 2.0*v[0]*t34;
     out[3] = h[1]*t35 - t10*t34;
@@ -765,15 +852,15 @@ static int one_link_residual_jacobian_lanes(const double *restrict h, const lane
 /* Coriolis matrix C(q, v) with C v = bias and M_dot = C + C^T. */
 static int one_link_coriolis_matrix_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, lanes *restrict out)
 {
+    lanes sine[1], cosine[1];
+    turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
     (void)h;
 
     out[0] = out[2] = ALL(0.0);
-    const lanes t3 = lanes_sin(q[1]);
-    const lanes t4 = lanes_cos(q[1]);
-    const lanes t5 = v[0]*t4;
+    const lanes t5 = v[0]*cosine[0];
     /* joint1: columns and rows of C, eq. (12) contracted with the velocity */
-    out[1] = t4*(v[0]*t3 - 0.5*v[1]) - t3*t5;
-    out[3] = 0.5*t5 - v[0]*(0.5*t4);
+    out[1] = cosine[0]*(v[0]*sine[0] - 0.5*v[1]) - sine[0]*t5;
+    out[3] = 0.5*t5 - v[0]*(0.5*cosine[0]);
 
     return 0;
 }
@@ -781,11 +868,12 @@ static int one_link_coriolis_matrix_lanes(const double *restrict h, const lanes 
 /* Christoffel symbols of the first kind, the tensor C of eq. (12). */
 static int one_link_christoffel_lanes(const double *restrict h, const lanes *restrict q, lanes *restrict out)
 {
+    lanes sine[1], cosine[1];
+    turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
     (void)h;
 
     out[0] = out[1] = out[2] = out[4] = out[5] = out[6] = out[7] = ALL(0.0);
-    const lanes t1 = lanes_cos(q[1]);
-    out[3] = -0.5*t1;
+    out[3] = -0.5*cosine[0];
 
     return 0;
 }
@@ -793,17 +881,17 @@ static int one_link_christoffel_lanes(const double *restrict h, const lanes *res
 /* Frames [R | X], bodies' origins, coordinates' axes; eqs. (1)-(3). */
 static int one_link_kinematics_lanes(const double *restrict h, const lanes *restrict q, lanes *restrict out)
 {
+    lanes sine[1], cosine[1];
+    turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
     (void)h;
 
     for (size_t i = 0; i < 45; ++i) out[i] = ALL(0.0);
+    out[0] = out[5] = out[24] = out[29] = cosine[0];
+    out[4] = out[7] = out[28] = sine[0];
     out[10] = out[12] = out[17] = out[22] = out[34] = out[39] = out[44] = ALL(1.0);
     out[27] = out[36] = q[0];
-    const lanes t2 = lanes_sin(q[1]);
-    out[4] = out[7] = out[28] = t2;
-    const lanes t3 = lanes_cos(q[1]);
-    out[0] = out[5] = out[24] = out[29] = t3;
-    out[1] = out[25] = -t2;
-    out[3] = q[0] + t3;
+    out[1] = out[25] = -sine[0];
+    out[3] = q[0] + cosine[0];
 
     return 0;
 }
@@ -811,12 +899,13 @@ static int one_link_kinematics_lanes(const double *restrict h, const lanes *rest
 /* Kinetic energy, eq. (4), and potential energy of gravity and springs. */
 static int one_link_energy_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, lanes *restrict out)
 {
-    const lanes t6 = lanes_sin(q[1]);
-    const lanes t7 = lanes_cos(q[1]);
-    const lanes t8 = v[0]*t7;
-    const lanes t9 = v[0]*t6;
+    lanes sine[1], cosine[1];
+    turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
+
+    const lanes t8 = v[0]*cosine[0];
+    const lanes t9 = v[0]*sine[0];
     out[0] = 0.5*(t8*t8 - t9*(0.5*v[1] - t9) + v[1]*(0.3333333333333333*v[1] - 0.5*t9));
-    out[1] = q[0]*(q[0]*h[4]) - (h[0]*(q[0] + 0.5*t7) + h[1]*(0.5*t6));
+    out[1] = q[0]*(q[0]*h[4]) - (h[0]*(q[0] + 0.5*cosine[0]) + h[1]*(0.5*sine[0]));
 
     return 0;
 }
@@ -824,16 +913,16 @@ static int one_link_energy_lanes(const double *restrict h, const lanes *restrict
 /* Force and moment on each joint's child link, moved joint's axes. */
 static int one_link_reactions_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, lanes *restrict out)
 {
+    lanes sine[1], cosine[1];
+    turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
+
     out[2] = ALL(h[5]);
     out[3] = ALL(0.0);
     out[4] = ALL(h[6]);
-    const lanes t6 = lanes_sin(q[1]);
-    const lanes t7 = lanes_cos(q[1]);
-    /* link1: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded */
+    /* link1: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded; its wrench P = K H */
     const lanes t9 = a[0] - h[0];
-    const lanes t15 = t6*t9 + h[1]*t7;
-    /* force and moment of every link: P = K H */
-    out[0] = t7*t9 - h[1]*t6 - 0.5*(v[1]*v[1]);
+    const lanes t15 = sine[0]*t9 + h[1]*cosine[0];
+    out[0] = cosine[0]*t9 - h[1]*sine[0] - 0.5*(v[1]*v[1]);
     out[1] = 0.5*a[1] - t15;
     out[5] = 0.3333333333333333*a[1] - 0.5*t15;
 
@@ -855,26 +944,26 @@ static int one_link_euler_cosines_lanes(const double *restrict h, const lanes *r
 static int one_link_implicit_step_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict u, const lanes *restrict added, const lanes *restrict dt, lanes *restrict out)
 {
     lanes pivot[4];
+    lanes sine[1], cosine[1];
+    turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
 
-    const lanes t9 = lanes_sin(q[1]);
-    const lanes t10 = lanes_cos(q[1]);
     const lanes t17 = h[3]*dt[1];
     /* joint1: eliminated, from the tips to the base */
     const lanes t23 = added[1] + 0.3333333333333333;
     pivot[2] = pivot[3] = t23;
     const lanes t25 = 1.0/t23;
     const lanes t26 = u[1]*t25;
-    const lanes t33 = t9*(1.0 - (1.0 - 0.25*t25));
-    const lanes t35 = 1.0 - t9*t33;
+    const lanes t33 = sine[0]*(1.0 - (1.0 - 0.25*t25));
+    const lanes t35 = 1.0 - sine[0]*t33;
     const lanes t40 = t17 + t35;
     pivot[0] = t40;
     pivot[1] = t17 + 1.0;
     const lanes t42 = 1.0/t40;
-    const lanes t44 = t42*(u[0] - h[3]*(q[0] + v[0]*dt[0]) + (t10*(0.5*(v[1]*v[1])) + t9*(0.5*t26)));
+    const lanes t43 = u[0] - h[3]*(q[0] + v[0]*dt[0]) + (cosine[0]*(0.5*(v[1]*v[1])) + sine[0]*(0.5*t26));
     /* joint1: accelerations, from the base to the tips */
-    const lanes t50 = t44 + (h[0]*(t35*t42) + h[1]*(t10*t33*t42));
+    const lanes t50 = t42*t43 + (h[0]*(t35*t42) + h[1]*(cosine[0]*t33*t42));
     out[0] = t50;
-    out[1] = t26 + 0.5*t25*(t9*(t50 - h[0]) + h[1]*t10);
+    out[1] = t26 + 0.5*t25*(sine[0]*(t50 - h[0]) + h[1]*cosine[0]);
 
     return one_link_failed_lanes(pivot);
 }
@@ -1184,9 +1273,7 @@ static void one_link_load_lanes(const double *restrict x, size_t step, size_t he
 
 static void one_link_store_lanes(const lanes *restrict x, size_t here, size_t stride, double *restrict y)
 {
-    lanes copy[2];
-    memcpy(copy, x, sizeof copy);
-    scatter(copy, here, 2, stride, y);
+    scatter(x, here, 2, stride, y);
 }
 
 /* Drives at a step: u + kp (target - q - ahead v) - kd v. */

@@ -1,0 +1,32 @@
+/* One linearly implicit step of a rollout behind a kernel's arguments: (h, q, v, u, out), out being q and v after it. */
+#include <stddef.h>
+#include <string.h>
+
+typedef struct { /* as every generated header declares it for its robot */
+    const double *u;
+    size_t u_state, u_step;
+    const double *kp, *kd, *target;
+    size_t target_state, target_step;
+} Drive;
+
+typedef long long (*Rollout)(const double *h, const double *q, const double *v, const Drive *drive, double dt, size_t steps, size_t every, int method, double *q_out, double *v_out);
+
+enum { LARGEST = 64 };
+
+typedef struct {
+    Rollout rollout;
+    const double *h;
+    double dt;
+    size_t n; /* at most LARGEST */
+} Peer;
+
+int ours_step(const double *handle, const double *q, const double *v, const double *u, double *out)
+{
+    const Peer *p = (const Peer *)(const void *)handle;
+    const Drive drive = { u, 0, 0, NULL, NULL, NULL, 0, 0 };
+    double q_out[2 * LARGEST], v_out[2 * LARGEST]; /* the beginning, the end */
+    const long long failed = p->rollout(p->h, q, v, &drive, p->dt, 1, 1, 1, q_out, v_out);
+    memcpy(out, q_out + p->n, p->n * sizeof(double));
+    memcpy(out + p->n, v_out + p->n, p->n * sizeof(double));
+    return failed >= 0;
+}
