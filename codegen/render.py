@@ -27,7 +27,7 @@ from .solve import coordinate_parents, solve_operations
 from .source import Source, environment
 from .zeros import zero_map
 
-CHUNK = 1200  # values per function
+CHUNK = 900  # values per function
 INLINE = 72  # longest expression, in characters, that is written into another one
 LITERALS = {"zero": 0.0, "half": 0.5, "one": 1.0, "two": 2.0, "six": 6.0}  # of templates
 VECTORS = (16, 32, 64)  # bytes of a vector

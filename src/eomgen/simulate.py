@@ -39,6 +39,9 @@ Array = NDArray[np.float64]
 Point = Mapping[str, float] | Sequence[float] | Array
 
 MOVING_PART = 0.8  # of the duration; the rest shows what rings after the motion
+# What a simulation calls; the larger kernels would take longer to compile than to simulate.
+RIGID_KERNELS = ("inverse_dynamics", "kinematics")
+KERNELS = (*RIGID_KERNELS, "forward_dynamics", "mass_matrix", "external_force", "energy")
 SPAN_ANGULAR, SPAN_LINEAR = np.pi / 4, 0.2  # rad, m: default motion of a joint, if its limits leave room for it
 
 __all__ = [
@@ -186,11 +189,11 @@ def _driven(robot: Robot) -> tuple[str, ...]:
 
 def _build_both(robot: Robot, report: Progress) -> tuple[Kernel, Kernel]:
     """Kernels of the robot and of its rigid model; one and the same if nothing deviates."""
-    kernel = build(robot, progress=lambda text: report(0.0, text))
+    kernel = build(robot, kernels=KERNELS, progress=lambda text: report(0.0, text))
     if len(_driven(robot)) == kernel.n:
         return kernel, kernel
-    names = ("inverse_dynamics", "kinematics")
-    return kernel, build(robot.rigid(), kernels=names, progress=lambda text: report(0.0, f"rigid model: {text}"))
+    rigid = build(robot.rigid(), kernels=RIGID_KERNELS, progress=lambda text: report(0.0, f"rigid model: {text}"))
+    return kernel, rigid
 
 
 def _tool(robot: Robot, tool: str | None) -> str:
