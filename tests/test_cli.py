@@ -71,11 +71,15 @@ def test_generate_writes_a_package_that_imports(tmp_path: Path, capsys: pytest.C
 
 
 def test_generate_float32_and_single_kernels(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = ("generate", "one_link", "-o", str(tmp_path), "--dtype", "float32", "--kernel", "mass_matrix")
-    assert run(capsys, *arguments)[0] == 0
+    arguments = ("generate", "one_link", "-o", str(tmp_path), "--dtype", "float32")
+    assert run(capsys, *arguments, "--kernels", "mass_matrix,energy", "--kernels", "residual")[0] == 0
     header = (tmp_path / "one_link" / "one_link.h").read_text()
     assert "const float *q" in header
+    assert all(f"one_link_{name}(" in header for name in ("mass_matrix", "energy", "residual"))
     assert "forward_dynamics" not in header
+    status, _, error = run(capsys, *arguments, "--kernels", "mass_matrix,engy")
+    assert status == 1
+    assert "kernels: 'engy' is unknown; allowed: mass_matrix" in error
 
 
 def test_simulate_writes_trajectory_and_plots(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -81,12 +81,22 @@ def _parser() -> argparse.ArgumentParser:
     make.add_argument("--dtype", choices=DTYPES, default="float64", help="type of all numbers (float64)")
     make.add_argument("--native", action="store_true", help="compile for this processor alone")
     make.add_argument(
-        "--kernel", action="append", default=[], choices=KERNEL_NAMES, help="only this kernel; may be repeated (all)"
+        "--kernels",
+        action="extend",
+        type=_names,
+        default=[],
+        metavar="NAME[,NAME...]",
+        help=f"only these (all): {', '.join(KERNEL_NAMES)}",
     )
     _add_simulate(commands)
     bench = _robot_command(commands, "bench", _bench, "operation counts and times beside a Newton-Euler algorithm in C")
     bench.add_argument("--json", action="store_true", help="print JSON")
     return parser
+
+
+def _names(text: str) -> list[str]:
+    """Names with commas in between."""
+    return [name.strip() for name in text.split(",")]
 
 
 def _add_simulate(commands: Any) -> None:
@@ -171,7 +181,7 @@ def _info(options: argparse.Namespace) -> None:
 
 def _generate(options: argparse.Namespace) -> None:
     robot = _load(options)
-    chosen = Options(tuple(options.kernel), options.dtype, options.native)
+    chosen = Options(tuple(options.kernels), options.dtype, options.native)
     with _progress("generating") as report:
         target = generate(robot, options.output, chosen, progress=lambda text: report(0.0, text))
     print(target)
