@@ -21,14 +21,16 @@ from hypothesis import strategies as st
 from random_robots import random_robot, random_state
 
 import eomgen
-from eomgen.codegen import render
+from eomgen.codegen import statements
 from eomgen.codegen.compile import FLAGS
 from eomgen.codegen.equations import derive_equations
 from eomgen.codegen.ir import Graph, Instruction, Node, Program, evaluate, finish, users, verify
 from eomgen.codegen.passes import PASSES, factor_sums, hoist_parameters, run_passes
-from eomgen.codegen.render import SCALARS, write_function
+from eomgen.codegen.render import render
+from eomgen.codegen.scalar import SCALARS
 from eomgen.codegen.signatures import KERNELS, PARTS
 from eomgen.codegen.source import Source
+from eomgen.codegen.statements import write_function
 from eomgen.model import build_model
 
 DOUBLE = SCALARS["float64"]
@@ -386,7 +388,7 @@ def test_split_functions_equal_whole_ones(built: Build, empty_cache: Path, monke
     robot = random_robot(7, joints=(3, 3), types=("revolute", "free"))
     kernels = []
     for name, size in (("whole", 10**9), ("split", 25)):
-        monkeypatch.setattr(render, "CHUNK", size)
+        monkeypatch.setattr(statements, "CHUNK", size)
         kernels.append(built(replace(robot, name=name)))
     s = random_state(robot, 1)
     whole, split = kernels
@@ -449,6 +451,6 @@ def test_operations_of_a_loop(built: Build) -> None:
 def test_the_source_is_a_value() -> None:
     """Everything that is compiled is text; two derivations give equal sources."""
     model = build_model(eomgen.load_robot("one_link"))
-    first, second = (render.render(derive_equations(model), "float64") for _ in range(2))
+    first, second = (render(derive_equations(model), "float64") for _ in range(2))
     assert isinstance(first, Source)
     assert first == second

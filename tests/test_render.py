@@ -23,7 +23,8 @@ from random_robots import random_robot
 import eomgen
 from eomgen.codegen.compile import RUNTIME
 from eomgen.codegen.equations import derive_equations
-from eomgen.codegen.render import SCALARS, render
+from eomgen.codegen.render import render
+from eomgen.codegen.scalar import SCALARS
 from eomgen.codegen.source import Source
 from eomgen.description import robot_from_urdf
 from eomgen.errors import DescriptionError, InputError

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 import eomgen
 from eomgen.codegen.compile import FLAGS, processor
 from eomgen.codegen.equations import derive_equations
-from eomgen.codegen.render import TURNS, render
+from eomgen.codegen.render import render
+from eomgen.codegen.scalar import TURNS
 from eomgen.model import build_model
 
 VECTORS = [("-DEOMGEN_VECTOR=0",), (), ("-mavx2", "-mfma", "-ffp-contract=fast"), ("-mavx512f",)]
