@@ -62,9 +62,10 @@ class BoundBody:
 class Bound:
     """A model with its numbers, in the model's order; ``links`` and ``frames`` hold (body, pose in that body).
 
-    ``coms`` are the links' centres of mass in their bodies' frames; ``stiffness``, ``damping``, ``armature`` and
-    ``angle_offsets`` (added to an angle before it turns, rad) are per coordinate.  ``at_rest`` is the first moment
-    (kg m, base frame) of mass that regrouping moved to the base: its weight is a constant of the potential energy.
+    ``coms`` are the links' centres of mass in their bodies' frames, ``cuts`` per loop the cut frame on both links;
+    ``stiffness``, ``damping``, ``armature`` and ``angle_offsets`` (added to an angle before it turns, rad) are per
+    coordinate.  ``at_rest`` is the first moment (kg m, base frame) of mass that regrouping moved to the base: its
+    weight is a constant of the potential energy.
     """
 
     gravity: Vec
@@ -76,6 +77,7 @@ class Bound:
     armature: tuple[Scalar, ...]
     angle_offsets: tuple[float, ...]
     at_rest: Vec = (0.0, 0.0, 0.0)
+    cuts: tuple[tuple[tuple[int, Pose], tuple[int, Pose]], ...] = ()
 
 
 def bind(
@@ -112,7 +114,8 @@ def bind(
             inertias[body] = inertias[body] + congruence(pose, inertia)
             coms[link.name] = (body, add(matvec(pose.rotation, com), pose.origin))
     bodies = tuple(BoundBody(p, h) for p, h in zip(placements, inertias, strict=True))
-    return Bound(binder.gravity(), bodies, binder.frames(poses), coms, *binder.forces(), (0.0,) * model.size)
+    frames, offsets = binder.frames(poses), (0.0,) * model.size
+    return Bound(binder.gravity(), bodies, frames, coms, *binder.forces(), offsets, cuts=binder.cuts(poses))
 
 
 class _Binder:
@@ -170,6 +173,17 @@ class _Binder:
             body, pose = poses[frame.link]
             found[frame.name] = (body, pose @ self.placement(f"frames.{frame.name}", frame.placement))
         return {name: found[name] for name in self.model.frames}
+
+    def cuts(self, poses: dict[str, tuple[int, Pose]]) -> tuple[tuple[tuple[int, Pose], tuple[int, Pose]], ...]:
+        """Per loop the bodies of its links, with the cut frame in each."""
+        found = []
+        for loop in self.model.robot.loops:
+            sides = []
+            for i, (link, placement) in enumerate(zip(loop.links, loop.placements, strict=True)):
+                body, pose = poses[link]
+                sides.append((body, pose @ self.placement(f"loops.{loop.name}.{i}", placement)))
+            found.append((sides[0], sides[1]))
+        return tuple(found)
 
     def forces(self) -> tuple[tuple[Scalar, ...], tuple[Scalar, ...], tuple[Scalar, ...]]:
         """Stiffness, damping and armature of every coordinate."""

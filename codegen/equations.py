@@ -6,10 +6,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from eomgen.errors import InputError
 from eomgen.model import Model
 
 from .bodies import Bound, Scalar, bind
 from .composite import Rows, coriolis_matrix, mass_matrix
+from .constraints import Closure, closures
 from .derivatives import residual_derivatives
 from .elimination import Elimination
 from .forces import elastic_rows, gravity_rows
@@ -20,7 +22,7 @@ from .kinematics import body_poses, external_rows, frame_poses, potential_energy
 from .passes import PARAMETERS, hoist_parameters, run_passes
 from .recursion import inertial_rows, kinetic_energy
 from .regroup import regroup
-from .signatures import KERNELS
+from .signatures import KERNELS, LOOP_KERNELS, available
 from .solve import solve
 from .zeros import zero_map
 
@@ -29,7 +31,12 @@ FACTORISED = "M = L^T D L factorised"
 DIVISION = 8  # a division takes about as long as so many products
 STRAIGHT_CHRISTOFFEL = 12000  # up to so many operations the tensor is written out, above it is a loop over columns
 
-DESCRIPTION_FRAMES = ("reactions", "kinematics", "external_force")  # report, or are asked, in the description's frames
+DESCRIPTION_FRAMES = (
+    "reactions",
+    "kinematics",
+    "external_force",
+    *LOOP_KERNELS,
+)  # report, or are asked, in the description's frames
 
 Outputs = dict[tuple[str, int], Value]
 
@@ -54,9 +61,16 @@ def derive_equations(model: Model, kernels: Sequence[str] = ()) -> Equations:
     """Model -> Equations, with every pass run.
 
     Args:
-        kernels: names of KERNELS; all of them if empty.
+        kernels: names of KERNELS; all that there are for the model if empty.
+
+    Raises:
+        InputError: a kernel of loops is asked for, but the robot has none.
     """
-    public = tuple(name for name in KERNELS if not kernels or name in kernels)
+    known = available(model)
+    for name in kernels:
+        if name not in known:
+            raise InputError(f"kernels: {name!r} is for robots with [[loops]], and {model.name} has none")
+    public = tuple(name for name in known if not kernels or name in kernels)
     raw: dict[str, Program] = {}
     loops: set[str] = set()
     choices: dict[str, str] = {}
@@ -292,6 +306,32 @@ def _reactions(d: Derivation) -> Outputs:
     return _vector([x for wrench in total for x in (*wrench.force, *wrench.moment)])
 
 
+def _closures(d: Derivation) -> list[Closure]:
+    return list(closures(d.model, d.bound, d.joints, d.graph.note))
+
+
+def _constraint(d: Derivation) -> Outputs:
+    return _vector([value for closure in _closures(d) for value in closure.values()])
+
+
+def _constraint_jacobian(d: Derivation) -> Outputs:
+    rows = [row for closure in _closures(d) for row in closure.jacobian()]
+    return _vector([row.get(i, 0.0) for row in rows for i in range(d.model.size)])
+
+
+def _constraint_bias(d: Derivation) -> Outputs:
+    return _vector([value for closure in _closures(d) for value in closure.bias(d.v)])
+
+
+def _cut_poses(d: Derivation) -> Outputs:
+    values: list[Scalar] = []
+    for pose in (closure.pose() for closure in _closures(d)):
+        for row, x in zip(pose.rotation, pose.origin, strict=True):
+            values.extend((*row, x))
+        values.extend((0.0, 0.0, 0.0, 1.0))
+    return _vector(values)
+
+
 SOLVERS: Mapping[str, Callable[[Derivation], Outputs]] = {
     FACTORISED: _factorised,
     "joints eliminated in O(n)": _eliminated,
@@ -311,5 +351,9 @@ WRITERS: Mapping[str, Callable[[Derivation], Outputs]] = {
     "energy": _energy,
     "reactions": _reactions,
     "euler_cosines": _euler_cosines,
+    "constraint": _constraint,
+    "constraint_jacobian": _constraint_jacobian,
+    "constraint_bias": _constraint_bias,
+    "cut_poses": _cut_poses,
     "implicit_step": _implicit_step,
 }

@@ -18,16 +18,24 @@ def body_poses(model: Model, joints: Sequence[JointGeometry]) -> tuple[list[Pose
     poses: list[Pose] = []
     axes: list[Vec] = [(0.0, 0.0, 0.0)] * model.size
     for body, joint in zip(model.bodies, joints, strict=True):
-        parent = BASE_POSE if body.parent == FIXED_BODY else poses[body.parent]
-        origin = add(parent.origin, matvec(parent.rotation, joint.offset))
-        rotation = matmul(parent.rotation, joint.turn)
-        for index, axis in joint.translations:
-            axes[index] = transpose(rotation)[axis]
-        for turn in joint.rotations:
-            axes[turn.index] = transpose(rotation)[turn.axis]
-            rotation = matmul(rotation, turn.matrix)
-        poses.append(Pose(rotation, origin))
+        pose, found = through_joint(BASE_POSE if body.parent == FIXED_BODY else poses[body.parent], joint)
+        poses.append(pose)
+        for index, axis in found.items():
+            axes[index] = axis
     return poses, axes
+
+
+def through_joint(parent: Pose, joint: JointGeometry) -> tuple[Pose, dict[int, Vec]]:
+    """Pose of the body behind a joint, and its coordinates' unit axes, in the axes that ``parent`` is given in."""
+    axes: dict[int, Vec] = {}
+    origin = add(parent.origin, matvec(parent.rotation, joint.offset))
+    rotation = matmul(parent.rotation, joint.turn)
+    for index, axis in joint.translations:
+        axes[index] = transpose(rotation)[axis]
+    for turn in joint.rotations:
+        axes[turn.index] = transpose(rotation)[turn.axis]
+        rotation = matmul(rotation, turn.matrix)
+    return Pose(rotation, origin), axes
 
 
 def frame_poses(model: Model, bound: Bound, bodies: Sequence[Pose]) -> list[Pose]:

@@ -68,6 +68,7 @@ def _context(equations: Equations, dtype: str, meta: Mapping[str, Any]) -> dict[
         "bodies": [(body.name, body.joint) for body in model.bodies],
         "links": model.links,
         "frames": model.frames,
+        "constraints": model.constraints,
         "origins": 12 * len(model.frames),
         "axes": 12 * len(model.frames) + 3 * len(model.bodies),
         "frame_bodies": [model.body_of[_link_of(model, frame)] for frame in model.frames],
@@ -198,7 +199,14 @@ def metadata(equations: Equations, dtype: str) -> dict[str, Any]:
             if name in equations.kernels
         },
         "operations": operations(equations),
+        **_loop_metadata(model),
     }
+
+
+def _loop_metadata(model: Model) -> dict[str, Any]:
+    """The loops' types and the components of their constraint, where there are loops."""
+    loops = {loop.name: loop.type for loop in model.robot.loops}
+    return {"loops": loops, "constraints": model.constraints} if loops else {}
 
 
 def operations(equations: Equations) -> dict[str, dict[str, int]]:

@@ -58,6 +58,12 @@ KERNELS: Mapping[str, Signature] = {
         "Force and moment on each joint's child link, moved joint's axes.",
     ),
     "euler_cosines": Signature(("q",), "joints", "Cosine of beta of every joint with three angles, 1 for the others."),
+    "constraint": Signature(("q",), "constraints", "Constraint g(q) of the cut joints; zero where loops are closed."),
+    "constraint_jacobian": Signature(("q",), "constraint_rows", "Jacobian J = dg/dq of the constraint."),
+    "constraint_bias": Signature(("q", "v"), "constraints", "J_dot v: g_ddot = J a + J_dot v."),
+    "cut_poses": Signature(
+        ("q",), "cut_poses", "Per loop the cut frame on its second link seen from that on its first."
+    ),
     "rollout": Signature(
         ("q", "v", "u"),
         "vector",
@@ -65,6 +71,8 @@ KERNELS: Mapping[str, Signature] = {
         calls=("forward_dynamics", "implicit_step"),
     ),
 }
+
+LOOP_KERNELS = ("constraint", "constraint_jacobian", "constraint_bias", "cut_poses")  # of robots with loops alone
 
 PARTS: Mapping[str, Signature] = {  # programs that only other kernels call
     "implicit_step": Signature(
@@ -77,12 +85,20 @@ PARTS: Mapping[str, Signature] = {  # programs that only other kernels call
 SIGNATURES: Mapping[str, Signature] = {**KERNELS, **PARTS}
 
 
+def available(model: Model) -> tuple[str, ...]:
+    """Names of the kernels that there are for a model."""
+    return tuple(name for name in KERNELS if model.robot.loops or name not in LOOP_KERNELS)
+
+
 def shapes(model: Model) -> dict[str, tuple[int, ...]]:
     """Shape of every array that kernels read and write."""
     n = model.size
     vectors: dict[str, tuple[int, ...]] = dict.fromkeys(("q", "v", "a", "u", "added", "vector"), (n,))
+    m, loops = len(model.constraints), len(model.robot.loops)
+    closing: dict[str, tuple[int, ...]] = {"constraints": (m,), "constraint_rows": (m, n), "cut_poses": (loops, 4, 4)}
     return {
         **vectors,
+        **(closing if loops else {}),
         "wrench": (len(model.links), 6),
         "matrix": (n, n),
         "tensor": (n, n, n),

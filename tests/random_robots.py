@@ -6,11 +6,12 @@ Every robot is a plain ``eomgen.robot.Robot`` built from a NumPy generator, so a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from eomgen.model import build_model
 from eomgen.robot import (
     COORDINATES,
     IDENTITY,
@@ -19,6 +20,7 @@ from eomgen.robot import (
     Frame,
     Joint,
     Link,
+    Loop,
     Matrix,
     Placement,
     Robot,
@@ -88,6 +90,19 @@ def random_robot(
     frames = (Frame("tcp", links[-1].name, random_placement(rng)),)
     gravity = _triple(9.81 * random_rotation(rng)[:, 0])
     return Robot(name, gravity, tuple(links), tuple(made), frames)
+
+
+def with_random_loops(robot: Robot, seed: int | np.random.Generator, types: Sequence[str]) -> Robot:
+    """The robot with a loop per type between random links that move against each other."""
+    rng = np.random.default_rng(seed)
+    body_of = build_model(robot).body_of
+    links = [robot.base, *(link.name for link in robot.links)]
+    pairs = [(a, b) for a in links for b in links if body_of[a] != body_of[b]]
+    loops = []
+    for i, kind in enumerate(types):
+        a, b = pairs[int(rng.integers(len(pairs)))]
+        loops.append(Loop(f"loop{i + 1}", (a, b), kind, (random_placement(rng), random_placement(rng))))
+    return replace(robot, loops=tuple(loops))
 
 
 def random_state(robot: Robot, seed: int | np.random.Generator) -> State:

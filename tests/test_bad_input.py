@@ -36,6 +36,12 @@ def changed(sample: str, old: str, new: str) -> str:
     return sample.replace(old, new, 1)
 
 
+def loop(extra: str, links: str = 'links = ["link2", "base"]', kind: str = 'type = "fixed"') -> tuple[str, str]:
+    """What is replaced, and a loop in its place: keys that ``extra`` gives are not given twice."""
+    lines = [line for line in (links, kind) if line.split(" ")[0] != extra.split(" ")[0]]
+    return "[[frames]]", "\n".join(["[[loops]]", 'name = "loop"', *lines, extra, "[[frames]]"])
+
+
 # what is replaced, by what, and what the message must say: the place, the value, what is allowed
 TOML_CASES = {
     "syntax": ("mass = 3.0", "mass = = 3.0", ["line 8", "column 8"]),
@@ -124,7 +130,17 @@ TOML_CASES = {
         ["joints.joint1.x.clearance", "not supported by this version"],
     ),
     "prescribed": ("limits =", 'prescribed = ["x"]\nlimits =', ["joints.joint1.prescribed", "not supported by this"]),
-    "loops": ("[[frames]]", "[[loops]]\na = 1\n[[frames]]", ["loops", "not supported by this version"]),
+    "key of a loop": (*loop("a = 1"), ["loops.loop", "unknown key 'a'", "placements"]),
+    "loop of three links": (*loop('links = ["base", "link1", "link2"]'), ["loops.loop.links", "two names"]),
+    "loop of a string": (*loop('links = "link1"'), ["loops.loop.links", "strings"]),
+    "loop of no link": (*loop('links = ["link2", "lnk1"]'), ["loops.loop.links.1", "'lnk1'", "mean 'link1'"]),
+    "loop of one link": (*loop('links = ["link2", "link2"]'), ["loops.loop.links", "to itself", "different"]),
+    "loop without links": (*loop('type = "fixed"', links=""), ["loops.loop", "'links' is missing", "two names"]),
+    "loop without type": (*loop("", kind=""), ["loops.loop", "'type' is missing", "revolute", "planar"]),
+    "type of a loop": (*loop("", kind='type = "hinge"'), ["loops.loop.type", "'hinge'", "mean 'revolute'"]),
+    "placements of a loop": (*loop("placements = [{}]"), ["loops.loop.placements", "two tables"]),
+    "placement of a loop": (*loop("placements = [{}, {xy = 1}]"), ["loops.loop.placements.1", "'xy'", "xyz, rpy"]),
+    "origin of a loop": (*loop("placements = [{}, {xyz = [1]}]"), ["loops.loop.placements.1.xyz", "3 numbers"]),
     "role": ("stiffness = 1e6", 'role = "drive"', ["joints.joint1.x.role", "not supported by this version"]),
     "inertia policy": ("tunable =", 'inertia = "ignore"\ntunable =', ["inertia", "'ignore'", "error, warn, project"]),
     "urdf without folder": ("tunable =", 'urdf = "a.urdf"\ntunable =', ["urdf", "'a.urdf'", "relative"]),

@@ -37,6 +37,10 @@ class Kernel:
         joints: names of the joints that move, in the order of ``reactions``.
         links: names of the links that move, in the order of ``wrench``.
         frames: names that ``frame_pose`` knows: frames, then links.
+        loops: mapping from the names of the loops to the types of their cut joints.  Where there are loops, every
+            kernel but the four of the constraint is that of the tree that is left when they are cut; ``eomgen.loops``
+            puts both together.
+        constraints: names of the constraint's components, such as "loop1.x".
         parameters: mapping from name to value; an assignment takes effect without recompiling.
         operations: per kernel the multiplications, additions, divisions and sine-cosine pairs of its C.
         dtype: the dtype of all arrays.
@@ -51,6 +55,8 @@ class Kernel:
         self.joints: tuple[str, ...] = tuple(meta["joints"])
         self.links: tuple[str, ...] = tuple(meta["links"])
         self.frames: tuple[str, ...] = tuple(meta["frames"])
+        self.loops: dict[str, str] = dict(meta.get("loops", {}))
+        self.constraints: tuple[str, ...] = tuple(meta.get("constraints", ()))
         self.operations: dict[str, dict[str, int]] = {k: dict(v) for k, v in meta["operations"].items()}
         self.dtype: np.dtype[Any] = np.dtype(meta["dtype"])
         self._ffi, self._lib = ffi, lib
@@ -148,12 +154,21 @@ class Kernel:
         *,
         wrench: ArrayLike | None = None,
         out: Array | None = None,
+        cut: bool = False,
     ) -> Array:
         """Accelerations, (n,), m/s^2 or rad/s^2, under the drives u.
 
+        Args:
+            q, v, u: (n,).
+            wrench: (links, 6) as in ``generalized_force``.
+            out: array to write to.
+            cut: of a robot with loops, that its loops are meant to be open.
+
         Raises:
             SingularError: M cannot be inverted in this state.
+            InputError: the robot has loops, and they are not to be open: see ``eomgen.loops``.
         """
+        self.refuse_loops("forward_dynamics", cut=cut)
         if wrench is not None:
             drives, states = self._array("u", u, self._shapes["u"])
             external = self.external_force(q, wrench)
@@ -179,7 +194,7 @@ class Kernel:
         return _three(self._run("residual_jacobian", out, (q, v, a)))
 
     def forward_dynamics_jacobian(
-        self, q: ArrayLike, v: ArrayLike, u: ArrayLike, *, out: Array | None = None
+        self, q: ArrayLike, v: ArrayLike, u: ArrayLike, *, out: Array | None = None, cut: bool = False
     ) -> tuple[Array, Array, Array]:
         """Exact derivatives of the accelerations, three (n, n): da/dq, da/dv and da/du (the inverse mass matrix).
 
@@ -188,10 +203,13 @@ class Kernel:
         Args:
             q, v, u: (n,).
             out: array (3, n, n) to write to; the result are views of it.
+            cut: of a robot with loops, that its loops are meant to be open.
 
         Raises:
             SingularError: M cannot be inverted in this state.
+            InputError: the robot has loops, and they are not to be open.
         """
+        self.refuse_loops("forward_dynamics_jacobian", cut=cut)
         return _three(self._run("forward_dynamics_jacobian", out, (q, v, u)))
 
     def euler_cosines(self, q: ArrayLike, *, out: Array | None = None) -> Array:
@@ -234,13 +252,44 @@ class Kernel:
         """(kinetic, potential) energy, (2,), J: eq. (4); gravity (zero at the base's origin) and springs."""
         return self._run("energy", out, (q, v))
 
-    def reactions(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, out: Array | None = None) -> Array:
+    def reactions(
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, out: Array | None = None, cut: bool = False
+    ) -> Array:
         """What each joint exerts on its child link, (joints, 6): force (N), moment (N m) at the joint.
 
         In the axes of the joint's frame after its motion (z is the principal axis), at that frame's origin.  Without
         external wrenches; the joint's own springs, dampers and drives are part of it.
+
+        Args:
+            q, v, a: (n,).
+            out: array to write to.
+            cut: of a robot with loops, that no force passes through them.
+
+        Raises:
+            InputError: the robot has loops, and forces pass through them.
         """
+        self.refuse_loops("reactions", cut=cut)
         return self._run("reactions", out, (q, v, a))
+
+    def constraint(self, q: ArrayLike, *, out: Array | None = None) -> Array:
+        """g(q), (constraints,): zero where the loops are closed.
+
+        Of frame b on a loop's second link, seen from frame a on its first: x, y, z (m) of its origin, and sines of its
+        turns alpha, beta, gamma about x, y, z, as far as the cut joint blocks them (``eomgen.cuts``).
+        """
+        return self._run("constraint", out, (q,))
+
+    def constraint_jacobian(self, q: ArrayLike, *, out: Array | None = None) -> Array:
+        """J = dg/dq, (constraints, n), exact; J v is the rate of g."""
+        return self._run("constraint_jacobian", out, (q,))
+
+    def constraint_bias(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
+        """J_dot v, (constraints,): the second derivative of g is J a + J_dot v."""
+        return self._run("constraint_bias", out, (q, v))
+
+    def cut_poses(self, q: ArrayLike, *, out: Array | None = None) -> Array:
+        """Per loop the pose of frame b seen from frame a, (loops, 4, 4), m: what the cut joint does."""
+        return self._run("cut_poses", out, (q,))
 
     def rollout(
         self,
@@ -280,9 +329,27 @@ class Kernel:
         Raises:
             SingularError: M cannot be inverted in a state that is reached.
             IntegrationError: a state is not finite any more.
-            InputError: another argument is wrong.
+            InputError: another argument is wrong, or the robot has loops (``eomgen.loops`` integrates them).
         """
+        self.refuse_loops("rollout")
         return rollout(self, q0, v0, u, dt, steps, method=method, every=every, kp=kp, kd=kd, target=target)
+
+    def refuse_loops(self, name: str, *, cut: bool | None = None) -> None:
+        """Refuse what would be wrong without the forces in the loops.
+
+        Args:
+            name: what is computed.
+            cut: whether the loops are meant to be open; None where that cannot be said.
+
+        Raises:
+            InputError: the robot has loops, and they are not to be open.
+        """
+        if self.loops and not cut:
+            hint = "" if cut is None else "; cut=True takes the loops as open"
+            raise InputError(
+                f"{name}: {self.name} has loops ({', '.join(self.loops)}), and forces in them are not known here; see"
+                f" eomgen.loops{hint}"
+            )
 
     def _shared(self, run: Callable[[int, int], int], count: int | None, least: int) -> int:
         """run(first, last) over all states in as many threads as there shall be; -1, or the first failure."""

@@ -8,10 +8,13 @@ TOML syntax and keys: docs and the built-in robots in ``robots/``.
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 from .errors import DescriptionError
 from .inertia import POLICIES, apply_inertia_policy
+from .loop_tables import KEYS as LOOP_KEYS
+from .loop_tables import check_loops, read_loop, read_placement
 from .names import ROBOT_RULE, is_robot_name, nearest, show, to_robot_name
 from .robot import (
     BASE,
@@ -39,7 +42,7 @@ else:
 _BUILTIN = Path(__file__).parent / "robots"
 _MOST_BYTES = 1 << 28
 
-_TOP = ("name", "gravity", "urdf", "inertia", "tunable", "links", "joints", "frames")
+_TOP = ("name", "gravity", "urdf", "inertia", "tunable", "links", "joints", "frames", "loops")
 _LINK = ("name", "mass", "com", "inertia")
 _JOINT = ("name", "parent", "child", "type", "dh", "placement", *COORDINATES, "limits", "prescribed")
 _COORDINATE = ("stiffness", "damping", "armature")
@@ -109,6 +112,8 @@ def robot_from_toml(
         draft.joints[name] = _joint(name, entry, draft)
     for name, entry in top.entries("frames", _FRAME):
         draft.frames[name] = _frame(name, entry)
+    for name, entry in top.entries("loops", LOOP_KEYS):
+        draft.loops[name] = read_loop(name, entry)
     _settle_base(draft)
     policy = inertia or top.choice("inertia", POLICIES) or "error"
     return _finish(draft, policy, top.strings("tunable"))
@@ -239,10 +244,7 @@ def _placement(entry: Table, old: Placement) -> Placement:
     if dh is not None:
         a, alpha, d, theta = (dh.number(key) or 0.0 for key in _DH)
         return Placement.from_dh(a, alpha, d, theta)
-    if placement is None:
-        return old
-    xyz, rpy = placement.vector("xyz") or ZERO, placement.vector("rpy")
-    return Placement(xyz) if rpy is None else Placement.from_rpy(xyz, rpy)
+    return old if placement is None else read_placement(placement)
 
 
 def _frame(name: str, entry: Table) -> Frame:
@@ -267,6 +269,9 @@ def _settle_base(draft: Draft) -> None:
         for name, frame in draft.frames.items():
             if frame.link == BASE:
                 draft.frames[name] = Frame(name, root, frame.placement)
+        for name, loop in draft.loops.items():
+            first, second = (root if link == BASE else link for link in loop.links)
+            draft.loops[name] = replace(loop, links=(first, second))
 
 
 def _finish(draft: Draft, policy: str, tunable: list[str]) -> Robot:
@@ -274,6 +279,7 @@ def _finish(draft: Draft, policy: str, tunable: list[str]) -> Robot:
     joints = ordered_joints(draft)
     for frame in draft.frames.values():
         draft.check_link(frame.link, f"frames.{frame.name}.link")
+    check_loops(draft)
     if not any(joint.coordinates for joint in joints):
         draft.fail("joints", "no joint has a coordinate, so nothing moves; allowed: at least one joint that moves")
     links, notes = apply_inertia_policy(list(draft.links.values()), policy, base=draft.base, source=draft.source)
@@ -287,5 +293,6 @@ def _finish(draft: Draft, policy: str, tunable: list[str]) -> Robot:
         base=draft.base,
         source=draft.source,
         notes=(*draft.notes, *notes),
+        loops=tuple(draft.loops.values()),
     )
     return Robot(**{**vars(robot), "tunable": expand_tunable(robot, tunable)})

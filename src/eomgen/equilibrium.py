@@ -37,7 +37,9 @@ def static_equilibrium(
     Raises:
         IntegrationError: there is no such state near the guess: a coordinate that nothing holds is named.
         UnknownNameError, ArrayError: a name or an array is wrong.
+        InputError: the robot has loops.
     """
+    kernel.refuse_loops("static_equilibrium")
     q = state_vector("q_guess", q_guess, kernel.coordinates)
     constant = np.zeros(kernel.n) if u is None or callable(u) else state_vector("u", u, kernel.coordinates)
     kept = _known(held, kernel)

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
+from .cuts import CUTS
 from .errors import DescriptionError
 from .names import IDENTIFIER_RULE, ROBOT_RULE, is_identifier, is_robot_name, show
 from .robot import COORDINATES, INERTIA_KEYS, PRINCIPAL, Joint, Placement, Robot
@@ -76,6 +77,11 @@ class Model:
         return tuple(names + [name for name in links if name not in names])
 
     @property
+    def constraints(self) -> tuple[str, ...]:
+        """Names of the components of the loops' constraint g(q) = 0 ("loop1.x", ...), in their order."""
+        return tuple(f"{loop.name}.{part.name}" for loop in self.robot.loops for part in CUTS[loop.type])
+
+    @property
     def principal(self) -> tuple[int, ...]:
         """Indices of the coordinates that are their joints' principal ones."""
         kinds = {joint.name: PRINCIPAL.get(joint.type) for joint in self.robot.joints}
@@ -126,6 +132,7 @@ def build_model(robot: Robot) -> Model:
             where="joints",
             source=robot.source or robot.name,
         )
+    _check_loops(robot, body_of)
     merged = tuple(
         Body(body.joint, body.parent, body.first, body.active, tuple(names))
         for body, names in zip(bodies, links, strict=True)
@@ -137,12 +144,25 @@ def build_model(robot: Robot) -> Model:
 def _check_names(robot: Robot) -> None:
     """Names go into C and Python: the last look at them."""
     named = [("links", robot.base, is_identifier), ("name", robot.name, is_robot_name)]
-    for key in ("links", "joints", "frames"):
+    for key in ("links", "joints", "frames", "loops"):
         named += [(key, item.name, is_identifier) for item in getattr(robot, key)]
     for where, name, is_allowed in named:
         if not is_allowed(name):
             rule = ROBOT_RULE if where == "name" else IDENTIFIER_RULE
             raise DescriptionError(f"got {show(name)}; allowed: {rule}", where=where, source=robot.source)
+
+
+def _check_loops(robot: Robot, body_of: Mapping[str, int]) -> None:
+    """Refuse a loop that nothing can open or close, because fixed joints hold its links together."""
+    for loop in robot.loops:
+        first, second = loop.links
+        if body_of[first] == body_of[second]:
+            raise DescriptionError(
+                f"the links {show(first)} and {show(second)} do not move against each other; allowed: links with a"
+                " moving joint between them",
+                where=f"loops.{loop.name}.links",
+                source=robot.source or robot.name,
+            )
 
 
 def _parameters(robot: Robot) -> dict[str, float]:

@@ -125,11 +125,22 @@ class Frame:
 
 
 @dataclass(frozen=True)
+class Loop:
+    """A joint that is cut: its type (``cuts.CUTS``) and its frame on each of the two links that it joins."""
+
+    name: str
+    links: tuple[str, str]
+    type: str
+    placements: tuple[Placement, Placement] = (Placement(), Placement())
+
+
+@dataclass(frozen=True)
 class Robot:
     """A validated robot.  Links exclude the base; ``base`` is the base link's name in the description.
 
-    joints are in depth-first order; ``tunable`` names parameters that stay run-time values; ``notes`` are
-    one-line remarks about the reading (an inertia that was projected, say), for the user to see.
+    joints are in depth-first order; ``loops`` are the joints that close it, cut; ``tunable`` names parameters that stay
+    run-time values; ``notes`` are one-line remarks about the reading (an inertia that was projected, say), for the user
+    to see.
     """
 
     name: str
@@ -141,6 +152,7 @@ class Robot:
     base: str = BASE
     source: str = ""
     notes: tuple[str, ...] = ()
+    loops: tuple[Loop, ...] = ()
 
     def link(self, name: str) -> Link:
         """The link of that name; KeyError if there is none."""
