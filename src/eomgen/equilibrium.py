@@ -42,7 +42,7 @@ def static_equilibrium(
     kernel.refuse_loops("static_equilibrium")
     q = state_vector("q_guess", q_guess, kernel.coordinates)
     constant = np.zeros(kernel.n) if u is None or callable(u) else state_vector("u", u, kernel.coordinates)
-    kept = _known(held, kernel)
+    kept = known_coordinates(held, kernel)
     free = np.array([name not in kept for name in kernel.coordinates])
     zero = np.zeros(kernel.n)
 
@@ -59,7 +59,8 @@ def static_equilibrium(
     return q, np.where(free, given(q), needed(q))
 
 
-def _known(names: Iterable[str], kernel: Kernel) -> set[str]:
+def known_coordinates(names: Iterable[str], kernel: Kernel) -> set[str]:
+    """The names of held coordinates, once each; UnknownNameError if one is none."""
     known = set(names)
     for name in known:
         if name not in kernel.coordinates:

@@ -48,6 +48,19 @@ class BuildError(InputError):
     """A kernel could not be compiled, loaded or cached; the message holds the command and what to do."""
 
 
+class LoopError(InputError):
+    """A loop does not close, or does not stay closed.
+
+    Attributes:
+        loop: its name.
+        gap: what is left open, m, rad, or their rates.
+    """
+
+    def __init__(self, message: str, *, loop: str, gap: float) -> None:
+        super().__init__(message)
+        self.loop, self.gap = loop, gap
+
+
 class IntegrationError(InputError):
     """A simulation could not go on; the message says when and why."""
 

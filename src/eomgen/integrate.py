@@ -119,13 +119,13 @@ def integrate(
     """
     system = System(kernel, drive, wrench)
     q0, v0 = (state_vector(label, x, kernel.coordinates) for label, x in (("q0", q0), ("v0", v0)))
-    times = _output_times(duration, output_step)
+    times = output_times(duration, output_step)
     method = choose_method(kernel, method)
     began = time.perf_counter()
-    report = _reporter(progress, float(times[-1]))
+    report = reporter(progress, float(times[-1]))
     y0 = np.concatenate([q0, v0])
     if method == "rk4":
-        states = _rk4(system, y0, times, _fixed_step(kernel, q0, step, times), report)
+        states = rk4(system, y0, times, fixed_step(kernel, q0, step, times), report)
     else:
         solver = _start_solver(system, y0, times[-1], method, rtol, atol)
         states = _sampled(solver, system, times, report)
@@ -268,7 +268,8 @@ class System:
         return IntegrationStopped(f"{self.kernel.name}, t = {t:.6g} s: {reason}; {name} {what}{detail}", t, q, v, name)
 
 
-def _output_times(duration: float, output_step: float | None) -> Array:
+def output_times(duration: float, output_step: float | None) -> Array:
+    """Times of the samples, s, the duration at the end; InputError if one of both is no time."""
     if not (np.isfinite(duration) and duration > 0.0):
         raise InputError(f"duration: {duration!r} s; an integration takes a finite time greater than 0")
     if output_step is None:
@@ -278,7 +279,7 @@ def _output_times(duration: float, output_step: float | None) -> Array:
     return np.linspace(0.0, duration, max(1, int(np.ceil(duration / output_step - 1e-9))) + 1)
 
 
-def _reporter(progress: Progress | None, duration: float) -> Callable[[float, str], None]:
+def reporter(progress: Progress | None, duration: float) -> Callable[[float, str], None]:
     """A report of the time reached, at most one per percent."""
     last = -1.0
 
@@ -292,7 +293,8 @@ def _reporter(progress: Progress | None, duration: float) -> Callable[[float, st
     return report
 
 
-def _fixed_step(kernel: Kernel, q0: Array, step: float | None, times: Array) -> float:
+def fixed_step(kernel: Kernel, q0: Array, step: float | None, times: Array) -> float:
+    """The step of rk4, s: as given, or half the time in which the fastest spring turns by 1 rad, at most 1 ms."""
     if step is not None:
         if not (np.isfinite(step) and step > 0.0):
             raise InputError(f"step: {step!r} s; a step is a finite time greater than 0")
@@ -306,8 +308,18 @@ def _fixed_step(kernel: Kernel, q0: Array, step: float | None, times: Array) -> 
     return min(1e-3, 0.5 / fastest if fastest else np.inf, float(times[1]))
 
 
-def _rk4(system: System, y: Array, times: Array, step: float, report: Callable[[float, str], None]) -> Array:
-    """The classical Runge-Kutta method of order 4; states at the times, (T, 2n)."""
+def rk4(
+    system: System,
+    y: Array,
+    times: Array,
+    step: float,
+    report: Callable[[float, str], None],
+    settle: Callable[[float, Array, Array], Array] | None = None,
+) -> Array:
+    """The classical Runge-Kutta method of order 4; states at the times, (T, 2n).
+
+    ``settle(t, y, good)`` corrects y, the state after a step from ``good`` at t.
+    """
     states = np.empty((times.size, y.size))
     states[0] = y
     f = system.derivative
@@ -329,6 +341,8 @@ def _rk4(system: System, y: Array, times: Array, step: float, report: Callable[[
                 raise system.stopped(f"rk4 cannot go on with a step of {h:.3g} s", t, good) from error
             if not np.isfinite(y).all():
                 raise system.stopped(f"rk4 diverged with a step of {h:.3g} s", t, good, y)
+            if settle is not None:
+                y = settle(t, y, good)
             system.counts["steps"] += 1
         states[i] = y
         report(float(t1), f"t = {t1:.3f} s, rk4, {system.counts['steps']} steps")

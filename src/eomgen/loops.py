@@ -1,0 +1,296 @@
+"""Mechanisms with closed loops: a kernel's tree together with the constraint of its cut joints.
+
+    M a + h = u + J^T lambda,    J a + J_dot v = 0,    g(q) = 0,
+
+with h = inverse_dynamics(q, v, 0).  Constraints may be redundant (J without full rank): everything is solved through
+the singular values of J L^-T, M = L L^T, so that accelerations are unique and multipliers those of least norm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .cuts import CUTS, UPRIGHT
+from .equilibrium import known_coordinates
+from .errors import InputError, LoopError, SingularError
+from .integrate import state_vector
+from .kernel import Kernel
+from .loop_solver import Factors, Redundancy
+
+if TYPE_CHECKING:
+    from .integrate import Drive, Progress, Trajectory, Wrench
+
+Array = NDArray[np.float64]
+
+CLOSED = 1e-12  # m, or sine of an angle: a constraint that is met
+OPEN = 1e-9  # m or rad, and per second: more is not round-off
+STEP = 0.5  # m or rad, the longest step towards closure
+
+
+@dataclass(frozen=True)
+class LoopDynamics:
+    """Accelerations of a mechanism with loops, and the forces in its cuts.
+
+    Attributes:
+        a: accelerations, (n,), m/s^2 or rad/s^2.
+        multipliers: lambda, (constraints,), N or N m, of least norm in the sense of ``redundancy``.
+        redundancy: the rank, and what is not unique.
+    """
+
+    a: Array
+    multipliers: Array
+    redundancy: Redundancy
+
+
+class ClosedLoops:
+    """The mechanism that a kernel's tree is once its loops are closed; one state at a time.
+
+    Args:
+        kernel: float64, of a robot with loops, with the kernels constraint, constraint_jacobian, constraint_bias,
+            cut_poses, mass_matrix and inverse_dynamics (``integrate``: also energy).
+
+    Raises (all methods):
+        ArrayError, UnknownNameError: an array or a name is wrong.
+        SingularError: M is not positive definite.
+    """
+
+    def __init__(self, kernel: Kernel) -> None:
+        if not kernel.loops:
+            raise InputError(f"{kernel.name} has no loops; allowed: a kernel of a robot with [[loops]]")
+        if kernel.dtype != np.float64:
+            raise InputError(f"loops need a float64 kernel; {kernel.name} is {kernel.dtype}")
+        self.kernel = kernel
+        self._owner = [loop for loop, kind in kernel.loops.items() for _ in CUTS[kind]]
+
+    def consistent_positions(self, q_guess: ArrayLike, *, held: Iterable[str] = ()) -> Array:
+        """Coordinates near a guess that close all loops, (n,); Levenberg-Marquardt method.
+
+        Args:
+            q_guess: (n,).
+            held: names of coordinates that stay at their guess.
+
+        Raises:
+            LoopError: they do not close near the guess; names the loop and its remaining gap.
+        """
+        q = state_vector("q_guess", q_guess, self.kernel.coordinates)
+        free = self._free(held)
+        g: Array = self.kernel.constraint(q)
+        damping = 1e-3
+        for _ in range(300):
+            gap = float(np.linalg.norm(g))
+            if np.abs(g).max() <= CLOSED or damping > 1e12 or not free.any():
+                break
+            trial = q.copy()
+            trial[free] += self._closing_step(q, g, free, damping * gap)
+            found = self.kernel.constraint(trial)
+            if np.linalg.norm(found) < gap:
+                q, g, damping = trial, found, max(0.2 * damping, 1e-12)
+            else:
+                damping *= 5.0
+        if np.abs(g).max() > CLOSED:
+            raise self._open(g, "does not close near the guess", "a guess nearer to closure, or fewer held coordinates")
+        self._refuse_turned_over(q)
+        return q
+
+    def _closing_step(self, q: Array, g: Array, free: NDArray[np.bool_], damping: float) -> Array:
+        J = self.kernel.constraint_jacobian(q)[:, free]
+        size = J.shape[1]
+        damped = np.vstack([J, np.sqrt(damping) * np.eye(size)])
+        step: Array = np.linalg.lstsq(damped, np.concatenate([-g, np.zeros(size)]), rcond=None)[0]
+        return np.asarray(step * min(1.0, STEP / max(np.abs(step).max(initial=0.0), 1e-300)))
+
+    def _refuse_turned_over(self, q: Array) -> None:
+        """Products of axes vanish for opposite axes, too."""
+        for (name, kind), pose in zip(self.kernel.loops.items(), self.kernel.cut_poses(q), strict=True):
+            terms = UPRIGHT.get(kind, ())
+            if terms and sum(factor * pose[i, j] for factor, i, j in terms) <= 0.0:
+                raise LoopError(
+                    f"{self.kernel.name}: loop {name} closes near the guess only turned over by half a turn; allowed: a"
+                    " guess in which the axes of the cut joint's frames point to the same side",
+                    loop=name,
+                    gap=np.pi,
+                )
+
+    def consistent_velocities(self, q: ArrayLike, v_guess: ArrayLike, *, held: Iterable[str] = ()) -> Array:
+        """Rates that keep the loops closed, (n,), those with the least kinetic energy of the difference to the guess.
+
+        That is what a sudden closing of the loops makes of ``v_guess``, too.
+
+        Args:
+            q: coordinates that close the loops, (n,).
+            v_guess: (n,).
+            held: names of coordinates whose rates stay.
+
+        Raises:
+            LoopError: the loops are open at q, or the rates that are held open one; names it and what remains.
+        """
+        q, v = (state_vector(label, x, self.kernel.coordinates) for label, x in (("q", q), ("v_guess", v_guess)))
+        self.refuse_open(q, np.zeros_like(v))
+        free = self._free(held)
+        J = self.kernel.constraint_jacobian(q)
+        moving: Array = v.copy()
+        for _ in range(2 if free.any() else 0):  # the second time for round-off
+            moving[free] -= Factors(J[:, free], self._root(q)[0][np.ix_(free, free)]).smallest(J @ moving)
+        rates = J @ moving
+        if np.abs(rates).max() > OPEN * max(1.0, np.abs(J).max() * np.abs(moving).max()):
+            raise self._open(rates, "opens at the rates that are held", "fewer held rates, or others", "/s")
+        return moving
+
+    def forward_dynamics(
+        self,
+        q: ArrayLike,
+        v: ArrayLike,
+        u: ArrayLike,
+        *,
+        wrench: ArrayLike | None = None,
+        baumgarte: float = 0.0,
+        rank: int | None = None,
+    ) -> LoopDynamics:
+        """Accelerations under the drives u with the loops closed, and the multipliers of the constraint.
+
+        Args:
+            q, v, u: (n,); q and v that close the loops, unless ``baumgarte`` is to close them.
+            wrench: external wrenches, (links, 6).
+            baumgarte: w, 1/s: g_ddot = -2 w g_dot - w^2 g instead of 0.
+            rank: of a closed state nearby, where the loops are open by more than round-off and some constraints are
+                redundant.
+
+        Raises:
+            LoopError: the loops are open or opening, by more than 1e-9, and no ``baumgarte`` closes them.
+        """
+        q, v, u = (state_vector(label, x, self.kernel.coordinates) for label, x in zip("qvu", (q, v, u), strict=True))
+        if not baumgarte:
+            self.refuse_open(q, v)
+        a, multipliers, factors = self.solve(q, v, u, wrench, baumgarte, rank)
+        return LoopDynamics(a, multipliers, self._redundancy(factors))
+
+    def solve(
+        self, q: Array, v: Array, u: Array, wrench: ArrayLike | None, baumgarte: float, rank: int | None
+    ) -> tuple[Array, Array, Factors]:
+        """As ``forward_dynamics``, without the report and its cost."""
+        kernel = self.kernel
+        J = kernel.constraint_jacobian(q)
+        wanted = -kernel.constraint_bias(q, v)
+        if baumgarte:
+            wanted -= baumgarte * (2.0 * (J @ v) + baumgarte * kernel.constraint(q))
+        M, L = self._root(q)
+        factors = Factors(J, M, L, rank)
+        force = u - kernel.inverse_dynamics(q, v, np.zeros(kernel.n), wrench=wrench)
+        open_a = factors.back(np.linalg.solve(L, force))
+        missing = wanted - J @ open_a
+        return open_a + factors.smallest(missing), factors.multipliers(missing), factors
+
+    def reactions(self, q: ArrayLike, multipliers: ArrayLike) -> Array:
+        """What the cut joints exert on their second links, (loops, 6): force (N), moment (N m).
+
+        At the origin and in the axes of the cut frame on that link; the first link feels the opposite.  Components
+        that the joint leaves free are zero; those of ``Redundancy.undetermined`` are one possibility of many.
+
+        Args:
+            q: (n,).
+            multipliers: (constraints,), of ``forward_dynamics``.
+        """
+        q = state_vector("q", q, self.kernel.coordinates)
+        values = iter(state_vector("multipliers", multipliers, self.kernel.constraints))
+        result = np.zeros((len(self.kernel.loops), 6))
+        for row, kind, pose in zip(result, self.kernel.loops.values(), self.kernel.cut_poses(q), strict=True):
+            R = pose[:3, :3]
+            for part in CUTS[kind]:
+                value = next(values)
+                if part.axis is not None:
+                    row[:3] += value * R[part.axis]
+                for factor, i, j in part.products:
+                    row[3:] += value * factor * (R.T @ np.cross(R[:, j], np.eye(3)[i]))
+        return result
+
+    def redundancy(self, q: ArrayLike) -> Redundancy:
+        """Rank of the constraint at q, (n,), and the names of what is redundant."""
+        q = state_vector("q", q, self.kernel.coordinates)
+        return self._redundancy(Factors(self.kernel.constraint_jacobian(q), *self._root(q)))
+
+    def integrate(
+        self,
+        q0: ArrayLike,
+        v0: ArrayLike,
+        duration: float,
+        *,
+        drive: Drive | None = None,
+        wrench: Wrench | ArrayLike | None = None,
+        step: float | None = None,
+        output_step: float | None = None,
+        baumgarte: float | None = None,
+        progress: Progress | None = None,
+    ) -> Trajectory:
+        """Integrate the mechanism with fixed steps of RK4; ``loop_motion.integrate_loops`` says the rest."""
+        from .loop_motion import integrate_loops
+
+        options: dict[str, Any] = {"step": step, "output_step": output_step, "baumgarte": baumgarte}
+        return integrate_loops(self, q0, v0, duration, drive=drive, wrench=wrench, progress=progress, **options)
+
+    def settled(self, q: Array, v: Array, rank: int) -> tuple[Array, Array, int]:
+        """The nearest state, in the kinetic metric of q, that is closed and stays so; and its rank.
+
+        Args:
+            q, v: nearly closed, (n,) each.
+            rank: of a closed state nearby.
+
+        Raises:
+            LoopError: a gap stays.
+        """
+        M, L = self._root(q)
+        for _ in range(10):
+            g = self.kernel.constraint(q)
+            factors = Factors(self.kernel.constraint_jacobian(q), M, L, rank)
+            if np.abs(g).max() <= CLOSED:
+                return q, v - factors.smallest(factors.J @ v), factors.found_rank
+            q = q - factors.smallest(g)
+        raise self._open(g, "comes open", "a shorter step")
+
+    def refuse_open(self, q: Array, v: Array) -> None:
+        """LoopError unless the state, (n,) each, is closed and stays so, up to 1e-9."""
+        g, rates = self.kernel.constraint(q), self.kernel.constraint_jacobian(q) @ v
+        if np.abs(g).max() > OPEN:
+            raise self._open(g, "is open", "q of consistent_positions")
+        if np.abs(rates).max() > OPEN * max(1.0, np.abs(v).max()):
+            raise self._open(rates, "is opening", "v of consistent_velocities", "/s")
+
+    def _free(self, held: Iterable[str]) -> NDArray[np.bool_]:
+        kept = known_coordinates(held, self.kernel)
+        return np.array([name not in kept for name in self.kernel.coordinates])
+
+    def _root(self, q: Array) -> tuple[Array, Array]:
+        """M and L of M = L L^T."""
+        M = self.kernel.mass_matrix(q)
+        try:
+            return M, np.linalg.cholesky(M)
+        except np.linalg.LinAlgError:
+            worst = self.kernel.coordinates[int(np.abs(np.linalg.eigh(M)[1][:, 0]).argmax())]
+            raise SingularError(
+                f"{self.kernel.name}: the mass matrix of the open tree cannot be inverted at {worst}; either the links"
+                " that it moves have no inertia along it, or an angle beta is at +-pi/2"
+            ) from None
+
+    def _redundancy(self, factors: Factors) -> Redundancy:
+        names = self.kernel.constraints
+        redundant, undetermined = factors.dependent_rows(), factors.undetermined_rows()
+        mobility = self.kernel.n - factors.rank
+        return Redundancy(
+            factors.rank, mobility, tuple(names[i] for i in redundant), tuple(names[i] for i in undetermined)
+        )
+
+    def _open(self, gaps: Array, what: str, allowed: str, per: str = "") -> LoopError:
+        """The error that names the loop with the greatest gap."""
+        worst = int(np.abs(gaps).argmax())
+        name, loop = self.kernel.constraints[worst], self._owner[worst]
+        unit = ("m" if name.endswith((".x", ".y", ".z")) else "rad") + per
+        gap = float(abs(gaps[worst]))
+        return LoopError(
+            f"{self.kernel.name}: loop {loop} {what}: {name} is left with {gap:.3g} {unit}; allowed: {allowed}",
+            loop=loop,
+            gap=gap,
+        )
