@@ -391,6 +391,7 @@ KEYS = [
     "gamma",
     "limits",
     "prescribed",
+    "placements",
     "xyz",
     "rpy",
     "xx",
@@ -460,11 +461,13 @@ def test_any_toml_table_is_harmless(top: dict[str, object]) -> None:
 
 
 @FUZZ
-@given(st.sampled_from(["links", "joints", "frames"]), st.sampled_from(KEYS), TABLES)
+@given(st.sampled_from(["links", "joints", "frames", "loops"]), st.sampled_from(KEYS), TABLES)
 def test_any_value_in_a_good_toml_is_harmless(table: str, key: str, value: object) -> None:
-    harmless(robot_from_toml, ARM.replace(f"[[{table}]]\n", f"[[{table}]]\n{json.dumps(key)} = {as_toml(value)}\n", 1))
+    closed = ARM.replace(*loop("placements = [{}, {}]"))
+    given = f"[[{table}]]\n{json.dumps(key)} = {as_toml(value)}\n"
+    harmless(robot_from_toml, closed.replace(f"[[{table}]]\n", given, 1))
     line = re.compile(f"^{key} = .*$", re.MULTILINE)
-    harmless(robot_from_toml, line.sub(lambda _: f"{key} = {as_toml(value)}", ARM, count=1))
+    harmless(robot_from_toml, line.sub(lambda _: f"{key} = {as_toml(value)}", closed, count=1))
 
 
 PIECES = [

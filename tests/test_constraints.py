@@ -18,6 +18,7 @@ from eomgen.codegen.signatures import LOOP_KERNELS
 from eomgen.cuts import CUTS
 from eomgen.description import robot_from_toml
 from eomgen.errors import DescriptionError, InputError
+from eomgen.info import robot_info
 from eomgen.integrate import integrate
 from eomgen.model import build_model
 from eomgen.pipeline import Options, generate
@@ -214,6 +215,12 @@ def test_refusals(built: Build) -> None:
     stiff = replace(robot, joints=(robot.joints[0], weld, robot.joints[2]))
     with pytest.raises(DescriptionError, match=r"loops\.joint4\.links.*'crank'.*'coupler' do not move against"):
         build_model(replace(stiff, loops=(replace(robot.loops[0], links=("crank", "coupler")),)))
+    for change, said in (
+        ({"links": ("base", "arm")}, "links.*'arm'.*rocker"),
+        ({"type": "hinge"}, "type.*'hinge'.*revolute"),
+    ):
+        with pytest.raises(DescriptionError, match=rf"loops\.joint4\.{said}"):  # made by hand, not read
+            build_model(replace(robot, loops=(replace(robot.loops[0], **change),)))
     with pytest.raises(InputError, match=r"'constraint' is for robots with \[\[loops\]\], and ur5 has none"):
         eomgen.build(eomgen.load_robot("ur5"), kernels=("constraint",))
 
@@ -245,6 +252,14 @@ def test_dynamics_of_the_open_tree_are_not_taken_for_those_of_the_robot(built: B
     for call in refused:
         with pytest.raises(InputError, match=rf"{robot.name} has loops \(loop1\).*eomgen\.loops"):
             call()
+
+
+def test_info_lists_the_loops() -> None:
+    info = robot_info(eomgen.load_robot("bennett"))
+    assert "loop joint4: revolute joint between link3 and base, cut" in info.lines()
+    assert info.as_dict()["loops"] == {"joint4": "revolute"}
+    assert len(info.as_dict()["constraints"]) == 5
+    assert not any("loop" in line for line in robot_info(eomgen.load_robot("one_link")).lines())
 
 
 def test_placements_default_to_the_links_frames() -> None:

@@ -268,11 +268,11 @@ def own_names(robot: Robot, other: Robot) -> Iterator[tuple[str, str]]:
     return iter(sorted(pairs, key=lambda pair: -len(pair[0])))
 
 
-@pytest.mark.parametrize("where", ["name", "base", "links", "joints", "frames"])
+@pytest.mark.parametrize("where", ["name", "base", "links", "joints", "frames", "loops"])
 @pytest.mark.parametrize("bad", ["*/ int x;", "a b", "", "1a", "a\n", "\N{LATIN SMALL LETTER E WITH ACUTE}"])
 def test_names_of_a_robot_made_by_hand_are_checked(where: str, bad: str) -> None:
     """A Robot that no reader has seen: the same rule, before anything is written."""
-    robot = eomgen.load_robot("one_link")
+    robot = eomgen.load_robot("four_bar")
     if where in ("name", "base"):
         robot = replace(robot, **{where: bad})
     else:

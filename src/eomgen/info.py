@@ -36,6 +36,8 @@ class RobotInfo:
             "joints": [body.joint for body in model.bodies],
             "links": list(model.links),
             "frames": list(model.frames),
+            "loops": {loop.name: loop.type for loop in model.robot.loops},
+            "constraints": list(model.constraints),
             "mass": self._mass(),
             "parameters": dict(model.parameters),
             "zeros": dict(self.zeros),
@@ -47,7 +49,16 @@ class RobotInfo:
         """A page of text."""
         model = self.model
         count = f"{model.size} coordinates, {len(model.bodies)} joints that move, {self._mass():.6g} kg moving"
-        lines = [f"{model.name}: {count}", "", *self._joint_lines(), "", *self.zero_lines, "", *self._operation_lines()]
+        lines = [
+            f"{model.name}: {count}",
+            "",
+            *self._joint_lines(),
+            "",
+            *self._loop_lines(),
+            *self.zero_lines,
+            "",
+            *self._operation_lines(),
+        ]
         parameters = len(model.parameters)
         lines += ["", f"run-time parameters: {parameters} (kernel.parameters; list more under `tunable`)"]
         lines += [f"frames: {', '.join(model.frames)}"]
@@ -67,6 +78,12 @@ class RobotInfo:
                 label = f"{body.joint}.{name} [{UNITS[name]}]"
                 lines.append(f"{label:<30} {texts[0]:>12}{texts[1]:>12}{texts[2]:>12}")
         return lines
+
+    def _loop_lines(self) -> list[str]:
+        """The cut joints, where there are some, with an empty line after them."""
+        loops, count = self.model.robot.loops, len(self.model.constraints)
+        lines = [f"loop {x.name}: {x.type} joint between {x.links[0]} and {x.links[1]}, cut" for x in loops]
+        return [*lines, f"{count} constraints; all else is that of the open tree", ""] if loops else []
 
     def _operation_lines(self) -> list[str]:
         lines = ["operations of the C           mul      add    div  sincos"]

@@ -153,9 +153,16 @@ def _check_names(robot: Robot) -> None:
 
 
 def _check_loops(robot: Robot, body_of: Mapping[str, int]) -> None:
-    """Refuse a loop that nothing can open or close, because fixed joints hold its links together."""
+    """Refuse a loop that nothing can open or close, and what no reader has seen."""
     for loop in robot.loops:
         first, second = loop.links
+        for where, name, known in (("links", first, body_of), ("links", second, body_of), ("type", loop.type, CUTS)):
+            if name not in known:
+                raise DescriptionError(
+                    f"got {show(name)}; allowed: {', '.join(known)}",
+                    where=f"loops.{loop.name}.{where}",
+                    source=robot.source or robot.name,
+                )
         if body_of[first] == body_of[second]:
             raise DescriptionError(
                 f"the links {show(first)} and {show(second)} do not move against each other; allowed: links with a"

@@ -117,7 +117,7 @@ def simulate(
         progress: called with a fraction from 0 to 1 and a line of text.
 
     Raises:
-        InputError: an argument is wrong, nothing can be driven, SciPy is not installed.
+        InputError: an argument is wrong, nothing can be driven, the robot has loops, SciPy is not installed.
         IntegrationError: the motion could not be integrated; see ``integrate``.
     """
     report: Progress = progress or (lambda _fraction, _text: None)
@@ -127,6 +127,9 @@ def simulate(
         raise InputError(f"duration: {duration!r} s; a finite time greater than 0 is allowed")
     if method not in METHODS:
         raise InputError(f"method: {method!r} is unknown; allowed: {', '.join(METHODS)}")
+    if robot.loops:
+        names = ", ".join(loop.name for loop in robot.loops)
+        raise InputError(f"simulate: {robot.name} has loops ({names}); eomgen.loops integrates mechanisms with loops")
     tool = _tool(robot, tool)
     motion = default_motion(robot, MOVING_PART * duration, _driven(robot), start=start, goal=goal)
     kernel, rigid = _build_both(robot, report)
