@@ -8,12 +8,12 @@ equations and generated code.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 from eomgen.model import FIXED_BODY, Model
-from eomgen.robot import IDENTITY, INERTIA_KEYS, Placement, snap
+from eomgen.robot import IDENTITY, INERTIA_KEYS, Coordinate, Placement, snap
 
 Scalar = Any  # float, sympy.Expr or ir.Node
 Vec = tuple[Scalar, Scalar, Scalar]
@@ -65,6 +65,8 @@ class Bound:
     ``coms`` are the links' centres of mass in their bodies' frames; ``stiffness``, ``damping``, ``armature`` and
     ``angle_offsets`` (added to an angle before it turns, rad) are per coordinate.  ``at_rest`` is the first moment
     (kg m, base frame) of mass that regrouping moved to the base: its weight is a constant of the potential energy.
+    ``laws`` holds, by the index of a coordinate, the numbers of its force beyond stiffness and damping
+    (``Coordinate.law``, with "stiffness" where it is no linear spring's); ``knots`` the deviations of its curve.
     """
 
     gravity: Vec
@@ -76,6 +78,8 @@ class Bound:
     armature: tuple[Scalar, ...]
     angle_offsets: tuple[float, ...]
     at_rest: Vec = (0.0, 0.0, 0.0)
+    laws: Mapping[int, Mapping[str, Scalar]] = field(default_factory=dict)
+    knots: Mapping[int, tuple[float, ...]] = field(default_factory=dict)
 
 
 def bind(
@@ -112,7 +116,9 @@ def bind(
             inertias[body] = inertias[body] + congruence(pose, inertia)
             coms[link.name] = (body, add(matvec(pose.rotation, com), pose.origin))
     bodies = tuple(BoundBody(p, h) for p, h in zip(placements, inertias, strict=True))
-    return Bound(binder.gravity(), bodies, binder.frames(poses), coms, *binder.forces(), (0.0,) * model.size)
+    zeros, (laws, knots) = (0.0,) * model.size, binder.laws()
+    forces = binder.forces()
+    return Bound(binder.gravity(), bodies, binder.frames(poses), coms, *forces, zeros, laws=laws, knots=knots)
 
 
 class _Binder:
@@ -172,13 +178,38 @@ class _Binder:
         return {name: found[name] for name in self.model.frames}
 
     def forces(self) -> tuple[tuple[Scalar, ...], tuple[Scalar, ...], tuple[Scalar, ...]]:
-        """Stiffness, damping and armature of every coordinate."""
+        """Stiffness of linear springs, damping and armature of every coordinate."""
         rows: tuple[list[Scalar], ...] = ([], [], [])
+        for prefix, given in self._coordinates():
+            for row, key in zip(rows, ("stiffness", "damping", "armature"), strict=True):
+                row.append(self.value(f"{prefix}.{key}", getattr(given, key) or 0.0))
+            if _is_bent(given):
+                rows[0][-1] = 0.0
+        return tuple(rows[0]), tuple(rows[1]), tuple(rows[2])
+
+    def laws(self) -> tuple[dict[int, dict[str, Scalar]], dict[int, tuple[float, ...]]]:
+        """Numbers of forces beyond stiffness and damping, and deviations of curves, by coordinate."""
+        laws: dict[int, dict[str, Scalar]] = {}
+        knots: dict[int, tuple[float, ...]] = {}
+        for index, (prefix, given) in enumerate(self._coordinates()):
+            law = {key: self.value(f"{prefix}.{key}", number) for key, number in given.law().items()}
+            if _is_bent(given):
+                law["stiffness"] = self.value(f"{prefix}.stiffness", given.stiffness or 0.0)
+            if law:
+                laws[index] = law
+            if given.curve is not None:
+                knots[index] = tuple(deviation for deviation, _ in given.curve)
+        return laws, knots
+
+    def _coordinates(self) -> Iterator[tuple[str, Coordinate]]:
         for joint in self.model.robot.joints:
             for name, given in joint.coordinates.items():
-                for row, key in zip(rows, ("stiffness", "damping", "armature"), strict=True):
-                    row.append(self.value(f"joints.{joint.name}.{name}.{key}", getattr(given, key) or 0.0))
-        return tuple(rows[0]), tuple(rows[1]), tuple(rows[2])
+                yield f"joints.{joint.name}.{name}", given
+
+
+def _is_bent(given: Coordinate) -> bool:
+    """Whether the stiffness is not that of one straight line."""
+    return given.clearance is not None or given.stiffness_negative is not None
 
 
 def congruence(pose: Pose, inertia: PseudoInertia) -> PseudoInertia:

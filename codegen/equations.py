@@ -12,9 +12,10 @@ from .bodies import Bound, Scalar, bind
 from .composite import Rows, coriolis_matrix, mass_matrix
 from .derivatives import residual_derivatives
 from .elimination import Elimination
-from .forces import elastic_rows, gravity_rows
+from .forces import effects, gravity_rows, resisting_rows
 from .frames import choose_frames
 from .freeze import JointGeometry, geometry
+from .functions import Functions
 from .ir import Graph, Program, Value, finish
 from .kinematics import body_poses, external_rows, frame_poses, potential_energy
 from .passes import PARAMETERS, hoist_parameters, run_passes
@@ -109,11 +110,16 @@ class Derivation:
         self.bound: Bound = regroup(model, choose_frames(model, bound)) if regrouped else bound
         self.joints: list[JointGeometry] = geometry(model, self.bound, self.q, self.graph.sincos)
         self.still: list[Scalar] = [0.0] * n
+        self.functions = Functions.of(self.graph)
 
     def dynamics(self, v: list[Any], a: list[Any]) -> list[Scalar]:
         """Inertial, gravity, spring and damper terms: the drives that the motion needs."""
         rows, _ = inertial_rows(self.model, self.bound, self.joints, v, a, self.bound.gravity, self.graph.note)
-        return [row + force for row, force in zip(rows, elastic_rows(self.bound, self.q, v), strict=True)]
+        return [row + force for row, force in zip(rows, self.resisting(self.q, v), strict=True)]
+
+    def resisting(self, q: list[Any], v: list[Any]) -> list[Scalar]:
+        """What springs, dampers and other forces of the coordinates themselves take from the drives."""
+        return resisting_rows(self.bound, q, v, self.functions)
 
     def matrix(self) -> Rows:
         """Entries of M on and above the diagonal."""
@@ -167,7 +173,7 @@ def _bias_force(d: Derivation) -> Outputs:
 
 def _generalized_force(d: Derivation) -> Outputs:
     weights = gravity_rows(d.model, d.bound, d.joints)
-    springs = elastic_rows(d.bound, d.q, d.v)
+    springs = d.resisting(d.q, d.v)
     return _vector([-(weight + spring) for weight, spring in zip(weights, springs, strict=True)])
 
 
@@ -187,6 +193,8 @@ def _inverse_dynamics(d: Derivation) -> Outputs:
 def _residual_jacobian(d: Derivation) -> Outputs:
     found = residual_derivatives(d.model, d.bound, d.joints, d.v, d.a, d.graph.note)
     n = d.model.size
+    for i, law in effects(d.bound, d.q, d.v, d.functions).items():
+        found.by_q[i, i], found.by_v[i, i] = found.by_q[i, i] + law.by_s, found.by_v[i, i] + law.by_v
     return _vector(
         [rows.get((i, j), 0.0) for rows in (found.by_q, found.by_v, found.by_a) for i in range(n) for j in range(n)]
     )
@@ -210,7 +218,7 @@ def _factorised(d: Derivation) -> Outputs:
 
 def _eliminated(d: Derivation) -> Outputs:
     """Joint by joint from the tips, without a mass matrix."""
-    springs = elastic_rows(d.bound, d.q, d.v)
+    springs = d.resisting(d.q, d.v)
     drives = [drive - spring for drive, spring in zip(d.u, springs, strict=True)]
     solved = Elimination(d.model, d.bound, d.joints, d.v, drives, d.graph.note)
     return _solved(solved.accelerations, solved.pivots)
@@ -219,14 +227,18 @@ def _eliminated(d: Derivation) -> Outputs:
 def _implicit_step(d: Derivation) -> Outputs:
     """Springs and dampers at the end of the step: they add to the diagonal of M, so the elimination stays O(n).
 
+    A law that is not linear is taken along its tangent at the coordinate that the rate leads to; a tangent that falls
+    is left out, so that the matrix stays positive definite.
     ``added`` is what a joint's controller adds to the diagonal; it acts on principal coordinates.
     """
     dt, square = d.graph.input("dt", 0), d.graph.input("dt", 1)
     ahead = [q + dt * v for q, v in zip(d.q, d.v, strict=True)]
-    drives = [u - spring for u, spring in zip(d.u, elastic_rows(d.bound, ahead, d.v), strict=True)]
+    drives = [u - spring for u, spring in zip(d.u, d.resisting(ahead, d.v), strict=True)]
     armature = list(d.bound.armature)
     for i, (stiffness, damping) in enumerate(zip(d.bound.stiffness, d.bound.damping, strict=True)):
         armature[i] = armature[i] + (dt * damping + square * stiffness)
+    for i, law in effects(d.bound, ahead, d.v, d.functions).items():
+        armature[i] = armature[i] + d.functions.larger(dt * law.by_v + square * law.by_s, 0.0)
     for i in d.model.principal:
         armature[i] = armature[i] + d.graph.input("added", i)
     bound = replace(d.bound, armature=tuple(armature))
@@ -284,7 +296,10 @@ def _kinematics(d: Derivation) -> Outputs:
 
 def _energy(d: Derivation) -> Outputs:
     kinetic = kinetic_energy(d.model, d.bound, d.joints, d.v)
-    return _vector([kinetic, potential_energy(d.model, d.bound, d.joints, d.q)])
+    potential = potential_energy(d.model, d.bound, d.joints, d.q)
+    for law in effects(d.bound, d.q, d.v, d.functions).values():
+        potential = potential + law.energy
+    return _vector([kinetic, potential])
 
 
 def _reactions(d: Derivation) -> Outputs:

@@ -17,6 +17,7 @@ from eomgen._version import __version__
 from eomgen.model import Model
 
 from .equations import Equations
+from .ir import CALLS
 from .scalar import SCALARS, TURNS
 from .signatures import KERNELS, SIGNATURES, shapes
 from .solve import coordinate_parents, solve_operations
@@ -84,6 +85,7 @@ def _context(equations: Equations, dtype: str, meta: Mapping[str, Any]) -> dict[
         "lane_count": 1,
         "turn": TURNS[dtype],
         "turns": any(i.op in ("sin", "cos") for p in equations.programs.values() for i in p.instructions),
+        "called": {i.op for p in (equations.setup, *equations.programs.values()) for i in p.instructions} & set(CALLS),
         "padded": lambda count: f"PADDED({count})",
         "turned": lambda angles, count: f"{angles}, PADDED({count}), sine, cosine",
         "coordinate_parents": coordinate_parents(model),
@@ -196,6 +198,12 @@ def metadata(equations: Equations, dtype: str) -> dict[str, Any]:
             name: {"reads": KERNELS[name].reads, "writes": KERNELS[name].writes}
             for name in KERNELS
             if name in equations.kernels
+        },
+        "knots": {
+            f"{joint.name}.{name}": [deviation for deviation, _ in given.curve]
+            for joint in model.robot.joints
+            for name, given in joint.coordinates.items()
+            if given.curve is not None
         },
         "operations": operations(equations),
     }

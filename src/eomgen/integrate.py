@@ -149,9 +149,19 @@ def choose_method(kernel: Kernel, method: str = "auto") -> str:
 
 
 def stiffnesses(kernel: Kernel) -> Array:
-    """Stiffness of every coordinate as the kernel has it now, (n,), N/m or N m/rad; 0 where there is no spring."""
-    names = (f"joints.{coordinate}.stiffness" for coordinate in kernel.coordinates)
-    return np.array([kernel.parameters.get(name, 0.0) for name in names])
+    """Stiffness of every coordinate as the kernel has it now, (n,), N/m or N m/rad; 0 where there is no spring.
+
+    Of two sides the stiffer one, of a clearance that of its end, of a curve that of its steepest piece.
+    """
+    found = np.zeros(kernel.n)
+    for i, coordinate in enumerate(kernel.coordinates):
+        names = (f"joints.{coordinate}.{key}" for key in ("stiffness", "stiffness_negative"))
+        found[i] = max(kernel.parameters.get(name, 0.0) for name in names)
+        if coordinate in kernel.knots:
+            knots = kernel.knots[coordinate]
+            forces = [kernel.parameters[f"joints.{coordinate}.curve.{j}"] for j in range(len(knots))]
+            found[i] = max(0.0, float(np.max(np.diff(forces) / np.diff(knots))))
+    return found
 
 
 def coordinate_sizes(kernel: Kernel, q: Array) -> tuple[Array, Array]:

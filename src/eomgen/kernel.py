@@ -38,6 +38,7 @@ class Kernel:
         links: names of the links that move, in the order of ``wrench``.
         frames: names that ``frame_pose`` knows: frames, then links.
         parameters: mapping from name to value; an assignment takes effect without recompiling.
+        knots: deviations (m, rad) of measured curves by coordinate; the forces there are parameters.
         operations: per kernel the multiplications, additions, divisions and sine-cosine pairs of its C.
         dtype: the dtype of all arrays.
 
@@ -70,6 +71,7 @@ class Kernel:
         self._threads = 1
         self._principal = tuple(meta["principal"])
         self._rolls = "rollout" in meta["kernels"]
+        self.knots: dict[str, tuple[float, ...]] = {k: tuple(x) for k, x in meta["knots"].items()}
         self.parameters = Parameters(self, meta["parameters"], meta["hoisted"])
 
     def __repr__(self) -> str:

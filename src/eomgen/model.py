@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
+from .characteristic import conflict
 from .errors import DescriptionError
 from .names import IDENTIFIER_RULE, ROBOT_RULE, is_identifier, is_robot_name, show
 from .robot import COORDINATES, INERTIA_KEYS, PRINCIPAL, Joint, Placement, Robot
@@ -102,9 +103,10 @@ def build_model(robot: Robot) -> Model:
 
     Raises:
         DescriptionError: no coordinate is active, so there is nothing to move; or a name is no identifier (the reader
-            lets none through, but a Robot can be made without it).
+            lets none through, but a Robot can be made without it), or forces that do not go together.
     """
     _check_names(robot)
+    _check_forces(robot)
     bodies: list[Body] = []
     coordinates: list[str] = []
     body_of = {robot.base: FIXED_BODY}
@@ -145,8 +147,18 @@ def _check_names(robot: Robot) -> None:
             raise DescriptionError(f"got {show(name)}; allowed: {rule}", where=where, source=robot.source)
 
 
+def _check_forces(robot: Robot) -> None:
+    """Numbers of force laws go together, whoever made the Robot."""
+    for joint in robot.joints:
+        for name, given in joint.coordinates.items():
+            found = conflict(given)
+            if found is not None:
+                where = f"joints.{joint.name}.{name}.{found[0]}"
+                raise DescriptionError(found[1], where=where, source=robot.source or robot.name)
+
+
 def _parameters(robot: Robot) -> dict[str, float]:
-    """Run-time parameters: gravity, every stiffness and damping that is given, and what ``tunable`` lists."""
+    """Run-time parameters: gravity, what is given of forces of coordinates, and what ``tunable`` lists."""
     values = dict(parameter_values(robot))
     chosen = {
         name
@@ -154,6 +166,9 @@ def _parameters(robot: Robot) -> dict[str, float]:
         if name.startswith("gravity.") or (name.startswith("joints.") and name.endswith((".stiffness", ".damping")))
         if values[name] is not None
     }
+    for joint in robot.joints:
+        for name, given in joint.coordinates.items():
+            chosen.update(f"joints.{joint.name}.{name}.{key}" for key in given.law())
     chosen.update(robot.tunable)
     return {name: value or 0.0 for name, value in values.items() if name in chosen}
 
@@ -181,6 +196,8 @@ def _joint_values(joint: Joint) -> Iterator[tuple[str, float | None]]:
             yield f"joints.{joint.name}.{name}.stiffness", given.stiffness
             yield f"joints.{joint.name}.{name}.damping", given.damping
             yield f"joints.{joint.name}.{name}.armature", given.armature
+            for key, value in given.law().items():
+                yield f"joints.{joint.name}.{name}.{key}", value
     yield from _placement_values(f"joints.{joint.name}", joint.placement)
 
 

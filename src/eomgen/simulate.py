@@ -210,14 +210,17 @@ def _tool(robot: Robot, tool: str | None) -> str:
 
 
 def _balanced_start(kernel: Kernel, drive: ComputedTorque) -> tuple[Array, tuple[str, ...]]:
-    """Equilibrium under the drives at t = 0, and the names of the coordinates that nothing holds."""
+    """Equilibrium under the drives at t = 0, and the names of the coordinates that nothing holds.
+
+    Inside a clearance nothing does, so that its coordinate starts in the middle.
+    """
     guess = np.zeros(kernel.n)
     guess[drive.index] = drive.motion.start
     stiffness = stiffnesses(kernel)
     loose = tuple(
         name
         for name, k in zip(kernel.coordinates, stiffness, strict=True)
-        if k == 0.0 and name not in drive.rigid.coordinates
+        if (k == 0.0 or f"joints.{name}.clearance" in kernel.parameters) and name not in drive.rigid.coordinates
     )
     q0, _ = static_equilibrium(kernel, guess, u=lambda q: drive(0.0, q, np.zeros_like(q)), held=loose)
     return q0, loose
@@ -241,7 +244,8 @@ def _assumptions(robot: Robot, loose: tuple[str, ...]) -> tuple[str, ...]:
     if free:
         notes.append(f"free joint {', '.join(free)}: held where it is by drives on all its six coordinates")
     if loose:
-        notes.append(f"without stiffness or drive, so not in balance at the start: {', '.join(loose)}")
+        why = "without stiffness or drive, or inside a clearance"
+        notes.append(f"{why}, so not in balance at the start: {', '.join(loose)}")
     return tuple(notes)
 
 

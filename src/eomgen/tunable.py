@@ -37,8 +37,10 @@ def parameters(robot: Robot) -> Iterator[Parameter]:
     for joint in robot.joints:
         yield from _placement(("joints", joint.name), joint.placement)
         for name, coordinate in joint.coordinates.items():
-            for key, value in vars(coordinate).items():
-                yield Parameter(("joints", joint.name, name, key), value is not None)
+            for key in ("stiffness", "damping", "armature"):
+                yield Parameter(("joints", joint.name, name, key), getattr(coordinate, key) is not None)
+            for key in coordinate.law():
+                yield Parameter(("joints", joint.name, name, *key.split(".")))
     for frame in robot.frames:
         yield from _placement(("frames", frame.name), frame.placement)
 
