@@ -147,6 +147,20 @@ def test_nothing_acts_inside_a_clearance(built: Build) -> None:
     assert outside[0] > 0.0 > outside[1]
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_contact_never_pulls(side: float, built: Build) -> None:
+    """Torn apart faster than 1 / restitution_damping it gives neither force nor slope; slower, both."""
+    robot = slider(stiffness=1e3, clearance=0.1, smoothing=0.01, restitution_damping=0.5)
+    kernel, q, none = built(robot, "generalized_force", "residual_jacobian"), np.array([0.2 * side]), np.zeros(1)
+    torn, slow = np.array([-3.0 * side]), np.array([-1.0 * side])
+    assert kernel.generalized_force(q, torn) == 0.0
+    assert [float(block[0, 0]) for block in kernel.residual_jacobian(q, torn, none)[:2]] == [0.0, 0.0]
+    d = 0.1 - 0.01 / 2
+    assert kernel.generalized_force(q, slow) == pytest.approx([-side * 1e3 * d * 0.5])
+    by_q, by_v, _ = kernel.residual_jacobian(q, slow, none)
+    assert (by_q[0, 0], by_v[0, 0]) == pytest.approx((1e3 * 0.5, 1e3 * d * 0.5))
+
+
 @pytest.mark.parametrize("damping", [0.0, 0.6])
 def test_a_clearance_creates_no_energy(damping: float, built: Build) -> None:
     """A mass that bounces between both ends: with damping energy falls at each of them, without it stays."""
