@@ -136,7 +136,9 @@ def derive_forward_dynamics(model: Model, solver: str = "") -> tuple[Program, st
     """
     candidates = []
     for name, write in SOLVERS.items():
-        if solver == name or (not solver and (name != FACTORISED or model.size <= STRAIGHT_SOLVE)):
+        if name == FACTORISED and (model.prescribed or (not solver and model.size > STRAIGHT_SOLVE)):
+            continue  # M would have to be divided by what is known; or its program would be long
+        if solver in ("", name):
             derivation = Derivation(model)
             program = run_passes(finish(derivation.graph, "forward_dynamics", write(derivation)))
             candidates.append((program, name))
@@ -208,10 +210,15 @@ def _factorised(d: Derivation) -> Outputs:
     return _solved(acceleration, [(pivot, matrix[i, i]) for i, pivot in enumerate(pivots)])
 
 
+def _drives(d: Derivation, springs: list[Scalar]) -> list[Scalar]:
+    """Drives less springs and dampers; of a prescribed coordinate its acceleration, which stands in u."""
+    given = d.model.prescribed
+    return [u if i in given else u - spring for i, (u, spring) in enumerate(zip(d.u, springs, strict=True))]
+
+
 def _eliminated(d: Derivation) -> Outputs:
     """Joint by joint from the tips, without a mass matrix."""
-    springs = elastic_rows(d.bound, d.q, d.v)
-    drives = [drive - spring for drive, spring in zip(d.u, springs, strict=True)]
+    drives = _drives(d, elastic_rows(d.bound, d.q, d.v))
     solved = Elimination(d.model, d.bound, d.joints, d.v, drives, d.graph.note)
     return _solved(solved.accelerations, solved.pivots)
 
@@ -223,11 +230,11 @@ def _implicit_step(d: Derivation) -> Outputs:
     """
     dt, square = d.graph.input("dt", 0), d.graph.input("dt", 1)
     ahead = [q + dt * v for q, v in zip(d.q, d.v, strict=True)]
-    drives = [u - spring for u, spring in zip(d.u, elastic_rows(d.bound, ahead, d.v), strict=True)]
+    drives = _drives(d, elastic_rows(d.bound, ahead, d.v))
     armature = list(d.bound.armature)
     for i, (stiffness, damping) in enumerate(zip(d.bound.stiffness, d.bound.damping, strict=True)):
         armature[i] = armature[i] + (dt * damping + square * stiffness)
-    for i in d.model.principal:
+    for i in d.model.driven:
         armature[i] = armature[i] + d.graph.input("added", i)
     bound = replace(d.bound, armature=tuple(armature))
     solved = Elimination(d.model, bound, d.joints, d.v, drives, d.graph.note)

@@ -37,6 +37,7 @@ class Kernel:
         joints: names of the joints that move, in the order of ``reactions``.
         links: names of the links that move, in the order of ``wrench``.
         frames: names that ``frame_pose`` knows: frames, then links.
+        prescribed: names of the coordinates whose motion is given, in their order.
         parameters: mapping from name to value; an assignment takes effect without recompiling.
         operations: per kernel the multiplications, additions, divisions and sine-cosine pairs of its C.
         dtype: the dtype of all arrays.
@@ -51,6 +52,7 @@ class Kernel:
         self.joints: tuple[str, ...] = tuple(meta["joints"])
         self.links: tuple[str, ...] = tuple(meta["links"])
         self.frames: tuple[str, ...] = tuple(meta["frames"])
+        self.prescribed: tuple[str, ...] = tuple(meta["prescribed"])
         self.operations: dict[str, dict[str, int]] = {k: dict(v) for k, v in meta["operations"].items()}
         self.dtype: np.dtype[Any] = np.dtype(meta["dtype"])
         self._ffi, self._lib = ffi, lib
@@ -68,7 +70,8 @@ class Kernel:
         self._code = {name: getattr(lib, f"{self.name}_{name}") for name in self._functions}
         self._batch_code = {name: getattr(lib, f"{self.name}_{name}_batch") for name in self._functions}
         self._threads = 1
-        self._principal = tuple(meta["principal"])
+        self._driven = tuple(meta["driven"])
+        self._given = [self.coordinates.index(name) for name in self.prescribed]
         self._rolls = "rollout" in meta["kernels"]
         self.parameters = Parameters(self, meta["parameters"], meta["hoisted"])
 
@@ -151,6 +154,9 @@ class Kernel:
     ) -> Array:
         """Accelerations, (n,), m/s^2 or rad/s^2, under the drives u.
 
+        In ``u`` a prescribed coordinate has its acceleration, m/s^2 or rad/s^2, which the result repeats; the force
+        that this takes is ``inverse_dynamics`` at the result.
+
         Raises:
             SingularError: M cannot be inverted in this state.
         """
@@ -159,6 +165,7 @@ class Kernel:
             external = self.external_force(q, wrench)
             if states is not None and external.ndim > 1 and len(external) != states:
                 raise ArrayError(f"wrench: {len(external)} states, but {states} in u")
+            external[..., self._given] = 0  # where u is an acceleration
             u = drives + external
         return self._run("forward_dynamics", out, (q, v, u))
 
@@ -183,6 +190,7 @@ class Kernel:
     ) -> tuple[Array, Array, Array]:
         """Exact derivatives of the accelerations, three (n, n): da/dq, da/dv and da/du (the inverse mass matrix).
 
+        The acceleration of a prescribed coordinate stands in ``u`` and depends on nothing else.
         Without external wrenches; where some are constant generalized forces, add them to ``u``.
 
         Args:

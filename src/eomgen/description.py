@@ -8,6 +8,7 @@ TOML syntax and keys: docs and the built-in robots in ``robots/``.
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 from .errors import DescriptionError
@@ -15,6 +16,7 @@ from .inertia import POLICIES, apply_inertia_policy
 from .names import ROBOT_RULE, is_robot_name, nearest, show, to_robot_name
 from .robot import (
     BASE,
+    COORDINATE_NUMBERS,
     COORDINATES,
     INERTIA_KEYS,
     JOINT_TYPES,
@@ -42,7 +44,8 @@ _MOST_BYTES = 1 << 28
 _TOP = ("name", "gravity", "urdf", "inertia", "tunable", "links", "joints", "frames")
 _LINK = ("name", "mass", "com", "inertia")
 _JOINT = ("name", "parent", "child", "type", "dh", "placement", *COORDINATES, "limits", "prescribed")
-_COORDINATE = ("stiffness", "damping", "armature")
+_COORDINATE = (*COORDINATE_NUMBERS, "role")
+_ROLES = ("free", "locked", "prescribed")
 _FRAME = ("name", "link", "placement")
 _DH = ("a", "alpha", "d", "theta")
 _PLACEMENT = ("xyz", "rpy")
@@ -210,15 +213,25 @@ def _joint(name: str, entry: Table, draft: Draft) -> Joint:
         table = entry.table(key, _COORDINATE)
         if table is not None:
             coordinates[key] = _coordinate(table, coordinates.get(key, Coordinate()))
-    if entry.strings("prescribed"):
-        entry.fail("prescribed is not supported by this version of eomgen", "prescribed")
+            if table.text("role") == "locked":
+                del coordinates[key]
+    for key in entry.strings("prescribed"):
+        if key not in COORDINATES:
+            entry.fail(f"got {show(key)}{nearest(key, COORDINATES)}; allowed: {', '.join(COORDINATES)}", "prescribed")
+        if key in entry and entry.values[key].get("role", "prescribed") != "prescribed":
+            entry.fail(f"{key} is prescribed here and {entry.values[key]['role']} in its own table", "prescribed")
+        coordinates[key] = replace(coordinates.get(key, Coordinate()), prescribed=True)
     placement = _placement(entry, old.placement)
     return Joint(name, parent, child, kind, placement, old.axis_turn, coordinates, _limits(entry, kind, old))
 
 
 def _coordinate(table: Table, old: Coordinate) -> Coordinate:
-    given = {key: table.number(key, 0.0) for key in _COORDINATE if key in table}
-    return Coordinate(**{**vars(old), **given})
+    given = {key: table.number(key, 0.0) for key in COORDINATE_NUMBERS if key in table}
+    role = table.choice("role", _ROLES)
+    if role == "locked" and given:
+        table.fail(f"the coordinate is locked, so that its {', '.join(given)} would do nothing; leave it out", "role")
+    prescribed = old.prescribed if role is None else role == "prescribed"
+    return Coordinate(**{**vars(old), **given, "prescribed": prescribed})
 
 
 def _limits(entry: Table, kind: str, old: Joint) -> tuple[float, float] | None:

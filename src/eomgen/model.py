@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from .errors import DescriptionError
 from .names import IDENTIFIER_RULE, ROBOT_RULE, is_identifier, is_robot_name, show
-from .robot import COORDINATES, INERTIA_KEYS, PRINCIPAL, Joint, Placement, Robot
+from .robot import COORDINATE_NUMBERS, COORDINATES, INERTIA_KEYS, PRINCIPAL, Joint, Placement, Robot
 
 FIXED_BODY = -1  # what hangs on the base without a moving joint
 
@@ -76,15 +76,21 @@ class Model:
         return tuple(names + [name for name in links if name not in names])
 
     @property
-    def principal(self) -> tuple[int, ...]:
-        """Indices of the coordinates that are their joints' principal ones."""
+    def driven(self) -> tuple[int, ...]:
+        """Indices of the coordinates that are their joints' principal ones and not prescribed."""
         kinds = {joint.name: PRINCIPAL.get(joint.type) for joint in self.robot.joints}
         return tuple(
             body.first + place
             for body in self.bodies
             for place, name in enumerate(body.active)
-            if name == kinds[body.joint]
+            if name == kinds[body.joint] and body.first + place not in self.prescribed
         )
+
+    @property
+    def prescribed(self) -> tuple[int, ...]:
+        """Indices of the coordinates whose motion is given."""
+        given = (coordinate for joint in self.robot.joints for coordinate in joint.coordinates.values())
+        return tuple(index for index, coordinate in enumerate(given) if coordinate.prescribed)
 
     def ancestors(self, body: int) -> Iterator[int]:
         """The body and the bodies it hangs on, towards the base."""
@@ -177,10 +183,8 @@ def parameter_values(robot: Robot) -> Iterator[tuple[str, float | None]]:
 def _joint_values(joint: Joint) -> Iterator[tuple[str, float | None]]:
     for name in COORDINATES:
         if name in joint.coordinates:
-            given = joint.coordinates[name]
-            yield f"joints.{joint.name}.{name}.stiffness", given.stiffness
-            yield f"joints.{joint.name}.{name}.damping", given.damping
-            yield f"joints.{joint.name}.{name}.armature", given.armature
+            for key in COORDINATE_NUMBERS:
+                yield f"joints.{joint.name}.{name}.{key}", getattr(joint.coordinates[name], key)
     yield from _placement_values(f"joints.{joint.name}", joint.placement)
 
 

@@ -22,6 +22,7 @@ ANGULAR = ("alpha", "beta", "gamma")
 COORDINATES = LINEAR + ANGULAR
 JOINT_TYPES = ("revolute", "prismatic", "fixed", "free")
 PRINCIPAL = {"revolute": "gamma", "prismatic": "z"}
+COORDINATE_NUMBERS = ("stiffness", "damping", "armature")  # of a coordinate; any may be a run-time parameter
 INERTIA_KEYS = ("xx", "yy", "zz", "xy", "xz", "yz")
 BASE = "base"
 IDENTITY: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -75,12 +76,13 @@ class Coordinate:
     """Properties of one active coordinate; None means that the description does not give the value.
 
     stiffness: N/m or N m/rad, damping: N s/m or N m s/rad (eq. 13), armature: kg or kg m^2, added to the
-    diagonal of the mass matrix.
+    diagonal of the mass matrix.  prescribed: its motion is given, and its row is the force that this takes.
     """
 
     stiffness: float | None = None
     damping: float | None = None
     armature: float | None = None
+    prescribed: bool = False
 
 
 @dataclass(frozen=True)
@@ -151,11 +153,12 @@ class Robot:
         return {joint.name: joint for joint in self.joints}[name]
 
     def rigid(self) -> Robot:
-        """The same robot with every deviation locked: only principal coordinates (and free joints) move."""
+        """The same robot with every deviation locked: principal and prescribed coordinates and free joints move."""
         joints = []
         for joint in self.joints:
             keep = COORDINATES if joint.type == "free" else (PRINCIPAL.get(joint.type),)
-            joints.append(replace(joint, coordinates={k: v for k, v in joint.coordinates.items() if k in keep}))
+            kept = {k: v for k, v in joint.coordinates.items() if k in keep or v.prescribed}
+            joints.append(replace(joint, coordinates=kept))
         active = {f"joints.{j.name}.{c}." for j in joints for c in j.coordinates}
         gone = tuple(
             name

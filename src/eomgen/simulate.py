@@ -127,6 +127,12 @@ def simulate(
         raise InputError(f"duration: {duration!r} s; a finite time greater than 0 is allowed")
     if method not in METHODS:
         raise InputError(f"method: {method!r} is unknown; allowed: {', '.join(METHODS)}")
+    if shaken := build_model(robot).prescribed:
+        names = build_model(robot).coordinates
+        raise InputError(
+            f"{robot.name}: {', '.join(names[i] for i in shaken)} prescribed, and a simulation from point to point has"
+            " no motion for that; eomgen.simulate.integrate takes one: prescribed=eomgen.motion.Harmonic(...), say"
+        )
     tool = _tool(robot, tool)
     motion = default_motion(robot, MOVING_PART * duration, _driven(robot), start=start, goal=goal)
     kernel, rigid = _build_both(robot, report)

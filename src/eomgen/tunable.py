@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from .errors import DescriptionError
 from .names import nearest, show
-from .robot import INERTIA_KEYS, LINEAR, Placement, Robot
+from .robot import COORDINATE_NUMBERS, INERTIA_KEYS, LINEAR, Placement, Robot
 
 FORMS = (
     "gravity[.x], links.LINK.mass, links.LINK.com[.x], links.LINK.inertia[.xx], "
@@ -37,8 +37,8 @@ def parameters(robot: Robot) -> Iterator[Parameter]:
     for joint in robot.joints:
         yield from _placement(("joints", joint.name), joint.placement)
         for name, coordinate in joint.coordinates.items():
-            for key, value in vars(coordinate).items():
-                yield Parameter(("joints", joint.name, name, key), value is not None)
+            for key in COORDINATE_NUMBERS:
+                yield Parameter(("joints", joint.name, name, key), getattr(coordinate, key) is not None)
     for frame in robot.frames:
         yield from _placement(("frames", frame.name), frame.placement)
 
