@@ -136,7 +136,8 @@ class _Structure:
     def _coaxial(self, model: Model) -> Mask:
         """(s, v): a translation, and its joint's first active rotation on the same axis."""
         found = _table(joint.prove_coaxial())
-        turns = [next((name for name in body.active if name in ANGULAR), None) for body in model.bodies]
+        turned = [{*body.active, *model.offset_angles(body.joint)} for body in model.bodies]
+        turns = [next((name for name in ANGULAR if name in angles), None) for angles in turned]
         is_first = np.array([turns[k] == COORDINATES[i] for k, i in zip(self.body, self.names, strict=True)])
         coaxial: Mask = self.same & self._look_up(found) & is_first
         return coaxial

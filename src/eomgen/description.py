@@ -43,7 +43,7 @@ _MOST_BYTES = 1 << 28
 
 _TOP = ("name", "gravity", "urdf", "inertia", "tunable", "links", "joints", "frames")
 _LINK = ("name", "mass", "com", "inertia")
-_JOINT = ("name", "parent", "child", "type", "dh", "placement", *COORDINATES, "limits", "prescribed")
+_JOINT = ("name", "parent", "child", "type", "dh", "placement", *COORDINATES, "limits", "prescribed", "offset")
 _COORDINATE = (*COORDINATE_NUMBERS, "role")
 _ROLES = ("free", "locked", "prescribed")
 _FRAME = ("name", "link", "placement")
@@ -222,7 +222,16 @@ def _joint(name: str, entry: Table, draft: Draft) -> Joint:
             entry.fail(f"{key} is prescribed here and {entry.values[key]['role']} in its own table", "prescribed")
         coordinates[key] = replace(coordinates.get(key, Coordinate()), prescribed=True)
     placement = _placement(entry, old.placement)
-    return Joint(name, parent, child, kind, placement, old.axis_turn, coordinates, _limits(entry, kind, old))
+    limits, offset = _limits(entry, kind, old), _offset(entry, old)
+    return Joint(name, parent, child, kind, placement, old.axis_turn, coordinates, limits, offset)
+
+
+def _offset(entry: Table, old: Joint) -> tuple[float | None, ...]:
+    table = entry.table("offset", COORDINATES)
+    if table is None:
+        return old.offset
+    given = (table.number(key) if key in table else None for key in COORDINATES)
+    return tuple(before if new is None else new for before, new in zip(old.offset, given, strict=True))
 
 
 def _coordinate(table: Table, old: Coordinate) -> Coordinate:

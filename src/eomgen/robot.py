@@ -97,7 +97,11 @@ class Link:
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint: where it is, which of its six coordinates are active (canonical order), and their properties."""
+    """A joint: where it is, which of its six coordinates are active (canonical order), and their properties.
+
+    offset: constants in the order of COORDINATES (m, rad) that are added to the six coordinates, active or not, before
+    they move anything: what manufacturing, wear or warmth leave; None where the description gives none.
+    """
 
     name: str
     parent: str
@@ -107,6 +111,7 @@ class Joint:
     axis_turn: Matrix = IDENTITY
     coordinates: Mapping[str, Coordinate] = field(default_factory=dict)
     limits: tuple[float, float] | None = None
+    offset: tuple[float | None, ...] = (None,) * 6
 
     def __post_init__(self) -> None:
         ordered = {name: self.coordinates[name] for name in COORDINATES if name in self.coordinates}
