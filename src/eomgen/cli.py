@@ -1,4 +1,4 @@
-"""The command line: robots, info, derive, generate, simulate, bench.
+"""The command line: robots, info, derive, generate, simulate, forces, fit, bench.
 
 Exit status: 0; 1 something given cannot be used; 2 usage; 70 a bug of eomgen.
 """
@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from ._version import __version__
-from .cli_analysis import add_derive
+from .cli_analysis import add_analysis, add_derive
 from .description import builtin_robots, load_robot
 from .errors import EomgenError, EomgenWarning, InputError
 from .pipeline import DTYPES, KERNEL_NAMES, Options, generate
@@ -33,6 +33,8 @@ examples:
   eomgen derive one_link --latex                 equations in closed form, for small robots
   eomgen generate arm.toml -o generated          write and compile generated/arm, then: import arm
   eomgen simulate puma560_elastic -o out         programmed motion; trajectory.npz and plots
+  eomgen forces arm.toml measured.csv            drives, springs, dampers, reactions of a measured motion
+  eomgen fit arm.toml measured.csv               stiffness and damping from motion and known drives
   eomgen bench ur5                               operation counts and times beside Newton-Euler
 
 ROBOT is the name of a built-in robot, or the path of a .toml or .urdf file.
@@ -93,6 +95,7 @@ def _parser() -> argparse.ArgumentParser:
         help=f"only these (all): {', '.join(KERNEL_NAMES)}",
     )
     _add_simulate(commands)
+    add_analysis(commands, _robot_command, _load, _progress)
     bench = _robot_command(commands, "bench", _bench, "operation counts and times beside a Newton-Euler algorithm in C")
     bench.add_argument("--json", action="store_true", help="print JSON")
     return parser

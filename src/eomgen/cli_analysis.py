@@ -1,8 +1,9 @@
-"""Commands for who reads equations."""
+"""Commands for who reads equations, or has measured a motion."""
 
 from __future__ import annotations
 
 import argparse
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,9 +11,11 @@ from typing import Any
 from .robot import Robot
 
 Load = Callable[[argparse.Namespace], Robot]
+Command = Callable[..., argparse.ArgumentParser]
+Progress = Callable[[str], Any]
 
 
-def add_derive(commands: Any, robot_command: Callable[..., argparse.ArgumentParser], load: Load) -> None:
+def add_derive(commands: Any, robot_command: Command, load: Load) -> None:
     """``eomgen derive``; ``robot_command`` makes a command that takes a robot, ``load`` reads it."""
 
     def derive(options: argparse.Namespace) -> None:
@@ -28,6 +31,54 @@ def add_derive(commands: Any, robot_command: Callable[..., argparse.ArgumentPars
     style.add_argument("--latex", action="store_true", help="a LaTeX fragment for amsmath")
     command.add_argument("--numbers", action="store_true", help="keep the description's numbers, no symbols for them")
     command.add_argument("-o", "--output", type=Path, help="file to write to (standard output)")
+
+
+def add_analysis(commands: Any, robot_command: Command, load: Load, progress: Progress) -> None:
+    """``eomgen forces`` and ``eomgen fit``."""
+
+    def forces(options: argparse.Namespace) -> None:
+        from . import analysis
+
+        robot = load(options)
+        with progress("evaluating") as report:
+            found = analysis.forces(
+                robot, options.motion, window=options.window, progress=lambda text: report(0.0, text)
+            )
+        if options.output is not None:
+            found.save(options.output)
+        _print(options, found)
+
+    def fit(options: argparse.Namespace) -> None:
+        from . import analysis
+
+        robot = load(options)
+        with progress("fitting") as report:
+            found = analysis.fit(
+                robot,
+                options.motion,
+                coordinates=options.coordinates,
+                confidence=options.confidence,
+                progress=lambda text: report(0.0, text),
+            )
+        _print(options, found)
+
+    command = robot_command(commands, "forces", forces, "forces and reactions that belong to a measured motion")
+    _add_motion(command)
+    command.add_argument("--window", type=int, default=11, metavar="N", help="samples that derivatives use (11)")
+    command.add_argument("-o", "--output", type=Path, help="write all forces over time, .csv or .npz")
+    command = robot_command(commands, "fit", fit, "stiffness and damping from a measured motion and known drives")
+    _add_motion(command)
+    command.add_argument("--coordinates", nargs="+", default=(), metavar="NAME", help="those to fit (all that can be)")
+    command.add_argument("--confidence", type=float, default=0.95, metavar="P", help="of the intervals (0.95)")
+
+
+def _add_motion(command: argparse.ArgumentParser) -> None:
+    command.add_argument("motion", metavar="MOTION", type=Path, help=".csv or .npz: t, coordinates, rates, drives")
+    command.add_argument("--json", action="store_true", help="print JSON")
+
+
+def _print(options: argparse.Namespace, result: Any) -> None:
+    print(json.dumps(result.as_dict(), indent=1) if options.json else "\n".join(result.lines()))
 
 
 def _write(target: Path | None, text: str) -> None:
