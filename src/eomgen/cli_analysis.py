@@ -72,6 +72,31 @@ def add_analysis(commands: Any, robot_command: Command, load: Load, progress: Pr
     command.add_argument("--confidence", type=float, default=0.95, metavar="P", help="of the intervals (0.95)")
 
 
+def add_compare(commands: Any, robot_command: Command, load: Load, progress: Progress) -> None:
+    """``eomgen compare``."""
+
+    def compare(options: argparse.Namespace) -> None:
+        from .compare import compare as compare_robots
+
+        names = [options.robot, *options.others]
+        robots = [load(argparse.Namespace(**{**vars(options), "robot": name})) for name in names]
+        line = (options.line[:3], options.line[3:]) if options.line else None
+        with progress("comparing") as report:
+            found = compare_robots(
+                robots, duration=options.duration, goal=options.goal, line=line, tool=options.tool, progress=report
+            )
+        _print(options, found)
+
+    command = robot_command(commands, "compare", compare, "alternative robots for one task")
+    command.add_argument("others", metavar="ROBOT", nargs="+", help="the robots to compare it with")
+    command.add_argument("--duration", type=float, default=2.0, metavar="S", help="duration in seconds (2)")
+    task = command.add_mutually_exclusive_group()
+    task.add_argument("--goal", type=float, nargs="+", metavar="Q", help="goal of the principal coordinates, rad or m")
+    task.add_argument("--line", type=float, nargs=6, metavar="X", help="tool's line: three numbers from, three to, m")
+    command.add_argument("--tool", help="frame or link of all robots (each robot's own)")
+    command.add_argument("--json", action="store_true", help="print JSON")
+
+
 def _add_motion(command: argparse.ArgumentParser) -> None:
     command.add_argument("motion", metavar="MOTION", type=Path, help=".csv or .npz: t, coordinates, rates, drives")
     command.add_argument("--json", action="store_true", help="print JSON")
