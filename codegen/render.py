@@ -200,7 +200,22 @@ def metadata(equations: Equations, dtype: str) -> dict[str, Any]:
             if name in equations.kernels
         },
         "operations": operations(equations),
+        "survivors": survivors(model) if "christoffel" in equations.kernels else {},
     }
+
+
+def survivors(model: Model) -> dict[str, list[str]]:
+    """What does not vanish identically: bits as hexadecimal digits, the first entry in the highest bit.
+
+    A text per coordinate s: of M_sv the bits of all v, of C_s,vw those of all v <= w, row by row.
+    """
+    zeros = zero_map(model)
+    v, w = np.triu_indices(model.size)
+    rows = {
+        "mass_matrix": zeros.mass_matrix.mask,
+        "christoffel": zeros.christoffel.mask[:, v, w],
+    }
+    return {name: [np.packbits(row).tobytes().hex() for row in array] for name, array in rows.items()}
 
 
 def operations(equations: Equations) -> dict[str, dict[str, int]]:

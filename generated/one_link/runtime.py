@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .blocks import Blocks, make_blocks
 from .errors import ArrayError, InputError, SingularError, UnknownNameError
 from .parameters import Parameters, nearest
 from .rollout import rollout
@@ -72,6 +73,7 @@ class Kernel:
         self._threads = 1
         self._driven = tuple(meta["driven"])
         self._given = [self.coordinates.index(name) for name in self.prescribed]
+        self._survivors = meta["survivors"]
         self._rolls = "rollout" in meta["kernels"]
         self.parameters = Parameters(self, meta["parameters"], meta["hoisted"])
 
@@ -221,6 +223,15 @@ class Kernel:
     def christoffel(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """Christoffel symbols of the first kind, (n, n, n): C^svw of eq. (12), symmetric in the last two indices."""
         return self._run("christoffel", out, (q,))
+
+    def blocks(self, q: ArrayLike) -> Blocks:
+        """M and C of eqs. (10)-(12) by names, for one state or a batch; needs mass_matrix and christoffel.
+
+        ``blocks.mass["joint1", "joint2"]`` is a joint's block, ``blocks.christoffel["joint1.x", "joint2.gamma",
+        "joint2.gamma"]`` an entry; blocks that vanish identically are absent.  ``blocks.row`` and ``blocks.matrix``
+        are the paper's M_i^sv and C_i^svw over all joints.
+        """
+        return make_blocks(self.mass_matrix(q), self.christoffel(q), self._survivors, self.coordinates)
 
     def frame_pose(self, q: ArrayLike, frame: str, *, out: Array | None = None) -> Array:
         """A_0k of a frame or link in the base, (4, 4), m; eqs. (1) and (2).

@@ -86,15 +86,20 @@ class Model:
         return tuple(names + [name for name in links if name not in names])
 
     @property
-    def driven(self) -> tuple[int, ...]:
-        """Indices of the coordinates that are their joints' principal ones and not prescribed."""
+    def principal(self) -> tuple[int, ...]:
+        """Indices of the coordinates that are their joints' principal ones."""
         kinds = {joint.name: PRINCIPAL.get(joint.type) for joint in self.robot.joints}
         return tuple(
             body.first + place
             for body in self.bodies
             for place, name in enumerate(body.active)
-            if name == kinds[body.joint] and body.first + place not in self.prescribed
+            if name == kinds[body.joint]
         )
+
+    @property
+    def driven(self) -> tuple[int, ...]:
+        """Indices of the principal coordinates that are not prescribed."""
+        return tuple(index for index in self.principal if index not in self.prescribed)
 
     @property
     def prescribed(self) -> tuple[int, ...]:

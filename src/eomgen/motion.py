@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,6 +11,17 @@ from numpy.typing import ArrayLike, NDArray
 from .errors import ArrayError, InputError
 
 Array = NDArray[np.float64]
+
+
+class Program(Protocol):
+    """What drives are to follow: a motion that can be asked for at any time."""
+
+    @property
+    def start(self) -> Array:
+        """Coordinates at the beginning, (n,), m or rad."""
+
+    def at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
+        """Coordinates, rates and accelerations at times t; each of shape (*t.shape, n)."""
 
 
 @dataclass(frozen=True)
