@@ -12,8 +12,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from eomgen.errors import InputError
 from eomgen.model import FIXED_BODY, Model
-from eomgen.robot import IDENTITY, INERTIA_KEYS, Coordinate, Placement, snap
+from eomgen.robot import ANGULAR, COORDINATES, IDENTITY, INERTIA_KEYS, LINEAR, Coordinate, Joint, Placement, snap
 
 Scalar = Any  # float, sympy.Expr or ir.Node
 Vec = tuple[Scalar, Scalar, Scalar]
@@ -76,7 +77,7 @@ class Bound:
     stiffness: tuple[Scalar, ...]
     damping: tuple[Scalar, ...]
     armature: tuple[Scalar, ...]
-    angle_offsets: tuple[float, ...]
+    angle_offsets: tuple[Scalar, ...]
     at_rest: Vec = (0.0, 0.0, 0.0)
     laws: Mapping[int, Mapping[str, Scalar]] = field(default_factory=dict)
     knots: Mapping[int, tuple[float, ...]] = field(default_factory=dict)
@@ -101,9 +102,12 @@ def bind(
     for joint in robot.joints:
         body, parent = poses[joint.parent]
         placed = parent @ binder.placement(f"joints.{joint.name}", joint.placement)
+        axes, back = Pose(joint.axis_turn, (0.0, 0.0, 0.0)), Pose(transpose(joint.axis_turn), (0.0, 0.0, 0.0))
         if joint.coordinates:
-            placements.append(placed @ Pose(joint.axis_turn, (0.0, 0.0, 0.0)))
-            poses[joint.child] = (len(placements) - 1, Pose(transpose(joint.axis_turn), (0.0, 0.0, 0.0)))
+            placements.append(placed @ axes @ binder.shift(joint))
+            poses[joint.child] = (len(placements) - 1, back)
+        elif binder.has_offset(joint):
+            poses[joint.child] = (body, placed @ axes @ binder.shift(joint) @ binder.turn(joint) @ back)
         else:
             poses[joint.child] = (body, placed)
     zero = PseudoInertia(((0.0,) * 3,) * 3, (0.0,) * 3, 0.0)
@@ -116,9 +120,9 @@ def bind(
             inertias[body] = inertias[body] + congruence(pose, inertia)
             coms[link.name] = (body, add(matvec(pose.rotation, com), pose.origin))
     bodies = tuple(BoundBody(p, h) for p, h in zip(placements, inertias, strict=True))
-    zeros, (laws, knots) = (0.0,) * model.size, binder.laws()
-    forces = binder.forces()
-    return Bound(binder.gravity(), bodies, binder.frames(poses), coms, *forces, zeros, laws=laws, knots=knots)
+    laws, knots = binder.laws()
+    forces, offsets = binder.forces(), binder.angle_offsets()
+    return Bound(binder.gravity(), bodies, binder.frames(poses), coms, *forces, offsets, laws=laws, knots=knots)
 
 
 class _Binder:
@@ -129,6 +133,44 @@ class _Binder:
 
     def triple(self, prefix: str, numbers: Sequence[float], keys: Sequence[str] = "xyz") -> Vec:
         return _vec(self.value(f"{prefix}.{key}", number) for key, number in zip(keys, numbers, strict=True))
+
+    def offset(self, joint: Joint, name: str) -> Scalar:
+        """The constant that is added to one of a joint's six coordinates."""
+        number = joint.offset[COORDINATES.index(name)] or 0.0
+        return self.value(f"joints.{joint.name}.offset.{name}", number)
+
+    def has_offset(self, joint: Joint) -> bool:
+        return any(f"joints.{joint.name}.offset.{name}" in self.model.parameters for name in COORDINATES)
+
+    def shift(self, joint: Joint) -> Pose:
+        """The offsets of x, y and z: they come first, so that they belong to the placement."""
+        return Pose(IDENTITY, _vec(self.offset(joint, name) for name in LINEAR))
+
+    def turn(self, joint: Joint) -> Pose:
+        """The offsets of the angles of a joint that does not move, Rx Ry Rz."""
+        (sa, ca), (sb, cb), (sc, cc) = (self._turn(self.offset(joint, name)) for name in ANGULAR)
+        about_x: Mat = ((1.0, 0.0, 0.0), (0.0, ca, -sa), (0.0, sa, ca))
+        about_y: Mat = ((cb, 0.0, sb), (0.0, 1.0, 0.0), (-sb, 0.0, cb))
+        about_z: Mat = ((cc, -sc, 0.0), (sc, cc, 0.0), (0.0, 0.0, 1.0))
+        return Pose(matmul(matmul(about_x, about_y), about_z), (0.0, 0.0, 0.0))
+
+    def angle_offsets(self) -> tuple[Scalar, ...]:
+        """What is added to every coordinate that is an angle, 0 for translations.
+
+        Raises:
+            InputError: a joint that moves has an offset in an angle that is no coordinate of this model.
+        """
+        for body in self.model.bodies:
+            for name in self.model.offset_angles(body.joint):
+                raise InputError(
+                    f"joints.{body.joint}.offset.{name}: the closed form and the textbook's algorithms know no offset"
+                    " of an angle that is not active; give the angle a table, or leave the offset out"
+                )
+        return tuple(
+            self.offset(joint, name) if name in ANGULAR else 0.0
+            for joint in self.model.robot.joints
+            for name in joint.coordinates
+        )
 
     def gravity(self) -> Vec:
         return self.triple("gravity", self.model.robot.gravity)

@@ -89,6 +89,7 @@ def _context(equations: Equations, dtype: str, meta: Mapping[str, Any]) -> dict[
         "padded": lambda count: f"PADDED({count})",
         "turned": lambda angles, count: f"{angles}, PADDED({count}), sine, cosine",
         "coordinate_parents": coordinate_parents(model),
+        "prescribed": model.prescribed,
         "sizes": {key: int(np.prod(shape)) for key, shape in shapes(model).items()},
         "functions": functions,
         "solving": any("pivot" in function.outputs for function in functions.values()),
@@ -190,7 +191,8 @@ def metadata(equations: Equations, dtype: str) -> dict[str, Any]:
         "joints": [body.joint for body in model.bodies],
         "links": model.links,
         "frames": model.frames,
-        "principal": model.principal,
+        "driven": model.driven,
+        "prescribed": [model.coordinates[i] for i in model.prescribed],
         "parameters": dict(model.parameters),
         "hoisted": len(equations.setup.outputs),
         "shapes": {key: list(shape) for key, shape in shapes(model).items()},
@@ -206,7 +208,22 @@ def metadata(equations: Equations, dtype: str) -> dict[str, Any]:
             if given.curve is not None
         },
         "operations": operations(equations),
+        "survivors": survivors(model) if "christoffel" in equations.kernels else {},
     }
+
+
+def survivors(model: Model) -> dict[str, list[str]]:
+    """What does not vanish identically: bits as hexadecimal digits, the first entry in the highest bit.
+
+    A text per coordinate s: of M_sv the bits of all v, of C_s,vw those of all v <= w, row by row.
+    """
+    zeros = zero_map(model)
+    v, w = np.triu_indices(model.size)
+    rows = {
+        "mass_matrix": zeros.mass_matrix.mask,
+        "christoffel": zeros.christoffel.mask[:, v, w],
+    }
+    return {name: [np.packbits(row).tobytes().hex() for row in array] for name, array in rows.items()}
 
 
 def operations(equations: Equations) -> dict[str, dict[str, int]]:

@@ -163,7 +163,7 @@ def _chain_rule(model: Model, bound: Bound, q: Row) -> list[_Derivatives]:
     for body, numbers in zip(model.bodies, bound.bodies, strict=True):
         parent = done[body.parent] if body.parent != FIXED_BODY else _Derivatives(sp.eye(4))
         B = _pose(numbers.placement)
-        A, first, second = _joint_blocks(body, q)
+        A, first, second = _joint_blocks(body, tuple(s + c for s, c in zip(q, bound.angle_offsets, strict=True)))
         across = B * A
         before = parent.pose * B
         own = _Derivatives(parent.pose * across)

@@ -22,7 +22,8 @@ _NUMBERS = (
     "smoothing",
 )
 _FRICTION = ("coulomb", "static", "stribeck", "viscous", "smoothing")
-KEYS = (*_NUMBERS, "friction", "curve")
+_ROLES = ("free", "locked", "prescribed")
+KEYS = (*_NUMBERS, "friction", "curve", "role")
 
 ReadText = Callable[[str], str]  # the text of a file beside the description
 
@@ -46,7 +47,10 @@ def read_coordinate(table: Table, old: Coordinate, read_text: ReadText) -> Coord
         given["friction"] = friction
     if curve is not None:
         given["curve"] = curve
-    merged = {**vars(old), **given}
+    role = table.choice("role", _ROLES)
+    if role == "locked" and given:
+        table.fail(f"the coordinate is locked, so that its {', '.join(given)} would do nothing; leave it out", "role")
+    merged = {**vars(old), **given, "prescribed": old.prescribed if role is None else role == "prescribed"}
     if "clearance" in given and "smoothing" not in given:
         merged["smoothing"] = None  # that of the new clearance
     made = Coordinate(**merged)

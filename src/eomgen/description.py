@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from .characteristic import KEYS, read_coordinate
@@ -43,7 +44,7 @@ _MOST_BYTES = 1 << 28
 
 _TOP = ("name", "gravity", "urdf", "inertia", "tunable", "links", "joints", "frames")
 _LINK = ("name", "mass", "com", "inertia")
-_JOINT = ("name", "parent", "child", "type", "dh", "placement", *COORDINATES, "limits", "prescribed")
+_JOINT = ("name", "parent", "child", "type", "dh", "placement", *COORDINATES, "limits", "prescribed", "offset")
 _FRAME = ("name", "link", "placement")
 _DH = ("a", "alpha", "d", "theta")
 _PLACEMENT = ("xyz", "rpy")
@@ -212,10 +213,25 @@ def _joint(name: str, entry: Table, draft: Draft, folder: Path | None) -> Joint:
         if table is not None:
             old_one = coordinates.get(key, Coordinate())
             coordinates[key] = read_coordinate(table, old_one, _beside(table, folder))
-    if entry.strings("prescribed"):
-        entry.fail("prescribed is not supported by this version of eomgen", "prescribed")
+            if table.text("role") == "locked":
+                del coordinates[key]
+    for key in entry.strings("prescribed"):
+        if key not in COORDINATES:
+            entry.fail(f"got {show(key)}{nearest(key, COORDINATES)}; allowed: {', '.join(COORDINATES)}", "prescribed")
+        if key in entry and entry.values[key].get("role", "prescribed") != "prescribed":
+            entry.fail(f"{key} is prescribed here and {entry.values[key]['role']} in its own table", "prescribed")
+        coordinates[key] = replace(coordinates.get(key, Coordinate()), prescribed=True)
     placement = _placement(entry, old.placement)
-    return Joint(name, parent, child, kind, placement, old.axis_turn, coordinates, _limits(entry, kind, old))
+    limits, offset = _limits(entry, kind, old), _offset(entry, old)
+    return Joint(name, parent, child, kind, placement, old.axis_turn, coordinates, limits, offset)
+
+
+def _offset(entry: Table, old: Joint) -> tuple[float | None, ...]:
+    table = entry.table("offset", COORDINATES)
+    if table is None:
+        return old.offset
+    given = (table.number(key) if key in table else None for key in COORDINATES)
+    return tuple(before if new is None else new for before, new in zip(old.offset, given, strict=True))
 
 
 def _beside(table: Table, folder: Path | None) -> Callable[[str], str]:

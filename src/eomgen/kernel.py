@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .blocks import Blocks, make_blocks
 from .errors import ArrayError, InputError, SingularError, UnknownNameError
 from .parameters import Parameters, nearest
 from .rollout import rollout
@@ -37,6 +38,7 @@ class Kernel:
         joints: names of the joints that move, in the order of ``reactions``.
         links: names of the links that move, in the order of ``wrench``.
         frames: names that ``frame_pose`` knows: frames, then links.
+        prescribed: names of the coordinates whose motion is given, in their order.
         parameters: mapping from name to value; an assignment takes effect without recompiling.
         knots: deviations (m, rad) of measured curves by coordinate; the forces there are parameters.
         operations: per kernel the multiplications, additions, divisions and sine-cosine pairs of its C.
@@ -52,6 +54,7 @@ class Kernel:
         self.joints: tuple[str, ...] = tuple(meta["joints"])
         self.links: tuple[str, ...] = tuple(meta["links"])
         self.frames: tuple[str, ...] = tuple(meta["frames"])
+        self.prescribed: tuple[str, ...] = tuple(meta["prescribed"])
         self.operations: dict[str, dict[str, int]] = {k: dict(v) for k, v in meta["operations"].items()}
         self.dtype: np.dtype[Any] = np.dtype(meta["dtype"])
         self._ffi, self._lib = ffi, lib
@@ -69,7 +72,9 @@ class Kernel:
         self._code = {name: getattr(lib, f"{self.name}_{name}") for name in self._functions}
         self._batch_code = {name: getattr(lib, f"{self.name}_{name}_batch") for name in self._functions}
         self._threads = 1
-        self._principal = tuple(meta["principal"])
+        self._driven = tuple(meta["driven"])
+        self._given = [self.coordinates.index(name) for name in self.prescribed]
+        self._survivors = meta["survivors"]
         self._rolls = "rollout" in meta["kernels"]
         self.knots: dict[str, tuple[float, ...]] = {k: tuple(x) for k, x in meta["knots"].items()}
         self.parameters = Parameters(self, meta["parameters"], meta["hoisted"])
@@ -153,6 +158,9 @@ class Kernel:
     ) -> Array:
         """Accelerations, (n,), m/s^2 or rad/s^2, under the drives u.
 
+        In ``u`` a prescribed coordinate has its acceleration, m/s^2 or rad/s^2, which the result repeats; the force
+        that this takes is ``inverse_dynamics`` at the result.
+
         Raises:
             SingularError: M cannot be inverted in this state.
         """
@@ -161,6 +169,7 @@ class Kernel:
             external = self.external_force(q, wrench)
             if states is not None and external.ndim > 1 and len(external) != states:
                 raise ArrayError(f"wrench: {len(external)} states, but {states} in u")
+            external[..., self._given] = 0  # where u is an acceleration
             u = drives + external
         return self._run("forward_dynamics", out, (q, v, u))
 
@@ -185,6 +194,7 @@ class Kernel:
     ) -> tuple[Array, Array, Array]:
         """Exact derivatives of the accelerations, three (n, n): da/dq, da/dv and da/du (the inverse mass matrix).
 
+        The acceleration of a prescribed coordinate stands in ``u`` and depends on nothing else.
         Without external wrenches; where some are constant generalized forces, add them to ``u``.
 
         Args:
@@ -215,6 +225,15 @@ class Kernel:
     def christoffel(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """Christoffel symbols of the first kind, (n, n, n): C^svw of eq. (12), symmetric in the last two indices."""
         return self._run("christoffel", out, (q,))
+
+    def blocks(self, q: ArrayLike) -> Blocks:
+        """M and C of eqs. (10)-(12) by names, for one state or a batch; needs mass_matrix and christoffel.
+
+        ``blocks.mass["joint1", "joint2"]`` is a joint's block, ``blocks.christoffel["joint1.x", "joint2.gamma",
+        "joint2.gamma"]`` an entry; blocks that vanish identically are absent.  ``blocks.row`` and ``blocks.matrix``
+        are the paper's M_i^sv and C_i^svw over all joints.
+        """
+        return make_blocks(self.mass_matrix(q), self.christoffel(q), self._survivors, self.coordinates)
 
     def frame_pose(self, q: ArrayLike, frame: str, *, out: Array | None = None) -> Array:
         """A_0k of a frame or link in the base, (4, 4), m; eqs. (1) and (2).

@@ -22,6 +22,7 @@ ANGULAR = ("alpha", "beta", "gamma")
 COORDINATES = LINEAR + ANGULAR
 JOINT_TYPES = ("revolute", "prismatic", "fixed", "free")
 PRINCIPAL = {"revolute": "gamma", "prismatic": "z"}
+COORDINATE_NUMBERS = ("stiffness", "damping", "armature")  # of a coordinate; any may be a run-time parameter
 INERTIA_KEYS = ("xx", "yy", "zz", "xy", "xz", "yz")
 BASE = "base"
 IDENTITY: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -99,7 +100,7 @@ class Coordinate:
     """Properties of one active coordinate; None means that the description does not give the value.
 
     stiffness: N/m or N m/rad, damping: N s/m or N m s/rad (eq. 13), armature: kg or kg m^2, added to the
-    diagonal of the mass matrix.
+    diagonal of the mass matrix.  prescribed: its motion is given, and its row is the force that this takes.
 
     The others make further forces that resist a deviation s, N or N m: ``preload`` at s = 0; ``cubic`` (N/m^3 or
     N m/rad^3) times s^3; ``stiffness_negative`` in the place of stiffness where s < 0; ``friction``; ``curve``,
@@ -119,6 +120,7 @@ class Coordinate:
     smoothing: float | None = None
     friction: Friction | None = None
     curve: Curve | None = None
+    prescribed: bool = False
 
     def __post_init__(self) -> None:
         if self.clearance and self.smoothing is None:
@@ -146,7 +148,11 @@ class Link:
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint: where it is, which of its six coordinates are active (canonical order), and their properties."""
+    """A joint: where it is, which of its six coordinates are active (canonical order), and their properties.
+
+    offset: constants in the order of COORDINATES (m, rad) that are added to the six coordinates, active or not, before
+    they move anything: what manufacturing, wear or warmth leave; None where the description gives none.
+    """
 
     name: str
     parent: str
@@ -156,6 +162,7 @@ class Joint:
     axis_turn: Matrix = IDENTITY
     coordinates: Mapping[str, Coordinate] = field(default_factory=dict)
     limits: tuple[float, float] | None = None
+    offset: tuple[float | None, ...] = (None,) * 6
 
     def __post_init__(self) -> None:
         ordered = {name: self.coordinates[name] for name in COORDINATES if name in self.coordinates}
@@ -202,11 +209,12 @@ class Robot:
         return {joint.name: joint for joint in self.joints}[name]
 
     def rigid(self) -> Robot:
-        """The same robot with every deviation locked: only principal coordinates (and free joints) move."""
+        """The same robot with every deviation locked: principal and prescribed coordinates and free joints move."""
         joints = []
         for joint in self.joints:
             keep = COORDINATES if joint.type == "free" else (PRINCIPAL.get(joint.type),)
-            joints.append(replace(joint, coordinates={k: v for k, v in joint.coordinates.items() if k in keep}))
+            kept = {k: v for k, v in joint.coordinates.items() if k in keep or v.prescribed}
+            joints.append(replace(joint, coordinates=kept))
         active = {f"joints.{j.name}.{c}." for j in joints for c in j.coordinates}
         gone = tuple(
             name

@@ -14,7 +14,7 @@ from .names import IDENTIFIER_RULE, is_identifier, listed, nearest, show, to_ide
 from .robot import Vector
 
 LARGEST = 1e30  # numbers beyond it would overflow in products
-LATER = ("loops", "prescribed", "role")  # keys of later versions
+LATER = ("loops",)  # keys of later versions
 SYNONYMS = {"continuous": "revolute", "hinge": "revolute", "slide": "prismatic", "floating": "free"}
 
 

@@ -55,6 +55,7 @@ def newton_euler(model: Model) -> str:
             first, last = index == body.first, index == body.indices[-1]
             parent = index if not first else _last_link(model, body.parent)
             links.append(_link(coordinate, parent, numbers if first else None, numbers if last else None))
+            links[-1]["offset"] = repr(float(bound.angle_offsets[index]))
             links[-1]["name"] = model.coordinates[index]
             links[-1]["forces"] = _numbers((bound.stiffness[index], bound.damping[index], bound.armature[index]))
     own = [
@@ -72,6 +73,7 @@ def newton_euler(model: Model) -> str:
             links=links,
             own_force=" + ".join(own),
             armatures=any(bound.armature),
+            offsets=any(bound.angle_offsets),
         )
     )
 
