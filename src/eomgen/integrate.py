@@ -159,7 +159,12 @@ def choose_method(kernel: Kernel, method: str = "auto") -> str:
 
 def stiffnesses(kernel: Kernel) -> Array:
     """Stiffness of every coordinate as the kernel has it now, (n,), N/m or N m/rad; 0 where there is no spring."""
-    names = (f"joints.{coordinate}.stiffness" for coordinate in kernel.coordinates)
+    return coordinate_numbers(kernel, "stiffness")
+
+
+def coordinate_numbers(kernel: Kernel, key: str) -> Array:
+    """A parameter of every coordinate, such as "damping", (n,); 0 where there is none."""
+    names = (f"joints.{coordinate}.{key}" for coordinate in kernel.coordinates)
     return np.array([kernel.parameters.get(name, 0.0) for name in names])
 
 
