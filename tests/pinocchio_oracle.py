@@ -13,23 +13,11 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from benchmarks.peers.pinocchio_peer import coordinate_joints
 from eomgen.robot import COORDINATES, LINEAR, Placement, Robot
 
 Array = NDArray[np.float64]
-JOINTS = dict(
-    zip(
-        COORDINATES,
-        (
-            pin.JointModelPX,
-            pin.JointModelPY,
-            pin.JointModelPZ,
-            pin.JointModelRX,
-            pin.JointModelRY,
-            pin.JointModelRZ,
-        ),
-        strict=True,
-    )
-)
+JOINTS = coordinate_joints()
 
 
 class PinocchioOracle:

@@ -13,11 +13,13 @@ from random_robots import Array, State, random_robot, random_state
 from scipy.integrate import solve_ivp
 
 import eomgen
+from eomgen.bench import bench
 from eomgen.description import robot_from_toml
 from eomgen.equilibrium import static_equilibrium
 from eomgen.errors import ArrayError, DescriptionError, InputError
+from eomgen.info import robot_info
 from eomgen.motion import Harmonic
-from eomgen.robot import Robot
+from eomgen.robot import COORDINATES, Robot
 from eomgen.simulate import integrate, simulate
 
 TYPES = ("revolute", "prismatic", "fixed", "free")
@@ -205,6 +207,16 @@ def test_power_balance_of_a_shaken_arm(built: Build) -> None:
     work = np.concatenate([[0.0], np.cumsum((power[1:] + power[:-1]) / 2 * np.diff(found.t))])
     total = found.energy.sum(axis=1)
     assert np.abs(total - total[0] - work).max() < 1e-5 * np.abs(total - total[0]).max()
+
+
+def test_bench_and_info_know_what_is_prescribed() -> None:
+    """Articulated bodies do not solve for a force: forward dynamics has no counterpart there."""
+    robot = eomgen.load_robot("shaken_arm")
+    result = bench(robot, repeat=1, kernels=("inverse_dynamics", "mass_matrix", "forward_dynamics"))
+    beside = {row.kernel.name: row.counterpart is not None for row in result.rows}
+    assert beside == {"inverse_dynamics": True, "mass_matrix": True, "forward_dynamics": False}
+    said = [line for line in robot_info(robot).lines() if line.endswith("prescribed")]
+    assert [line.split()[0] for line in said] == [f"mount.{name}" for name in COORDINATES]
 
 
 def test_equilibrium_holds_what_is_prescribed(built: Build) -> None:

@@ -20,7 +20,7 @@ from .errors import InputError
 from .fitresult import Estimate, FitResult, FittedCoordinate
 from .fitting import fit, spring_rates
 from .kernel import Kernel
-from .motionfile import Motion, motion_from_columns, read_motion
+from .motionfile import Motion, motion_from_columns, motion_of, read_motion
 from .pipeline import build
 from .result import unit_of, write_atomically
 from .robot import Robot
@@ -175,12 +175,7 @@ def forces(
     """
     if kernel is None:
         kernel = build(robot, kernels=("inverse_dynamics", "reactions"), progress=progress or (lambda _: None))
-    if not isinstance(motion, Motion):
-        motion = read_motion(motion, kernel.coordinates)
-    if motion.coordinates != kernel.coordinates:
-        raise InputError(
-            f"motion: is of other coordinates than {robot.name}'s: {', '.join(motion.coordinates[:6])}, ..."
-        )
+    motion = motion_of(robot.name, motion, kernel.coordinates)
     q, v, a, notes = _derivatives(motion, window, degree)
     stiffness, damping = spring_rates(kernel)
     drive = np.asarray(kernel.inverse_dynamics(q, v, a))

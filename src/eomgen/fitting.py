@@ -22,8 +22,9 @@ from numpy.typing import NDArray
 
 from .errors import InputError, UnknownNameError
 from .fitresult import KEYS, Estimate, FitResult, FittedCoordinate
+from .integrate import coordinate_numbers
 from .kernel import Kernel
-from .motionfile import Motion, read_motion
+from .motionfile import Motion, motion_of
 from .names import nearest
 from .pipeline import build
 from .robot import PRINCIPAL, Robot
@@ -68,12 +69,7 @@ def fit(
         raise InputError(f"confidence: {confidence!r}; allowed: a number between 0 and 1")
     if kernel is None:
         kernel = build(robot, kernels=("inverse_dynamics", "mass_matrix"), progress=progress or (lambda _: None))
-    if not isinstance(motion, Motion):
-        motion = read_motion(motion, kernel.coordinates)
-    if motion.coordinates != kernel.coordinates:
-        raise InputError(
-            f"motion: is of other coordinates than {robot.name}'s: {', '.join(motion.coordinates[:6])}, ..."
-        )
+    motion = motion_of(robot.name, motion, kernel.coordinates)
     step = _even_step(motion)
     wanted, warnings = _wanted(robot, motion, coordinates)
     noise = noise_deviation(motion.q)
@@ -202,8 +198,7 @@ def _estimate(
 
 def spring_rates(kernel: Kernel) -> tuple[Array, Array]:
     """Stiffness and damping of every coordinate as the kernel has them, (n,) each; zero where there is none."""
-    rows = [[kernel.parameters.get(f"joints.{name}.{key}", 0.0) for name in kernel.coordinates] for key in KEYS]
-    return np.array(rows[0]), np.array(rows[1])
+    return coordinate_numbers(kernel, "stiffness"), coordinate_numbers(kernel, "damping")
 
 
 def _least(half: int) -> int:

@@ -162,15 +162,19 @@ def stiffnesses(kernel: Kernel) -> Array:
 
     Of two sides the stiffer one, of a clearance that of its end, of a curve that of its steepest piece.
     """
-    found = np.zeros(kernel.n)
+    found = np.maximum(coordinate_numbers(kernel, "stiffness"), coordinate_numbers(kernel, "stiffness_negative"))
     for i, coordinate in enumerate(kernel.coordinates):
-        names = (f"joints.{coordinate}.{key}" for key in ("stiffness", "stiffness_negative"))
-        found[i] = max(kernel.parameters.get(name, 0.0) for name in names)
         if coordinate in kernel.knots:
             knots = kernel.knots[coordinate]
             forces = [kernel.parameters[f"joints.{coordinate}.curve.{j}"] for j in range(len(knots))]
             found[i] = max(0.0, float(np.max(np.diff(forces) / np.diff(knots))))
     return found
+
+
+def coordinate_numbers(kernel: Kernel, key: str) -> Array:
+    """A parameter of every coordinate, such as "damping", (n,); 0 where there is none."""
+    names = (f"joints.{coordinate}.{key}" for coordinate in kernel.coordinates)
+    return np.array([kernel.parameters.get(name, 0.0) for name in names])
 
 
 def coordinate_sizes(kernel: Kernel, q: Array) -> tuple[Array, Array]:

@@ -285,14 +285,14 @@ class Kernel:
 
         Args:
             q0, v0: states, (n,) or (N, n).
-            u: drives, N or N m, held over a step: (n,); for one state (steps, n); for many (N, n), (N, steps, n) or
-                (1, steps, n).
+            u: drives, N or N m (of prescribed coordinates accelerations, as in ``forward_dynamics``), held over a
+                step: (n,); for one state (steps, n); for many (N, n), (N, steps, n) or (1, steps, n).
             dt: length of a step, s.
             steps: their number.
             method: "rk4" or "implicit".
             every: one of so many steps is stored.
             kp, kd: gains of a joint controller that adds kp (target - q) - kd v: a number for all principal
-                coordinates, or (n,) with 0 at deviations.
+                coordinates, or (n,) with 0 at deviations and at what is prescribed.
             target: coordinates that the controller aims at, shapes as for ``u``.
 
         Returns:

@@ -24,7 +24,7 @@ class Program(Protocol):
         """Coordinates, rates and accelerations at times t; each of shape (*t.shape, n)."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # arrays have no one truth
 class Harmonic:
     """A shake: q = amplitude sin(2 pi frequency t + phase), as ``integrate`` takes it for prescribed coordinates.
 

@@ -70,6 +70,18 @@ def read_motion(path: Path | str, coordinates: Sequence[str]) -> Motion:
     return _motion(columns, tuple(coordinates), str(source), lines)
 
 
+def motion_of(robot: str, motion: Motion | Path | str, coordinates: tuple[str, ...]) -> Motion:
+    """The motion, read if it is a file's path.
+
+    Raises:
+        InputError: it cannot be read, or is of other coordinates than that robot's.
+    """
+    found = motion if isinstance(motion, Motion) else read_motion(motion, coordinates)
+    if found.coordinates != coordinates:
+        raise InputError(f"motion: is of other coordinates than {robot}'s: {', '.join(found.coordinates[:6])}, ...")
+    return found
+
+
 def motion_from_columns(columns: Mapping[str, Array], coordinates: Sequence[str], source: str = "motion") -> Motion:
     """A motion from arrays (T,) by the names that a file's columns have; errors as ``read_motion``."""
     arrays = {name: np.asarray(values, dtype=np.float64) for name, values in columns.items()}

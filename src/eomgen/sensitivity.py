@@ -22,7 +22,7 @@ def offset_sensitivity(
     """Motion of a frame per unit of every joint's six constant offsets, active coordinates or not.
 
     An offset moves what hangs on it as its coordinate would, so these are the columns of the frame's Jacobian in the
-    same robot with six coordinates in each joint, fixed ones included; section 3 of the paper, primary deviations.
+    same robot with six coordinates in each joint, fixed ones included; the primary deviations of the paper's section 1.
 
     Args:
         robot: any.
