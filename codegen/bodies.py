@@ -8,12 +8,13 @@ equations and generated code.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
+from eomgen.errors import InputError
 from eomgen.model import FIXED_BODY, Model
-from eomgen.robot import IDENTITY, INERTIA_KEYS, Placement, snap
+from eomgen.robot import ANGULAR, COORDINATES, IDENTITY, INERTIA_KEYS, LINEAR, Coordinate, Joint, Placement, snap
 
 Scalar = Any  # float, sympy.Expr or ir.Node
 Vec = tuple[Scalar, Scalar, Scalar]
@@ -66,6 +67,8 @@ class Bound:
     ``stiffness``, ``damping``, ``armature`` and ``angle_offsets`` (added to an angle before it turns, rad) are per
     coordinate.  ``at_rest`` is the first moment (kg m, base frame) of mass that regrouping moved to the base: its
     weight is a constant of the potential energy.
+    ``laws`` holds, by the index of a coordinate, the numbers of its force beyond stiffness and damping
+    (``Coordinate.law``, with "stiffness" where it is no linear spring's); ``knots`` the deviations of its curve.
     """
 
     gravity: Vec
@@ -75,9 +78,11 @@ class Bound:
     stiffness: tuple[Scalar, ...]
     damping: tuple[Scalar, ...]
     armature: tuple[Scalar, ...]
-    angle_offsets: tuple[float, ...]
+    angle_offsets: tuple[Scalar, ...]
     at_rest: Vec = (0.0, 0.0, 0.0)
     cuts: tuple[tuple[tuple[int, Pose], tuple[int, Pose]], ...] = ()
+    laws: Mapping[int, Mapping[str, Scalar]] = field(default_factory=dict)
+    knots: Mapping[int, tuple[float, ...]] = field(default_factory=dict)
 
 
 def bind(
@@ -99,9 +104,12 @@ def bind(
     for joint in robot.joints:
         body, parent = poses[joint.parent]
         placed = parent @ binder.placement(f"joints.{joint.name}", joint.placement)
+        axes, back = Pose(joint.axis_turn, (0.0, 0.0, 0.0)), Pose(transpose(joint.axis_turn), (0.0, 0.0, 0.0))
         if joint.coordinates:
-            placements.append(placed @ Pose(joint.axis_turn, (0.0, 0.0, 0.0)))
-            poses[joint.child] = (len(placements) - 1, Pose(transpose(joint.axis_turn), (0.0, 0.0, 0.0)))
+            placements.append(placed @ axes @ binder.shift(joint))
+            poses[joint.child] = (len(placements) - 1, back)
+        elif binder.has_offset(joint):
+            poses[joint.child] = (body, placed @ axes @ binder.shift(joint) @ binder.turn(joint) @ back)
         else:
             poses[joint.child] = (body, placed)
     zero = PseudoInertia(((0.0,) * 3,) * 3, (0.0,) * 3, 0.0)
@@ -114,8 +122,10 @@ def bind(
             inertias[body] = inertias[body] + congruence(pose, inertia)
             coms[link.name] = (body, add(matvec(pose.rotation, com), pose.origin))
     bodies = tuple(BoundBody(p, h) for p, h in zip(placements, inertias, strict=True))
-    frames, offsets = binder.frames(poses), (0.0,) * model.size
-    return Bound(binder.gravity(), bodies, frames, coms, *binder.forces(), offsets, cuts=binder.cuts(poses))
+    laws, knots = binder.laws()
+    forces, offsets, cuts = binder.forces(), binder.angle_offsets(), binder.cuts(poses)
+    frames = binder.frames(poses)
+    return Bound(binder.gravity(), bodies, frames, coms, *forces, offsets, cuts=cuts, laws=laws, knots=knots)
 
 
 class _Binder:
@@ -126,6 +136,44 @@ class _Binder:
 
     def triple(self, prefix: str, numbers: Sequence[float], keys: Sequence[str] = "xyz") -> Vec:
         return _vec(self.value(f"{prefix}.{key}", number) for key, number in zip(keys, numbers, strict=True))
+
+    def offset(self, joint: Joint, name: str) -> Scalar:
+        """The constant that is added to one of a joint's six coordinates."""
+        number = joint.offset[COORDINATES.index(name)] or 0.0
+        return self.value(f"joints.{joint.name}.offset.{name}", number)
+
+    def has_offset(self, joint: Joint) -> bool:
+        return any(f"joints.{joint.name}.offset.{name}" in self.model.parameters for name in COORDINATES)
+
+    def shift(self, joint: Joint) -> Pose:
+        """The offsets of x, y and z: they come first, so that they belong to the placement."""
+        return Pose(IDENTITY, _vec(self.offset(joint, name) for name in LINEAR))
+
+    def turn(self, joint: Joint) -> Pose:
+        """The offsets of the angles of a joint that does not move, Rx Ry Rz."""
+        (sa, ca), (sb, cb), (sc, cc) = (self._turn(self.offset(joint, name)) for name in ANGULAR)
+        about_x: Mat = ((1.0, 0.0, 0.0), (0.0, ca, -sa), (0.0, sa, ca))
+        about_y: Mat = ((cb, 0.0, sb), (0.0, 1.0, 0.0), (-sb, 0.0, cb))
+        about_z: Mat = ((cc, -sc, 0.0), (sc, cc, 0.0), (0.0, 0.0, 1.0))
+        return Pose(matmul(matmul(about_x, about_y), about_z), (0.0, 0.0, 0.0))
+
+    def angle_offsets(self) -> tuple[Scalar, ...]:
+        """What is added to every coordinate that is an angle, 0 for translations.
+
+        Raises:
+            InputError: a joint that moves has an offset in an angle that is no coordinate of this model.
+        """
+        for body in self.model.bodies:
+            for name in self.model.offset_angles(body.joint):
+                raise InputError(
+                    f"joints.{body.joint}.offset.{name}: the closed form and the textbook's algorithms know no offset"
+                    " of an angle that is not active; give the angle a table, or leave the offset out"
+                )
+        return tuple(
+            self.offset(joint, name) if name in ANGULAR else 0.0
+            for joint in self.model.robot.joints
+            for name in joint.coordinates
+        )
 
     def gravity(self) -> Vec:
         return self.triple("gravity", self.model.robot.gravity)
@@ -186,13 +234,38 @@ class _Binder:
         return tuple(found)
 
     def forces(self) -> tuple[tuple[Scalar, ...], tuple[Scalar, ...], tuple[Scalar, ...]]:
-        """Stiffness, damping and armature of every coordinate."""
+        """Stiffness of linear springs, damping and armature of every coordinate."""
         rows: tuple[list[Scalar], ...] = ([], [], [])
+        for prefix, given in self._coordinates():
+            for row, key in zip(rows, ("stiffness", "damping", "armature"), strict=True):
+                row.append(self.value(f"{prefix}.{key}", getattr(given, key) or 0.0))
+            if _is_bent(given):
+                rows[0][-1] = 0.0
+        return tuple(rows[0]), tuple(rows[1]), tuple(rows[2])
+
+    def laws(self) -> tuple[dict[int, dict[str, Scalar]], dict[int, tuple[float, ...]]]:
+        """Numbers of forces beyond stiffness and damping, and deviations of curves, by coordinate."""
+        laws: dict[int, dict[str, Scalar]] = {}
+        knots: dict[int, tuple[float, ...]] = {}
+        for index, (prefix, given) in enumerate(self._coordinates()):
+            law = {key: self.value(f"{prefix}.{key}", number) for key, number in given.law().items()}
+            if _is_bent(given):
+                law["stiffness"] = self.value(f"{prefix}.stiffness", given.stiffness or 0.0)
+            if law:
+                laws[index] = law
+            if given.curve is not None:
+                knots[index] = tuple(deviation for deviation, _ in given.curve)
+        return laws, knots
+
+    def _coordinates(self) -> Iterator[tuple[str, Coordinate]]:
         for joint in self.model.robot.joints:
             for name, given in joint.coordinates.items():
-                for row, key in zip(rows, ("stiffness", "damping", "armature"), strict=True):
-                    row.append(self.value(f"joints.{joint.name}.{name}.{key}", getattr(given, key) or 0.0))
-        return tuple(rows[0]), tuple(rows[1]), tuple(rows[2])
+                yield f"joints.{joint.name}.{name}", given
+
+
+def _is_bent(given: Coordinate) -> bool:
+    """Whether the stiffness is not that of one straight line."""
+    return given.clearance is not None or given.stiffness_negative is not None
 
 
 def congruence(pose: Pose, inertia: PseudoInertia) -> PseudoInertia:

@@ -35,6 +35,7 @@ RUNTIME = {  # what a package copies of eomgen, and its name there: ``kernel`` i
     "runtime.py": "kernel.py",
     "parameters.py": "parameters.py",
     "rollout.py": "rollout.py",
+    "blocks.py": "blocks.py",
     "errors.py": "errors.py",
 }
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic")

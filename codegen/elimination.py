@@ -71,6 +71,7 @@ class Elimination:
     ) -> None:
         self.model, self.bound, self.joints, self.v, self.drives, self.note = model, bound, joints, v, drives, note
         n = model.size
+        self.given = frozenset(model.prescribed)
         self.accelerations: list[Scalar] = [0.0] * n
         self.pivots: list[tuple[Scalar, Scalar]] = [(1.0, 1.0)] * n
         self.bodies = FreeBodies(model, bound, joints, v, drives, self.accelerations, self.pivots)
@@ -81,6 +82,8 @@ class Elimination:
         self.blocks: dict[int, _Block] = {}
         self._backward()
         self._forward()
+        for index in self.given:
+            self.accelerations[index] = drives[index]
 
     def _speeds(self) -> list[Speeds]:
         found: list[Speeds] = []
@@ -125,14 +128,27 @@ class Elimination:
         joint, speeds = self.joints[k], self.speeds[k]
         for turn, w in reversed(list(zip(joint.rotations, speeds.behind[1:], strict=True))):
             drift = cross(w, unit(turn.axis, self.v[turn.index]))
+            if turn.index in self.given:
+                drift = add(drift, unit(turn.axis, self.drives[turn.index]))
             inertia = replace(inertia, p=inertia.answer(ZERO, drift))
-            inertia = turned(turn, self._eliminate(k, inertia, turn.index, 3 + turn.axis))
-        inertia = replace(inertia, p=inertia.answer(speeds.drift, ZERO))
-        if len(joint.translations) == 3 and not any(is_zero(self.bound.armature[i]) for i, _ in joint.translations):
+            if turn.index not in self.given:
+                inertia = self._eliminate(k, inertia, turn.index, 3 + turn.axis)
+            inertia = turned(turn, inertia)
+        inertia = replace(inertia, p=inertia.answer(self._known(k), ZERO))
+        unknown = [(index, axis) for index, axis in joint.translations if index not in self.given]
+        if len(unknown) == 3 and not any(is_zero(self.bound.armature[index]) for index, _ in unknown):
             return self._eliminate_translations(k, inertia)
-        for index, axis in reversed(joint.translations):
+        for index, axis in reversed(unknown):
             inertia = self._eliminate(k, inertia, index, axis)
         return inertia
+
+    def _known(self, k: int) -> Vec:
+        """Acceleration of the origin that velocities make and prescribed translations have, in the joint's axes."""
+        known = self.speeds[k].drift
+        for index, axis in self.joints[k].translations:
+            if index in self.given:
+                known = add(known, unit(axis, self.drives[index]))
+        return known
 
     def _eliminate(self, k: int, inertia: Articulated, index: int, row: int) -> Articulated:
         """Take a coordinate along unit axis ``row`` (0-2 force, 3-5 moment) out of the inertia."""
@@ -236,11 +252,13 @@ class Elimination:
             a = add(a, moved)
         else:
             for index, axis in joint.translations:
-                a = add(a, unit(axis, released(index, a, d)))
-        a = add(a, speeds.drift)
+                if index not in self.given:
+                    a = add(a, unit(axis, released(index, a, d)))
+        a = add(a, self._known(k))
         for turn, w in zip(joint.rotations, speeds.behind[1:], strict=True):
             back = transpose(turn.matrix)
             a, d = matvec(back, a), matvec(back, d)
-            value = released(turn.index, a, d)
+            given = turn.index in self.given
+            value = self.drives[turn.index] if given else released(turn.index, a, d)
             d = add(add(d, cross(w, unit(turn.axis, self.v[turn.index]))), unit(turn.axis, value))
         return a, d

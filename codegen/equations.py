@@ -6,17 +6,20 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from eomgen.errors import InputError
-from eomgen.model import Model
+from eomgen.model import Model, with_offset_angles
 
 from .bodies import Bound, Scalar, bind
 from .composite import Rows, coriolis_matrix, mass_matrix
 from .constraints import Closure, closures
 from .derivatives import residual_derivatives
 from .elimination import Elimination
-from .forces import elastic_rows, gravity_rows
+from .forces import effects, gravity_rows, resisting_rows
 from .frames import choose_frames
 from .freeze import JointGeometry, geometry
+from .functions import Functions
 from .ir import Graph, Program, Value, finish
 from .kinematics import body_poses, external_rows, frame_poses, potential_energy
 from .passes import PARAMETERS, hoist_parameters, run_passes
@@ -108,26 +111,48 @@ class Derivation:
     """One kernel's graph with the model's numbers, inputs and joint transforms bound in it.
 
     ``regrouped``: with the frames and pseudo-inertias that cost least (``choose_frames``, ``regroup``).
+
+    An angle that is not active but has an offset is a coordinate here whose q, v and a are zero; ``own`` are the places
+    of the coordinates that kernels know, and what is written leaves the others out.
     """
 
     def __init__(self, model: Model, *, regrouped: bool = True) -> None:
-        self.model, self.graph = model, Graph()
+        self.graph = Graph()
+        self.model, self.own = with_offset_angles(model)
         slots = {name: slot for slot, name in enumerate(model.parameters)}
 
         def value(name: str, number: float) -> Scalar:
             return self.graph.input(PARAMETERS, slots[name]) if name in slots else number
 
-        n = model.size
-        self.q, self.v, self.a, self.u = ([self.graph.input(x, i) for i in range(n)] for x in "qvau")
-        bound = bind(model, value, self.graph.sincos)
-        self.bound: Bound = regroup(model, choose_frames(model, bound)) if regrouped else bound
-        self.joints: list[JointGeometry] = geometry(model, self.bound, self.q, self.graph.sincos)
-        self.still: list[Scalar] = [0.0] * n
+        self.q, self.v, self.a, self.u = (self._inputs(name) for name in "qvau")
+        bound = bind(self.model, value, self.graph.sincos)
+        self.bound: Bound = regroup(self.model, choose_frames(self.model, bound)) if regrouped else bound
+        self.joints: list[JointGeometry] = geometry(self.model, self.bound, self.q, self.graph.sincos)
+        self.still: list[Scalar] = [0.0] * self.model.size
+        self.functions = Functions.of(self.graph)
+
+    def _inputs(self, name: str) -> list[Scalar]:
+        found: list[Scalar] = [0.0] * self.model.size
+        for place, index in enumerate(self.own):
+            found[index] = self.graph.input(name, place)
+        return found
+
+    def vector(self, values: Sequence[Scalar]) -> Outputs:
+        """A value per coordinate."""
+        return _vector([values[i] for i in self.own])
+
+    def matrices(self, *blocks: Rows) -> Outputs:
+        """Matrices over the coordinates, one after the other; an absent entry is zero."""
+        return _vector([rows.get((i, j), 0.0) for rows in blocks for i in self.own for j in self.own])
 
     def dynamics(self, v: list[Any], a: list[Any]) -> list[Scalar]:
         """Inertial, gravity, spring and damper terms: the drives that the motion needs."""
         rows, _ = inertial_rows(self.model, self.bound, self.joints, v, a, self.bound.gravity, self.graph.note)
-        return [row + force for row, force in zip(rows, elastic_rows(self.bound, self.q, v), strict=True)]
+        return [row + force for row, force in zip(rows, self.resisting(self.q, v), strict=True)]
+
+    def resisting(self, q: list[Any], v: list[Any]) -> list[Scalar]:
+        """What springs, dampers and other forces of the coordinates themselves take from the drives."""
+        return resisting_rows(self.bound, q, v, self.functions)
 
     def matrix(self) -> Rows:
         """Entries of M on and above the diagonal."""
@@ -150,8 +175,10 @@ def derive_forward_dynamics(model: Model, solver: str = "") -> tuple[Program, st
     """
     candidates = []
     for name, write in SOLVERS.items():
-        if solver == name or (not solver and (name != FACTORISED or model.size <= STRAIGHT_SOLVE)):
-            derivation = Derivation(model)
+        derivation = Derivation(model)
+        if name == FACTORISED and (derivation.model.prescribed or (not solver and model.size > STRAIGHT_SOLVE)):
+            continue  # M would have to be divided by what is known; or its program would be long
+        if solver in ("", name):
             program = run_passes(finish(derivation.graph, "forward_dynamics", write(derivation)))
             candidates.append((program, name))
     return min(candidates, key=lambda candidate: _cost(candidate[0]))
@@ -168,49 +195,45 @@ def _vector(values: list[Scalar]) -> Outputs:
 
 
 def _mass_matrix(d: Derivation) -> Outputs:
-    return _symmetric(d.matrix(), d.model.size)
-
-
-def _symmetric(rows: Rows, n: int) -> Outputs:
-    return {("out", i * n + j): rows.get((min(i, j), max(i, j)), 0.0) for i in range(n) for j in range(n)}
+    upper = d.matrix()
+    return d.matrices({**upper, **{(j, i): value for (i, j), value in upper.items()}})
 
 
 def _bias_force(d: Derivation) -> Outputs:
-    return _vector(inertial_rows(d.model, d.bound, d.joints, d.v, d.still, (0.0, 0.0, 0.0), d.graph.note)[0])
+    return d.vector(inertial_rows(d.model, d.bound, d.joints, d.v, d.still, (0.0, 0.0, 0.0), d.graph.note)[0])
 
 
 def _generalized_force(d: Derivation) -> Outputs:
     weights = gravity_rows(d.model, d.bound, d.joints)
-    springs = elastic_rows(d.bound, d.q, d.v)
-    return _vector([-(weight + spring) for weight, spring in zip(weights, springs, strict=True)])
+    springs = d.resisting(d.q, d.v)
+    return d.vector([-(weight + spring) for weight, spring in zip(weights, springs, strict=True)])
 
 
 def _external_force(d: Derivation) -> Outputs:
     wrenches = [[d.graph.input("wrench", 6 * k + i) for i in range(6)] for k in range(len(d.model.links))]
-    return _vector(external_rows(d.model, d.bound, d.joints, wrenches))
+    return d.vector(external_rows(d.model, d.bound, d.joints, wrenches))
 
 
 def _residual(d: Derivation) -> Outputs:
-    return _vector([row - drive for row, drive in zip(d.dynamics(d.v, d.a), d.u, strict=True)])
+    return d.vector([row - drive for row, drive in zip(d.dynamics(d.v, d.a), d.u, strict=True)])
 
 
 def _inverse_dynamics(d: Derivation) -> Outputs:
-    return _vector(d.dynamics(d.v, d.a))
+    return d.vector(d.dynamics(d.v, d.a))
 
 
 def _residual_jacobian(d: Derivation) -> Outputs:
     found = residual_derivatives(d.model, d.bound, d.joints, d.v, d.a, d.graph.note)
-    n = d.model.size
-    return _vector(
-        [rows.get((i, j), 0.0) for rows in (found.by_q, found.by_v, found.by_a) for i in range(n) for j in range(n)]
-    )
+    for i, law in effects(d.bound, d.q, d.v, d.functions).items():
+        found.by_q[i, i], found.by_v[i, i] = found.by_q[i, i] + law.by_s, found.by_v[i, i] + law.by_v
+    return d.matrices(found.by_q, found.by_v, found.by_a)
 
 
-def _solved(acceleration: list[Scalar], pivots: list[tuple[Scalar, Scalar]]) -> Outputs:
+def _solved(d: Derivation, acceleration: list[Scalar], pivots: list[tuple[Scalar, Scalar]]) -> Outputs:
     """Accelerations, and for every coordinate a pivot with the size that it is compared to."""
-    outputs = _vector(acceleration)
-    for i, pair in enumerate(pivots):
-        outputs["pivot", 2 * i], outputs["pivot", 2 * i + 1] = pair
+    outputs = d.vector(acceleration)
+    for place, index in enumerate(d.own):
+        outputs["pivot", 2 * place], outputs["pivot", 2 * place + 1] = pivots[index]
     return outputs
 
 
@@ -219,33 +242,43 @@ def _factorised(d: Derivation) -> Outputs:
     right = [drive - row for row, drive in zip(d.dynamics(d.v, d.still), d.u, strict=True)]
     matrix = d.matrix()
     acceleration, pivots = solve(d.model, matrix, right)
-    return _solved(acceleration, [(pivot, matrix[i, i]) for i, pivot in enumerate(pivots)])
+    return _solved(d, acceleration, [(pivot, matrix[i, i]) for i, pivot in enumerate(pivots)])
+
+
+def _drives(d: Derivation, springs: list[Scalar]) -> list[Scalar]:
+    """Drives less springs and dampers; of a prescribed coordinate its acceleration, which stands in u."""
+    given = d.model.prescribed
+    return [u if i in given else u - spring for i, (u, spring) in enumerate(zip(d.u, springs, strict=True))]
 
 
 def _eliminated(d: Derivation) -> Outputs:
     """Joint by joint from the tips, without a mass matrix."""
-    springs = elastic_rows(d.bound, d.q, d.v)
-    drives = [drive - spring for drive, spring in zip(d.u, springs, strict=True)]
+    drives = _drives(d, d.resisting(d.q, d.v))
     solved = Elimination(d.model, d.bound, d.joints, d.v, drives, d.graph.note)
-    return _solved(solved.accelerations, solved.pivots)
+    return _solved(d, solved.accelerations, solved.pivots)
 
 
 def _implicit_step(d: Derivation) -> Outputs:
     """Springs and dampers at the end of the step: they add to the diagonal of M, so the elimination stays O(n).
 
+    A law that is not linear is taken along its tangent at the coordinate that the rate leads to; a tangent that falls
+    is left out, so that the matrix stays positive definite.
     ``added`` is what a joint's controller adds to the diagonal; it acts on principal coordinates.
     """
     dt, square = d.graph.input("dt", 0), d.graph.input("dt", 1)
     ahead = [q + dt * v for q, v in zip(d.q, d.v, strict=True)]
-    drives = [u - spring for u, spring in zip(d.u, elastic_rows(d.bound, ahead, d.v), strict=True)]
+    drives = _drives(d, d.resisting(ahead, d.v))
     armature = list(d.bound.armature)
     for i, (stiffness, damping) in enumerate(zip(d.bound.stiffness, d.bound.damping, strict=True)):
         armature[i] = armature[i] + (dt * damping + square * stiffness)
-    for i in d.model.principal:
-        armature[i] = armature[i] + d.graph.input("added", i)
+    for i, law in effects(d.bound, ahead, d.v, d.functions).items():
+        armature[i] = armature[i] + d.functions.larger(dt * law.by_v + square * law.by_s, 0.0)
+    for place, i in enumerate(d.own):
+        if i in d.model.driven:
+            armature[i] = armature[i] + d.graph.input("added", place)
     bound = replace(d.bound, armature=tuple(armature))
     solved = Elimination(d.model, bound, d.joints, d.v, drives, d.graph.note)
-    return _solved(solved.accelerations, solved.pivots)
+    return _solved(d, solved.accelerations, solved.pivots)
 
 
 def _euler_cosines(d: Derivation) -> Outputs:
@@ -258,13 +291,8 @@ def _euler_cosines(d: Derivation) -> Outputs:
     )
 
 
-def _coriolis(d: Derivation, v: list[Any]) -> list[Scalar]:
-    entries, n = coriolis_matrix(d.model, d.bound, d.joints, v, d.graph.note), d.model.size
-    return [entries.get((i, j), 0.0) for i in range(n) for j in range(n)]
-
-
 def _coriolis_matrix(d: Derivation) -> Outputs:
-    return _vector(_coriolis(d, d.v))
+    return d.matrices(coriolis_matrix(d.model, d.bound, d.joints, d.v, d.graph.note))
 
 
 def _christoffel(d: Derivation) -> Outputs:
@@ -272,12 +300,13 @@ def _christoffel(d: Derivation) -> Outputs:
 
     What vanishes only by an identity (C_i,ji = 0, say) would be left as round-off; the zero map knows it.
     """
-    n = d.model.size
-    survives = zero_map(d.model).christoffel.mask.reshape(n * n, n)
+    n = len(d.own)
+    survives = zero_map(d.model).christoffel.mask[np.ix_(d.own, d.own, d.own)].reshape(n * n, n)
     outputs: Outputs = {}
-    for k in range(n):
-        velocity = [float(i == k) for i in range(n)]
-        for ij, value in enumerate(_coriolis(d, velocity)):
+    for k, index in enumerate(d.own):
+        velocity = [float(i == index) for i in range(d.model.size)]
+        column = d.matrices(coriolis_matrix(d.model, d.bound, d.joints, velocity, d.graph.note))
+        for (_, ij), value in column.items():
             outputs["out", ij * n + k] = value if survives[ij, k] else 0.0
     return dict(sorted(outputs.items()))
 
@@ -291,14 +320,17 @@ def _kinematics(d: Derivation) -> Outputs:
             values.extend((*row, x))
     for pose in bodies:
         values.extend(pose.origin)
-    for axis in axes:
-        values.extend(axis)
+    for index in d.own:
+        values.extend(axes[index])
     return _vector(values)
 
 
 def _energy(d: Derivation) -> Outputs:
     kinetic = kinetic_energy(d.model, d.bound, d.joints, d.v)
-    return _vector([kinetic, potential_energy(d.model, d.bound, d.joints, d.q)])
+    potential = potential_energy(d.model, d.bound, d.joints, d.q)
+    for law in effects(d.bound, d.q, d.v, d.functions).values():
+        potential = potential + law.energy
+    return _vector([kinetic, potential])
 
 
 def _reactions(d: Derivation) -> Outputs:
@@ -316,7 +348,7 @@ def _constraint(d: Derivation) -> Outputs:
 
 def _constraint_jacobian(d: Derivation) -> Outputs:
     rows = [row for closure in _closures(d) for row in closure.jacobian()]
-    return _vector([row.get(i, 0.0) for row in rows for i in range(d.model.size)])
+    return _vector([row.get(i, 0.0) for row in rows for i in d.own])
 
 
 def _constraint_bias(d: Derivation) -> Outputs:

@@ -272,11 +272,11 @@ def is_zero(x: Scalar) -> bool:
 
 def _free_bodies(model: Model, bound: Bound) -> list[bool]:
     """Bodies behind six coordinates whose children, all of that kind too, hand on no mass."""
-    free = [False] * len(model.bodies)
+    free, given = [False] * len(model.bodies), frozenset(model.prescribed)
     for k in range(len(model.bodies) - 1, -1, -1):
         body = model.bodies[k]
         armature = bound.armature[body.first : body.first + len(body.active)]
-        light = body.active == COORDINATES and all(is_zero(c) for c in armature[:3])
+        light = body.active == COORDINATES and given.isdisjoint(body.indices) and all(is_zero(c) for c in armature[:3])
         bare = all(is_zero(c) for c in armature[3:]) or not _flat(bound.bodies[k].inertia)
         free[k] = light and bare and all(free[child] for child in model.children(k))
     return free

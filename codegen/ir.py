@@ -2,8 +2,8 @@
 
 A ``Graph`` is under construction; a ``Program`` is finished and immutable.  A value's name is its index, and its
 arguments have smaller indices, so single assignment and topological order hold by construction.  Values are real
-scalars.  There is no control flow, no loop, no array, no comparison and no call but sine and cosine: a kernel that
-needs one of these has it in its template.
+scalars.  There is no control flow, no loop, no array and no call but sine, cosine and square root, and all that is
+compared is which of two values is larger: a kernel that needs more has it in its template.
 
 Nodes are interned (the same operation on the same arguments is one node) and 0, 1 and -1 fold where a node is built,
 so sharing is a dictionary and most pruning is free.
@@ -17,6 +17,19 @@ from dataclasses import dataclass, field
 from typing import Any
 
 ARITY = {"const": 0, "input": 0, "neg": 1, "sin": 1, "cos": 1, "add": 2, "sub": 2, "mul": 2, "div": 2}
+ARITY |= {"sqrt": 1, "max": 2, "step": 1}
+
+
+def _larger(x: float, y: float) -> float:
+    """y where it is larger, else x: not a number stays not a number in x."""
+    return y if x < y else x
+
+
+CALLS: Mapping[str, Callable[..., Any]] = {  # on floats
+    "sqrt": math.sqrt,
+    "max": _larger,
+    "step": lambda x: 1.0 if x > 0.0 else 0.0,
+}
 
 
 @dataclass(frozen=True)
@@ -100,6 +113,26 @@ class Graph:
                 return self._node("sin", (x.index,)), self._node("cos", (x.index,))
             x = number
         return math.sin(x), math.cos(x)
+
+    def sqrt(self, x: Value) -> Value:
+        """Square root of x."""
+        return self._call("sqrt", x)
+
+    def max(self, x: Value, y: Value) -> Value:
+        """The larger of x and y; if one may be no number, it belongs in x, where it stays."""
+        return x if isinstance(x, Node) and isinstance(y, Node) and x.index == y.index else self._call("max", x, y)
+
+    def step(self, x: Value) -> Value:
+        """1 where x is greater than 0, else 0."""
+        return self._call("step", x)
+
+    def _call(self, op: str, *args: Value) -> Value:
+        numbers = [self._number(x) if isinstance(x, Node) else float(x) for x in args]
+        known = [x for x in numbers if x is not None]
+        if len(known) == len(args) and not (op == "sqrt" and known[0] < 0.0):
+            return float(CALLS[op](*known))
+        nodes = [x if isinstance(x, Node) else self.constant(x) for x in args]
+        return self._node(op, tuple(x.index for x in nodes))
 
     def add(self, x: Value, y: Value) -> Value:
         """x + y."""
@@ -276,11 +309,15 @@ class Program:
     notes: Mapping[int, str] = field(default_factory=dict)
 
     def count(self) -> dict[str, int]:
-        """Operations of one run: additions, subtractions and negations as "add", sine and cosine of an angle as one."""
+        """Operations of one run: sums, negations, maxima and steps as "add", square roots as "div".
+
+        Sine and cosine of an angle are one.
+        """
         ops = [instruction.op for instruction in self.instructions]
         angles = {i.args[0] for i in self.instructions if i.op in ("sin", "cos")}
-        add = sum(ops.count(op) for op in ("add", "sub", "neg"))
-        return {"mul": ops.count("mul"), "add": add, "div": ops.count("div"), "sincos": len(angles)}
+        add = sum(ops.count(op) for op in ("add", "sub", "neg", "max", "step"))
+        div = ops.count("div") + ops.count("sqrt")
+        return {"mul": ops.count("mul"), "add": add, "div": div, "sincos": len(angles)}
 
     def inputs(self) -> set[str]:
         """Names of the input arrays that are read."""
@@ -345,16 +382,26 @@ def evaluate(
     program: Program,
     inputs: Mapping[str, Sequence[Any]],
     sincos: Callable[[Any], tuple[Any, Any]] = lambda x: (math.sin(x), math.cos(x)),
+    calls: Mapping[str, Callable[..., Any]] = CALLS,
 ) -> dict[tuple[str, int], Any]:
-    """Run the program on floats, or on anything that has arithmetic (SymPy expressions, NumPy arrays)."""
+    """Run the program on floats, or on anything that has arithmetic (SymPy expressions, NumPy arrays).
+
+    ``sincos`` and ``calls`` (square root, maximum and step by their operations' names) are those of its kind.
+    """
     values: list[Any] = []
     for instruction in program.instructions:
         args = [values[arg] for arg in instruction.args]
-        values.append(_apply(instruction, args, inputs, sincos))
+        values.append(_apply(instruction, args, inputs, sincos, calls))
     return {key: values[index] for key, index in program.outputs.items()}
 
 
-def _apply(instruction: Instruction, args: list[Any], inputs: Mapping[str, Sequence[Any]], sincos: Any) -> Any:
+def _apply(
+    instruction: Instruction,
+    args: list[Any],
+    inputs: Mapping[str, Sequence[Any]],
+    sincos: Callable[[Any], tuple[Any, Any]],
+    calls: Mapping[str, Callable[..., Any]],
+) -> Any:
     op = instruction.op
     if op == "const":
         return instruction.leaf
@@ -362,6 +409,8 @@ def _apply(instruction: Instruction, args: list[Any], inputs: Mapping[str, Seque
         return inputs[instruction.leaf[0]][instruction.leaf[1]]
     if op in ("sin", "cos"):
         return sincos(args[0])[op == "cos"]
+    if op in calls:
+        return calls[op](*args)
     if op == "neg":
         return -args[0]
     x, y = args

@@ -17,6 +17,7 @@ from eomgen._version import __version__
 from eomgen.model import Model
 
 from .equations import Equations
+from .ir import CALLS
 from .scalar import SCALARS, TURNS
 from .signatures import KERNELS, SIGNATURES, shapes
 from .solve import coordinate_parents, solve_operations
@@ -85,9 +86,11 @@ def _context(equations: Equations, dtype: str, meta: Mapping[str, Any]) -> dict[
         "lane_count": 1,
         "turn": TURNS[dtype],
         "turns": any(i.op in ("sin", "cos") for p in equations.programs.values() for i in p.instructions),
+        "called": {i.op for p in (equations.setup, *equations.programs.values()) for i in p.instructions} & set(CALLS),
         "padded": lambda count: f"PADDED({count})",
         "turned": lambda angles, count: f"{angles}, PADDED({count}), sine, cosine",
         "coordinate_parents": coordinate_parents(model),
+        "prescribed": model.prescribed,
         "sizes": {key: int(np.prod(shape)) for key, shape in shapes(model).items()},
         "functions": functions,
         "solving": any("pivot" in function.outputs for function in functions.values()),
@@ -189,7 +192,8 @@ def metadata(equations: Equations, dtype: str) -> dict[str, Any]:
         "joints": [body.joint for body in model.bodies],
         "links": model.links,
         "frames": model.frames,
-        "principal": model.principal,
+        "driven": model.driven,
+        "prescribed": [model.coordinates[i] for i in model.prescribed],
         "parameters": dict(model.parameters),
         "hoisted": len(equations.setup.outputs),
         "shapes": {key: list(shape) for key, shape in shapes(model).items()},
@@ -198,8 +202,15 @@ def metadata(equations: Equations, dtype: str) -> dict[str, Any]:
             for name in KERNELS
             if name in equations.kernels
         },
+        "knots": {
+            f"{joint.name}.{name}": [deviation for deviation, _ in given.curve]
+            for joint in model.robot.joints
+            for name, given in joint.coordinates.items()
+            if given.curve is not None
+        },
         "operations": operations(equations),
         **_loop_metadata(model),
+        "survivors": survivors(model) if "christoffel" in equations.kernels else {},
     }
 
 
@@ -207,6 +218,20 @@ def _loop_metadata(model: Model) -> dict[str, Any]:
     """The loops' types and the components of their constraint, where there are loops."""
     loops = {loop.name: loop.type for loop in model.robot.loops}
     return {"loops": loops, "constraints": model.constraints} if loops else {}
+
+
+def survivors(model: Model) -> dict[str, list[str]]:
+    """What does not vanish identically: bits as hexadecimal digits, the first entry in the highest bit.
+
+    A text per coordinate s: of M_sv the bits of all v, of C_s,vw those of all v <= w, row by row.
+    """
+    zeros = zero_map(model)
+    v, w = np.triu_indices(model.size)
+    rows = {
+        "mass_matrix": zeros.mass_matrix.mask,
+        "christoffel": zeros.christoffel.mask[:, v, w],
+    }
+    return {name: [np.packbits(row).tobytes().hex() for row in array] for name, array in rows.items()}
 
 
 def operations(equations: Equations) -> dict[str, dict[str, int]]:

@@ -10,12 +10,13 @@ import re
 from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from .ir import Program, users
+from .ir import CALLS, Program, users
 from .scalar import Scalar
 from .signatures import SIGNATURES
 
 CHUNK = 900  # values per function
 INLINE = 72  # longest expression, in characters, that is written into another one
+NAMES = {"sqrt": "root", "max": "larger", "step": "positive"}  # functions of ``vectors.jinja``
 FILL = 16  # from so many zeros on an output is cleared in a loop
 
 
@@ -142,7 +143,7 @@ class _Writer:
         instruction = self.program.instructions[index]
         if not instruction.args:
             return self._leaf(index)
-        return self._expression(instruction.op, [self._from_inputs(arg) for arg in instruction.args])
+        return self._write(index, [self._from_inputs(arg) for arg in instruction.args])
 
     def chunks(self) -> list[list[str]]:
         """Statements per chunk."""
@@ -159,7 +160,7 @@ class _Writer:
                     text[index] = self._leaf(index)
                 continue
             args = [self._argument(arg, chunk, text, known[chunk], lines[chunk]) for arg in instruction.args]
-            expression = self._expression(instruction.op, args)
+            expression = self._write(index, args)
             if self._is_inlined(index, expression):
                 text[index] = expression
                 continue
@@ -194,8 +195,7 @@ class _Writer:
                 leaf = self._leaf(index)
                 kept = [p for p in places if leaf != self.scalar.literal(0.0) or p.split("[")[0] not in filled]
                 if kept:
-                    is_vector = self.program.instructions[index].op != "const" and not leaf.startswith(("h[", "p["))
-                    yield f"{' = '.join(kept)} = {leaf if is_vector else self.scalar.whole(leaf)};"
+                    yield f"{' = '.join(kept)} = {self._whole(index, leaf)};"
 
     def _leaf(self, index: int) -> str:
         instruction = self.program.instructions[index]
@@ -222,6 +222,20 @@ class _Writer:
             and len(expression) <= INLINE
             and self.program.instructions[index].op not in ("sin", "cos")
         )
+
+    def _whole(self, index: int, text: str) -> str:
+        """A value's text, where one number for all states has to become a vector of it."""
+        instruction = self.program.instructions[index]
+        is_number = instruction.op == "const" or (instruction.op == "input" and instruction.leaf[0] in ("h", "p"))
+        return self.scalar.whole(text) if is_number else text
+
+    def _write(self, index: int, args: Sequence[str]) -> str:
+        """A value as an expression of its arguments' texts."""
+        instruction = self.program.instructions[index]
+        if instruction.op in CALLS:
+            whole = [self._whole(arg, text) for arg, text in zip(instruction.args, args, strict=True)]
+            return f"{NAMES[instruction.op]}{'_lanes' if self.scalar.spread else ''}({', '.join(whole)})"
+        return self._expression(instruction.op, args)
 
     def _expression(self, op: str, args: Sequence[str]) -> str:
         if op in ("sin", "cos"):

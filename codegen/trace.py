@@ -21,11 +21,14 @@ from numpy.typing import NDArray
 from eomgen.model import FIXED_BODY, Body, Model
 
 from .bodies import Bound, Pose, PseudoInertia, bind
+from .forces import effects, resisting_rows
+from .functions import Functions
 from .joint import Matrix, joint_derivatives, joint_transform, step
 
 Expr = Any  # sympy.Expr
 Array = NDArray[np.float64]
 Row = tuple[Expr, ...]
+SYMBOLS = Functions(sp.sqrt, sp.Max, lambda x: sp.Heaviside(x, 0))
 
 
 @dataclass(frozen=True)
@@ -160,7 +163,7 @@ def _chain_rule(model: Model, bound: Bound, q: Row) -> list[_Derivatives]:
     for body, numbers in zip(model.bodies, bound.bodies, strict=True):
         parent = done[body.parent] if body.parent != FIXED_BODY else _Derivatives(sp.eye(4))
         B = _pose(numbers.placement)
-        A, first, second = _joint_blocks(body, q)
+        A, first, second = _joint_blocks(body, tuple(s + c for s, c in zip(q, bound.angle_offsets, strict=True)))
         across = B * A
         before = parent.pose * B
         own = _Derivatives(parent.pose * across)
@@ -213,7 +216,7 @@ def _elastic_and_weight(
     bound: Bound, bodies: Sequence[_Derivatives], inertias: Sequence[Matrix], q: Row, v: Row
 ) -> list[Expr]:
     """Q_P of eq. (13), and Q_G: eq. (14) with weights as forces; the last column of H is (m r_C, m)."""
-    Q = [-a * s - b * s_dot for a, b, s, s_dot in zip(bound.stiffness, bound.damping, q, v, strict=True)]
+    Q = [-force for force in resisting_rows(bound, q, v, SYMBOLS)]
     g = sp.Matrix([*bound.gravity, 0])
     for body, H in zip(bodies, inertias, strict=True):
         for s, D in body.first.items():
@@ -251,6 +254,7 @@ def _potential(bound: Bound, bodies: Sequence[_Derivatives], inertias: Sequence[
     """Springs, and weights with respect to the base's origin."""
     g = sp.Matrix([*bound.gravity, 0])
     springs = sum(a * s**2 / 2 for a, s in zip(bound.stiffness, q, strict=True))
+    springs += sum(law.energy for law in effects(bound, q, [0] * len(q), SYMBOLS).values())
     return springs - sum(_dot(g, body.pose * H[:, 3]) for body, H in zip(bodies, inertias, strict=True))
 
 

@@ -30,11 +30,15 @@ GYRO = "antisymmetry: C_i,jk = -C_k,ij for j <= min(i, k), so C_i,ji = 0"
 
 @dataclass(frozen=True, eq=False)
 class Tally:
-    """Zeros of one array: entries in all, zeros per reason, and ``mask``, True where an entry survives."""
+    """Zeros of one array: entries in all, zeros per reason, and ``mask``, True where an entry survives.
+
+    ``reason`` has the mask's shape: the place in ``zeros`` of why an entry vanishes, -1 where it survives.
+    """
 
     total: int
     zeros: tuple[tuple[str, int], ...]
     mask: Mask
+    reason: NDArray[np.int8]
 
     @property
     def survivors(self) -> int:
@@ -136,7 +140,8 @@ class _Structure:
     def _coaxial(self, model: Model) -> Mask:
         """(s, v): a translation, and its joint's first active rotation on the same axis."""
         found = _table(joint.prove_coaxial())
-        turns = [next((name for name in body.active if name in ANGULAR), None) for body in model.bodies]
+        turned = [{*body.active, *model.offset_angles(body.joint)} for body in model.bodies]
+        turns = [next((name for name in ANGULAR if name in angles), None) for angles in turned]
         is_first = np.array([turns[k] == COORDINATES[i] for k, i in zip(self.body, self.names, strict=True)])
         coaxial: Mask = self.same & self._look_up(found) & is_first
         return coaxial
@@ -157,16 +162,21 @@ def _table(pairs: Iterable[tuple[str, str]]) -> Mask:
 def _tally(entries: Mask, rules: Iterable[tuple[str, Mask]]) -> Tally:
     """Apply the rules in order; each zero counts under the first that holds."""
     left = np.array(entries)
-    total, counts = int(left.sum()), []
+    total = int(left.sum())
+    counts: list[tuple[str, int]] = []
+    place = np.full(left.shape, -1, dtype=np.int8)
     for reason, zero in rules:
-        counts.append((reason, int((left & zero).sum())))
-        left &= ~zero
-    return Tally(total, tuple(counts), left)
+        found = left & zero
+        place[found] = len(counts)
+        counts.append((reason, int(found.sum())))
+        left &= ~found
+    return Tally(total, tuple(counts), left, place)
 
 
 def _mirrored(tally: Tally) -> Tally:
-    """The tally with its mask made symmetric in the last two indices."""
-    return Tally(tally.total, tally.zeros, tally.mask | np.swapaxes(tally.mask, -1, -2))
+    """The tally with its arrays made symmetric in the last two indices."""
+    mask, reason = (np.maximum(array, np.swapaxes(array, -1, -2)) for array in (tally.mask, tally.reason))
+    return Tally(tally.total, tally.zeros, mask, reason)
 
 
 def _antisymmetric_pairs(survivors: Mask) -> int:

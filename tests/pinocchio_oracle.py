@@ -13,23 +13,11 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from eomgen.robot import COORDINATES, Placement, Robot
+from benchmarks.peers.pinocchio_peer import coordinate_joints
+from eomgen.robot import COORDINATES, LINEAR, Placement, Robot
 
 Array = NDArray[np.float64]
-JOINTS = dict(
-    zip(
-        COORDINATES,
-        (
-            pin.JointModelPX,
-            pin.JointModelPY,
-            pin.JointModelPZ,
-            pin.JointModelRX,
-            pin.JointModelRY,
-            pin.JointModelRZ,
-        ),
-        strict=True,
-    )
-)
+JOINTS = coordinate_joints()
 
 
 class PinocchioOracle:
@@ -49,12 +37,14 @@ class PinocchioOracle:
             at, pose = where[joint.parent]
             turn = pin.SE3(np.array(joint.axis_turn), np.zeros(3))
             pose = pose * _pose(joint.placement)
-            if joint.coordinates:
-                pose = pose * turn
-                for name in joint.coordinates:
+            pose = pose * turn
+            for name, offset in zip(COORDINATES, joint.offset, strict=True):
+                if name in joint.coordinates:
                     at = self.model.addJoint(at, JOINTS[name](), pose, f"{joint.name}.{name}")
                     pose = pin.SE3.Identity()
-                pose = turn.inverse()
+                pose = pose * _elementary(name, offset or 0.0)
+            pose = pose * turn.inverse()
+            if joint.coordinates:
                 self.last.append(at)
             where[joint.child] = (at, pose)
             self._add_link(robot, joint.child, at, pose)
@@ -144,6 +134,14 @@ class PinocchioOracle:
             J = pin.getFrameJacobian(self.model, self.data, at, placed, pin.LOCAL_WORLD_ALIGNED)
             result += J.T @ given
         return result
+
+
+def _elementary(name: str, value: float) -> pin.SE3:
+    """A translation along, or a rotation about, a coordinate's axis."""
+    axis = np.eye(3)[COORDINATES.index(name) % 3]
+    if name in LINEAR:
+        return pin.SE3(np.eye(3), value * axis)
+    return pin.SE3(pin.AngleAxis(value, axis).toRotationMatrix(), np.zeros(3))
 
 
 class UrdfOracle:

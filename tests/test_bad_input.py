@@ -124,12 +124,11 @@ TOML_CASES = {
     "dh and placement": ("dh =", "placement = {}\ndh =", ["joints.joint1", "both dh and placement", "one of them"]),
     "limits reversed": ("limits = [-1, 2]", "limits = [2, -1]", ["joints.joint1.limits", "[2, -1]", "lower <= upper"]),
     "limits of a fixed joint": ('type = "revolute"', 'type = "fixed"', ["joints.joint1.limits", "fixed", "revolute"]),
-    "clearance": (
+    "clearance without stiffness": (
         "stiffness = 1e6",
         "clearance = 1e-4",
-        ["joints.joint1.x.clearance", "not supported by this version"],
+        ["joints.joint1.x.clearance", "no stiffness", "stiffness > 0"],
     ),
-    "prescribed": ("limits =", 'prescribed = ["x"]\nlimits =', ["joints.joint1.prescribed", "not supported by this"]),
     "key of a loop": (*loop("a = 1"), ["loops.loop", "unknown key 'a'", "placements"]),
     "loop of three links": (*loop('links = ["base", "link1", "link2"]'), ["loops.loop.links", "two names"]),
     "loop of a string": (*loop('links = "link1"'), ["loops.loop.links", "strings"]),
@@ -141,7 +140,114 @@ TOML_CASES = {
     "placements of a loop": (*loop("placements = [{}]"), ["loops.loop.placements", "two tables"]),
     "placement of a loop": (*loop("placements = [{}, {xy = 1}]"), ["loops.loop.placements.1", "'xy'", "xyz, rpy"]),
     "origin of a loop": (*loop("placements = [{}, {xyz = [1]}]"), ["loops.loop.placements.1.xyz", "3 numbers"]),
-    "role": ("stiffness = 1e6", 'role = "drive"', ["joints.joint1.x.role", "not supported by this version"]),
+    "negative clearance": (
+        "stiffness = 1e6",
+        "stiffness = 1e6, clearance = -1e-4",
+        ["joints.joint1.x.clearance", "-0.0001", "at least 0"],
+    ),
+    "clearance of stiffness zero": (
+        "stiffness = 1e6",
+        "stiffness = 0, clearance = 1e-4",
+        ["joints.joint1.x.clearance", "stiffness > 0"],
+    ),
+    "sharp clearance": (
+        "stiffness = 1e6",
+        "stiffness = 1, clearance = 0",
+        ["joints.joint1.x.clearance", "no smoothing", "1e-12"],
+    ),
+    "smoothing zero": (
+        "stiffness = 1e6",
+        "stiffness = 1, clearance = 1, smoothing = 0",
+        ["joints.joint1.x.smoothing", "0", "1e-12"],
+    ),
+    "smoothing of nothing": (
+        "stiffness = 1e6",
+        "stiffness = 1, smoothing = 1e-5",
+        ["joints.joint1.x.smoothing", "no clearance"],
+    ),
+    "restitution of nothing": (
+        "stiffness = 1e6",
+        "restitution_damping = 1.0",
+        ["joints.joint1.x.restitution_damping", "no clearance"],
+    ),
+    "negative restitution damping": (
+        "stiffness = 1e6",
+        "stiffness = 1, clearance = 1, restitution_damping = -1",
+        ["joints.joint1.x.restitution_damping", "-1", "at least 0"],
+    ),
+    "one side only": (
+        "stiffness = 1e6",
+        "stiffness_negative = 1e6",
+        ["joints.joint1.x.stiffness_negative", "with stiffness"],
+    ),
+    "falling cubic": ("stiffness = 1e6", "cubic = -1.0", ["joints.joint1.x.cubic", "-1", "at least 0"]),
+    "endless preload": ("stiffness = 1e6", "preload = inf", ["joints.joint1.x.preload", "inf", "finite"]),
+    "friction as a number": (
+        "stiffness = 1e6",
+        "friction = 1.0",
+        ["joints.joint1.x.friction", "1.0", "a table", "coulomb"],
+    ),
+    "friction without coulomb": (
+        "stiffness = 1e6",
+        "friction = { viscous = 1.0 }",
+        ["joints.joint1.x.friction", "'coulomb' is missing"],
+    ),
+    "static without stribeck": (
+        "stiffness = 1e6",
+        "friction = { coulomb = 1.0, static = 2.0 }",
+        ["joints.joint1.x.friction", "static and stribeck"],
+    ),
+    "stribeck without static": (
+        "stiffness = 1e6",
+        "friction = { coulomb = 1.0, stribeck = 0.1 }",
+        ["joints.joint1.x.friction", "static and stribeck"],
+    ),
+    "static below coulomb": (
+        "stiffness = 1e6",
+        "friction = { coulomb = 2.0, static = 1.0, stribeck = 0.1 }",
+        ["joints.joint1.x.friction.static", "1.0", "at least coulomb, 2.0"],
+    ),
+    "stribeck zero": (
+        "stiffness = 1e6",
+        "friction = { coulomb = 1.0, static = 2.0, stribeck = 0.0 }",
+        ["joints.joint1.x.friction.stribeck", "0.0", "1e-12"],
+    ),
+    "unknown friction": (
+        "stiffness = 1e6",
+        "friction = { coulomb = 1.0, statik = 2.0 }",
+        ["joints.joint1.x.friction", "'statik'", "mean 'static'"],
+    ),
+    "curve of one point": ("stiffness = 1e6", "curve = [[0, 0]]", ["joints.joint1.x.curve", "1 points", "2 to 64"]),
+    "curve of many points": (
+        "stiffness = 1e6",
+        f"curve = {[[i, 0] for i in range(65)]}",
+        ["joints.joint1.x.curve", "65 points", "2 to 64"],
+    ),
+    "curve that turns back": (
+        "stiffness = 1e6",
+        "curve = [[0, 0], [1, 2], [1, 3]]",
+        ["joints.joint1.x.curve", "point 2", "1.0 after 1.0", "rise"],
+    ),
+    "curve of triples": (
+        "stiffness = 1e6",
+        "curve = [[0, 0, 1], [1, 2, 3]]",
+        ["joints.joint1.x.curve.0", "[0, 0, 1]", "2 numbers"],
+    ),
+    "curve of words": ("stiffness = 1e6", 'curve = [[0, 0], [1, "a"]]', ["joints.joint1.x.curve.1.1", "'a'", "finite"]),
+    "curve as a number": ("stiffness = 1e6", "curve = 3", ["joints.joint1.x.curve", "3", "array of arrays"]),
+    "curve from nowhere": ("stiffness = 1e6", 'curve = "a.csv"', ["joints.joint1.x.curve", "'a.csv'", "relative"]),
+    "curve and stiffness": (
+        "stiffness = 1e6",
+        "stiffness = 1, curve = [[0, 0], [1, 2]]",
+        ["joints.joint1.x.curve", "stiffness is given, too", "instead of"],
+    ),
+    "curve and friction that is none": (
+        "stiffness = 1e6",
+        "curve = [[0, 0], [1, 2]], friction = { coulomb = 1, static = 2 }",
+        ["joints.joint1.x.friction", "static and stribeck"],
+    ),
+    "prescribed": ("limits =", 'prescribed = ["w"]\nlimits =', ["joints.joint1.prescribed", "'w'", "x, y, z, alpha"]),
+    "role": ("stiffness = 1e6", 'role = "drive"', ["joints.joint1.x.role", "'drive'", "free, locked, prescribed"]),
     "inertia policy": ("tunable =", 'inertia = "ignore"\ntunable =', ["inertia", "'ignore'", "error, warn, project"]),
     "urdf without folder": ("tunable =", 'urdf = "a.urdf"\ntunable =', ["urdf", "'a.urdf'", "relative"]),
     "tunable of no link": ("links.link2.mass", "links.lnk2.mass", ["tunable", "lnk2.mass", "links.link2.mass"]),
@@ -340,6 +446,28 @@ def test_files(tmp_path: Path) -> None:
     assert "no such file" in refusal(lambda path: load_robot(path), str(tmp_path / "folder.toml"))
 
 
+CSV_CASES = {
+    "no file": (None, ["there is no such file", "deviation,force"]),
+    "three columns": ("0,1,2\n1,2,3\n", ["joints.joint1.x.curve", "line 1", "'0,1,2'", "deviation,force"]),
+    "a word": ("s,F\n0,1\n1,two\n", ["joints.joint1.x.curve", "line 3", "'1,two'"]),
+    "two headings": ("s,F\nm,N\n0,1\n", ["line 2", "'m,N'"]),
+    "not a number": ("0,nan\n1,1\n", ["joints.joint1.x.curve.0.1", "nan", "finite"]),
+    "empty": ("s,F\n", ["joints.joint1.x.curve", "0 points", "2 to 64"]),
+    "falling": ("0,1\n-1,2\n", ["joints.joint1.x.curve", "point 1", "-1.0 after 0.0"]),
+}
+
+
+@pytest.mark.parametrize("case", CSV_CASES)
+def test_bad_curve_files(case: str, tmp_path: Path) -> None:
+    text, words = CSV_CASES[case]
+    if text is not None:
+        (tmp_path / "spring.csv").write_text(text, encoding="ascii")
+    toml = changed(ARM, "stiffness = 1e6", 'curve = "spring.csv"')
+    message = refusal(lambda text: robot_from_toml(text, folder=tmp_path), toml)
+    for word in words:
+        assert word in message
+
+
 def test_bad_urdf_behind_toml_names_both(tmp_path: Path) -> None:
     (tmp_path / "arm.urdf").write_text(URDF)
     (tmp_path / "arm.toml").write_text('name = "a"\nurdf = "arm.urdf"\n[[joints]]\nname = "elbo"\nx = {}\n')
@@ -371,6 +499,10 @@ def test_bad_policy_keyword() -> None:
 
 FUZZ = settings(max_examples=300, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 KEYS = [
+    "x",
+    "curve",
+    "friction",
+    "clearance",
     "name",
     "gravity",
     "urdf",

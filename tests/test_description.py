@@ -16,7 +16,8 @@ from description_samples import ARM, URDF, example_urdfs, homogeneous, link_pose
 from eomgen.description import builtin_robots, load_robot, robot_from_toml
 from eomgen.errors import DescriptionError, EomgenWarning
 from eomgen.inertia import second_moments
-from eomgen.robot import Coordinate, Link, Robot
+from eomgen.model import build_model
+from eomgen.robot import Coordinate, Friction, Link, Robot
 
 
 def kinetic_matrix(robot: Robot, q: np.ndarray) -> np.ndarray:
@@ -77,6 +78,29 @@ def test_active_coordinates(kind: str, active: list[str]) -> None:
     robot = robot_from_toml(ARM.replace('type = "prismatic"', f'type = "{kind}"'))
     angles = ["alpha", "beta", "gamma"] if kind == "free" else []
     assert list(robot.joints[1].coordinates) == active + angles
+
+
+def test_forces_of_a_coordinate(tmp_path: Path) -> None:
+    """What is given, what is filled in, and a curve from a file beside the description."""
+    (tmp_path / "spring.csv").write_text("s,F\n# measured\n-1e-3,-5\n\n0, 0.5\n2e-3,9\n", encoding="ascii")
+    friction = "friction = { coulomb = 1, static = 2, stribeck = 0.1 }"
+    text = ARM.replace("gamma = {", f"gamma = {{ {friction},").replace(
+        "x = { stiffness = 1e6,", 'y = { curve = "spring.csv" }\nx = { stiffness = 1e6, clearance = 2e-4, preload = -3,'
+    )
+    given = robot_from_toml(text, folder=tmp_path).joint("joint1").coordinates
+    assert given["x"] == Coordinate(1e6, 10.0, clearance=2e-4, preload=-3.0, smoothing=1e-5)
+    assert given["y"].curve == ((-1e-3, -5.0), (0.0, 0.5), (2e-3, 9.0))
+    assert given["gamma"].friction == Friction(1.0, 2.0, 0.1, None, 0.1 * 0.1)
+    assert Friction(1.0).smoothing == 1e-3
+    assert [
+        name for name in build_model(robot_from_toml(text, folder=tmp_path)).parameters if name.startswith("joints.")
+    ] == [
+        *("joints.joint1.x.stiffness", "joints.joint1.x.damping", "joints.joint1.x.preload"),
+        *("joints.joint1.x.clearance", "joints.joint1.x.smoothing"),
+        *(f"joints.joint1.y.curve.{i}" for i in range(3)),
+        "joints.joint1.gamma.damping",
+        *(f"joints.joint1.gamma.friction.{key}" for key in ("coulomb", "static", "stribeck", "smoothing")),
+    ]
 
 
 def test_fixed_joint_as_elastic_mount() -> None:
@@ -210,7 +234,7 @@ def test_toml_floats_the_root_of_an_urdf(tmp_path: Path) -> None:
 
 
 def test_builtin_robots_load_without_notes() -> None:
-    assert set(builtin_robots()) >= {"one_link", "puma560", "puma560_elastic", "ur5"}
+    assert set(builtin_robots()) >= {"one_link", "puma560", "puma560_elastic", "ur5", "worn_arm"}
     for name in builtin_robots():
         robot = load_robot(name)
         assert robot.name == name

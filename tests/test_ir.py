@@ -18,6 +18,7 @@ import pytest
 from conftest import Build
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from law_oracle import with_laws
 from random_robots import random_robot, random_state
 
 import eomgen
@@ -328,6 +329,21 @@ def test_hoisting_keeps_values(plan: Sequence[tuple[str, int, int]], other: Sequ
             assert not arguments or not all(early)
 
 
+def test_comparisons_and_roots_fold() -> None:
+    """Numbers are computed, the same value is its own maximum, and what is no number stays so."""
+    graph = Graph()
+    x = graph.input("q", 0)
+    assert (graph.max(1.0, 2.0), graph.step(0.0), graph.step(3.0), graph.sqrt(9.0)) == (2.0, 0.0, 1.0, 3.0)
+    assert isinstance(graph.max(x, x), Node)
+    assert graph.max(x, x).index == x.index
+    outputs = {("out", 0): graph.max(x, 0.0), ("out", 1): graph.step(x), ("out", 2): graph.sqrt(x * x)}
+    program = run_passes(finish(graph, "calls", outputs))
+    assert list(evaluate(program, {"q": [-2.0]}).values()) == [0.0, 0.0, 2.0]
+    assert list(evaluate(program, {"q": [2.0]}).values()) == [2.0, 1.0, 2.0]
+    assert math.isnan(evaluate(program, {"q": [math.nan]})["out", 0])
+    assert program.count() == {"mul": 1, "add": 2, "div": 1, "sincos": 0}
+
+
 def test_evaluate_on_arrays_and_symbols() -> None:
     """The same program on NumPy arrays, and read back into SymPy."""
     import sympy as sp
@@ -346,12 +362,16 @@ def float_program(rng: np.random.Generator, length: int) -> Program:
     graph = Graph()
     nodes: list[Any] = [graph.input("q", i) for i in range(3)] + [graph.input("v", 0), 0.7, -1.3, 1.0]
     for _ in range(length):
-        op = str(rng.choice(["add", "sub", "mul", "neg", "sin", "div"]))
+        op = str(rng.choice(["add", "sub", "mul", "neg", "sin", "div", "sqrt", "max", "step"]))
         x, y = (nodes[int(i)] for i in rng.integers(max(0, len(nodes) - 12), len(nodes), 2))
         if op == "sin" and isinstance(x, Node):
             nodes.extend(graph.sincos(x))
         elif op == "neg":
             nodes.append(graph.neg(x))
+        elif op == "sqrt":
+            nodes.append(graph.sqrt(graph.add(graph.mul(x, x), 0.5)))
+        elif op == "step":
+            nodes.append(graph.step(x))
         elif op == "div":
             nodes.append(graph.div(x, graph.add(graph.mul(y, y), 1.0)))
         elif op != "sin":
@@ -359,11 +379,18 @@ def float_program(rng: np.random.Generator, length: int) -> Program:
     return finish(graph, "random", {("out", i): node for i, node in enumerate(nodes[-8:])})
 
 
+CALLED = """
+static double root(double x) { return sqrt(x); }
+static double larger(double x, double y) { return x < y ? y : x; }
+static double positive(double x) { return x > 0.0 ? 1.0 : 0.0; }
+"""
+
+
 def test_evaluation_equals_compiled_code(tmp_path: Path) -> None:
     """To the bit: brackets, signs and literals mean in C what the program means."""
     rng = np.random.default_rng(5)
     programs = [run_passes(float_program(rng, 60)) for _ in range(60)]
-    code, declarations = ["#include <math.h>"], []
+    code, declarations = ["#include <math.h>", CALLED], []
     for k, program in enumerate(programs):
         (lines,) = write_function(program, DOUBLE, turning=False).chunks
         head = f"void f{k}(const double *q, const double *v, double *out)"
@@ -411,7 +438,8 @@ def operators(text: str) -> Iterator[str]:
         elif isinstance(node, ast.UnaryOp) and not isinstance(node.operand, ast.Constant):
             yield "add"
         elif isinstance(node, ast.Call):
-            yield f"sincos {ast.unparse(node.args[0])}"
+            called = {"larger": "add", "positive": "add", "root": "div"}
+            yield called.get(ast.unparse(node.func)) or f"sincos {ast.unparse(node.args[0])}"
 
 
 def counted(lines: Sequence[str]) -> dict[str, int]:
@@ -424,9 +452,11 @@ def counted(lines: Sequence[str]) -> dict[str, int]:
     return {"mul": found.count("mul"), "add": found.count("add"), "div": found.count("div"), "sincos": len(angles)}
 
 
-def test_operations_are_those_of_the_text(built: Build) -> None:
+@pytest.mark.parametrize("laws", [False, True])
+def test_operations_are_those_of_the_text(laws: bool, built: Build) -> None:
     """What a kernel reports is what its C does."""
     robot = random_robot(8, joints=(3, 3), tree=True, max_size=9)
+    robot = with_laws(robot, 8) if laws else robot
     equations = derive_equations(build_model(robot))
     kernel = built(robot)
     for name, program in equations.programs.items():

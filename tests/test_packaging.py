@@ -150,12 +150,13 @@ def test_the_generator_is_imported_by_nobody_but_the_pipeline() -> None:
         assert "codegen" not in re.sub(r"``.*?``", "", text), name
 
 
-@pytest.mark.parametrize("name", ["kernel.py", "parameters.py", "rollout.py", "errors.py"])
+@pytest.mark.parametrize("name", ["kernel.py", "parameters.py", "rollout.py", "blocks.py", "errors.py"])
 def test_what_a_generated_package_copies_imports_nothing_of_eomgen(name: str) -> None:
     text = (ROOT / "src" / "eomgen" / name).read_text(encoding="ascii")
     imported = set(re.findall(r"^\s*(?:from|import) ([\w.]+)", text, re.MULTILINE))
     assert imported <= {
         "__future__",
+        ".blocks",
         ".errors",
         ".kernel",
         ".parameters",
@@ -163,6 +164,7 @@ def test_what_a_generated_package_copies_imports_nothing_of_eomgen(name: str) ->
         "concurrent.futures",
         "difflib",
         "functools",
+        "itertools",
         "math",
         "os",
         "threading",

@@ -15,7 +15,7 @@ from random_robots import random_placement, random_robot, random_state
 import eomgen
 from eomgen.description import robot_from_toml
 from eomgen.errors import InputError, UnknownNameError
-from eomgen.robot import INERTIA_KEYS, LINEAR, Coordinate, Placement, Robot
+from eomgen.robot import COORDINATE_NUMBERS, COORDINATES, INERTIA_KEYS, LINEAR, Coordinate, Placement, Robot
 from eomgen.tunable import parameters
 
 TOLERANCE = 1e-11
@@ -41,7 +41,7 @@ def changed(robot: Robot, values: Mapping[str, float]) -> Robot:
         return Placement.from_rpy(xyz, triple(f"{owner}.placement.rpy", old.rpy, range(3)))
 
     def coordinate(owner: str, old: Coordinate) -> Coordinate:
-        return Coordinate(**{key: number(f"{owner}.{key}", value) for key, value in vars(old).items()})
+        return Coordinate(**{key: number(f"{owner}.{key}", getattr(old, key)) for key in COORDINATE_NUMBERS})
 
     links = [
         replace(
@@ -57,6 +57,10 @@ def changed(robot: Robot, values: Mapping[str, float]) -> Robot:
             joint,
             placement=placed(f"joints.{joint.name}", joint.placement),
             coordinates={k: coordinate(f"joints.{joint.name}.{k}", c) for k, c in joint.coordinates.items()},
+            offset=tuple(
+                number(f"joints.{joint.name}.offset.{key}", value)
+                for key, value in zip(COORDINATES, joint.offset, strict=True)
+            ),
         )
         for joint in robot.joints
     ]

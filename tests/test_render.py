@@ -18,6 +18,7 @@ import pytest
 from conftest import Build
 from hypothesis import given
 from hypothesis import strategies as st
+from law_oracle import with_laws
 from random_robots import random_robot
 
 import eomgen
@@ -56,7 +57,14 @@ def elastic_chain() -> Robot:
     return replace(robot.with_coordinates(extra), name="elastic_chain")
 
 
+def worn_tree() -> Robot:
+    """Forces of every kind."""
+    robot = random_robot(7, joints=(4, 4), tree=True, types=("revolute", "prismatic", "free"))
+    return replace(with_laws(robot, 7), name="worn_tree")
+
+
 ROBOTS = {
+    "worn_tree": worn_tree,
     "one_link": lambda: eomgen.load_robot("one_link"),
     "ur5": lambda: eomgen.load_robot("ur5"),
     "elastic_tree": elastic_tree,
@@ -91,16 +99,17 @@ def test_no_compiler_warns(name: str, dtype: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("flags", [("-march=native",), ("-mavx2",), ("-mavx",)])
-def test_no_compiler_warns_of_vectors(flags: tuple[str, ...], tmp_path: Path) -> None:
-    source = source_of(eomgen.load_robot("one_link"))
-    (tmp_path / "one_link.h").write_text(source.header, encoding="ascii")
-    (tmp_path / "one_link.c").write_text(source.code, encoding="ascii")
+@pytest.mark.parametrize("name", ["one_link", "worn_tree"])
+def test_no_compiler_warns_of_vectors(name: str, flags: tuple[str, ...], tmp_path: Path) -> None:
+    source = source_of(ROBOTS[name]())
+    (tmp_path / f"{name}.h").write_text(source.header, encoding="ascii")
+    (tmp_path / f"{name}.c").write_text(source.code, encoding="ascii")
     if "x86" not in platform.machine():
         flags = flags[-1:] if flags[0].startswith("-D") else ()
     for compiler in ("gcc", "clang"):
         if shutil.which(compiler):
             out = tmp_path / f"{compiler}.o"
-            compiled(compiler, "-std=c99", *WARNINGS, "-O1", *flags, "-c", tmp_path / "one_link.c", "-o", out)
+            compiled(compiler, "-std=c99", *WARNINGS, "-O1", *flags, "-c", tmp_path / f"{name}.c", "-o", out)
             check_symbols(out, source)
 
 
@@ -108,7 +117,7 @@ def check_symbols(library: Path, source: Source) -> None:
     """Nothing global is written, nothing is called but libm, and every global name begins with the robot's."""
     listed = subprocess.run(["nm", library], capture_output=True, text=True, check=True).stdout
     found = [line.split()[-2:] for line in listed.splitlines()]
-    libm = {"sin", "cos", "sincos", "sinf", "cosf", "sincosf"}
+    libm = {"sin", "cos", "sincos", "sinf", "cosf", "sincosf", "sqrt", "sqrtf"}
     compilers_own = {"memset", "memcpy", "memmove", "_GLOBAL_OFFSET_TABLE_", "__stack_chk_fail"}
     for kind, name in found:
         assert kind in "TtUrR", (kind, name)  # no data, no bss

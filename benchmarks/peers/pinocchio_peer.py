@@ -145,24 +145,26 @@ def model_text(case: Case) -> str:
     return "\n".join([gravity, str(len(rows)), *rows]) + "\n"
 
 
+def coordinate_joints() -> dict[str, Any]:
+    """Pinocchio's kind of joint for each of the six coordinates."""
+    import pinocchio as pin
+
+    kinds = (
+        pin.JointModelPX,
+        pin.JointModelPY,
+        pin.JointModelPZ,
+        pin.JointModelRX,
+        pin.JointModelRY,
+        pin.JointModelRZ,
+    )
+    return dict(zip(COORDINATES, kinds, strict=True))
+
+
 def one_by_one(robot: Robot) -> Any:
     """A pinocchio.Model with a joint per coordinate, and no bodies in between: faster than its composite joints."""
     import pinocchio as pin
 
-    kinds = dict(
-        zip(
-            COORDINATES,
-            (
-                pin.JointModelPX,
-                pin.JointModelPY,
-                pin.JointModelPZ,
-                pin.JointModelRX,
-                pin.JointModelRY,
-                pin.JointModelRZ,
-            ),
-            strict=True,
-        )
-    )
+    kinds = coordinate_joints()
     model = pin.Model()
     model.gravity.linear = np.array(robot.gravity)
     where = {robot.base: (0, pin.SE3.Identity())}  # link -> (the last joint that moves it, its pose in that)

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from eomgen import plots
+
 from .cases import URDFS
 from .page import KERNELS
 from .report import Entry, Report
@@ -17,19 +19,7 @@ STYLES = {  # Okabe and Ito: told apart by colour-blind readers
     "eomgen": ("#0072b2", "o"),
     "eomgen, batch": ("#009e73", "D"),
 }
-RC: Any = {
-    "font.size": 8.0,
-    "axes.titlesize": 8.5,
-    "axes.grid": True,
-    "grid.color": "#dddddd",
-    "grid.linewidth": 0.5,
-    "axes.axisbelow": True,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "lines.linewidth": 1.1,
-    "legend.frameon": False,
-    "svg.hashsalt": "eomgen",  # the same ids on every run
-}
+RC: Any = {**plots.RC, "svg.hashsalt": "eomgen"}  # the same ids on every run
 
 
 def plot(report: Report, path: Path) -> None:

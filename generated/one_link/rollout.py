@@ -120,16 +120,16 @@ def _gains(kernel: Kernel, kp: ArrayLike | None, kd: ArrayLike | None) -> list[A
     for label, value in (("kp", kp), ("kd", kd)):
         given = np.zeros(kernel.n, kernel.dtype)
         if value is not None and np.ndim(value) == 0:
-            given[list(kernel._principal)] = value
+            given[list(kernel._driven)] = value
             value = given
         array, many = kernel._array(label, given if value is None else value, (kernel.n,))
-        deviations = np.setdiff1d(np.arange(kernel.n), kernel._principal)
+        deviations = np.setdiff1d(np.arange(kernel.n), kernel._driven)
         if many is not None or (array < 0).any():
             raise InputError(f"rollout: {label} must be one number or (n,), none below 0")
         for i in deviations[array[deviations] != 0]:
             raise InputError(
-                f"rollout: {label} is {array[i]} at {kernel.coordinates[i]}; only principal coordinates have a drive"
-                " that can be controlled"
+                f"rollout: {label} is {array[i]} at {kernel.coordinates[i]}; only principal coordinates that are not"
+                " prescribed have a drive that can be controlled"
             )
         found.append(array)
     return found

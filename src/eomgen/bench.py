@@ -196,6 +196,12 @@ def _inputs(robot: Robot, kernel: Kernel) -> dict[str, Array]:
     }
 
 
+def counterparts(kernel: Kernel) -> tuple[str, ...]:
+    """Kernels beside which there is a textbook's algorithm; articulated bodies know no prescribed coordinate."""
+    known = (name for name in COUNTERPARTS if name in kernel._functions)
+    return tuple(name for name in known if name != "forward_dynamics" or not kernel.prescribed)
+
+
 def compare(kernel: Kernel, yardstick: Yardstick, inputs: Mapping[str, Array]) -> float:
     """Greatest relative difference (max-norm) between kernels and their counterparts over the states.
 
@@ -203,9 +209,7 @@ def compare(kernel: Kernel, yardstick: Yardstick, inputs: Mapping[str, Array]) -
         InternalError: it is more than 1e-9 (forward dynamics: more than 100 condition numbers of round-off, too).
     """
     worst = 0.0
-    for name in COUNTERPARTS:
-        if name not in kernel._functions:
-            continue
+    for name in counterparts(kernel):
         for state in range(STATES):
             arrays = [np.ascontiguousarray(inputs[label][state]) for label in kernel._functions[name][0]]
             shape = (kernel.n, kernel.n) if name == "mass_matrix" else (kernel.n,)
@@ -248,7 +252,7 @@ def _measure(kernel: Kernel, yardstick: Yardstick, name: str, inputs: Mapping[st
     h = int(ffi.cast("intptr_t", kernel.parameters._setup.pointer))
     code = int(ffi.cast("intptr_t", ffi.addressof(kernel._lib, f"{kernel.name}_{name}")))
     timed = [Timed(code, h, target)]
-    if name in COUNTERPARTS:
+    if name in counterparts(kernel):
         names.append(COUNTERPARTS[name])
         timed.append(Timed(yardstick.address(name), 0, target))
         operations.append(yardstick.operations(name, [np.ascontiguousarray(array[0]) for array in arrays], out))

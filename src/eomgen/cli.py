@@ -1,4 +1,4 @@
-"""The command line: robots, info, generate, simulate, bench.
+"""The command line: robots, info, derive, generate, simulate, forces, fit, compare, bench.
 
 Exit status: 0; 1 something given cannot be used; 2 usage; 70 a bug of eomgen.
 """
@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from ._version import __version__
+from .cli_analysis import add_analysis, add_compare, add_derive
 from .description import builtin_robots, load_robot
 from .errors import EomgenError, EomgenWarning, InputError
 from .pipeline import DTYPES, KERNEL_NAMES, Options, generate
@@ -29,8 +30,12 @@ EXAMPLES = """\
 examples:
   eomgen robots                                  the built-in robots
   eomgen info puma560_elastic                    coordinates, parameters, zero blocks, operation counts
+  eomgen derive one_link --latex                 equations in closed form, for small robots
   eomgen generate arm.toml -o generated          write and compile generated/arm, then: import arm
   eomgen simulate puma560_elastic -o out         programmed motion; trajectory.npz and plots
+  eomgen forces arm.toml measured.csv            drives, springs, dampers, reactions of a measured motion
+  eomgen fit arm.toml measured.csv               stiffness and damping from motion and known drives
+  eomgen compare arm.toml other.toml             drives, reactions, tool deviations for one task
   eomgen bench ur5                               operation counts and times beside Newton-Euler
 
 ROBOT is the name of a built-in robot, or the path of a .toml or .urdf file.
@@ -75,7 +80,9 @@ def _parser() -> argparse.ArgumentParser:
     robots.add_argument("--json", action="store_true", help="print JSON")
     robots.set_defaults(command=_robots)
     info = _robot_command(commands, "info", _info, "what a robot is made of, and what its equations cost")
+    info.add_argument("--zeros", action="store_true", help="every zero of M and C with its reason, by joints")
     info.add_argument("--json", action="store_true", help="print JSON")
+    add_derive(commands, _robot_command, _load)
     make = _robot_command(commands, "generate", _generate, "write and compile an importable package")
     make.add_argument("-o", "--output", type=Path, default=Path("generated"), help="folder to write to (generated)")
     make.add_argument("--dtype", choices=DTYPES, default="float64", help="type of all numbers (float64)")
@@ -89,6 +96,8 @@ def _parser() -> argparse.ArgumentParser:
         help=f"only these (all): {', '.join(KERNEL_NAMES)}",
     )
     _add_simulate(commands)
+    add_analysis(commands, _robot_command, _load, _progress)
+    add_compare(commands, _robot_command, _load, _progress)
     bench = _robot_command(commands, "bench", _bench, "operation counts and times beside a Newton-Euler algorithm in C")
     bench.add_argument("--json", action="store_true", help="print JSON")
     return parser
@@ -174,6 +183,12 @@ def _info(options: argparse.Namespace) -> None:
     from .info import robot_info
 
     robot = _load(options)
+    if options.zeros:
+        from .codegen.zero_report import zero_report
+        from .model import build_model
+
+        _show(options, zero_report(build_model(robot)))
+        return
     with _progress("deriving") as report:
         info = robot_info(robot, progress=lambda text: report(0.0, text))
     _show(options, info)

@@ -8,9 +8,11 @@ TOML syntax and keys: docs and the built-in robots in ``robots/``.
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+from .characteristic import KEYS, read_coordinate
 from .errors import DescriptionError
 from .inertia import POLICIES, apply_inertia_policy
 from .loop_tables import KEYS as LOOP_KEYS
@@ -44,8 +46,7 @@ _MOST_BYTES = 1 << 28
 
 _TOP = ("name", "gravity", "urdf", "inertia", "tunable", "links", "joints", "frames", "loops")
 _LINK = ("name", "mass", "com", "inertia")
-_JOINT = ("name", "parent", "child", "type", "dh", "placement", *COORDINATES, "limits", "prescribed")
-_COORDINATE = ("stiffness", "damping", "armature")
+_JOINT = ("name", "parent", "child", "type", "dh", "placement", *COORDINATES, "limits", "prescribed", "offset")
 _FRAME = ("name", "link", "placement")
 _DH = ("a", "alpha", "d", "theta")
 _PLACEMENT = ("xyz", "rpy")
@@ -109,7 +110,7 @@ def robot_from_toml(
     for name, entry in top.entries("links", _LINK):
         draft.links[name] = _link(name, entry, draft)
     for name, entry in top.entries("joints", _JOINT):
-        draft.joints[name] = _joint(name, entry, draft)
+        draft.joints[name] = _joint(name, entry, draft, folder)
     for name, entry in top.entries("frames", _FRAME):
         draft.frames[name] = _frame(name, entry)
     for name, entry in top.entries("loops", LOOP_KEYS):
@@ -119,12 +120,12 @@ def robot_from_toml(
     return _finish(draft, policy, top.strings("tunable"))
 
 
-def _read(path: Path, source: str) -> str:
+def _read(path: Path, source: str, kind: str = ".toml or .urdf file") -> str:
     """The text of a file, UTF-8."""
     source = source if source.isprintable() else ascii(source)
     try:
         if not path.is_file():
-            raise DescriptionError("there is no such file; allowed: an existing .toml or .urdf file", source=source)
+            raise DescriptionError(f"there is no such file; allowed: an existing {kind}", source=source)
         if path.stat().st_size > _MOST_BYTES:
             raise DescriptionError(f"the file has more than {_MOST_BYTES} bytes", source=source)
         return path.read_bytes().decode("utf-8-sig")
@@ -199,7 +200,7 @@ def _link(name: str, entry: Table, draft: Draft) -> Link:
     )
 
 
-def _joint(name: str, entry: Table, draft: Draft) -> Joint:
+def _joint(name: str, entry: Table, draft: Draft, folder: Path | None) -> Joint:
     """A new joint, or one of the URDF with what the entry overrides and the coordinates it activates."""
     old = draft.joints.get(name)
     if old is None:
@@ -212,18 +213,40 @@ def _joint(name: str, entry: Table, draft: Draft) -> Joint:
     for key in COORDINATES if kind == "free" else filter(None, [PRINCIPAL.get(kind)]):
         coordinates.setdefault(key, Coordinate())
     for key in COORDINATES:
-        table = entry.table(key, _COORDINATE)
+        table = entry.table(key, KEYS)
         if table is not None:
-            coordinates[key] = _coordinate(table, coordinates.get(key, Coordinate()))
-    if entry.strings("prescribed"):
-        entry.fail("prescribed is not supported by this version of eomgen", "prescribed")
+            old_one = coordinates.get(key, Coordinate())
+            coordinates[key] = read_coordinate(table, old_one, _beside(table, folder))
+            if table.text("role") == "locked":
+                del coordinates[key]
+    for key in entry.strings("prescribed"):
+        if key not in COORDINATES:
+            entry.fail(f"got {show(key)}{nearest(key, COORDINATES)}; allowed: {', '.join(COORDINATES)}", "prescribed")
+        if key in entry and entry.values[key].get("role", "prescribed") != "prescribed":
+            entry.fail(f"{key} is prescribed here and {entry.values[key]['role']} in its own table", "prescribed")
+        coordinates[key] = replace(coordinates.get(key, Coordinate()), prescribed=True)
     placement = _placement(entry, old.placement)
-    return Joint(name, parent, child, kind, placement, old.axis_turn, coordinates, _limits(entry, kind, old))
+    limits, offset = _limits(entry, kind, old), _offset(entry, old)
+    return Joint(name, parent, child, kind, placement, old.axis_turn, coordinates, limits, offset)
 
 
-def _coordinate(table: Table, old: Coordinate) -> Coordinate:
-    given = {key: table.number(key, 0.0) for key in _COORDINATE if key in table}
-    return Coordinate(**{**vars(old), **given})
+def _offset(entry: Table, old: Joint) -> tuple[float | None, ...]:
+    table = entry.table("offset", COORDINATES)
+    if table is None:
+        return old.offset
+    given = (table.number(key) if key in table else None for key in COORDINATES)
+    return tuple(before if new is None else new for before, new in zip(old.offset, given, strict=True))
+
+
+def _beside(table: Table, folder: Path | None) -> Callable[[str], str]:
+    """Reads the CSV file of a curve, which stands beside the description."""
+
+    def read(name: str) -> str:
+        if folder is None or not name.endswith(".csv"):
+            table.fail(f"got {show(name)}; allowed: the path of a .csv file, relative to this file", "curve")
+        return _read(folder / name, str(folder / name), "file of deviation,force lines")
+
+    return read
 
 
 def _limits(entry: Table, kind: str, old: Joint) -> tuple[float, float] | None:

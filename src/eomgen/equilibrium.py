@@ -28,7 +28,7 @@ def static_equilibrium(
         kernel: float64, with inverse_dynamics and mass_matrix.
         q_guess: coordinates, (n,).
         u: drives, (n,), N or N m, or a function of q, (n,) or (N, n), to the same shape; none if not given.
-        held: names of coordinates that stay at their guess, whatever drive that takes.
+        held: names of coordinates that stay at their guess, whatever drive that takes; prescribed ones do.
         wrench: external wrenches, (links, 6).
 
     Returns:
@@ -42,7 +42,7 @@ def static_equilibrium(
     kernel.refuse_loops("static_equilibrium")
     q = state_vector("q_guess", q_guess, kernel.coordinates)
     constant = np.zeros(kernel.n) if u is None or callable(u) else state_vector("u", u, kernel.coordinates)
-    kept = known_coordinates(held, kernel)
+    kept = known_coordinates(held, kernel) | set(kernel.prescribed)
     free = np.array([name not in kept for name in kernel.coordinates])
     zero = np.zeros(kernel.n)
 

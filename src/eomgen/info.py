@@ -76,7 +76,13 @@ class RobotInfo:
                 numbers = (given.stiffness, given.damping, given.armature)
                 texts = ["-" if number is None else f"{number:.4g}" for number in numbers]
                 label = f"{body.joint}.{name} [{UNITS[name]}]"
-                lines.append(f"{label:<30} {texts[0]:>12}{texts[1]:>12}{texts[2]:>12}")
+                role = "  prescribed" if given.prescribed else ""
+                lines.append(f"{label:<30} {texts[0]:>12}{texts[1]:>12}{texts[2]:>12}{role}")
+                law = {key: number for key, number in given.law().items() if not key.startswith("curve.")}
+                further = [f"{key} {number:.4g}" for key, number in law.items()]
+                if given.curve is not None:
+                    further.append(f"curve of {len(given.curve)} points")
+                lines += [f"  {', '.join(further)}"] if further else []
         return lines
 
     def _loop_lines(self) -> list[str]:

@@ -21,6 +21,7 @@ from .kernel import Kernel
 Array = NDArray[np.float64]
 Drive = Callable[[float, Array, Array], ArrayLike]
 Wrench = Callable[[float, Array, Array], ArrayLike]
+Prescribed = Callable[[float], tuple[ArrayLike, ArrayLike, ArrayLike]]
 Progress = Callable[[float, str], None]
 
 EXPLICIT = ("DOP853", "RK45", "rk4")
@@ -86,6 +87,7 @@ def integrate(
     *,
     drive: Drive | None = None,
     wrench: Wrench | ArrayLike | None = None,
+    prescribed: Prescribed | None = None,
     method: str = "auto",
     rtol: float = 1e-6,
     atol: ArrayLike | None = None,
@@ -103,6 +105,10 @@ def integrate(
         drive: (t, q, v) -> u, (n,), N or N m; none if not given.  With an attribute ``batched`` that is true it is
             called with q and v of shape (N, n), too, and returns (N, n).
         wrench: (links, 6) as in the kernel's methods, or (t, q, v) -> that.
+        prescribed: t -> (q, v, a) of the prescribed coordinates, (m,) each, in the order of ``kernel.prescribed``
+            (``eomgen.motion.Harmonic``, say); v and a must be the derivatives of q.  What q0, v0 and drive say of them
+            does not count.  The trajectory's u is there the force that the motion needs, so that the kernel must have
+            inverse_dynamics.
         method: "auto" (Radau if any coordinate has a stiffness, else DOP853), "Radau", "BDF", "LSODA", "DOP853",
             "RK45" (all SciPy's), or "rk4" with a fixed step.
         rtol, atol: tolerances; atol is a number or (2n,), first of q, then of v.  By default rtol times the size of
@@ -115,9 +121,9 @@ def integrate(
     Raises:
         IntegrationStopped: the state diverges, the step becomes too small or M singular; an IntegrationError that
             names coordinate and time and has the last good state.
-        InputError: an argument is wrong, or SciPy is not installed.
+        InputError: an argument is wrong, a prescribed coordinate has no motion, or SciPy is not installed.
     """
-    system = System(kernel, drive, wrench)
+    system = System(kernel, drive, wrench, prescribed)
     q0, v0 = (state_vector(label, x, kernel.coordinates) for label, x in (("q0", q0), ("v0", v0)))
     times = output_times(duration, output_step)
     method = choose_method(kernel, method)
@@ -130,7 +136,10 @@ def integrate(
         solver = _start_solver(system, y0, times[-1], method, rtol, atol)
         states = _sampled(solver, system, times, report)
     q, v = np.ascontiguousarray(states[:, : system.n]), np.ascontiguousarray(states[:, system.n :])
-    u = np.array([system.drives(float(t), *state) for t, *state in zip(times, q, v, strict=True)])
+    u = np.empty_like(q)
+    for i, t in enumerate(times):
+        system.prescribe(float(t), q[i], v[i])
+        u[i] = system.forces(float(t), q[i], v[i])
     info = {**system.counts, "wall_s": time.perf_counter() - began}
     return Trajectory(times, q, v, u, np.asarray(kernel.energy(q, v)), kernel.coordinates, method, info)
 
@@ -149,8 +158,22 @@ def choose_method(kernel: Kernel, method: str = "auto") -> str:
 
 
 def stiffnesses(kernel: Kernel) -> Array:
-    """Stiffness of every coordinate as the kernel has it now, (n,), N/m or N m/rad; 0 where there is no spring."""
-    names = (f"joints.{coordinate}.stiffness" for coordinate in kernel.coordinates)
+    """Stiffness of every coordinate as the kernel has it now, (n,), N/m or N m/rad; 0 where there is no spring.
+
+    Of two sides the stiffer one, of a clearance that of its end, of a curve that of its steepest piece.
+    """
+    found = np.maximum(coordinate_numbers(kernel, "stiffness"), coordinate_numbers(kernel, "stiffness_negative"))
+    for i, coordinate in enumerate(kernel.coordinates):
+        if coordinate in kernel.knots:
+            knots = kernel.knots[coordinate]
+            forces = [kernel.parameters[f"joints.{coordinate}.curve.{j}"] for j in range(len(knots))]
+            found[i] = max(0.0, float(np.max(np.diff(forces) / np.diff(knots))))
+    return found
+
+
+def coordinate_numbers(kernel: Kernel, key: str) -> Array:
+    """A parameter of every coordinate, such as "damping", (n,); 0 where there is none."""
+    names = (f"joints.{coordinate}.{key}" for coordinate in kernel.coordinates)
     return np.array([kernel.parameters.get(name, 0.0) for name in names])
 
 
@@ -190,16 +213,52 @@ def state_vector(label: str, value: ArrayLike, coordinates: tuple[str, ...]) -> 
 class System:
     """The equations of motion as y' = f(t, y), y = (q, v), with their Jacobian; counts its calls."""
 
-    def __init__(self, kernel: Kernel, drive: Drive | None, wrench: Wrench | ArrayLike | None) -> None:
+    def __init__(
+        self,
+        kernel: Kernel,
+        drive: Drive | None,
+        wrench: Wrench | ArrayLike | None,
+        prescribed: Prescribed | None = None,
+    ) -> None:
         if kernel.dtype != np.float64:
             raise InputError(f"integration needs a float64 kernel; {kernel.name} is {kernel.dtype}")
         self.kernel, self.n = kernel, kernel.n
         self._drive = drive
+        self._prescribed = prescribed
+        self._given = [kernel.coordinates.index(name) for name in kernel.prescribed]
+        self._free = np.array([name not in kernel.prescribed for name in kernel.coordinates])
+        if self._given and prescribed is None:
+            raise InputError(f"prescribed: the motion of {', '.join(kernel.prescribed)} is not given")
+        if prescribed is not None and not self._given:
+            raise InputError(f"prescribed: {kernel.name} has no prescribed coordinate")
         self._batched = bool(getattr(drive, "batched", False))
         self._wrench = wrench
         self._no_drive = np.zeros(self.n)
         self.counts = {"steps": 0, "evaluations": 0, "jacobians": 0}
         self.trouble: Exception | None = None
+
+    def prescribe(self, t: float, q: Array, v: Array) -> Array:
+        """Put q and v of prescribed coordinates into a state's arrays; their accelerations."""
+        if self._prescribed is None:
+            return np.zeros(0)
+        found = [np.asarray(x, dtype=np.float64) for x in self._prescribed(t)]
+        if [x.shape for x in found] != [(len(self._given),)] * 3 or not np.isfinite(found).all():
+            raise ArrayError(
+                f"prescribed: expected three arrays of {len(self._given)} finite numbers at t = {t:.6g} s, got"
+                f" {', '.join(str(x) for x in found)}"
+            )
+        q[self._given], v[self._given] = found[:2]
+        return found[2]
+
+    def forces(self, t: float, q: Array, v: Array) -> Array:
+        """u in a state: the drives, and what the motion of prescribed coordinates needs."""
+        u = np.array(self.drives(t, q, v))
+        if self._given:
+            u[self._given] = self.prescribe(t, q, v)
+            wrench = self.wrench(t, q, v)
+            a = self.kernel.forward_dynamics(q, v, u, wrench=wrench)
+            u[self._given] = self.kernel.inverse_dynamics(q, v, a, wrench=wrench)[self._given]
+        return u
 
     def drives(self, t: float, q: Array, v: Array) -> Array:
         """u of one state, (n,), or of a batch, (N, n)."""
@@ -221,8 +280,14 @@ class System:
         self.counts["evaluations"] += 1
         q, v = y[: self.n], y[self.n :]
         result = np.empty_like(y)
-        result[: self.n] = v
+        if self._given:
+            q, v = q.copy(), v.copy()
+            a = self.prescribe(t, q, v)
         u, wrench = self.drives(t, q, v), self.wrench(t, q, v)
+        if self._given:
+            u = np.array(u)
+            u[self._given] = a
+        result[: self.n] = v
         self.kernel.forward_dynamics(q, v, u, wrench=wrench, out=result[self.n :])
         return result
 
@@ -240,7 +305,9 @@ class System:
         One batch of inverse dynamics, several times cheaper than forward dynamics; wrenches are taken as constant.
         """
         self.counts["jacobians"] += 1
-        n, (q, v) = self.n, (y[: self.n], y[self.n :])
+        n, y = self.n, y.copy()
+        q, v = y[:n], y[n:]
+        self.prescribe(t, q, v)
         a = self.derivative(t, y)[n:]
         steps = np.concatenate([Q_STEP * np.maximum(1.0, np.abs(q)), V_STEP * np.maximum(1.0, np.abs(v))])
         states = np.tile(y, (2 * n + 1, 1))
@@ -250,7 +317,12 @@ class System:
         slopes = (residual[1:] - residual[0]).T / steps
         result = np.zeros((2 * n, 2 * n))
         result[:n, n:] = np.eye(n)
-        result[n:] = -np.linalg.solve(self.kernel.mass_matrix(q), slopes)
+        free = self._free
+        if free.all():
+            result[n:] = -np.linalg.solve(self.kernel.mass_matrix(q), slopes)
+            return result
+        result[n:][free] = -np.linalg.solve(self.kernel.mass_matrix(q)[np.ix_(free, free)], slopes[free])
+        result[:, np.tile(~free, 2)] = 0.0  # what is prescribed depends on time alone
         return result
 
     def stopped(self, reason: str, t: float, y: Array, blame: Array | None = None) -> IntegrationStopped:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .blocks import Blocks, make_blocks
 from .errors import ArrayError, InputError, SingularError, UnknownNameError
 from .parameters import Parameters, nearest
 from .rollout import rollout
@@ -41,7 +42,9 @@ class Kernel:
             kernel but the four of the constraint is that of the tree that is left when they are cut; ``eomgen.loops``
             puts both together.
         constraints: names of the constraint's components, such as "loop1.x".
+        prescribed: names of the coordinates whose motion is given, in their order.
         parameters: mapping from name to value; an assignment takes effect without recompiling.
+        knots: deviations (m, rad) of measured curves by coordinate; the forces there are parameters.
         operations: per kernel the multiplications, additions, divisions and sine-cosine pairs of its C.
         dtype: the dtype of all arrays.
 
@@ -57,6 +60,7 @@ class Kernel:
         self.frames: tuple[str, ...] = tuple(meta["frames"])
         self.loops: dict[str, str] = dict(meta.get("loops", {}))
         self.constraints: tuple[str, ...] = tuple(meta.get("constraints", ()))
+        self.prescribed: tuple[str, ...] = tuple(meta["prescribed"])
         self.operations: dict[str, dict[str, int]] = {k: dict(v) for k, v in meta["operations"].items()}
         self.dtype: np.dtype[Any] = np.dtype(meta["dtype"])
         self._ffi, self._lib = ffi, lib
@@ -74,8 +78,11 @@ class Kernel:
         self._code = {name: getattr(lib, f"{self.name}_{name}") for name in self._functions}
         self._batch_code = {name: getattr(lib, f"{self.name}_{name}_batch") for name in self._functions}
         self._threads = 1
-        self._principal = tuple(meta["principal"])
+        self._driven = tuple(meta["driven"])
+        self._given = [self.coordinates.index(name) for name in self.prescribed]
+        self._survivors = meta["survivors"]
         self._rolls = "rollout" in meta["kernels"]
+        self.knots: dict[str, tuple[float, ...]] = {k: tuple(x) for k, x in meta["knots"].items()}
         self.parameters = Parameters(self, meta["parameters"], meta["hoisted"])
 
     def __repr__(self) -> str:
@@ -158,6 +165,9 @@ class Kernel:
     ) -> Array:
         """Accelerations, (n,), m/s^2 or rad/s^2, under the drives u.
 
+        In ``u`` a prescribed coordinate has its acceleration, m/s^2 or rad/s^2, which the result repeats; the force
+        that this takes is ``inverse_dynamics`` at the result.
+
         Args:
             q, v, u: (n,).
             wrench: (links, 6) as in ``generalized_force``.
@@ -174,6 +184,7 @@ class Kernel:
             external = self.external_force(q, wrench)
             if states is not None and external.ndim > 1 and len(external) != states:
                 raise ArrayError(f"wrench: {len(external)} states, but {states} in u")
+            external[..., self._given] = 0  # where u is an acceleration
             u = drives + external
         return self._run("forward_dynamics", out, (q, v, u))
 
@@ -198,6 +209,7 @@ class Kernel:
     ) -> tuple[Array, Array, Array]:
         """Exact derivatives of the accelerations, three (n, n): da/dq, da/dv and da/du (the inverse mass matrix).
 
+        The acceleration of a prescribed coordinate stands in ``u`` and depends on nothing else.
         Without external wrenches; where some are constant generalized forces, add them to ``u``.
 
         Args:
@@ -231,6 +243,15 @@ class Kernel:
     def christoffel(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """Christoffel symbols of the first kind, (n, n, n): C^svw of eq. (12), symmetric in the last two indices."""
         return self._run("christoffel", out, (q,))
+
+    def blocks(self, q: ArrayLike) -> Blocks:
+        """M and C of eqs. (10)-(12) by names, for one state or a batch; needs mass_matrix and christoffel.
+
+        ``blocks.mass["joint1", "joint2"]`` is a joint's block, ``blocks.christoffel["joint1.x", "joint2.gamma",
+        "joint2.gamma"]`` an entry; blocks that vanish identically are absent.  ``blocks.row`` and ``blocks.matrix``
+        are the paper's M_i^sv and C_i^svw over all joints.
+        """
+        return make_blocks(self.mass_matrix(q), self.christoffel(q), self._survivors, self.coordinates)
 
     def frame_pose(self, q: ArrayLike, frame: str, *, out: Array | None = None) -> Array:
         """A_0k of a frame or link in the base, (4, 4), m; eqs. (1) and (2).
@@ -313,14 +334,14 @@ class Kernel:
 
         Args:
             q0, v0: states, (n,) or (N, n).
-            u: drives, N or N m, held over a step: (n,); for one state (steps, n); for many (N, n), (N, steps, n) or
-                (1, steps, n).
+            u: drives, N or N m (of prescribed coordinates accelerations, as in ``forward_dynamics``), held over a
+                step: (n,); for one state (steps, n); for many (N, n), (N, steps, n) or (1, steps, n).
             dt: length of a step, s.
             steps: their number.
             method: "rk4" or "implicit".
             every: one of so many steps is stored.
             kp, kd: gains of a joint controller that adds kp (target - q) - kd v: a number for all principal
-                coordinates, or (n,) with 0 at deviations.
+                coordinates, or (n,) with 0 at deviations and at what is prescribed.
             target: coordinates that the controller aims at, shapes as for ``u``.
 
         Returns:

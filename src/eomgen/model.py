@@ -8,12 +8,23 @@ constants or, for the names in ``Model.parameters``, as run-time parameters.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from .characteristic import conflict
 from .cuts import CUTS
 from .errors import DescriptionError
 from .names import IDENTIFIER_RULE, ROBOT_RULE, is_identifier, is_robot_name, show
-from .robot import COORDINATES, INERTIA_KEYS, PRINCIPAL, Joint, Placement, Robot
+from .robot import (
+    ANGULAR,
+    COORDINATE_NUMBERS,
+    COORDINATES,
+    INERTIA_KEYS,
+    PRINCIPAL,
+    Coordinate,
+    Joint,
+    Placement,
+    Robot,
+)
 
 FIXED_BODY = -1  # what hangs on the base without a moving joint
 
@@ -92,6 +103,24 @@ class Model:
             if name == kinds[body.joint]
         )
 
+    @property
+    def driven(self) -> tuple[int, ...]:
+        """Indices of the principal coordinates that are not prescribed."""
+        return tuple(index for index in self.principal if index not in self.prescribed)
+
+    @property
+    def prescribed(self) -> tuple[int, ...]:
+        """Indices of the coordinates whose motion is given."""
+        given = (coordinate for joint in self.robot.joints for coordinate in joint.coordinates.values())
+        return tuple(index for index, coordinate in enumerate(given) if coordinate.prescribed)
+
+    def offset_angles(self, joint: str) -> tuple[str, ...]:
+        """Angles of a joint that are not active but turned by an offset."""
+        active = self.robot.joint(joint).coordinates
+        return tuple(
+            name for name in ANGULAR if name not in active and f"joints.{joint}.offset.{name}" in self.parameters
+        )
+
     def ancestors(self, body: int) -> Iterator[int]:
         """The body and the bodies it hangs on, towards the base."""
         while body != FIXED_BODY:
@@ -108,9 +137,10 @@ def build_model(robot: Robot) -> Model:
 
     Raises:
         DescriptionError: no coordinate is active, so there is nothing to move; or a name is no identifier (the reader
-            lets none through, but a Robot can be made without it).
+            lets none through, but a Robot can be made without it), or forces that do not go together.
     """
     _check_names(robot)
+    _check_forces(robot)
     bodies: list[Body] = []
     coordinates: list[str] = []
     body_of = {robot.base: FIXED_BODY}
@@ -139,6 +169,17 @@ def build_model(robot: Robot) -> Model:
     )
     moving = tuple(link.name for link in robot.links if body_of[link.name] != FIXED_BODY)
     return Model(robot, merged, tuple(coordinates), moving, body_of, _parameters(robot))
+
+
+def with_offset_angles(model: Model) -> tuple[Model, tuple[int, ...]]:
+    """The model with every angle that an offset turns as a coordinate, prescribed; where the model's own are in it."""
+    joints = []
+    for joint in model.robot.joints:
+        extra = model.offset_angles(joint.name) if joint.coordinates else ()
+        more = {name: Coordinate(prescribed=True) for name in extra}
+        joints.append(replace(joint, coordinates={**joint.coordinates, **more}))
+    whole = build_model(replace(model.robot, joints=tuple(joints)))
+    return whole, tuple(whole.coordinates.index(name) for name in model.coordinates)
 
 
 def _check_names(robot: Robot) -> None:
@@ -172,15 +213,30 @@ def _check_loops(robot: Robot, body_of: Mapping[str, int]) -> None:
             )
 
 
+def _check_forces(robot: Robot) -> None:
+    """Numbers of force laws go together, whoever made the Robot."""
+    for joint in robot.joints:
+        for name, given in joint.coordinates.items():
+            found = conflict(given)
+            if found is not None:
+                where = f"joints.{joint.name}.{name}.{found[0]}"
+                raise DescriptionError(found[1], where=where, source=robot.source or robot.name)
+
+
 def _parameters(robot: Robot) -> dict[str, float]:
-    """Run-time parameters: gravity, every stiffness and damping that is given, and what ``tunable`` lists."""
+    """Run-time parameters: gravity, every stiffness, damping and offset that is given, and what ``tunable`` lists."""
     values = dict(parameter_values(robot))
-    chosen = {
-        name
-        for name in values
-        if name.startswith("gravity.") or (name.startswith("joints.") and name.endswith((".stiffness", ".damping")))
-        if values[name] is not None
-    }
+
+    def always(name: str) -> bool:
+        path = name.split(".")
+        return path[0] == "gravity" or (
+            path[0] == "joints" and (path[-1] in ("stiffness", "damping") or path[2] == "offset")
+        )
+
+    chosen = {name for name, value in values.items() if value is not None and always(name)}
+    for joint in robot.joints:
+        for name, given in joint.coordinates.items():
+            chosen.update(f"joints.{joint.name}.{name}.{key}" for key in given.law())
     chosen.update(robot.tunable)
     return {name: value or 0.0 for name, value in values.items() if name in chosen}
 
@@ -204,10 +260,12 @@ def parameter_values(robot: Robot) -> Iterator[tuple[str, float | None]]:
 def _joint_values(joint: Joint) -> Iterator[tuple[str, float | None]]:
     for name in COORDINATES:
         if name in joint.coordinates:
-            given = joint.coordinates[name]
-            yield f"joints.{joint.name}.{name}.stiffness", given.stiffness
-            yield f"joints.{joint.name}.{name}.damping", given.damping
-            yield f"joints.{joint.name}.{name}.armature", given.armature
+            for key in COORDINATE_NUMBERS:
+                yield f"joints.{joint.name}.{name}.{key}", getattr(joint.coordinates[name], key)
+            for key, value in joint.coordinates[name].law().items():
+                yield f"joints.{joint.name}.{name}.{key}", value
+    for name, offset in zip(COORDINATES, joint.offset, strict=True):
+        yield f"joints.{joint.name}.offset.{name}", offset
     yield from _placement_values(f"joints.{joint.name}", joint.placement)
 
 

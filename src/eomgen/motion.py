@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,6 +11,53 @@ from numpy.typing import ArrayLike, NDArray
 from .errors import ArrayError, InputError
 
 Array = NDArray[np.float64]
+
+
+class Program(Protocol):
+    """What drives are to follow: a motion that can be asked for at any time."""
+
+    @property
+    def start(self) -> Array:
+        """Coordinates at the beginning, (n,), m or rad."""
+
+    def at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
+        """Coordinates, rates and accelerations at times t; each of shape (*t.shape, n)."""
+
+
+@dataclass(frozen=True, eq=False)  # arrays have no one truth
+class Harmonic:
+    """A shake: q = amplitude sin(2 pi frequency t + phase), as ``integrate`` takes it for prescribed coordinates.
+
+    Attributes:
+        amplitude: (m,), m or rad, in the order of ``kernel.prescribed``.
+        frequency: Hz, one number or (m,).
+        phase: rad, one number or (m,).
+
+    Raises:
+        ArrayError: an array of wrong shape, or with NaN or infinity.
+    """
+
+    amplitude: ArrayLike
+    frequency: ArrayLike
+    phase: ArrayLike = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "amplitude", _vector("amplitude", self.amplitude, ()))
+        for name in ("frequency", "phase"):
+            given = np.asarray(getattr(self, name), dtype=np.float64)
+            if given.shape not in ((), np.shape(self.amplitude)) or not np.isfinite(given).all():
+                raise ArrayError(
+                    f"{name}: expected a finite number, or one for each of the {np.size(self.amplitude)} amplitudes"
+                )
+            object.__setattr__(self, name, given)
+
+    def __call__(self, t: float) -> tuple[Array, Array, Array]:
+        """q, v and a at a time (s), (m,) each."""
+        rate = 2.0 * np.pi * np.asarray(self.frequency)
+        angle = rate * t + np.asarray(self.phase)
+        amplitude = np.asarray(self.amplitude)
+        q = amplitude * np.sin(angle)
+        return q, amplitude * rate * np.cos(angle), -(rate**2) * q
 
 
 @dataclass(frozen=True)

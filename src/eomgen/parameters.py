@@ -19,6 +19,12 @@ if TYPE_CHECKING:
     from .kernel import Kernel
 
 Array = NDArray[Any]
+NOT_NEGATIVE = (
+    *("mass", "stiffness", "damping", "armature", "cubic", "stiffness_negative", "clearance"),
+    *("restitution_damping", "coulomb", "static", "viscous"),
+)
+DIVISORS = ("smoothing", "stribeck")
+SMALLEST = 1e-12  # as in descriptions
 
 
 class Setup:
@@ -35,8 +41,8 @@ class Setup:
 class Parameters(MutableMapping[str, float]):
     """Run-time parameters by name; assigning computes what depends on them alone.
 
-    ``update`` sets several at once.  Masses, stiffnesses, dampings and armatures are at least 0; that an inertia
-    stays one that a body can have is up to the caller.
+    ``update`` sets several at once.  Masses, stiffnesses, dampings, armatures, clearances and friction forces are at
+    least 0, smoothings and Stribeck rates SMALLEST; that an inertia stays one that a body can have is up to the caller.
     """
 
     def __init__(self, kernel: Kernel, values: Mapping[str, float], hoisted: int) -> None:
@@ -81,8 +87,10 @@ class Parameters(MutableMapping[str, float]):
                 raise InputError(f"parameters: {name} = {value!r} is not a number")
             if not np.isfinite(value):
                 raise InputError(f"parameters: {name} = {value!r} is not finite")
-            if value < 0 and name.endswith((".mass", ".stiffness", ".damping", ".armature")):
+            if value < 0 and name.rpartition(".")[2] in NOT_NEGATIVE:
                 raise InputError(f"parameters: {name} = {value!r} is negative; at least 0 is allowed")
+            if value < SMALLEST and name.rpartition(".")[2] in DIVISORS:
+                raise InputError(f"parameters: {name} = {value!r} is too small; at least {SMALLEST:g} is allowed")
             wanted[slot] = float(value)
         with self._lock:  # assignments of other threads are kept
             values = self._setup.values.copy()

@@ -22,10 +22,15 @@ ANGULAR = ("alpha", "beta", "gamma")
 COORDINATES = LINEAR + ANGULAR
 JOINT_TYPES = ("revolute", "prismatic", "fixed", "free")
 PRINCIPAL = {"revolute": "gamma", "prismatic": "z"}
+COORDINATE_NUMBERS = ("stiffness", "damping", "armature")  # of a coordinate; any may be a run-time parameter
 INERTIA_KEYS = ("xx", "yy", "zz", "xy", "xz", "yz")
 BASE = "base"
 IDENTITY: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 ZERO: Vector = (0.0, 0.0, 0.0)
+Curve = tuple[tuple[float, float], ...]  # (deviation, force)
+SMALLEST = 1e-12  # least smoothing and Stribeck rate, m, rad or per s: what is divided by
+SHARE = 0.05  # of a clearance over which contact sets in
+SMOOTHING = 1e-3  # m/s or rad/s in which friction turns round
 
 
 def snap(value: float) -> float:
@@ -71,16 +76,64 @@ class Placement:
 
 
 @dataclass(frozen=True)
+class Friction:
+    """Dry friction at the rate v: sgn(v) (coulomb + (static - coulomb) / (1 + (v / stribeck)^2)) + viscous v.
+
+    coulomb, static: N or N m; stribeck: m/s or rad/s; viscous: N s/m or N m s/rad.  sgn(v) is v / sqrt(v^2 +
+    smoothing^2); smoothing (m/s or rad/s) becomes a tenth of stribeck, or SMOOTHING, where it is None.
+    """
+
+    coulomb: float
+    static: float | None = None
+    stribeck: float | None = None
+    viscous: float | None = None
+    smoothing: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.smoothing is None:
+            smoothing = SMOOTHING if self.stribeck is None else max(0.1 * self.stribeck, SMALLEST)
+            object.__setattr__(self, "smoothing", smoothing)
+
+
+@dataclass(frozen=True)
 class Coordinate:
     """Properties of one active coordinate; None means that the description does not give the value.
 
     stiffness: N/m or N m/rad, damping: N s/m or N m s/rad (eq. 13), armature: kg or kg m^2, added to the
-    diagonal of the mass matrix.
+    diagonal of the mass matrix.  prescribed: its motion is given, and its row is the force that this takes.
+
+    The others make further forces that resist a deviation s, N or N m: ``preload`` at s = 0; ``cubic`` (N/m^3 or
+    N m/rad^3) times s^3; ``stiffness_negative`` in the place of stiffness where s < 0; ``friction``; ``curve``,
+    measured points (s, force) in the place of springs.  With a ``clearance`` (half the gap, m or rad) springs act on
+    the penetration d of its ends alone, times 1 + ``restitution_damping`` (s/m or s/rad) d_dot, never pulling, and set
+    in over ``smoothing`` (m or rad), which becomes SHARE of the clearance where it is None.
     """
 
     stiffness: float | None = None
     damping: float | None = None
     armature: float | None = None
+    preload: float | None = None
+    cubic: float | None = None
+    stiffness_negative: float | None = None
+    clearance: float | None = None
+    restitution_damping: float | None = None
+    smoothing: float | None = None
+    friction: Friction | None = None
+    curve: Curve | None = None
+    prescribed: bool = False
+
+    def __post_init__(self) -> None:
+        if self.clearance and self.smoothing is None:
+            object.__setattr__(self, "smoothing", max(SHARE * self.clearance, SMALLEST))
+
+    def law(self) -> dict[str, float]:
+        """What is given beyond stiffness, damping and armature, by its name: "cubic", "friction.coulomb", "curve.0"."""
+        keys = ("preload", "cubic", "stiffness_negative", "clearance", "restitution_damping", "smoothing")
+        given = {key: getattr(self, key) for key in keys}
+        if self.friction is not None:
+            given |= {f"friction.{key}": value for key, value in vars(self.friction).items()}
+        given |= {f"curve.{i}": force for i, (_, force) in enumerate(self.curve or ())}
+        return {key: value for key, value in given.items() if value is not None}
 
 
 @dataclass(frozen=True)
@@ -95,7 +148,11 @@ class Link:
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint: where it is, which of its six coordinates are active (canonical order), and their properties."""
+    """A joint: where it is, which of its six coordinates are active (canonical order), and their properties.
+
+    offset: constants in the order of COORDINATES (m, rad) that are added to the six coordinates, active or not, before
+    they move anything: what manufacturing, wear or warmth leave; None where the description gives none.
+    """
 
     name: str
     parent: str
@@ -105,6 +162,7 @@ class Joint:
     axis_turn: Matrix = IDENTITY
     coordinates: Mapping[str, Coordinate] = field(default_factory=dict)
     limits: tuple[float, float] | None = None
+    offset: tuple[float | None, ...] = (None,) * 6
 
     def __post_init__(self) -> None:
         ordered = {name: self.coordinates[name] for name in COORDINATES if name in self.coordinates}
@@ -163,17 +221,18 @@ class Robot:
         return {joint.name: joint for joint in self.joints}[name]
 
     def rigid(self) -> Robot:
-        """The same robot with every deviation locked: only principal coordinates (and free joints) move."""
+        """The same robot with every deviation locked: principal and prescribed coordinates and free joints move."""
         joints = []
         for joint in self.joints:
             keep = COORDINATES if joint.type == "free" else (PRINCIPAL.get(joint.type),)
-            joints.append(replace(joint, coordinates={k: v for k, v in joint.coordinates.items() if k in keep}))
+            kept = {k: v for k, v in joint.coordinates.items() if k in keep or v.prescribed}
+            joints.append(replace(joint, coordinates=kept))
         active = {f"joints.{j.name}.{c}." for j in joints for c in j.coordinates}
         gone = tuple(
             name
             for name in self.tunable
             if name.startswith("joints.")
-            and name.rsplit(".", 1)[-1] in ("stiffness", "damping", "armature")
+            and name.split(".")[2] in COORDINATES
             and not any(name.startswith(prefix) for prefix in active)
         )
         tunable = tuple(name for name in self.tunable if name not in gone)

@@ -14,7 +14,6 @@ from .names import IDENTIFIER_RULE, is_identifier, listed, nearest, show, to_ide
 from .robot import Vector
 
 LARGEST = 1e30  # numbers beyond it would overflow in products
-LATER = ("clearance", "prescribed", "role")  # keys of later versions
 SYNONYMS = {"continuous": "revolute", "hinge": "revolute", "slide": "prismatic", "floating": "free"}
 
 
@@ -27,12 +26,10 @@ class Table:
             self.fail(f"got {show(value)}; allowed: a table with the keys {listed(allowed, 20)}")
         self.values: dict[str, Any] = value
         for key in value:
-            if key not in allowed and not (key in LATER and value[key] == []):
+            if key not in allowed:
                 self._refuse_key(key, allowed)
 
     def _refuse_key(self, key: str, allowed: Sequence[str]) -> NoReturn:
-        if key in LATER:
-            self.fail(f"{key} is not supported by this version of eomgen", key)
         self.fail(f"unknown key {show(key)}{nearest(key, allowed)} (allowed: {', '.join(allowed)})")
 
     def fail(self, message: str, key: str = "") -> NoReturn:
@@ -96,6 +93,19 @@ class Table:
         if not isinstance(value, list) or len(value) != count:
             self.fail(f"got {show(value)}; allowed: an array of {count} numbers", key)
         return tuple(self._number(item, f"{key}.{index}", None) for index, item in enumerate(value))
+
+    def rows(self, key: str, count: int) -> list[tuple[float, ...]]:
+        """An array of arrays of ``count`` finite numbers each."""
+        value = self.values.get(key, [])
+        if not isinstance(value, list):
+            self.fail(f"got {show(value)}; allowed: an array of arrays of {count} numbers", key)
+        table = Table(
+            {str(i): row for i, row in enumerate(value)},
+            f"{self.where}.{key}",
+            self.source,
+            [str(i) for i in range(len(value))],
+        )
+        return [table.numbers(str(i), count) or () for i in range(len(value))]
 
     def vector(self, key: str) -> Vector | None:
         """An array of three finite numbers."""

@@ -30,7 +30,7 @@ from .integrate import (
 )
 from .kernel import Kernel
 from .model import build_model
-from .motion import PointToPoint
+from .motion import PointToPoint, Program
 from .pipeline import build
 from .result import SimulationResult, index_of, load_result, unit_of
 from .robot import PRINCIPAL, Robot
@@ -72,7 +72,7 @@ class ComputedTorque:
     """
 
     rigid: Kernel
-    motion: PointToPoint
+    motion: Program
     index: NDArray[np.intp]
     bandwidth: float
     batched = True
@@ -92,6 +92,7 @@ def simulate(
     duration: float = 2.0,
     start: Point | None = None,
     goal: Point | None = None,
+    motion: Program | None = None,
     bandwidth: float = 30.0,
     tool: str | None = None,
     method: str = "auto",
@@ -110,6 +111,7 @@ def simulate(
         start, goal: of the principal coordinates, rad or m: a value for each, in their order, or a mapping from names
             ("joint2", "joint2.gamma") to values.  By default from zero (or the nearest pose that is well inside the
             limits) by 45 degrees or 0.2 m to where there is more room, by less if the limits demand it.
+        motion: of all coordinates of ``robot.rigid()``, instead of start and goal.
         bandwidth: of the drives' PD law, rad/s.
         tool: frame or link to look at; default "tcp", else the first frame, else a link
             whose name ends with "tcp" or "tool0", else the end of the longest chain.
@@ -128,10 +130,18 @@ def simulate(
     if method not in METHODS:
         raise InputError(f"method: {method!r} is unknown; allowed: {', '.join(METHODS)}")
     if robot.loops:
-        names = ", ".join(loop.name for loop in robot.loops)
-        raise InputError(f"simulate: {robot.name} has loops ({names}); eomgen.loops integrates mechanisms with loops")
-    tool = _tool(robot, tool)
-    motion = default_motion(robot, MOVING_PART * duration, _driven(robot), start=start, goal=goal)
+        loops = ", ".join(loop.name for loop in robot.loops)
+        raise InputError(f"simulate: {robot.name} has loops ({loops}); eomgen.loops integrates mechanisms with loops")
+    if shaken := build_model(robot).prescribed:
+        names = build_model(robot).coordinates
+        raise InputError(
+            f"{robot.name}: {', '.join(names[i] for i in shaken)} prescribed, and a simulation from point to point has"
+            " no motion for that; eomgen.simulate.integrate takes one: prescribed=eomgen.motion.Harmonic(...), say"
+        )
+    tool = tool_of(robot, tool)
+    if motion is not None and (start is not None or goal is not None):
+        raise InputError("motion is given together with start or goal; allowed: one of them")
+    motion = motion or default_motion(robot, MOVING_PART * duration, _driven(robot), start=start, goal=goal)
     kernel, rigid = _build_both(robot, report)
     drive = ComputedTorque(rigid, motion, index_of(kernel.coordinates, rigid.coordinates), float(bandwidth))
     report(0.0, "static equilibrium at the start")
@@ -199,7 +209,7 @@ def _build_both(robot: Robot, report: Progress) -> tuple[Kernel, Kernel]:
     return kernel, rigid
 
 
-def _tool(robot: Robot, tool: str | None) -> str:
+def tool_of(robot: Robot, tool: str | None) -> str:
     """The frame to look at; by default "tcp", the first frame, a link called so, or the end of the longest chain."""
     known = build_model(robot).frames
     if tool is not None and tool not in known:
@@ -213,14 +223,17 @@ def _tool(robot: Robot, tool: str | None) -> str:
 
 
 def _balanced_start(kernel: Kernel, drive: ComputedTorque) -> tuple[Array, tuple[str, ...]]:
-    """Equilibrium under the drives at t = 0, and the names of the coordinates that nothing holds."""
+    """Equilibrium under the drives at t = 0, and the names of the coordinates that nothing holds.
+
+    Inside a clearance nothing does, so that its coordinate starts in the middle.
+    """
     guess = np.zeros(kernel.n)
     guess[drive.index] = drive.motion.start
     stiffness = stiffnesses(kernel)
     loose = tuple(
         name
         for name, k in zip(kernel.coordinates, stiffness, strict=True)
-        if k == 0.0 and name not in drive.rigid.coordinates
+        if (k == 0.0 or f"joints.{name}.clearance" in kernel.parameters) and name not in drive.rigid.coordinates
     )
     q0, _ = static_equilibrium(kernel, guess, u=lambda q: drive(0.0, q, np.zeros_like(q)), held=loose)
     return q0, loose
@@ -244,8 +257,15 @@ def _assumptions(robot: Robot, loose: tuple[str, ...]) -> tuple[str, ...]:
     if free:
         notes.append(f"free joint {', '.join(free)}: held where it is by drives on all its six coordinates")
     if loose:
-        notes.append(f"without stiffness or drive, so not in balance at the start: {', '.join(loose)}")
+        why = "without stiffness or drive, or inside a clearance"
+        notes.append(f"{why}, so not in balance at the start: {', '.join(loose)}")
     return tuple(notes)
+
+
+def principal_limits(robot: Robot, coordinate: str) -> tuple[float, float]:
+    """Limits of a driven coordinate, m or rad; infinite if there are none, zero where it is held: of a free joint."""
+    limits, held = _limits(robot, coordinate)
+    return (0.0, 0.0) if held else limits
 
 
 def _limits(robot: Robot, coordinate: str) -> tuple[tuple[float, float], bool]:

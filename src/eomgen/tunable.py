@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 from .errors import DescriptionError
 from .names import nearest, show
-from .robot import INERTIA_KEYS, LINEAR, Placement, Robot
+from .robot import COORDINATE_NUMBERS, COORDINATES, INERTIA_KEYS, LINEAR, Placement, Robot
 
 FORMS = (
     "gravity[.x], links.LINK.mass, links.LINK.com[.x], links.LINK.inertia[.xx], "
-    "joints.JOINT.COORDINATE.stiffness (or damping, armature), joints.JOINT.placement.xyz[.0] (or rpy), "
-    "frames.FRAME.placement.xyz[.0] (or rpy); * stands for any one component"
+    "joints.JOINT.COORDINATE.stiffness (or damping, armature), joints.JOINT.offset[.x], "
+    "joints.JOINT.placement.xyz[.0] (or rpy), frames.FRAME.placement.xyz[.0] (or rpy); * stands for any one component"
 )
 
 
@@ -35,10 +35,14 @@ def parameters(robot: Robot) -> Iterator[Parameter]:
         for key in INERTIA_KEYS:
             yield Parameter(("links", link.name, "inertia", key))
     for joint in robot.joints:
+        for name, value in zip(COORDINATES, joint.offset, strict=True):
+            yield Parameter(("joints", joint.name, "offset", name), value is not None)
         yield from _placement(("joints", joint.name), joint.placement)
         for name, coordinate in joint.coordinates.items():
-            for key, value in vars(coordinate).items():
-                yield Parameter(("joints", joint.name, name, key), value is not None)
+            for key in COORDINATE_NUMBERS:
+                yield Parameter(("joints", joint.name, name, key), getattr(coordinate, key) is not None)
+            for key in coordinate.law():
+                yield Parameter(("joints", joint.name, name, *key.split(".")))
     for frame in robot.frames:
         yield from _placement(("frames", frame.name), frame.placement)
 

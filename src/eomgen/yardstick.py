@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from pycparser import c_ast, c_generator, c_parser
 
 from ._version import __version__
+from .errors import InputError
 from .model import Model
 from .robot import COORDINATES, IDENTITY, ZERO
 from .stopwatch import DECLARATIONS, Stopwatch
@@ -36,17 +37,25 @@ _READS = {"inverse_dynamics": 3, "mass_matrix": 1, "forward_dynamics": 3}
 
 
 def newton_euler(model: Model) -> str:
-    """Model -> C source of the textbook algorithms, the description's numbers in its tables."""
+    """Model -> C source of the textbook algorithms, the description's numbers in its tables.
+
+    Raises:
+        InputError: a coordinate has a force that is no linear spring or damper's.
+    """
     from .codegen.bodies import bind
     from .codegen.source import environment
 
     bound = bind(model, lambda _, number: number, _sincos)
+    if bound.laws:
+        names = ", ".join(model.coordinates[i] for i in bound.laws)
+        raise InputError(f"bench: {names}: the textbook's algorithms know linear springs and dampers only")
     links: list[dict[str, str]] = []
     for body, numbers in zip(model.bodies, bound.bodies, strict=True):
         for index, coordinate in zip(body.indices, body.active, strict=True):
             first, last = index == body.first, index == body.indices[-1]
             parent = index if not first else _last_link(model, body.parent)
             links.append(_link(coordinate, parent, numbers if first else None, numbers if last else None))
+            links[-1]["offset"] = repr(float(bound.angle_offsets[index]))
             links[-1]["name"] = model.coordinates[index]
             links[-1]["forces"] = _numbers((bound.stiffness[index], bound.damping[index], bound.armature[index]))
     own = [
@@ -64,6 +73,7 @@ def newton_euler(model: Model) -> str:
             links=links,
             own_force=" + ".join(own),
             armatures=any(bound.armature),
+            offsets=any(bound.angle_offsets),
         )
     )
 

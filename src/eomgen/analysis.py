@@ -1,0 +1,214 @@
+"""From measured motion to forces: drives, springs, dampers and support reactions; and to stiffness and damping.
+
+The paper's inverse use of its model: from what the variations in the joints are, the forces and moments that belong to
+them.  ``forces`` evaluates the equations of motion; ``fit`` finds parameters (``fitting``).
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import InputError
+from .fitresult import Estimate, FitResult, FittedCoordinate
+from .fitting import fit, spring_rates
+from .kernel import Kernel
+from .motionfile import Motion, motion_from_columns, motion_of, read_motion
+from .pipeline import build
+from .result import unit_of, write_atomically
+from .robot import Robot
+from .smoothing import local_polynomials
+
+Array = NDArray[np.float64]
+Progress = Callable[[str], None]
+
+WINDOW, DEGREE = 11, 4
+WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
+
+__all__ = [
+    "Estimate",
+    "FitResult",
+    "FittedCoordinate",
+    "ForcesResult",
+    "Motion",
+    "fit",
+    "forces",
+    "motion_from_columns",
+    "read_motion",
+]
+
+
+@dataclass(frozen=True)
+class ForcesResult:
+    """Forces of a measured motion.
+
+    In every coordinate required = drive + spring + damper: what accelerates the links against gravity, and what
+    exerts it.  Where nothing drives a coordinate, ``drive`` is what the springs and dampers leave unexplained.
+
+    Attributes:
+        robot: the robot's name.
+        t: times, (T,), s.
+        coordinates, joints: names, n and j of them.
+        measured: names of the coordinates that were measured; the others are held at zero.
+        q, v, a: the motion that was used, (T, n).
+        required: M a + bias - Q_G, (T, n), N or N m.
+        drive: u of inverse dynamics, (T, n), N or N m.
+        spring, damper: -a s and -b s_dot of eq. (13), (T, n), N or N m.
+        reactions: what each joint exerts on its child link, (T, j, 6): force, moment, moved joint's axes; N, N m.
+        notes: lines about the method and about what was assumed.
+    """
+
+    robot: str
+    t: Array
+    coordinates: tuple[str, ...]
+    joints: tuple[str, ...]
+    measured: tuple[str, ...]
+    q: Array
+    v: Array
+    a: Array
+    required: Array
+    drive: Array
+    spring: Array
+    damper: Array
+    reactions: Array
+    notes: tuple[str, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Largest values with their signs and times, plain values, for JSON."""
+        parts = ("required", "drive", "spring", "damper")
+        return {
+            "robot": self.robot,
+            "samples": len(self.t),
+            "duration": float(self.t[-1] - self.t[0]),
+            "coordinates": {
+                name: {part: self._peak(getattr(self, part)[:, i]) for part in parts}
+                for i, name in enumerate(self.coordinates)
+            },
+            "reactions": {
+                name: {
+                    "force": self._peak(np.linalg.norm(self.reactions[:, k, :3], axis=1)),
+                    "moment": self._peak(np.linalg.norm(self.reactions[:, k, 3:], axis=1)),
+                }
+                for k, name in enumerate(self.joints)
+            },
+            "notes": list(self.notes),
+        }
+
+    def lines(self) -> list[str]:
+        """A table of the largest values for people."""
+        facts = self.as_dict()
+        lines = [f"{self.robot}: {len(self.t)} samples, {facts['duration']:g} s; largest values over time", ""]
+        lines.append(f"{'coordinate':<28}{'required':>12}{'drive':>12}{'spring':>12}{'damper':>12}")
+        for name, row in facts["coordinates"].items():
+            label = f"{name} [{'N' if unit_of(name) == 'm' else 'N m'}]"
+            lines.append(f"{label:<28}" + "".join(f"{entry['value']:>12.4g}" for entry in row.values()))
+        lines += ["", f"{'support reaction':<28}{'force [N]':>12}{'at [s]':>10}{'moment [N m]':>14}{'at [s]':>10}"]
+        for name, row in facts["reactions"].items():
+            force, moment = row["force"], row["moment"]
+            lines.append(
+                f"{name:<28}{force['value']:>12.4g}{force['at']:>10.4g}{moment['value']:>14.4g}{moment['at']:>10.4g}"
+            )
+        return lines + ["", *(f"note: {note}" for note in self.notes)]
+
+    def columns(self) -> dict[str, Array]:
+        """All forces over time by name, (T,) each: t, NAME.required, NAME.drive, ..., JOINT.reaction.fx, ..."""
+        found = {"t": self.t}
+        for i, name in enumerate(self.coordinates):
+            for part in ("required", "drive", "spring", "damper"):
+                found[f"{name}.{part}"] = getattr(self, part)[:, i]
+        for k, name in enumerate(self.joints):
+            found |= {f"{name}.reaction.{axis}": self.reactions[:, k, i] for i, axis in enumerate(WRENCH)}
+        return found
+
+    def save(self, path: Path | str) -> Path:
+        """Write ``columns`` as .csv (numbers round-trip) or .npz, and return the path.
+
+        Raises:
+            InputError: another ending, or the file cannot be written.
+        """
+        target, columns = Path(path), self.columns()
+        if target.suffix == ".npz":
+            arrays: dict[str, Any] = dict(columns)
+            return write_atomically(target, lambda stream: np.savez_compressed(stream, **arrays))
+        if target.suffix != ".csv":
+            raise InputError(f"output: {str(target)!r}; allowed: a path that ends in .csv or .npz")
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(zip(*(map(repr, values.tolist()) for values in columns.values()), strict=True))
+        return write_atomically(target, lambda stream: stream.write(text.getvalue().encode("ascii")))
+
+    def _peak(self, values: Array) -> dict[str, float]:
+        place = int(np.abs(values).argmax())
+        return {"value": float(values[place]), "at": float(self.t[place])}
+
+
+def forces(
+    robot: Robot,
+    motion: Motion | Path | str,
+    *,
+    window: int = WINDOW,
+    degree: int = DEGREE,
+    kernel: Kernel | None = None,
+    progress: Progress | None = None,
+) -> ForcesResult:
+    """Forces and moments that belong to a measured motion.
+
+    Rates and accelerations that the motion does not have come from local polynomials (``smoothing``), and so do then
+    the coordinates: a longer window smooths more, and bends motions that are fast beside it.
+
+    Args:
+        robot: whose coordinates the motion has; what is not measured is held at zero.
+        motion: from ``read_motion`` or ``motion_from_columns``, or the path of a file.
+        window, degree: samples and degree of the local polynomials.
+        kernel: of that robot, float64, with inverse_dynamics and reactions; built if not given.  Its parameters count.
+
+    Raises:
+        InputError: the file or an argument cannot be used.
+    """
+    if kernel is None:
+        kernel = build(robot, kernels=("inverse_dynamics", "reactions"), progress=progress or (lambda _: None))
+    motion = motion_of(robot.name, motion, kernel.coordinates)
+    q, v, a, notes = _derivatives(motion, window, degree)
+    stiffness, damping = spring_rates(kernel)
+    drive = np.asarray(kernel.inverse_dynamics(q, v, a))
+    spring, damper = -stiffness * q, -damping * v
+    held = [name for name in motion.coordinates if name not in motion.measured]
+    if held:
+        notes.append(f"not in the file, held at zero: {', '.join(held)}")
+    return ForcesResult(
+        robot.name,
+        motion.t,
+        kernel.coordinates,
+        kernel.joints,
+        motion.measured,
+        q,
+        v,
+        a,
+        drive + spring + damper,
+        drive,
+        spring,
+        damper,
+        np.asarray(kernel.reactions(q, v, a)),
+        tuple(notes),
+    )
+
+
+def _derivatives(motion: Motion, window: int, degree: int) -> tuple[Array, Array, Array, list[str]]:
+    """Coordinates, rates and accelerations, and how they were found."""
+    if motion.v is not None and motion.a is not None:
+        return motion.q, motion.v, motion.a, ["rates and accelerations: from the file"]
+    span = float(np.median(np.diff(motion.t))) * (window - 1) if len(motion.t) > 1 else 0.0
+    method = f"local polynomials of degree {degree} through {window} samples ({span:.4g} s), Savitzky and Golay"
+    if motion.v is not None:
+        v, a, _ = local_polynomials(motion.t, motion.v, window, degree)
+        return motion.q, v, a, [f"rates: from the file, smoothed; accelerations: their derivatives; {method}"]
+    q, v, a = local_polynomials(motion.t, motion.q, window, degree)
+    return q, v, a, [f"coordinates smoothed, rates and accelerations: derivatives of {method}"]

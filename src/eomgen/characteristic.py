@@ -1,0 +1,146 @@
+"""Forces of one coordinate as a description gives them: which numbers go together, and the reading of their table."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from .names import show
+from .robot import SMALLEST, Coordinate, Curve, Friction
+from .schema import Table
+
+POINTS = (2, 64)  # fewest and most points of a curve
+_MINIMUM = {"preload": None, "smoothing": SMALLEST}  # at least 0 where nothing else is said
+_NUMBERS = (
+    "stiffness",
+    "damping",
+    "armature",
+    "preload",
+    "cubic",
+    "stiffness_negative",
+    "clearance",
+    "restitution_damping",
+    "smoothing",
+)
+_FRICTION = ("coulomb", "static", "stribeck", "viscous", "smoothing")
+_ROLES = ("free", "locked", "prescribed")
+KEYS = (*_NUMBERS, "friction", "curve", "role")
+
+ReadText = Callable[[str], str]  # the text of a file beside the description
+
+
+def read_coordinate(table: Table, old: Coordinate, read_text: ReadText) -> Coordinate:
+    """The coordinate ``old`` with what its table overrides.
+
+    Args:
+        table: of the keys KEYS.
+        old: what an URDF says of the coordinate, or Coordinate().
+        read_text: gives the text of the file that a curve names.
+
+    Raises:
+        DescriptionError: a number out of range, a curve that does not rise, or numbers that do not go together.
+    """
+    given: dict[str, object] = {
+        key: table.number(key, _MINIMUM.get(key, 0.0)) for key in _NUMBERS if key in table.values
+    }
+    friction, curve = _friction(table), _curve(table, read_text)
+    if friction is not None:
+        given["friction"] = friction
+    if curve is not None:
+        given["curve"] = curve
+    role = table.choice("role", _ROLES)
+    if role == "locked" and given:
+        table.fail(f"the coordinate is locked, so that its {', '.join(given)} would do nothing; leave it out", "role")
+    merged = {**vars(old), **given, "prescribed": old.prescribed if role is None else role == "prescribed"}
+    if "clearance" in given and "smoothing" not in given:
+        merged["smoothing"] = None  # that of the new clearance
+    made = Coordinate(**merged)
+    found = conflict(made)
+    if found is not None:
+        key, message = found
+        table.fail(message, key)
+    return made
+
+
+def conflict(given: Coordinate) -> tuple[str, str] | None:
+    """The key and the message of numbers that do not go together; None if all do."""
+    springs = (given.stiffness, given.stiffness_negative)
+    if given.clearance is not None:
+        if given.stiffness is None or not any(springs):
+            return "clearance", "there is no stiffness at the end of it; allowed: with stiffness > 0"
+        if given.smoothing is None:
+            return "clearance", f"got 0 and no smoothing; allowed: 0 with a smoothing of at least {SMALLEST:g}"
+    for key in ("restitution_damping", "smoothing"):
+        if given.clearance is None and getattr(given, key) is not None:
+            return key, f"there is no clearance; allowed: {key} with clearance"
+    if given.stiffness_negative is not None and given.stiffness is None:
+        return "stiffness_negative", "there is no stiffness for positive values; allowed: with stiffness"
+    if given.curve is not None:
+        others = ("stiffness", "stiffness_negative", "cubic", "clearance")
+        taken = [key for key in others if getattr(given, key) is not None]
+        if taken:
+            return "curve", f"{taken[0]} is given, too; allowed: a curve instead of {', '.join(others)}"
+        found = _curve_conflict(given.curve)
+        if found is not None:
+            return found
+    return None if given.friction is None else _friction_conflict(given.friction)
+
+
+def _curve_conflict(curve: Curve) -> tuple[str, str] | None:
+    fewest, most = POINTS
+    if not fewest <= len(curve) <= most:
+        return "curve", f"got {len(curve)} points; allowed: {fewest} to {most}"
+    for i in range(1, len(curve)):
+        if curve[i][0] - curve[i - 1][0] < SMALLEST:
+            return "curve", (
+                f"point {i} has the deviation {curve[i][0]!r} after {curve[i - 1][0]!r}; "
+                f"allowed: deviations that rise by at least {SMALLEST:g}"
+            )
+    return None
+
+
+def _friction_conflict(given: Friction) -> tuple[str, str] | None:
+    if (given.static is None) != (given.stribeck is None):
+        return "friction", "static and stribeck belong together; allowed: both or none"
+    if given.static is not None and given.static < given.coulomb:
+        return "friction.static", f"got {given.static!r}; allowed: at least coulomb, {given.coulomb!r}"
+    return None
+
+
+def _friction(table: Table) -> Friction | None:
+    inner = table.table("friction", _FRICTION)
+    if inner is None:
+        return None
+    inner.require("coulomb", "a force in N or N m")
+    coulomb = inner.number("coulomb", 0.0)
+    assert coulomb is not None
+    return Friction(
+        coulomb,
+        inner.number("static", 0.0),
+        inner.number("stribeck", SMALLEST),
+        inner.number("viscous", 0.0),
+        inner.number("smoothing", SMALLEST),
+    )
+
+
+def _curve(table: Table, read_text: ReadText) -> Curve | None:
+    value = table.values.get("curve")
+    if value is None:
+        return None
+    if not isinstance(value, str):
+        return tuple((x, y) for x, y in table.rows("curve", 2))
+    rows: list[list[float]] = []
+    for number, line in enumerate(read_text(value).splitlines(), 1):
+        cells = [cell.strip() for cell in line.split(",")]
+        if line.strip().startswith("#") or not line.strip():
+            continue
+        try:
+            row = [float(cell) for cell in cells]
+        except ValueError:
+            if not rows and number == 1:
+                continue  # the columns' names
+            row = []
+        if len(row) != 2:
+            table.fail(f"{value}, line {number}: got {show(line)}; allowed: deviation,force", "curve")
+        rows.append(row)
+    checked = Table({"curve": rows}, table.where, table.source, ("curve",))
+    return tuple((x, y) for x, y in checked.rows("curve", 2))
