@@ -386,11 +386,11 @@ def rk4(
     times: Array,
     step: float,
     report: Callable[[float, str], None],
-    settle: Callable[[float, Array, Array], Array] | None = None,
+    settle: Callable[[float, float, Array, Array], Array] | None = None,
 ) -> Array:
     """The classical Runge-Kutta method of order 4; states at the times, (T, 2n).
 
-    ``settle(t, y, good)`` corrects y, the state after a step from ``good`` at t.
+    ``settle(t, h, y, good)`` corrects y, the state after a step of h from ``good`` at t.
     """
     states = np.empty((times.size, y.size))
     states[0] = y
@@ -414,7 +414,7 @@ def rk4(
             if not np.isfinite(y).all():
                 raise system.stopped(f"rk4 diverged with a step of {h:.3g} s", t, good, y)
             if settle is not None:
-                y = settle(t, y, good)
+                y = settle(t, h, y, good)
             system.counts["steps"] += 1
         states[i] = y
         report(float(t1), f"t = {t1:.3f} s, rk4, {system.counts['steps']} steps")

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from .errors import InputError, LoopError
 from .integrate import (
     Drive,
+    Prescribed,
     Progress,
     System,
     Trajectory,
@@ -33,6 +34,7 @@ def integrate_loops(
     *,
     drive: Drive | None = None,
     wrench: Wrench | ArrayLike | None = None,
+    prescribed: Prescribed | None = None,
     step: float | None = None,
     output_step: float | None = None,
     baumgarte: float | None = None,
@@ -45,9 +47,10 @@ def integrate_loops(
 
     Args:
         loops: the mechanism.
-        q0, v0: the state at t = 0, (n,): of ``consistent_positions`` and ``consistent_velocities``.
+        q0, v0: the state at t = 0, (n,): of ``consistent_positions`` and ``consistent_velocities``, closed with what
+            ``prescribed`` says of its coordinates.
         duration: s.
-        drive, wrench, output_step, progress: as in ``eomgen.integrate.integrate``.
+        drive, wrench, prescribed, output_step, progress: as in ``eomgen.integrate.integrate``.
         step: s; by default 1 ms, or less where springs or samples ask for it.
         baumgarte: w, 1/s, of g_ddot = -2 w g_dot - w^2 g; a fraction of 1 / step.
 
@@ -64,14 +67,19 @@ def integrate_loops(
     q0, v0 = (state_vector(label, x, kernel.coordinates) for label, x in (("q0", q0), ("v0", v0)))
     times = output_times(duration, output_step)
     began = time.perf_counter()
+    system = _LoopSystem(loops, drive, wrench, prescribed, _rate(baumgarte))
+    system.prescribe(0.0, q0, v0)
     loops.refuse_open(q0, v0)
-    system = _LoopSystem(loops, drive, wrench, _rate(baumgarte), loops.redundancy(q0).rank)
+    system.rank = loops.redundancy(q0).rank
     report = reporter(progress, float(times[-1]))
     settle = None if baumgarte else system.settled
     y0 = np.concatenate([q0, v0])
     states = rk4(system, y0, times, fixed_step(kernel, q0, step, times), report, settle)
     q, v = np.ascontiguousarray(states[:, : system.n]), np.ascontiguousarray(states[:, system.n :])
-    u = np.array([system.drives(float(t), *state) for t, *state in zip(times, q, v, strict=True)])
+    u = np.empty_like(q)
+    for i, t in enumerate(times):
+        system.prescribe(float(t), q[i], v[i])
+        u[i] = system.forces(float(t), q[i], v[i])
     rates = np.einsum("tmn,tn->tm", kernel.constraint_jacobian(q), v)
     info = {
         **system.counts,
@@ -93,22 +101,45 @@ class _LoopSystem(System):
     """The equations of motion with the loops' forces."""
 
     def __init__(
-        self, loops: ClosedLoops, drive: Drive | None, wrench: Wrench | ArrayLike | None, baumgarte: float, rank: int
+        self,
+        loops: ClosedLoops,
+        drive: Drive | None,
+        wrench: Wrench | ArrayLike | None,
+        prescribed: Prescribed | None,
+        baumgarte: float,
     ) -> None:
-        super().__init__(loops.kernel, drive, wrench)
-        self.loops, self.baumgarte, self.rank = loops, baumgarte, rank
+        super().__init__(loops.kernel, drive, wrench, prescribed)
+        self.loops, self.baumgarte, self.rank = loops, baumgarte, 0
 
     def derivative(self, t: float, y: Array) -> Array:
         """y' of one state."""
         self.counts["evaluations"] += 1
         q, v = y[: self.n].copy(), y[self.n :].copy()
-        u, wrench = self.drives(t, q, v), self.wrench(t, q, v)
-        return np.concatenate([v, self.loops.solve(q, v, u, wrench, self.baumgarte, self.rank)[0]])
+        return np.concatenate([v, self._solve(t, q, v)[0]])
 
-    def settled(self, t: float, y: Array, good: Array) -> Array:
-        """The nearest closed state to y, which a step from the state ``good`` at t has led to."""
+    def forces(self, t: float, q: Array, v: Array) -> Array:
+        """u in a state: the drives, and what the motion of prescribed coordinates needs."""
+        if not self._given:
+            return np.array(self.drives(t, q, v))
+        a, multipliers = self._solve(t, q, v)
+        kernel = self.loops.kernel
+        needed = kernel.inverse_dynamics(q, v, a, wrench=self.wrench(t, q, v))
+        needed -= kernel.constraint_jacobian(q).T @ multipliers
+        return np.where(self._free, self.drives(t, q, v), needed)
+
+    def _solve(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
+        """Accelerations and multipliers; q and v of prescribed coordinates are put into the arrays."""
+        given = self.prescribe(t, q, v)
+        u = np.array(self.drives(t, q, v))
+        u[self._given] = given
+        return self.loops.solve(q, v, u, self.wrench(t, q, v), self.baumgarte, self.rank)[:2]
+
+    def settled(self, t: float, h: float, y: Array, good: Array) -> Array:
+        """The nearest closed state to y, which a step of h from the state ``good`` at t has led to."""
         try:
-            q, v, self.rank = self.loops.settled(y[: self.n].copy(), y[self.n :].copy(), self.rank)
+            q, v = y[: self.n].copy(), y[self.n :].copy()
+            self.prescribe(t + h, q, v)
+            q, v, self.rank = self.loops.settled(q, v, self.rank)
             return np.concatenate([q, v])
         except LoopError as error:
             self.trouble = error

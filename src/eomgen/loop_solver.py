@@ -19,7 +19,7 @@ class Redundancy:
 
     Attributes:
         rank: number of independent constraints.
-        mobility: degrees of freedom that are left, n - rank.
+        mobility: degrees of freedom that are left: coordinates that are not prescribed, less rank.
         redundant: names of constraints that follow from the others, as many as there are too many; which ones is a
             choice, made by pivoting.
         undetermined: names of constraints whose multipliers are not unique: rigid bodies do not determine them.

@@ -23,7 +23,7 @@ from .kernel import Kernel
 from .loop_solver import Factors, Redundancy
 
 if TYPE_CHECKING:
-    from .integrate import Drive, Progress, Trajectory, Wrench
+    from .integrate import Drive, Prescribed, Progress, Trajectory, Wrench
 
 Array = NDArray[np.float64]
 
@@ -66,13 +66,14 @@ class ClosedLoops:
             raise InputError(f"loops need a float64 kernel; {kernel.name} is {kernel.dtype}")
         self.kernel = kernel
         self._owner = [loop for loop, kind in kernel.loops.items() for _ in CUTS[kind]]
+        self._moving = np.array([name not in kernel.prescribed for name in kernel.coordinates])
 
     def consistent_positions(self, q_guess: ArrayLike, *, held: Iterable[str] = ()) -> Array:
         """Coordinates near a guess that close all loops, (n,); Levenberg-Marquardt method.
 
         Args:
             q_guess: (n,).
-            held: names of coordinates that stay at their guess.
+            held: names of coordinates that stay at their guess; prescribed ones do.
 
         Raises:
             LoopError: they do not close near the guess; names the loop and its remaining gap.
@@ -124,7 +125,7 @@ class ClosedLoops:
         Args:
             q: coordinates that close the loops, (n,).
             v_guess: (n,).
-            held: names of coordinates whose rates stay.
+            held: names of coordinates whose rates stay; those of prescribed ones do.
 
         Raises:
             LoopError: the loops are open at q, or the rates that are held open one; names it and what remains.
@@ -135,7 +136,7 @@ class ClosedLoops:
         J = self.kernel.constraint_jacobian(q)
         moving: Array = v.copy()
         for _ in range(2 if free.any() else 0):  # the second time for round-off
-            moving[free] -= Factors(J[:, free], self._root(q)[0][np.ix_(free, free)]).smallest(J @ moving)
+            moving[free] -= Factors(J[:, free], *self._root(q, free)).smallest(J @ moving)
         rates = J @ moving
         if np.abs(rates).max() > OPEN * max(1.0, np.abs(J).max() * np.abs(moving).max()):
             raise self._open(rates, "opens at the rates that are held", "fewer held rates, or others", "/s")
@@ -154,19 +155,26 @@ class ClosedLoops:
         """Accelerations under the drives u with the loops closed, and the multipliers of the constraint.
 
         Args:
-            q, v, u: (n,); q and v that close the loops, unless ``baumgarte`` is to close them.
+            q, v, u: (n,); q and v that close the loops, unless ``baumgarte`` is to close them.  In u a prescribed
+                coordinate has its acceleration.
             wrench: external wrenches, (links, 6).
             baumgarte: w, 1/s: g_ddot = -2 w g_dot - w^2 g instead of 0.
             rank: of a closed state nearby, where the loops are open by more than round-off and some constraints are
                 redundant.
 
         Raises:
-            LoopError: the loops are open or opening, by more than 1e-9, and no ``baumgarte`` closes them.
+            LoopError: the loops are open or opening, by more than 1e-9, and no ``baumgarte`` closes them; or the
+                prescribed accelerations open them.
         """
         q, v, u = (state_vector(label, x, self.kernel.coordinates) for label, x in zip("qvu", (q, v, u), strict=True))
         if not baumgarte:
             self.refuse_open(q, v)
         a, multipliers, factors = self.solve(q, v, u, wrench, baumgarte, rank)
+        if not baumgarte and not self._moving.all():
+            J, bias = self.kernel.constraint_jacobian(q), self.kernel.constraint_bias(q, v)
+            rates = J @ a + bias
+            if np.abs(rates).max() > OPEN * max(1.0, np.abs(J).max() * np.abs(a).max(), np.abs(bias).max()):
+                raise self._open(rates, "opens at the prescribed accelerations", "others", "/s^2")
         return LoopDynamics(a, multipliers, self._redundancy(factors))
 
     def solve(
@@ -178,12 +186,14 @@ class ClosedLoops:
         wanted = -kernel.constraint_bias(q, v)
         if baumgarte:
             wanted -= baumgarte * (2.0 * (J @ v) + baumgarte * kernel.constraint(q))
-        M, L = self._root(q)
-        factors = Factors(J, M, L, rank)
-        force = u - kernel.inverse_dynamics(q, v, np.zeros(kernel.n), wrench=wrench)
-        open_a = factors.back(np.linalg.solve(L, force))
-        missing = wanted - J @ open_a
-        return open_a + factors.smallest(missing), factors.multipliers(missing), factors
+        free = self._moving
+        a = np.where(free, 0.0, u)
+        factors = self._factors(q, J, rank)
+        force = (u - kernel.inverse_dynamics(q, v, a, wrench=wrench))[free]
+        open_a = factors.back(np.linalg.solve(factors.L, force))
+        missing = wanted - J @ a - factors.J @ open_a
+        a[free] = open_a + factors.smallest(missing)
+        return a, factors.multipliers(missing), factors
 
     def reactions(self, q: ArrayLike, multipliers: ArrayLike) -> Array:
         """What the cut joints exert on their second links, (loops, 6): force (N), moment (N m).
@@ -209,9 +219,9 @@ class ClosedLoops:
         return result
 
     def redundancy(self, q: ArrayLike) -> Redundancy:
-        """Rank of the constraint at q, (n,), and the names of what is redundant."""
+        """Rank of the constraint at q, (n,), where prescribed coordinates do not move, and what is redundant."""
         q = state_vector("q", q, self.kernel.coordinates)
-        return self._redundancy(Factors(self.kernel.constraint_jacobian(q), *self._root(q)))
+        return self._redundancy(self._factors(q, self.kernel.constraint_jacobian(q)))
 
     def integrate(
         self,
@@ -224,13 +234,15 @@ class ClosedLoops:
         step: float | None = None,
         output_step: float | None = None,
         baumgarte: float | None = None,
+        prescribed: Prescribed | None = None,
         progress: Progress | None = None,
     ) -> Trajectory:
         """Integrate the mechanism with fixed steps of RK4; ``loop_motion.integrate_loops`` says the rest."""
         from .loop_motion import integrate_loops
 
         options: dict[str, Any] = {"step": step, "output_step": output_step, "baumgarte": baumgarte}
-        return integrate_loops(self, q0, v0, duration, drive=drive, wrench=wrench, progress=progress, **options)
+        forces: dict[str, Any] = {"drive": drive, "wrench": wrench, "prescribed": prescribed}
+        return integrate_loops(self, q0, v0, duration, **forces, progress=progress, **options)
 
     def settled(self, q: Array, v: Array, rank: int) -> tuple[Array, Array, int]:
         """The nearest state, in the kinetic metric of q, that is closed and stays so; and its rank.
@@ -242,13 +254,15 @@ class ClosedLoops:
         Raises:
             LoopError: a gap stays.
         """
-        M, L = self._root(q)
+        free, root = self._moving, self._root(q)
+        q, v = q.copy(), v.copy()
         for _ in range(10):
-            g = self.kernel.constraint(q)
-            factors = Factors(self.kernel.constraint_jacobian(q), M, L, rank)
+            g, J = self.kernel.constraint(q), self.kernel.constraint_jacobian(q)
+            factors = Factors(J[:, free], *root, rank)
             if np.abs(g).max() <= CLOSED:
-                return q, v - factors.smallest(factors.J @ v), factors.found_rank
-            q = q - factors.smallest(g)
+                v[free] -= factors.smallest(J @ v)
+                return q, v, factors.found_rank
+            q[free] -= factors.smallest(g)
         raise self._open(g, "comes open", "a shorter step")
 
     def refuse_open(self, q: Array, v: Array) -> None:
@@ -260,16 +274,21 @@ class ClosedLoops:
             raise self._open(rates, "is opening", "v of consistent_velocities", "/s")
 
     def _free(self, held: Iterable[str]) -> NDArray[np.bool_]:
-        kept = known_coordinates(held, self.kernel)
+        kept = known_coordinates(held, self.kernel) | set(self.kernel.prescribed)
         return np.array([name not in kept for name in self.kernel.coordinates])
 
-    def _root(self, q: Array) -> tuple[Array, Array]:
-        """M and L of M = L L^T."""
-        M = self.kernel.mass_matrix(q)
+    def _factors(self, q: Array, J: Array, rank: int | None = None) -> Factors:
+        """Of the coordinates that are not prescribed."""
+        return Factors(J[:, self._moving], *self._root(q), rank)
+
+    def _root(self, q: Array, free: NDArray[np.bool_] | None = None) -> tuple[Array, Array]:
+        """M of the coordinates that are free (not prescribed, by default), and L of M = L L^T."""
+        free = self._moving if free is None else free
+        M = self.kernel.mass_matrix(q)[np.ix_(free, free)]
         try:
             return M, np.linalg.cholesky(M)
         except np.linalg.LinAlgError:
-            worst = self.kernel.coordinates[int(np.abs(np.linalg.eigh(M)[1][:, 0]).argmax())]
+            worst = np.array(self.kernel.coordinates)[free][int(np.abs(np.linalg.eigh(M)[1][:, 0]).argmax())]
             raise SingularError(
                 f"{self.kernel.name}: the mass matrix of the open tree cannot be inverted at {worst}; either the links"
                 " that it moves have no inertia along it, or an angle beta is at +-pi/2"
@@ -278,7 +297,7 @@ class ClosedLoops:
     def _redundancy(self, factors: Factors) -> Redundancy:
         names = self.kernel.constraints
         redundant, undetermined = factors.dependent_rows(), factors.undetermined_rows()
-        mobility = self.kernel.n - factors.rank
+        mobility = int(self._moving.sum()) - factors.rank
         return Redundancy(
             factors.rank, mobility, tuple(names[i] for i in redundant), tuple(names[i] for i in undetermined)
         )

@@ -1,0 +1,88 @@
+"""Mechanisms with loops whose coordinates are partly prescribed, and offsets in loops."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import Build
+from random_robots import random_state
+
+import eomgen
+from eomgen.errors import LoopError
+from eomgen.loops import ClosedLoops
+from eomgen.motion import Harmonic
+from eomgen.robot import Placement, Robot
+
+KERNELS = (
+    "constraint",
+    "constraint_jacobian",
+    "constraint_bias",
+    "cut_poses",
+    "mass_matrix",
+    "inverse_dynamics",
+    "forward_dynamics",
+    "energy",
+)
+
+
+def given(robot: Robot, name: str, coordinate: str) -> Robot:
+    """The robot with one coordinate prescribed."""
+    joints = []
+    for joint in robot.joints:
+        if joint.name == name:
+            numbers = dict(joint.coordinates)
+            numbers[coordinate] = replace(numbers[coordinate], prescribed=True)
+            joint = replace(joint, coordinates=numbers)
+        joints.append(joint)
+    return replace(robot, joints=tuple(joints))
+
+
+def test_a_prescribed_crank_moves_as_its_force_moves_a_free_one(built: Build) -> None:
+    free = ClosedLoops(built(eomgen.load_robot("four_bar"), *KERNELS))
+    driven = ClosedLoops(built(given(eomgen.load_robot("four_bar"), "joint1", "gamma"), *KERNELS))
+    crank = Harmonic([0.8], [1.5])
+    moves = [np.ravel(x)[0] for x in crank(0.0)]
+    q = driven.consistent_positions([moves[0], 0.7, 1.2])
+    assert q[0] == moves[0]
+    v = driven.consistent_velocities(q, [moves[1], 0.0, 0.0])
+    result = driven.integrate(q, v, 0.5, prescribed=crank, step=1e-3, output_step=1e-3)
+    assert result.info["gap"] <= 1e-12
+    assert driven.redundancy(q).mobility == 0
+    assert np.abs(result.q[:, 0] - [np.ravel(crank(t)[0])[0] for t in result.t]).max() == 0.0
+    for i in range(0, result.t.size, 50):
+        a = free.forward_dynamics(result.q[i], result.v[i], result.u[i]).a
+        assert abs(a[0] - np.ravel(crank(result.t[i])[2])[0]) <= 1e-8 * max(1.0, np.abs(a).max())
+    power = result.u[:, 0] * result.v[:, 0]
+    work = np.concatenate([[0.0], np.cumsum((power[1:] + power[:-1]) / 2) * 1e-3])
+    energy = result.energy.sum(axis=1)
+    assert np.abs(energy - energy[0] - work).max() <= 1e-4 * np.ptp(energy)
+    assert np.ptp(energy) >= 1.0
+
+
+def test_prescribed_accelerations_that_open_a_loop_are_refused(built: Build) -> None:
+    robot = given(given(eomgen.load_robot("four_bar"), "joint1", "gamma"), "joint3", "gamma")
+    loops = ClosedLoops(built(robot, *KERNELS))
+    q = ClosedLoops(built(eomgen.load_robot("four_bar"), *KERNELS)).consistent_positions([0.5, 0.2, 1.2])
+    with pytest.raises(LoopError, match=r"joint4 opens at the prescribed accelerations: joint4\.[xy] .* m/s\^2"):
+        loops.forward_dynamics(q, np.zeros(3), [1.0, 0.0, 1.0])
+    assert np.abs(loops.forward_dynamics(q, np.zeros(3), np.zeros(3)).a).max() <= 1e-12
+
+
+def test_an_offset_in_a_loop_is_a_turned_placement(built: Build) -> None:
+    """An offset of an angle alpha that does not move turns the joint's frame about x."""
+    robot, rng = eomgen.load_robot("bennett"), np.random.default_rng(4)
+    first = robot.joints[1]
+    offset = replace(
+        robot, joints=(robot.joints[0], replace(first, offset=(0.0, 0.0, 0.0, 0.02, 0.0, 0.0)), *robot.joints[2:])
+    )
+    R = np.array(first.placement.rotation) @ np.array(Placement.from_rpy((0.0, 0.0, 0.0), (0.02, 0.0, 0.0)).rotation)
+    turned = replace(first, placement=Placement(first.placement.xyz, tuple(tuple(map(float, row)) for row in R)))  # type: ignore[arg-type]
+    placed = replace(robot, joints=(robot.joints[0], turned, *robot.joints[2:]))
+    a, b = (built(r, *KERNELS) for r in (offset, placed))
+    state = random_state(robot, rng)
+    q, v = state.q, state.v
+    for name in ("constraint", "constraint_jacobian", "cut_poses"):
+        assert np.abs(getattr(a, name)(q) - getattr(b, name)(q)).max() <= 1e-14
+    assert np.abs(a.constraint_bias(q, v) - b.constraint_bias(q, v)).max() <= 1e-13
