@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from . import sundials
+from .contacts import Contact, ContactWatch
 from .errors import ArrayError, EomgenError, InputError, IntegrationError
 from .kernel import Kernel
 
@@ -25,8 +27,8 @@ Prescribed = Callable[[float], tuple[ArrayLike, ArrayLike, ArrayLike]]
 Progress = Callable[[float, str], None]
 
 EXPLICIT = ("DOP853", "RK45", "rk4")
-IMPLICIT = ("Radau", "BDF", "LSODA")
-METHODS = ("auto", *IMPLICIT, *EXPLICIT)
+IMPLICIT = ("Radau", "BDF", "LSODA")  # SciPy's
+METHODS = ("auto", *IMPLICIT, *sundials.METHODS, *EXPLICIT)
 
 REFERENCE_ACCELERATION = 10.0  # m/s^2, rad/s^2: about 1 g; what it does to a spring is the size of its deviation
 Q_STEP, V_STEP = 1e-7, 1e-6  # finite differences: small beside 1 rad, 1e9 times the round-off of a force
@@ -57,7 +59,8 @@ class Trajectory:
         energy: kinetic and potential energy, (T, 2), J.
         coordinates: names, (n,).
         method: the method that was used.
-        info: numbers of steps, evaluations (calls of forward_dynamics) and jacobians; wall_s, seconds it took.
+        info: numbers of steps (0: not known), evaluations (of forward or inverse dynamics) and jacobians; wall_s, s.
+        contacts: when clearances closed and opened, by time.
     """
 
     t: Array
@@ -68,6 +71,7 @@ class Trajectory:
     coordinates: tuple[str, ...]
     method: str
     info: Mapping[str, float] = field(default_factory=dict)
+    contacts: tuple[Contact, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "info", MappingProxyType(dict(self.info)))
@@ -110,7 +114,7 @@ def integrate(
             does not count.  The trajectory's u is there the force that the motion needs, so that the kernel must have
             inverse_dynamics.
         method: "auto" (Radau if any coordinate has a stiffness, else DOP853), "Radau", "BDF", "LSODA", "DOP853",
-            "RK45" (all SciPy's), or "rk4" with a fixed step.
+            "RK45" (all SciPy's), "CVODE", "IDA" (SUNDIALS'), or "rk4" with a fixed step.
         rtol, atol: tolerances; atol is a number or (2n,), first of q, then of v.  By default rtol times the size of
             each coordinate: ``coordinate_sizes``.
         step: of rk4, s; shortened so that it divides ``output_step``.  Default: half the time in which the fastest
@@ -130,18 +134,24 @@ def integrate(
     began = time.perf_counter()
     report = reporter(progress, float(times[-1]))
     y0 = np.concatenate([q0, v0])
+    watch = ContactWatch(kernel)
     if method == "rk4":
-        states = rk4(system, y0, times, fixed_step(kernel, q0, step, times), report)
+        states = rk4(system, y0, times, fixed_step(kernel, q0, step, times), report, watch=watch)
     else:
-        solver = _start_solver(system, y0, times[-1], method, rtol, atol)
-        states = _sampled(solver, system, times, report)
+        tolerances = _tolerances(system, y0, rtol, atol)
+        if method in sundials.METHODS:
+            states = sundials.sundials_states(system, y0, times, method, rtol, tolerances, report, watch)
+        else:
+            solver = _start_solver(system, y0, times[-1], method, rtol, tolerances)
+            states = _sampled(solver, system, times, report, watch)
     q, v = np.ascontiguousarray(states[:, : system.n]), np.ascontiguousarray(states[:, system.n :])
     u = np.empty_like(q)
     for i, t in enumerate(times):
         system.prescribe(float(t), q[i], v[i])
         u[i] = system.forces(float(t), q[i], v[i])
     info = {**system.counts, "wall_s": time.perf_counter() - began}
-    return Trajectory(times, q, v, u, np.asarray(kernel.energy(q, v)), kernel.coordinates, method, info)
+    energy = np.asarray(kernel.energy(q, v))
+    return Trajectory(times, q, v, u, energy, kernel.coordinates, method, info, tuple(watch.found))
 
 
 def choose_method(kernel: Kernel, method: str = "auto") -> str:
@@ -300,30 +310,78 @@ class System:
             return np.full_like(y, np.nan)
 
     def jacobian(self, t: float, y: Array) -> Array:
-        """dy'/dy, (2n, 2n), by finite differences of the residual: M da = -d(inverse_dynamics - u) at constant a.
-
-        One batch of inverse dynamics, several times cheaper than forward dynamics; wrenches are taken as constant.
-        """
+        """dy'/dy, (2n, 2n): M da = -d(residual) at constant a."""
         self.counts["jacobians"] += 1
         n, y = self.n, y.copy()
-        q, v = y[:n], y[n:]
-        self.prescribe(t, q, v)
-        a = self.derivative(t, y)[n:]
-        steps = np.concatenate([Q_STEP * np.maximum(1.0, np.abs(q)), V_STEP * np.maximum(1.0, np.abs(v))])
-        states = np.tile(y, (2 * n + 1, 1))
-        states[np.arange(1, 2 * n + 1), np.arange(2 * n)] += steps
-        qs, vs = np.ascontiguousarray(states[:, :n]), np.ascontiguousarray(states[:, n:])
-        residual = self.kernel.inverse_dynamics(qs, vs, a, wrench=self.wrench(t, q, v)) - self.drives(t, qs, vs)
-        slopes = (residual[1:] - residual[0]).T / steps
+        self.prescribe(t, y[:n], y[n:])
+        by_q, by_v, M = self._slopes(t, y[:n], y[n:], self.derivative(t, y)[n:])
         result = np.zeros((2 * n, 2 * n))
         result[:n, n:] = np.eye(n)
         free = self._free
-        if free.all():
-            result[n:] = -np.linalg.solve(self.kernel.mass_matrix(q), slopes)
-            return result
-        result[n:][free] = -np.linalg.solve(self.kernel.mass_matrix(q)[np.ix_(free, free)], slopes[free])
+        result[n:][free] = -np.linalg.solve(M[np.ix_(free, free)], np.hstack([by_q, by_v])[free])
         result[:, np.tile(~free, 2)] = 0.0  # what is prescribed depends on time alone
         return result
+
+    def residual(self, t: float, y: Array, slopes: Array) -> Array:
+        """F(t, y, y'), (2n,): q' - v, and the residual of the equations of motion at a = v'."""
+        self.counts["evaluations"] += 1
+        n, y = self.n, y.copy()
+        q, v, a = y[:n], y[n:], slopes[n:].copy()
+        given = self.prescribe(t, q, v)
+        wrench = self.wrench(t, q, v)
+        result = np.concatenate([slopes[:n] - v, self.kernel.inverse_dynamics(q, v, a, wrench=wrench)])
+        result[n:] -= self.drives(t, q, v)
+        if self._given:
+            result[n:][self._given] = a[self._given] - given
+        return result
+
+    def residual_jacobian(self, t: float, y: Array, slopes: Array, c: float) -> Array:
+        """dF/dy + c dF/dy', (2n, 2n)."""
+        self.counts["jacobians"] += 1
+        n, y = self.n, y.copy()
+        self.prescribe(t, y[:n], y[n:])
+        by_q, by_v, M = self._slopes(t, y[:n], y[n:], slopes[n:].copy())
+        unit = np.eye(n)
+        result = np.block([[c * unit, -unit], [by_q, by_v + c * M]])
+        fixed = np.flatnonzero(~self._free)
+        result[:, np.concatenate([fixed, n + fixed])] = 0.0
+        result[n + fixed] = 0.0
+        result[fixed, fixed] = result[n + fixed, n + fixed] = c
+        result[n:, n + fixed] += np.where(self._free[:, None], c * M[:, fixed], 0.0)
+        return result
+
+    def _slopes(self, t: float, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
+        """Derivatives of inverse dynamics less drives by q and v at constant a, and M, (n, n) each.
+
+        The kernel's exact ones where it has them, else finite differences of a batch of inverse dynamics; those of
+        drives and wrenches are finite differences unless the drive has a method ``slopes``.
+        """
+        n, kernel, wrench = self.n, self.kernel, self.wrench(t, q, v)
+        steps = np.concatenate([Q_STEP * np.maximum(1.0, np.abs(q)), V_STEP * np.maximum(1.0, np.abs(v))])
+        states = np.tile(np.concatenate([q, v]), (2 * n + 1, 1))
+        states[np.arange(1, 2 * n + 1), np.arange(2 * n)] += steps
+        qs, vs = np.ascontiguousarray(states[:, :n]), np.ascontiguousarray(states[:, n:])
+        if "residual_jacobian" in kernel.operations:
+            *exact, M = kernel.residual_jacobian(q, v, a)
+            result = np.hstack(exact)
+            if wrench is not None:
+                forces = kernel.external_force(qs[: n + 1], wrench)
+                result[:, :n] -= (forces[1:] - forces[0]).T / steps[:n]
+        else:
+            forces = kernel.inverse_dynamics(qs, vs, a, wrench=wrench)
+            result, M = (forces[1:] - forces[0]).T / steps, kernel.mass_matrix(q)
+        if self._drive is not None:
+            result -= self._drive_slopes(t, qs, vs, steps)
+        return result[:, :n], result[:, n:], M
+
+    def _drive_slopes(self, t: float, qs: Array, vs: Array, steps: Array) -> Array:
+        """Derivatives of the drives by (q, v), (n, 2n), about the first of the states, which differ by the steps."""
+        exact = getattr(self._drive, "slopes", None)
+        if exact is not None:
+            return np.hstack(exact(t, qs[0], vs[0]))
+        drives = self.drives(t, qs, vs)
+        slopes: Array = (drives[1:] - drives[0]).T / steps
+        return slopes
 
     def stopped(self, reason: str, t: float, y: Array, blame: Array | None = None) -> IntegrationStopped:
         """The error that says where a motion could not go on; ``blame`` is the state that shows it, if not y."""
@@ -387,6 +445,7 @@ def rk4(
     step: float,
     report: Callable[[float, str], None],
     settle: Callable[[float, float, Array, Array], Array] | None = None,
+    watch: ContactWatch | None = None,
 ) -> Array:
     """The classical Runge-Kutta method of order 4; states at the times, (T, 2n).
 
@@ -415,31 +474,33 @@ def rk4(
                 raise system.stopped(f"rk4 diverged with a step of {h:.3g} s", t, good, y)
             if settle is not None:
                 y = settle(t, h, y, good)
+            if watch is not None:
+                watch.step(t, good, t + h, y)
             system.counts["steps"] += 1
         states[i] = y
         report(float(t1), f"t = {t1:.3f} s, rk4, {system.counts['steps']} steps")
     return states
 
 
-def _start_solver(system: System, y0: Array, duration: float, method: str, rtol: float, atol: ArrayLike | None) -> Any:
+def _start_solver(system: System, y0: Array, duration: float, method: str, rtol: float, atol: Array) -> Any:
     """SciPy's solver at t = 0: the classes that solve_ivp drives, stepped here so that progress can be shown."""
     try:
         from scipy import integrate as scipy_integrate
     except ImportError:
         raise InputError(f'method {method} needs SciPy: pip install "eomgen[sim]"; "rk4" works without') from None
-    if not (np.isfinite(rtol) and 1e-13 <= rtol < 1.0):
-        raise InputError(f"rtol: {rtol!r}; allowed: from 1e-13 to less than 1")
-    tolerance = _absolute_tolerances(system, y0, rtol, atol)
     system.derivative(0.0, y0)  # a state that cannot move is the caller's: its error comes as it is
-    options: dict[str, Any] = {"rtol": rtol, "atol": tolerance}
+    options: dict[str, Any] = {"rtol": rtol, "atol": atol}
     if method in IMPLICIT:
         options["jac"] = system.jacobian
     function = system.derivative if method == "LSODA" else system.trial
     return getattr(scipy_integrate, method)(function, 0.0, y0, duration, **options)
 
 
-def _absolute_tolerances(system: System, y0: Array, rtol: float, atol: ArrayLike | None) -> Array:
+def _tolerances(system: System, y0: Array, rtol: float, atol: ArrayLike | None) -> Array:
+    """Absolute ones of (q, v), (2n,)."""
     n = system.n
+    if not (np.isfinite(rtol) and 1e-13 <= rtol < 1.0):
+        raise InputError(f"rtol: {rtol!r}; allowed: from 1e-13 to less than 1")
     if atol is None:
         return rtol * np.concatenate(coordinate_sizes(system.kernel, y0[:n]))
     try:
@@ -451,7 +512,9 @@ def _absolute_tolerances(system: System, y0: Array, rtol: float, atol: ArrayLike
     return tolerance
 
 
-def _sampled(solver: Any, system: System, times: Array, report: Callable[[float, str], None]) -> Array:
+def _sampled(
+    solver: Any, system: System, times: Array, report: Callable[[float, str], None], watch: ContactWatch
+) -> Array:
     """Step SciPy's solver to the end; states at the times, (T, 2n)."""
     states = np.empty((times.size, solver.y.size))
     states[0] = solver.y
@@ -474,8 +537,11 @@ def _sampled(solver: Any, system: System, times: Array, report: Callable[[float,
             raise system.stopped(f"{name} diverged", t, y, solver.y)
         system.counts["steps"] += 1
         end = int(np.searchsorted(times, solver.t, side="right"))
-        if end > done:
-            states[done:end] = solver.dense_output()(times[done:end]).T
+        if end > done or len(watch):
+            between = solver.dense_output()
+            watch.step(t, y, solver.t, solver.y, between)
+            if end > done:
+                states[done:end] = between(times[done:end]).T
             done = end
         report(solver.t, f"t = {solver.t:.3f} s, {name}, {system.counts['steps']} steps")
     return states

@@ -158,11 +158,11 @@ def load_result(path: Path | str) -> SimulationResult:
                 raise InputError(
                     f"{path}: written by eomgen {meta['versions'].get('eomgen')}, which is newer than this one"
                 )
-            series = {name: np.array(data[name]) for name in ("t", "q", "v", "u", "energy")}
+            t, q, v, u, energy = (np.array(data[name]) for name in ("t", "q", "v", "u", "energy"))
             names = tuple(str(name) for name in data["coordinates"])
             return SimulationResult(
                 meta["robot"],
-                Trajectory(**series, coordinates=names, method=meta["method"], info=meta["info"]),
+                Trajectory(t, q, v, u, energy, names, meta["method"], meta["info"]),
                 tuple(str(name) for name in data["program_coordinates"]),
                 np.array(data["program_q"]),
                 meta["tool"],
