@@ -10,7 +10,7 @@ from conftest import Build
 from random_robots import random_state
 
 import eomgen
-from eomgen.errors import LoopError
+from eomgen.errors import LoopError, UnknownNameError
 from eomgen.loops import ClosedLoops
 from eomgen.motion import Harmonic
 from eomgen.robot import Placement, Robot
@@ -86,3 +86,47 @@ def test_an_offset_in_a_loop_is_a_turned_placement(built: Build) -> None:
     for name in ("constraint", "constraint_jacobian", "cut_poses"):
         assert np.abs(getattr(a, name)(q) - getattr(b, name)(q)).max() <= 1e-14
     assert np.abs(a.constraint_bias(q, v) - b.constraint_bias(q, v)).max() <= 1e-13
+
+
+@pytest.mark.parametrize(("name", "driven"), [("four_bar", ["joint3.gamma"]), ("bennett", ["joint1.gamma"])])
+def test_inverse_of_forward_dynamics(name: str, driven: list[str], built: Build) -> None:
+    """Drives at one joint that make the accelerations which other drives made; they do the same work."""
+    rng = np.random.default_rng(6)
+    loops = ClosedLoops(built(eomgen.load_robot(name), *KERNELS))
+    guess = [0.5, 0.2, 1.2] if name == "four_bar" else [1.0, 1.5, -1.0]
+    q = loops.consistent_positions(guess, held=["joint1.gamma"])
+    v = loops.consistent_velocities(q, rng.normal(size=3))
+    u = rng.normal(size=3)
+    a = loops.forward_dynamics(q, v, u).a
+    found = loops.inverse_dynamics(q, v, a, driven=driven)
+    assert [loops.kernel.coordinates[i] for i in np.flatnonzero(found.u)] == driven
+    again = loops.forward_dynamics(q, v, found.u)
+    assert np.abs(again.a - a).max() <= 1e-9 * np.abs(a).max()
+    assert np.abs(again.multipliers - found.multipliers).max() <= 1e-8 * np.abs(found.multipliers).max()
+    assert abs(found.u @ v - u @ v) <= 1e-9 * max(1.0, np.abs(u @ v))
+    spread = loops.inverse_dynamics(q, v, a, driven=loops.kernel.coordinates)
+    assert np.linalg.norm(spread.u) <= min(np.linalg.norm(u), np.linalg.norm(found.u)) + 1e-9
+    assert np.abs(loops.forward_dynamics(q, v, spread.u).a - a).max() <= 1e-9 * np.abs(a).max()
+    with pytest.raises(LoopError, match="drives at none cannot make this motion"):
+        loops.inverse_dynamics(q, v, a, driven=[])
+    with pytest.raises(LoopError, match="opens at the accelerations"):
+        loops.inverse_dynamics(q, v, a + [0.0, 1.0, 0.0], driven=driven)
+    with pytest.raises(UnknownNameError, match="driven: 'joint9' is unknown"):
+        loops.inverse_dynamics(q, v, a, driven=["joint9"])
+
+
+def test_legs_of_goughs_platform_hold_it(built: Build) -> None:
+    """Forces in six legs at rest balance the platform's weight, by virtual work of its six freedoms."""
+    robot = eomgen.load_robot("gough")
+    loops = ClosedLoops(built(robot, *KERNELS))
+    names = loops.kernel.coordinates
+    guess = np.zeros(24)
+    guess[:6], guess[8::3] = [0.1, -0.05, 0.9, 0.1, -0.2, 0.15], 1.0
+    q = loops.consistent_positions(guess, held=names[:6])
+    zero = np.zeros(len(names))
+    legs = [name for name in names if name.endswith(".z") and name.startswith("leg")]
+    assert len(legs) == 6
+    found = loops.inverse_dynamics(q, zero, zero, driven=legs)
+    assert found.redundancy.mobility == 6
+    a = loops.forward_dynamics(q, zero, found.u).a
+    assert np.abs(a).max() <= 1e-9 * np.abs(found.u).max()

@@ -73,3 +73,24 @@ class Factors:
         """Rows that take part in a dependence between rows: their part in the range of J is not all of them."""
         inside = np.einsum("ij,ij->i", self.U, self.U)
         return [i for i, part in enumerate(inside) if part < 1.0 - 1e-8]
+
+
+def least_drives(J: Array, needed: Array, places: list[int]) -> tuple[Array, Array, float]:
+    """u + J^T lambda = needed with drives at some places alone, of least sums of squares.
+
+    Args:
+        J: (m, n).
+        needed: (n,).
+        places: indices of the drives.
+
+    Returns:
+        u, (n,), lambda, (m,), and the greatest part of ``needed`` that no drive can take.
+    """
+    U, S, Vt = np.linalg.svd(J)
+    rank = int(np.count_nonzero(S / max(S.max(initial=0.0), 1e-300) > RANK))
+    ways = Vt[rank:]  # rates that keep the loops closed: lambda does no work on them
+    u = np.zeros(needed.size)
+    if places:
+        u[places] = np.linalg.lstsq(ways[:, places], ways @ needed, rcond=RANK)[0]
+    left = float(np.abs(ways @ (needed - u)).max(initial=0.0))
+    return u, U[:, :rank] @ ((Vt[:rank] @ (needed - u)) / S[:rank]), left

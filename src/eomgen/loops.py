@@ -17,10 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from .cuts import CUTS, UPRIGHT
 from .equilibrium import known_coordinates
-from .errors import InputError, LoopError, SingularError
+from .errors import InputError, LoopError, SingularError, UnknownNameError
 from .integrate import state_vector
 from .kernel import Kernel
-from .loop_solver import Factors, Redundancy
+from .loop_solver import Factors, Redundancy, least_drives
 
 if TYPE_CHECKING:
     from .integrate import Drive, Prescribed, Progress, Trajectory, Wrench
@@ -43,6 +43,21 @@ class LoopDynamics:
     """
 
     a: Array
+    multipliers: Array
+    redundancy: Redundancy
+
+
+@dataclass(frozen=True)
+class LoopForces:
+    """Drives of a motion of a mechanism with loops, and the forces in its cuts.
+
+    Attributes:
+        u: drives, (n,), N or N m; 0 where there is none.
+        multipliers: lambda, (constraints,), N or N m, of least norm.
+        redundancy: the rank, and what is not unique.
+    """
+
+    u: Array
     multipliers: Array
     redundancy: Redundancy
 
@@ -172,9 +187,7 @@ class ClosedLoops:
         a, multipliers, factors = self.solve(q, v, u, wrench, baumgarte, rank)
         if not baumgarte and not self._moving.all():
             J, bias = self.kernel.constraint_jacobian(q), self.kernel.constraint_bias(q, v)
-            rates = J @ a + bias
-            if np.abs(rates).max() > OPEN * max(1.0, np.abs(J).max() * np.abs(a).max(), np.abs(bias).max()):
-                raise self._open(rates, "opens at the prescribed accelerations", "others", "/s^2")
+            self._refuse_opening(a, J, bias, "opens at the prescribed accelerations", "others")
         return LoopDynamics(a, multipliers, self._redundancy(factors))
 
     def solve(
@@ -194,6 +207,51 @@ class ClosedLoops:
         missing = wanted - J @ a - factors.J @ open_a
         a[free] = open_a + factors.smallest(missing)
         return a, factors.multipliers(missing), factors
+
+    def inverse_dynamics(
+        self,
+        q: ArrayLike,
+        v: ArrayLike,
+        a: ArrayLike,
+        *,
+        driven: Iterable[str],
+        wrench: ArrayLike | None = None,
+    ) -> LoopForces:
+        """Drives that a motion takes with the loops closed: M a + h = u + J^T lambda, u at some coordinates alone.
+
+        Args:
+            q, v, a: (n,), a motion that keeps the loops closed.
+            driven: names of the coordinates with a drive; prescribed ones always have one.  Of more drives than the
+                mechanism has degrees of freedom the least ones are found, by the sum of their squares.
+            wrench: external wrenches, (links, 6).
+
+        Raises:
+            LoopError: the motion opens a loop, or these drives cannot make it.
+        """
+        kernel = self.kernel
+        q, v, a = (state_vector(label, x, kernel.coordinates) for label, x in zip("qva", (q, v, a), strict=True))
+        self.refuse_open(q, v)
+        J = kernel.constraint_jacobian(q)
+        self._refuse_opening(a, J, kernel.constraint_bias(q, v), "opens at the accelerations", "those of its motion")
+        names = self._driven(driven)
+        needed = kernel.inverse_dynamics(q, v, a, wrench=wrench)
+        u, multipliers, left = least_drives(J, needed, [kernel.coordinates.index(name) for name in names])
+        if left > OPEN * max(1.0, np.abs(needed).max()):
+            raise LoopError(
+                f"{kernel.name}: drives at {', '.join(names) or 'none'} cannot make this motion: {left:.3g} N or N m"
+                f" are left; allowed: drives that hold all {self.redundancy(q).mobility} degrees of freedom",
+                loop=self._owner[0],
+                gap=left,
+            )
+        return LoopForces(u, multipliers, self.redundancy(q))
+
+    def _driven(self, names: Iterable[str]) -> list[str]:
+        """Names of the coordinates with a drive, in order."""
+        found = {*names, *self.kernel.prescribed}
+        for name in found:
+            if name not in self.kernel.coordinates:
+                raise UnknownNameError(f"driven: {name!r} is unknown; known: {', '.join(self.kernel.coordinates)}")
+        return [name for name in self.kernel.coordinates if name in found]
 
     def reactions(self, q: ArrayLike, multipliers: ArrayLike) -> Array:
         """What the cut joints exert on their second links, (loops, 6): force (N), moment (N m).
@@ -272,6 +330,11 @@ class ClosedLoops:
             raise self._open(g, "is open", "q of consistent_positions")
         if np.abs(rates).max() > OPEN * max(1.0, np.abs(v).max()):
             raise self._open(rates, "is opening", "v of consistent_velocities", "/s")
+
+    def _refuse_opening(self, a: Array, J: Array, bias: Array, what: str, allowed: str) -> None:
+        rates = J @ a + bias
+        if np.abs(rates).max() > OPEN * max(1.0, np.abs(J).max() * np.abs(a).max(), np.abs(bias).max()):
+            raise self._open(rates, what, allowed, "/s^2")
 
     def _free(self, held: Iterable[str]) -> NDArray[np.bool_]:
         kept = known_coordinates(held, self.kernel) | set(self.kernel.prescribed)
