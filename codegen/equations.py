@@ -23,7 +23,7 @@ from .functions import Functions
 from .ir import Graph, Program, Value, finish
 from .kinematics import body_poses, external_rows, frame_poses, potential_energy
 from .passes import PARAMETERS, hoist_parameters, run_passes
-from .recursion import inertial_rows, kinetic_energy
+from .recursion import Wrench, inertial_rows, kinetic_energy
 from .regroup import regroup
 from .signatures import KERNELS, LOOP_KERNELS, available
 from .solve import solve
@@ -38,6 +38,7 @@ DESCRIPTION_FRAMES = (
     "reactions",
     "kinematics",
     "external_force",
+    "external_reactions",
     *LOOP_KERNELS,
 )  # report, or are asked, in the description's frames
 
@@ -210,8 +211,16 @@ def _generalized_force(d: Derivation) -> Outputs:
 
 
 def _external_force(d: Derivation) -> Outputs:
+    return d.vector(_external(d)[0])
+
+
+def _external_reactions(d: Derivation) -> Outputs:
+    return _vector([-x for wrench in _external(d)[1] for x in (*wrench.force, *wrench.moment)])
+
+
+def _external(d: Derivation) -> tuple[list[Scalar], list[Wrench]]:
     wrenches = [[d.graph.input("wrench", 6 * k + i) for i in range(6)] for k in range(len(d.model.links))]
-    return d.vector(external_rows(d.model, d.bound, d.joints, wrenches))
+    return external_rows(d.model, d.bound, d.joints, wrenches)
 
 
 def _residual(d: Derivation) -> Outputs:
@@ -374,6 +383,7 @@ WRITERS: Mapping[str, Callable[[Derivation], Outputs]] = {
     "bias_force": _bias_force,
     "generalized_force": _generalized_force,
     "external_force": _external_force,
+    "external_reactions": _external_reactions,
     "residual": _residual,
     "inverse_dynamics": _inverse_dynamics,
     "residual_jacobian": _residual_jacobian,

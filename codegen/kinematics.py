@@ -48,11 +48,14 @@ def frame_poses(model: Model, bound: Bound, bodies: Sequence[Pose]) -> list[Pose
 
 def external_rows(
     model: Model, bound: Bound, joints: Sequence[JointGeometry], wrenches: Sequence[Sequence[Scalar]]
-) -> list[Scalar]:
+) -> tuple[list[Scalar], list[Wrench]]:
     """Eq. (14) with its moment term corrected: generalized forces of a force and a moment at each link's com.
 
     Args:
         wrenches: per link of ``model.links`` six scalars, force (N) and moment (N m), base axes.
+
+    Returns:
+        n rows, and per body what is given to it and all that hangs on it, at its origin in its axes.
     """
     poses, _ = body_poses(model, joints)
     at_bodies = [Wrench((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))] * len(model.bodies)
@@ -63,7 +66,7 @@ def external_rows(
         moment = matvec(back, (given[3], given[4], given[5]))
         arm = Wrench(force, add(moment, cross(com, force)))
         at_bodies[body] = at_bodies[body] + arm
-    return collect(model, joints, at_bodies)[0]
+    return collect(model, joints, at_bodies)
 
 
 def potential_energy(model: Model, bound: Bound, joints: Sequence[JointGeometry], q: Sequence[Scalar]) -> Scalar:

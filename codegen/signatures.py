@@ -57,6 +57,9 @@ KERNELS: Mapping[str, Signature] = {
         "reactions",
         "Force and moment on each joint's child link, moved joint's axes.",
     ),
+    "external_reactions": Signature(
+        ("q", "wrench"), "reactions", "What external wrenches add to the reactions, moved joint's axes."
+    ),
     "euler_cosines": Signature(("q",), "joints", "Cosine of beta of every joint with three angles, 1 for the others."),
     "constraint": Signature(("q",), "constraints", "Constraint g(q) of the cut joints; zero where loops are closed."),
     "constraint_jacobian": Signature(("q",), "constraint_rows", "Jacobian J = dg/dq of the constraint."),

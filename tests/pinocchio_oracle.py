@@ -124,6 +124,17 @@ class PinocchioOracle:
         pin.rnea(self.model, self.data, q, v, a)
         return np.array([self.data.f[at].vector for at in self.last])
 
+    def reactions_with(self, q: Array, v: Array, a: Array, wrench: Array) -> Array:
+        """``reactions`` under external wrenches (links, 6) at the centres of mass, base axes."""
+        forces = [pin.Force.Zero() for _ in self.model.joints]
+        pin.forwardKinematics(self.model, self.data, q)
+        for name, given in zip(self.links, wrench, strict=True):
+            at, com = self._coms[name]
+            R = self.data.oMi[at].rotation.T
+            forces[at] += pin.SE3(np.eye(3), com).act(pin.Force(R @ given[:3], R @ given[3:]))
+        pin.rnea(self.model, self.data, q, v, a, forces)
+        return np.array([self.data.f[at].vector for at in self.last])
+
     def external_force(self, q: Array, wrench: Array) -> Array:
         """J^T w at the centres of mass; wrench (links, 6), base axes."""
         result = np.zeros(len(q))

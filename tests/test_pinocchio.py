@@ -169,6 +169,10 @@ def check_every_kernel(seed: int, built: Build) -> None:
     assert np.abs(kernel.coriolis_matrix(q, v) - C).max() <= TOLERANCE * size
     assert errors(kernel.energy(q, v), each(oracle.energy, q, v)).max() <= TOLERANCE
     assert errors(kernel.reactions(q, v, a), each(oracle.reactions, q, v, a)).max() <= TOLERANCE
+    wrench = np.random.default_rng(seed).normal(size=(len(q), len(kernel.links), 6))
+    loaded = each(oracle.reactions_with, q, v, a, wrench)
+    assert errors(kernel.reactions(q, v, a, wrench=wrench), loaded).max() <= TOLERANCE
+    assert errors(kernel.reactions(q[0], v[0], a[0], wrench=wrench[0])[None], loaded[:1]).max() <= TOLERANCE
     for frame in kernel.frames:
         assert errors(kernel.frame_pose(q, frame), np.array([oracle.frame_pose(s, frame) for s in q])).max() <= 1e-13
         expected = np.array([oracle.frame_jacobian(s, frame) for s in q])

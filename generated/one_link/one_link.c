@@ -332,6 +332,25 @@ int one_link_reactions(const double *restrict h, const double *restrict q, const
     return 0;
 }
 
+/* What external wrenches add to the reactions, moved joint's axes. */
+int one_link_external_reactions(const double *restrict h, const double *restrict q, const double *restrict wrench, double *restrict out)
+{
+    const double angle[PADDED(1)] = { q[1] };
+    double sine[PADDED(1)], cosine[PADDED(1)];
+    turn(angle, PADDED(1), sine, cosine);
+    (void)h;
+
+    const double t14 = cosine[0]*wrench[1] - sine[0]*wrench[0];
+    out[4] = 0.5*wrench[2] - (cosine[0]*wrench[4] - sine[0]*wrench[3]);
+    out[0] = -(cosine[0]*wrench[0] + sine[0]*wrench[1]);
+    out[1] = -t14;
+    out[2] = -wrench[2];
+    out[3] = -(cosine[0]*wrench[3] + sine[0]*wrench[4]);
+    out[5] = -(wrench[5] + 0.5*t14);
+
+    return 0;
+}
+
 /* Cosine of beta of every joint with three angles, 1 for the others. */
 int one_link_euler_cosines(const double *restrict h, const double *restrict q, double *restrict out)
 {
@@ -929,6 +948,24 @@ static int one_link_reactions_lanes(const double *restrict h, const lanes *restr
     return 0;
 }
 
+/* What external wrenches add to the reactions, moved joint's axes. */
+static int one_link_external_reactions_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict wrench, lanes *restrict out)
+{
+    lanes sine[1], cosine[1];
+    turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
+    (void)h;
+
+    const lanes t14 = cosine[0]*wrench[1] - sine[0]*wrench[0];
+    out[4] = 0.5*wrench[2] - (cosine[0]*wrench[4] - sine[0]*wrench[3]);
+    out[0] = -(cosine[0]*wrench[0] + sine[0]*wrench[1]);
+    out[1] = -t14;
+    out[2] = -wrench[2];
+    out[3] = -(cosine[0]*wrench[3] + sine[0]*wrench[4]);
+    out[5] = -(wrench[5] + 0.5*t14);
+
+    return 0;
+}
+
 /* Cosine of beta of every joint with three angles, 1 for the others. */
 static int one_link_euler_cosines_lanes(const double *restrict h, const lanes *restrict q, lanes *restrict out)
 {
@@ -1184,6 +1221,20 @@ long long one_link_reactions_batch(size_t count, const double *restrict h, const
         gather(v + i * v_step, v_step, here, 2, v_lanes);
         gather(a + i * a_step, a_step, here, 2, a_lanes);
         const int status = one_link_reactions_lanes(h, q_lanes, v_lanes, a_lanes, out_lanes);
+        if (status != 0) return (long long)i * 2 + status - 1;
+        scatter(out_lanes, here, 6, 6, out + i * 6);
+    }
+    return -1;
+}
+
+long long one_link_external_reactions_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict wrench, size_t wrench_step, double *restrict out)
+{
+    lanes q_lanes[2], wrench_lanes[6], out_lanes[6];
+    for (size_t i = 0; i < count; i += LANES) {
+        const size_t here = count - i < LANES ? count - i : LANES;
+        gather(q + i * q_step, q_step, here, 2, q_lanes);
+        gather(wrench + i * wrench_step, wrench_step, here, 6, wrench_lanes);
+        const int status = one_link_external_reactions_lanes(h, q_lanes, wrench_lanes, out_lanes);
         if (status != 0) return (long long)i * 2 + status - 1;
         scatter(out_lanes, here, 6, 6, out + i * 6);
     }

@@ -274,15 +274,23 @@ class Kernel:
         return self._run("energy", out, (q, v))
 
     def reactions(
-        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, out: Array | None = None, cut: bool = False
+        self,
+        q: ArrayLike,
+        v: ArrayLike,
+        a: ArrayLike,
+        *,
+        wrench: ArrayLike | None = None,
+        out: Array | None = None,
+        cut: bool = False,
     ) -> Array:
         """What each joint exerts on its child link, (joints, 6): force (N), moment (N m) at the joint.
 
-        In the axes of the joint's frame after its motion (z is the principal axis), at that frame's origin.  Without
-        external wrenches; the joint's own springs, dampers and drives are part of it.
+        In the axes of the joint's frame after its motion (z is the principal axis), at that frame's origin.  The
+        joint's own springs, dampers and drives are part of it.
 
         Args:
             q, v, a: (n,).
+            wrench: external wrenches, (links, 6), as in ``generalized_force``.
             out: array to write to.
             cut: of a robot with loops, that no force passes through them.
 
@@ -290,7 +298,7 @@ class Kernel:
             InputError: the robot has loops, and forces pass through them.
         """
         self.refuse_loops("reactions", cut=cut)
-        return self._run("reactions", out, (q, v, a))
+        return self._run_with("reactions", out, (q, v, a), wrench, 1.0, "external_reactions")
 
     def constraint(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """g(q), (constraints,): zero where the loops are closed.
@@ -387,13 +395,20 @@ class Kernel:
         return (self.frames.index(name),)
 
     def _run_with(
-        self, name: str, out: Array | None, values: Sequence[ArrayLike], wrench: ArrayLike | None, sign: float
+        self,
+        name: str,
+        out: Array | None,
+        values: Sequence[ArrayLike],
+        wrench: ArrayLike | None,
+        sign: float,
+        part: str = "external_force",
     ) -> Array:
-        """A kernel's result plus the generalized forces of the wrenches, times a sign."""
+        """A kernel's result plus what the wrenches add to it (the kernel ``part``), times a sign."""
         if wrench is None:
             return self._run(name, out, values)
-        external = self.external_force(values[0], wrench)
-        result = self._run(name, out, values, count=len(external) if external.ndim > 1 else None)
+        external = self._run(part, None, (values[0], wrench))
+        single = self._shapes["vector" if part == "external_force" else "reactions"]
+        result = self._run(name, out, values, count=len(external) if external.ndim > len(single) else None)
         result += self.dtype.type(sign) * external
         return result
 
