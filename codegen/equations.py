@@ -226,8 +226,9 @@ def _inverse_dynamics(d: Derivation) -> Outputs:
 def _residual_jacobian(d: Derivation) -> Outputs:
     found = residual_derivatives(d.model, d.bound, d.joints, d.v, d.a, d.graph.note)
     by_q, by_v = resisting_slopes(d.bound, d.q, d.v, d.functions)
-    for rows, more in ((found.by_q, by_q), (found.by_v, by_v)):
-        rows.update({key: rows.get(key, 0.0) + slope for key, slope in more.items()})
+    for key, slope in by_q.items():  # the same keys in both
+        found.by_q[key] = found.by_q.get(key, 0.0) + slope
+        found.by_v[key] = found.by_v.get(key, 0.0) + by_v[key]
     return d.matrices(found.by_q, found.by_v, found.by_a)
 
 
