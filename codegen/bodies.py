@@ -14,7 +14,18 @@ from typing import Any
 
 from eomgen.errors import InputError
 from eomgen.model import FIXED_BODY, Model
-from eomgen.robot import ANGULAR, COORDINATES, IDENTITY, INERTIA_KEYS, LINEAR, Coordinate, Joint, Placement, snap
+from eomgen.robot import (
+    ANGULAR,
+    COORDINATES,
+    IDENTITY,
+    INERTIA_KEYS,
+    LINEAR,
+    MOTOR,
+    Coordinate,
+    Joint,
+    Placement,
+    snap,
+)
 
 Scalar = Any  # float, sympy.Expr or ir.Node
 Vec = tuple[Scalar, Scalar, Scalar]
@@ -60,6 +71,21 @@ class BoundBody:
 
 
 @dataclass(frozen=True)
+class Transmission:
+    """The spring between a motor and the coordinate with the index ``principal``, in units of the joint's side.
+
+    ``inverse_ratio`` is 1 / ratio; ``law`` and ``knots`` are as in ``Bound``.
+    """
+
+    principal: int
+    inverse_ratio: Scalar
+    stiffness: Scalar
+    damping: Scalar
+    law: Mapping[str, Scalar]
+    knots: tuple[float, ...]
+
+
+@dataclass(frozen=True)
 class Bound:
     """A model with its numbers, in the model's order; ``links`` and ``frames`` hold (body, pose in that body).
 
@@ -69,6 +95,8 @@ class Bound:
     weight is a constant of the potential energy.
     ``laws`` holds, by the index of a coordinate, the numbers of its force beyond stiffness and damping
     (``Coordinate.law``, with "stiffness" where it is no linear spring's); ``knots`` the deviations of its curve.
+    ``transmissions`` holds, by the index of a motor's coordinate, what is between it and its joint; its inertia is an
+    armature.
     """
 
     gravity: Vec
@@ -83,6 +111,7 @@ class Bound:
     cuts: tuple[tuple[tuple[int, Pose], tuple[int, Pose]], ...] = ()
     laws: Mapping[int, Mapping[str, Scalar]] = field(default_factory=dict)
     knots: Mapping[int, tuple[float, ...]] = field(default_factory=dict)
+    transmissions: Mapping[int, Transmission] = field(default_factory=dict)
 
 
 def bind(
@@ -124,8 +153,8 @@ def bind(
     bodies = tuple(BoundBody(p, h) for p, h in zip(placements, inertias, strict=True))
     laws, knots = binder.laws()
     forces, offsets, cuts = binder.forces(), binder.angle_offsets(), binder.cuts(poses)
-    frames = binder.frames(poses)
-    return Bound(binder.gravity(), bodies, frames, coms, *forces, offsets, cuts=cuts, laws=laws, knots=knots)
+    frames, between = binder.frames(poses), binder.transmissions()
+    return Bound(binder.gravity(), bodies, frames, coms, *forces, offsets, (0.0,) * 3, cuts, laws, knots, between)
 
 
 class _Binder:
@@ -172,7 +201,7 @@ class _Binder:
         return tuple(
             self.offset(joint, name) if name in ANGULAR else 0.0
             for joint in self.model.robot.joints
-            for name in joint.coordinates
+            for name in joint.all_coordinates
         )
 
     def gravity(self) -> Vec:
@@ -236,9 +265,14 @@ class _Binder:
     def forces(self) -> tuple[tuple[Scalar, ...], tuple[Scalar, ...], tuple[Scalar, ...]]:
         """Stiffness of linear springs, damping and armature of every coordinate."""
         rows: tuple[list[Scalar], ...] = ([], [], [])
-        for prefix, given in self._coordinates():
-            for row, key in zip(rows, ("stiffness", "damping", "armature"), strict=True):
-                row.append(self.value(f"{prefix}.{key}", getattr(given, key) or 0.0))
+        for name, prefix, given in self._coordinates():
+            if name == MOTOR:  # the stiffness and the damping of its table are its transmission's
+                numbers: list[Scalar] = [0.0, 0.0, self.value(f"{prefix}.inertia", given.armature or 0.0)]
+            else:
+                keys = ("stiffness", "damping", "armature")
+                numbers = [self.value(f"{prefix}.{key}", getattr(given, key) or 0.0) for key in keys]
+            for row, number in zip(rows, numbers, strict=True):
+                row.append(number)
             if _is_bent(given):
                 rows[0][-1] = 0.0
         return tuple(rows[0]), tuple(rows[1]), tuple(rows[2])
@@ -247,20 +281,44 @@ class _Binder:
         """Numbers of forces beyond stiffness and damping, and deviations of curves, by coordinate."""
         laws: dict[int, dict[str, Scalar]] = {}
         knots: dict[int, tuple[float, ...]] = {}
-        for index, (prefix, given) in enumerate(self._coordinates()):
-            law = {key: self.value(f"{prefix}.{key}", number) for key, number in given.law().items()}
-            if _is_bent(given):
-                law["stiffness"] = self.value(f"{prefix}.stiffness", given.stiffness or 0.0)
+        for index, (_, prefix, given) in enumerate(self._coordinates()):
+            law = self._law(prefix, given)
             if law:
                 laws[index] = law
             if given.curve is not None:
-                knots[index] = tuple(deviation for deviation, _ in given.curve)
+                knots[index] = _knots(given)
         return laws, knots
 
-    def _coordinates(self) -> Iterator[tuple[str, Coordinate]]:
+    def transmissions(self) -> dict[int, Transmission]:
+        """What is between motors and joints, by the index of a motor's coordinate."""
+        found: dict[int, Transmission] = {}
+        for index, principal in self.model.motors.items():
+            name = self.model.coordinates[index]
+            motor = self.model.robot.joint(name.rpartition(".")[0]).motor
+            assert motor is not None
+            prefix, spring = f"joints.{name}", motor.transmission
+            stiffness = 0.0 if _is_bent(spring) else self.value(f"{prefix}.stiffness", spring.stiffness or 0.0)
+            damping = self.value(f"{prefix}.damping", spring.damping or 0.0)
+            inverse = 1.0 / self.value(f"{prefix}.ratio", motor.ratio)
+            law = self._law(prefix, spring)
+            found[index] = Transmission(principal, inverse, stiffness, damping, law, _knots(spring))
+        return found
+
+    def _law(self, prefix: str, given: Coordinate) -> dict[str, Scalar]:
+        law = {key: self.value(f"{prefix}.{key}", number) for key, number in given.law().items()}
+        if _is_bent(given):
+            law["stiffness"] = self.value(f"{prefix}.stiffness", given.stiffness or 0.0)
+        return law
+
+    def _coordinates(self) -> Iterator[tuple[str, str, Coordinate]]:
         for joint in self.model.robot.joints:
-            for name, given in joint.coordinates.items():
-                yield f"joints.{joint.name}.{name}", given
+            for name, given in joint.all_coordinates.items():
+                yield name, f"joints.{joint.name}.{name}", given
+
+
+def _knots(given: Coordinate) -> tuple[float, ...]:
+    """Deviations of a coordinate's curve."""
+    return tuple(deviation for deviation, _ in given.curve or ())
 
 
 def _is_bent(given: Coordinate) -> bool:

@@ -16,7 +16,7 @@ from .composite import Rows, coriolis_matrix, mass_matrix
 from .constraints import Closure, closures
 from .derivatives import residual_derivatives
 from .elimination import Elimination
-from .forces import effects, gravity_rows, resisting_rows
+from .forces import effects, gravity_rows, resisting_rows, resisting_slopes, stretches
 from .frames import choose_frames
 from .freeze import JointGeometry, geometry
 from .functions import Functions
@@ -25,6 +25,7 @@ from .kinematics import body_poses, external_rows, frame_poses, potential_energy
 from .passes import PARAMETERS, hoist_parameters, run_passes
 from .recursion import Wrench, inertial_rows, kinetic_energy
 from .regroup import regroup
+from .rotors import Rotors
 from .signatures import KERNELS, LOOP_KERNELS, available
 from .solve import solve
 from .zeros import zero_map
@@ -233,8 +234,10 @@ def _inverse_dynamics(d: Derivation) -> Outputs:
 
 def _residual_jacobian(d: Derivation) -> Outputs:
     found = residual_derivatives(d.model, d.bound, d.joints, d.v, d.a, d.graph.note)
-    for i, law in effects(d.bound, d.q, d.v, d.functions).items():
-        found.by_q[i, i], found.by_v[i, i] = found.by_q[i, i] + law.by_s, found.by_v[i, i] + law.by_v
+    by_q, by_v = resisting_slopes(d.bound, d.q, d.v, d.functions)
+    for key, slope in by_q.items():  # the same keys in both
+        found.by_q[key] = found.by_q.get(key, 0.0) + slope
+        found.by_v[key] = found.by_v.get(key, 0.0) + by_v[key]
     return d.matrices(found.by_q, found.by_v, found.by_a)
 
 
@@ -262,17 +265,27 @@ def _drives(d: Derivation, springs: list[Scalar]) -> list[Scalar]:
 
 def _eliminated(d: Derivation) -> Outputs:
     """Joint by joint from the tips, without a mass matrix."""
-    drives = _drives(d, d.resisting(d.q, d.v))
-    solved = Elimination(d.model, d.bound, d.joints, d.v, drives, d.graph.note)
+    return _by_elimination(d, d.bound.armature, _drives(d, d.resisting(d.q, d.v)), {})
+
+
+def _by_elimination(
+    d: Derivation, armature: Sequence[Scalar], drives: list[Scalar], slopes: Mapping[int, Scalar]
+) -> Outputs:
+    """The motors' scalar rows, then the tree; ``slopes`` are those of the transmissions in an implicit step."""
+    rotors = Rotors(d.model, d.bound, armature, drives, slopes)
+    bound = replace(d.bound, armature=tuple(rotors.armature))
+    solved = Elimination(d.model, bound, d.joints, d.v, rotors.drives, d.graph.note)
+    rotors.release(solved.accelerations, solved.pivots)
     return _solved(d, solved.accelerations, solved.pivots)
 
 
 def _implicit_step(d: Derivation) -> Outputs:
     """Springs and dampers at the end of the step: they add to the diagonal of M, so the elimination stays O(n).
 
-    A law that is not linear is taken along its tangent at the coordinate that the rate leads to; a tangent that falls
-    is left out, so that the matrix stays positive definite.
-    ``added`` is what a joint's controller adds to the diagonal; it acts on principal coordinates.
+    Those of transmissions couple a motor to its joint alone (``Rotors``).  A law that is not linear is taken along its
+    tangent at the coordinate that the rate leads to; a tangent that falls is left out, so that the matrix stays
+    positive definite.
+    ``added`` is what a joint's controller adds to the diagonal; it acts on coordinates that are driven.
     """
     dt, square = d.graph.input("dt", 0), d.graph.input("dt", 1)
     ahead = [q + dt * v for q, v in zip(d.q, d.v, strict=True)]
@@ -285,9 +298,11 @@ def _implicit_step(d: Derivation) -> Outputs:
     for place, i in enumerate(d.own):
         if i in d.model.driven:
             armature[i] = armature[i] + d.graph.input("added", place)
-    bound = replace(d.bound, armature=tuple(armature))
-    solved = Elimination(d.model, bound, d.joints, d.v, drives, d.graph.note)
-    return _solved(d, solved.accelerations, solved.pivots)
+    slopes = {}
+    for i, stretch in stretches(d.bound, ahead, d.v, d.functions).items():
+        bent = d.functions.larger(dt * stretch.bent.by_v + square * stretch.bent.by_s, 0.0)
+        slopes[i] = dt * stretch.linear.by_v + square * stretch.linear.by_s + bent
+    return _by_elimination(d, armature, drives, slopes)
 
 
 def _euler_cosines(d: Derivation) -> Outputs:
@@ -339,6 +354,8 @@ def _energy(d: Derivation) -> Outputs:
     potential = potential_energy(d.model, d.bound, d.joints, d.q)
     for law in effects(d.bound, d.q, d.v, d.functions).values():
         potential = potential + law.energy
+    for stretch in stretches(d.bound, d.q, d.v, d.functions).values():
+        potential = potential + stretch.whole.energy
     return _vector([kinetic, potential])
 
 

@@ -15,7 +15,7 @@ from sympy.simplify.fu import TR10i
 
 from eomgen.errors import InputError
 from eomgen.model import Model, parameter_values
-from eomgen.robot import ANGULAR, LINEAR
+from eomgen.robot import ANGULAR, LINEAR, MOTOR
 
 from .trace import ClosedForm, closed_form
 
@@ -33,11 +33,13 @@ SYMBOLS = {  # what a parameter's name ends with: letter, unit
     "stiffness": ("a", "N/m"),
     "damping": ("b", "N s/m"),
     "armature": ("J", "kg"),
+    "ratio": ("N", "1"),
     "xyz": ("p", "m"),
     "rpy": ("r", "rad"),
     "gravity": ("g", "m/s^2"),
 }
 ANGULAR_UNITS = {"stiffness": "N m/rad", "damping": "N m s/rad", "armature": "kg m^2"}
+LINEAR_RATIO = "1/m"  # of a gear in front of a prismatic joint
 
 
 @dataclass(frozen=True)
@@ -114,9 +116,9 @@ class ReadableForm:
         """Subscript and superscript of eq. (11) or (12): joints, then coordinates; one joint is named once."""
         names, joints = [], []
         for i in key:
-            body = next(k for k, body in enumerate(self.model.bodies) if i in body.indices)
-            joints.append(str(body + 1))
-            names.append(_greek(self.model.coordinates[i].rpartition(".")[2]))
+            joint, _, name = self.model.coordinates[i].rpartition(".")
+            joints.append(str(1 + next(k for k, body in enumerate(self.model.bodies) if body.joint == joint)))
+            names.append(_greek(name))
         below = joints[0] if len(self.model.bodies) == 1 else ",".join(joints)
         return f"{below}}}^{{{' '.join(names)}"
 
@@ -196,7 +198,7 @@ def _driven(model: Model) -> set[int]:
     """Indices of coordinates that get a drive: principal ones, and all of a free joint."""
     kinds = {joint.name: joint.type for joint in model.robot.joints}
     free = [i for body in model.bodies if kinds[body.joint] == "free" for i in body.indices]
-    return {*model.principal, *free}
+    return {*model.principal, *free, *model.motors}.difference(model.motors.values())
 
 
 def _coordinates(model: Model, form: ClosedForm) -> Iterator[Letter]:
@@ -206,25 +208,45 @@ def _coordinates(model: Model, form: ClosedForm) -> Iterator[Letter]:
 
 
 def _parameters(model: Model) -> Iterator[tuple[str, Letter]]:
-    """A symbol for every number of the description that is not zero, by its parameter name."""
+    """A symbol for every number of the description that is not zero, by its parameter name.
+
+    Numbers of forces beyond linear springs and dampers stay numbers.
+    """
+    turning = {joint.name for joint in model.robot.joints if joint.type == "revolute"}
     for name, value in parameter_values(model.robot):
         if value is None or value == 0.0:
             continue
         parts = name.split(".")
-        kind = next(part for part in parts if part in SYMBOLS)
-        letter, unit = SYMBOLS[kind]
+        kind = next((part for part in parts if part in SYMBOLS), "")
+        if not kind:
+            continue
+        of_motor = parts[0] == "joints" and parts[2] == MOTOR
+        letter, unit = SYMBOLS["armature" if of_motor and kind == "inertia" else kind]
         owner = parts[1] if parts[0] != "gravity" else ""
-        detail = parts[2] if kind in ANGULAR_UNITS else parts[-1] if kind != "mass" else ""
+        detail = parts[2] if of_motor or kind in ANGULAR_UNITS else parts[-1] if kind != "mass" else ""
         if kind in ("xyz", "rpy"):
             detail = "xyz"[int(detail)]
-        if detail in ANGULAR:
+        if of_motor:
+            unit = _motor_unit(kind, owner in turning)
+        elif detail in ANGULAR:
             unit = ANGULAR_UNITS[kind]
         symbol = sp.Symbol("_".join(part for part in (letter, detail, owner) if part), real=True)
         below = ",".join(part for part in (_greek(detail), owner.replace("_", "\\_")) if part)
         yield name, Letter(symbol, f"{letter}_{{{below}}}", name, value, unit)
 
 
+def _motor_unit(kind: str, turning: bool) -> str:
+    """Unit of a number of a motor and its transmission, whose spring has the units of its joint."""
+    if kind == "inertia":
+        return ANGULAR_UNITS["armature"]
+    if kind == "ratio":
+        return SYMBOLS[kind][1] if turning else LINEAR_RATIO
+    return ANGULAR_UNITS[kind] if turning else SYMBOLS[kind][1]
+
+
 def _greek(name: str) -> str:
+    if name == MOTOR:
+        return f"\\mathrm{{{name}}}"
     return f"\\{name}" if name in ANGULAR else name
 
 

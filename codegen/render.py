@@ -15,6 +15,7 @@ import numpy as np
 
 from eomgen._version import __version__
 from eomgen.model import Model
+from eomgen.robot import MOTOR
 
 from .equations import Equations
 from .ir import CALLS
@@ -76,7 +77,7 @@ def _context(equations: Equations, dtype: str, meta: Mapping[str, Any]) -> dict[
         "body_parents": [body.parent for body in model.bodies],
         "body_first": [body.first for body in model.bodies],
         "body_count": [len(body.active) for body in model.bodies],
-        "is_rotation": [int(name in ("alpha", "beta", "gamma")) for body in model.bodies for name in body.active],
+        "is_rotation": [int(name.endswith((".alpha", ".beta", ".gamma"))) for name in model.coordinates],
         "parameters": list(model.parameters),
         "hoisted": len(equations.setup.outputs),
         "kernels": public,
@@ -91,6 +92,7 @@ def _context(equations: Equations, dtype: str, meta: Mapping[str, Any]) -> dict[
         "turned": lambda angles, count: f"{angles}, PADDED({count}), sine, cosine",
         "coordinate_parents": coordinate_parents(model),
         "prescribed": model.prescribed,
+        "motors": bool(model.motors),
         "sizes": {key: int(np.prod(shape)) for key, shape in shapes(model).items()},
         "functions": functions,
         "solving": any("pivot" in function.outputs for function in functions.values()),
@@ -194,6 +196,7 @@ def metadata(equations: Equations, dtype: str) -> dict[str, Any]:
         "frames": model.frames,
         "driven": model.driven,
         "prescribed": [model.coordinates[i] for i in model.prescribed],
+        **_motor_metadata(model),
         "parameters": dict(model.parameters),
         "hoisted": len(equations.setup.outputs),
         "shapes": {key: list(shape) for key, shape in shapes(model).items()},
@@ -202,16 +205,29 @@ def metadata(equations: Equations, dtype: str) -> dict[str, Any]:
             for name in KERNELS
             if name in equations.kernels
         },
-        "knots": {
-            f"{joint.name}.{name}": [deviation for deviation, _ in given.curve]
-            for joint in model.robot.joints
-            for name, given in joint.coordinates.items()
-            if given.curve is not None
-        },
+        "knots": knots(model),
         "operations": operations(equations),
         **_loop_metadata(model),
         "survivors": survivors(model) if "christoffel" in equations.kernels else {},
     }
+
+
+def knots(model: Model) -> dict[str, list[float]]:
+    """Deviations of every measured curve, by its coordinate; of a transmission's by the motor's."""
+    given = {f"{joint.name}.{name}": c for joint in model.robot.joints for name, c in joint.coordinates.items()}
+    given |= {f"{joint.name}.{MOTOR}": joint.motor.transmission for joint in model.robot.joints if joint.motor}
+    return {name: [deviation for deviation, _ in c.curve] for name, c in given.items() if c.curve is not None}
+
+
+def _motor_metadata(model: Model) -> dict[str, Any]:
+    """Which coordinate every motor drives, and the description's ratio, where there are motors."""
+    motors = {}
+    for index, principal in model.motors.items():
+        name = model.coordinates[index]
+        motor = model.robot.joint(name.rpartition(".")[0]).motor
+        assert motor is not None
+        motors[name] = [model.coordinates[principal], motor.ratio]
+    return {"motors": motors} if motors else {}
 
 
 def _loop_metadata(model: Model) -> dict[str, Any]:

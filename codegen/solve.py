@@ -15,13 +15,13 @@ from .composite import Rows
 
 
 def coordinate_parents(model: Model) -> list[int]:
-    """For every coordinate the one in front of it on the way to the base, or -1."""
-    parents = []
+    """For every coordinate the one in front of it on the way to the base, or -1; motors stand alone."""
+    parents = [-1] * model.size
     last: dict[int, int] = {-1: -1}
     for k, body in enumerate(model.bodies):
         before = last[body.parent]
         for index in body.indices:
-            parents.append(before)
+            parents[index] = before
             before = index
         last[k] = before
     return parents

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from eomgen.model import FIXED_BODY, Body, Model
 
 from .bodies import Bound, Pose, PseudoInertia, bind
-from .forces import effects, resisting_rows
+from .forces import effects, resisting_rows, stretches
 from .functions import Functions
 from .joint import Matrix, joint_derivatives, joint_transform, step
 
@@ -146,7 +146,8 @@ def _number(number: Any) -> Expr:
 
 def _symbols(model: Model) -> tuple[Row, Row, Row, Row]:
     """Symbols like the paper's: x_1, its derivatives xdot_1 and xddot_1, and the drive D_x_1."""
-    names = [(name, k + 1) for k, body in enumerate(model.bodies) for name in body.active]
+    number = {body.joint: k + 1 for k, body in enumerate(model.bodies)}
+    names = [(name, number[joint]) for joint, _, name in (label.rpartition(".") for label in model.coordinates)]
     patterns = ("{}_{}", "{}dot_{}", "{}ddot_{}", "D_{}_{}")
     q, v, a, u = (tuple(sp.Symbol(p.format(*name), real=True) for name in names) for p in patterns)
     return q, v, a, u
@@ -216,7 +217,7 @@ def _elastic_and_weight(
     bound: Bound, bodies: Sequence[_Derivatives], inertias: Sequence[Matrix], q: Row, v: Row
 ) -> list[Expr]:
     """Q_P of eq. (13), and Q_G: eq. (14) with weights as forces; the last column of H is (m r_C, m)."""
-    Q = [-force for force in resisting_rows(bound, q, v, SYMBOLS)]
+    Q = [-_number(force) for force in resisting_rows(bound, q, v, SYMBOLS)]
     g = sp.Matrix([*bound.gravity, 0])
     for body, H in zip(bodies, inertias, strict=True):
         for s, D in body.first.items():
@@ -254,7 +255,9 @@ def _potential(bound: Bound, bodies: Sequence[_Derivatives], inertias: Sequence[
     """Springs, and weights with respect to the base's origin."""
     g = sp.Matrix([*bound.gravity, 0])
     springs = sum(a * s**2 / 2 for a, s in zip(bound.stiffness, q, strict=True))
-    springs += sum(law.energy for law in effects(bound, q, [0] * len(q), SYMBOLS).values())
+    still = [0] * len(q)
+    springs += sum(law.energy for law in effects(bound, q, still, SYMBOLS).values())
+    springs += sum(stretch.whole.energy for stretch in stretches(bound, q, still, SYMBOLS).values())
     return springs - sum(_dot(g, body.pose * H[:, 3]) for body, H in zip(bodies, inertias, strict=True))
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from eomgen.model import Body, Model
 
-from .zeros import Tally, zero_map
+from .zeros import ROTOR, Tally, zero_map
 
 LETTERS = {"x": "x", "y": "y", "z": "z", "alpha": "a", "beta": "b", "gamma": "g"}
 WIDTH = 120
@@ -44,17 +44,26 @@ class Group:
 
 @dataclass(frozen=True)
 class ZeroReport:
-    """All zeros of M and C that hold for any geometry, grouped; ``bodies`` names the joints in order."""
+    """All zeros of M and C that hold for any geometry, grouped; ``joints`` names the joints in order.
+
+    The groups are those of the bodies; entries of ``motors`` vanish but for their inertias on the diagonal of M.
+    """
 
     robot: str
     joints: tuple[str, ...]
     mass_matrix: tuple[Group, ...]
     christoffel: tuple[Group, ...]
+    motors: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, object]:
         """Plain values, for JSON."""
         parts = {"mass_matrix": self.mass_matrix, "christoffel": self.christoffel}
-        return {"robot": self.robot, **{key: [group.as_dict() for group in part] for key, part in parts.items()}}
+        motors = {"motors": list(self.motors)} if self.motors else {}
+        return {
+            "robot": self.robot,
+            **motors,
+            **{key: [group.as_dict() for group in part] for key, part in parts.items()},
+        }
 
     def lines(self) -> list[str]:
         """Text for people: a paragraph per group of blocks, in it a line per reason."""
@@ -62,6 +71,8 @@ class ZeroReport:
         legend = ", ".join(f"{number} {name}" for name, number in numbers.items())
         lines = [f"{self.robot}: what vanishes identically, and why", *_wrapped("joints: " + legend, "  ")]
         lines += ["coordinates: x y z, a alpha, b beta, g gamma; a joint's pattern holds for any geometry and inertia"]
+        if self.motors:
+            lines += _wrapped(f"{', '.join(self.motors)}: {ROTOR}", "")
         titles = ("M_sv, eq. (11), s <= v", "C_s,vw, eq. (12), v <= w: written s:vw, *:vw for every s")
         for title, groups in zip(titles, (self.mass_matrix, self.christoffel), strict=True):
             lines += ["", title]
@@ -82,6 +93,7 @@ def zero_report(model: Model) -> ZeroReport:
         tuple(body.joint for body in model.bodies),
         _grouped(model.bodies, zeros.mass_matrix, pairs),
         _grouped(model.bodies, zeros.christoffel, triples),
+        tuple(model.coordinates[i] for i in model.motors),
     )
 
 

@@ -20,6 +20,7 @@ from . import joint
 
 Mask = NDArray[np.bool_]
 
+ROTOR = "motor: its rotor's inertia about its own axis stands on the diagonal of M alone"
 TREE = "not in one chain: no body is moved by all of the coordinates"
 LEMMA_7 = "lemma (7): the second derivative by two translations vanishes"
 SHARPER = "sharper lemma: nothing at or after a joint turns its translations"
@@ -83,7 +84,7 @@ def zero_map(model: Model) -> ZeroMap:
     structure = _Structure(model)
     n = model.size
     upper = np.triu(np.ones((n, n), dtype=bool))
-    mass = _tally(upper, [(TREE, ~structure.related), *structure.mass_rules()])
+    mass = _tally(upper, structure.mass_rules())
     christoffel = _tally(np.broadcast_to(upper, (n, n, n)), structure.christoffel_rules())
     by_antisymmetry = christoffel.survivors - _antisymmetric_pairs(christoffel.mask)
     independent = by_antisymmetry - structure.coaxial_swaps()
@@ -94,18 +95,26 @@ class _Structure:
     """Relations between the coordinates of a model, as (n, n) masks."""
 
     def __init__(self, model: Model) -> None:
-        self.names = np.array([COORDINATES.index(name) for body in model.bodies for name in body.active])
-        self.body = np.array([k for k, body in enumerate(model.bodies) for _ in body.active])
+        self.names, self.body = np.zeros(model.size, dtype=int), np.zeros(model.size, dtype=int)
+        for k, body in enumerate(model.bodies):
+            self.body[list(body.indices)] = k
+            self.names[list(body.indices)] = [COORDINATES.index(name) for name in body.active]
+        self.motor = np.isin(np.arange(model.size), list(model.motors))
+        spatial = ~(self.motor[:, None] | self.motor)
         above = np.zeros((len(model.bodies),) * 2, dtype=bool)
         for k in range(len(model.bodies)):
             above[list(model.ancestors(k)), k] = True
-        upstream = above[np.ix_(self.body, self.body)]  # the body of row is an ancestor of that of column, or the same
-        self.same = self.body[:, None] == self.body
-        self.related = upstream | upstream.T
+        # the body of row is an ancestor of that of column, or the same
+        upstream = above[np.ix_(self.body, self.body)] & spatial
+        self.same = (self.body[:, None] == self.body) & spatial
+        self.related = upstream | upstream.T | np.diag(self.motor)
         self.before = upstream & (~self.same | (np.arange(len(self.names))[:, None] <= np.arange(len(self.names))))
         self.coaxial = self._coaxial(model)
 
     def mass_rules(self) -> Iterator[tuple[str, Mask]]:
+        if self.motor.any():
+            yield ROTOR, (self.motor[:, None] | self.motor) & ~np.eye(len(self.motor), dtype=bool)
+        yield TREE, ~self.related
         orthogonal = _table(joint.prove_translations_orthogonal())
         yield ORTHOGONAL, self.same & self._look_up(orthogonal | orthogonal.T)
         yield COAXIAL, self.coaxial | self.coaxial.T
@@ -114,6 +123,8 @@ class _Structure:
         """Zeros of C_s,vw for v <= w; masks broadcast over [s, v, w]."""
         joint.prove_antisymmetry()
         s, v, w = np.ix_(*(np.arange(len(self.names)),) * 3)
+        if self.motor.any():
+            yield ROTOR, self.motor[s] | self.motor[v] | self.motor[w]
         together = self.related[s, v] & self.related[s, w] & self.related[v, w]
         yield TREE, ~together
         yield LEMMA_7, self._second_derivative_zero(joint.LEMMA_7)[v, w]

@@ -19,7 +19,7 @@ Array = NDArray[Any]
 Mask = NDArray[np.bool_]
 Index = int | slice
 
-KINDS = ("x", "y", "z", "alpha", "beta", "gamma")
+KINDS = ("x", "y", "z", "alpha", "beta", "gamma", "motor")
 
 
 class BlockMap(Mapping[tuple[str, ...], Array]):

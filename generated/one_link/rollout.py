@@ -128,8 +128,8 @@ def _gains(kernel: Kernel, kp: ArrayLike | None, kd: ArrayLike | None) -> list[A
             raise InputError(f"rollout: {label} must be one number or (n,), none below 0")
         for i in deviations[array[deviations] != 0]:
             raise InputError(
-                f"rollout: {label} is {array[i]} at {kernel.coordinates[i]}; only principal coordinates that are not"
-                " prescribed have a drive that can be controlled"
+                f"rollout: {label} is {array[i]} at {kernel.coordinates[i]}; only principal coordinates, or the"
+                " motors in front of them, have a drive that can be controlled; none that is prescribed"
             )
         found.append(array)
     return found

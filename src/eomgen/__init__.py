@@ -25,7 +25,7 @@ from .errors import (
 from .kernel import Kernel
 from .pipeline import build, generate
 from .result import load_result
-from .robot import Coordinate, Frame, Joint, Link, Loop, Placement, Robot
+from .robot import Coordinate, Frame, Joint, Link, Loop, Motor, Placement, Robot
 
 __all__ = [
     "ArrayError",
@@ -42,6 +42,7 @@ __all__ = [
     "Link",
     "Loop",
     "LoopError",
+    "Motor",
     "Placement",
     "Robot",
     "SingularError",

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import InputError
-from .fitresult import Estimate, FitResult, FittedCoordinate
+from .fitresult import KEYS, Estimate, FitResult, FittedCoordinate
 from .fitting import fit, spring_rates
 from .kernel import Kernel
 from .motionfile import Motion, motion_from_columns, motion_of, read_motion
@@ -176,10 +176,11 @@ def forces(
     if kernel is None:
         kernel = build(robot, kernels=("inverse_dynamics", "reactions"), progress=progress or (lambda _: None))
     motion = motion_of(robot.name, motion, kernel.coordinates)
+    _refuse_transmissions(kernel, motion)
     q, v, a, notes = _derivatives(motion, window, degree)
-    stiffness, damping = spring_rates(kernel)
     drive = np.asarray(kernel.inverse_dynamics(q, v, a))
-    spring, damper = -stiffness * q, -damping * v
+    stiffness, damping = (_with_transmissions(kernel, *both) for both in zip(KEYS, spring_rates(kernel), strict=True))
+    spring, damper = -(q @ stiffness.T), -(v @ damping.T)
     held = [name for name in motion.coordinates if name not in motion.measured]
     if held:
         notes.append(f"not in the file, held at zero: {', '.join(held)}")
@@ -199,6 +200,34 @@ def forces(
         np.asarray(kernel.reactions(q, v, a)),
         tuple(notes),
     )
+
+
+def _refuse_transmissions(kernel: Kernel, motion: Motion) -> None:
+    """InputError where the force of a motor's transmission is not known from what was measured, or not linear."""
+    for motor, principal in kernel.motors.items():
+        for name in (motor, principal):
+            if name not in motion.measured:
+                raise InputError(
+                    f"forces: {name} was not measured; allowed: both ends of the transmission in the motion"
+                )
+        laws = [name for name in kernel.parameters if name.startswith(f"joints.{motor}.") and not _is_plain(name)]
+        if laws:
+            raise InputError(f"forces: {laws[0]}: allowed: transmissions of stiffness and damping alone")
+
+
+def _is_plain(name: str) -> bool:
+    return ".friction." in name or name.endswith((*(f".{key}" for key in KEYS), ".inertia", ".ratio"))
+
+
+def _with_transmissions(kernel: Kernel, key: str, own: Array) -> Array:
+    """Matrix of stiffness or damping, (n, n): of coordinates themselves, and between motors and joints."""
+    found = np.diag(own)
+    for motor, principal in kernel.motors.items():
+        m, p = kernel.coordinates.index(motor), kernel.coordinates.index(principal)
+        across = np.zeros(kernel.n)
+        across[m], across[p] = 1.0 / kernel.ratio(motor), -1.0
+        found += kernel.parameters.get(f"joints.{motor}.{key}", 0.0) * np.outer(across, across)
+    return found
 
 
 def _derivatives(motion: Motion, window: int, degree: int) -> tuple[Array, Array, Array, list[str]]:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 from .names import show
-from .robot import SMALLEST, Coordinate, Curve, Friction
-from .schema import Table
+from .robot import MOTOR, PRINCIPAL, SMALLEST, Coordinate, Curve, Friction, Motor
+from .schema import LARGEST, Table
 
 POINTS = (2, 64)  # fewest and most points of a curve
 _MINIMUM = {"preload": None, "smoothing": SMALLEST}  # at least 0 where nothing else is said
@@ -24,6 +25,8 @@ _NUMBERS = (
 _FRICTION = ("coulomb", "static", "stribeck", "viscous", "smoothing")
 _ROLES = ("free", "locked", "prescribed")
 KEYS = (*_NUMBERS, "friction", "curve", "role")
+MOTOR_KEYS = ("inertia", "ratio", *(key for key in KEYS if key != "armature"))
+_ROTOR = "role", "friction"  # of the motor's own coordinate; the rest of its table is the transmission's
 
 ReadText = Callable[[str], str]  # the text of a file beside the description
 
@@ -59,6 +62,43 @@ def read_coordinate(table: Table, old: Coordinate, read_text: ReadText) -> Coord
         key, message = found
         table.fail(message, key)
     return made
+
+
+def read_motor(table: Table, read_text: ReadText) -> Motor:
+    """The motor of a table of the keys MOTOR_KEYS; ``read_text`` and errors as ``read_coordinate``."""
+    table.require("inertia", "the rotor's moment of inertia about its own axis in kg m^2, greater than 0")
+    table.require("ratio", "the gear's ratio, rad of the motor per rad or m of the joint, not 0")
+    inertia, ratio = table.number("inertia"), table.number("ratio")
+    assert inertia is not None
+    assert ratio is not None
+    if table.choice("role", _ROLES) == "locked":
+        table.fail("a motor cannot be locked; leave its table out, and the drive acts on the joint itself", "role")
+    spring = {key: value for key, value in table.values.items() if key in KEYS and key not in _ROTOR}
+    transmission = read_coordinate(Table(spring, table.where, table.source, KEYS), Coordinate(), read_text)
+    return Motor(inertia, ratio, transmission, _friction(table), table.text("role") == "prescribed")
+
+
+def motor_conflict(given: Motor, kind: str, active: Mapping[str, Coordinate]) -> tuple[str, str] | None:
+    """The key ("" for the table) and the message of what is wrong with a motor in a joint; None if nothing is.
+
+    Args:
+        kind: the joint's type.
+        active: the joint's coordinates.
+    """
+    if kind not in PRINCIPAL:
+        return "", f"a {kind} joint has no principal coordinate to drive; allowed for: {', '.join(PRINCIPAL)}"
+    if PRINCIPAL[kind] not in active:
+        return "", f"{PRINCIPAL[kind]} is locked, so that the motor would drive nothing; leave one of the two out"
+    if not 0.0 < given.inertia <= LARGEST:
+        return "inertia", f"got {given.inertia!r}; allowed: a finite number greater than 0, kg m^2"
+    if not 1.0 / LARGEST <= abs(given.ratio) <= LARGEST:
+        return "ratio", f"got {given.ratio!r}; allowed: a finite number that is not 0"
+    spring = given.transmission
+    if spring.stiffness is None and spring.curve is None:
+        return "stiffness", "there is no spring between motor and joint; allowed: with a stiffness or a curve"
+    if spring.friction is not None or spring.armature is not None or spring.prescribed:
+        return "", f"friction and role belong to the {MOTOR} itself, and a transmission has no armature"
+    return conflict(replace(spring, friction=given.friction))
 
 
 def conflict(given: Coordinate) -> tuple[str, str] | None:

@@ -33,9 +33,10 @@ WIDTH = 34
 class Entry:
     """One robot's figures; peaks are the largest sizes over time.
 
-    drives: by driven coordinate, N or N m.  reactions: by joint, (force N, moment N m) on its child link.
-    tool_deviation: m, largest and at the end, or None for a robot without deviations.  tool_travel: length of the
-    programmed path of the tool, m.  operations: by kernel, of the C: multiplications and additions.  mass: kg moving.
+    drives: by driven coordinate, a motor's at its shaft, N or N m.  reactions: by joint, (force N, moment N m) on its
+    child link.  tool_deviation: m, largest and at the end, or None for a robot without deviations.  tool_travel: length
+    of the programmed path of the tool, m.  operations: by kernel, of the C: multiplications and additions.  mass: kg
+    moving.
     """
 
     robot: str
@@ -174,7 +175,8 @@ def _entry(robot: Robot, result: SimulationResult) -> Entry:
     motion = result.trajectory
     a = kernel.forward_dynamics(motion.q, motion.v, motion.u)
     reactions = np.asarray(kernel.reactions(motion.q, motion.v, a))
-    index = index_of(motion.coordinates, result.program_coordinates)
+    motors = {principal: motor for motor, principal in kernel.motors.items()}
+    index = index_of(motion.coordinates, [motors.get(name, name) for name in result.program_coordinates])
     deviation = np.linalg.norm(result.tool_deviation, axis=1)
     model = build_model(robot)
     path = np.diff(result.program_pose[:, :3, 3], axis=0)

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from .characteristic import KEYS, read_coordinate
+from .characteristic import KEYS, MOTOR_KEYS, motor_conflict, read_coordinate, read_motor
 from .errors import DescriptionError
 from .inertia import POLICIES, apply_inertia_policy
 from .loop_tables import KEYS as LOOP_KEYS
@@ -23,12 +23,14 @@ from .robot import (
     COORDINATES,
     INERTIA_KEYS,
     JOINT_TYPES,
+    MOTOR,
     PRINCIPAL,
     ZERO,
     Coordinate,
     Frame,
     Joint,
     Link,
+    Motor,
     Placement,
     Robot,
 )
@@ -46,7 +48,7 @@ _MOST_BYTES = 1 << 28
 
 _TOP = ("name", "gravity", "urdf", "inertia", "tunable", "links", "joints", "frames", "loops")
 _LINK = ("name", "mass", "com", "inertia")
-_JOINT = ("name", "parent", "child", "type", "dh", "placement", *COORDINATES, "limits", "prescribed", "offset")
+_JOINT = ("name", "parent", "child", "type", "dh", "placement", *COORDINATES, MOTOR, "limits", "prescribed", "offset")
 _FRAME = ("name", "link", "placement")
 _DH = ("a", "alpha", "d", "theta")
 _PLACEMENT = ("xyz", "rpy")
@@ -219,15 +221,32 @@ def _joint(name: str, entry: Table, draft: Draft, folder: Path | None) -> Joint:
             coordinates[key] = read_coordinate(table, old_one, _beside(table, folder))
             if table.text("role") == "locked":
                 del coordinates[key]
+    motor = _motor(entry, kind, coordinates, folder)
     for key in entry.strings("prescribed"):
-        if key not in COORDINATES:
-            entry.fail(f"got {show(key)}{nearest(key, COORDINATES)}; allowed: {', '.join(COORDINATES)}", "prescribed")
+        known = COORDINATES if motor is None else (*COORDINATES, MOTOR)
+        if key not in known:
+            entry.fail(f"got {show(key)}{nearest(key, known)}; allowed: {', '.join(known)}", "prescribed")
         if key in entry and entry.values[key].get("role", "prescribed") != "prescribed":
             entry.fail(f"{key} is prescribed here and {entry.values[key]['role']} in its own table", "prescribed")
-        coordinates[key] = replace(coordinates.get(key, Coordinate()), prescribed=True)
+        if motor is not None and key == MOTOR:
+            motor = replace(motor, prescribed=True)
+        else:
+            coordinates[key] = replace(coordinates.get(key, Coordinate()), prescribed=True)
     placement = _placement(entry, old.placement)
     limits, offset = _limits(entry, kind, old), _offset(entry, old)
-    return Joint(name, parent, child, kind, placement, old.axis_turn, coordinates, limits, offset)
+    return Joint(name, parent, child, kind, placement, old.axis_turn, coordinates, limits, offset, motor)
+
+
+def _motor(entry: Table, kind: str, coordinates: dict[str, Coordinate], folder: Path | None) -> Motor | None:
+    """The motor behind the joint's principal coordinate."""
+    table = entry.table(MOTOR, MOTOR_KEYS)
+    if table is None:
+        return None
+    motor = read_motor(table, _beside(table, folder))
+    found = motor_conflict(motor, kind, coordinates)
+    if found is not None:
+        table.fail(found[1], found[0])
+    return motor
 
 
 def _offset(entry: Table, old: Joint) -> tuple[float | None, ...]:

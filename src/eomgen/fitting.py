@@ -27,7 +27,7 @@ from .kernel import Kernel
 from .motionfile import Motion, motion_of
 from .names import nearest
 from .pipeline import build
-from .robot import PRINCIPAL, Robot
+from .robot import MOTOR, PRINCIPAL, Robot
 from .smoothing import Differentiator, bell, filtered, noise_deviation
 
 Array = NDArray[np.float64]
@@ -52,8 +52,8 @@ def fit(
     """Stiffness and damping of each coordinate from motion and known drives.
 
     Of deviations both are fitted; without a drive in the motion they have none.  Of principal coordinates, whose drive
-    must be known, those that the description gives.  The motion has samples at equal distances in time; what noise
-    there is should be white and independent between coordinates.
+    must be known, those that the description gives; transmissions of motors are not fitted.  The motion has samples at
+    equal distances in time; what noise there is should be white and independent between coordinates.
 
     Args:
         robot: masses, geometry and gravity count, its stiffness and damping do not.
@@ -197,8 +197,12 @@ def _estimate(
 
 
 def spring_rates(kernel: Kernel) -> tuple[Array, Array]:
-    """Stiffness and damping of every coordinate as the kernel has them, (n,) each; zero where there is none."""
-    return coordinate_numbers(kernel, "stiffness"), coordinate_numbers(kernel, "damping")
+    """Stiffness and damping of every coordinate as the kernel has them, (n,) each; zero where there is none.
+
+    Motors have none: what stands in their tables is their transmissions'.
+    """
+    own = np.array([name not in kernel.motors for name in kernel.coordinates])
+    return own * coordinate_numbers(kernel, "stiffness"), own * coordinate_numbers(kernel, "damping")
 
 
 def _least(half: int) -> int:
@@ -238,6 +242,10 @@ def _wanted(robot: Robot, motion: Motion, asked: Sequence[str]) -> tuple[list[st
     wanted, warnings = [], []
     for name in asked or motion.coordinates:
         joint, _, short = name.rpartition(".")
+        if robot.joint(joint).motor is not None and short in (MOTOR, PRINCIPAL[robot.joint(joint).type]):
+            if asked:
+                warnings.append(f"{name} hangs on a transmission between motor and joint, which is not fitted")
+            continue
         principal = PRINCIPAL.get(robot.joint(joint).type) == short
         if name not in motion.measured:
             warnings.append(f"{name} was not measured, and counts as zero")

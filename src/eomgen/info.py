@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from .model import Model, build_model
-from .robot import Robot
+from .robot import MOTOR, PRINCIPAL, Robot
 
-UNITS = {"x": "m", "y": "m", "z": "m", "alpha": "rad", "beta": "rad", "gamma": "rad"}
+UNITS = {"x": "m", "y": "m", "z": "m", "alpha": "rad", "beta": "rad", "gamma": "rad", MOTOR: "rad"}
 
 
 @dataclass(frozen=True)
@@ -33,6 +33,8 @@ class RobotInfo:
             "source": model.robot.source,
             "notes": list(model.robot.notes),
             "coordinates": list(model.coordinates),
+            "driven": [model.coordinates[i] for i in model.driven],
+            "motors": {model.coordinates[i]: model.coordinates[p] for i, p in model.motors.items()},
             "joints": [body.joint for body in model.bodies],
             "links": list(model.links),
             "frames": list(model.frames),
@@ -72,16 +74,20 @@ class RobotInfo:
         lines = ["coordinate                        stiffness     damping    armature"]
         for body in self.model.bodies:
             joint = self.model.robot.joint(body.joint)
-            for name, given in joint.coordinates.items():
-                numbers = (given.stiffness, given.damping, given.armature)
+            for name, given in joint.all_coordinates.items():
+                motor = joint.motor if name == MOTOR else None
+                spring = motor.transmission if motor else given
+                numbers = (spring.stiffness, spring.damping, given.armature)
                 texts = ["-" if number is None else f"{number:.4g}" for number in numbers]
                 label = f"{body.joint}.{name} [{UNITS[name]}]"
                 role = "  prescribed" if given.prescribed else ""
                 lines.append(f"{label:<30} {texts[0]:>12}{texts[1]:>12}{texts[2]:>12}{role}")
-                law = {key: number for key, number in given.law().items() if not key.startswith("curve.")}
-                further = [f"{key} {number:.4g}" for key, number in law.items()]
-                if given.curve is not None:
-                    further.append(f"curve of {len(given.curve)} points")
+                law = {**(spring.law() if motor else {}), **given.law()}
+                further = [f"{key} {number:.4g}" for key, number in law.items() if not key.startswith("curve.")]
+                if spring.curve is not None:
+                    further.append(f"curve of {len(spring.curve)} points")
+                if motor is not None:
+                    further.insert(0, f"drives {body.joint}.{PRINCIPAL[joint.type]}, ratio {motor.ratio:.6g}")
                 lines += [f"  {', '.join(further)}"] if further else []
         return lines
 

@@ -170,8 +170,25 @@ def choose_method(kernel: Kernel, method: str = "auto") -> str:
 def stiffnesses(kernel: Kernel) -> Array:
     """Stiffness of every coordinate as the kernel has it now, (n,), N/m or N m/rad; 0 where there is no spring.
 
-    Of two sides the stiffer one, of a clearance that of its end, of a curve that of its steepest piece.
+    Of two sides the stiffer one, of a clearance that of its end, of a curve that of its steepest piece.  A transmission
+    holds its motor with stiffness / ratio^2 and its joint with the stiffness, each as if the other stood still.
     """
+    return np.array(np.diagonal(stiffness_matrix(kernel)))
+
+
+def stiffness_matrix(kernel: Kernel) -> Array:
+    """``stiffnesses`` with what transmissions have beside the diagonal, (n, n)."""
+    K = np.diag(_own_stiffnesses(kernel))
+    for motor, principal in kernel.motors.items():
+        m, p, ratio = kernel.coordinates.index(motor), kernel.coordinates.index(principal), kernel.ratio(motor)
+        k = K[m, m]
+        K[p, p] += k
+        K[m, m], K[m, p], K[p, m] = k / ratio**2, -k / ratio, -k / ratio
+    return K
+
+
+def _own_stiffnesses(kernel: Kernel) -> Array:
+    """Stiffness of every coordinate's own table, (n,); of a motor's that of its transmission."""
     found = np.maximum(coordinate_numbers(kernel, "stiffness"), coordinate_numbers(kernel, "stiffness_negative"))
     for i, coordinate in enumerate(kernel.coordinates):
         if coordinate in kernel.knots:
@@ -429,12 +446,10 @@ def fixed_step(kernel: Kernel, q0: Array, step: float | None, times: Array) -> f
         if not (np.isfinite(step) and step > 0.0):
             raise InputError(f"step: {step!r} s; a step is a finite time greater than 0")
         return step
-    stiffness = stiffnesses(kernel)
+    stiffness = stiffness_matrix(kernel)
     fastest = 0.0
     if stiffness.any():
-        fastest = float(
-            np.sqrt(np.abs(np.linalg.eigvals(np.linalg.solve(kernel.mass_matrix(q0), np.diag(stiffness)))).max())
-        )
+        fastest = float(np.sqrt(np.abs(np.linalg.eigvals(np.linalg.solve(kernel.mass_matrix(q0), stiffness))).max()))
     return min(1e-3, 0.5 / fastest if fastest else np.inf, float(times[1]))
 
 

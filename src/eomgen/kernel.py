@@ -61,6 +61,7 @@ class Kernel:
         self.loops: dict[str, str] = dict(meta.get("loops", {}))
         self.constraints: tuple[str, ...] = tuple(meta.get("constraints", ()))
         self.prescribed: tuple[str, ...] = tuple(meta["prescribed"])
+        self.motors: dict[str, str] = {name: drives for name, (drives, _) in meta.get("motors", {}).items()}
         self.operations: dict[str, dict[str, int]] = {k: dict(v) for k, v in meta["operations"].items()}
         self.dtype: np.dtype[Any] = np.dtype(meta["dtype"])
         self._ffi, self._lib = ffi, lib
@@ -82,6 +83,7 @@ class Kernel:
         self._given = [self.coordinates.index(name) for name in self.prescribed]
         self._survivors = meta["survivors"]
         self._rolls = "rollout" in meta["kernels"]
+        self._ratios: dict[str, float] = {name: ratio for name, (_, ratio) in meta.get("motors", {}).items()}
         self.knots: dict[str, tuple[float, ...]] = {k: tuple(x) for k, x in meta["knots"].items()}
         self.parameters = Parameters(self, meta["parameters"], meta["hoisted"])
 
@@ -92,6 +94,16 @@ class Kernel:
     def n(self) -> int:
         """Number of coordinates."""
         return len(self.coordinates)
+
+    def ratio(self, motor: str) -> float:
+        """Ratio of the gear behind a motor's coordinate ("joint1.motor") as the kernel has it now, 1 or rad/m.
+
+        Raises:
+            UnknownNameError: no motor of that name.
+        """
+        if motor not in self._ratios:
+            raise UnknownNameError(f"motor: {motor!r} is unknown; known: {', '.join(self._ratios)}")
+        return float(self.parameters.get(f"joints.{motor}.ratio", self._ratios[motor]))
 
     @property
     def threads(self) -> int:
@@ -349,7 +361,8 @@ class Kernel:
             method: "rk4" or "implicit".
             every: one of so many steps is stored.
             kp, kd: gains of a joint controller that adds kp (target - q) - kd v: a number for all principal
-                coordinates, or (n,) with 0 at deviations and at what is prescribed.
+                coordinates (for the motor where one has a motor), or (n,) with 0 at deviations, at principal
+                coordinates behind a motor, and at what is prescribed.
             target: coordinates that the controller aims at, shapes as for ``u``.
 
         Returns:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
-from .characteristic import conflict
+from .characteristic import conflict, motor_conflict
 from .cuts import CUTS
 from .errors import DescriptionError
 from .names import IDENTIFIER_RULE, ROBOT_RULE, is_identifier, is_robot_name, show
@@ -19,6 +19,7 @@ from .robot import (
     COORDINATE_NUMBERS,
     COORDINATES,
     INERTIA_KEYS,
+    MOTOR,
     PRINCIPAL,
     Coordinate,
     Joint,
@@ -34,7 +35,7 @@ class Body:
     """A moving body: ``parent`` is a body's index or FIXED_BODY, ``first`` the index of its first coordinate.
 
     ``active`` names the active coordinates of its joint in canonical order; ``links`` the links it is made of, the
-    joint's child first.
+    joint's child first.  A joint's motor moves no body: its coordinate follows behind these (``Model.motors``).
     """
 
     joint: str
@@ -50,7 +51,7 @@ class Body:
 
     @property
     def indices(self) -> range:
-        """Indices of the joint's coordinates in q."""
+        """Indices of the joint's coordinates in q, without its motor's."""
         return range(self.first, self.first + len(self.active))
 
 
@@ -104,14 +105,29 @@ class Model:
         )
 
     @property
+    def motors(self) -> dict[int, int]:
+        """Index of every motor's coordinate, and that of the principal coordinate that it drives."""
+        principal = {self._joint_of(index): index for index in self.principal}
+        return {
+            index: principal[self._joint_of(index)]
+            for index, name in enumerate(self.coordinates)
+            if name.rpartition(".")[2] == MOTOR
+        }
+
+    def _joint_of(self, index: int) -> str:
+        return self.coordinates[index].rpartition(".")[0]
+
+    @property
     def driven(self) -> tuple[int, ...]:
-        """Indices of the principal coordinates that are not prescribed."""
-        return tuple(index for index in self.principal if index not in self.prescribed)
+        """Indices of the coordinates that have a drive: motors, and principal ones without; none that is prescribed."""
+        behind = self.motors.values()
+        driving = sorted({*self.principal, *self.motors}.difference(behind))
+        return tuple(index for index in driving if index not in self.prescribed)
 
     @property
     def prescribed(self) -> tuple[int, ...]:
         """Indices of the coordinates whose motion is given."""
-        given = (coordinate for joint in self.robot.joints for coordinate in joint.coordinates.values())
+        given = (coordinate for joint in self.robot.joints for coordinate in joint.all_coordinates.values())
         return tuple(index for index, coordinate in enumerate(given) if coordinate.prescribed)
 
     def offset_angles(self, joint: str) -> tuple[str, ...]:
@@ -151,7 +167,7 @@ def build_model(robot: Robot) -> Model:
             body_of[joint.child] = len(bodies)
             bodies.append(Body(joint.name, parent, len(coordinates), tuple(joint.coordinates), (joint.child,)))
             links.append([joint.child])
-            coordinates.extend(f"{joint.name}.{name}" for name in joint.coordinates)
+            coordinates.extend(f"{joint.name}.{name}" for name in joint.all_coordinates)
         else:
             body_of[joint.child] = parent
             if parent != FIXED_BODY:
@@ -216,11 +232,13 @@ def _check_loops(robot: Robot, body_of: Mapping[str, int]) -> None:
 def _check_forces(robot: Robot) -> None:
     """Numbers of force laws go together, whoever made the Robot."""
     for joint in robot.joints:
-        for name, given in joint.coordinates.items():
-            found = conflict(given)
-            if found is not None:
-                where = f"joints.{joint.name}.{name}.{found[0]}"
-                raise DescriptionError(found[1], where=where, source=robot.source or robot.name)
+        found = {name: conflict(given) for name, given in joint.coordinates.items()}
+        if joint.motor is not None:
+            found[MOTOR] = motor_conflict(joint.motor, joint.type, joint.coordinates)
+        for name, refused in found.items():
+            if refused is not None:
+                where = ".".join(filter(None, ("joints", joint.name, name, refused[0])))
+                raise DescriptionError(refused[1], where=where, source=robot.source or robot.name)
 
 
 def _parameters(robot: Robot) -> dict[str, float]:
@@ -237,6 +255,9 @@ def _parameters(robot: Robot) -> dict[str, float]:
     for joint in robot.joints:
         for name, given in joint.coordinates.items():
             chosen.update(f"joints.{joint.name}.{name}.{key}" for key in given.law())
+        if joint.motor is not None:
+            laws = (*joint.motor.transmission.law(), *joint.motor.rotor.law())
+            chosen.update(f"joints.{joint.name}.{MOTOR}.{key}" for key in laws)
     chosen.update(robot.tunable)
     return {name: value or 0.0 for name, value in values.items() if name in chosen}
 
@@ -264,6 +285,9 @@ def _joint_values(joint: Joint) -> Iterator[tuple[str, float | None]]:
                 yield f"joints.{joint.name}.{name}.{key}", getattr(joint.coordinates[name], key)
             for key, value in joint.coordinates[name].law().items():
                 yield f"joints.{joint.name}.{name}.{key}", value
+    if joint.motor is not None:
+        for key, number in joint.motor.numbers().items():
+            yield f"joints.{joint.name}.{MOTOR}.{key}", number
     for name, offset in zip(COORDINATES, joint.offset, strict=True):
         yield f"joints.{joint.name}.offset.{name}", offset
     yield from _placement_values(f"joints.{joint.name}", joint.placement)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from .errors import InputError
 from .integrate import Trajectory
-from .robot import LINEAR
+from .robot import LINEAR, MOTOR
 
 Array = NDArray[np.float64]
 
@@ -31,7 +31,8 @@ class SimulationResult:
     Attributes:
         robot: the robot's name.
         trajectory: all n coordinates over T times.
-        program_coordinates, program_q: names of the driven coordinates, (p,), and their program, (T, p), m or rad.
+        program_coordinates, program_q: names of the coordinates that are driven, themselves or by a motor, (p,), and
+            their program, (T, p), m or rad.
         tool: name of the frame that is looked at.
         pose, program_pose: its pose, and that of the rigid robot on its program, (T, 4, 4), base axes, m.
         notes: lines about the method and about what was assumed.
@@ -50,8 +51,12 @@ class SimulationResult:
 
     @property
     def deviation_coordinates(self) -> tuple[str, ...]:
-        """Names of the coordinates without a drive."""
-        return tuple(name for name in self.trajectory.coordinates if name not in self.program_coordinates)
+        """Names of the coordinates without a program; motors follow their joints' and are left out."""
+        return tuple(
+            name
+            for name in self.trajectory.coordinates
+            if name not in self.program_coordinates and name.rpartition(".")[2] != MOTOR
+        )
 
     @property
     def deviations(self) -> Array:

@@ -22,6 +22,7 @@ ANGULAR = ("alpha", "beta", "gamma")
 COORDINATES = LINEAR + ANGULAR
 JOINT_TYPES = ("revolute", "prismatic", "fixed", "free")
 PRINCIPAL = {"revolute": "gamma", "prismatic": "z"}
+MOTOR = "motor"  # the coordinate of a joint's motor, behind the six
 COORDINATE_NUMBERS = ("stiffness", "damping", "armature")  # of a coordinate; any may be a run-time parameter
 INERTIA_KEYS = ("xx", "yy", "zz", "xy", "xz", "yz")
 BASE = "base"
@@ -137,6 +138,38 @@ class Coordinate:
 
 
 @dataclass(frozen=True)
+class Motor:
+    """A motor behind a gear and a spring: one more coordinate of its joint, the rotor's angle, rad at its shaft.
+
+    inertia: of the rotor about its own axis, kg m^2.  ratio: of the gear, rad of the motor per rad (or m) of the
+    joint's principal coordinate; negative where the sense is reversed.  transmission: the force in the deflection phi =
+    motor / ratio - principal coordinate, which pulls the joint after the motor; in units of the joint's side, without
+    friction, armature and role.  friction: of the rotor's own bearings, N m and rad/s at the shaft.  prescribed: the
+    rotor's motion is given, as that of a position-controlled motor.
+
+    Source: M. W. Spong, "Modeling and Control of Elastic Joint Robots", Journal of Dynamic Systems, Measurement, and
+    Control 109 (1987): of a rotor, the energy of its own spin alone counts.
+    """
+
+    inertia: float
+    ratio: float
+    transmission: Coordinate
+    friction: Friction | None = None
+    prescribed: bool = False
+
+    @property
+    def rotor(self) -> Coordinate:
+        """What acts on the motor's coordinate alone; its inertia as an armature."""
+        return Coordinate(armature=self.inertia, friction=self.friction, prescribed=self.prescribed)
+
+    def numbers(self) -> dict[str, float | None]:
+        """All numbers by the names of parameters: "inertia", "stiffness", "friction.coulomb"; None where not given."""
+        spring = self.transmission
+        own = {"inertia": self.inertia, "ratio": self.ratio, "stiffness": spring.stiffness, "damping": spring.damping}
+        return {**own, **spring.law(), **self.rotor.law()}
+
+
+@dataclass(frozen=True)
 class Link:
     """A rigid body: mass (kg), com (m, link frame), inertia (kg m^2, INERTIA_KEYS, about com, link axes)."""
 
@@ -152,6 +185,7 @@ class Joint:
 
     offset: constants in the order of COORDINATES (m, rad) that are added to the six coordinates, active or not, before
     they move anything: what manufacturing, wear or warmth leave; None where the description gives none.
+    motor: what drives the principal coordinate through an elastic transmission; None where the drive acts on it itself.
     """
 
     name: str
@@ -163,6 +197,7 @@ class Joint:
     coordinates: Mapping[str, Coordinate] = field(default_factory=dict)
     limits: tuple[float, float] | None = None
     offset: tuple[float | None, ...] = (None,) * 6
+    motor: Motor | None = None
 
     def __post_init__(self) -> None:
         ordered = {name: self.coordinates[name] for name in COORDINATES if name in self.coordinates}
@@ -171,6 +206,22 @@ class Joint:
     def __reduce__(self) -> tuple[object, ...]:
         values = (dict(value) if name == "coordinates" else value for name, value in vars(self).items())
         return (Joint, tuple(values))  # a mapping proxy cannot be pickled
+
+    @property
+    def all_coordinates(self) -> dict[str, Coordinate]:
+        """Active coordinates and, behind them, the motor's: those of q, in its order."""
+        return {**self.coordinates, **({MOTOR: self.motor.rotor} if self.motor else {})}
+
+    def rigid(self) -> Joint:
+        """The joint with every deviation locked, and with its motor's inertia as an armature of inertia ratio^2."""
+        keep = COORDINATES if self.type == "free" else (PRINCIPAL.get(self.type),)
+        kept = {k: v for k, v in self.coordinates.items() if k in keep or v.prescribed}
+        if self.motor is not None:
+            name = PRINCIPAL[self.type]
+            given = kept[name]
+            armature = (given.armature or 0.0) + self.motor.inertia * self.motor.ratio**2
+            kept[name] = replace(given, armature=armature, prescribed=given.prescribed or self.motor.prescribed)
+        return replace(self, coordinates=kept, motor=None)
 
 
 @dataclass(frozen=True)
@@ -221,18 +272,17 @@ class Robot:
         return {joint.name: joint for joint in self.joints}[name]
 
     def rigid(self) -> Robot:
-        """The same robot with every deviation locked: principal and prescribed coordinates and free joints move."""
-        joints = []
-        for joint in self.joints:
-            keep = COORDINATES if joint.type == "free" else (PRINCIPAL.get(joint.type),)
-            kept = {k: v for k, v in joint.coordinates.items() if k in keep or v.prescribed}
-            joints.append(replace(joint, coordinates=kept))
+        """The same robot with every deviation locked: principal and prescribed coordinates and free joints move.
+
+        Transmissions are rigid: a motor counts as an armature, and the motion of one that is prescribed as its joint's.
+        """
+        joints = [joint.rigid() for joint in self.joints]
         active = {f"joints.{j.name}.{c}." for j in joints for c in j.coordinates}
         gone = tuple(
             name
             for name in self.tunable
             if name.startswith("joints.")
-            and name.split(".")[2] in COORDINATES
+            and name.split(".")[2] in (*COORDINATES, MOTOR)
             and not any(name.startswith(prefix) for prefix in active)
         )
         tunable = tuple(name for name in self.tunable if name not in gone)

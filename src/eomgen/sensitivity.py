@@ -39,7 +39,9 @@ def offset_sensitivity(
         ArrayError: q has a wrong shape or is not finite.
     """
     every = {joint.name: {name: Coordinate() for name in COORDINATES} for joint in robot.joints}
-    whole = replace(robot.with_coordinates(every), name=robot.name[:44] + "_six", tunable=())
+    whole = robot.with_coordinates(every)
+    joints = tuple(replace(joint, motor=None) for joint in whole.joints)  # motors move no frame
+    whole = replace(whole, name=robot.name[:44] + "_six", joints=joints, tunable=())
     kernel = build(whole, kernels=("kinematics",))
     own = build_model(robot).coordinates
     for name, value in (parameters or {}).items():
@@ -49,6 +51,7 @@ def offset_sensitivity(
     if given.shape[-1:] != (len(own),) or given.ndim > 2:
         raise ArrayError(f"q: expected shape ({len(own)},) or (N, {len(own)}), got {given.shape}")
     full = np.zeros((*given.shape[:-1], kernel.n))
-    full[..., [kernel.coordinates.index(name) for name in own]] = given
+    moving = [i for i, name in enumerate(own) if name in kernel.coordinates]
+    full[..., [kernel.coordinates.index(own[i]) for i in moving]] = given[..., moving]
     names = tuple(f"joints.{name.replace('.', '.offset.')}" for name in kernel.coordinates)
     return names, np.asarray(kernel.frame_jacobian(full, frame))

@@ -2,7 +2,8 @@
 
 The principal coordinates follow a smooth point-to-point motion.  Their drives are computed torque on the rigid model,
 with a PD law on what is measured: u = ID_rigid(q, v, a_program + w^2 e + 2 w e').  Deviations have no drive.  The robot
-starts at rest, in balance under these drives.
+starts at rest, in balance under these drives.  Where a motor drives a principal coordinate through a transmission, its
+angle over the ratio is measured, its program is the ratio times the joint's, and it gets the drive over the ratio.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from .model import build_model
 from .motion import PointToPoint, Program
 from .pipeline import build
 from .result import SimulationResult, index_of, load_result, unit_of
-from .robot import PRINCIPAL, Robot
+from .robot import MOTOR, PRINCIPAL, Robot
 
 Array = NDArray[np.float64]
 Point = Mapping[str, float] | Sequence[float] | Array
@@ -62,28 +63,39 @@ __all__ = [
 class ComputedTorque:
     """Drives of the principal coordinates: u = ID_rigid(q, v, a + w^2 (q_d - q) + 2 w (v_d - v)); else 0.
 
+    Of one behind a motor q and v are the motor's over the ratio, and so is the motor's u.
     A drive for ``integrate``; q and v may be (n,) or (N, n).
 
     Attributes:
         rigid: kernel of the rigid robot; its coordinates are those that are driven.
         motion: their program.
-        index: where they are among the robot's coordinates.
+        index: where they, or their motors, are among the robot's coordinates.
         bandwidth: w, rad/s; the error of a rigid robot dies out as exp(-w t), critically damped.
+        ratio: of the gears in front of them, (p,), or 1.
     """
 
     rigid: Kernel
     motion: Program
     index: NDArray[np.intp]
     bandwidth: float
+    ratio: Array | float = 1.0
     batched = True
 
     def __call__(self, t: float, q: Array, v: Array) -> Array:
         q_d, v_d, a_d = self.motion.at(t)
-        q_m, v_m = np.ascontiguousarray(q[..., self.index]), np.ascontiguousarray(v[..., self.index])
+        q_m, v_m = (np.ascontiguousarray(x[..., self.index] / self.ratio) for x in (q, v))
         a = a_d + self.bandwidth * (self.bandwidth * (q_d - q_m) + 2.0 * (v_d - v_m))
         u = np.zeros_like(q)
-        u[..., self.index] = self.rigid.inverse_dynamics(q_m, v_m, a)
+        u[..., self.index] = self.rigid.inverse_dynamics(q_m, v_m, a) / self.ratio
         return u
+
+
+def computed_torque(kernel: Kernel, rigid: Kernel, motion: Program, bandwidth: float) -> ComputedTorque:
+    """The drives of a robot's kernel that follow a motion of its rigid model's coordinates; see ``ComputedTorque``."""
+    motors = {principal: motor for motor, principal in kernel.motors.items()}
+    index = index_of(kernel.coordinates, [motors.get(name, name) for name in rigid.coordinates])
+    ratios = [kernel.ratio(motors[name]) if name in motors else 1.0 for name in rigid.coordinates]
+    return ComputedTorque(rigid, motion, index, float(bandwidth), np.array(ratios) if motors else 1.0)
 
 
 def simulate(
@@ -143,7 +155,7 @@ def simulate(
         raise InputError("motion is given together with start or goal; allowed: one of them")
     motion = motion or default_motion(robot, MOVING_PART * duration, _driven(robot), start=start, goal=goal)
     kernel, rigid = _build_both(robot, report)
-    drive = ComputedTorque(rigid, motion, index_of(kernel.coordinates, rigid.coordinates), float(bandwidth))
+    drive = computed_torque(kernel, rigid, motion, bandwidth)
     report(0.0, "static equilibrium at the start")
     q0, loose = _balanced_start(kernel, drive)
     options: dict[str, Any] = {"rtol": rtol, "step": step, "output_step": output_step, "progress": progress}
@@ -225,18 +237,25 @@ def tool_of(robot: Robot, tool: str | None) -> str:
 def _balanced_start(kernel: Kernel, drive: ComputedTorque) -> tuple[Array, tuple[str, ...]]:
     """Equilibrium under the drives at t = 0, and the names of the coordinates that nothing holds.
 
-    Inside a clearance nothing does, so that its coordinate starts in the middle.
+    Inside a clearance nothing does, so that its coordinate starts in the middle; with a joint that has backlash the
+    motor takes up its side.
     """
     guess = np.zeros(kernel.n)
-    guess[drive.index] = drive.motion.start
-    stiffness = stiffnesses(kernel)
+    guess[index_of(kernel.coordinates, drive.rigid.coordinates)] = drive.motion.start
+    guess[drive.index] = drive.motion.start * drive.ratio
+    played = {kernel.motors.get(name, name) for name in kernel.coordinates if _has_play(kernel, name)}
+    driven = {kernel.coordinates[i] for i in drive.index}
     loose = tuple(
         name
-        for name, k in zip(kernel.coordinates, stiffness, strict=True)
-        if (k == 0.0 or f"joints.{name}.clearance" in kernel.parameters) and name not in drive.rigid.coordinates
+        for name, k in zip(kernel.coordinates, stiffnesses(kernel), strict=True)
+        if (k == 0.0 or name in played) and name not in driven
     )
     q0, _ = static_equilibrium(kernel, guess, u=lambda q: drive(0.0, q, np.zeros_like(q)), held=loose)
     return q0, loose
+
+
+def _has_play(kernel: Kernel, name: str) -> bool:
+    return f"joints.{name}.clearance" in kernel.parameters
 
 
 def _method_note(kernel: Kernel, asked: str, taken: str) -> tuple[str, ...]:
@@ -256,6 +275,9 @@ def _assumptions(robot: Robot, loose: tuple[str, ...]) -> tuple[str, ...]:
     free = [joint.name for joint in robot.joints if joint.type == "free"]
     if free:
         notes.append(f"free joint {', '.join(free)}: held where it is by drives on all its six coordinates")
+    motors = [f"{joint.name}.{MOTOR}" for joint in robot.joints if joint.motor]
+    if motors:
+        notes.append(f"drives act at {', '.join(motors)} and know their angles alone, not their joints'")
     if loose:
         why = "without stiffness or drive, or inside a clearance"
         notes.append(f"{why}, so not in balance at the start: {', '.join(loose)}")

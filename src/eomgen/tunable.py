@@ -7,11 +7,12 @@ from dataclasses import dataclass
 
 from .errors import DescriptionError
 from .names import nearest, show
-from .robot import COORDINATE_NUMBERS, COORDINATES, INERTIA_KEYS, LINEAR, Placement, Robot
+from .robot import COORDINATE_NUMBERS, COORDINATES, INERTIA_KEYS, LINEAR, MOTOR, Placement, Robot
 
 FORMS = (
     "gravity[.x], links.LINK.mass, links.LINK.com[.x], links.LINK.inertia[.xx], "
     "joints.JOINT.COORDINATE.stiffness (or damping, armature), joints.JOINT.offset[.x], "
+    "joints.JOINT.motor.inertia (or ratio), "
     "joints.JOINT.placement.xyz[.0] (or rpy), frames.FRAME.placement.xyz[.0] (or rpy); * stands for any one component"
 )
 
@@ -43,6 +44,8 @@ def parameters(robot: Robot) -> Iterator[Parameter]:
                 yield Parameter(("joints", joint.name, name, key), getattr(coordinate, key) is not None)
             for key in coordinate.law():
                 yield Parameter(("joints", joint.name, name, *key.split(".")))
+        for key, value in (joint.motor.numbers() if joint.motor else {}).items():
+            yield Parameter(("joints", joint.name, MOTOR, *key.split(".")), value is not None)
     for frame in robot.frames:
         yield from _placement(("frames", frame.name), frame.placement)
 

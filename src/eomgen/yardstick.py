@@ -40,12 +40,15 @@ def newton_euler(model: Model) -> str:
     """Model -> C source of the textbook algorithms, the description's numbers in its tables.
 
     Raises:
-        InputError: a coordinate has a force that is no linear spring or damper's.
+        InputError: a coordinate has a force that is no linear spring or damper's, or a joint has a motor.
     """
     from .codegen.bodies import bind
     from .codegen.source import environment
 
     bound = bind(model, lambda _, number: number, _sincos)
+    if bound.transmissions:
+        names = ", ".join(model.coordinates[i] for i in bound.transmissions)
+        raise InputError(f"bench: {names}: the textbook's algorithms know no motors behind transmissions")
     if bound.laws:
         names = ", ".join(model.coordinates[i] for i in bound.laws)
         raise InputError(f"bench: {names}: the textbook's algorithms know linear springs and dampers only")
