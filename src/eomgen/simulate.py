@@ -243,7 +243,7 @@ def _method_note(kernel: Kernel, asked: str, taken: str) -> tuple[str, ...]:
     if asked != "auto":
         return ()
     if choose_method(kernel) == "DOP853":
-        return (f"method: {taken} (explicit), because no coordinate has a stiffness",)
+        return (f"method: {taken} (explicit), because nothing has a stiffness",)
     return (
         f"method: {taken} (implicit), because there are springs; its steps follow the motion, not the fastest spring",
     )
