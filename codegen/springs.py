@@ -36,12 +36,13 @@ REST = SMALLEST  # m
 
 @dataclass(frozen=True)
 class Arm:
-    """A coordinate that moves one of the points: ``sign`` -1 for the first, 1 for the second; vectors of above."""
+    """A coordinate that moves one of the points: ``sign`` -1 for the first, 1 for the second; ``slope`` is its g."""
 
     index: int
     sign: float
     near: Vec
     far: Vec
+    slope: Scalar
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ class Line:
         points = first.pose.origin, second.pose.origin
         self.d = subtract(points[1], points[0])
         self.arms = [*_arms(first, -1.0, *points), *_arms(second, 1.0, *points[::-1])]
-        self.g = {arm.index: arm.sign * dot(self.d, arm.near) for arm in self.arms}
+        self.g = {arm.index: arm.slope for arm in self.arms}
         self.square = dot(self.d, self.d)
 
     def rate(self) -> Scalar:
@@ -159,14 +160,15 @@ class Line:
 
 
 def _arms(side: Side, sign: float, own: Vec, other: Vec) -> Iterator[Arm]:
-    """From the common body to the point."""
-    beyond = subtract(other, own)
+    """From the common body to the point; a rotation reads g off the moment of d, which its joint's others share."""
+    pull = subtract(other, own)  # sign d is -pull
     for column in side.columns(own):
-        e = column.axis
+        e, arm = column.axis, column.arm
         if column.is_rotation:
-            yield Arm(column.index, sign, cross(e, column.arm), cross(e, add(column.arm, beyond)))
+            slope = dot(e, cross(pull, arm))
+            yield Arm(column.index, sign, cross(e, arm), cross(e, add(arm, pull)), slope)
         else:
-            yield Arm(column.index, sign, e, e)
+            yield Arm(column.index, sign, e, e, -dot(e, pull))
 
 
 def lines(

@@ -103,9 +103,7 @@ def closed_form(
     Raises:
         InputError: the robot has springs between points, or an offset of an angle that is not active.
     """
-    if model.robot.springs:
-        names = ", ".join(spring.name for spring in model.robot.springs)
-        raise InputError(f"{model.name}: the closed form knows no springs between points ({names}); leave them out")
+    refuse_springs(model)
     binder = _Values(symbolic_parameters)
     bound = bind(model, binder, lambda angle: (sp.sin(angle), sp.cos(angle)))
     q, v, a, u = _symbols(model)
@@ -124,6 +122,13 @@ def closed_form(
     kinetic = _kinetic(bodies, inertias, bound.armature, v)
     potential = _potential(bound, bodies, inertias, q)
     return ClosedForm(q, v, a, u, wrench, binder.symbols, M, C, bias, tuple(Q), residual, kinetic, potential)
+
+
+def refuse_springs(model: Model) -> None:
+    """InputError if the robot has springs between points."""
+    if model.robot.springs:
+        names = ", ".join(spring.name for spring in model.robot.springs)
+        raise InputError(f"{model.name}: the closed form knows no springs between points ({names}); leave them out")
 
 
 class _Values:

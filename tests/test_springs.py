@@ -229,8 +229,10 @@ def test_energy_is_conserved(seed: int, built: Build) -> None:
     assert np.ptp(energy.sum(axis=1)) <= 1e-6 * np.ptp(energy[:, 0])
 
 
-def implicit_step(robot: Robot, kernel: eomgen.Kernel, q: Array, v: Array, u: Array, dt: float) -> Array:
-    """Accelerations of the formula, with the whole matrix."""
+def implicit_step(
+    robot: Robot, kernel: eomgen.Kernel, q: Array, v: Array, u: Array, dt: float, given: Array | None = None
+) -> Array:
+    """Accelerations of the formula, with the whole matrix; where ``given``, u is one."""
     k, b = (np.array([getattr(c, key) or 0.0 for j in robot.joints for c in j.coordinates.values()])
             for key in ("stiffness", "damping"))  # fmt: skip
     A = kernel.mass_matrix(q) + np.diag(dt * b + dt * dt * k)
@@ -244,7 +246,11 @@ def implicit_step(robot: Robot, kernel: eomgen.Kernel, q: Array, v: Array, u: Ar
         by_rate = (pulled(spring, e, rate + h) - pulled(spring, e, rate - h)) / (2 * h)
         right -= arm * (ahead - now)
         A += max(dt * by_rate + dt * dt * by_e, 0.0) * np.outer(arm, arm)
-    return np.asarray(np.linalg.solve(A, right))
+    if given is None:
+        return np.asarray(np.linalg.solve(A, right))
+    free, a = ~given, np.array(u)
+    a[free] = np.linalg.solve(A[np.ix_(free, free)], right[free] - A[np.ix_(free, given)] @ u[given])
+    return a
 
 
 @pytest.mark.parametrize("seed", [2060, 2061, 2062, 2063])

@@ -257,7 +257,7 @@ def _assumptions(robot: Robot, loose: tuple[str, ...]) -> tuple[str, ...]:
     if free:
         notes.append(f"free joint {', '.join(free)}: held where it is by drives on all its six coordinates")
     if loose:
-        why = "without stiffness or drive, or inside a clearance"
+        why = "without a stiffness of its own or a drive, or inside a clearance"
         notes.append(f"{why}, so not in balance at the start: {', '.join(loose)}")
     return tuple(notes)
 
