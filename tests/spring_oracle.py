@@ -92,6 +92,7 @@ class SpringOracle:
 
     def __init__(self, robot: Robot) -> None:
         self.bodies, self.springs = PinocchioOracle(replace(robot, springs=())), robot.springs
+        self.tree = build_model(robot)
         self.moving = [joint for joint in robot.joints if joint.coordinates]
 
     def _points(self, q: Array, spring: Spring) -> list[tuple[int, Array, Array]]:
@@ -128,6 +129,24 @@ class SpringOracle:
             _, _, n, ends = self._line(q, np.zeros_like(q), spring)
             rows.append(n @ (ends[1][2] - ends[0][2]))
         return np.array(rows)
+
+    def stiffness(self, q: Array) -> Array:
+        """Sum of k D^T D, D of the vector between both points: of a curve its steepest piece counts, of a cable k.
+
+        What moves both points only turns the vector.
+        """
+        total = np.zeros((len(q), len(q)))
+        for spring in self.springs:
+            ends = self._points(q, spring)
+            D = ends[1][2] - ends[0][2]
+            first, second = (set(self.tree.ancestors(self.tree.body_of[link])) for link in spring.links)
+            for body in first & second:
+                D[:, self.tree.bodies[body].indices] = 0.0
+            k = spring.stiffness or 0.0
+            for (x, low), (y, high) in pairwise(spring.curve or ()):
+                k = max(k, (high - low) / (y - x))
+            total += k * D.T @ D
+        return total
 
     def external(self, q: Array, v: Array) -> Array:
         """Generalized force of all springs."""

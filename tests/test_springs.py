@@ -18,7 +18,9 @@ from spring_oracle import SpringOracle, pulled, with_springs
 from test_mujoco import elastic_robot
 
 import eomgen
+from eomgen.codegen.bodies import bind
 from eomgen.codegen.equations import derive, derive_equations
+from eomgen.codegen.frames import choose_frames
 from eomgen.codegen.render import render
 from eomgen.equilibrium import static_equilibrium
 from eomgen.errors import DescriptionError, InputError
@@ -69,6 +71,7 @@ def test_forces_are_external_forces_in_pinocchio(seed: int, built: Build) -> Non
         assert close(kernel.reactions(s.q, s.v, s.a), oracle.reactions(s.q, s.v, s.a))
         assert close(kernel.spring_forces(s.q, s.v), oracle.forces(s.q, s.v))
         assert close(kernel.spring_jacobian(s.q), oracle.jacobian(s.q))
+        assert close(kernel.spring_stiffness(s.q), oracle.stiffness(s.q))
     q, v, a = (np.array([getattr(s, x) for s in states]) for x in "qva")
     for many, one in (
         (kernel.inverse_dynamics(q, v, a), [kernel.inverse_dynamics(s.q, s.v, s.a) for s in states]),
@@ -76,6 +79,22 @@ def test_forces_are_external_forces_in_pinocchio(seed: int, built: Build) -> Non
         (kernel.energy(q, v), [kernel.energy(s.q, s.v) for s in states]),
     ):
         assert close(np.asarray(many), np.array(one), 1e-12)
+
+
+@pytest.mark.parametrize("seed", range(2090, 2094))
+def test_frames_that_move_take_points_along(seed: int, built: Build) -> None:
+    """Rigid chains, whose body frames the generator shifts and turns; C without a warning."""
+    robot = with_springs(random_robot(seed, joints=(3, 5), types=("revolute", "prismatic"), rigid=True), seed)
+    model = build_model(robot)
+    bound = bind(model, lambda _, number: number, lambda x: (np.sin(x), np.cos(x)))
+    moved = choose_frames(model, bound)
+    assert any(a.ends != b.ends for a, b in zip(bound.springs, moved.springs, strict=True))
+    kernel, oracle = built(robot, *NAMES, flags=("-O0", "-Werror")), SpringOracle(robot)
+    for i in range(5):
+        s = random_state(robot, seed + i)
+        assert close(kernel.inverse_dynamics(s.q, s.v, s.a), oracle.inverse_dynamics(s.q, s.v, s.a))
+        assert close(kernel.reactions(s.q, s.v, s.a), oracle.reactions(s.q, s.v, s.a))
+        assert close(kernel.energy(s.q, s.v), oracle.energy(s.q, s.v))
 
 
 @pytest.mark.parametrize("seed", range(2020, 2028))

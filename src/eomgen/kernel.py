@@ -282,7 +282,8 @@ class Kernel:
         """What each joint exerts on its child link, (joints, 6): force (N), moment (N m) at the joint.
 
         In the axes of the joint's frame after its motion (z is the principal axis), at that frame's origin.  Without
-        external wrenches; the joint's own springs, dampers and drives are part of it.
+        external wrenches; the joint's own springs, dampers and drives are part of it.  Springs between points act on
+        the links, so that what they carry passes the joints by.
 
         Args:
             q, v, a: (n,).
@@ -332,8 +333,8 @@ class Kernel:
     def spring_stiffness(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """What the springs between points stiffen at most, (n, n), N/m, N or N m/rad; at least semidefinite.
 
-        The sum of k D^T D, D the derivative of the vector between a spring's points by q, k its stiffness in all
-        directions: of a curve that of its steepest piece, of a cable as if it were taut.
+        The sum of k D^T D, D the derivative by q of the vector between a spring's points, seen from the last link that
+        moves both, k its stiffness in all directions: of a curve that of its steepest piece, of a cable as if taut.
         """
         return self._run("spring_stiffness", out, (q,))
 
