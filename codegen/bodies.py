@@ -86,6 +86,18 @@ class Transmission:
 
 
 @dataclass(frozen=True)
+class BoundSpring:
+    """A spring between two points: per end (body, point in its frame), the numbers of its law, and its elongations.
+
+    ``numbers``: ``Spring.law``; stiffness, damping and free_length are always there, 0 where none is given.
+    """
+
+    ends: tuple[tuple[int, Vec], tuple[int, Vec]]
+    numbers: Mapping[str, Scalar]
+    knots: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
 class Bound:
     """A model with its numbers, in the model's order; ``links`` and ``frames`` hold (body, pose in that body).
 
@@ -97,6 +109,7 @@ class Bound:
     (``Coordinate.law``, with "stiffness" where it is no linear spring's); ``knots`` the deviations of its curve.
     ``transmissions`` holds, by the index of a motor's coordinate, what is between it and its joint; its inertia is an
     armature.
+    ``springs`` are those between points of two bodies.
     """
 
     gravity: Vec
@@ -112,6 +125,7 @@ class Bound:
     laws: Mapping[int, Mapping[str, Scalar]] = field(default_factory=dict)
     knots: Mapping[int, tuple[float, ...]] = field(default_factory=dict)
     transmissions: Mapping[int, Transmission] = field(default_factory=dict)
+    springs: tuple[BoundSpring, ...] = ()
 
 
 def bind(
@@ -153,8 +167,9 @@ def bind(
     bodies = tuple(BoundBody(p, h) for p, h in zip(placements, inertias, strict=True))
     laws, knots = binder.laws()
     forces, offsets, cuts = binder.forces(), binder.angle_offsets(), binder.cuts(poses)
-    frames, between = binder.frames(poses), binder.transmissions()
-    return Bound(binder.gravity(), bodies, frames, coms, *forces, offsets, (0.0,) * 3, cuts, laws, knots, between)
+    frames, between, springs = binder.frames(poses), binder.transmissions(), binder.springs(poses)
+    still = (0.0, 0.0, 0.0)
+    return Bound(binder.gravity(), bodies, frames, coms, *forces, offsets, still, cuts, laws, knots, between, springs)
 
 
 class _Binder:
@@ -260,6 +275,21 @@ class _Binder:
                 body, pose = poses[link]
                 sides.append((body, pose @ self.placement(f"loops.{loop.name}.{i}", placement)))
             found.append((sides[0], sides[1]))
+        return tuple(found)
+
+    def springs(self, poses: dict[str, tuple[int, Pose]]) -> tuple[BoundSpring, ...]:
+        """The springs between points, each with its ends in the bodies' frames."""
+        found = []
+        for spring in self.model.robot.springs:
+            ends = []
+            for i, (link, point) in enumerate(zip(spring.links, spring.points, strict=True)):
+                body, pose = poses[link]
+                at = self.triple(f"springs.{spring.name}.points.{i}", point)
+                ends.append((body, add(matvec(pose.rotation, at), pose.origin)))
+            given = {**dict.fromkeys(("free_length", "stiffness", "damping"), 0.0), **spring.law()}
+            numbers = {key: self.value(f"springs.{spring.name}.{key}", number) for key, number in given.items()}
+            knots = tuple(elongation for elongation, _ in spring.curve or ())
+            found.append(BoundSpring((ends[0], ends[1]), numbers, knots))
         return tuple(found)
 
     def forces(self) -> tuple[tuple[Scalar, ...], tuple[Scalar, ...], tuple[Scalar, ...]]:

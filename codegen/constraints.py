@@ -98,8 +98,7 @@ class Closure:
     def __init__(self, model: Model, bound: Bound, joints: Sequence[JointGeometry], number: int) -> None:
         self.parts: tuple[Component, ...] = CUTS[model.robot.loops[number].type]
         cut_a, cut_b = bound.cuts[number]
-        behind = set(model.ancestors(cut_a[0]))
-        top = next((k for k in model.ancestors(cut_b[0]) if k in behind), FIXED_BODY)
+        top = common_body(model, cut_a[0], cut_b[0])
         self.a, self.b = (Side(model, joints, top, cut) for cut in (cut_a, cut_b))
         self.distance = subtract(self.b.pose.origin, self.a.pose.origin)
         self.axes_a, self.axes_b = transpose(self.a.pose.rotation), transpose(self.b.pose.rotation)
@@ -161,6 +160,12 @@ def closures(model: Model, bound: Bound, joints: Sequence[JointGeometry], note: 
     for number, loop in enumerate(model.robot.loops):
         note(f"{loop.name}: {loop.type} joint between {loop.links[0]} and {loop.links[1]}")
         yield Closure(model, bound, joints, number)
+
+
+def common_body(model: Model, a: int, b: int) -> int:
+    """The last body that carries bodies a and b, or FIXED_BODY."""
+    behind = set(model.ancestors(a))
+    return next((k for k in model.ancestors(b) if k in behind), FIXED_BODY)
 
 
 def subtract(a: Vec, b: Vec) -> Vec:

@@ -26,8 +26,9 @@ from .passes import PARAMETERS, hoist_parameters, run_passes
 from .recursion import Wrench, inertial_rows, kinetic_energy
 from .regroup import regroup
 from .rotors import Rotors
-from .signatures import KERNELS, LOOP_KERNELS, available
+from .signatures import KERNELS, LOOP_KERNELS, SPRING_KERNELS, available
 from .solve import solve
+from .springs import Along, Line, add_derivatives, lines
 from .zeros import zero_map
 
 STRAIGHT_SOLVE = 12  # up to so many coordinates the factorisation is tried beside the elimination
@@ -66,16 +67,18 @@ def derive_equations(model: Model, kernels: Sequence[str] = ()) -> Equations:
     """Model -> Equations, with every pass run.
 
     Args:
-        kernels: names of KERNELS; all that there are for the model if empty.
+        kernels: names of KERNELS; all that there are for the model if empty.  Those of springs between points come
+            with any: they are small, and integrations choose method and step by them.
 
     Raises:
-        InputError: a kernel of loops is asked for, but the robot has none.
+        InputError: a kernel of loops or springs is asked for, but the robot has none.
     """
     known = available(model)
     for name in kernels:
         if name not in known:
-            raise InputError(f"kernels: {name!r} is for robots with [[loops]], and {model.name} has none")
-    public = tuple(name for name in known if not kernels or name in kernels)
+            what = "springs" if name in SPRING_KERNELS else "loops"
+            raise InputError(f"kernels: {name!r} is for robots with [[{what}]], and {model.name} has none")
+    public = tuple(name for name in known if not kernels or name in kernels or name in SPRING_KERNELS)
     raw: dict[str, Program] = {}
     loops: set[str] = set()
     choices: dict[str, str] = {}
@@ -150,11 +153,24 @@ class Derivation:
     def dynamics(self, v: list[Any], a: list[Any]) -> list[Scalar]:
         """Inertial, gravity, spring and damper terms: the drives that the motion needs."""
         rows, _ = inertial_rows(self.model, self.bound, self.joints, v, a, self.bound.gravity, self.graph.note)
-        return [row + force for row, force in zip(rows, self.resisting(self.q, v), strict=True)]
+        return [row + force for row, force in zip(rows, self.forces(v), strict=True)]
 
     def resisting(self, q: list[Any], v: list[Any]) -> list[Scalar]:
         """What springs, dampers and other forces of the coordinates themselves take from the drives."""
         return resisting_rows(self.bound, q, v, self.functions)
+
+    def lines(self, v: list[Any]) -> list[Line]:
+        """Springs between two points, where q is and at the rates v."""
+        return list(lines(self.model, self.bound, self.joints, v, self.functions, self.graph.note))
+
+    def forces(self, v: list[Any]) -> list[Scalar]:
+        """What all springs and dampers take from the drives."""
+        rows = self.resisting(self.q, v)
+        for line in self.lines(v):
+            ratio = line.pull().ratio
+            for index, value in line.g.items():
+                rows[index] = rows[index] + ratio * value
+        return rows
 
     def matrix(self) -> Rows:
         """Entries of M on and above the diagonal."""
@@ -207,7 +223,7 @@ def _bias_force(d: Derivation) -> Outputs:
 
 def _generalized_force(d: Derivation) -> Outputs:
     weights = gravity_rows(d.model, d.bound, d.joints)
-    springs = d.resisting(d.q, d.v)
+    springs = d.forces(d.v)
     return d.vector([-(weight + spring) for weight, spring in zip(weights, springs, strict=True)])
 
 
@@ -238,6 +254,8 @@ def _residual_jacobian(d: Derivation) -> Outputs:
     for key, slope in by_q.items():  # the same keys in both
         found.by_q[key] = found.by_q.get(key, 0.0) + slope
         found.by_v[key] = found.by_v.get(key, 0.0) + by_v[key]
+    for line in d.lines(d.v):
+        add_derivatives(line, d.v, found.by_q, found.by_v)
     return d.matrices(found.by_q, found.by_v, found.by_a)
 
 
@@ -265,18 +283,27 @@ def _drives(d: Derivation, springs: list[Scalar]) -> list[Scalar]:
 
 def _eliminated(d: Derivation) -> Outputs:
     """Joint by joint from the tips, without a mass matrix."""
-    return _by_elimination(d, d.bound.armature, _drives(d, d.resisting(d.q, d.v)), {})
+    found = _by_elimination(d, d.bound, d.bound.armature, _drives(d, d.forces(d.v)), d.v, {})
+    return _solved(d, *found)
 
 
 def _by_elimination(
-    d: Derivation, armature: Sequence[Scalar], drives: list[Scalar], slopes: Mapping[int, Scalar]
-) -> Outputs:
-    """The motors' scalar rows, then the tree; ``slopes`` are those of the transmissions in an implicit step."""
-    rotors = Rotors(d.model, d.bound, armature, drives, slopes)
-    bound = replace(d.bound, armature=tuple(rotors.armature))
-    solved = Elimination(d.model, bound, d.joints, d.v, rotors.drives, d.graph.note)
+    d: Derivation,
+    bound: Bound,
+    armature: Sequence[Scalar],
+    drives: list[Scalar],
+    v: list[Any],
+    slopes: Mapping[int, Scalar],
+) -> tuple[list[Scalar], list[tuple[Scalar, Scalar]]]:
+    """Accelerations and pivots: the motors' scalar rows, then the tree.
+
+    ``slopes`` are those of the transmissions in an implicit step.
+    """
+    rotors = Rotors(d.model, bound, armature, drives, slopes)
+    left = replace(bound, armature=tuple(rotors.armature))
+    solved = Elimination(d.model, left, d.joints, v, rotors.drives, d.graph.note)
     rotors.release(solved.accelerations, solved.pivots)
-    return _solved(d, solved.accelerations, solved.pivots)
+    return solved.accelerations, solved.pivots
 
 
 def _implicit_step(d: Derivation) -> Outputs:
@@ -286,10 +313,17 @@ def _implicit_step(d: Derivation) -> Outputs:
     tangent at the coordinate that the rate leads to; a tangent that falls is left out, so that the matrix stays
     positive definite.
     ``added`` is what a joint's controller adds to the diagonal; it acts on coordinates that are driven.
+    Springs between points act where their rates lead to, in the directions that they have; their tangents are no
+    diagonal, and join in afterwards (``_with_lines``).
     """
     dt, square = d.graph.input("dt", 0), d.graph.input("dt", 1)
     ahead = [q + dt * v for q, v in zip(d.q, d.v, strict=True)]
-    drives = _drives(d, d.resisting(ahead, d.v))
+    springs = d.resisting(ahead, d.v)
+    pulls = [line.along(dt) for line in d.lines(d.v)]
+    for pull in pulls:
+        for i, arm in pull.arms.items():
+            springs[i] = springs[i] + pull.tension * arm
+    drives = _drives(d, springs)
     armature = list(d.bound.armature)
     for i, (stiffness, damping) in enumerate(zip(d.bound.stiffness, d.bound.damping, strict=True)):
         armature[i] = armature[i] + (dt * damping + square * stiffness)
@@ -302,7 +336,45 @@ def _implicit_step(d: Derivation) -> Outputs:
     for i, stretch in stretches(d.bound, ahead, d.v, d.functions).items():
         bent = d.functions.larger(dt * stretch.bent.by_v + square * stretch.bent.by_s, 0.0)
         slopes[i] = dt * stretch.linear.by_v + square * stretch.linear.by_s + bent
-    return _by_elimination(d, armature, drives, slopes)
+    accelerations, pivots = _by_elimination(d, d.bound, armature, drives, d.v, slopes)
+    return _solved(d, _with_lines(d, armature, accelerations, pulls, dt, square, slopes), pivots)
+
+
+def _with_lines(
+    d: Derivation,
+    armature: Sequence[Scalar],
+    accelerations: list[Scalar],
+    pulls: Sequence[Along],
+    dt: Scalar,
+    square: Scalar,
+    slopes: Mapping[int, Scalar],
+) -> list[Scalar]:
+    """Accelerations with slope j j^T, j = dL/dq, of every spring between points added to the matrix.
+
+    One rank at a time (J. Sherman, W. J. Morrison 1950): each takes the answer to its own j, which is one more
+    elimination at rest and weightless, whose inertias are those of the first.
+    """
+    rest = replace(d.bound, gravity=(0.0, 0.0, 0.0))
+    answers = []
+    for pull in pulls:
+        drives = [0.0 if i in d.model.prescribed else pull.arms.get(i, 0.0) for i in range(d.model.size)]
+        answers.append(_by_elimination(d, rest, armature, drives, d.still, slopes)[0])
+    found = list(accelerations)
+    for place, pull in enumerate(pulls):
+        own, slope = answers[place], d.functions.larger(dt * pull.by_rate + square * pull.by_e, 0.0)
+        share = slope / (1.0 + slope * _along(pull, own))
+        for other in (found, *answers[place + 1 :]):
+            taken = share * _along(pull, other)
+            other[:] = [x - taken * y for x, y in zip(other, own, strict=True)]
+    return found
+
+
+def _along(pull: Along, accelerations: Sequence[Scalar]) -> Scalar:
+    """Acceleration of a spring's length."""
+    total: Scalar = 0.0
+    for index, arm in pull.arms.items():
+        total = total + arm * accelerations[index]
+    return total
 
 
 def _euler_cosines(d: Derivation) -> Outputs:
@@ -356,11 +428,16 @@ def _energy(d: Derivation) -> Outputs:
         potential = potential + law.energy
     for stretch in stretches(d.bound, d.q, d.v, d.functions).values():
         potential = potential + stretch.whole.energy
+    for line in d.lines(d.still):
+        potential = potential + line.pull().energy
     return _vector([kinetic, potential])
 
 
 def _reactions(d: Derivation) -> Outputs:
     _, total = inertial_rows(d.model, d.bound, d.joints, d.v, d.a, d.bound.gravity, d.graph.note)
+    for line in d.lines(d.v):  # their forces pass the joints between both points by
+        for k, held in line.wrenches():
+            total[k] = total[k] + held
     return _vector([x for wrench in total for x in (*wrench.force, *wrench.moment)])
 
 
@@ -390,6 +467,23 @@ def _cut_poses(d: Derivation) -> Outputs:
     return _vector(values)
 
 
+def _spring_forces(d: Derivation) -> Outputs:
+    return _vector([x for line in d.lines(d.v) for x in line.forces()])
+
+
+def _spring_jacobian(d: Derivation) -> Outputs:
+    found = [(1.0 / line.length(), line.g) for line in d.lines(d.still)]
+    return _vector([g.get(i, 0.0) * inverse for inverse, g in found for i in d.own])
+
+
+def _spring_stiffness(d: Derivation) -> Outputs:
+    total: Rows = {}
+    for line in d.lines(d.still):
+        for place, value in line.stiffness().items():
+            total[place] = total.get(place, 0.0) + value
+    return d.matrices(total)
+
+
 SOLVERS: Mapping[str, Callable[[Derivation], Outputs]] = {
     FACTORISED: _factorised,
     "joints eliminated in O(n)": _eliminated,
@@ -414,5 +508,8 @@ WRITERS: Mapping[str, Callable[[Derivation], Outputs]] = {
     "constraint_jacobian": _constraint_jacobian,
     "constraint_bias": _constraint_bias,
     "cut_poses": _cut_poses,
+    "spring_forces": _spring_forces,
+    "spring_jacobian": _spring_jacobian,
+    "spring_stiffness": _spring_stiffness,
     "implicit_step": _implicit_step,
 }

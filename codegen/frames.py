@@ -17,7 +17,21 @@ from dataclasses import replace
 from eomgen.model import Model
 from eomgen.robot import IDENTITY
 
-from .bodies import Bound, BoundBody, Mat, Pose, Scalar, add, congruence, dot, scale, transpose
+from .bodies import (
+    Bound,
+    BoundBody,
+    BoundSpring,
+    Mat,
+    Pose,
+    Scalar,
+    Vec,
+    add,
+    congruence,
+    dot,
+    matvec,
+    scale,
+    transpose,
+)
 
 AXIS = 2  # the principal axis
 ROUND_OFF = 2e-15  # entries of a turned placement that miss 0, 1 or -1 by less are meant to be these
@@ -26,7 +40,7 @@ VECTORS = 5  # so many are turned by a placement, so many products go with a com
 
 def choose_frames(model: Model, bound: Bound) -> Bound:
     """The same robot with body frames shifted and turned where that leaves fewer non-zero numbers."""
-    bodies, offsets = list(bound.bodies), list(bound.angle_offsets)
+    bodies, offsets, springs = list(bound.bodies), list(bound.angle_offsets), bound.springs
     for k, body in enumerate(model.bodies):
         children = model.children(k)
         plain = _plain(bodies, [k]) and set(body.active) <= {"z", "gamma"}
@@ -40,16 +54,20 @@ def choose_frames(model: Model, bound: Bound) -> Bound:
         if plain:
             shift = _best_shift(bodies, k, children)
             if shift:
-                _move(bodies, k, children, Pose(IDENTITY, (0.0, 0.0, shift)), placed=True)
+                by = Pose(IDENTITY, (0.0, 0.0, shift))
+                _move(bodies, k, children, by, placed=True)
+                springs = _points_moved(springs, k, by)
         if "gamma" in body.active:
             angle = _best_turn(bodies, children) if children else _turn_onto_x(bound, bodies, k)
             if angle:
-                _move(bodies, k, children, Pose(_about_z(angle), (0.0, 0.0, 0.0)), placed=False)
+                by = Pose(_about_z(angle), (0.0, 0.0, 0.0))
+                _move(bodies, k, children, by, placed=False)
+                springs = _points_moved(springs, k, by)
                 offsets[body.indices[-1]] += angle
                 if not children:
                     x, _, z = bodies[k].inertia.first
                     bodies[k] = replace(bodies[k], inertia=replace(bodies[k].inertia, first=(x, 0.0, z)))
-    return replace(bound, bodies=tuple(bodies), angle_offsets=tuple(offsets))
+    return replace(bound, bodies=tuple(bodies), angle_offsets=tuple(offsets), springs=springs)
 
 
 def _about_z(angle: float) -> Mat:
@@ -84,6 +102,16 @@ def _move(bodies: list[BoundBody], k: int, children: Sequence[int], by: Pose, *,
             x, y = (0.0 if abs(component) <= size else component for component in (x, y))
             moved = Pose(_turned(moved, 0.0).rotation, (x, y, z))
         bodies[child] = replace(bodies[child], placement=moved)
+
+
+def _points_moved(springs: tuple[BoundSpring, ...], k: int, by: Pose) -> tuple[BoundSpring, ...]:
+    """The springs with their ends on body k seen from its frame moved by a pose given in it."""
+    back = transpose(by.rotation)
+
+    def seen(end: tuple[int, Vec]) -> tuple[int, Vec]:
+        return (k, matvec(back, add(end[1], scale(-1.0, by.origin)))) if end[0] == k else end
+
+    return tuple(replace(spring, ends=(seen(spring.ends[0]), seen(spring.ends[1]))) for spring in springs)
 
 
 def _best_shift(bodies: list[BoundBody], k: int, children: Sequence[int]) -> float:

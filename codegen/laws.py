@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 from .bodies import Scalar
@@ -63,6 +64,41 @@ def effect(numbers: Numbers, knots: Sequence[float], s: Scalar, v: Scalar, f: Fu
         forces = [numbers[f"curve.{i}"] for i in range(len(knots))]
         total = total + _curve(knots, forces, s, f)
     return total
+
+
+def tension(numbers: Numbers, knots: Sequence[float], e: Scalar, rate: Scalar, f: Functions) -> Effect:
+    """The tension of a spring between two points, from its elongation e (m) and the rate of that (m/s).
+
+    With "smoothing", that of a cable: max(k d + c d_dot, 0), d the penetration of a contact at clearance 0.
+
+    Args:
+        numbers: stiffness k, damping c, and "smoothing" where it is a cable.
+        knots: elongations of its curve.
+    """
+    k, c = numbers["stiffness"], numbers["damping"]
+    if "smoothing" in numbers:
+        w = numbers["smoothing"]
+        beyond = f.larger(e - w, 0.0)
+        part = f.larger(e, 0.0) - beyond
+        inverse = 1.0 / w
+        slope = part * inverse
+        d, bend = 0.5 * (part * slope) + beyond, (f.step(e) - f.step(e - w)) * inverse
+        pull = k * d + c * (slope * rate)
+        taut = f.step(pull)
+        energy = k * (part * part * slope * (1.0 / 6.0) + 0.5 * beyond * (beyond + w))
+        return Effect(f.larger(pull, 0.0), taut * (k * slope + c * (bend * rate)), taut * (c * slope), energy)
+    total = Effect(k * e + c * rate, k, c, 0.5 * (k * (e * e)))
+    if knots:
+        total = total + _curve(knots, [numbers[f"curve.{i}"] for i in range(len(knots))], e, f)
+    return total
+
+
+def steepest(knots: Sequence[float], forces: Sequence[Scalar], f: Functions) -> Scalar:
+    """The slope of the steepest rising piece between a curve's points, at least 0."""
+    most: Scalar = 0.0
+    for (a, b), (low, high) in zip(pairwise(knots), pairwise(forces), strict=True):
+        most = f.larger((high - low) * (1.0 / (b - a)), most)
+    return most
 
 
 def _springs(numbers: Numbers, s: Scalar, f: Functions) -> Effect:

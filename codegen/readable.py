@@ -17,7 +17,7 @@ from eomgen.errors import InputError
 from eomgen.model import Model, parameter_values
 from eomgen.robot import ANGULAR, LINEAR, MOTOR
 
-from .trace import ClosedForm, closed_form
+from .trace import ClosedForm, closed_form, refuse_springs
 
 Expr = Any  # sympy.Expr
 
@@ -131,13 +131,14 @@ def readable_form(model: Model, *, numbers: bool = False) -> ReadableForm:
         numbers: keep the description's numbers instead of symbols.
 
     Raises:
-        InputError: too many coordinates, or too many operations to be simplified and read.
+        InputError: too many coordinates, too many operations to be simplified and read, or springs between points.
     """
     if model.size > MOST_COORDINATES:
         raise InputError(
             f"{model.name} has {model.size} coordinates; a closed form is derived for at most {MOST_COORDINATES},"
             " larger robots are what `eomgen generate` is for"
         )
+    refuse_springs(model)
     letters = {} if numbers else dict(_parameters(model))
     form = closed_form(model, {name: letter.symbol for name, letter in letters.items()})
     n = model.size

@@ -71,6 +71,7 @@ def _context(equations: Equations, dtype: str, meta: Mapping[str, Any]) -> dict[
         "links": model.links,
         "frames": model.frames,
         "constraints": model.constraints,
+        "springs": [spring.name for spring in model.robot.springs],
         "origins": 12 * len(model.frames),
         "axes": 12 * len(model.frames) + 3 * len(model.bodies),
         "frame_bodies": [model.body_of[_link_of(model, frame)] for frame in model.frames],
@@ -208,6 +209,7 @@ def metadata(equations: Equations, dtype: str) -> dict[str, Any]:
         "knots": knots(model),
         "operations": operations(equations),
         **_loop_metadata(model),
+        **({"springs": [spring.name for spring in model.robot.springs]} if model.robot.springs else {}),
         "survivors": survivors(model) if "christoffel" in equations.kernels else {},
     }
 

@@ -67,6 +67,11 @@ KERNELS: Mapping[str, Signature] = {
     "cut_poses": Signature(
         ("q",), "cut_poses", "Per loop the cut frame on its second link seen from that on its first."
     ),
+    "spring_forces": Signature(("q", "v"), "spring_pairs", "Per spring between two points its length and tension."),
+    "spring_jacobian": Signature(("q",), "spring_rows", "Derivatives of the springs' lengths by q: moment arms."),
+    "spring_stiffness": Signature(
+        ("q",), "matrix", "What the springs between points stiffen at most: sum of k (dd/dq)^T dd/dq."
+    ),
     "rollout": Signature(
         ("q", "v", "u"),
         "vector",
@@ -76,6 +81,7 @@ KERNELS: Mapping[str, Signature] = {
 }
 
 LOOP_KERNELS = ("constraint", "constraint_jacobian", "constraint_bias", "cut_poses")  # of robots with loops alone
+SPRING_KERNELS = ("spring_forces", "spring_jacobian", "spring_stiffness")  # of robots with springs between points
 
 PARTS: Mapping[str, Signature] = {  # programs that only other kernels call
     "implicit_step": Signature(
@@ -90,7 +96,9 @@ SIGNATURES: Mapping[str, Signature] = {**KERNELS, **PARTS}
 
 def available(model: Model) -> tuple[str, ...]:
     """Names of the kernels that there are for a model."""
-    return tuple(name for name in KERNELS if model.robot.loops or name not in LOOP_KERNELS)
+    missing: tuple[str, ...] = () if model.robot.loops else LOOP_KERNELS
+    missing += () if model.robot.springs else SPRING_KERNELS
+    return tuple(name for name in KERNELS if name not in missing)
 
 
 def shapes(model: Model) -> dict[str, tuple[int, ...]]:
@@ -99,9 +107,11 @@ def shapes(model: Model) -> dict[str, tuple[int, ...]]:
     vectors: dict[str, tuple[int, ...]] = dict.fromkeys(("q", "v", "a", "u", "added", "vector"), (n,))
     m, loops = len(model.constraints), len(model.robot.loops)
     closing: dict[str, tuple[int, ...]] = {"constraints": (m,), "constraint_rows": (m, n), "cut_poses": (loops, 4, 4)}
+    springs = len(model.robot.springs)
     return {
         **vectors,
         **(closing if loops else {}),
+        **({"spring_pairs": (springs, 2), "spring_rows": (springs, n)} if springs else {}),
         "wrench": (len(model.links), 6),
         "matrix": (n, n),
         "tensor": (n, n, n),

@@ -18,6 +18,7 @@ import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 
+from eomgen.errors import InputError
 from eomgen.model import FIXED_BODY, Body, Model
 
 from .bodies import Bound, Pose, PseudoInertia, bind
@@ -98,7 +99,11 @@ def closed_form(
         symbolic_parameters: True makes every number of the description that is not zero a symbol of its parameter
             name; a mapping gives the expressions of some parameters, the others stay numbers.
         external_forces: give every moving link a symbolic wrench, eq. (14).
+
+    Raises:
+        InputError: the robot has springs between points, or an offset of an angle that is not active.
     """
+    refuse_springs(model)
     binder = _Values(symbolic_parameters)
     bound = bind(model, binder, lambda angle: (sp.sin(angle), sp.cos(angle)))
     q, v, a, u = _symbols(model)
@@ -117,6 +122,13 @@ def closed_form(
     kinetic = _kinetic(bodies, inertias, bound.armature, v)
     potential = _potential(bound, bodies, inertias, q)
     return ClosedForm(q, v, a, u, wrench, binder.symbols, M, C, bias, tuple(Q), residual, kinetic, potential)
+
+
+def refuse_springs(model: Model) -> None:
+    """InputError if the robot has springs between points."""
+    if model.robot.springs:
+        names = ", ".join(spring.name for spring in model.robot.springs)
+        raise InputError(f"{model.name}: the closed form knows no springs between points ({names}); leave them out")
 
 
 class _Values:

@@ -42,6 +42,11 @@ def loop(extra: str, links: str = 'links = ["link2", "base"]', kind: str = 'type
     return "[[frames]]", "\n".join(["[[loops]]", 'name = "loop"', *lines, extra, "[[frames]]"])
 
 
+def spring(*extra: str, links: str = 'links = ["link2", "base"]') -> tuple[str, str]:
+    """What is replaced, and a spring of these lines in its place."""
+    return "[[frames]]", "\n".join(["[[springs]]", 'name = "rope"', links, *extra, "[[frames]]"])
+
+
 # what is replaced, by what, and what the message must say: the place, the value, what is allowed
 TOML_CASES = {
     "syntax": ("mass = 3.0", "mass = = 3.0", ["line 8", "column 8"]),
@@ -130,6 +135,72 @@ TOML_CASES = {
         ["joints.joint1.x.clearance", "no stiffness", "stiffness > 0"],
     ),
     "key of a loop": (*loop("a = 1"), ["loops.loop", "unknown key 'a'", "placements"]),
+    "key of a spring": (*spring("stifness = 1"), ["springs.rope", "'stifness'", "mean 'stiffness'", "tension_only"]),
+    "spring without links": (*spring("stiffness = 1", links=""), ["springs.rope", "'links' is missing", "two names"]),
+    "spring of three links": (
+        *spring("stiffness = 1", links='links = ["base", "link1", "link2"]'),
+        ["springs.rope.links", "two names, each 'base' or a link"],
+    ),
+    "spring of no link": (
+        *spring("stiffness = 1", links='links = ["link2", "lnk1"]'),
+        ["springs.rope.links.1", "'lnk1'", "mean 'link1'"],
+    ),
+    "spring of one link": (
+        *spring("stiffness = 1", links='links = ["link2", "link2"]'),
+        ["springs.rope.links", "both ends are on one link", "two different links"],
+    ),
+    "spring without force": (*spring("free_length = 1"), ["springs.rope", "no force", "stiffness, damping or curve"]),
+    "negative spring": (*spring("stiffness = -1"), ["springs.rope.stiffness", "-1", "at least 0"]),
+    "negative length": (
+        *spring("stiffness = 1", "free_length = -0.1"),
+        ["springs.rope.free_length", "-0.1", "at least 0"],
+    ),
+    "negative damper": (*spring("damping = -2.0"), ["springs.rope.damping", "-2.0", "at least 0"]),
+    "infinite spring": (*spring("stiffness = inf"), ["springs.rope.stiffness", "inf", "at least 0"]),
+    "one point": (*spring("stiffness = 1", "points = [[0, 0, 0]]"), ["springs.rope.points", "1 points", "two"]),
+    "flat point": (*spring("stiffness = 1", "points = [[0, 0], [0, 0, 0]]"), ["springs.rope.points.0", "3 numbers"]),
+    "point that is none": (
+        *spring("stiffness = 1", "points = [[0, 0, nan], [0, 0, 0]]"),
+        ["springs.rope.points.0.2", "nan", "finite"],
+    ),
+    "cable of a word": (
+        *spring("stiffness = 1", 'tension_only = "yes"'),
+        ["springs.rope.tension_only", "true or false"],
+    ),
+    "cable of no length": (
+        *spring("stiffness = 1", "tension_only = true"),
+        ["springs.rope.tension_only", "no free_length and no smoothing"],
+    ),
+    "smoothing of no cable": (
+        *spring("stiffness = 1", "smoothing = 0.1"),
+        ["springs.rope.smoothing", "with tension_only = true"],
+    ),
+    "sharp cable": (
+        *spring("stiffness = 1", "tension_only = true", "smoothing = 0"),
+        ["springs.rope.smoothing", "at least 1e-12"],
+    ),
+    "curve and stiffness of a spring": (
+        *spring("stiffness = 1", "curve = [[0, 0], [1, 1]]"),
+        ["springs.rope.curve", "stiffness is given, too"],
+    ),
+    "curve of a cable": (
+        *spring("tension_only = true", "smoothing = 0.1", "curve = [[0, 0], [1, 1]]"),
+        ["springs.rope.curve", "tension_only is given, too"],
+    ),
+    "curve of a spring that falls back": (
+        *spring("curve = [[0, 0], [1, 1], [0.5, 2]]"),
+        ["springs.rope.curve", "point 2", "elongation 0.5", "elongations that rise"],
+    ),
+    "spring twice": (
+        *spring("stiffness = 1", "[[springs]]", 'name = "rope"', 'links = ["link1", "base"]', "damping = 1"),
+        ["springs.rope", "'rope' is taken"],
+    ),
+    "name of a spring": (*spring("stiffness = 1", "[[springs]]", 'name = "a b; x"'), ["springs[1].name", "'a b; x'"]),
+    "tunable of a spring": (
+        "tunable = [",
+        'tunable = ["springs.rope.stiffness", ',
+        ["tunable", "'springs.rope.stiffness'", "springs.SPRING.points"],
+    ),
     "loop of three links": (*loop('links = ["base", "link1", "link2"]'), ["loops.loop.links", "two names"]),
     "loop of a string": (*loop('links = "link1"'), ["loops.loop.links", "strings"]),
     "loop of no link": (*loop('links = ["link2", "lnk1"]'), ["loops.loop.links.1", "'lnk1'", "mean 'link1'"]),
@@ -512,6 +583,10 @@ KEYS = [
     "joints",
     "frames",
     "loops",
+    "springs",
+    "points",
+    "tension_only",
+    "free_length",
     "mass",
     "com",
     "parent",
@@ -593,9 +668,10 @@ def test_any_toml_table_is_harmless(top: dict[str, object]) -> None:
 
 
 @FUZZ
-@given(st.sampled_from(["links", "joints", "frames", "loops"]), st.sampled_from(KEYS), TABLES)
+@given(st.sampled_from(["links", "joints", "frames", "loops", "springs"]), st.sampled_from(KEYS), TABLES)
 def test_any_value_in_a_good_toml_is_harmless(table: str, key: str, value: object) -> None:
     closed = ARM.replace(*loop("placements = [{}, {}]"))
+    closed = closed.replace(*spring("stiffness = 1", "free_length = 0.1", "points = [[0, 0, 1], [1, 0, 0]]"))
     given = f"[[{table}]]\n{json.dumps(key)} = {as_toml(value)}\n"
     harmless(robot_from_toml, closed.replace(f"[[{table}]]\n", given, 1))
     line = re.compile(f"^{key} = .*$", re.MULTILINE)

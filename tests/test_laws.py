@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import cmath
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from complex_step import complex_steps
 from conftest import Build
 from law_oracle import LawOracle, measured, resistance, with_laws
-from random_robots import Array, State, random_robot, random_state
+from random_robots import Array, random_robot, random_state
 from scipy.integrate import solve_ivp
 from scipy.interpolate import PchipInterpolator
 
@@ -25,11 +25,6 @@ from eomgen.robot import Coordinate, Friction, Joint, Link, Robot
 
 TYPES = ("revolute", "prismatic", "fixed", "free")
 NAMES = ("inverse_dynamics", "residual", "generalized_force", "forward_dynamics", "energy", "residual_jacobian")
-COMPLEX = {
-    "sqrt": cmath.sqrt,
-    "max": lambda x, y: y if complex(x).real < complex(y).real else x,
-    "step": lambda x: float(complex(x).real > 0.0),
-}
 
 
 def worn(seed: int, joints: tuple[int, int] = (1, 4)) -> Robot:
@@ -68,20 +63,6 @@ def test_forces_are_the_formulas(seed: int, built: Build) -> None:
         (kernel.energy(q, v), [kernel.energy(s.q, s.v) for s in states]),
     ):
         assert close(np.asarray(many), np.array(one), 1e-12)
-
-
-def complex_steps(robot: Robot, s: State, label: str) -> Array:
-    """Derivative of the residual's program, a column at a time, without a difference."""
-    model = build_model(robot)
-    program, n = derive(model, "residual"), model.size
-    block = np.zeros((n, n))
-    for j in range(n):
-        values: dict[str, list[complex]] = {x: [complex(y) for y in getattr(s, x)] for x in "qvau"}
-        values["p"] = [complex(x) for x in model.parameters.values()]
-        values[label][j] += 1e-30j
-        found = evaluate(program, values, lambda x: (cmath.sin(x), cmath.cos(x)), COMPLEX)
-        block[:, j] = [complex(found[key]).imag * 1e30 for key in sorted(found)]
-    return block
 
 
 @pytest.mark.parametrize("seed", range(1320, 1330))

@@ -6,13 +6,13 @@ slides along x, y, z and three hinges about x, y, z are eq. (3).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eomgen.robot import ANGULAR, COORDINATES, Joint, Link, Robot
+from eomgen.robot import ANGULAR, COORDINATES, Joint, Link, Robot, Spring
 
 Array = NDArray[np.float64]
 AXES = ("1 0 0", "0 1 0", "0 0 1")
@@ -21,7 +21,11 @@ AXES = ("1 0 0", "0 1 0", "0 0 1")
 def mjcf(robot: Robot, step: float, integrator: str = "RK4") -> str:
     """The robot as MJCF text: no contacts, no limits, coordinates in the robot's order.
 
-    Links need masses and inertias above zero: MuJoCo takes no massless body and no thin rod.
+    Links need masses and inertias above zero: MuJoCo takes no massless body and no thin rod.  Springs between points
+    become tendons; a cable is slack up to the middle of its smoothing, where MuJoCo's has a kink.
+
+    Raises:
+        ValueError: a spring follows a curve, or a cable has damping, which MuJoCo's tendons know only in all positions.
     """
     root = ElementTree.Element("mujoco")
     ElementTree.SubElement(root, "compiler", angle="radian", autolimits="false")
@@ -31,6 +35,10 @@ def mjcf(robot: Robot, step: float, integrator: str = "RK4") -> str:
     for joint in robot.joints:
         parent, back = bodies[joint.parent]
         bodies[joint.child] = _add_body(parent, back, joint, robot.link(joint.child))
+    if robot.springs:
+        tendons = ElementTree.SubElement(root, "tendon")
+        for spring in robot.springs:
+            _add_tendon(tendons, bodies, spring)
     return ElementTree.tostring(root, encoding="unicode")
 
 
@@ -52,6 +60,22 @@ def _add_body(parent: ElementTree.Element, back: Array, joint: Joint, link: Link
         values |= {key: repr(getattr(given, key) or 0.0) for key in ("stiffness", "damping", "armature")}
         ElementTree.SubElement(body, "joint", values)
     return body, turn.T
+
+
+def _add_tendon(
+    tendons: ElementTree.Element, bodies: Mapping[str, tuple[ElementTree.Element, Array]], spring: Spring
+) -> None:
+    """A straight tendon between two sites."""
+    if spring.curve is not None or (spring.tension_only and spring.damping):
+        raise ValueError(f"springs.{spring.name}: MuJoCo has no tendon with a curve, and no cable with damping")
+    rest = spring.free_length or 0.0
+    slack = (0.0, rest + 0.5 * (spring.smoothing or 0.0)) if spring.tension_only else (rest,)
+    values = {key: repr(getattr(spring, key) or 0.0) for key in ("stiffness", "damping")}
+    tendon = ElementTree.SubElement(tendons, "spatial", name=spring.name, springlength=_text(slack), **values)
+    for end, (link, point) in enumerate(zip(spring.links, spring.points, strict=True)):
+        body, back = bodies[link]
+        ElementTree.SubElement(body, "site", name=f"{spring.name}.{end}", pos=_text(back @ np.array(point)))
+        ElementTree.SubElement(tendon, "site", site=f"{spring.name}.{end}")
 
 
 def _axes(rotation: Array) -> str:

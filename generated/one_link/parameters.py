@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 Array = NDArray[Any]
 NOT_NEGATIVE = (
     *("mass", "stiffness", "damping", "armature", "cubic", "stiffness_negative", "clearance"),
-    *("restitution_damping", "coulomb", "static", "viscous"),
+    *("restitution_damping", "coulomb", "static", "viscous", "free_length"),
 )
 DIVISORS = ("smoothing", "stribeck")
 SMALLEST = 1e-12  # as in descriptions
@@ -41,8 +41,9 @@ class Setup:
 class Parameters(MutableMapping[str, float]):
     """Run-time parameters by name; assigning computes what depends on them alone.
 
-    ``update`` sets several at once.  Masses, stiffnesses, dampings, armatures, clearances and friction forces are at
-    least 0, smoothings and Stribeck rates SMALLEST; that an inertia stays one that a body can have is up to the caller.
+    ``update`` sets several at once.  Masses, stiffnesses, dampings, armatures, clearances, free lengths and friction
+    forces are at least 0, smoothings and Stribeck rates SMALLEST; that an inertia stays one that a body can have is
+    up to the caller.
     """
 
     def __init__(self, kernel: Kernel, values: Mapping[str, float], hoisted: int) -> None:

@@ -49,7 +49,7 @@ __all__ = [
 class ForcesResult:
     """Forces of a measured motion.
 
-    In every coordinate required = drive + spring + damper: what accelerates the links against gravity, and what
+    In every coordinate required = drive + spring + damper + line: what accelerates the links against gravity, and what
     exerts it.  Where nothing drives a coordinate, ``drive`` is what the springs and dampers leave unexplained.
 
     Attributes:
@@ -61,6 +61,9 @@ class ForcesResult:
         required: M a + bias - Q_G, (T, n), N or N m.
         drive: u of inverse dynamics, (T, n), N or N m.
         spring, damper: -a s and -b s_dot of eq. (13), (T, n), N or N m.
+        line: of springs and dampers between two points, (T, n), N or N m.
+        springs: names of those, s of them.
+        lengths, tensions: of each, (T, s), m and N; tension is positive where it pulls.
         reactions: what each joint exerts on its child link, (T, j, 6): force, moment, moved joint's axes; N, N m.
         notes: lines about the method and about what was assumed.
     """
@@ -77,12 +80,25 @@ class ForcesResult:
     drive: Array
     spring: Array
     damper: Array
+    line: Array
+    springs: tuple[str, ...]
+    lengths: Array
+    tensions: Array
     reactions: Array
     notes: tuple[str, ...]
 
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """Names of the forces of a coordinate: "line" where there are springs between points."""
+        return ("required", "drive", "spring", "damper", *(("line",) if self.springs else ()))
+
     def as_dict(self) -> dict[str, Any]:
         """Largest values with their signs and times, plain values, for JSON."""
-        parts = ("required", "drive", "spring", "damper")
+        parts = self.parts
+        between = {
+            name: {"length": self._peak(self.lengths[:, i]), "tension": self._peak(self.tensions[:, i])}
+            for i, name in enumerate(self.springs)
+        }
         return {
             "robot": self.robot,
             "samples": len(self.t),
@@ -91,6 +107,7 @@ class ForcesResult:
                 name: {part: self._peak(getattr(self, part)[:, i]) for part in parts}
                 for i, name in enumerate(self.coordinates)
             },
+            **({"springs": between} if between else {}),
             "reactions": {
                 name: {
                     "force": self._peak(np.linalg.norm(self.reactions[:, k, :3], axis=1)),
@@ -105,10 +122,11 @@ class ForcesResult:
         """A table of the largest values for people."""
         facts = self.as_dict()
         lines = [f"{self.robot}: {len(self.t)} samples, {facts['duration']:g} s; largest values over time", ""]
-        lines.append(f"{'coordinate':<28}{'required':>12}{'drive':>12}{'spring':>12}{'damper':>12}")
+        lines.append(f"{'coordinate':<28}" + "".join(f"{part:>12}" for part in self.parts))
         for name, row in facts["coordinates"].items():
             label = f"{name} [{'N' if unit_of(name) == 'm' else 'N m'}]"
             lines.append(f"{label:<28}" + "".join(f"{entry['value']:>12.4g}" for entry in row.values()))
+        lines += self._spring_lines(facts.get("springs", {}))
         lines += ["", f"{'support reaction':<28}{'force [N]':>12}{'at [s]':>10}{'moment [N m]':>14}{'at [s]':>10}"]
         for name, row in facts["reactions"].items():
             force, moment = row["force"], row["moment"]
@@ -117,12 +135,28 @@ class ForcesResult:
             )
         return lines + ["", *(f"note: {note}" for note in self.notes)]
 
+    def _spring_lines(self, facts: dict[str, Any]) -> list[str]:
+        if not facts:
+            return []
+        lines = ["", f"{'spring between points':<28}{'tension [N]':>12}{'at [s]':>10}{'length [m]':>14}{'at [s]':>10}"]
+        for name, row in facts.items():
+            pull, length = row["tension"], row["length"]
+            lines.append(
+                f"{name:<28}{pull['value']:>12.4g}{pull['at']:>10.4g}{length['value']:>14.4g}{length['at']:>10.4g}"
+            )
+        return lines
+
     def columns(self) -> dict[str, Array]:
-        """All forces over time by name, (T,) each: t, NAME.required, NAME.drive, ..., JOINT.reaction.fx, ..."""
+        """All forces over time by name, (T,) each: t, NAME.required, NAME.drive, ..., JOINT.reaction.fx, ...
+
+        Springs between two points: SPRING.length, SPRING.tension.
+        """
         found = {"t": self.t}
         for i, name in enumerate(self.coordinates):
-            for part in ("required", "drive", "spring", "damper"):
+            for part in self.parts:
                 found[f"{name}.{part}"] = getattr(self, part)[:, i]
+        for i, name in enumerate(self.springs):
+            found |= {f"{name}.length": self.lengths[:, i], f"{name}.tension": self.tensions[:, i]}
         for k, name in enumerate(self.joints):
             found |= {f"{name}.reaction.{axis}": self.reactions[:, k, i] for i, axis in enumerate(WRENCH)}
         return found
@@ -181,6 +215,10 @@ def forces(
     drive = np.asarray(kernel.inverse_dynamics(q, v, a))
     stiffness, damping = (_with_transmissions(kernel, *both) for both in zip(KEYS, spring_rates(kernel), strict=True))
     spring, damper = -(q @ stiffness.T), -(v @ damping.T)
+    line, pairs = np.zeros_like(q), np.zeros((len(q), 0, 2))
+    if kernel.springs:
+        pairs = np.asarray(kernel.spring_forces(q, v))
+        line = -np.einsum("tsn,ts->tn", kernel.spring_jacobian(q), pairs[..., 1])
     held = [name for name in motion.coordinates if name not in motion.measured]
     if held:
         notes.append(f"not in the file, held at zero: {', '.join(held)}")
@@ -193,10 +231,14 @@ def forces(
         q,
         v,
         a,
-        drive + spring + damper,
+        drive + spring + damper + line,
         drive,
         spring,
         damper,
+        line,
+        kernel.springs,
+        pairs[..., 0],
+        pairs[..., 1],
         np.asarray(kernel.reactions(q, v, a)),
         tuple(notes),
     )

@@ -45,7 +45,7 @@ def read_coordinate(table: Table, old: Coordinate, read_text: ReadText) -> Coord
     given: dict[str, object] = {
         key: table.number(key, _MINIMUM.get(key, 0.0)) for key in _NUMBERS if key in table.values
     }
-    friction, curve = _friction(table), _curve(table, read_text)
+    friction, curve = _friction(table), read_curve(table, read_text)
     if friction is not None:
         given["friction"] = friction
     if curve is not None:
@@ -119,21 +119,22 @@ def conflict(given: Coordinate) -> tuple[str, str] | None:
         taken = [key for key in others if getattr(given, key) is not None]
         if taken:
             return "curve", f"{taken[0]} is given, too; allowed: a curve instead of {', '.join(others)}"
-        found = _curve_conflict(given.curve)
+        found = curve_conflict(given.curve)
         if found is not None:
             return found
     return None if given.friction is None else _friction_conflict(given.friction)
 
 
-def _curve_conflict(curve: Curve) -> tuple[str, str] | None:
+def curve_conflict(curve: Curve, what: str = "deviation") -> tuple[str, str] | None:
+    """The key and the message of what is wrong with a curve's points; None if nothing is.  ``what``: its abscissa."""
     fewest, most = POINTS
     if not fewest <= len(curve) <= most:
         return "curve", f"got {len(curve)} points; allowed: {fewest} to {most}"
     for i in range(1, len(curve)):
         if curve[i][0] - curve[i - 1][0] < SMALLEST:
             return "curve", (
-                f"point {i} has the deviation {curve[i][0]!r} after {curve[i - 1][0]!r}; "
-                f"allowed: deviations that rise by at least {SMALLEST:g}"
+                f"point {i} has the {what} {curve[i][0]!r} after {curve[i - 1][0]!r}; "
+                f"allowed: {what}s that rise by at least {SMALLEST:g}"
             )
     return None
 
@@ -162,7 +163,8 @@ def _friction(table: Table) -> Friction | None:
     )
 
 
-def _curve(table: Table, read_text: ReadText) -> Curve | None:
+def read_curve(table: Table, read_text: ReadText, what: str = "deviation") -> Curve | None:
+    """Points of the key ``curve``: an array, or the path of a CSV file of two columns, ``what`` and force."""
     value = table.values.get("curve")
     if value is None:
         return None
@@ -180,7 +182,7 @@ def _curve(table: Table, read_text: ReadText) -> Curve | None:
                 continue  # the columns' names
             row = []
         if len(row) != 2:
-            table.fail(f"{value}, line {number}: got {show(line)}; allowed: deviation,force", "curve")
+            table.fail(f"{value}, line {number}: got {show(line)}; allowed: {what},force", "curve")
         rows.append(row)
     checked = Table({"curve": rows}, table.where, table.source, ("curve",))
     return tuple((x, y) for x, y in checked.rows("curve", 2))

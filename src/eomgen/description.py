@@ -35,6 +35,8 @@ from .robot import (
     Robot,
 )
 from .schema import Table
+from .spring_tables import KEYS as SPRING_KEYS
+from .spring_tables import check_springs, read_spring
 from .tree import Draft, ordered_joints
 from .tunable import expand_tunable
 
@@ -46,7 +48,7 @@ else:
 _BUILTIN = Path(__file__).parent / "robots"
 _MOST_BYTES = 1 << 28
 
-_TOP = ("name", "gravity", "urdf", "inertia", "tunable", "links", "joints", "frames", "loops")
+_TOP = ("name", "gravity", "urdf", "inertia", "tunable", "links", "joints", "frames", "loops", "springs")
 _LINK = ("name", "mass", "com", "inertia")
 _JOINT = ("name", "parent", "child", "type", "dh", "placement", *COORDINATES, MOTOR, "limits", "prescribed", "offset")
 _FRAME = ("name", "link", "placement")
@@ -117,6 +119,8 @@ def robot_from_toml(
         draft.frames[name] = _frame(name, entry)
     for name, entry in top.entries("loops", LOOP_KEYS):
         draft.loops[name] = read_loop(name, entry)
+    for name, entry in top.entries("springs", SPRING_KEYS):
+        draft.springs[name] = read_spring(name, entry, _beside(entry, folder))
     _settle_base(draft)
     policy = inertia or top.choice("inertia", POLICIES) or "error"
     return _finish(draft, policy, top.strings("tunable"))
@@ -314,6 +318,9 @@ def _settle_base(draft: Draft) -> None:
         for name, loop in draft.loops.items():
             first, second = (root if link == BASE else link for link in loop.links)
             draft.loops[name] = replace(loop, links=(first, second))
+        for name, spring in draft.springs.items():
+            first, second = (root if link == BASE else link for link in spring.links)
+            draft.springs[name] = replace(spring, links=(first, second))
 
 
 def _finish(draft: Draft, policy: str, tunable: list[str]) -> Robot:
@@ -322,6 +329,7 @@ def _finish(draft: Draft, policy: str, tunable: list[str]) -> Robot:
     for frame in draft.frames.values():
         draft.check_link(frame.link, f"frames.{frame.name}.link")
     check_loops(draft)
+    check_springs(draft)
     if not any(joint.coordinates for joint in joints):
         draft.fail("joints", "no joint has a coordinate, so nothing moves; allowed: at least one joint that moves")
     links, notes = apply_inertia_policy(list(draft.links.values()), policy, base=draft.base, source=draft.source)
@@ -336,5 +344,6 @@ def _finish(draft: Draft, policy: str, tunable: list[str]) -> Robot:
         source=draft.source,
         notes=(*draft.notes, *notes),
         loops=tuple(draft.loops.values()),
+        springs=tuple(draft.springs.values()),
     )
     return Robot(**{**vars(robot), "tunable": expand_tunable(robot, tunable)})

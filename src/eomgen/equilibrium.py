@@ -89,7 +89,8 @@ def _newton(kernel: Kernel, q: Array, free: NDArray[np.bool_], residual: Callabl
             if np.linalg.norm(residual(trial)[free] / inertia) <= (1.0 - 1e-4 * factor) * np.linalg.norm(r[0]):
                 break
         q = trial
-        if (np.abs(change) <= 1e-9 * size).all():  # the slopes are good to 1e-7: what is left is round-off
+        # the slopes are good to 1e-7: what is left is round-off, of springs between points that of q itself
+        if (np.abs(change) <= 1e-9 * size + 1e-13 * np.abs(q[free])).all():
             return q
     worst = kernel.coordinates[index[int(np.argmax(np.abs(r[0])))]]
     raise IntegrationError(f"{kernel.name}: no static equilibrium near the guess; {worst} stays out of balance")

@@ -56,7 +56,8 @@ def fit(
     equal distances in time; what noise there is should be white and independent between coordinates.
 
     Args:
-        robot: masses, geometry and gravity count, its stiffness and damping do not.
+        robot: masses, geometry, gravity and springs between points count, its coordinates' stiffness and damping do
+            not.
         motion: from ``read_motion`` or ``motion_from_columns``, or the path of a file.
         coordinates: names of those to fit; all that can be if empty.
         confidence: of the intervals, between 0 and 1; Student's t over blocks of time.

@@ -41,6 +41,10 @@ class RobotInfo:
             "loops": {loop.name: loop.type for loop in model.robot.loops},
             "constraints": list(model.constraints),
             "mass": self._mass(),
+            "springs": [
+                {"name": x.name, "links": list(x.links), "tension_only": x.tension_only, **x.law()}
+                for x in model.robot.springs
+            ],
             "parameters": dict(model.parameters),
             "zeros": dict(self.zeros),
             "operations": {name: dict(count) for name, count in self.operations.items()},
@@ -57,6 +61,7 @@ class RobotInfo:
             *self._joint_lines(),
             "",
             *self._loop_lines(),
+            *self._spring_lines(),
             *self.zero_lines,
             "",
             *self._operation_lines(),
@@ -96,6 +101,16 @@ class RobotInfo:
         loops, count = self.model.robot.loops, len(self.model.constraints)
         lines = [f"loop {x.name}: {x.type} joint between {x.links[0]} and {x.links[1]}, cut" for x in loops]
         return [*lines, f"{count} constraints; all else is that of the open tree", ""] if loops else []
+
+    def _spring_lines(self) -> list[str]:
+        """The springs between points, where there are some, with an empty line after them."""
+        lines = []
+        for spring in self.model.robot.springs:
+            kind = "cable" if spring.tension_only else "spring"
+            numbers = [f"{key} {number:.4g}" for key, number in spring.law().items() if not key.startswith("curve.")]
+            numbers += [f"curve of {len(spring.curve)} points"] if spring.curve is not None else []
+            lines.append(f"{kind} {spring.name} from {spring.links[0]} to {spring.links[1]}: {', '.join(numbers)}")
+        return [*lines, ""] if lines else []
 
     def _operation_lines(self) -> list[str]:
         lines = ["operations of the C           mul      add    div  sincos"]

@@ -113,12 +113,12 @@ def integrate(
             (``eomgen.motion.Harmonic``, say); v and a must be the derivatives of q.  What q0, v0 and drive say of them
             does not count.  The trajectory's u is there the force that the motion needs, so that the kernel must have
             inverse_dynamics.
-        method: "auto" (Radau if any coordinate has a stiffness, else DOP853), "Radau", "BDF", "LSODA", "DOP853",
-            "RK45" (all SciPy's), "CVODE", "IDA" (SUNDIALS'), or "rk4" with a fixed step.
+        method: "auto" (Radau if any coordinate or spring has a stiffness, else DOP853), "Radau", "BDF", "LSODA",
+            "DOP853", "RK45" (all SciPy's), "CVODE", "IDA" (SUNDIALS'), or "rk4" with a fixed step.
         rtol, atol: tolerances; atol is a number or (2n,), first of q, then of v.  By default rtol times the size of
             each coordinate: ``coordinate_sizes``.
         step: of rk4, s; shortened so that it divides ``output_step``.  Default: half the time in which the fastest
-            spring turns by 1 rad.
+            spring turns by 1 rad, or a damper between two points slows down by a factor e.
         output_step: distance of the samples, s, shortened so that it divides the duration; default duration / 1000.
         progress: called with a fraction from 0 to 1 and a line of text.
 
@@ -155,7 +155,7 @@ def integrate(
 
 
 def choose_method(kernel: Kernel, method: str = "auto") -> str:
-    """The method that ``integrate`` takes: "auto" becomes Radau if any coordinate has a stiffness, else DOP853.
+    """The method that ``integrate`` takes: "auto" becomes Radau if anything has a stiffness, else DOP853.
 
     Raises:
         InputError: the method is unknown.
@@ -164,7 +164,10 @@ def choose_method(kernel: Kernel, method: str = "auto") -> str:
         raise InputError(f"method: {method!r} is unknown; allowed: {', '.join(METHODS)}")
     if method != "auto":
         return method
-    return "Radau" if stiffnesses(kernel).any() else "DOP853"
+    stiff = bool(stiffnesses(kernel).any()) or any(
+        kernel.parameters.get(f"springs.{name}.stiffness", 0.0) or name in kernel.knots for name in kernel.springs
+    )
+    return "Radau" if stiff else "DOP853"
 
 
 def stiffnesses(kernel: Kernel) -> Array:
@@ -198,6 +201,15 @@ def _own_stiffnesses(kernel: Kernel) -> Array:
     return found
 
 
+def spring_rates(kernel: Kernel, q: Array) -> tuple[Array, Array]:
+    """Stiffness and damping by springs between points at q, (n, n) each; cables count as taut."""
+    if not kernel.springs:
+        return np.zeros((kernel.n, kernel.n)), np.zeros((kernel.n, kernel.n))
+    arms = kernel.spring_jacobian(q)
+    damping = np.array([kernel.parameters.get(f"springs.{name}.damping", 0.0) for name in kernel.springs])
+    return np.asarray(kernel.spring_stiffness(q)), np.asarray(arms.T @ (damping[:, None] * arms))
+
+
 def coordinate_numbers(kernel: Kernel, key: str) -> Array:
     """A parameter of every coordinate, such as "damping", (n,); 0 where there is none."""
     names = (f"joints.{coordinate}.{key}" for coordinate in kernel.coordinates)
@@ -207,11 +219,11 @@ def coordinate_numbers(kernel: Kernel, key: str) -> Array:
 def coordinate_sizes(kernel: Kernel, q: Array) -> tuple[Array, Array]:
     """Sizes of coordinates and rates that tolerances refer to, (n,) each; m, rad, s.
 
-    A coordinate with stiffness k and inertia m, the diagonal entry of M(q), has w^2 = k / m; at 10 m/s^2 or rad/s^2
-    it gives way by 10 / w^2, often micrometres, and swings with rates of 10 / w.  Without a spring, or with a soft
-    one, the size is 1.
+    A coordinate with stiffness k, its own and that of springs between points, and inertia m, the diagonal entry of
+    M(q), has w^2 = k / m; at 10 m/s^2 or rad/s^2 it gives way by 10 / w^2, often micrometres, and swings with rates of
+    10 / w.  Without a spring, or with a soft one, the size is 1.
     """
-    stiffness = stiffnesses(kernel)
+    stiffness = stiffnesses(kernel) + np.diagonal(spring_rates(kernel, q)[0])
     inertia = np.diagonal(kernel.mass_matrix(q))
     with np.errstate(divide="ignore", invalid="ignore"):
         period = np.where((stiffness > 0.0) & (inertia > 0.0), np.sqrt(inertia / stiffness), np.inf)
@@ -441,15 +453,22 @@ def reporter(progress: Progress | None, duration: float) -> Callable[[float, str
 
 
 def fixed_step(kernel: Kernel, q0: Array, step: float | None, times: Array) -> float:
-    """The step of rk4, s: as given, or half the time in which the fastest spring turns by 1 rad, at most 1 ms."""
+    """The step of rk4, s: as given, or half the time of the fastest spring or line damper, at most 1 ms.
+
+    That is the time in which a spring turns by 1 rad, or a damper between two points takes 1 - 1 / e of a rate.
+    """
     if step is not None:
         if not (np.isfinite(step) and step > 0.0):
             raise InputError(f"step: {step!r} s; a step is a finite time greater than 0")
         return step
-    stiffness = stiffness_matrix(kernel)
+    between, damping = spring_rates(kernel, q0)
+    stiffness = stiffness_matrix(kernel) + between
     fastest = 0.0
     if stiffness.any():
         fastest = float(np.sqrt(np.abs(np.linalg.eigvals(np.linalg.solve(kernel.mass_matrix(q0), stiffness))).max()))
+    if damping.any():
+        slowing = np.abs(np.linalg.eigvals(np.linalg.solve(kernel.mass_matrix(q0), damping))).max()
+        fastest = max(fastest, float(slowing))
     return min(1e-3, 0.5 / fastest if fastest else np.inf, float(times[1]))
 
 

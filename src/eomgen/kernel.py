@@ -42,9 +42,11 @@ class Kernel:
             kernel but the four of the constraint is that of the tree that is left when they are cut; ``eomgen.loops``
             puts both together.
         constraints: names of the constraint's components, such as "loop1.x".
+        springs: names of the springs between two points, in the order of ``spring_forces``.
         prescribed: names of the coordinates whose motion is given, in their order.
         parameters: mapping from name to value; an assignment takes effect without recompiling.
-        knots: deviations (m, rad) of measured curves by coordinate; the forces there are parameters.
+        knots: deviations (m, rad) of measured curves by coordinate, elongations (m) by spring; the forces there are
+            parameters.
         operations: per kernel the multiplications, additions, divisions and sine-cosine pairs of its C.
         dtype: the dtype of all arrays.
 
@@ -60,6 +62,7 @@ class Kernel:
         self.frames: tuple[str, ...] = tuple(meta["frames"])
         self.loops: dict[str, str] = dict(meta.get("loops", {}))
         self.constraints: tuple[str, ...] = tuple(meta.get("constraints", ()))
+        self.springs: tuple[str, ...] = tuple(meta.get("springs", ()))
         self.prescribed: tuple[str, ...] = tuple(meta["prescribed"])
         self.motors: dict[str, str] = {name: drives for name, (drives, _) in meta.get("motors", {}).items()}
         self.operations: dict[str, dict[str, int]] = {k: dict(v) for k, v in meta["operations"].items()}
@@ -298,7 +301,8 @@ class Kernel:
         """What each joint exerts on its child link, (joints, 6): force (N), moment (N m) at the joint.
 
         In the axes of the joint's frame after its motion (z is the principal axis), at that frame's origin.  The
-        joint's own springs, dampers and drives are part of it.
+        joint's own springs, dampers and drives are part of it.  Springs between points act on the links, so that what
+        they carry passes the joints by.
 
         Args:
             q, v, a: (n,).
@@ -332,6 +336,28 @@ class Kernel:
         """Per loop the pose of frame b seen from frame a, (loops, 4, 4), m: what the cut joint does."""
         return self._run("cut_poses", out, (q,))
 
+    def spring_forces(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
+        """Length (m) and tension (N) of every spring between two points, (springs, 2), in the order of ``springs``.
+
+        Tension is positive where the spring pulls its points together; dampers are part of it.
+        """
+        return self._run("spring_forces", out, (q, v))
+
+    def spring_jacobian(self, q: ArrayLike, *, out: Array | None = None) -> Array:
+        """Derivatives of the springs' lengths by q, (springs, n), m or m/rad: the tensions' moment arms.
+
+        The springs' generalized force is minus its transpose times the tensions.
+        """
+        return self._run("spring_jacobian", out, (q,))
+
+    def spring_stiffness(self, q: ArrayLike, *, out: Array | None = None) -> Array:
+        """What the springs between points stiffen at most, (n, n), N/m, N or N m/rad; at least semidefinite.
+
+        The sum of k D^T D, D the derivative by q of the vector between a spring's points, seen from the last link that
+        moves both, k its stiffness in all directions: of a curve that of its steepest piece, of a cable as if taut.
+        """
+        return self._run("spring_stiffness", out, (q,))
+
     def rollout(
         self,
         q0: ArrayLike,
@@ -350,7 +376,8 @@ class Kernel:
 
         "rk4" is the classical Runge-Kutta method: fourth order, stable while dt is below about 2.8 over the fastest
         eigenfrequency.  "implicit" takes springs, dampers and the controller at the end of a step: first order, and
-        stable whatever their stiffness; theory section "Stiff joints without small steps".
+        stable whatever their stiffness; theory section "Stiff joints without small steps".  Springs between points are
+        taken so along their lines, and across them as they are at a step's beginning.
 
         Args:
             q0, v0: states, (n,) or (N, n).

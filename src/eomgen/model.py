@@ -25,7 +25,9 @@ from .robot import (
     Joint,
     Placement,
     Robot,
+    Spring,
 )
+from .spring_tables import spring_conflict
 
 FIXED_BODY = -1  # what hangs on the base without a moving joint
 
@@ -179,6 +181,7 @@ def build_model(robot: Robot) -> Model:
             source=robot.source or robot.name,
         )
     _check_loops(robot, body_of)
+    _check_springs(robot, body_of)
     merged = tuple(
         Body(body.joint, body.parent, body.first, body.active, tuple(names))
         for body, names in zip(bodies, links, strict=True)
@@ -201,7 +204,7 @@ def with_offset_angles(model: Model) -> tuple[Model, tuple[int, ...]]:
 def _check_names(robot: Robot) -> None:
     """Names go into C and Python: the last look at them."""
     named = [("links", robot.base, is_identifier), ("name", robot.name, is_robot_name)]
-    for key in ("links", "joints", "frames", "loops"):
+    for key in ("links", "joints", "frames", "loops", "springs"):
         named += [(key, item.name, is_identifier) for item in getattr(robot, key)]
     for where, name, is_allowed in named:
         if not is_allowed(name):
@@ -212,21 +215,42 @@ def _check_names(robot: Robot) -> None:
 def _check_loops(robot: Robot, body_of: Mapping[str, int]) -> None:
     """Refuse a loop that nothing can open or close, and what no reader has seen."""
     for loop in robot.loops:
-        first, second = loop.links
-        for where, name, known in (("links", first, body_of), ("links", second, body_of), ("type", loop.type, CUTS)):
-            if name not in known:
-                raise DescriptionError(
-                    f"got {show(name)}; allowed: {', '.join(known)}",
-                    where=f"loops.{loop.name}.{where}",
-                    source=robot.source or robot.name,
-                )
-        if body_of[first] == body_of[second]:
+        if loop.type not in CUTS:
             raise DescriptionError(
-                f"the links {show(first)} and {show(second)} do not move against each other; allowed: links with a"
-                " moving joint between them",
-                where=f"loops.{loop.name}.links",
+                f"got {show(loop.type)}; allowed: {', '.join(CUTS)}",
+                where=f"loops.{loop.name}.type",
                 source=robot.source or robot.name,
             )
+        _check_pair(robot, body_of, loop.links, f"loops.{loop.name}.links")
+
+
+def _check_springs(robot: Robot, body_of: Mapping[str, int]) -> None:
+    """Refuse a spring that nothing stretches, and what no reader has seen."""
+    for spring in robot.springs:
+        _check_pair(robot, body_of, spring.links, f"springs.{spring.name}.links")
+        found = spring_conflict(spring)
+        if found is not None:
+            where = ".".join(filter(None, ("springs", spring.name, found[0])))
+            raise DescriptionError(found[1], where=where, source=robot.source or robot.name)
+
+
+def _check_pair(robot: Robot, body_of: Mapping[str, int], links: tuple[str, str], where: str) -> None:
+    """Refuse links that there are not, or that do not move against each other."""
+    first, second = links
+    for name in links:
+        if name not in body_of:
+            raise DescriptionError(
+                f"got {show(name)}; allowed: {', '.join(body_of)}",
+                where=where,
+                source=robot.source or robot.name,
+            )
+    if body_of[first] == body_of[second]:
+        raise DescriptionError(
+            f"the links {show(first)} and {show(second)} do not move against each other; allowed: links with a"
+            " moving joint between them",
+            where=where,
+            source=robot.source or robot.name,
+        )
 
 
 def _check_forces(robot: Robot) -> None:
@@ -258,6 +282,8 @@ def _parameters(robot: Robot) -> dict[str, float]:
         if joint.motor is not None:
             laws = (*joint.motor.transmission.law(), *joint.motor.rotor.law())
             chosen.update(f"joints.{joint.name}.{MOTOR}.{key}" for key in laws)
+    for spring in robot.springs:
+        chosen.update(f"springs.{spring.name}.{key}" for key in spring.law())
     chosen.update(robot.tunable)
     return {name: value or 0.0 for name, value in values.items() if name in chosen}
 
@@ -276,6 +302,8 @@ def parameter_values(robot: Robot) -> Iterator[tuple[str, float | None]]:
         yield from _joint_values(joint)
     for frame in robot.frames:
         yield from _placement_values(f"frames.{frame.name}", frame.placement)
+    for spring in robot.springs:
+        yield from _spring_values(spring)
 
 
 def _joint_values(joint: Joint) -> Iterator[tuple[str, float | None]]:
@@ -291,6 +319,15 @@ def _joint_values(joint: Joint) -> Iterator[tuple[str, float | None]]:
     for name, offset in zip(COORDINATES, joint.offset, strict=True):
         yield f"joints.{joint.name}.offset.{name}", offset
     yield from _placement_values(f"joints.{joint.name}", joint.placement)
+
+
+def _spring_values(spring: Spring) -> Iterator[tuple[str, float | None]]:
+    given = spring.law()
+    for key in dict.fromkeys((*spring.optional, *given)):
+        yield f"springs.{spring.name}.{key}", given.get(key)
+    for place, point in enumerate(spring.points):
+        for axis, value in zip("xyz", point, strict=True):
+            yield f"springs.{spring.name}.points.{place}.{axis}", value
 
 
 def _placement_values(owner: str, placement: Placement) -> Iterator[tuple[str, float | None]]:

@@ -47,7 +47,8 @@ def _silent(_: str) -> None:
 class Options:
     """What is generated and how it is compiled.
 
-    kernels: names of KERNEL_NAMES, all if empty ("kinematics" stands for frame_pose and frame_jacobian).
+    kernels: names of KERNEL_NAMES, all if empty ("kinematics" stands for frame_pose and frame_jacobian); those of
+        springs between points come with any.
     dtype: "float64" or "float32".
     native: compile for this processor, with fused multiply-add; the default runs on any of its kind.
     flags: further compiler flags.

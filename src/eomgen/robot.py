@@ -31,6 +31,7 @@ ZERO: Vector = (0.0, 0.0, 0.0)
 Curve = tuple[tuple[float, float], ...]  # (deviation, force)
 SMALLEST = 1e-12  # least smoothing and Stribeck rate, m, rad or per s: what is divided by
 SHARE = 0.05  # of a clearance over which contact sets in
+TAUT = 1e-4  # of a cable's free length over which its tension sets in: a tenth of steel's strain at 200 MPa
 SMOOTHING = 1e-3  # m/s or rad/s in which friction turns round
 
 
@@ -244,12 +245,49 @@ class Loop:
 
 
 @dataclass(frozen=True)
+class Spring:
+    """A spring, damper or cable along the line between two points of two links.
+
+    links: either may be the base; points: its ends (m) in the links' frames.  Its tension T (N), which pulls the points
+    together where it is positive, is that of the elongation e = length - ``free_length`` (m; 0 where it is None) and of
+    its rate: stiffness (N/m) times e plus damping (N s/m) times e_dot.  ``curve``: measured points (e, T) in the place
+    of stiffness.  ``tension_only``: a cable; T acts on max(e, 0), which sets in over ``smoothing`` (m), TAUT of the
+    free length where it is None, and is never negative.
+    """
+
+    name: str
+    links: tuple[str, str]
+    points: tuple[Vector, Vector] = (ZERO, ZERO)
+    free_length: float | None = None
+    stiffness: float | None = None
+    damping: float | None = None
+    tension_only: bool = False
+    smoothing: float | None = None
+    curve: Curve | None = None
+
+    def __post_init__(self) -> None:
+        if self.tension_only and self.smoothing is None and self.free_length:
+            object.__setattr__(self, "smoothing", max(TAUT * self.free_length, SMALLEST))
+
+    @property
+    def optional(self) -> tuple[str, ...]:
+        """Names of the numbers that may be given beside each other; a parameter may stand for one that is not."""
+        return ("free_length", "damping") if self.curve is not None else ("free_length", "stiffness", "damping")
+
+    def law(self) -> dict[str, float]:
+        """The numbers that are given, by their names: "stiffness", "free_length", "curve.0"."""
+        given = {key: getattr(self, key) for key in ("free_length", "stiffness", "damping", "smoothing")}
+        given |= {f"curve.{i}": force for i, (_, force) in enumerate(self.curve or ())}
+        return {key: value for key, value in given.items() if value is not None}
+
+
+@dataclass(frozen=True)
 class Robot:
     """A validated robot.  Links exclude the base; ``base`` is the base link's name in the description.
 
-    joints are in depth-first order; ``loops`` are the joints that close it, cut; ``tunable`` names parameters that stay
-    run-time values; ``notes`` are one-line remarks about the reading (an inertia that was projected, say), for the user
-    to see.
+    joints are in depth-first order; ``loops`` are the joints that close it, cut; ``springs`` act between points of
+    links; ``tunable`` names parameters that stay run-time values; ``notes`` are one-line remarks about the reading (an
+    inertia that was projected, say), for the user to see.
     """
 
     name: str
@@ -262,6 +300,7 @@ class Robot:
     source: str = ""
     notes: tuple[str, ...] = ()
     loops: tuple[Loop, ...] = ()
+    springs: tuple[Spring, ...] = ()
 
     def link(self, name: str) -> Link:
         """The link of that name; KeyError if there is none."""
@@ -275,18 +314,23 @@ class Robot:
         """The same robot with every deviation locked: principal and prescribed coordinates and free joints move.
 
         Transmissions are rigid: a motor counts as an armature, and the motion of one that is prescribed as its joint's.
+        Springs between links that then do not move against each other are left out.
         """
         joints = [joint.rigid() for joint in self.joints]
+        carrier = {self.base: self.base}
+        for joint in joints:
+            carrier[joint.child] = joint.child if joint.coordinates else carrier[joint.parent]
+        springs = tuple(s for s in self.springs if carrier[s.links[0]] != carrier[s.links[1]])
         active = {f"joints.{j.name}.{c}." for j in joints for c in j.coordinates}
+        active |= {f"springs.{spring.name}." for spring in springs}
         gone = tuple(
             name
             for name in self.tunable
-            if name.startswith("joints.")
-            and name.split(".")[2] in (*COORDINATES, MOTOR)
+            if (name.startswith("springs.") or name.split(".")[2:3] in [[key] for key in (*COORDINATES, MOTOR)])
             and not any(name.startswith(prefix) for prefix in active)
         )
         tunable = tuple(name for name in self.tunable if name not in gone)
-        return replace(self, name=self.name[:42] + "_rigid", joints=tuple(joints), tunable=tunable)
+        return replace(self, name=self.name[:42] + "_rigid", joints=tuple(joints), tunable=tunable, springs=springs)
 
     def with_coordinates(self, coordinates: Mapping[str, Mapping[str, Coordinate]]) -> Robot:
         """The same robot with these coordinates (by joint, then by name) added to the active ones."""

@@ -85,6 +85,13 @@ class Table:
             self.fail(f"got {show(value)}; allowed: {allowed}", key)
         return float(value) + 0.0  # turns -0.0 into 0.0
 
+    def boolean(self, key: str) -> bool | None:
+        """true or false."""
+        value = self.values.get(key)
+        if value is not None and not isinstance(value, bool):
+            self.fail(f"got {show(value)}; allowed: true or false", key)
+        return value
+
     def numbers(self, key: str, count: int) -> tuple[float, ...] | None:
         """An array of ``count`` finite numbers."""
         if key not in self.values:

@@ -262,7 +262,7 @@ def _method_note(kernel: Kernel, asked: str, taken: str) -> tuple[str, ...]:
     if asked != "auto":
         return ()
     if choose_method(kernel) == "DOP853":
-        return (f"method: {taken} (explicit), because no coordinate has a stiffness",)
+        return (f"method: {taken} (explicit), because nothing has a stiffness",)
     return (
         f"method: {taken} (implicit), because there are springs; its steps follow the motion, not the fastest spring",
     )
@@ -279,7 +279,7 @@ def _assumptions(robot: Robot, loose: tuple[str, ...]) -> tuple[str, ...]:
     if motors:
         notes.append(f"drives act at {', '.join(motors)} and know their angles alone, not their joints'")
     if loose:
-        why = "without stiffness or drive, or inside a clearance"
+        why = "without a stiffness of its own or a drive, or inside a clearance"
         notes.append(f"{why}, so not in balance at the start: {', '.join(loose)}")
     return tuple(notes)
 

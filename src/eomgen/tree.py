@@ -7,7 +7,7 @@ from typing import NoReturn
 
 from .errors import DescriptionError
 from .names import listed, nearest, show
-from .robot import BASE, Frame, Joint, Link, Loop, Vector
+from .robot import BASE, Frame, Joint, Link, Loop, Spring, Vector
 
 GRAVITY: Vector = (0.0, 0.0, -9.81)
 
@@ -28,6 +28,7 @@ class Draft:
     joints: dict[str, Joint] = field(default_factory=dict)
     frames: dict[str, Frame] = field(default_factory=dict)
     loops: dict[str, Loop] = field(default_factory=dict)
+    springs: dict[str, Spring] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     inherited: tuple[str, ...] = ()
 

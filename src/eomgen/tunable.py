@@ -13,7 +13,8 @@ FORMS = (
     "gravity[.x], links.LINK.mass, links.LINK.com[.x], links.LINK.inertia[.xx], "
     "joints.JOINT.COORDINATE.stiffness (or damping, armature), joints.JOINT.offset[.x], "
     "joints.JOINT.motor.inertia (or ratio), "
-    "joints.JOINT.placement.xyz[.0] (or rpy), frames.FRAME.placement.xyz[.0] (or rpy); * stands for any one component"
+    "joints.JOINT.placement.xyz[.0] (or rpy), frames.FRAME.placement.xyz[.0] (or rpy), springs.SPRING.stiffness (or "
+    "damping, free_length), springs.SPRING.points[.0.x]; * stands for any one component"
 )
 
 
@@ -48,6 +49,13 @@ def parameters(robot: Robot) -> Iterator[Parameter]:
             yield Parameter(("joints", joint.name, MOTOR, *key.split(".")), value is not None)
     for frame in robot.frames:
         yield from _placement(("frames", frame.name), frame.placement)
+    for spring in robot.springs:
+        given = spring.law()
+        for key in dict.fromkeys((*spring.optional, *given)):
+            yield Parameter(("springs", spring.name, *key.split(".")), key in given)
+        for index in "01":
+            for axis in LINEAR:
+                yield Parameter(("springs", spring.name, "points", index, axis))
 
 
 def _placement(owner: tuple[str, str], placement: Placement) -> Iterator[Parameter]:
@@ -88,7 +96,7 @@ def _matches(wanted: tuple[str, ...], item: Parameter) -> bool:
 
 def _shortest(path: tuple[str, ...]) -> int:
     """How many components a pattern for this parameter has at least."""
-    return {"gravity": 1, "links": 3, "joints": 4, "frames": 4}[path[0]]
+    return {"gravity": 1, "links": 3, "joints": 4, "frames": 4, "springs": 3}[path[0]]
 
 
 def _refuse(robot: Robot, pattern: str, wanted: tuple[str, ...], known: Sequence[Parameter]) -> None:

@@ -52,6 +52,9 @@ def newton_euler(model: Model) -> str:
     if bound.laws:
         names = ", ".join(model.coordinates[i] for i in bound.laws)
         raise InputError(f"bench: {names}: the textbook's algorithms know linear springs and dampers only")
+    if bound.springs:
+        names = ", ".join(spring.name for spring in model.robot.springs)
+        raise InputError(f"bench: {names}: the textbook's algorithms know no springs between points")
     links: list[dict[str, str]] = []
     for body, numbers in zip(model.bodies, bound.bodies, strict=True):
         for index, coordinate in zip(body.indices, body.active, strict=True):
