@@ -1,0 +1,48 @@
+"""Figures of the analyses about a state; vector graphics by the file's ending, in the style of ``plots``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from .errors import InputError
+from .modes import TrackedModes
+from .plots import COLORS, RC, _figure, _title
+from .result import write_atomically
+
+ENDINGS = (".svg", ".pdf", ".png")
+CYCLE = tuple(color for colors in COLORS.values() for color in colors.values())
+
+
+def plot_tracks(tracked: TrackedModes, path: Path | str, *, most: int = 12) -> Path:
+    """Natural frequencies and damping ratios of the lowest tracks over the poses; returns the path.
+
+    Raises:
+        InputError: Matplotlib is not installed, the ending is none of ENDINGS, or the file cannot be written.
+    """
+    with _canvas(6.4, 4.8, path) as figure:
+        upper, lower = figure.subplots(2, 1, sharex=True, gridspec_kw={"top": 0.9, "bottom": 0.1, "left": 0.11})
+        frequencies, ratios = tracked.values("frequencies"), tracked.values("damping_ratios")
+        for k in range(min(most, frequencies.shape[1])):
+            color = CYCLE[k % len(CYCLE)]
+            upper.plot(frequencies[:, k], color=color)
+            lower.plot(100.0 * ratios[:, k], color=color)
+        upper.set_ylabel("natural frequency, Hz")
+        lower.set_ylabel("damping ratio, %")
+        lower.set_xlabel("pose along the path")
+        _title(figure, f"{tracked.modes[0].robot}: the lowest modes along the path")
+    return Path(path)
+
+
+@contextmanager
+def _canvas(width: float, height: float, path: Path | str) -> Iterator[Any]:
+    """A figure that is written when all is drawn."""
+    target = Path(path)
+    if target.suffix not in ENDINGS:
+        raise InputError(f"output: {str(path)!r}; allowed: a path that ends in {', '.join(ENDINGS)}")
+    mpl, figure = _figure(width, height)
+    with mpl.rc_context({**RC, "svg.fonttype": "none"}):
+        yield figure
+        write_atomically(target, lambda stream: figure.savefig(stream, format=target.suffix[1:]))
