@@ -1,4 +1,4 @@
-"""The command line: robots, info, derive, generate, simulate, forces, fit, compare, modes, bench.
+"""The command line: robots, info, derive, generate, simulate, forces, fit, compare, deflection, modes, bench.
 
 Exit status: 0; 1 something given cannot be used; 2 usage; 70 a bug of eomgen.
 """
@@ -18,7 +18,7 @@ from typing import Any
 
 from ._version import __version__
 from .cli_analysis import add_analysis, add_compare, add_derive
-from .cli_linear import add_modes
+from .cli_linear import add_deflection, add_modes
 from .description import builtin_robots, load_robot
 from .errors import EomgenError, EomgenWarning, InputError
 from .pipeline import DTYPES, KERNEL_NAMES, Options, generate
@@ -37,6 +37,7 @@ examples:
   eomgen forces arm.toml measured.csv            drives, springs, dampers, reactions of a measured motion
   eomgen fit arm.toml measured.csv               stiffness and damping from motion and known drives
   eomgen compare arm.toml other.toml             drives, reactions, tool deviations for one task
+  eomgen deflection arm.toml --load tcp 0 0 -50 0 0 0   static deflection and stiffness of a frame
   eomgen modes arm.toml --drives locked           eigenfrequencies, damping, mode shapes at a pose
   eomgen bench ur5                               operation counts and times beside Newton-Euler
 
@@ -100,6 +101,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_simulate(commands)
     add_analysis(commands, _robot_command, _load, _progress)
     add_compare(commands, _robot_command, _load, _progress)
+    add_deflection(commands, _robot_command, _load, _progress)
     add_modes(commands, _robot_command, _load, _progress)
     bench = _robot_command(commands, "bench", _bench, "operation counts and times beside a Newton-Euler algorithm in C")
     bench.add_argument("--json", action="store_true", help="print JSON")

@@ -46,14 +46,61 @@ def add_modes(commands: Any, robot_command: Command, load: Load, progress: Progr
     command.add_argument("-o", "--output", type=Path, help="figure of the path's modes: .svg, .pdf or .png")
 
 
-def add_state(command: argparse.ArgumentParser, *, drives: str = "locked") -> None:
+def add_deflection(commands: Any, robot_command: Command, load: Load, progress: Progress) -> None:
+    """``eomgen deflection``."""
+
+    def run(options: argparse.Namespace) -> None:
+        robot = load(options)
+        with progress("deflecting") as report:
+            common = _options(options, report)
+            if options.map is None:
+                if options.output is not None:
+                    raise InputError("output: a file is of a map; allowed: with --map")
+                from .deflection import deflection
+
+                _print(options, deflection(robot, _pose(options), **common))
+                return
+            from .compliance import compliance_map
+
+            corner, first, second = options.map[:3], options.map[3:6], options.map[6:]
+            found = compliance_map(
+                robot,
+                corner,
+                first,
+                second,
+                tuple(options.points),
+                pose=_pose(options),
+                **{**common, "progress": report},
+            )
+        if options.output is not None and options.output.suffix == ".npz":
+            found.save(options.output)
+        elif options.output is not None:
+            from .linear_plots import plot_compliance
+
+            plot_compliance(found, options.output)
+        _print(options, found)
+
+    command = robot_command(commands, "deflection", run, "static deflection and stiffness of a frame under load")
+    add_state(command, choices=("locked", "pd"))
+    command.add_argument(
+        "--map",
+        nargs=9,
+        type=float,
+        metavar="X",
+        help="compliance over a plane: a corner and the two edges from it, three numbers each, m",
+    )
+    command.add_argument("--points", nargs=2, type=int, default=(21, 21), metavar="N", help="of the map (21 21)")
+    command.add_argument("-o", "--output", type=Path, help="the map: .npz, or a figure .svg, .pdf or .png")
+
+
+def add_state(
+    command: argparse.ArgumentParser, *, drives: str = "locked", choices: Sequence[str] = ("locked", "free", "pd")
+) -> None:
     """Options that say about which state a robot is looked at."""
     command.add_argument(
         "--pose", nargs="+", metavar="Q", help="principal coordinates, rad or m: all in order, or NAME=VALUE"
     )
-    command.add_argument(
-        "--drives", choices=("locked", "free", "pd"), default=drives, help=f"what drives do about the state ({drives})"
-    )
+    command.add_argument("--drives", choices=choices, default=drives, help=f"what drives do about the state ({drives})")
     command.add_argument("--kp", nargs="+", metavar="K", help="gains of pd: one number, or NAME=VALUE")
     command.add_argument("--kd", nargs="+", metavar="K", help="gains of pd by rates, the same way (0)")
     command.add_argument("--held", nargs="*", metavar="NAME", help="coordinates that stay, instead of principal ones")

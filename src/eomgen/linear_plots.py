@@ -7,6 +7,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from .compliance import ComplianceMap
 from .errors import InputError
 from .modes import TrackedModes
 from .plots import COLORS, RC, _figure, _title
@@ -46,3 +49,28 @@ def _canvas(width: float, height: float, path: Path | str) -> Iterator[Any]:
     with mpl.rc_context({**RC, "svg.fonttype": "none"}):
         yield figure
         write_atomically(target, lambda stream: figure.savefig(stream, format=target.suffix[1:]))
+
+
+def plot_compliance(found: ComplianceMap, path: Path | str) -> Path:
+    """The compliance in the softest direction over the plane; returns the path, errors as of ``plot_tracks``."""
+    with _canvas(5.6, 4.4, path) as figure:
+        axes = figure.add_axes((0.12, 0.12, 0.74, 0.76))
+        corner, last = found.points[0, 0], found.points[-1, -1]
+        edges = found.points[-1, 0] - corner, found.points[0, -1] - corner
+        first = edges[0] / np.linalg.norm(edges[0])
+        second = edges[1] - (edges[1] @ first) * first  # square axes in the plane
+        second /= np.linalg.norm(second)
+        across = (found.points - corner) @ np.stack([first, second], axis=1)
+        drawn = axes.pcolormesh(
+            across[..., 0], across[..., 1], 1e6 * found.softest, shading="nearest", cmap="viridis", rasterized=True
+        )
+        axes.set_aspect("equal")
+        axes.set_xlabel(f"from {_place(corner)} along {_place(edges[0])}, m")
+        axes.set_ylabel(f"towards {_place(last)}, m")
+        figure.colorbar(drawn, ax=axes, label="compliance in the softest direction, um/N")
+        _title(figure, f"{found.robot}: static compliance of {found.frame}")
+    return Path(path)
+
+
+def _place(point: Any) -> str:
+    return "(" + ", ".join(f"{x:.3g}" for x in point) + ")"
