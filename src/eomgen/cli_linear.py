@@ -1,4 +1,4 @@
-"""Commands about a state of a robot: modes, ...; what they have in common."""
+"""Commands about a state of rest of a robot: deflection and modes; the options that all such commands have."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ def add_modes(commands: Any, robot_command: Command, load: Load, progress: Progr
 
         robot = load(options)
         with progress("linearising") as report:
-            common = _options(options, report)
+            common = state_options(options, report)
             if options.along is None and options.goal is None:
                 if options.output is not None:
                     raise InputError("output: a figure is of modes along a path; allowed: with --goal or --along")
-                _print(options, module.modes(robot, _pose(options), **common))
+                show_result(options, module.modes(robot, state_pose(options), **common))
                 return
-            found = module.modes_along(robot, _path(robot, options), **common)
+            found = module.modes_along(robot, poses_along(robot, options), **common)
         if options.output is not None:
             from .linear_plots import plot_tracks
 
             plot_tracks(found, options.output)
-        _print(options, found)
+        show_result(options, found)
 
     command = robot_command(commands, "modes", run, "eigenfrequencies, damping and mode shapes at a pose or on a path")
     add_state(command)
@@ -52,13 +52,13 @@ def add_deflection(commands: Any, robot_command: Command, load: Load, progress: 
     def run(options: argparse.Namespace) -> None:
         robot = load(options)
         with progress("deflecting") as report:
-            common = _options(options, report)
+            common = state_options(options, report)
             if options.map is None:
                 if options.output is not None:
                     raise InputError("output: a file is of a map; allowed: with --map")
                 from .deflection import deflection
 
-                _print(options, deflection(robot, _pose(options), **common))
+                show_result(options, deflection(robot, state_pose(options), **common))
                 return
             from .compliance import compliance_map
 
@@ -69,7 +69,7 @@ def add_deflection(commands: Any, robot_command: Command, load: Load, progress: 
                 first,
                 second,
                 tuple(options.points),
-                pose=_pose(options),
+                pose=state_pose(options),
                 **{**common, "progress": report},
             )
         if options.output is not None and options.output.suffix == ".npz":
@@ -78,7 +78,7 @@ def add_deflection(commands: Any, robot_command: Command, load: Load, progress: 
             from .linear_plots import plot_compliance
 
             plot_compliance(found, options.output)
-        _print(options, found)
+        show_result(options, found)
 
     command = robot_command(commands, "deflection", run, "static deflection and stiffness of a frame under load")
     add_state(command, choices=("locked", "pd"))
@@ -119,25 +119,25 @@ def add_state(
     command.add_argument("--json", action="store_true", help="print JSON")
 
 
-def _options(options: argparse.Namespace, report: Callable[[float, str], None]) -> dict[str, Any]:
+def state_options(options: argparse.Namespace, report: Callable[[float, str], None]) -> dict[str, Any]:
     """Keywords that all analyses about a state of rest take."""
     return {
         "drives": options.drives,
         "kp": _gains("kp", options.kp),
         "kd": _gains("kd", options.kd),
         "held": options.held,
-        "loads": {row[0]: [_number("load", value) for value in row[1:]] for row in options.load} or None,
+        "loads": {row[0]: [number("load", value) for value in row[1:]] for row in options.load} or None,
         "frame": options.frame,
         "parameters": _named("set", options.parameters) or None,
         "progress": lambda text: report(0.0, text),
     }
 
 
-def _pose(options: argparse.Namespace) -> Any:
+def state_pose(options: argparse.Namespace) -> Any:
     return _values("pose", options.pose)
 
 
-def _path(robot: Robot, options: argparse.Namespace) -> Any:
+def poses_along(robot: Robot, options: argparse.Namespace) -> Any:
     """Poses from --pose to --goal, or of the program of a result."""
     import numpy as np
 
@@ -166,7 +166,7 @@ def _values(label: str, texts: Sequence[str] | None) -> Any:
         return None
     if any("=" in text for text in texts):
         return _named(label, texts)
-    return [_number(label, text) for text in texts]
+    return [number(label, text) for text in texts]
 
 
 def _gains(label: str, texts: Sequence[str] | None) -> Any:
@@ -184,16 +184,16 @@ def _named(label: str, texts: Sequence[str]) -> dict[str, float]:
         name, sign, value = text.partition("=")
         if not sign:
             raise InputError(f"{label}: {text!r}; allowed: NAME=VALUE")
-        found[name.strip()] = _number(f"{label}: {name}", value)
+        found[name.strip()] = number(f"{label}: {name}", value)
     return found
 
 
-def _number(label: str, text: str) -> float:
+def number(label: str, text: str) -> float:
     try:
         return float(text)
     except ValueError:
         raise InputError(f"{label}: {text!r} is not a number") from None
 
 
-def _print(options: argparse.Namespace, result: Any) -> None:
+def show_result(options: argparse.Namespace, result: Any) -> None:
     print(json.dumps(result.as_dict(), indent=1) if options.json else "\n".join(result.lines()))

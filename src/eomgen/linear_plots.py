@@ -9,10 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from .budget import Budget
 from .compliance import ComplianceMap
 from .errors import InputError
 from .modes import TrackedModes
-from .plots import COLORS, RC, _figure, _title
+from .plots import COLORS, PROGRAM_COLOR, RC, TOOL_COLOR, _figure, _title
+from .response import Response
 from .result import write_atomically
 
 ENDINGS = (".svg", ".pdf", ".png")
@@ -36,6 +38,47 @@ def plot_tracks(tracked: TrackedModes, path: Path | str, *, most: int = 12) -> P
         lower.set_ylabel("damping ratio, %")
         lower.set_xlabel("pose along the path")
         _title(figure, f"{tracked.modes[0].robot}: the lowest modes along the path")
+    return Path(path)
+
+
+def plot_response(found: Response, path: Path | str, *, most: int = 9) -> Path:
+    """Size and phase of the first responses over frequency; returns the path, errors as of ``plot_tracks``."""
+    pairs = [(y, x) for y in found.outputs for x in found.inputs][:most]
+    with _canvas(6.4, 4.8, path) as figure:
+        upper, lower = figure.subplots(2, 1, sharex=True, gridspec_kw={"top": 0.9, "bottom": 0.1, "left": 0.13})
+        for k, (y, x) in enumerate(pairs):
+            H, color = found.of(y, x), CYCLE[k % len(CYCLE)]
+            size = np.where(H == 0.0, np.nan, np.abs(H))
+            upper.plot(found.frequencies, size, color=color, label=f"{y} from {x}, {found.unit(y, x)}")
+            lower.plot(found.frequencies, np.degrees(np.angle(H)), color=color)
+        if np.abs(found.H).any():
+            upper.set_yscale("log")
+        if (found.frequencies > 0.0).all():
+            lower.set_xscale("log")
+        upper.set_ylabel(found.kind + " per input")
+        upper.legend(fontsize=7.0)
+        lower.set_ylabel("phase, deg")
+        lower.set_yticks([-180, -90, 0, 90, 180])
+        lower.set_xlabel("frequency, Hz")
+        _title(figure, f"{found.robot}: frequency response")
+    return Path(path)
+
+
+def plot_budget(found: Budget, path: Path | str, *, most: int = 6) -> Path:
+    """The largest contributions to the displacement over time; returns the path, errors as of ``plot_tracks``."""
+    rows = found.table()[:-1][:most]
+    with _canvas(6.4, 3.8, path) as figure:
+        axes = figure.add_axes((0.11, 0.13, 0.86, 0.74))
+        axes.plot(found.t, 1e6 * np.linalg.norm(found.deviation[:, :3], axis=1), color=TOOL_COLOR, label=found.frame)
+        for k, row in enumerate(rows):
+            part = found.contributions[:, found.coordinates.index(row.name), :3]
+            axes.plot(found.t, 1e6 * np.linalg.norm(part, axis=1), color=CYCLE[k % len(CYCLE)], label=row.name)
+        rest = 1e6 * np.linalg.norm(found.remainder[:, :3], axis=1)
+        axes.plot(found.t, rest, color=PROGRAM_COLOR, linestyle="--", label="remainder of second order")
+        axes.set_xlabel("time, s")
+        axes.set_ylabel("displacement, um")
+        axes.legend(fontsize=7.0, ncols=2)
+        _title(figure, f"{found.robot}: contributions to the displacement of {found.frame}")
     return Path(path)
 
 
