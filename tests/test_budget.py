@@ -63,6 +63,9 @@ def test_random_robots(seed: int, built: Build) -> None:
             if found.deviation[:, :3].any() and part == "displacement":
                 assert sum(row.share for row in rows) == pytest.approx(1.0)
             assert [row.rms for row in rows[:-1]] == sorted((row.rms for row in rows[:-1]), reverse=True)
+            by_joint = found.table(part, "joint")
+            assert sum(row.share for row in by_joint) == pytest.approx(sum(row.share for row in rows))
+            assert {row.name for row in by_joint[:-1]} == {name.partition(".")[0] for name in found.coordinates}
         joints = found.joints()
         assert sum(joints.values()) == pytest.approx(found.contributions.sum(axis=1), abs=1e-15)
     big = left[0] > 1e-9
@@ -119,6 +122,8 @@ def test_input_that_is_refused() -> None:
         budget(result, robot, frame="hand")
     with pytest.raises(InputError, match="allowed: displacement, rotation"):
         budget(result, robot).table("speed")
+    with pytest.raises(InputError, match="allowed: coordinate, joint"):
+        budget(result, robot).table(by="link")
     changed = replace(robot, frames=(replace(robot.frames[0], placement=eomgen.Placement((0.9, 0.0, 0.0))),))
     assert "have changed since" in budget(result, changed).notes[0]
 

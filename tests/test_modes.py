@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import scipy.linalg
 from conftest import Build
 from pinocchio_oracle import PinocchioOracle
 from random_robots import Array, random_robot
+from test_offsets import with_offsets
 
 import eomgen
 from eomgen import cli
@@ -21,6 +23,7 @@ from eomgen.holding import hold_of, pose_of
 from eomgen.linear import KERNELS, checked_loads, constraint_hessian, frame_hessian, kernel_of
 from eomgen.model import build_model
 from eomgen.modes import Modes, modes, modes_along
+from eomgen.response import h1
 from eomgen.rest import system_at_rest
 from eomgen.robot import Coordinate, Frame, Joint, Link, Placement, Robot
 
@@ -41,7 +44,7 @@ def chain(n: int, *, ends: str = "fixed-free", damping: float | None = None) -> 
 
 
 def random_elastic(seed: int) -> Robot:
-    """A random robot with springs and dampers everywhere but on principal coordinates, and a strong enough gravity."""
+    """A random robot with dampers everywhere and springs on all deviations; seeds from 4 have offsets."""
     robot = random_robot(seed, joints=(2, 3), tree=seed % 2 == 0, types=("revolute", "prismatic", "fixed"))
     rng = np.random.default_rng(seed)
     joints = []
@@ -56,7 +59,8 @@ def random_elastic(seed: int) -> Robot:
             for name, given in joint.coordinates.items()
         }
         joints.append(replace(joint, coordinates=table))
-    return replace(robot, joints=tuple(joints))
+    robot = replace(robot, joints=tuple(joints))
+    return with_offsets(robot, seed) if seed >= 4 else robot
 
 
 def numerical_tangents(oracle: PinocchioOracle, q: Array, wrench: Array, frame: str) -> tuple[Array, Array, Array]:
@@ -375,6 +379,16 @@ def test_input_that_is_refused() -> None:
     q, dead = pose_of(robot, kernel, None), checked_loads(kernel, pulled)
     with pytest.raises(eomgen.IntegrationError, match=r"joint1\.x stays out of balance"):
         system_at_rest(kernel, q, hold, dead)
+
+
+def test_a_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in [name for name in sys.modules if name.partition(".")[0] == "scipy"]:
+        monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(InputError, match=r'pip install "eomgen\[sim\]"'):
+        modes_along(chain(2), [[0.0, 0.0]])
+    with pytest.raises(InputError, match=r'pip install "eomgen\[sim\]"'):
+        h1([0, 1, 2], [1, 2, 3], [1, 2, 3])
+    assert len(modes(chain(2)).eigenvalues) == 2  # NumPy alone
 
 
 def test_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

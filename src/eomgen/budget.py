@@ -65,22 +65,29 @@ class Budget:
         """The deviation less all contributions, (T, 6): of second order in the coordinates' deviations."""
         return np.asarray(self.deviation - self.contributions.sum(axis=1))
 
-    def table(self, part: str = "displacement") -> tuple[Row, ...]:
-        """Rows of all coordinates by falling rms, the remainder last.
+    def table(self, part: str = "displacement", by: str = "coordinate") -> tuple[Row, ...]:
+        """Rows of all coordinates, or joints, by falling rms, the remainder last.
 
         Args:
             part: "displacement" (m) or "rotation" (rad).
+            by: "coordinate" or "joint".
 
         Raises:
-            InputError: another part.
+            InputError: another part, or by something else.
         """
+        if by not in ("coordinate", "joint"):
+            raise InputError(f"by: {by!r} is unknown; allowed: coordinate, joint")
         if part not in ("displacement", "rotation"):
             raise InputError(f"part: {part!r} is unknown; allowed: displacement, rotation")
         columns = slice(0, 3) if part == "displacement" else slice(3, 6)
         whole = self.deviation[:, columns]
-        rows = [self._row(n, self.contributions[:, i, columns], whole) for i, n in enumerate(self.coordinates)]
+        parts = self.joints() if by == "joint" else dict(zip(self.coordinates, self._columns(), strict=True))
+        rows = [self._row(name, values[:, columns], whole) for name, values in parts.items()]
         rows.sort(key=lambda row: -row.rms)
         return (*rows, self._row("remainder", self.remainder[:, columns], whole))
+
+    def _columns(self) -> Array:
+        return np.swapaxes(self.contributions, 0, 1)
 
     def _row(self, name: str, values: Array, whole: Array) -> Row:
         size = np.linalg.norm(values, axis=1)
@@ -99,26 +106,31 @@ class Budget:
     def joints(self) -> dict[str, Array]:
         """Contributions summed over each joint's coordinates, (T, 6) by joint."""
         found: dict[str, Array] = {}
-        for i, name in enumerate(self.coordinates):
+        for name, values in zip(self.coordinates, self._columns(), strict=True):
             joint = name.rpartition(".")[0]
-            found[joint] = found.get(joint, np.zeros_like(self.deviation)) + self.contributions[:, i]
+            found[joint] = found.get(joint, np.zeros_like(self.deviation)) + values
         return found
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""
-        tables = {part: [dict(vars(row)) for row in self.table(part)] for part in ("displacement", "rotation")}
+        tables = {
+            part: {by: [dict(vars(row)) for row in self.table(part, by)] for by in ("coordinate", "joint")}
+            for part in ("displacement", "rotation")
+        }
         return {"robot": self.robot, "frame": self.frame, "samples": len(self.t), **tables, "notes": list(self.notes)}
 
     def lines(self, most: int = 15) -> list[str]:
-        """Ranked tables for people, of the ``most`` largest contributions."""
+        """Ranked tables for people, of the ``most`` largest coordinates, then of the joints."""
         lines = [f"{self.robot}: what {self.frame} is off its program by, to first order in each coordinate"]
         for part, columns, unit in (("displacement", slice(0, 3), "um"), ("rotation", slice(3, 6), "urad")):
             size = np.linalg.norm(self.deviation[:, columns], axis=1)
             rms = float(np.sqrt(self._mean(size**2)))
             lines += ["", f"{part}: rms {1e6 * rms:.4g} {unit}, peak {1e6 * size.max():.4g} {unit}"]
-            lines.append(f"{'coordinate':<28}{f'rms [{unit}]':>12}{f'peak [{unit}]':>12}{'at [s]':>10}{'share':>9}")
+            lines.append(
+                f"{'coordinate, joint':<28}{f'rms [{unit}]':>12}{f'peak [{unit}]':>12}{'at [s]':>10}{'share':>9}"
+            )
             rows = self.table(part)
-            for row in (*rows[:-1][:most], rows[-1]):
+            for row in (*rows[:-1][:most], rows[-1], *self.table(part, "joint")[:-1]):
                 numbers = f"{1e6 * row.rms:>12.4g}{1e6 * row.peak:>12.4g}{row.peak_at:>10.3f}{100 * row.share:>8.1f}%"
                 lines.append(f"{row.name:<28}{numbers}")
         return lines + [f"note: {note}" for note in self.notes]

@@ -41,22 +41,22 @@ def plot_tracks(tracked: TrackedModes, path: Path | str, *, most: int = 12) -> P
     return Path(path)
 
 
-def plot_response(found: Response, path: Path | str, *, most: int = 9) -> Path:
-    """Size and phase of the first responses over frequency; returns the path, errors as of ``plot_tracks``."""
-    pairs = [(y, x) for y in found.outputs for x in found.inputs][:most]
+def plot_response(found: Response, path: Path | str, *, most: int = len(CYCLE)) -> Path:
+    """Size and phase of the largest responses over frequency; returns the path, errors as of ``plot_tracks``."""
+    pairs = [(y, x) for y in found.outputs for x in found.inputs if np.abs(found.of(y, x)).max() > 0.0]
+    pairs = sorted(pairs, key=lambda pair: -float(np.abs(found.of(*pair)).max()))[:most]
     with _canvas(6.4, 4.8, path) as figure:
         upper, lower = figure.subplots(2, 1, sharex=True, gridspec_kw={"top": 0.9, "bottom": 0.1, "left": 0.13})
         for k, (y, x) in enumerate(pairs):
             H, color = found.of(y, x), CYCLE[k % len(CYCLE)]
-            size = np.where(H == 0.0, np.nan, np.abs(H))
-            upper.plot(found.frequencies, size, color=color, label=f"{y} from {x}, {found.unit(y, x)}")
+            upper.plot(found.frequencies, np.abs(H), color=color, label=f"{y} from {x}, {found.unit(y, x)}")
             lower.plot(found.frequencies, np.degrees(np.angle(H)), color=color)
-        if np.abs(found.H).any():
+        if pairs:
             upper.set_yscale("log")
+            upper.legend(fontsize=7.0, loc="lower left")
         if (found.frequencies > 0.0).all():
             lower.set_xscale("log")
         upper.set_ylabel(found.kind + " per input")
-        upper.legend(fontsize=7.0)
         lower.set_ylabel("phase, deg")
         lower.set_yticks([-180, -90, 0, 90, 180])
         lower.set_xlabel("frequency, Hz")
