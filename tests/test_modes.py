@@ -18,7 +18,7 @@ from test_offsets import with_offsets
 import eomgen
 from eomgen import cli
 from eomgen.description import robot_from_toml
-from eomgen.errors import ArrayError, EomgenWarning, InputError, UnknownNameError
+from eomgen.errors import ArrayError, EomgenWarning, InputError, SingularError, UnknownNameError
 from eomgen.holding import hold_of, pose_of
 from eomgen.linear import KERNELS, checked_loads, constraint_hessian, frame_hessian, kernel_of
 from eomgen.model import build_model
@@ -410,3 +410,15 @@ def test_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     ):
         assert cli.main(arguments) == 1
         assert words in capsys.readouterr().err
+
+
+def test_inertia_that_is_missing_is_named() -> None:
+    """A thin rod about its own axis; masses from grams to tons are no reason."""
+    robot = eomgen.load_robot("one_link")
+    joint = replace(robot.joints[0], type="fixed", coordinates={"alpha": Coordinate(stiffness=5.0)})
+    with pytest.raises(SingularError, match=r"joint1\.alpha: it moves no inertia"):
+        modes(replace(robot, joints=(joint,)))
+    pair = chain(2)
+    heavy, light = replace(pair.links[0], mass=1e5), replace(pair.links[1], mass=1e-4)
+    found = modes(replace(pair, links=(heavy, light)))
+    assert found.frequencies == pytest.approx(np.sqrt([STIFFNESS / 1e5, STIFFNESS / 1e-4]) / (2 * np.pi), rel=1e-6)

@@ -215,8 +215,9 @@ def reduced(
         raise InputError(f"{kernel.name}: nothing can move; allowed: fewer held coordinates, or drives that are free")
     names = tuple(kernel.coordinates[i] for i in independent)
     M, D, K = (basis.T @ part @ basis for part in (found.M, found.D + np.diag(hold.kd), found.K + np.diag(hold.kp)))
-    values, vectors = np.linalg.eigh(M)
-    if values[0] <= 1e-14 * values[-1]:
+    size = np.sqrt(np.maximum(np.diagonal(M), max(1e-14 * np.diagonal(M).max(), 1e-300)))
+    values, vectors = np.linalg.eigh(M / np.outer(size, size))
+    if values[0] <= 1e-13:
         worst = names[int(np.argmax(np.abs(vectors[:, 0])))]
         raise SingularError(f"{kernel.name}: the mass matrix cannot be inverted at {worst}: it moves no inertia there")
     return LinearSystem(kernel, q, v, a, u, names, basis, M, D, K, (*hold.notes, *notes))
