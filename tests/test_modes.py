@@ -26,6 +26,7 @@ from eomgen.modes import Modes, modes, modes_along
 from eomgen.response import h1
 from eomgen.rest import system_at_rest
 from eomgen.robot import Coordinate, Frame, Joint, Link, Placement, Robot
+from eomgen.simulate import simulate
 
 STIFFNESS, MASS, DAMPING = 4e4, 2.5, 3.0
 
@@ -401,6 +402,15 @@ def test_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert cli.main([*arguments, "--drives", "pd", "--kp", "900"]) == 0
     assert "over 4 poses" in capsys.readouterr().out
     assert "natural frequency, Hz" in figure.read_text()
+    result = simulate(eomgen.load_robot("one_link"), duration=0.1)
+    path = str(result.save(tmp_path / "trajectory.npz"))
+    assert cli.main(["modes", "one_link", "--along", path, "--points", "3", "--json"]) == 0
+    plain = json.loads(capsys.readouterr().out)
+    assert np.array(plain["q"])[:, 1] == pytest.approx(result.program_q[[0, 500, 1000], 0])
+    # with the angle locked the rod's spring carries all of its mass, 1 kg, wherever it is
+    assert plain["frequencies"] == pytest.approx(np.full((3, 1), np.sqrt(1e4) / (2 * np.pi)))
+    assert cli.main(["modes", "ur5", "--along", path, "--drives", "free"]) == 1
+    assert "has not the coordinates of ur5" in capsys.readouterr().err
     for arguments, words in (
         (["modes", "one_link", "-o", str(figure)], "modes along a path"),
         (["modes", "one_link", "--pose", "x"], "is not a number"),
