@@ -1,4 +1,4 @@
-"""The command line: robots, info, derive, generate, simulate, forces, fit, compare, bench.
+"""The command line: one command after the other.
 
 Exit status: 0; 1 something given cannot be used; 2 usage; 70 a bug of eomgen.
 """
@@ -18,6 +18,8 @@ from typing import Any
 
 from ._version import __version__
 from .cli_analysis import add_analysis, add_compare, add_derive
+from .cli_linear import add_deflection, add_modes
+from .cli_response import add_budget, add_linearize, add_response
 from .description import builtin_robots, load_robot
 from .errors import EomgenError, EomgenWarning, InputError
 from .pipeline import DTYPES, KERNEL_NAMES, Options, generate
@@ -36,6 +38,11 @@ examples:
   eomgen forces arm.toml measured.csv            drives, springs, dampers, reactions of a measured motion
   eomgen fit arm.toml measured.csv               stiffness and damping from motion and known drives
   eomgen compare arm.toml other.toml             drives, reactions, tool deviations for one task
+  eomgen deflection arm.toml --load tcp 0 0 -50 0 0 0   static deflection and stiffness of a frame
+  eomgen modes arm.toml --drives locked           eigenfrequencies, damping, mode shapes at a pose
+  eomgen response arm.toml --input tcp.fx --to tcp.x   frequency response
+  eomgen linearize arm.toml -o arm.npz           A, B, C, D about a state of rest or a motion
+  eomgen budget out/trajectory.npz               what each coordinate contributes to the tool's deviation
   eomgen bench ur5                               operation counts and times beside Newton-Euler
 
 ROBOT is the name of a built-in robot, or the path of a .toml or .urdf file.
@@ -98,6 +105,11 @@ def _parser() -> argparse.ArgumentParser:
     _add_simulate(commands)
     add_analysis(commands, _robot_command, _load, _progress)
     add_compare(commands, _robot_command, _load, _progress)
+    add_deflection(commands, _robot_command, _load, _progress)
+    add_modes(commands, _robot_command, _load, _progress)
+    add_response(commands, _robot_command, _load, _progress)
+    add_linearize(commands, _robot_command, _load, _progress)
+    add_budget(commands, _load)
     bench = _robot_command(commands, "bench", _bench, "operation counts and times beside a Newton-Euler algorithm in C")
     bench.add_argument("--json", action="store_true", help="print JSON")
     return parser
