@@ -21,10 +21,10 @@ class Contact:
 
     Attributes:
         t: s.
-        coordinate: its name.
+        coordinate: its name; of a motor's transmission the motor's.
         side: 1 at the positive end, -1 at the negative one.
         closes: whether it comes, or goes.
-        rate: of the coordinate, m/s or rad/s.
+        rate: of the coordinate, or of the transmission's deflection, m/s or rad/s.
     """
 
     t: float
@@ -44,18 +44,20 @@ class ContactWatch:
         self.names = kernel.coordinates
         clearances = [kernel.parameters.get(f"joints.{name}.clearance") for name in self.names]
         ends = [(i, side, c) for i, c in enumerate(clearances) if c is not None for side in (1, -1)]
-        self.index = np.array([i for i, _, _ in ends], dtype=np.intp)
-        self.side = np.array([side for _, side, _ in ends], dtype=np.float64)
+        self.index = [i for i, _, _ in ends]
+        self.side = [side for _, side, _ in ends]
         self.clearance = np.array([c for _, _, c in ends])
+        springs = deflections(kernel)
+        self.rows = np.array([side * springs[i] for i, side, _ in ends]).reshape(-1, kernel.n)
         self.found: list[Contact] = []
 
     def __len__(self) -> int:
         """Number of ends that are watched."""
-        return self.index.size
+        return len(self.index)
 
     def gaps(self, y: Array) -> Array:
         """How far each coordinate is beyond each of its ends, m or rad, below 0 inside; y = (q, v) or q."""
-        return np.asarray(self.side * y[self.index] - self.clearance)
+        return np.asarray(self.rows @ y[: len(self.names)] - self.clearance)
 
     def step(self, t0: float, y0: Array, t1: float, y1: Array, at: Callable[[float], Array] | None = None) -> None:
         """Note the contacts of one step.
@@ -83,9 +85,18 @@ class ContactWatch:
 
     def note(self, end: int, t: float, y: Array, closes: bool) -> None:
         """Add a contact at one of the ends, whose time t (s) and state y are known."""
-        index = int(self.index[end])
-        rate = float(y[len(self.names) + index])
-        self.found.append(Contact(float(t), self.names[index], int(self.side[end]), closes, rate))
+        side = self.side[end]
+        rate = float(side * (self.rows[end] @ y[len(self.names) :]))
+        self.found.append(Contact(float(t), self.names[self.index[end]], side, closes, rate))
+
+
+def deflections(kernel: Kernel) -> Array:
+    """What each coordinate's own law acts on, per coordinate: itself, or a transmission's deflection; (n, n)."""
+    rows = np.eye(kernel.n)
+    for motor, principal in kernel.motors.items():
+        m, p = kernel.coordinates.index(motor), kernel.coordinates.index(principal)
+        rows[m, m], rows[m, p] = 1.0 / kernel.ratio(motor), -1.0
+    return rows
 
 
 def hermite(t: float, t0: float, y0: Array, t1: float, y1: Array) -> Array:

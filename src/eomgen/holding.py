@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .contacts import deflections
 from .errors import ArrayError, DescriptionError, InputError, UnknownNameError
 from .kernel import Kernel
 from .model import build_model
@@ -86,7 +87,7 @@ def hold_of(
             f"held: {robot.name} has loops; name the coordinates that stay (an empty list lets all of them move)"
         )
     else:
-        loose = np.array([_is_loose(kernel, name) for name in names]) & ~driven & ~given
+        loose = _loose(kernel) & ~driven & ~given
         still, locked = driven | given | loose, driven | given
         if loose.any():
             found = ", ".join(np.array(names)[loose])
@@ -103,7 +104,7 @@ def hold_of(
 
 
 def pose_of(robot: Robot, kernel: Kernel, pose: Pose | None) -> Array:
-    """Coordinates of a pose, (n,): deviations not given are zero.
+    """Coordinates of a pose, (n,): deviations not given are zero, motors not given follow their joints.
 
     Args:
         robot, kernel: whose coordinates they are.
@@ -130,7 +131,7 @@ def pose_of(robot: Robot, kernel: Kernel, pose: Pose | None) -> Array:
             if name not in places:
                 raise UnknownNameError(f"pose: {show(str(name))} is unknown; known: {', '.join(names)}")
             q[places[name]] = _number(f"pose: {name}", value)
-        return q
+        return _with_motors(kernel, q, set(pose or {}))
     values = np.atleast_1d(np.asarray(pose, dtype=object))
     where = model.principal if values.shape == (len(model.principal),) else range(kernel.n)
     if values.shape != (len(where),):
@@ -140,21 +141,35 @@ def pose_of(robot: Robot, kernel: Kernel, pose: Pose | None) -> Array:
         )
     for i, value in zip(where, values, strict=True):
         q[i] = _number(f"pose: {names[i]}", value)
+    return _with_motors(kernel, q, set(names) if len(values) == kernel.n else set())
+
+
+def _with_motors(kernel: Kernel, q: Array, given: set[str]) -> Array:
+    """Motors that are not given stand where their transmissions are at rest."""
+    for motor, principal in kernel.motors.items():
+        if motor not in given:
+            q[kernel.coordinates.index(motor)] = kernel.ratio(motor) * q[kernel.coordinates.index(principal)]
     return q
 
 
 def floating(kernel: Kernel, q: Array) -> tuple[str, ...]:
     """Names of the coordinates that touch no end of their clearance at q, (n,)."""
-    gaps = ((name, f"joints.{name}.clearance") for name in kernel.coordinates)
-    return tuple(
-        name for i, (name, key) in enumerate(gaps) if key in kernel.parameters and abs(q[i]) <= kernel.parameters[key]
-    )
+    gaps = [kernel.parameters.get(f"joints.{name}.clearance", -1.0) for name in kernel.coordinates]
+    inside = np.abs(deflections(kernel) @ q) <= gaps
+    return tuple(name for name, floats in zip(kernel.coordinates, inside, strict=True) if floats)
 
 
-def _is_loose(kernel: Kernel, name: str) -> bool:
-    values = (kernel.parameters.get(f"joints.{name}.{key}") for key in SPRINGS)
-    has_curve = name in kernel.knots
-    return not has_curve and not any(values)
+def _loose(kernel: Kernel) -> Mask:
+    """Coordinates that no spring of their own, no transmission and no spring between points holds, (n,)."""
+    own = [
+        name in kernel.knots or any(kernel.parameters.get(f"joints.{name}.{key}") for key in SPRINGS)
+        for name in kernel.coordinates
+    ]
+    held = np.array(own) | _mask(kernel.coordinates, map(kernel.coordinates.index, kernel.motors.values()))
+    if kernel.springs:
+        anywhere = 0.3 + 0.1 * np.arange(kernel.n)
+        held |= np.asarray(kernel.spring_jacobian(anywhere)).any(axis=0)
+    return ~held
 
 
 def _mask(names: tuple[str, ...], places: Iterable[int]) -> Mask:

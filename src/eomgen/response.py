@@ -204,7 +204,7 @@ def h1(
     size = max(len(times) // 16, 8) if segment is None else segment
     if not 2 <= size <= len(times):
         raise InputError(f"segment: {segment!r}; allowed: from 2 to the {len(times)} samples")
-    options = {"fs": 1.0 / step, "nperseg": size}
+    options: dict[str, Any] = {"fs": 1.0 / step, "nperseg": size}
     hertz, cross = signal.csd(f, x, **options)
     _, power = signal.welch(f, **options)
     _, coherence = signal.coherence(f, x, **options)
