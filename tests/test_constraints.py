@@ -189,7 +189,7 @@ def test_a_generated_package_has_the_constraints(tmp_path: Any) -> None:
     assert "int bennett_constraint_bias(const double *h, const double *q, const double *v, double *out);" in header
 
 
-@pytest.mark.parametrize("name", ["four_bar", "bennett", "gough"])
+@pytest.mark.parametrize("name", ["andrews", "bennett", "four_bar", "gough"])
 def test_examples_have_loops(name: str) -> None:
     robot = eomgen.load_robot(name)
     assert robot.loops

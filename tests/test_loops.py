@@ -434,3 +434,48 @@ def test_a_loop_that_closes_turned_over_is_refused(built: Build) -> None:
     loops = ClosedLoops(built(replace(robot, loops=(turned,)), *KERNELS))
     with pytest.raises(LoopError, match="joint4 closes near the guess only turned over"):
         loops.consistent_positions([0.5, 0.2, 1.2])
+
+
+# ---- a published benchmark
+
+ANDREWS = ("beta", "theta", "gamma", "phi", "delta", "omega", "epsilon")  # in the order of the test set
+# F. Mazzia, C. Magherini, Test Set for IVP Solvers, release 2.4: initial values, and the solution at 0.03 s by PSIDE.
+ANDREWS_START = [
+    -0.0617138900142764496,
+    0.0,
+    0.455279819163070380,
+    0.222668390165885885,
+    0.487364979543842550,
+    -0.222668390165885885,
+    1.23054744454982120,
+]
+ANDREWS_END = [
+    15.81077119629904,
+    -15.75637105984298,
+    0.04082224013073101,
+    -0.5347301163226948,
+    0.5244099658805304,
+    0.5347301163226948,
+    1.048080741042263,
+]
+ANDREWS_RATES = [1139.920302151208, -1424.379294994111, 11.03291221937134, 19.29337464421385, 0.5735699284790808]
+
+
+def test_andrews_squeezing_mechanism(built: Build) -> None:
+    """Seven bodies, three loops through one pin with nine redundant constraints, a spring, 1100 rad/s at the end."""
+    loops = ClosedLoops(built(eomgen.load_robot("andrews"), *KERNELS))
+    places = [loops.kernel.coordinates.index(f"{name}.gamma") for name in ANDREWS]
+    q, u = np.zeros(7), np.zeros(7)
+    q[places], u[places[0]] = ANDREWS_START, 0.033
+    found = loops.forward_dynamics(q, np.zeros(7), u)
+    assert np.abs(found.a[places[:2]] - [14222.4439199541387, -10666.8329399655854]).max() <= 1e-8
+    assert np.abs(found.a[places[2:]]).max() <= 1e-8
+    assert (found.redundancy.mobility, len(found.redundancy.redundant)) == (1, 9)
+    motion = loops.integrate(q, np.zeros(7), 0.03, drive=lambda t, q, v: u, step=2e-5, output_step=0.01)
+    assert np.abs(motion.q[-1][places] - ANDREWS_END).max() <= 1e-8
+    rates = np.array(ANDREWS_RATES)
+    assert (np.abs(motion.v[-1][places[:5]] - rates) <= 1e-8 * rates.max()).all()
+    assert motion.info["gap"] <= 1e-12
+    energy = motion.energy.sum(axis=1)
+    turned = motion.q[-1, places[0]] - q[places[0]]
+    assert abs(energy[-1] - energy[0] - 0.033 * turned) <= 1e-8 * energy[-1]
