@@ -24,7 +24,7 @@ from .errors import (
 )
 from .kernel import Kernel
 from .pipeline import build, generate
-from .result import load_result
+from .result_file import load_result
 from .robot import Coordinate, Frame, Joint, Link, Loop, Placement, Robot
 
 __all__ = [

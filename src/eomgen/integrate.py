@@ -93,6 +93,7 @@ def integrate(
     atol: ArrayLike | None = None,
     step: float | None = None,
     output_step: float | None = None,
+    times: ArrayLike | None = None,
     progress: Progress | None = None,
 ) -> Trajectory:
     """Integrate M(q) a + bias = generalized force + u from a state.
@@ -116,6 +117,8 @@ def integrate(
         step: of rk4, s; shortened so that it divides ``output_step``.  Default: half the time in which the fastest
             spring turns by 1 rad.
         output_step: distance of the samples, s, shortened so that it divides the duration; default duration / 1000.
+        times: of the samples, s, (T,), increasing; instead of ``output_step``.  The state given is that at the first,
+            which need not be 0; the last must be the duration.
         progress: called with a fraction from 0 to 1 and a line of text.
 
     Raises:
@@ -125,7 +128,7 @@ def integrate(
     """
     system = System(kernel, drive, wrench, prescribed)
     q0, v0 = (state_vector(label, x, kernel.coordinates) for label, x in (("q0", q0), ("v0", v0)))
-    times = output_times(duration, output_step)
+    times = output_times(duration, output_step) if times is None else _checked_times(times, duration, output_step)
     method = choose_method(kernel, method)
     began = time.perf_counter()
     report = reporter(progress, float(times[-1]))
@@ -133,7 +136,7 @@ def integrate(
     if method == "rk4":
         states = rk4(system, y0, times, fixed_step(kernel, q0, step, times), report)
     else:
-        solver = _start_solver(system, y0, times[-1], method, rtol, atol)
+        solver = _start_solver(system, y0, times, method, rtol, atol)
         states = _sampled(solver, system, times, report)
     q, v = np.ascontiguousarray(states[:, : system.n]), np.ascontiguousarray(states[:, system.n :])
     u = np.empty_like(q)
@@ -351,6 +354,17 @@ def output_times(duration: float, output_step: float | None) -> Array:
     return np.linspace(0.0, duration, max(1, int(np.ceil(duration / output_step - 1e-9))) + 1)
 
 
+def _checked_times(times: ArrayLike, duration: float, output_step: float | None) -> Array:
+    found = np.array(times, dtype=np.float64)
+    if output_step is not None:
+        raise InputError("times and output_step are both given; allowed: one of them")
+    if found.ndim != 1 or found.size < 2 or not np.isfinite(found).all() or not (np.diff(found) > 0.0).all():
+        raise InputError("times: allowed: two or more finite times, increasing")
+    if found[-1] != duration:
+        raise InputError(f"times: end at {found[-1]:g} s; allowed: at the duration, {duration:g} s")
+    return found
+
+
 def reporter(progress: Progress | None, duration: float) -> Callable[[float, str], None]:
     """A report of the time reached, at most one per percent."""
     last = -1.0
@@ -377,7 +391,7 @@ def fixed_step(kernel: Kernel, q0: Array, step: float | None, times: Array) -> f
         fastest = float(
             np.sqrt(np.abs(np.linalg.eigvals(np.linalg.solve(kernel.mass_matrix(q0), np.diag(stiffness)))).max())
         )
-    return min(1e-3, 0.5 / fastest if fastest else np.inf, float(times[1]))
+    return min(1e-3, 0.5 / fastest if fastest else np.inf, float(np.diff(times).max()))
 
 
 def rk4(
@@ -421,8 +435,8 @@ def rk4(
     return states
 
 
-def _start_solver(system: System, y0: Array, duration: float, method: str, rtol: float, atol: ArrayLike | None) -> Any:
-    """SciPy's solver at t = 0: the classes that solve_ivp drives, stepped here so that progress can be shown."""
+def _start_solver(system: System, y0: Array, times: Array, method: str, rtol: float, atol: ArrayLike | None) -> Any:
+    """SciPy's solver at the first time: the classes that solve_ivp drives, stepped here to show progress."""
     try:
         from scipy import integrate as scipy_integrate
     except ImportError:
@@ -430,12 +444,12 @@ def _start_solver(system: System, y0: Array, duration: float, method: str, rtol:
     if not (np.isfinite(rtol) and 1e-13 <= rtol < 1.0):
         raise InputError(f"rtol: {rtol!r}; allowed: from 1e-13 to less than 1")
     tolerance = _absolute_tolerances(system, y0, rtol, atol)
-    system.derivative(0.0, y0)  # a state that cannot move is the caller's: its error comes as it is
+    system.derivative(float(times[0]), y0)  # a state that cannot move is the caller's: its error comes as it is
     options: dict[str, Any] = {"rtol": rtol, "atol": tolerance}
     if method in IMPLICIT:
         options["jac"] = system.jacobian
     function = system.derivative if method == "LSODA" else system.trial
-    return getattr(scipy_integrate, method)(function, 0.0, y0, duration, **options)
+    return getattr(scipy_integrate, method)(function, times[0], y0, times[-1], **options)
 
 
 def _absolute_tolerances(system: System, y0: Array, rtol: float, atol: ArrayLike | None) -> Array:

@@ -1,0 +1,79 @@
+"""The state of a scenario at its beginning."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .equilibrium import static_equilibrium
+from .errors import IntegrationError
+from .integrate import stiffnesses
+from .loads import loaded_parameters
+from .names import nearest, show
+from .result import index_of
+from .robot import Robot
+from .scenario import Scenario
+from .setups import Setup, by_coordinate, coordinate_names
+
+Array = NDArray[np.float64]
+
+
+def initial_state(robot: Robot, scenario: Scenario, setup: Setup) -> tuple[Array, Array, tuple[str, ...]]:
+    """q and v at t = 0, and the names of the coordinates that nothing holds."""
+    initial, kernel = scenario.initial, setup.kernel
+    q, v = np.zeros(kernel.n), np.zeros(kernel.n)
+    driven = index_of(kernel.coordinates, setup.driven)
+    if setup.program is not None:
+        q[driven], v[driven] = (x for x in setup.program.at(0.0)[:2])
+    for name, value in setup.given.items():
+        q[kernel.coordinates.index(name)] = value
+    rates = by_coordinate(robot, scenario, "v", initial.v if initial else {})
+    for name, value in rates.items():
+        v[kernel.coordinates.index(name)] = value
+    if setup.prescribed is not None:
+        given = index_of(kernel.coordinates, kernel.prescribed)
+        q[given], v[given], _ = setup.prescribed(0.0)
+    balanced = initial.equilibrium if initial else None
+    if not (setup.program is not None and not rates if balanced is None else balanced):
+        return q, v, ()
+    held = initial.held if initial else ()
+    for name in held:
+        if name not in coordinate_names(robot):
+            known = ", ".join(kernel.coordinates)
+            scenario.fail(
+                "initial.held", f"{show(name)}{nearest(name, kernel.coordinates)} is unknown; allowed: {known}"
+            )
+    return _balanced(robot, scenario, setup, q, {coordinate_names(robot)[name] for name in held}), v, _loose(setup)
+
+
+def _loose(setup: Setup) -> tuple[str, ...]:
+    """Names of the deviations that nothing holds; inside a clearance nothing does."""
+    stiffness = stiffnesses(setup.kernel)
+    return tuple(
+        name
+        for name, k in zip(setup.kernel.coordinates, stiffness, strict=True)
+        if (k == 0.0 or f"joints.{name}.clearance" in setup.kernel.parameters)
+        and name not in (*setup.driven, *setup.kernel.prescribed)
+    )
+
+
+def _balanced(robot: Robot, scenario: Scenario, setup: Setup, q: Array, held: set[str]) -> Array:
+    """Equilibrium near q under the drives and wrenches at t = 0; a coordinate with clearance starts in its middle."""
+    kernel, drive, wrenches = setup.kernel, setup.drive.resting(), setup.wrenches
+    at_rest = np.zeros(kernel.n)
+    kernel.parameters.update(loaded_parameters(robot, scenario, 0.0))
+
+    def forces(qs: Array) -> Array:
+        u = drive(0.0, qs, np.zeros_like(qs))
+        if wrenches is None:
+            return u
+        if qs.ndim == 1:
+            return u + kernel.external_force(qs, wrenches(0.0, qs, at_rest))
+        return u + kernel.external_force(qs, np.array([wrenches(0.0, x, at_rest) for x in qs]))
+
+    try:
+        return static_equilibrium(kernel, q, u=forces, held=held | set(_loose(setup)))[0]
+    except IntegrationError as error:
+        if not scenario.source:
+            raise
+        raise IntegrationError(f"{scenario.label('initial')}: {error}") from None
