@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 import re
 import subprocess
 import sys
@@ -111,6 +112,12 @@ def test_results_of_earlier_versions_are_read(result: SimulationResult, tmp_path
     assert old.balance is None
     assert old.summary()["energy"] is None
     assert "energy.residue" not in old.names
+
+
+def test_scenarios_travel_between_processes() -> None:
+    text = SCENARIO + "[initial]\nq = { joint1 = 0.1 }\n"
+    scenario = scenario_from_toml(text)
+    assert pickle.loads(pickle.dumps(scenario)).as_dict() == scenario.as_dict()
 
 
 def test_the_hash_is_of_the_robots_content() -> None:

@@ -209,7 +209,7 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = ["-o", str(tmp_path / "out"), "--no-plots"]
     assert cli.main(["simulate", "one_link", "--scenario", str(path), *out]) == 0
     printed = capsys.readouterr().out
-    assert "none of them driven" in printed
+    assert "2 coordinates, no program, 0.1 s" in printed
     assert "energy: " in printed
     result = eomgen.load_result(tmp_path / "out" / "trajectory.npz")
     assert result.series("joint1.gamma").values[0] == 0.3

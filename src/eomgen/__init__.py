@@ -26,6 +26,7 @@ from .kernel import Kernel
 from .pipeline import build, generate
 from .result_file import load_result
 from .robot import Coordinate, Frame, Joint, Link, Loop, Placement, Robot
+from .stream import load_stream
 
 __all__ = [
     "ArrayError",
@@ -52,4 +53,5 @@ __all__ = [
     "generate",
     "load_result",
     "load_robot",
+    "load_stream",
 ]

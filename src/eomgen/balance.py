@@ -86,7 +86,7 @@ class EnergyBalance:
 
 def with_nodes(edges: Array) -> Array:
     """Times of quadrature on all intervals between the edges, (4 (E - 1) + 1,), the edges among them."""
-    inner = edges[:-1, np.newaxis] + np.diff(edges)[:, np.newaxis] * NODES[:-1]
+    inner = edges[:-1, np.newaxis] + np.diff(edges)[:, np.newaxis] * NODES[:-1]  # at NODES[0] = 0 the edge to the bit
     return np.append(inner.ravel(), edges[-1])
 
 

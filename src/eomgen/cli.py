@@ -113,6 +113,7 @@ def _add_simulate(commands: Any) -> None:
     simulate = _robot_command(commands, "simulate", _simulate, "run a programmed motion of all coordinates")
     simulate.add_argument("-o", "--output", type=Path, default=Path("out"), help="folder for results and plots (out)")
     simulate.add_argument("--scenario", metavar="FILE", help="a scenario: path of a .toml file, or a built-in name")
+    simulate.add_argument("--stream", metavar="FOLDER", help="write states there while they are integrated (Zarr)")
     simulate.add_argument("--duration", type=float, metavar="S", help="duration in seconds (2)")
     simulate.add_argument("--method", help="auto, Radau, BDF, LSODA, DOP853, RK45 or rk4 (auto)")
     simulate.add_argument(
@@ -210,11 +211,13 @@ def _simulate(options: argparse.Namespace) -> None:
     given = {key: getattr(options, key) for key in ("duration", "method", "goal") if getattr(options, key) is not None}
     if options.scenario and given:
         raise InputError(f"--{next(iter(given))}: given together with --scenario, which says it; allowed: one of both")
+    if options.stream and not options.scenario:
+        raise InputError("--stream: given without --scenario; allowed: with a scenario")
     robot = _load(options)
     scenario = load_scenario(options.scenario) if options.scenario else None
     with _progress("simulating") as report:
         if scenario is not None:
-            result = run_scenario(robot, scenario, progress=report)
+            result = run_scenario(robot, scenario, progress=report, stream=options.stream)
         else:
             result = simulate(robot, progress=report, **given)
     written = [result.save(options.output / "trajectory.npz")]

@@ -23,6 +23,7 @@ Drive = Callable[[float, Array, Array], ArrayLike]
 Wrench = Callable[[float, Array, Array], ArrayLike]
 Prescribed = Callable[[float], tuple[ArrayLike, ArrayLike, ArrayLike]]
 Progress = Callable[[float, str], None]
+Record = Callable[[Array, Array], None]
 
 EXPLICIT = ("DOP853", "RK45", "rk4")
 IMPLICIT = ("Radau", "BDF", "LSODA")
@@ -95,6 +96,7 @@ def integrate(
     output_step: float | None = None,
     times: ArrayLike | None = None,
     progress: Progress | None = None,
+    record: Record | None = None,
 ) -> Trajectory:
     """Integrate M(q) a + bias = generalized force + u from a state.
 
@@ -120,6 +122,7 @@ def integrate(
         times: of the samples, s, (T,), increasing; instead of ``output_step``.  The state given is that at the first,
             which need not be 0; the last must be the duration.
         progress: called with a fraction from 0 to 1 and a line of text.
+        record: called with times of samples (k,) and states (k, 2n) as they are reached, the first one not among them.
 
     Raises:
         IntegrationStopped: the state diverges, the step becomes too small or M singular; an IntegrationError that
@@ -134,10 +137,10 @@ def integrate(
     report = reporter(progress, float(times[-1]))
     y0 = np.concatenate([q0, v0])
     if method == "rk4":
-        states = rk4(system, y0, times, fixed_step(kernel, q0, step, times), report)
+        states = rk4(system, y0, times, fixed_step(kernel, q0, step, times), report, record=record)
     else:
         solver = _start_solver(system, y0, times, method, rtol, atol)
-        states = _sampled(solver, system, times, report)
+        states = _sampled(solver, system, times, report, record)
     q, v = np.ascontiguousarray(states[:, : system.n]), np.ascontiguousarray(states[:, system.n :])
     u = np.empty_like(q)
     for i, t in enumerate(times):
@@ -401,6 +404,7 @@ def rk4(
     step: float,
     report: Callable[[float, str], None],
     settle: Callable[[float, float, Array, Array], Array] | None = None,
+    record: Record | None = None,
 ) -> Array:
     """The classical Runge-Kutta method of order 4; states at the times, (T, 2n).
 
@@ -431,6 +435,8 @@ def rk4(
                 y = settle(t, h, y, good)
             system.counts["steps"] += 1
         states[i] = y
+        if record is not None:
+            record(times[i : i + 1], states[i : i + 1])
         report(float(t1), f"t = {t1:.3f} s, rk4, {system.counts['steps']} steps")
     return states
 
@@ -465,7 +471,9 @@ def _absolute_tolerances(system: System, y0: Array, rtol: float, atol: ArrayLike
     return tolerance
 
 
-def _sampled(solver: Any, system: System, times: Array, report: Callable[[float, str], None]) -> Array:
+def _sampled(
+    solver: Any, system: System, times: Array, report: Callable[[float, str], None], record: Record | None = None
+) -> Array:
     """Step SciPy's solver to the end; states at the times, (T, 2n)."""
     states = np.empty((times.size, solver.y.size))
     states[0] = solver.y
@@ -490,6 +498,8 @@ def _sampled(solver: Any, system: System, times: Array, report: Callable[[float,
         end = int(np.searchsorted(times, solver.t, side="right"))
         if end > done:
             states[done:end] = solver.dense_output()(times[done:end]).T
+            if record is not None:
+                record(times[done:end], states[done:end])
             done = end
         report(solver.t, f"t = {solver.t:.3f} s, {name}, {system.counts['steps']} steps")
     return states

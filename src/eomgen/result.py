@@ -134,7 +134,7 @@ class SimulationResult:
         facts, against = self.summary(), "its program" if self.programmed else "the rigid robot"
         lines = [
             f"{self.robot}: {facts['coordinates']} coordinates, "
-            f"{len(self.program_coordinates) if self.programmed else 'none'} of them driven, "
+            f"{f'{len(self.program_coordinates)} of them driven' if self.programmed else 'no program'}, "
             f"{facts['duration']:g} s of motion",
             f"  {facts['method']}: {facts['steps']} steps, {facts['evaluations']} evaluations, "
             f"{facts['jacobians']} Jacobians, {facts['wall_s']:.2f} s",

@@ -31,6 +31,9 @@ class Section:
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", MappingProxyType(dict(self.values)))
 
+    def __reduce__(self) -> tuple[object, ...]:
+        return (Section, (self.type, dict(self.values)))  # a mapping proxy cannot be pickled
+
     def get(self, key: str, default: Any = None) -> Any:
         """The value, or the default where the key is absent."""
         return self.values.get(key, default)
@@ -48,6 +51,9 @@ class Initial:
     v: Mapping[str, float] = field(default_factory=dict)
     equilibrium: bool | None = None
     held: tuple[str, ...] = ()
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return (Initial, (dict(self.q), dict(self.v), self.equilibrium, self.held))
 
 
 @dataclass(frozen=True)

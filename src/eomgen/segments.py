@@ -15,11 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .balance import TERMS, EnergyBalance, with_nodes, works
-from .integrate import Prescribed, Progress, Trajectory, integrate, output_times
+from .integrate import Prescribed, Progress, Record, Trajectory, integrate, output_times
 from .kernel import Kernel
 from .loads import loaded_parameters
 from .robot import Robot
 from .scenario import Scenario
+from .stream import MotionStream
 
 Array = NDArray[np.float64]
 Function = Callable[[float, Array, Array], Array]
@@ -71,16 +72,20 @@ def run_segments(
     q: Array,
     v: Array,
     progress: Progress,
+    stream: MotionStream | None = None,
 ) -> Found:
-    """Integrate from q and v at t = 0 to the scenario's duration; errors as ``integrate``."""
+    """Integrate from q and v at t = 0 to the scenario's duration, samples into the stream; errors as ``integrate``."""
     grid = output_times(scenario.duration, scenario.output_step)
+    record = None if stream is None else _recorder(kernel, loads, grid, stream)
+    if stream is not None:
+        stream.append(grid[:1], q[np.newaxis], v[np.newaxis])
     pieces: list[dict[str, Array]] = []
     done, method = np.zeros(len(TERMS)), ""
     info: dict[str, float] = {}
     energy: float | None = None
     for begin, end in pairwise(_bounds(scenario, loads, grid)):
         kernel.parameters.update(loaded_parameters(robot, scenario, begin))
-        piece, part = _piece(kernel, scenario, loads, (q, v), (begin, end), grid, progress)
+        piece, part = _piece(kernel, scenario, loads, (q, v), (begin, end), grid, progress, record)
         if energy is not None and scenario.payloads:
             done[TERMS.index("payloads")] += float(kernel.energy(q, v).sum()) - energy
         piece["work"] = np.concatenate([[done], done + np.cumsum(piece["work"], axis=0)])
@@ -91,10 +96,28 @@ def run_segments(
         pieces.append({name: values[keep] for name, values in piece.items()})
         info = {key: info.get(key, 0) + value for key, value in part.info.items()}
         method = part.method
+    if stream is not None:
+        stream.flush()
     whole: dict[str, Any] = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
     work, wrench = whole.pop("work"), whole.pop("wrench", None)
     trajectory = Trajectory(**whole, coordinates=kernel.coordinates, method=method, info=info)
     return Found(trajectory, EnergyBalance(work, trajectory.energy), wrench)
+
+
+def _recorder(kernel: Kernel, loads: Loads, grid: Array, stream: MotionStream) -> Record:
+    """Passes the samples of the grid on; those of prescribed coordinates as they are prescribed."""
+    given = [kernel.coordinates.index(name) for name in kernel.prescribed]
+
+    def record(times: Array, states: Array) -> None:
+        chosen = grid[np.minimum(np.searchsorted(grid, times), grid.size - 1)] == times
+        t, q, v = times[chosen], states[chosen, : kernel.n].copy(), states[chosen, kernel.n :].copy()
+        if loads.prescribed is not None:
+            for i, at in enumerate(t.tolist()):
+                q[i, given], v[i, given], _ = loads.prescribed(at)
+        if t.size:
+            stream.append(t, q, v)
+
+    return record
 
 
 def _piece(
@@ -105,6 +128,7 @@ def _piece(
     span: tuple[float, float],
     grid: Array,
     progress: Progress,
+    record: Record | None,
 ) -> tuple[dict[str, Array], Trajectory]:
     """Samples at the ends of a piece and on the grid in between, with the work from each to the next."""
     begin, end = span
@@ -128,6 +152,7 @@ def _piece(
         step=how.step,
         times=times,
         progress=lambda fraction, text: progress(fraction * end / scenario.duration, text),
+        record=record,
     )
     wrenches = None
     if wrench is not None:

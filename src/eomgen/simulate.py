@@ -8,7 +8,9 @@ starts at rest, in balance under these drives.  ``run_scenario`` does what a sce
 from __future__ import annotations
 
 import platform
+from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +18,7 @@ from ._version import __version__
 from .controls import ComputedTorque
 from .equilibrium import static_equilibrium
 from .errors import InputError, UnknownNameError
-from .integrate import METHODS, IntegrationStopped, Progress, Trajectory, choose_method, integrate
+from .integrate import METHODS, IntegrationStopped, Progress, Trajectory, choose_method, integrate, output_times
 from .kernel import Kernel
 from .model import build_model
 from .motion import Program
@@ -31,6 +33,7 @@ from .scenario_file import load_scenario, scenario_from_toml
 from .segments import Loads, run_segments
 from .setups import BANDWIDTH, KERNELS, RIGID_KERNELS, set_up
 from .start import initial_state
+from .stream import MotionStream
 
 __all__ = [
     "KERNELS",
@@ -109,13 +112,16 @@ def simulate(
     return run_scenario(robot, scenario, progress=progress)
 
 
-def run_scenario(robot: Robot, scenario: Scenario, *, progress: Progress | None = None) -> SimulationResult:
+def run_scenario(
+    robot: Robot, scenario: Scenario, *, progress: Progress | None = None, stream: Path | str | None = None
+) -> SimulationResult:
     """Do what a scenario says with a robot, and integrate all its coordinates.
 
     Args:
         robot: without loops.
         scenario: from ``load_scenario``.
         progress: called with a fraction from 0 to 1 and a line of text.
+        stream: a new folder to which q and v are written while they are integrated, see ``eomgen.load_stream``.
 
     Raises:
         InputError: the scenario does not fit the robot (file, key, value and what is allowed are named), the robot has
@@ -133,7 +139,16 @@ def run_scenario(robot: Robot, scenario: Scenario, *, progress: Progress | None 
     q0, v0, loose = initial_state(robot, scenario, setup)
     ends = (float(setup.program.t[0]), float(setup.program.t[-1])) if isinstance(setup.program, Spline) else ()
     loads = Loads(setup.drive, setup.wrenches, setup.prescribed, ends)
-    found = run_segments(kernel, robot, scenario, loads, q0, v0, report)
+    versions = {"eomgen": __version__, "numpy": np.__version__, "python": platform.python_version()}
+    about: dict[str, Any] = {
+        "robot": robot.name,
+        "robot_hash": robot_hash(robot),
+        "scenario": scenario.as_dict(),
+        "versions": versions,
+    }
+    samples = output_times(scenario.duration, scenario.output_step).size
+    opened = None if stream is None else MotionStream(stream, kernel.coordinates, samples, about)
+    found = run_segments(kernel, robot, scenario, loads, q0, v0, report, opened)
     t, q = found.trajectory.t, found.trajectory.q
     driven = index_of(kernel.coordinates, setup.driven)
     program_q = q[:, driven] if setup.program is None else setup.program.at(t)[0]
@@ -154,11 +169,11 @@ def run_scenario(robot: Robot, scenario: Scenario, *, progress: Progress | None 
         np.asarray(kernel.frame_pose(q, tool)),
         np.asarray(kernel.frame_pose(rigid_q, tool)),
         tuple(note for note in notes if note),
-        MappingProxyType({"eomgen": __version__, "numpy": np.__version__, "python": platform.python_version()}),
+        MappingProxyType(versions),
         setup.program is not None,
         kernel.prescribed,
-        robot_hash(robot),
-        MappingProxyType(scenario.as_dict()),
+        about["robot_hash"],
+        MappingProxyType(about["scenario"]),
         kernel.links,
         found.wrench,
         found.balance,
