@@ -468,3 +468,32 @@ def test_built_in_scenarios_run() -> None:
         assert result.balance.relative_residue < 1e-5
         assert 1e-5 < np.linalg.norm(result.tool_deviation, axis=1).max() < 1e-2
     assert isinstance(load_scenario("puma560_circle"), Scenario)
+
+
+def test_dense_tables_are_followed(tmp_path: Path) -> None:
+    """2001 samples of a sine as a torque: the angle of a free link is its second integral, to the table's own error."""
+    t = np.linspace(0.0, 2.0, 2001)
+    rows = "\n".join(f"{x!r},{np.sin(30 * x).item()!r}" for x in t.tolist())
+    (tmp_path / "torque.csv").write_text(f"t,hinge\n{rows}\n")
+    text = "duration = 2.0\noutput_step = 0.01\n[control]\ntype = 'torque'\nfile = 'torque.csv'\n"
+    result = run_scenario(pendulum(0.0), scenario_from_toml(text + TIGHT, folder=tmp_path))
+    t = result.trajectory.t
+    angle = (30 * t - np.sin(30 * t)) / 900.0 / ABOUT_AXIS
+    assert np.abs(result.trajectory.q[:, 0] - angle).max() < (30.0 * 1e-3) ** 2 / 12 * np.abs(angle).max() * 1.05
+
+
+def test_equilibrium_on_a_platform_that_moves() -> None:
+    """The bob of SHAKEN hangs straight down below the pin, wherever the platform's motion begins; then it is shaken."""
+    text = (
+        "duration = 0.3\n[initial]\nequilibrium = true\nq = { pin = 2.5 }\n"
+        "[[prescribed]]\ntype = 'harmonic'\ncoordinate = 'rail.z'\namplitude = 0.1\nfrequency = 2.0\nphase = 1.0\n"
+    )
+    robot = replace(robot_from_toml(SHAKEN), gravity=(-9.81, 0.0, 0.0))
+    result = run_scenario(robot, scenario_from_toml(text))
+    motion = result.trajectory
+    down = np.array([-1.0, 0.0, 0.0])
+    pose = eomgen.build(robot, kernels=("kinematics",)).frame_pose(motion.q[0], "bob")
+    assert np.abs(pose[:3, 0] - down).max() < 1e-9  # the bob's x axis, on which its mass is
+    assert motion.q[0, 0] == pytest.approx(0.1 * np.sin(1.0), rel=1e-14)
+    assert motion.v[0, 0] == pytest.approx(0.4 * np.pi * np.cos(1.0), rel=1e-14)
+    assert np.ptp(motion.q[:, 1]) > 1e-2
