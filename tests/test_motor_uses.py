@@ -27,10 +27,10 @@ from eomgen.info import robot_info
 from eomgen.integrate import coordinate_sizes, fixed_step, integrate, stiffness_matrix, stiffnesses
 from eomgen.loops import ClosedLoops
 from eomgen.model import build_model
-from eomgen.motion import Harmonic
+from eomgen.motion import Harmonic, PointToPoint
 from eomgen.robot import Coordinate, Friction, Motor, Robot
 from eomgen.sensitivity import offset_sensitivity
-from eomgen.simulate import simulate
+from eomgen.simulate import run_scenario, scenario_from_toml, simulate
 
 MOTOR = "motor = { inertia = 1e-4, ratio = 100, stiffness = 2e4 }"
 
@@ -208,7 +208,7 @@ def test_a_position_controlled_motor_shakes_its_joint(built: Build) -> None:
     transmitted = k * (found.q[:, 1] / 100.0 - found.q[:, 0])
     needed = transmitted / 100.0 - 1e-4 * 20.0 * w * w * np.cos(w * found.t)
     assert np.allclose(found.u[:, 1], needed, atol=1e-6)
-    with pytest.raises(InputError, match=r"joint1\.motor prescribed"):
+    with pytest.raises(InputError, match=r"the motion of joint1\.motor is not given"):
         simulate(robot)
 
 
@@ -372,3 +372,30 @@ def test_readable_equations() -> None:
 
 def test_descriptions_without_motors_read_as_before() -> None:
     assert all(joint.motor is None for joint in robot_from_toml(ARM).joints)
+
+
+def test_scenarios_drive_at_motors(built: Build) -> None:
+    """A prescribed motor, a torque at a joint's motor and gains at a joint, against integrations by hand."""
+    robot = replace(described(MOTOR.replace("2e4", "50.0")), gravity=(0.0, 0.0, 0.0))
+    kernel = built(robot, "forward_dynamics", "energy", "mass_matrix", "inverse_dynamics", "kinematics")
+    ratio, q0 = kernel.ratio("joint1.motor"), np.zeros(2)
+    how = "duration = 0.5\noutput_step = 0.01\n[integrator]\nrtol = 1e-9\n"
+    torque = '[control]\ntype = "torque"\ncoordinates = ["joint1"]\nrows = [[0.0, 0.1], [0.5, 0.1]]\n'
+    pushed = run_scenario(robot, scenario_from_toml(how + torque))
+    expected = integrate(kernel, q0, q0, 0.5, drive=lambda t, q, v: [0.0, 0.1], rtol=1e-9, output_step=0.01)
+    assert np.abs(pushed.trajectory.q - expected.q).max() <= 1e-6 * np.abs(expected.q).max()
+    gains = (
+        '[motion]\ntype = "point_to_point"\nstart = [0.0]\ngoal = [0.3]\nduration = 0.4\n'
+        '[control]\ntype = "pd"\nkp = 40.0\nkd = 4.0\n'
+    )
+    held = run_scenario(robot, scenario_from_toml(how + gains))
+    motor_u = held.trajectory.u[:, 1]
+    q, v = held.trajectory.q[:, 1] / ratio, held.trajectory.v[:, 1] / ratio
+    program = PointToPoint(np.zeros(1), np.array([0.3]), 0.4).at(held.trajectory.t)
+    assert np.abs(motor_u - (40.0 * (program[0][:, 0] - q) + 4.0 * (program[1][:, 0] - v)) / ratio).max() <= 1e-12
+    assert (held.trajectory.u[:, 0] == 0.0).all()
+    robot = replace(robot, joints=(replace(robot.joints[0], motor=replace(robot.joints[0].motor, prescribed=True)),))
+    shake = '[[prescribed]]\ntype = "harmonic"\ncoordinate = "joint1.motor"\namplitude = 20.0\nfrequency = 1.0\n'
+    shaken = run_scenario(robot, scenario_from_toml(how + shake)).trajectory
+    assert np.abs(shaken.of("joint1.motor") - 20.0 * np.sin(2 * np.pi * shaken.t)).max() <= 1e-12
+    assert np.ptp(shaken.of("joint1.gamma")) > 0.1

@@ -74,6 +74,23 @@ def test_oscillator_equals_its_closed_form(method: str, options: dict[str, float
     assert min(motion.info["steps"], motion.info["evaluations"]) > 0
 
 
+@pytest.mark.parametrize("method", ["DOP853", "Radau", "rk4"])
+def test_times_of_samples_are_free(method: str, built: Build) -> None:
+    """The state given is that at the first time, drives see the times themselves; what is recorded is the samples."""
+    kernel = built(oscillator(), *NEEDED)
+    times = np.array([0.3, 0.31, 0.5, 0.77, 1.0])
+    seen: list[tuple[np.ndarray, np.ndarray]] = []
+    options = {"method": method, "rtol": 1e-9, "step": 1e-4, "drive": lambda t, _q, _v: [np.cos(3.0 * t)]}
+    record = lambda t, y: seen.append((t.copy(), y.copy()))  # noqa: E731
+    part = integrate(kernel, [0.1], [0.5], 1.0, times=times, record=record, **options)
+    shifted = {**options, "drive": lambda t, _q, _v: [np.cos(3.0 * (t + 0.3))]}
+    whole = integrate(kernel, [0.1], [0.5], 0.7, output_step=0.01, **shifted)
+    assert np.array_equal(part.t, times)
+    assert np.abs(part.q - whole.q[[0, 1, 20, 47, 70]]).max() < 1e-7
+    assert np.array_equal(np.concatenate([t for t, _ in seen]), times[1:])
+    assert np.array_equal(np.concatenate([y for _, y in seen]), np.hstack([part.q, part.v])[1:])
+
+
 def test_default_fixed_step_resolves_the_spring(built: Build) -> None:
     kernel = built(oscillator(), *NEEDED)
     motion = integrate(kernel, [0.1], [0.0], 0.5, method="rk4", output_step=0.1)
@@ -271,6 +288,10 @@ def test_a_drive_that_fails_later(built: Build) -> None:
         ({"rtol": 2.0}, "rtol: 2.0; allowed"),
         ({"atol": -1.0}, "atol: "),
         ({"atol": [1.0, 1.0, 1.0]}, "atol: expected a number or shape"),
+        ({"times": [0.0, 0.5, 0.4, 1.0]}, "times: allowed: two or more finite times, increasing"),
+        ({"times": [1.0]}, "times: allowed: two or more"),
+        ({"times": [0.0, 0.5]}, "times: end at 0.5 s; allowed: at the duration, 1 s"),
+        ({"times": [0.0, 1.0], "output_step": 0.1}, "times and output_step are both given"),
         ({"q0": [0.0, 0.0]}, r"q0: expected float64 of shape \(1,\)"),
         ({"v0": [np.nan]}, "v0: slide.z is nan"),
         ({"v0": "fast"}, "v0: expected 1 numbers"),

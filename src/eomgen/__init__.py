@@ -24,8 +24,9 @@ from .errors import (
 )
 from .kernel import Kernel
 from .pipeline import build, generate
-from .result import load_result
+from .result_file import load_result
 from .robot import Coordinate, Frame, Joint, Link, Loop, Motor, Placement, Robot
+from .stream import load_stream
 
 __all__ = [
     "ArrayError",
@@ -53,4 +54,5 @@ __all__ = [
     "generate",
     "load_result",
     "load_robot",
+    "load_stream",
 ]

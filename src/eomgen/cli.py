@@ -35,6 +35,7 @@ examples:
   eomgen derive one_link --latex                 equations in closed form, for small robots
   eomgen generate arm.toml -o generated          write and compile generated/arm, then: import arm
   eomgen simulate puma560_elastic -o out         programmed motion; trajectory.npz and plots
+  eomgen simulate arm.toml --scenario s.toml     motions, drives, wrenches, payloads of a scenario file
   eomgen forces arm.toml measured.csv            drives, springs, dampers, reactions of a measured motion
   eomgen fit arm.toml measured.csv               stiffness and damping from motion and known drives
   eomgen compare arm.toml other.toml             drives, reactions, tool deviations for one task
@@ -123,8 +124,10 @@ def _names(text: str) -> list[str]:
 def _add_simulate(commands: Any) -> None:
     simulate = _robot_command(commands, "simulate", _simulate, "run a programmed motion of all coordinates")
     simulate.add_argument("-o", "--output", type=Path, default=Path("out"), help="folder for results and plots (out)")
-    simulate.add_argument("--duration", type=float, default=2.0, metavar="S", help="duration in seconds (2)")
-    simulate.add_argument("--method", default="auto", help="auto, Radau, BDF, LSODA, DOP853, RK45 or rk4 (auto)")
+    simulate.add_argument("--scenario", metavar="FILE", help="a scenario: path of a .toml file, or a built-in name")
+    simulate.add_argument("--stream", metavar="FOLDER", help="write states there while they are integrated (Zarr)")
+    simulate.add_argument("--duration", type=float, metavar="S", help="duration in seconds (2)")
+    simulate.add_argument("--method", help="auto, Radau, BDF, LSODA, DOP853, RK45 or rk4 (auto)")
     simulate.add_argument(
         "--goal", type=float, nargs="+", metavar="Q", help="goal of the principal coordinates, rad or m, joint by joint"
     )
@@ -215,11 +218,20 @@ def _generate(options: argparse.Namespace) -> None:
 
 
 def _simulate(options: argparse.Namespace) -> None:
-    from .simulate import simulate
+    from .simulate import load_scenario, run_scenario, simulate
 
+    given = {key: getattr(options, key) for key in ("duration", "method", "goal") if getattr(options, key) is not None}
+    if options.scenario and given:
+        raise InputError(f"--{next(iter(given))}: given together with --scenario, which says it; allowed: one of both")
+    if options.stream and not options.scenario:
+        raise InputError("--stream: given without --scenario; allowed: with a scenario")
     robot = _load(options)
+    scenario = load_scenario(options.scenario) if options.scenario else None
     with _progress("simulating") as report:
-        result = simulate(robot, duration=options.duration, method=options.method, goal=options.goal, progress=report)
+        if scenario is not None:
+            result = run_scenario(robot, scenario, progress=report, stream=options.stream)
+        else:
+            result = simulate(robot, progress=report, **given)
     written = [result.save(options.output / "trajectory.npz")]
     if not options.no_plots:
         from .plots import plot_result

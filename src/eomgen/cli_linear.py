@@ -143,7 +143,8 @@ def poses_along(robot: Robot, options: argparse.Namespace) -> Any:
 
     from .holding import pose_of
     from .linear import kernel_of
-    from .result import index_of, load_result
+    from .result import index_of
+    from .result_file import load_result
 
     if options.points < 1:
         raise InputError(f"points: {options.points}; allowed: 1 or more")

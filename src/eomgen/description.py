@@ -78,7 +78,7 @@ def load_robot(source: str | Path, *, inertia: str | None = None, urdf_damping: 
         DescriptionError: with the file, the place, what came and what is allowed.
     """
     if isinstance(source, str) and source in builtin_robots():
-        return robot_from_toml(_read(_BUILTIN / f"{source}.toml", source), source=source, inertia=inertia)
+        return robot_from_toml(read_text(_BUILTIN / f"{source}.toml", source), source=source, inertia=inertia)
     if not isinstance(source, (str, Path)):
         raise DescriptionError(f"a robot cannot be loaded from {type(source).__name__}; allowed: a name or a path")
     path = Path(source)
@@ -86,7 +86,7 @@ def load_robot(source: str | Path, *, inertia: str | None = None, urdf_damping: 
         known, name = builtin_robots(), str(source)
         allowed = f"a path that ends in .toml or .urdf, or one of {', '.join(known)}"
         raise DescriptionError(f"there is no robot {show(name)}{nearest(name, known)} (allowed: {allowed})")
-    text = _read(path, str(path))
+    text = read_text(path, str(path))
     if path.suffix == ".urdf":
         return robot_from_urdf(text, source=str(path), inertia=inertia, urdf_damping=urdf_damping)
     return robot_from_toml(text, source=str(path), folder=path.parent, inertia=inertia, urdf_damping=urdf_damping)
@@ -108,7 +108,7 @@ def robot_from_toml(
     urdf_damping: bool = False,
 ) -> Robot:
     """The robot that a TOML text describes; ``folder`` is where its ``urdf`` is looked for, the rest as load_robot."""
-    top = Table(_parse_toml(text, source), "", source, _TOP)
+    top = Table(parse_toml(text, source), "", source, _TOP)
     draft = _start(top, source, folder, urdf_damping)
     draft.gravity = top.vector("gravity") or draft.gravity
     for name, entry in top.entries("links", _LINK):
@@ -126,8 +126,8 @@ def robot_from_toml(
     return _finish(draft, policy, top.strings("tunable"))
 
 
-def _read(path: Path, source: str, kind: str = ".toml or .urdf file") -> str:
-    """The text of a file, UTF-8."""
+def read_text(path: Path, source: str, kind: str = ".toml or .urdf file") -> str:
+    """The text of a file, UTF-8; DescriptionError with the source if there is none."""
     source = source if source.isprintable() else ascii(source)
     try:
         if not path.is_file():
@@ -143,7 +143,8 @@ def _read(path: Path, source: str, kind: str = ".toml or .urdf file") -> str:
         raise DescriptionError(f"cannot be read: {reason}", source=source) from None
 
 
-def _parse_toml(text: str, source: str) -> dict[str, object]:
+def parse_toml(text: str, source: str) -> dict[str, object]:
+    """The values of a TOML text; DescriptionError with the source if it is none."""
     try:
         values: dict[str, object] = tomllib.loads(text)
     except RecursionError:
@@ -164,7 +165,7 @@ def _start(top: Table, source: str, folder: Path | None, urdf_damping: bool) -> 
         from .urdf import draft_from_urdf
 
         path = folder / urdf
-        draft = draft_from_urdf(_read(path, str(path)), str(path), damping=urdf_damping)
+        draft = draft_from_urdf(read_text(path, str(path)), str(path), damping=urdf_damping)
         draft.source = source
         draft.inherited = (*draft.links, *draft.joints)
     elif "name" not in top:
@@ -267,7 +268,7 @@ def _beside(table: Table, folder: Path | None) -> Callable[[str], str]:
     def read(name: str) -> str:
         if folder is None or not name.endswith(".csv"):
             table.fail(f"got {show(name)}; allowed: the path of a .csv file, relative to this file", "curve")
-        return _read(folder / name, str(folder / name), "file of deviation,force lines")
+        return read_text(folder / name, str(folder / name), "file of deviation,force lines")
 
     return read
 

@@ -25,6 +25,7 @@ Drive = Callable[[float, Array, Array], ArrayLike]
 Wrench = Callable[[float, Array, Array], ArrayLike]
 Prescribed = Callable[[float], tuple[ArrayLike, ArrayLike, ArrayLike]]
 Progress = Callable[[float, str], None]
+Record = Callable[[Array, Array], None]
 
 EXPLICIT = ("DOP853", "RK45", "rk4")
 IMPLICIT = ("Radau", "BDF", "LSODA")  # SciPy's
@@ -97,7 +98,9 @@ def integrate(
     atol: ArrayLike | None = None,
     step: float | None = None,
     output_step: float | None = None,
+    times: ArrayLike | None = None,
     progress: Progress | None = None,
+    record: Record | None = None,
 ) -> Trajectory:
     """Integrate M(q) a + bias = generalized force + u from a state.
 
@@ -120,7 +123,10 @@ def integrate(
         step: of rk4, s; shortened so that it divides ``output_step``.  Default: half the time in which the fastest
             spring turns by 1 rad, or a damper between two points slows down by a factor e.
         output_step: distance of the samples, s, shortened so that it divides the duration; default duration / 1000.
+        times: of the samples, s, (T,), increasing; instead of ``output_step``.  The state given is that at the first,
+            which need not be 0; the last must be the duration.
         progress: called with a fraction from 0 to 1 and a line of text.
+        record: called with times of samples (k,) and states (k, 2n) as they are reached, the first one not among them.
 
     Raises:
         IntegrationStopped: the state diverges, the step becomes too small or M singular; an IntegrationError that
@@ -129,21 +135,21 @@ def integrate(
     """
     system = System(kernel, drive, wrench, prescribed)
     q0, v0 = (state_vector(label, x, kernel.coordinates) for label, x in (("q0", q0), ("v0", v0)))
-    times = output_times(duration, output_step)
+    times = output_times(duration, output_step) if times is None else _checked_times(times, duration, output_step)
     method = choose_method(kernel, method)
     began = time.perf_counter()
     report = reporter(progress, float(times[-1]))
     y0 = np.concatenate([q0, v0])
     watch = ContactWatch(kernel)
     if method == "rk4":
-        states = rk4(system, y0, times, fixed_step(kernel, q0, step, times), report, watch=watch)
+        states = rk4(system, y0, times, fixed_step(kernel, q0, step, times), report, watch=watch, record=record)
     else:
         tolerances = _tolerances(system, y0, rtol, atol)
         if method in sundials.METHODS:
-            states = sundials.sundials_states(system, y0, times, method, rtol, tolerances, report, watch)
+            states = sundials.sundials_states(system, y0, times, method, rtol, tolerances, report, watch, record)
         else:
-            solver = _start_solver(system, y0, times[-1], method, rtol, tolerances)
-            states = _sampled(solver, system, times, report, watch)
+            solver = _start_solver(system, y0, times, method, rtol, tolerances)
+            states = _sampled(solver, system, times, report, watch, record)
     q, v = np.ascontiguousarray(states[:, : system.n]), np.ascontiguousarray(states[:, system.n :])
     u = np.empty_like(q)
     for i, t in enumerate(times):
@@ -438,6 +444,17 @@ def output_times(duration: float, output_step: float | None) -> Array:
     return np.linspace(0.0, duration, max(1, int(np.ceil(duration / output_step - 1e-9))) + 1)
 
 
+def _checked_times(times: ArrayLike, duration: float, output_step: float | None) -> Array:
+    found = np.array(times, dtype=np.float64)
+    if output_step is not None:
+        raise InputError("times and output_step are both given; allowed: one of them")
+    if found.ndim != 1 or found.size < 2 or not np.isfinite(found).all() or not (np.diff(found) > 0.0).all():
+        raise InputError("times: allowed: two or more finite times, increasing")
+    if found[-1] != duration:
+        raise InputError(f"times: end at {found[-1]:g} s; allowed: at the duration, {duration:g} s")
+    return found
+
+
 def reporter(progress: Progress | None, duration: float) -> Callable[[float, str], None]:
     """A report of the time reached, at most one per percent."""
     last = -1.0
@@ -469,7 +486,7 @@ def fixed_step(kernel: Kernel, q0: Array, step: float | None, times: Array) -> f
     if damping.any():
         slowing = np.abs(np.linalg.eigvals(np.linalg.solve(kernel.mass_matrix(q0), damping))).max()
         fastest = max(fastest, float(slowing))
-    return min(1e-3, 0.5 / fastest if fastest else np.inf, float(times[1]))
+    return min(1e-3, 0.5 / fastest if fastest else np.inf, float(np.diff(times).max()))
 
 
 def rk4(
@@ -480,6 +497,7 @@ def rk4(
     report: Callable[[float, str], None],
     settle: Callable[[float, float, Array, Array], Array] | None = None,
     watch: ContactWatch | None = None,
+    record: Record | None = None,
 ) -> Array:
     """The classical Runge-Kutta method of order 4; states at the times, (T, 2n).
 
@@ -512,22 +530,24 @@ def rk4(
                 watch.step(t, good, t + h, y)
             system.counts["steps"] += 1
         states[i] = y
+        if record is not None:
+            record(times[i : i + 1], states[i : i + 1])
         report(float(t1), f"t = {t1:.3f} s, rk4, {system.counts['steps']} steps")
     return states
 
 
-def _start_solver(system: System, y0: Array, duration: float, method: str, rtol: float, atol: Array) -> Any:
-    """SciPy's solver at t = 0: the classes that solve_ivp drives, stepped here so that progress can be shown."""
+def _start_solver(system: System, y0: Array, times: Array, method: str, rtol: float, atol: Array) -> Any:
+    """SciPy's solver at the first time: the classes that solve_ivp drives, stepped here to show progress."""
     try:
         from scipy import integrate as scipy_integrate
     except ImportError:
         raise InputError(f'method {method} needs SciPy: pip install "eomgen[sim]"; "rk4" works without') from None
-    system.derivative(0.0, y0)  # a state that cannot move is the caller's: its error comes as it is
+    system.derivative(float(times[0]), y0)  # a state that cannot move is the caller's: its error comes as it is
     options: dict[str, Any] = {"rtol": rtol, "atol": atol}
     if method in IMPLICIT:
         options["jac"] = system.jacobian
     function = system.derivative if method == "LSODA" else system.trial
-    return getattr(scipy_integrate, method)(function, 0.0, y0, duration, **options)
+    return getattr(scipy_integrate, method)(function, times[0], y0, times[-1], **options)
 
 
 def _tolerances(system: System, y0: Array, rtol: float, atol: ArrayLike | None) -> Array:
@@ -547,7 +567,12 @@ def _tolerances(system: System, y0: Array, rtol: float, atol: ArrayLike | None) 
 
 
 def _sampled(
-    solver: Any, system: System, times: Array, report: Callable[[float, str], None], watch: ContactWatch
+    solver: Any,
+    system: System,
+    times: Array,
+    report: Callable[[float, str], None],
+    watch: ContactWatch,
+    record: Record | None = None,
 ) -> Array:
     """Step SciPy's solver to the end; states at the times, (T, 2n)."""
     states = np.empty((times.size, solver.y.size))
@@ -576,6 +601,8 @@ def _sampled(
             watch.step(t, y, solver.t, solver.y, between)
             if end > done:
                 states[done:end] = between(times[done:end]).T
+                if record is not None:
+                    record(times[done:end], states[done:end])
             done = end
         report(solver.t, f"t = {solver.t:.3f} s, {name}, {system.counts['steps']} steps")
     return states

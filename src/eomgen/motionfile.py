@@ -61,13 +61,18 @@ def read_motion(path: Path | str, coordinates: Sequence[str]) -> Motion:
     source = Path(path)
     if source.suffix not in (".csv", ".npz"):
         raise InputError(f"motion: {show(str(path))}; allowed: a path that ends in .csv or .npz")
-    try:
-        if source.stat().st_size > _MOST_BYTES:
-            raise InputError(f"{source}: the file has more than {_MOST_BYTES} bytes")
-        columns, lines = _read_csv(source) if source.suffix == ".csv" else _read_npz(source)
-    except OSError as error:
-        raise InputError(f"{source}: cannot be read: {error.strerror or error}") from None
+    columns, lines = read_columns(source)
     return _motion(columns, tuple(coordinates), str(source), lines)
+
+
+def read_columns(path: Path) -> tuple[dict[str, Array], list[int] | None]:
+    """Columns (T,) of a .csv or .npz by name, and the line of each row of a .csv; errors as ``read_motion``."""
+    try:
+        if path.stat().st_size > _MOST_BYTES:
+            raise InputError(f"{path}: the file has more than {_MOST_BYTES} bytes")
+        return _read_csv(path) if path.suffix == ".csv" else _read_npz(path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
 
 
 def motion_of(robot: str, motion: Motion | Path | str, coordinates: tuple[str, ...]) -> Motion:

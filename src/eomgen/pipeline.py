@@ -176,6 +176,11 @@ def _source_key(robot: Robot, options: Options) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
+def robot_hash(robot: Robot) -> str:
+    """SHA-256 of what a robot is, hexadecimal: of all its values but ``source`` and ``notes``."""
+    return hashlib.sha256(json.dumps(_plain(robot), sort_keys=True).encode()).hexdigest()
+
+
 def _plain(robot: Robot) -> Any:
     """The robot's numbers and names; its source and notes do not change the equations."""
     joints = [{**vars(j), "coordinates": {k: vars(c) for k, c in j.coordinates.items()}} for j in robot.joints]

@@ -2,26 +2,33 @@
 
 from __future__ import annotations
 
-import json
 import os
 import secrets
-import zipfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import InputError
+from .balance import TERMS, EnergyBalance
+from .errors import InputError, UnknownNameError
 from .integrate import Trajectory
+from .names import listed, nearest, show
 from .robot import LINEAR, MOTOR
 
 Array = NDArray[np.float64]
 
-FORMAT = 1  # of the .npz; raised when a reader of the old one would misread it
+
+@dataclass(frozen=True)
+class Series:
+    """Values of a name over time: t (T,), s; values (T,) or (T, k), in their unit."""
+
+    name: str
+    unit: str
+    t: Array
+    values: Array
 
 
 @dataclass(frozen=True)
@@ -37,6 +44,13 @@ class SimulationResult:
         pose, program_pose: its pose, and that of the rigid robot on its program, (T, 4, 4), base axes, m.
         notes: lines about the method and about what was assumed.
         versions: of eomgen, NumPy and Python.
+        programmed: whether there was a program; if not, ``program_q`` is what the principal coordinates did, and
+            ``program_pose`` leaves out the deviations alone.
+        prescribed: names of the coordinates whose motion was given.
+        robot_hash: of what the description says, as ``robot_hash`` makes it.
+        scenario: what was simulated, as ``Scenario.as_dict`` has it.
+        links: names of the links of ``wrench``, (T, links, 6), N, N m, as kernels take it; None without wrenches.
+        balance: where the energy came from and went to; None in files of eomgen 0.1 before it was there.
     """
 
     robot: str
@@ -48,15 +62,20 @@ class SimulationResult:
     program_pose: Array
     notes: tuple[str, ...]
     versions: Mapping[str, str]
+    programmed: bool = True
+    prescribed: tuple[str, ...] = ()
+    robot_hash: str = ""
+    scenario: Mapping[str, Any] = field(default_factory=dict)
+    links: tuple[str, ...] = ()
+    wrench: Array | None = None
+    balance: EnergyBalance | None = None
 
     @property
     def deviation_coordinates(self) -> tuple[str, ...]:
-        """Names of the coordinates without a program; motors follow their joints' and are left out."""
-        return tuple(
-            name
-            for name in self.trajectory.coordinates
-            if name not in self.program_coordinates and name.rpartition(".")[2] != MOTOR
-        )
+        """Names of the coordinates that no program or prescribed motion moves; motors follow their joints'."""
+        others = (*self.program_coordinates, *self.prescribed)
+        names = self.trajectory.coordinates
+        return tuple(name for name in names if name not in others and name.rpartition(".")[2] != MOTOR)
 
     @property
     def deviations(self) -> Array:
@@ -92,7 +111,7 @@ class SimulationResult:
         return {
             "robot": self.robot,
             "coordinates": len(motion.coordinates),
-            "driven": list(self.program_coordinates),
+            "driven": list(self.program_coordinates) if self.programmed else [],
             "duration": float(motion.t[-1]),
             "method": motion.method,
             **{key: float(value) if key == "wall_s" else int(value) for key, value in motion.info.items()},
@@ -104,22 +123,24 @@ class SimulationResult:
             "linear_max": _largest(self.deviation_coordinates, self.deviations, "m"),
             "angular_max": _largest(self.deviation_coordinates, self.deviations, "rad"),
             "tracking_max": {
-                "m": _largest(self.program_coordinates, self.tracking_error, "m"),
-                "rad": _largest(self.program_coordinates, self.tracking_error, "rad"),
+                unit: _largest(self.program_coordinates, self.tracking_error, unit) if self.programmed else None
+                for unit in ("m", "rad")
             },
+            "energy": None if self.balance is None else self.balance.summary(),
             "notes": list(self.notes),
             "versions": dict(self.versions),
         }
 
     def summary_lines(self) -> list[str]:
         """The summary for a reader, lengths in micrometres and angles in microradians."""
-        facts = self.summary()
+        facts, against = self.summary(), "its program" if self.programmed else "the rigid robot"
         lines = [
-            f"{self.robot}: {facts['coordinates']} coordinates, {len(self.program_coordinates)} of them driven, "
+            f"{self.robot}: {facts['coordinates']} coordinates, "
+            f"{f'{len(self.program_coordinates)} of them driven' if self.programmed else 'no program'}, "
             f"{facts['duration']:g} s of motion",
             f"  {facts['method']}: {facts['steps']} steps, {facts['evaluations']} evaluations, "
             f"{facts['jacobians']} Jacobians, {facts['wall_s']:.2f} s",
-            f"  tool {self.tool}: off its program by at most {facts['tool_deviation_max'] * 1e6:.3g} um "
+            f"  tool {self.tool}: off {against} by at most {facts['tool_deviation_max'] * 1e6:.3g} um "
             f"(at {facts['tool_deviation_max_at']:.3f} s) and {facts['tool_rotation_max'] * 1e6:.3g} urad; "
             f"{facts['tool_deviation_end'] * 1e6:.3g} um at the end",
         ]
@@ -129,7 +150,53 @@ class SimulationResult:
             if entry:
                 unit = "um" if entry["unit"] == "m" else "urad"
                 lines.append(f"  {text}: {entry['coordinate']} {entry['value'] * 1e6:+.3g} {unit}")
+        if self.balance is not None:
+            lines.append(f"  {self.balance.line()}")
         return lines + [f"  {note}" for note in self.notes]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What ``series`` knows."""
+        return tuple(self._series())
+
+    def series(self, name: str) -> Series:
+        """Values over time by name, with their unit.
+
+        Names are those of coordinates ("joint1.x"), with .rate, .drive or .program behind them; TOOL.position (base
+        axes) and TOOL.program; LINK.force and LINK.moment of wrenches (about the centre of mass, base axes);
+        energy.kinetic, energy.potential, energy.residue, and work.TERM with the terms of ``EnergyBalance``.
+
+        Raises:
+            UnknownNameError: there is nothing of that name; ``names`` has all.
+        """
+        known = self._series()
+        if name not in known:
+            raise UnknownNameError(f"series: {show(name)}{nearest(name, known)} is unknown; known: {listed(known)}")
+        unit, values = known[name]
+        return Series(name, unit, self.trajectory.t, values)
+
+    def _series(self) -> dict[str, tuple[str, Array]]:
+        motion = self.trajectory
+        found: dict[str, tuple[str, Array]] = {}
+        for i, name in enumerate(motion.coordinates):
+            unit = unit_of(name)
+            found[name], found[f"{name}.rate"] = (unit, motion.q[:, i]), (f"{unit}/s", motion.v[:, i])
+            found[f"{name}.drive"] = ("N" if unit == "m" else "N m", motion.u[:, i])
+        for i, name in enumerate(self.program_coordinates if self.programmed else ()):
+            found[f"{name}.program"] = (unit_of(name), self.program_q[:, i])
+        found[f"{self.tool}.position"] = ("m", self.pose[:, :3, 3])
+        found[f"{self.tool}.program"] = ("m", self.program_pose[:, :3, 3])
+        for i, link in enumerate(self.links if self.wrench is not None else ()):
+            assert self.wrench is not None
+            found[f"{link}.force"], found[f"{link}.moment"] = (
+                ("N", self.wrench[:, i, :3]),
+                ("N m", self.wrench[:, i, 3:]),
+            )
+        found["energy.kinetic"], found["energy.potential"] = (("J", column) for column in motion.energy.T)
+        if self.balance is not None:
+            found |= {f"work.{term}": ("J", self.balance.of(term)) for term in TERMS}
+            found["energy.residue"] = ("J", self.balance.residue)
+        return found
 
     def save(self, path: Path | str) -> Path:
         """Write the result as .npz, to a temporary name first, and return the path; folders are made.
@@ -137,49 +204,9 @@ class SimulationResult:
         Raises:
             InputError: the file cannot be written.
         """
-        motion, target = self.trajectory, Path(path)
-        text = {"robot": self.robot, "tool": self.tool, "method": motion.method, "notes": self.notes}
-        meta = json.dumps({"format": FORMAT, **text, "info": dict(motion.info), "versions": dict(self.versions)})
-        arrays: dict[str, Any] = {name: getattr(motion, name) for name in ("t", "q", "v", "u", "energy")}
-        arrays.update({name: getattr(self, name) for name in ("program_q", "pose", "program_pose")})
-        arrays.update(coordinates=motion.coordinates, units=self.units, program_coordinates=self.program_coordinates)
+        from .result_file import save_result
 
-        def write(stream: Any) -> None:
-            np.savez_compressed(stream, meta=meta, **arrays)
-
-        return write_atomically(target, write)
-
-
-def load_result(path: Path | str) -> SimulationResult:
-    """The result that ``SimulationResult.save`` wrote.
-
-    Raises:
-        InputError: the file does not exist, or is not such a result.
-    """
-    try:
-        with np.load(path, allow_pickle=False) as data:
-            meta = json.loads(str(data["meta"]))
-            if meta["format"] > FORMAT:
-                raise InputError(
-                    f"{path}: written by eomgen {meta['versions'].get('eomgen')}, which is newer than this one"
-                )
-            t, q, v, u, energy = (np.array(data[name]) for name in ("t", "q", "v", "u", "energy"))
-            names = tuple(str(name) for name in data["coordinates"])
-            return SimulationResult(
-                meta["robot"],
-                Trajectory(t, q, v, u, energy, names, meta["method"], meta["info"]),
-                tuple(str(name) for name in data["program_coordinates"]),
-                np.array(data["program_q"]),
-                meta["tool"],
-                np.array(data["pose"]),
-                np.array(data["program_pose"]),
-                tuple(meta["notes"]),
-                MappingProxyType(dict(meta["versions"])),
-            )
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except (ValueError, KeyError, TypeError, AttributeError, zipfile.BadZipFile, EOFError) as error:
-        raise InputError(f"{path}: is not a saved simulation ({error})") from None
+        return save_result(self, path)
 
 
 def unit_of(coordinate: str) -> str:

@@ -71,9 +71,10 @@ class Table:
 
     def number(self, key: str, minimum: float | None = None) -> float | None:
         """A finite number, as float."""
-        return None if key not in self.values else self._number(self.values[key], key, minimum)
+        return None if key not in self.values else self.number_of(self.values[key], key, minimum)
 
-    def _number(self, value: object, key: str, minimum: float | None) -> float:
+    def number_of(self, value: object, key: str, minimum: float | None = None) -> float:
+        """The value as a finite number, as float; the key is where it stands."""
         allowed = "a finite number" if minimum is None else f"a number that is at least {minimum:g}"
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             self.fail(f"got {show(value)}; allowed: {allowed}", key)
@@ -99,7 +100,7 @@ class Table:
         value = self.values[key]
         if not isinstance(value, list) or len(value) != count:
             self.fail(f"got {show(value)}; allowed: an array of {count} numbers", key)
-        return tuple(self._number(item, f"{key}.{index}", None) for index, item in enumerate(value))
+        return tuple(self.number_of(item, f"{key}.{index}", None) for index, item in enumerate(value))
 
     def rows(self, key: str, count: int) -> list[tuple[float, ...]]:
         """An array of arrays of ``count`` finite numbers each."""

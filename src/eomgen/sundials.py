@@ -16,7 +16,7 @@ from .contacts import ContactWatch
 from .errors import EomgenError, InputError, IntegrationError
 
 if TYPE_CHECKING:
-    from .integrate import System
+    from .integrate import Record, System
 
 Array = NDArray[np.float64]
 
@@ -35,6 +35,7 @@ def sundials_states(
     atol: Array,
     report: Callable[[float, str], None],
     watch: ContactWatch,
+    record: Record | None = None,
 ) -> Array:
     """States at the times, (T, 2n).
 
@@ -46,6 +47,7 @@ def sundials_states(
         rtol, atol: tolerances, (2n,) the second.
         report: called with the time reached and a line of text.
         watch: is told of the contacts.
+        record: called with times and states of samples as they are reached, the first one not among them.
 
     Raises:
         IntegrationStopped: it cannot go on, with the last good state.
@@ -70,6 +72,8 @@ def sundials_states(
                 for end in np.flatnonzero(found.i_events[-1]):
                     watch.note(int(end), reached, good, bool(found.i_events[-1][end] > 0))
         states[i] = good
+        if record is not None:
+            record(times[i : i + 1], states[i : i + 1])
         report(reached, f"t = {reached:.3f} s, {method}, {system.counts['evaluations']} calls")
     return states
 

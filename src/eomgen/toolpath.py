@@ -1,4 +1,4 @@
-"""A straight line of a tool as a motion of a robot's principal coordinates."""
+"""A path of a tool, straight or round, as a motion of a robot's principal coordinates."""
 
 from __future__ import annotations
 
@@ -13,61 +13,58 @@ from .motion import PointToPoint
 
 Array = NDArray[np.float64]
 
-POINTS = 201  # of the line, between which joints follow a spline
-CLOSE = 1e-11  # m, to the line at those points, times its length or 1 m
+POINTS = 201  # of the path, between which joints follow a spline
+CLOSE = 1e-11  # m, to the path at those points, times its length or 1 m
 GUESSES, STEPS = 40, 100
 REACH = 0.3  # rad, m: longest step of an iteration
 
 
-class ToolLine:
-    """The tool's origin moves from one point to another, with the profile of ``PointToPoint`` along the line.
+class ToolPath:
+    """The tool's origin moves along points, with the profile of ``PointToPoint``.
 
     Joints follow by inverse kinematics, each time the smallest change that does it; the tool turns as they let it.
 
     Args:
         kernel: of the rigid robot, with kinematics; all its coordinates may move.
         tool: a frame or link.
-        begin, end: points, (3,), m, base axes.
+        points: (POINTS, 3), m, base axes, at equal parts of the path.
         duration: s.
         guess: coordinates, (n,), near which the first point is looked for.
         limits: lower and upper limits, (n, 2), infinite where there is none.
+        begin: s; until then the tool rests at the first point.
+        name: of the path, for messages.
 
     Raises:
-        ArrayError: a point that is not three finite numbers.
-        InputError: the points coincide, SciPy is not installed, or the tool cannot follow the line within the limits:
-            the point is named.
+        InputError: SciPy is not installed, or the tool cannot follow within the limits: the point is named.
     """
 
     def __init__(
         self,
         kernel: Kernel,
         tool: str,
-        begin: ArrayLike,
-        end: ArrayLike,
+        points: Array,
         duration: float,
         guess: Array,
         limits: Array,
+        begin: float = 0.0,
+        name: str = "path",
     ) -> None:
         try:
             from scipy.interpolate import make_interp_spline
         except ImportError:
-            raise InputError("a line of the tool needs SciPy; install eomgen[sim]") from None
-        ends = np.array([_point("begin", begin), _point("end", end)])
-        if np.array_equal(*ends):
-            raise InputError(f"line: begins and ends at {_show(ends[0])}; allowed: two different points")
-        self.profile = PointToPoint(np.zeros(1), np.ones(1), duration)
+            raise InputError(f"a {name} of the tool needs SciPy; install eomgen[sim]") from None
+        self.profile = PointToPoint(np.zeros(1), np.ones(1), duration, begin)
         along = np.linspace(0.0, 1.0, POINTS)
-        points = ends[0] + along[:, np.newaxis] * (ends[1] - ends[0])
-        close = CLOSE * max(1.0, float(np.abs(ends).max()))
+        close = CLOSE * max(1.0, float(np.abs(points).max()))
         q = np.empty((POINTS, kernel.n))
         q[0] = _first(kernel, tool, points[0], guess, limits, close)
         for k in range(1, POINTS):
-            q[k] = _reached(kernel, tool, points[k], q[k - 1], limits, close)
+            q[k] = _reached(kernel, tool, points[k], q[k - 1], limits, close, name)
             if not _inside(q[k], limits):
                 worst = int(np.argmax(np.maximum(limits[:, 0] - q[k], q[k] - limits[:, 1])))
                 raise InputError(
-                    f"{kernel.name}: at {_show(points[k])} on the line {kernel.coordinates[worst]} = {q[k, worst]:.4g};"
-                    f" its limits are {limits[worst, 0]:.4g} to {limits[worst, 1]:.4g}"
+                    f"{kernel.name}: at {_show(points[k])} on the {name} {kernel.coordinates[worst]} ="
+                    f" {q[k, worst]:.4g}; its limits are {limits[worst, 0]:.4g} to {limits[worst, 1]:.4g}"
                 )
         spline = make_interp_spline(along, q, k=5)
         self._splines = (spline, spline.derivative(1), spline.derivative(2))
@@ -82,6 +79,76 @@ class ToolLine:
         s, ds, dds = self.profile.at(t)
         q, by_s, by_ss = (spline(s[..., 0]) for spline in self._splines)
         return q, by_s * ds, by_ss * ds**2 + by_s * dds
+
+
+class ToolLine(ToolPath):
+    """The tool's origin moves straight from one point to another; arguments and errors as ``ToolPath``, and
+
+    Args:
+        begin, end: points, (3,), m, base axes.
+        start_time: s; until then the tool rests at ``begin``.
+
+    Raises:
+        ArrayError: a point that is not three finite numbers.
+        InputError: the points coincide.
+    """
+
+    def __init__(
+        self,
+        kernel: Kernel,
+        tool: str,
+        begin: ArrayLike,
+        end: ArrayLike,
+        duration: float,
+        guess: Array,
+        limits: Array,
+        start_time: float = 0.0,
+    ) -> None:
+        ends = np.array([_point("begin", begin), _point("end", end)])
+        if np.array_equal(*ends):
+            raise InputError(f"line: begins and ends at {_show(ends[0])}; allowed: two different points")
+        points = ends[0] + np.linspace(0.0, 1.0, POINTS)[:, np.newaxis] * (ends[1] - ends[0])
+        super().__init__(kernel, tool, points, duration, guess, limits, start_time, "line")
+
+
+class ToolCircle(ToolPath):
+    """The tool's origin moves along a circle; arguments and errors as ``ToolPath``, and
+
+    Args:
+        center, normal: (3,), base axes; the tool turns about the normal as a right-handed screw does.
+        begin: a point of the circle, (3,), m, base axes; in the plane through the center across the normal.
+        angle: rad, of the whole path.
+        start_time: s; until then the tool rests at ``begin``.
+
+    Raises:
+        ArrayError: a point that is not three finite numbers.
+        InputError: there is no such circle.
+    """
+
+    def __init__(
+        self,
+        kernel: Kernel,
+        tool: str,
+        center: ArrayLike,
+        normal: ArrayLike,
+        begin: ArrayLike,
+        angle: float,
+        duration: float,
+        guess: Array,
+        limits: Array,
+        start_time: float = 0.0,
+    ) -> None:
+        middle, axis, first = _point("center", center), _point("normal", normal), _point("begin", begin)
+        arm, length = first - middle, float(np.linalg.norm(axis))
+        if not (length > 0.0 and np.isfinite(angle) and angle != 0.0 and np.linalg.norm(arm) > 0.0):
+            raise InputError("circle: allowed: a normal, an angle and a radius that are not zero")
+        axis /= length
+        if abs(axis @ arm) > 1e-6 * np.linalg.norm(arm):
+            raise InputError(f"circle: {_show(first)} is not in the plane through the center, across the normal")
+        arm -= (axis @ arm) * axis
+        turn = angle * np.linspace(0.0, 1.0, POINTS)[:, np.newaxis]
+        points = middle + np.cos(turn) * arm + np.sin(turn) * np.cross(axis, arm)
+        super().__init__(kernel, tool, points, duration, guess, limits, start_time, "circle")
 
 
 def _first(kernel: Kernel, tool: str, point: Array, guess: Array, limits: Array, close: float) -> Array:
@@ -104,11 +171,11 @@ def _guesses(guess: Array, limits: Array) -> Iterator[Array]:
         yield rng.uniform(np.minimum(low, high), high)
 
 
-def _reached(kernel: Kernel, tool: str, point: Array, q: Array, limits: Array, close: float) -> Array:
+def _reached(kernel: Kernel, tool: str, point: Array, q: Array, limits: Array, close: float, name: str) -> Array:
     found, distance = _search(kernel, tool, point, q, limits, close)
     if distance > close or np.abs(found - q).max() > REACH:
         raise InputError(
-            f"{kernel.name}: {tool} cannot follow the line at {_show(point)}: it is out of reach, or the arm singular"
+            f"{kernel.name}: {tool} cannot follow the {name} at {_show(point)}: it is out of reach, or the arm singular"
         )
     return found
 
