@@ -198,3 +198,16 @@ def check_wrench(kernel: eomgen.Kernel, oracle: PinocchioOracle, states: tuple[A
         return
     found = kernel.forward_dynamics(q, v, u, wrench=wrench)
     assert np.allclose(found, kernel.forward_dynamics(q, v, u + external), rtol=1e-10, atol=1e-10)
+
+
+def test_two_arms_on_an_elastic_torso(built: Build) -> None:
+    """A tree of joints with up to six coordinates: Pinocchio's numbers, and nothing between the arms."""
+    robot = eomgen.load_robot("two_arms")
+    kernel, oracle = built(robot, *DYNAMICS, "reactions", "energy"), PinocchioOracle(robot)
+    q, v, a, u = states = random_states(robot, 7, 10)
+    check_dynamics(kernel, oracle, states)
+    assert errors(kernel.reactions(q, v, a), each(oracle.reactions, q, v, a)).max() <= TOLERANCE
+    assert errors(kernel.energy(q, v), each(oracle.energy, q, v)).max() <= TOLERANCE
+    arms = [[i for i, name in enumerate(kernel.coordinates) if name.startswith(side)] for side in ("left", "right")]
+    assert (kernel.mass_matrix(q)[:, np.array(arms[0])[:, None], arms[1]] == 0.0).all()
+    assert len(arms[0]) == len(arms[1]) == 10
