@@ -204,7 +204,7 @@ def test_two_arms_on_an_elastic_torso(built: Build) -> None:
     """A tree of joints with up to six coordinates: Pinocchio's numbers, and nothing between the arms."""
     robot = eomgen.load_robot("two_arms")
     kernel, oracle = built(robot, *DYNAMICS, "reactions", "energy"), PinocchioOracle(robot)
-    q, v, a, u = states = random_states(robot, 7, 10)
+    q, v, a, _ = states = random_states(robot, 7, 10)
     check_dynamics(kernel, oracle, states)
     assert errors(kernel.reactions(q, v, a), each(oracle.reactions, q, v, a)).max() <= TOLERANCE
     assert errors(kernel.energy(q, v), each(oracle.energy, q, v)).max() <= TOLERANCE
