@@ -13,9 +13,10 @@ from random_robots import random_robot, random_state
 import eomgen
 from eomgen.description import robot_from_toml
 from eomgen.errors import InputError
-from eomgen.integrate import IntegrationStopped, System, integrate
+from eomgen.integrate import integrate
 from eomgen.motion import Harmonic
 from eomgen.robot import Robot
+from eomgen.system import IntegrationStopped, System
 
 KERNELS = (
     "forward_dynamics",

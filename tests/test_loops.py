@@ -12,10 +12,10 @@ from random_robots import Array, random_link, random_placement, random_robot, ra
 import eomgen
 from eomgen.description import robot_from_toml
 from eomgen.errors import ArrayError, InputError, LoopError, UnknownNameError
-from eomgen.integrate import IntegrationStopped
 from eomgen.kernel import Kernel
 from eomgen.loops import ClosedLoops
 from eomgen.robot import IDENTITY, Coordinate, Joint, Link, Loop, Placement, Robot
+from eomgen.system import IntegrationStopped
 
 KERNELS = (
     "constraint",

@@ -24,13 +24,15 @@ from eomgen.description import robot_from_toml
 from eomgen.equilibrium import static_equilibrium
 from eomgen.errors import DescriptionError, InputError
 from eomgen.info import robot_info
-from eomgen.integrate import coordinate_sizes, fixed_step, integrate, stiffness_matrix, stiffnesses
+from eomgen.integrate import integrate
 from eomgen.loops import ClosedLoops
 from eomgen.model import build_model
 from eomgen.motion import Harmonic, PointToPoint
 from eomgen.robot import Coordinate, Friction, Motor, Robot
 from eomgen.sensitivity import offset_sensitivity
 from eomgen.simulate import run_scenario, scenario_from_toml, simulate
+from eomgen.stepping import fixed_step
+from eomgen.stiffness import coordinate_sizes, stiffness_matrix, stiffnesses
 
 MOTOR = "motor = { inertia = 1e-4, ratio = 100, stiffness = 2e4 }"
 

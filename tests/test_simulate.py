@@ -15,10 +15,12 @@ from random_robots import random_placement
 
 import eomgen
 from eomgen import ArrayError, InputError, IntegrationError, SingularError, UnknownNameError
-from eomgen.integrate import IntegrationStopped, System, choose_method, coordinate_sizes, stiffnesses
+from eomgen.integrate import choose_method
 from eomgen.plots import plot_result
 from eomgen.robot import COORDINATES, Coordinate, Joint, Link, Robot
 from eomgen.simulate import default_motion, integrate, load_result, simulate, static_equilibrium
+from eomgen.stiffness import coordinate_sizes, stiffnesses
+from eomgen.system import IntegrationStopped, System
 
 NEEDED = ("forward_dynamics", "inverse_dynamics", "mass_matrix", "energy")
 MASS, STIFFNESS, DAMPING = 2.0, 800.0, 4.0

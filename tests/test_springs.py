@@ -24,9 +24,10 @@ from eomgen.codegen.frames import choose_frames
 from eomgen.codegen.render import render
 from eomgen.equilibrium import static_equilibrium
 from eomgen.errors import DescriptionError, InputError
-from eomgen.integrate import choose_method, fixed_step, integrate
+from eomgen.integrate import choose_method, integrate
 from eomgen.model import build_model
 from eomgen.robot import Coordinate, Joint, Link, Placement, Robot, Spring
+from eomgen.stepping import fixed_step
 
 TYPES = ("revolute", "prismatic", "fixed", "free")
 NAMES = ("inverse_dynamics", "residual", "generalized_force", "forward_dynamics", "energy", "reactions")

@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .errors import InputError
-from .integrate import Progress
 from .model import build_model
 from .pipeline import build
 from .result import SimulationResult, index_of, unit_of
 from .robot import PRINCIPAL, Robot
 from .simulate import MOVING_PART, RIGID_KERNELS, default_motion, principal_limits, simulate, tool_of
+from .stepping import Progress
 from .toolpath import ToolLine
 
 Array = NDArray[np.float64]

@@ -14,13 +14,13 @@ from numpy.typing import ArrayLike, NDArray
 from .deflection import deflection_of, static_hold
 from .errors import InputError, IntegrationError
 from .holding import Gains, Pose, hold_of, pose_of
-from .integrate import Progress
 from .kernel import Kernel
 from .linear import Loads, checked_loads, kernel_of
 from .model import build_model
 from .result import write_atomically
 from .robot import Robot
 from .simulate import principal_limits, tool_of
+from .stepping import Progress
 from .toolpath import CLOSE, _guesses, _inside, _point, _search
 
 Array = NDArray[np.float64]

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .errors import ArrayError, IntegrationError, UnknownNameError
-from .integrate import Q_STEP, coordinate_sizes, state_vector
 from .kernel import Kernel
+from .stiffness import coordinate_sizes
+from .system import Q_STEP, state_vector
 
 Array = NDArray[np.float64]
 

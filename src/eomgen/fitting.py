@@ -22,13 +22,13 @@ from numpy.typing import NDArray
 
 from .errors import InputError, UnknownNameError
 from .fitresult import KEYS, Estimate, FitResult, FittedCoordinate
-from .integrate import coordinate_numbers
 from .kernel import Kernel
 from .motionfile import Motion, motion_of
 from .names import nearest
 from .pipeline import build
 from .robot import MOTOR, PRINCIPAL, Robot
 from .smoothing import Differentiator, bell, filtered, noise_deviation
+from .stiffness import coordinate_numbers
 
 Array = NDArray[np.float64]
 

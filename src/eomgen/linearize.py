@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from .errors import EomgenWarning, InputError
 from .holding import Gains, Hold, Pose, floating, hold_of, pose_of
-from .integrate import state_vector
 from .kernel import Kernel
 from .linear import LinearSystem, Loads, checked_loads, kernel_of, load_force, reduced, tangent
 from .ports import MOTIONS, checked_kind, input_matrix, output_matrices
@@ -21,6 +20,7 @@ from .rest import system_at_rest
 from .result import write_atomically
 from .robot import Robot
 from .simulate import tool_of
+from .system import state_vector
 
 Array = NDArray[np.float64]
 

@@ -8,20 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .errors import InputError, LoopError
-from .integrate import (
-    Drive,
-    Prescribed,
-    Progress,
-    System,
-    Trajectory,
-    Wrench,
-    fixed_step,
-    output_times,
-    reporter,
-    rk4,
-    state_vector,
-)
+from .integrate import Trajectory
 from .loops import ClosedLoops
+from .stepping import Progress, fixed_step, output_times, reporter, rk4
+from .system import Drive, Prescribed, System, Wrench, state_vector
 
 Array = NDArray[np.float64]
 

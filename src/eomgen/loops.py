@@ -18,12 +18,14 @@ from numpy.typing import ArrayLike, NDArray
 from .cuts import CUTS, UPRIGHT
 from .equilibrium import known_coordinates
 from .errors import InputError, LoopError, SingularError, UnknownNameError
-from .integrate import state_vector
 from .kernel import Kernel
 from .loop_solver import Factors, Redundancy, least_drives
+from .system import state_vector
 
 if TYPE_CHECKING:
-    from .integrate import Drive, Prescribed, Progress, Trajectory, Wrench
+    from .integrate import Trajectory
+    from .stepping import Progress
+    from .system import Drive, Prescribed, Wrench
 
 Array = NDArray[np.float64]
 

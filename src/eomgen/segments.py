@@ -16,12 +16,14 @@ from numpy.typing import NDArray
 
 from .balance import TERMS, EnergyBalance, with_nodes, works
 from .contacts import Contact
-from .integrate import Prescribed, Progress, Record, Trajectory, integrate, output_times
+from .integrate import Trajectory, integrate
 from .kernel import Kernel
 from .loads import loaded_parameters
 from .robot import Robot
 from .scenario import Scenario
+from .stepping import Progress, Record, output_times
 from .stream import MotionStream
+from .system import Prescribed
 
 Array = NDArray[np.float64]
 Function = Callable[[float, Array, Array], Array]

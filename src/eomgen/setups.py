@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from .controls import ComputedTorque, Control, JointPD, NoControl, TableTorque, actuators
 from .errors import DescriptionError, InputError
-from .integrate import EXPLICIT, Progress
+from .integrate import EXPLICIT
 from .kernel import Kernel
 from .loads import Wrenches, check_loads, with_payload_parameters
 from .model import build_model
@@ -22,6 +22,7 @@ from .programs import PrescribedMotion, Rest, make_program
 from .result import index_of
 from .robot import PRINCIPAL, Robot
 from .scenario import Scenario, Section
+from .stepping import Progress
 from .timetable import TimeTable
 
 Array = NDArray[np.float64]

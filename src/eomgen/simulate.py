@@ -20,7 +20,7 @@ from ._version import __version__
 from .controls import ComputedTorque
 from .equilibrium import static_equilibrium
 from .errors import InputError, UnknownNameError
-from .integrate import METHODS, IntegrationStopped, Progress, Trajectory, choose_method, integrate, output_times
+from .integrate import METHODS, Trajectory, choose_method, integrate
 from .kernel import Kernel
 from .model import build_model
 from .motion import Program
@@ -35,7 +35,9 @@ from .scenario_file import load_scenario, scenario_from_toml
 from .segments import Loads, run_segments
 from .setups import BANDWIDTH, KERNELS, RIGID_KERNELS, set_up
 from .start import initial_state
+from .stepping import Progress, output_times
 from .stream import MotionStream
+from .system import IntegrationStopped
 
 __all__ = [
     "KERNELS",

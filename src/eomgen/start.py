@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from .equilibrium import static_equilibrium
 from .errors import IntegrationError
-from .integrate import stiffnesses
 from .kernel import Kernel
 from .loads import loaded_parameters
 from .names import nearest, show
@@ -15,6 +14,7 @@ from .result import index_of
 from .robot import Robot
 from .scenario import Scenario
 from .setups import Setup, by_coordinate, coordinate_names
+from .stiffness import stiffnesses
 
 Array = NDArray[np.float64]
 

@@ -16,7 +16,8 @@ from .contacts import ContactWatch
 from .errors import EomgenError, InputError, IntegrationError
 
 if TYPE_CHECKING:
-    from .integrate import Record, System
+    from .stepping import Record
+    from .system import System
 
 Array = NDArray[np.float64]
 
