@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from .bodies import Mat, PseudoInertia, Scalar, Vec, add, cross, matmul, matvec, scale, transpose
 from .composite import rotated_block
 from .freeze import JointGeometry, Rotation, unit
 from .recursion import ZERO, Wrench, rotational_inertia
+from .spatial import Mat, PseudoInertia, Scalar, Vec, add, cross, matmul, matvec, scale, transpose
 
 NOTHING: Mat = (ZERO, ZERO, ZERO)
 

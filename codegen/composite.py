@@ -12,8 +12,10 @@ from dataclasses import dataclass
 
 from eomgen.model import FIXED_BODY, Model
 
-from .bodies import (
-    Bound,
+from .bodies import Bound
+from .freeze import JointGeometry, Rotation, unit
+from .recursion import Note, Velocity, Wrench, no_note, rotational_inertia, through_joint_back, velocities
+from .spatial import (
     Mat,
     Pose,
     PseudoInertia,
@@ -28,8 +30,6 @@ from .bodies import (
     scale,
     transpose,
 )
-from .freeze import JointGeometry, Rotation, unit
-from .recursion import Note, Velocity, Wrench, no_note, rotational_inertia, through_joint_back, velocities
 
 Rows = dict[tuple[int, int], Scalar]
 

@@ -14,9 +14,10 @@ from typing import Any
 from eomgen.cuts import CUTS, Component
 from eomgen.model import FIXED_BODY, Model
 
-from .bodies import Bound, Mat, Pose, Scalar, Vec, add, cross, dot, matvec, scale, transpose
+from .bodies import Bound
 from .freeze import JointGeometry
 from .kinematics import BASE_POSE, through_joint
+from .spatial import Mat, Pose, Scalar, Vec, add, cross, dot, matvec, scale, transpose
 
 ZERO: Vec = (0.0, 0.0, 0.0)
 

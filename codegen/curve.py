@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import pairwise
 
-from .bodies import Scalar
 from .functions import Functions
+from .spatial import Scalar
 
 
 def curve_pieces(

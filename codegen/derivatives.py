@@ -23,7 +23,7 @@ from dataclasses import dataclass
 
 from eomgen.model import FIXED_BODY, Model
 
-from .bodies import Bound, Mat, PseudoInertia, Scalar, Vec, add, cross, dot, matvec, scale, transpose
+from .bodies import Bound
 from .composite import (
     Momentum,
     Rows,
@@ -47,6 +47,7 @@ from .recursion import (
     rotational_inertia,
     through_joint_back,
 )
+from .spatial import Mat, PseudoInertia, Scalar, Vec, add, cross, dot, matvec, scale, transpose
 
 
 @dataclass(frozen=True)

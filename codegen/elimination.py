@@ -33,10 +33,11 @@ from .articulated import (
     turned,
     with_row,
 )
-from .bodies import Bound, Mat, Scalar, Vec, add, cross, dot, matmul, matvec, scale, transpose
+from .bodies import Bound
 from .free_bodies import FreeBodies, Speeds, is_zero
 from .freeze import JointGeometry, unit
 from .recursion import NO_WRENCH, ZERO, Acceleration, Note, Wrench, acceleration, no_note
+from .spatial import Mat, Scalar, Vec, add, cross, dot, matmul, matvec, scale, transpose
 
 
 @dataclass(frozen=True)

@@ -15,12 +15,13 @@ from dataclasses import dataclass
 
 from eomgen.model import Model
 
-from .bodies import Bound, Scalar
+from .bodies import Bound
 from .composite import Rows
 from .freeze import JointGeometry
 from .functions import Functions
 from .laws import Effect, effect
 from .recursion import inertial_rows
+from .spatial import Scalar
 
 
 def elastic_rows(bound: Bound, q: Sequence[Scalar], v: Sequence[Scalar]) -> list[Scalar]:

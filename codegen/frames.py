@@ -17,21 +17,8 @@ from dataclasses import replace
 from eomgen.model import Model
 from eomgen.robot import IDENTITY
 
-from .bodies import (
-    Bound,
-    BoundBody,
-    BoundSpring,
-    Mat,
-    Pose,
-    Scalar,
-    Vec,
-    add,
-    congruence,
-    dot,
-    matvec,
-    scale,
-    transpose,
-)
+from .bodies import Bound, BoundBody, BoundSpring
+from .spatial import Mat, Pose, Scalar, Vec, add, congruence, dot, matvec, scale, transpose
 
 AXIS = 2  # the principal axis
 ROUND_OFF = 2e-15  # entries of a turned placement that miss 0, 1 or -1 by less are meant to be these

@@ -33,9 +33,10 @@ from .articulated import (
     less,
     symmetric,
 )
-from .bodies import Bound, Mat, PseudoInertia, Scalar, Vec, add, cross, dot, matvec, scale, transpose
+from .bodies import Bound
 from .freeze import JointGeometry, unit
 from .recursion import ZERO, Acceleration, Wrench, acceleration
+from .spatial import Mat, PseudoInertia, Scalar, Vec, add, cross, dot, matvec, scale, transpose
 
 SINGULAR = 1e-9  # a determinant below so much of the product of the diagonal is round-off
 

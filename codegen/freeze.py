@@ -14,8 +14,9 @@ import sympy
 
 from eomgen.model import Model
 
-from .bodies import Bound, Mat, Scalar, Vec, add, matvec
+from .bodies import Bound
 from .joint import step
+from .spatial import Mat, Scalar, Vec, add, matvec
 
 
 @dataclass(frozen=True)

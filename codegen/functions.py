@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from .bodies import Scalar
 from .ir import CALLS, Graph
+from .spatial import Scalar
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,10 @@ from collections.abc import Sequence
 
 from eomgen.model import FIXED_BODY, Model
 
-from .bodies import Bound, Pose, Scalar, Vec, add, cross, dot, matmul, matvec, transpose
+from .bodies import Bound
 from .freeze import JointGeometry
 from .recursion import Wrench, collect
+from .spatial import Pose, Scalar, Vec, add, cross, dot, matmul, matvec, transpose
 
 BASE_POSE = Pose(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), (0.0, 0.0, 0.0))
 

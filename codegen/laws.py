@@ -16,9 +16,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
-from .bodies import Scalar
 from .curve import curve_pieces
 from .functions import Functions
+from .spatial import Scalar
 
 Numbers = Mapping[str, Scalar]
 

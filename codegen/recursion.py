@@ -14,8 +14,9 @@ from dataclasses import dataclass, replace
 
 from eomgen.model import FIXED_BODY, Model
 
-from .bodies import Bound, Mat, PseudoInertia, Scalar, Vec, add, cross, dot, matvec, scale, transpose
+from .bodies import Bound
 from .freeze import JointGeometry, unit
+from .spatial import Mat, PseudoInertia, Scalar, Vec, add, cross, dot, matvec, scale, transpose
 
 ZERO: Vec = (0.0, 0.0, 0.0)
 Note = Callable[[str], None]

@@ -11,8 +11,9 @@ from dataclasses import replace
 
 from eomgen.model import FIXED_BODY, Model
 
-from .bodies import Bound, BoundBody, PseudoInertia, add, congruence
+from .bodies import Bound, BoundBody
 from .freeze import freeze
+from .spatial import PseudoInertia, add, congruence
 
 
 def regroup(model: Model, bound: Bound) -> Bound:

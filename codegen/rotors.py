@@ -17,7 +17,8 @@ from dataclasses import dataclass
 
 from eomgen.model import Model
 
-from .bodies import Bound, Scalar
+from .bodies import Bound
+from .spatial import Scalar
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from eomgen.model import Model
 
 from .articulated import inverse_or_zero
-from .bodies import Scalar
 from .composite import Rows
+from .spatial import Scalar
 
 
 def coordinate_parents(model: Model) -> list[int]:

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from eomgen.model import Model
 from eomgen.robot import IDENTITY, SMALLEST
 
-from .bodies import Bound, BoundSpring, Pose, Scalar, Vec, add, cross, dot, matvec, scale, transpose
+from .bodies import Bound, BoundSpring
 from .composite import Rows
 from .constraints import Side, common_body, subtract
 from .free_bodies import is_zero
@@ -30,6 +30,7 @@ from .freeze import JointGeometry
 from .functions import Functions
 from .laws import steepest, tension
 from .recursion import Note, Wrench
+from .spatial import Pose, Scalar, Vec, add, cross, dot, matvec, scale, transpose
 
 REST = SMALLEST  # m
 

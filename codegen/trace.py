@@ -21,10 +21,11 @@ from numpy.typing import NDArray
 from eomgen.errors import InputError
 from eomgen.model import FIXED_BODY, Body, Model
 
-from .bodies import Bound, Pose, PseudoInertia, bind
+from .bodies import Bound, bind
 from .forces import effects, resisting_rows, stretches
 from .functions import Functions
 from .joint import Matrix, joint_derivatives, joint_transform, step
+from .spatial import Pose, PseudoInertia
 
 Expr = Any  # sympy.Expr
 Array = NDArray[np.float64]

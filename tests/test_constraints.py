@@ -12,7 +12,8 @@ from conftest import Build
 from random_robots import Array, random_robot, random_state, with_random_loops
 
 import eomgen
-from eomgen.codegen.equations import Derivation, derive, derive_equations
+from eomgen.codegen.derivation import Derivation
+from eomgen.codegen.equations import derive, derive_equations
 from eomgen.codegen.ir import Program, evaluate
 from eomgen.codegen.signatures import LOOP_KERNELS
 from eomgen.cuts import CUTS

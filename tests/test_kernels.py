@@ -17,12 +17,14 @@ import eomgen
 from eomgen.codegen import equations
 from eomgen.codegen.bodies import bind
 from eomgen.codegen.composite import mass_matrix
-from eomgen.codegen.equations import WRITERS, Derivation, derive
+from eomgen.codegen.derivation import Derivation
+from eomgen.codegen.equations import derive
 from eomgen.codegen.forces import elastic_rows
 from eomgen.codegen.freeze import geometry
 from eomgen.codegen.ir import evaluate, finish
 from eomgen.codegen.recursion import inertial_rows
 from eomgen.codegen.trace import closed_form
+from eomgen.codegen.writers import WRITERS
 from eomgen.errors import SingularError
 from eomgen.model import build_model
 from eomgen.robot import COORDINATES, ZERO, Coordinate, Joint, Link, Placement, Robot

@@ -95,7 +95,7 @@ def _last_link(model: Model, body: int) -> int:
 
 def _link(coordinate: str, parent: int, placed: Any, body: Any) -> dict[str, str]:
     """The table's entry of a coordinate: with its joint's placement if it is the first, the inertia if the last."""
-    from .codegen.bodies import Pose
+    from .codegen.spatial import Pose
 
     pose = Pose(IDENTITY, ZERO) if placed is None else placed.placement
     axis = COORDINATES.index(coordinate) % 3
