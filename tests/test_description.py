@@ -82,7 +82,7 @@ def test_active_coordinates(kind: str, active: list[str]) -> None:
 
 def test_forces_of_a_coordinate(tmp_path: Path) -> None:
     """What is given, what is filled in, and a curve from a file beside the description."""
-    (tmp_path / "spring.csv").write_text("s,F\n# measured\n-1e-3,-5\n\n0, 0.5\n2e-3,9\n", encoding="ascii")
+    (tmp_path / "spring.csv").write_text("# measured\ns,F\n# by hand\n-1e-3,-5\n\n0, 0.5\n2e-3,9\n", encoding="ascii")
     friction = "friction = { coulomb = 1, static = 2, stribeck = 0.1 }"
     text = ARM.replace("gamma = {", f"gamma = {{ {friction},").replace(
         "x = { stiffness = 1e6,", 'y = { curve = "spring.csv" }\nx = { stiffness = 1e6, clearance = 2e-4, preload = -3,'

@@ -171,6 +171,7 @@ def read_curve(table: Table, read_text: ReadText, what: str = "deviation") -> Cu
     if not isinstance(value, str):
         return tuple((x, y) for x, y in table.rows("curve", 2))
     rows: list[list[float]] = []
+    named = False
     for number, line in enumerate(read_text(value).splitlines(), 1):
         cells = [cell.strip() for cell in line.split(",")]
         if line.strip().startswith("#") or not line.strip():
@@ -178,8 +179,9 @@ def read_curve(table: Table, read_text: ReadText, what: str = "deviation") -> Cu
         try:
             row = [float(cell) for cell in cells]
         except ValueError:
-            if not rows and number == 1:
-                continue  # the columns' names
+            if not rows and not named and len(cells) == 2:
+                named = True  # the columns' names
+                continue
             row = []
         if len(row) != 2:
             table.fail(f"{value}, line {number}: got {show(line)}; allowed: {what},force", "curve")
