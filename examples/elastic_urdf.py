@@ -2,8 +2,8 @@
 
     python examples/elastic_urdf.py
 
-``gripper_arm.urdf`` is a rigid arm.  ``gripper_arm_elastic.toml`` names the URDF and gives joints the directions in which
-they yield; everything else stays in the URDF.
+``gripper_arm.urdf`` is a rigid arm.  ``gripper_arm_elastic.toml`` names the URDF and gives joints the directions in
+which they yield; everything else stays in the URDF.
 """
 
 from __future__ import annotations

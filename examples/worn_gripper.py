@@ -2,8 +2,7 @@
 
     python examples/worn_gripper.py
 
-The arm swings to and fro about its waist; its elbow falls from one end of its play to the other.  All forces are run-time
-parameters, so the unworn arm is the same compiled kernel with other numbers.
+The arm swings to and fro about its waist; its elbow falls from one end of its play to the other.
 """
 
 from __future__ import annotations
