@@ -7,8 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from eomgen.model import build_model
@@ -103,6 +105,12 @@ def with_random_loops(robot: Robot, seed: int | np.random.Generator, types: Sequ
         a, b = pairs[int(rng.integers(len(pairs)))]
         loops.append(Loop(f"loop{i + 1}", (a, b), kind, (random_placement(rng), random_placement(rng))))
     return replace(robot, loops=tuple(loops))
+
+
+def seeds(first: int, quick: int, all_of_them: int) -> list[Any]:
+    """Seeds of a test from the first on: the quick ones always, the others in ``make soak``."""
+    soak = [pytest.param(seed, marks=pytest.mark.soak) for seed in range(first + quick, first + all_of_them)]
+    return [*range(first, first + quick), *soak]
 
 
 def random_state(robot: Robot, seed: int | np.random.Generator) -> State:

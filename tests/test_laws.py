@@ -10,7 +10,7 @@ import pytest
 from complex_step import complex_steps
 from conftest import Build
 from law_oracle import LawOracle, measured, resistance, with_laws
-from random_robots import Array, random_robot, random_state
+from random_robots import Array, random_robot, random_state, seeds
 from scipy.integrate import solve_ivp
 from scipy.interpolate import PchipInterpolator
 
@@ -42,7 +42,7 @@ def close(found: Array, expected: Array, tolerance: float = 1e-11) -> bool:
     return bool(np.max(np.abs(found - expected)) <= tolerance * max(1.0, float(np.max(np.abs(expected)))))
 
 
-@pytest.mark.parametrize("seed", range(1300, 1312))
+@pytest.mark.parametrize("seed", seeds(1300, 6, 12))
 def test_forces_are_the_formulas(seed: int, built: Build) -> None:
     """One state at a time, and several on vectors."""
     robot = worn(seed)
@@ -65,7 +65,7 @@ def test_forces_are_the_formulas(seed: int, built: Build) -> None:
         assert close(np.asarray(many), np.array(one), 1e-12)
 
 
-@pytest.mark.parametrize("seed", range(1320, 1330))
+@pytest.mark.parametrize("seed", seeds(1320, 5, 10))
 def test_slopes_are_those_of_the_forces(seed: int, built: Build) -> None:
     robot = worn(seed, (1, 3))
     kernel = built(robot, "residual_jacobian", "forward_dynamics", "forward_dynamics_jacobian")
@@ -94,7 +94,7 @@ def test_closed_form_has_them(seed: int) -> None:
     assert close(np.array(evaluate(derive(model, "energy"), inputs)["out", 1]), potential)
 
 
-@pytest.mark.parametrize("seed", range(1340, 1352))
+@pytest.mark.parametrize("seed", seeds(1340, 6, 12))
 def test_a_curve_is_scipys(seed: int, built: Build) -> None:
     """Values, slopes and energies; and again with other forces, set without recompiling."""
     rng = np.random.default_rng(seed)

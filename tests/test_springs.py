@@ -12,7 +12,7 @@ from complex_step import complex_steps
 from conftest import Build
 from description_samples import ARM, URDF
 from mujoco_oracle import MujocoRobot
-from random_robots import Array, random_robot, random_state
+from random_robots import Array, random_robot, random_state, seeds
 from scipy.integrate import solve_ivp
 from spring_oracle import SpringOracle, pulled, with_springs
 from test_mujoco import elastic_robot
@@ -55,7 +55,7 @@ def close(found: Array, expected: Array, tolerance: float = 1e-11) -> bool:
     return bool(np.max(np.abs(found - expected)) <= tolerance * max(1.0, float(np.max(np.abs(expected)))))
 
 
-@pytest.mark.parametrize("seed", range(2000, 2012))
+@pytest.mark.parametrize("seed", seeds(2000, 6, 12))
 def test_forces_are_external_forces_in_pinocchio(seed: int, built: Build) -> None:
     """Rows, accelerations, energy, reactions, lengths and tensions; one state at a time, and several on vectors."""
     robot = sprung(seed)
@@ -98,7 +98,7 @@ def test_frames_that_move_take_points_along(seed: int, built: Build) -> None:
         assert close(kernel.energy(s.q, s.v), oracle.energy(s.q, s.v))
 
 
-@pytest.mark.parametrize("seed", range(2020, 2028))
+@pytest.mark.parametrize("seed", seeds(2020, 4, 8))
 def test_derivatives_are_exact(seed: int, built: Build) -> None:
     """Complex steps through the program of the residual, and M times the derivatives of forward dynamics."""
     robot = sprung(seed, (1, 3))
