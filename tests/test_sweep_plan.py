@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import csv
+import re
+import subprocess
+import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +17,14 @@ from test_sweep import RELEASE, SLIDER, STIFF, slider
 from eomgen.cli import main
 from eomgen.description import load_robot, robot_from_toml
 from eomgen.errors import DescriptionError, InputError
+from eomgen.simulate import load_scenario, run_scenario
 from eomgen.sweep import plan_from_toml, prepare, run
-from eomgen.sweep_plan import Distribution, load_plan
+from eomgen.sweep_plan import DESIGNS, ENGINES, RECORDS, Distribution, load_plan
 from eomgen.sweep_result import SweepResult, sensitivity_of
 from eomgen.sweep_samples import Design, quantile
+from eomgen.tunable import expand_tunable
 
+ROOT = Path(__file__).parents[1]
 UNIFORM = "uniform = { low = 1.0, high = 2.0 }\n"
 GRID = "grid = { values = [1.0, 2.0] }\n"
 
@@ -169,7 +176,8 @@ def test_samples_depend_on_seed_and_index_alone() -> None:
 def test_patterns_draw_every_parameter_for_itself() -> None:
     text = SLIDER.replace("[[joints]]", "[[joints]]\nx = { stiffness = 4e5 }")
     plan = plan_from_toml(
-        "samples = 3\n[[vary]]\nparameter = 'joints.rail.*.stiffness'\nrelative = true\nuniform = { low = 0.5, high = 2.0 }\n"
+        "samples = 3\n[[vary]]\nparameter = 'joints.rail.*.stiffness'\nrelative = true\n"
+        "uniform = { low = 0.5, high = 2.0 }\n"
     )
     job, design, _ = prepare(robot_from_toml(text), RELEASE, plan)
     assert {x.name: x.unit for x in job.dimensions} == {
@@ -244,3 +252,35 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert "threads: 0" in capsys.readouterr().err
     assert main([*command, "--threads", "2", "--dask", "tcp://127.0.0.1:1"]) == 1
     assert "--dask" in capsys.readouterr().err
+
+
+def test_the_page_is_true(tmp_path: Path) -> None:
+    """Blocks of docs/sweep.md run, its tables have all names, and the example plan fits the example scenario."""
+    page = (ROOT / "docs" / "sweep.md").read_text(encoding="utf-8")
+    for block in re.findall(r"```python\n(.*?)```", page, re.S):
+        subprocess.run([sys.executable, "-c", block], check=True, capture_output=True, cwd=tmp_path)
+    for name in (*RECORDS, *DESIGNS, *ENGINES, "grid", "uniform", "normal"):
+        short = re.sub(r"^tool_deviation(?=_(rms|end))", "", name)
+        assert f"`{short}" in page or f'"{name}"' in page, name
+    example = load_plan(ROOT / "examples" / "reach_tolerances.toml")
+    assert example.samples == 10_000
+    scenario = load_scenario(str(ROOT / "examples" / "reach.toml"))
+    robot = load_robot("puma560_elastic")
+    for entry in example.vary:
+        assert expand_tunable(robot, [entry.parameter or ""])
+    assert scenario.duration == 1.0
+
+
+@pytest.mark.soak
+def test_ten_thousand_samples_of_36_coordinates(tmp_path: Path) -> None:
+    """The example in full: percentiles settle as samples become many, and the nominal tool deviation is among them."""
+    robot, reach = load_robot("puma560_elastic"), ROOT / "examples" / "reach.toml"
+    result = run(robot, reach, load_plan(ROOT / "examples" / "reach_tolerances.toml"), tmp_path)
+    assert result.complete
+    assert not result.errors
+    first = replace(result, index=result.index[:5000], samples=result.samples[:5000], record=result.record[:5000])
+    for column in ("tool_deviation_max", "tool_deviation_rms"):
+        assert result.percentiles(column, (50, 95)) == pytest.approx(first.percentiles(column, (50, 95)), rel=0.02)
+    nominal = np.linalg.norm(run_scenario(robot, load_scenario(str(reach))).tool_deviation, axis=1).max()
+    low, high = result.percentiles("tool_deviation_max", (1, 99))
+    assert low < nominal < high

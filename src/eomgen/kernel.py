@@ -5,7 +5,6 @@ A generated package carries a copy of this file, which imports NumPy and its nei
 
 from __future__ import annotations
 
-import copy
 import functools
 import math
 import os
@@ -117,7 +116,8 @@ class Kernel:
         Raises:
             UnknownNameError, InputError: as for an assignment to ``parameters``.
         """
-        other = copy.copy(self)
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__)
         other.parameters = self.parameters.copy_for(other)
         if values:
             other.parameters.update(values)

@@ -42,7 +42,7 @@ from .tunable import expand_tunable
 
 Progress = Callable[[float, str], None]
 
-CHUNK = 8  # samples that are done together
+CHUNK = 16  # samples that are done together
 FIRST, AHEAD = 8, 512  # chunks that wait at an executor: at first, at most
 
 __all__ = ["SweepResult", "load_plan", "plan_from_toml", "run"]
