@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -324,3 +326,41 @@ def test_threads_that_call_while_parameters_change(built: Build) -> None:
         thread.join()
     assert not wrong
     assert seen
+
+
+def test_kernels_of_one_code_have_parameters_of_their_own(built: Build) -> None:
+    """Threads that each have another stiffness get what a kernel alone gets, to the bit."""
+    robot = eomgen.load_robot("one_link")
+    kernel = built(robot, "inverse_dynamics", "forward_dynamics", "rollout")
+    name = "joints.joint1.x.stiffness"
+    stiffnesses = np.linspace(5e3, 2e4, 16)
+    others = [kernel.with_parameters({name: k}) for k in stiffnesses]
+    again = others[3].with_parameters()
+    others[3].parameters[name] = 1.0
+    assert again.parameters[name] == stiffnesses[3]
+    others[3].parameters[name] = stiffnesses[3]
+    assert kernel.parameters[name] == 1e4
+    q, v = np.array([1e-3, 0.3]), np.array([0.0, 0.4])
+
+    def motion(one: eomgen.Kernel) -> np.ndarray:
+        return one.rollout(q, v, np.zeros(2), 1e-4, 3000)[0]
+
+    with ThreadPoolExecutor(4) as pool:
+        together = list(pool.map(motion, others))
+    for k, found in zip(stiffnesses, together, strict=True):
+        kernel.parameters[name] = float(k)
+        assert (motion(kernel) == found).all()
+    spring = kernel.inverse_dynamics(q, 0 * q, 0 * q) - others[0].inverse_dynamics(q, 0 * q, 0 * q)
+    assert spring[0] == pytest.approx((stiffnesses[-1] - stiffnesses[0]) * q[0], rel=1e-10)
+    with pytest.raises(eomgen.UnknownNameError, match="joint1"):
+        kernel.with_parameters({"joints.joint1.x.stifness": 1.0})
+
+
+def test_absent_parameters_are_asked_for_quickly(built: Build) -> None:
+    """No message with the nearest name is made for ``get`` and ``in``."""
+    kernel = built(eomgen.load_robot("one_link"), "inverse_dynamics")
+    assert kernel.parameters.get("joints.joint1.x.clearance", 7.0) == 7.0
+    assert kernel.parameters.get("joints.joint1.x.stiffness", 7.0) == 1e4
+    assert "joints.joint1.x.clearance" not in kernel.parameters
+    with mock.patch("eomgen.parameters.nearest", side_effect=AssertionError):
+        kernel.parameters.get("nothing")

@@ -52,6 +52,14 @@ class Parameters(MutableMapping[str, float]):
         self._lock = threading.Lock()
         self._set(np.array(list(values.values()), kernel.dtype))
 
+    def copy_for(self, kernel: Kernel) -> Parameters:
+        """The same names and values for another kernel of the same code; neither sees the other's assignments."""
+        other = Parameters.__new__(Parameters)
+        other._kernel, other._hoisted, other._slots = kernel, self._hoisted, self._slots
+        other._lock = threading.Lock()
+        other._setup = self._setup  # replaced as a whole on assignment
+        return other
+
     def _set(self, values: Array) -> None:
         kernel = self._kernel
         self._setup = Setup(kernel._ffi, kernel._lib, kernel.name, kernel._pointer, values, self._hoisted)
@@ -64,6 +72,13 @@ class Parameters(MutableMapping[str, float]):
 
     def __delitem__(self, name: str) -> None:
         raise InputError(f"parameters: {name!r} cannot be removed; assign another value")
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._slots
+
+    def get(self, name: str, default: Any = None) -> Any:
+        """The value, or the default where there is no parameter of that name."""
+        return self[name] if name in self._slots else default
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._slots)

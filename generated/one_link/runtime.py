@@ -108,6 +108,21 @@ class Kernel:
             raise UnknownNameError(f"motor: {motor!r} is unknown; known: {', '.join(self._ratios)}")
         return float(self.parameters.get(f"joints.{motor}.ratio", self._ratios[motor]))
 
+    def with_parameters(self, values: Mapping[str, float] | None = None) -> Kernel:
+        """The same compiled code with parameters of its own: those of this kernel now, and ``values`` by name.
+
+        It costs microseconds; the code is shared, so that many threads may each work with other parameters.
+
+        Raises:
+            UnknownNameError, InputError: as for an assignment to ``parameters``.
+        """
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__)
+        other.parameters = self.parameters.copy_for(other)
+        if values:
+            other.parameters.update(values)
+        return other
+
     @property
     def threads(self) -> int:
         """Threads that share a batch, 1 at first; results do not depend on it.

@@ -59,6 +59,12 @@ def entry(kind: str, key: str, make: Callable[[Path], None]) -> Path:
         ) from None
 
 
+def find(kind: str, key: str) -> Path | None:
+    """The folder of an entry that is there and whole, or None."""
+    folder = cache_folder() / kind / key
+    return folder if _is_whole(folder) else None
+
+
 def _make_locked(root: Path, folder: Path, make: Callable[[Path], None]) -> Path:
     from filelock import FileLock
 

@@ -157,6 +157,23 @@ def _cached_package(robot: Robot, options: Options, progress: Progress) -> Path:
     return store.entry("packages", build_key(source, compiler, flags), make)
 
 
+def cache_keys(robot: Robot, kernels: Sequence[str]) -> tuple[str, str | None]:
+    """Keys in the cache of the source and of the package of ``build(robot, kernels=kernels)``.
+
+    That of the package depends on the compiler here, and is None while the source is not there.
+    """
+    options = Options(tuple(kernels))
+    key = _source_key(robot, options)
+    sources = store.find("sources", key)
+    if sources is None:
+        return key, None
+    from .codegen.compile import FLAGS, build_key, find_compiler
+    from .codegen.source import Source
+
+    source = Source(**json.loads((sources / "source.json").read_text(encoding="ascii")))
+    return key, build_key(source, find_compiler(), FLAGS)
+
+
 def _derive(robot: Robot, options: Options, folder: Path, progress: Progress) -> None:
     """Robot -> Source, written into the folder."""
     progress("importing SymPy")

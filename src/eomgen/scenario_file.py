@@ -77,8 +77,14 @@ def load_scenario(source: str | Path) -> Scenario:
         DescriptionError: with the file, the key, what came and what is allowed.
         InputError: a table's file cannot be used.
     """
+    text, name, folder = read_scenario(source)
+    return scenario_from_toml(text, source=name, folder=folder)
+
+
+def read_scenario(source: str | Path) -> tuple[str, str, Path]:
+    """The text of a scenario, what messages call it, and the folder of the files that it names; errors as above."""
     if isinstance(source, str) and source in builtin_scenarios():
-        return scenario_from_toml(read_text(_BUILTIN / f"{source}.toml", source), source=source, folder=_BUILTIN)
+        return read_text(_BUILTIN / f"{source}.toml", source), source, _BUILTIN
     path = Path(source)
     if path.suffix != ".toml":
         known = builtin_scenarios()
@@ -86,12 +92,19 @@ def load_scenario(source: str | Path) -> Scenario:
         raise DescriptionError(
             f"there is no scenario {show(str(source))}{nearest(str(source), known)}; allowed: {allowed}"
         )
-    return scenario_from_toml(read_text(path, str(path), ".toml file"), source=str(path), folder=path.parent)
+    return read_text(path, str(path), ".toml file"), str(path), path.parent
 
 
 def scenario_from_toml(text: str, *, source: str = "scenario", folder: Path | None = None) -> Scenario:
     """The scenario that a TOML text describes; files that it names are looked for in the folder; errors as above."""
-    top = Table(parse_toml(text, source), "", source, TOP)
+    return scenario_from_values(parse_toml(text, source), source=source, folder=folder)
+
+
+def scenario_from_values(
+    values: Mapping[str, object], *, source: str = "scenario", folder: Path | None = None
+) -> Scenario:
+    """The scenario of a TOML file's values; errors as above."""
+    top = Table(values, "", source, TOP)
     top.require("duration", "a time in s that is greater than 0")
     duration = positive(top, "duration")
     assert duration is not None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -51,8 +51,13 @@ class Setup:
     prescribed: PrescribedMotion | None
 
 
-def set_up(robot: Robot, scenario: Scenario, tool: str, report: Progress) -> Setup:
-    """Scenario -> Setup; DescriptionError or another InputError where they do not fit; ``tool`` is that of paths."""
+def set_up(
+    robot: Robot, scenario: Scenario, tool: str, report: Progress, kernels: tuple[str, ...] | None = None
+) -> Setup:
+    """Scenario -> Setup; DescriptionError or another InputError where they do not fit.
+
+    ``tool`` is that of paths; ``kernels`` are built, by default those that the scenario's integrator calls.
+    """
     model = build_model(robot)
     names = [model.coordinates[i] for i in model.prescribed]
     check_loads(scenario, robot)
@@ -65,7 +70,8 @@ def set_up(robot: Robot, scenario: Scenario, tool: str, report: Progress) -> Set
         )
     given = by_coordinate(robot, scenario, "q", scenario.initial.q if scenario.initial else {})
     changing = with_payload_parameters(robot, scenario)
-    kernels = IMPLICIT_KERNELS if _is_implicit(scenario.integrator.method, robot) else KERNELS
+    if kernels is None:
+        kernels = kernels_of(robot, scenario)
     kernel = build(changing, kernels=kernels, progress=lambda text: report(0.0, text))
 
     @cache
@@ -87,6 +93,17 @@ def set_up(robot: Robot, scenario: Scenario, tool: str, report: Progress) -> Set
     drive = _drive(robot, scenario, control, kernel, driven, program, rigid, prescribed)
     wrenches = Wrenches(scenario, robot, kernel) if scenario.wrenches else None
     return Setup(kernel, driven, given, program, drive, wrenches, prescribed)
+
+
+def kernels_of(robot: Robot, scenario: Scenario) -> tuple[str, ...]:
+    """Names of the kernels that the scenario's integrator calls."""
+    return IMPLICIT_KERNELS if _is_implicit(scenario.integrator.method, robot) else KERNELS
+
+
+def with_kernel(setup: Setup, robot: Robot, scenario: Scenario, kernel: Kernel) -> Setup:
+    """The same setup for a kernel of other parameters; program and drives stay, with the model that they know."""
+    wrenches = Wrenches(scenario, robot, kernel) if scenario.wrenches else None
+    return replace(setup, kernel=kernel, wrenches=wrenches)
 
 
 def _is_implicit(method: str, robot: Robot) -> bool:

@@ -33,7 +33,7 @@ from .robot import MOTOR, Robot
 from .scenario import Integrator, Scenario, Section
 from .scenario_file import load_scenario, scenario_from_toml
 from .segments import Loads, run_segments
-from .setups import BANDWIDTH, KERNELS, RIGID_KERNELS, set_up
+from .setups import BANDWIDTH, KERNELS, RIGID_KERNELS, Setup, set_up
 from .start import initial_state
 from .stepping import Progress, output_times
 from .stream import MotionStream
@@ -133,11 +133,27 @@ def run_scenario(
         IntegrationError: there is no equilibrium at the start, or the motion could not be integrated.
     """
     report: Progress = progress or (lambda _fraction, _text: None)
+    refuse_loops(robot)
+    tool = tool_of(robot, scenario.frame, scenario.label("frame") if scenario.source else "tool")
+    return run_setup(robot, scenario, set_up(robot, scenario, tool, report), tool, report, stream)
+
+
+def refuse_loops(robot: Robot) -> None:
+    """InputError for a robot whose motion scenarios cannot integrate."""
     if robot.loops:
         loops = ", ".join(loop.name for loop in robot.loops)
         raise InputError(f"simulate: {robot.name} has loops ({loops}); eomgen.loops integrates mechanisms with loops")
-    tool = tool_of(robot, scenario.frame, scenario.label("frame") if scenario.source else "tool")
-    setup = set_up(robot, scenario, tool, report)
+
+
+def run_setup(
+    robot: Robot,
+    scenario: Scenario,
+    setup: Setup,
+    tool: str,
+    report: Progress,
+    stream: Path | str | None = None,
+) -> SimulationResult:
+    """``run_scenario`` once kernels are built, names found, drives and motions made."""
     kernel = setup.kernel
     report(0.0, "static equilibrium at the start")
     q0, v0, loose = initial_state(robot, scenario, setup)
