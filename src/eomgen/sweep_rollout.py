@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from .balance import TERMS, EnergyBalance
 from .controls import JointPD
 from .errors import EomgenError, IntegrationError
-from .integrate import Trajectory, fixed_step, stiffness_matrix
+from .integrate import Trajectory
 from .kernel import Kernel
 from .loads import loaded_parameters
 from .robot import Robot
@@ -26,10 +26,13 @@ from .rollout import FAR, METHODS
 from .scenario import Scenario
 from .setups import Setup
 from .start import initial_state
+from .stepping import fixed_step
+from .stiffness import stiffness_matrix
 
 Array = NDArray[np.float64]
 
-PERIOD = 5e-4  # s, of the drives
+PERIOD = 5e-4  # s, of the drives, at most
+HOLD = 0.5  # time constants of what drives damp, or rad by which they turn a swing, in which they may be held
 SLOWEST_TURN = 0.05  # rad by which the slowest spring turns in an implicit step
 
 
@@ -65,14 +68,30 @@ def why_not(robot: Robot) -> str | None:
 
 
 def choose_pace(setup: Setup, q: Array, duration: float, method: str, step: float | None, period: float | None) -> Pace:
-    """Steps as given, or by the springs at q: rk4 by the fastest, implicit by the slowest; at most a period."""
-    period = min(PERIOD if period is None else period, duration)
+    """Steps as given, or by the springs at q: rk4 by the fastest, implicit by the slowest; at most a period.
+
+    The period is as given, or so short that drives that are held over it stay stable at q.
+    """
+    period = min(min(PERIOD, _longest_hold(setup, q)) if period is None else period, duration)
     if step is None:
         step = fixed_step(setup.kernel, q, None, np.array([0.0, period]))
         if method == "implicit":
             step = max(step, _slowest_step(setup, q))
     periods = max(1, int(np.ceil(duration / period - 1e-9)))
     return Pace(method, periods, max(1, int(np.ceil(duration / periods / step - 1e-9))), duration)
+
+
+def _longest_hold(setup: Setup, q: Array) -> float:
+    """Time over which drives may be held, s, by how they change with rates and coordinates about rest at q."""
+    if isinstance(setup.drive, JointPD):
+        return np.inf  # part of the C
+    n, h = setup.kernel.n, 1e-6
+    states = np.tile(np.concatenate([q, np.zeros(n)]), (2 * n + 1, 1))
+    states[np.arange(1, 2 * n + 1), np.arange(2 * n)] += h
+    u = setup.drive(0.0, np.ascontiguousarray(states[:, :n]), np.ascontiguousarray(states[:, n:]))
+    by_state = np.linalg.solve(setup.kernel.mass_matrix(q), (u[1:] - u[0]).T / h)
+    swing, decay = (float(np.abs(np.linalg.eigvals(part)).max()) for part in (by_state[:, :n], by_state[:, n:]))
+    return HOLD / max(decay, np.sqrt(swing), 1e-9)
 
 
 def _slowest_step(setup: Setup, q: Array) -> float:
