@@ -110,6 +110,14 @@ def test_a_payload_and_its_link_do_not_change_both() -> None:
         prepare(slider(), {**RELEASE, "payloads": [{"link": "mass", "mass": 1.0, "point": [0, 0, 0]}]}, plan)
 
 
+def test_energies_of_payloads_are_not_taken_for_residues() -> None:
+    scenario = {**RELEASE, "payloads": [{"link": "mass", "mass": 1.0, "point": [0, 0, 0], "t0": 0.1}]}
+    text = f"record = ['energy_residue']\n{STIFF}{GRID}"
+    with pytest.raises(DescriptionError, match=r"record: energy_residue.*integrate"):
+        prepare(slider(), scenario, plan_from_toml(text))
+    prepare(slider(), scenario, plan_from_toml("engine = { type = 'integrate' }\n" + text))
+
+
 # Samples
 
 

@@ -114,7 +114,7 @@ def prepare(robot: Robot, scenario: str | Path | Mapping[str, Any], plan: Plan) 
     job = Job(swept, values, source, folder.resolve(), plan, dimensions, tool, pace)
     shop = Workshop(job)
     _, setup = shop.nominal(())
-    check_record(plan, base, setup.program is not None)
+    check_record(plan, base, setup.program is not None, rolls)
     job = replace(job, dimensions=tuple(_scaled(plan, values, setup.kernel.parameters, x) for x in pairs))
     if rolls:
         q, _, _ = initial_state(swept, base, setup)

@@ -29,12 +29,15 @@ class Column:
     unit: str
 
 
-def check_record(plan: Plan, scenario: Scenario, programmed: bool) -> None:
+def check_record(plan: Plan, scenario: Scenario, programmed: bool, rolls: bool) -> None:
     """DescriptionError of the plan where something to record has no meaning in the scenario."""
     if "tracking_max" in plan.record and not programmed:
         plan.fail("record", "tracking_max: nothing is programmed; allowed: with a motion, pd or computed_torque")
     if "reaction_max" in plan.record and scenario.payloads:
         plan.fail("record", "reaction_max: the scenario has payloads, whose masses change; allowed: without them")
+
+    if "energy_residue" in plan.record and scenario.payloads and rolls:
+        plan.fail("record", 'energy_residue: rollouts do not balance payloads; allowed: engine.type = "integrate"')
 
 
 def measure(result: SimulationResult, setup: Setup, names: Sequence[str]) -> tuple[tuple[Column, ...], Array]:
