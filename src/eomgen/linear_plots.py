@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +9,11 @@ import numpy as np
 
 from .budget import Budget
 from .compliance import ComplianceMap
-from .errors import InputError
 from .modes import TrackedModes
-from .plots import COLORS, PROGRAM_COLOR, RC, TOOL_COLOR, _figure, _title
+from .plots import COLORS, PROGRAM_COLOR, TOOL_COLOR, _title
+from .plots import canvas as _canvas
 from .response import Response
-from .result import write_atomically
 
-ENDINGS = (".svg", ".pdf", ".png")
 CYCLE = tuple(color for colors in COLORS.values() for color in colors.values())
 
 
@@ -80,18 +76,6 @@ def plot_budget(found: Budget, path: Path | str, *, most: int = 6) -> Path:
         axes.legend(fontsize=7.0, ncols=2)
         _title(figure, f"{found.robot}: contributions to the displacement of {found.frame}")
     return Path(path)
-
-
-@contextmanager
-def _canvas(width: float, height: float, path: Path | str) -> Iterator[Any]:
-    """A figure that is written when all is drawn."""
-    target = Path(path)
-    if target.suffix not in ENDINGS:
-        raise InputError(f"output: {str(path)!r}; allowed: a path that ends in {', '.join(ENDINGS)}")
-    mpl, figure = _figure(width, height)
-    with mpl.rc_context({**RC, "svg.fonttype": "none"}):
-        yield figure
-        write_atomically(target, lambda stream: figure.savefig(stream, format=target.suffix[1:]))
 
 
 def plot_compliance(found: ComplianceMap, path: Path | str) -> Path:
