@@ -19,7 +19,7 @@ from typing import Any
 from ._version import __version__
 from .cli_analysis import add_analysis, add_compare, add_derive
 from .cli_linear import add_deflection, add_modes
-from .cli_pictures import add_plot, add_report
+from .cli_pictures import add_plot, add_report, add_view
 from .cli_response import add_budget, add_linearize, add_response
 from .description import builtin_robots, load_robot
 from .errors import EomgenError, EomgenWarning, InputError
@@ -47,6 +47,7 @@ examples:
   eomgen budget out/trajectory.npz               what each coordinate contributes to the tool's deviation
   eomgen plot out --format pdf                   figures of a result for print
   eomgen report out                              one page about a result: out/report.html
+  eomgen view out                                the result in space, in the browser
   eomgen bench ur5                               operation counts and times beside Newton-Euler
 
 ROBOT is the name of a built-in robot, or the path of a .toml or .urdf file.
@@ -116,6 +117,7 @@ def _parser() -> argparse.ArgumentParser:
     add_budget(commands, _load)
     add_plot(commands)
     add_report(commands, _load, _progress)
+    add_view(commands, _load, _progress)
     bench = _robot_command(commands, "bench", _bench, "operation counts and times beside a Newton-Euler algorithm in C")
     bench.add_argument("--json", action="store_true", help="print JSON")
     return parser

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import webbrowser
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -65,6 +66,33 @@ def add_report(commands: Any, load: Load, progress: Progress) -> None:
     command = _result_command(commands, "report", run, "one page about a result, with figures and tables")
     command.add_argument("-o", "--output", type=Path, metavar="FILE", help="page to write (report.html at the result)")
     command.add_argument("--no-modes", action="store_true", help="without frequencies along the program")
+    _add_robot(command)
+
+
+def add_view(commands: Any, load: Load, progress: Progress) -> None:
+    """``eomgen view``; ``load`` reads a robot."""
+
+    def run(options: argparse.Namespace) -> None:
+        from .result_file import load_result
+        from .view import View
+
+        result = load_result(result_path(options.result))
+        robot = load(options) if options.robot is not None else None
+        with progress("computing reactions"):
+            view = View(result, robot, port=options.port)
+        for note in view.notes:
+            print(f"note: {note}")
+        print(f"{view.address} shows {result.robot}; Ctrl-C ends it", flush=True)
+        if not options.no_browser:
+            webbrowser.open(view.address)
+        try:
+            view.wait()
+        except KeyboardInterrupt:
+            view.close()
+
+    command = _result_command(commands, "view", run, "a result in space, in the browser")
+    command.add_argument("--port", type=int, default=8080, help="to listen at on this machine (8080, or the next free)")
+    command.add_argument("--no-browser", action="store_true", help="print the address only")
     _add_robot(command)
 
 
