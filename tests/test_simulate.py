@@ -372,7 +372,7 @@ def test_result_file(elastic: eomgen.simulate.SimulationResult, tmp_path: Path) 
 
 def test_plots(elastic: eomgen.simulate.SimulationResult, tmp_path: Path) -> None:
     written = plot_result(elastic, tmp_path / "plots")
-    assert [path.name for path in written] == ["tool.png", "deviations.png"]
+    assert [path.name for path in written] == ["tool.png", "deviations.png", "tracking.png", "energy.png"]
     for path in written:
         assert path.read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
         assert path.stat().st_size > 20_000
@@ -386,7 +386,11 @@ def test_a_rigid_robot_has_no_deviations(tmp_path: Path) -> None:
     end = dict(zip(result.program_coordinates, result.program_q[-1], strict=True))
     assert (end["joint1.gamma"], end["joint3.gamma"]) == (0.2, 1.0)
     assert result.summary()["linear_max"] is None
-    assert [path.name for path in plot_result(result, tmp_path)] == ["tool.png"]
+    assert [path.name for path in plot_result(result, tmp_path)] == [
+        "tool.png",
+        "tracking.png",
+        "energy.png",
+    ]
 
 
 def test_free_joints_are_held_and_loose_coordinates_named() -> None:

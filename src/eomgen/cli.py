@@ -19,6 +19,7 @@ from typing import Any
 from ._version import __version__
 from .cli_analysis import add_analysis, add_compare, add_derive
 from .cli_linear import add_deflection, add_modes
+from .cli_pictures import add_plot, add_report, add_view
 from .cli_response import add_budget, add_linearize, add_response
 from .cli_sweep import add_sweep
 from .description import builtin_robots, load_robot
@@ -46,6 +47,9 @@ examples:
   eomgen linearize arm.toml -o arm.npz           A, B, C, D about a state of rest or a motion
   eomgen budget out/trajectory.npz               what each coordinate contributes to the tool's deviation
   eomgen sweep arm.toml --scenario s.toml --plan p.toml -o out   the scenario for many values of its numbers
+  eomgen plot out --format pdf                   figures of a result for print
+  eomgen report out                              one page about a result: out/report.html
+  eomgen view out                                the result in space, in the browser
   eomgen bench ur5                               operation counts and times beside Newton-Euler
 
 ROBOT is the name of a built-in robot, or the path of a .toml or .urdf file.
@@ -114,6 +118,9 @@ def _parser() -> argparse.ArgumentParser:
     add_linearize(commands, _robot_command, _load, _progress)
     add_budget(commands, _load)
     add_sweep(commands, _robot_command, _load, _progress)
+    add_plot(commands)
+    add_report(commands, _load, _progress)
+    add_view(commands, _load, _progress)
     bench = _robot_command(commands, "bench", _bench, "operation counts and times beside a Newton-Euler algorithm in C")
     bench.add_argument("--json", action="store_true", help="print JSON")
     return parser

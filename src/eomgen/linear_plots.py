@@ -2,27 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .budget import Budget
 from .compliance import ComplianceMap
-from .errors import InputError
 from .modes import TrackedModes
-from .plots import COLORS, PROGRAM_COLOR, RC, TOOL_COLOR, _figure, _title
+from .plots import COLORS, PROGRAM_COLOR, TOOL_COLOR, _title, literal
+from .plots import canvas as _canvas
 from .response import Response
-from .result import write_atomically
 
-ENDINGS = (".svg", ".pdf", ".png")
 CYCLE = tuple(color for colors in COLORS.values() for color in colors.values())
 
 
-def plot_tracks(tracked: TrackedModes, path: Path | str, *, most: int = 12) -> Path:
-    """Natural frequencies and damping ratios of the lowest tracks over the poses; returns the path.
+def plot_tracks(
+    tracked: TrackedModes, path: Path | str, *, most: int = 12, times: NDArray[np.float64] | None = None
+) -> Path:
+    """Natural frequencies and damping ratios of the lowest tracks over the poses, or over their times (P,), s; returns
+    the path.
 
     Raises:
         InputError: Matplotlib is not installed, the ending is none of ENDINGS, or the file cannot be written.
@@ -30,13 +30,14 @@ def plot_tracks(tracked: TrackedModes, path: Path | str, *, most: int = 12) -> P
     with _canvas(6.4, 4.8, path) as figure:
         upper, lower = figure.subplots(2, 1, sharex=True, gridspec_kw={"top": 0.9, "bottom": 0.1, "left": 0.11})
         frequencies, ratios = tracked.values("frequencies"), tracked.values("damping_ratios")
+        over = np.arange(len(frequencies)) if times is None else times
         for k in range(min(most, frequencies.shape[1])):
             color = CYCLE[k % len(CYCLE)]
-            upper.plot(frequencies[:, k], color=color)
-            lower.plot(100.0 * ratios[:, k], color=color)
+            upper.plot(over, frequencies[:, k], color=color)
+            lower.plot(over, 100.0 * ratios[:, k], color=color)
         upper.set_ylabel("natural frequency, Hz")
         lower.set_ylabel("damping ratio, %")
-        lower.set_xlabel("pose along the path")
+        lower.set_xlabel("pose along the path" if times is None else "time, s")
         _title(figure, f"{tracked.modes[0].robot}: the lowest modes along the path")
     return Path(path)
 
@@ -49,7 +50,7 @@ def plot_response(found: Response, path: Path | str, *, most: int = len(CYCLE)) 
         upper, lower = figure.subplots(2, 1, sharex=True, gridspec_kw={"top": 0.9, "bottom": 0.1, "left": 0.13})
         for k, (y, x) in enumerate(pairs):
             H, color = found.of(y, x), CYCLE[k % len(CYCLE)]
-            upper.plot(found.frequencies, np.abs(H), color=color, label=f"{y} from {x}, {found.unit(y, x)}")
+            upper.plot(found.frequencies, np.abs(H), color=color, label=literal(f"{y} from {x}, {found.unit(y, x)}"))
             lower.plot(found.frequencies, np.degrees(np.angle(H)), color=color)
         if pairs:
             upper.set_yscale("log")
@@ -69,10 +70,12 @@ def plot_budget(found: Budget, path: Path | str, *, most: int = 6) -> Path:
     rows = found.table()[:-1][:most]
     with _canvas(6.4, 3.8, path) as figure:
         axes = figure.add_axes((0.11, 0.13, 0.86, 0.74))
-        axes.plot(found.t, 1e6 * np.linalg.norm(found.deviation[:, :3], axis=1), color=TOOL_COLOR, label=found.frame)
+        axes.plot(
+            found.t, 1e6 * np.linalg.norm(found.deviation[:, :3], axis=1), color=TOOL_COLOR, label=literal(found.frame)
+        )
         for k, row in enumerate(rows):
             part = found.contributions[:, found.coordinates.index(row.name), :3]
-            axes.plot(found.t, 1e6 * np.linalg.norm(part, axis=1), color=CYCLE[k % len(CYCLE)], label=row.name)
+            axes.plot(found.t, 1e6 * np.linalg.norm(part, axis=1), color=CYCLE[k % len(CYCLE)], label=literal(row.name))
         rest = 1e6 * np.linalg.norm(found.remainder[:, :3], axis=1)
         axes.plot(found.t, rest, color=PROGRAM_COLOR, linestyle="--", label="remainder of second order")
         axes.set_xlabel("time, s")
@@ -80,18 +83,6 @@ def plot_budget(found: Budget, path: Path | str, *, most: int = 6) -> Path:
         axes.legend(fontsize=7.0, ncols=2)
         _title(figure, f"{found.robot}: contributions to the displacement of {found.frame}")
     return Path(path)
-
-
-@contextmanager
-def _canvas(width: float, height: float, path: Path | str) -> Iterator[Any]:
-    """A figure that is written when all is drawn."""
-    target = Path(path)
-    if target.suffix not in ENDINGS:
-        raise InputError(f"output: {str(path)!r}; allowed: a path that ends in {', '.join(ENDINGS)}")
-    mpl, figure = _figure(width, height)
-    with mpl.rc_context({**RC, "svg.fonttype": "none"}):
-        yield figure
-        write_atomically(target, lambda stream: figure.savefig(stream, format=target.suffix[1:]))
 
 
 def plot_compliance(found: ComplianceMap, path: Path | str) -> Path:

@@ -1,10 +1,14 @@
-"""Plots of a simulation: the tool against its program (Figure 1 of the paper), and every joint's deviations.
+"""Figures of a simulation: the tool against its program (Figure 1 of the paper), and every joint's deviations.
+
+The style of all figures is here: for print, in vectors or in pixels by the file's ending, labelled with units.
 
 Matplotlib is imported when a plot is made, not with this file; figures are drawn without a display.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -34,30 +38,47 @@ RC = {
     "axes.spines.right": False,
     "lines.linewidth": 1.1,
     "legend.frameon": False,
+    "svg.fonttype": "none",  # text that can be searched and edited
+    "pdf.fonttype": 42,
+    "svg.hashsalt": "eomgen",  # the same figure is the same bytes
 }
+ENDINGS = (".svg", ".pdf", ".png")
+UNDATED = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}, ".png": {}}
+PREFIXES = ((1.0, ""), (1e3, "m"), (1e6, "u"), (1e9, "n"), (1e12, "p"))
 
 
-def plot_result(result: SimulationResult, folder: Path | str) -> list[Path]:
-    """Write ``tool.png`` and, if the robot has deviations, ``deviations.png``; returns their paths.
+def plot_result(result: SimulationResult, folder: Path | str, ending: str = ".png") -> list[Path]:
+    """Write the figures of a result: ``tool``, ``deviations`` where the robot has some, ``tracking`` where there is a
+    program, ``energy`` where there is a balance; returns their paths.
+
+    Args:
+        result: of a simulation.
+        folder: to write to; made where it does not exist.
+        ending: one of ENDINGS.
 
     Raises:
-        InputError: Matplotlib is not installed, or a file cannot be written.
+        InputError: Matplotlib is not installed, the ending is another one, or a file cannot be written.
     """
+    from .motion_plots import plot_energy, plot_tracking
+
     target = Path(folder)
-    written = [plot_tool(result, target / "tool.png")]
+    written = [plot_tool(result, target / f"tool{ending}")]
     if result.deviation_coordinates:
-        written.append(plot_deviations(result, target / "deviations.png"))
+        written.append(plot_deviations(result, target / f"deviations{ending}"))
+    if result.programmed and result.program_coordinates:
+        written.append(plot_tracking(result, target / f"tracking{ending}"))
+    if result.balance is not None:
+        written.append(plot_energy(result, target / f"energy{ending}"))
     return written
 
 
 def plot_tool(result: SimulationResult, path: Path | str) -> Path:
-    """The tool's path with its deviation magnified, beside the deviation over time in micrometres; returns the path.
+    """The tool's path with its deviation magnified, beside the deviation over time; returns the path.
 
     Raises:
         InputError: see ``plot_result``.
     """
-    mpl, figure = _figure(7.4, 3.8)
-    with mpl.rc_context(RC):
+    with canvas(7.4, 3.8, path) as figure:
         grid = figure.add_gridspec(2, 2, width_ratios=(1.1, 1.0), left=0.01, right=0.975, top=0.87, bottom=0.115)
         grid.update(wspace=0.24, hspace=0.16)
         _draw_path(figure.add_subplot(grid[:, 0], projection="3d"), result)
@@ -65,7 +86,7 @@ def plot_tool(result: SimulationResult, path: Path | str) -> Path:
         _draw_tool_deviation(upper, figure.add_subplot(grid[1, 1], sharex=upper), result)
         figure.align_ylabels()
         _title(figure, f"{result.robot}: {result.tool} against its program")
-        return _save(figure, Path(path))
+    return Path(path)
 
 
 def plot_deviations(result: SimulationResult, path: Path | str) -> Path:
@@ -83,8 +104,7 @@ def plot_deviations(result: SimulationResult, path: Path | str) -> Path:
     across = min(3, len(joints))
     rows = -(-len(joints) // across) * len(units)
     width, height = max(4.4, 2.45 * across), 1.35 * rows + 0.75
-    mpl, figure = _figure(width, height)
-    with mpl.rc_context(RC):
+    with canvas(width, height, path) as figure:
         grid = {"left": 0.62 / width, "right": 1.0 - 0.2 / width, "top": 1.0 - 0.72 / height, "bottom": 0.4 / height}
         panels = figure.subplots(
             rows, across, sharex=True, squeeze=False, gridspec_kw={**grid, "hspace": 0.32, "wspace": 0.3}
@@ -101,7 +121,7 @@ def plot_deviations(result: SimulationResult, path: Path | str) -> Path:
                     panel.set_visible(False)
         _title(figure, f"{result.robot}: deviations in the joints")
         _legend(figure, result)
-        return _save(figure, Path(path))
+    return Path(path)
 
 
 def _draw_path(axes: Any, result: SimulationResult) -> None:
@@ -131,10 +151,12 @@ def _draw_path(axes: Any, result: SimulationResult) -> None:
 
 def _draw_tool_deviation(upper: Any, lower: Any, result: SimulationResult) -> None:
     """Components and length of the tool's deviation over time."""
-    t, deviation = result.trajectory.t, MICRO * result.tool_deviation
+    t, deviation = result.trajectory.t, result.tool_deviation
+    factor, unit = scale_of(deviation, "m")
+    deviation = factor * deviation
     for axis, column in zip("xyz", deviation.T, strict=True):
         upper.plot(t, column, color=COLORS["m"][axis], label=axis)
-    upper.set_ylabel("deviation, um")
+    upper.set_ylabel(f"deviation, {unit}")
     upper.tick_params(labelbottom=False)
     upper.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=3, handlelength=1.4, borderaxespad=0.0)
     upper.set_title("components, base axes", loc="left")
@@ -142,7 +164,7 @@ def _draw_tool_deviation(upper: Any, lower: Any, result: SimulationResult) -> No
     lower.plot(t, length, color=TOOL_COLOR)
     lower.fill_between(t, length, color=TOOL_COLOR, alpha=0.12, linewidth=0.0)
     lower.set_ylim(0.0, 1.12 * max(float(length.max()), 1e-12))
-    lower.set_ylabel("distance, um")
+    lower.set_ylabel(f"distance, {unit}")
     lower.set_xlabel("time, s")
     lower.set_xlim(t[0], t[-1])
     for panel in (upper, lower):
@@ -161,7 +183,7 @@ def _draw_joint(panel: Any, result: SimulationResult, joint: str, unit: str) -> 
     if not drawn:
         panel.text(0.5, 0.5, "rigid", transform=panel.transAxes, ha="center", va="center", color=PROGRAM_COLOR)
         panel.set_yticks([])
-    panel.set_title(f"{joint}, u{unit}", loc="left", pad=3.0)
+    panel.set_title(literal(f"{joint}, u{unit}"), loc="left", pad=3.0)
     panel.set_xlim(t[0], t[-1])
     panel.yaxis.set_major_locator(_ticker().MaxNLocator(4, steps=[1, 2, 5, 10]))
     panel.margins(y=0.12)
@@ -193,7 +215,7 @@ def _legend(figure: Any, result: SimulationResult) -> None:
 
 def _title(figure: Any, text: str) -> None:
     left, top = 0.12 / figure.get_figwidth(), 1.0 - 0.08 / figure.get_figheight()
-    figure.text(left, top, text, fontsize=9.5, fontweight="bold", ha="left", va="top")
+    figure.text(left, top, literal(text), fontsize=9.5, fontweight="bold", ha="left", va="top")
 
 
 def _round_factor(value: float) -> float:
@@ -223,5 +245,35 @@ def _figure(width: float, height: float) -> tuple[Any, Any]:
     return matplotlib, figure
 
 
-def _save(figure: Any, path: Path) -> Path:
-    return write_atomically(path, lambda stream: figure.savefig(stream, format="png", dpi=DPI))
+@contextmanager
+def canvas(width: float, height: float, path: Path | str) -> Iterator[Any]:
+    """A figure of that size in inches, in the style of all figures, that is written when all is drawn.
+
+    Raises:
+        InputError: Matplotlib is not installed, the ending is none of ENDINGS, or the file cannot be written.
+    """
+    target = Path(path)
+    if target.suffix not in ENDINGS:
+        raise InputError(f"output: {str(path)!r}; allowed: a path that ends in {', '.join(ENDINGS)}")
+    mpl, figure = _figure(width, height)
+    with mpl.rc_context(RC):
+        yield figure
+        about = UNDATED[target.suffix]
+        write_atomically(
+            target, lambda stream: figure.savefig(stream, format=target.suffix[1:], dpi=DPI, metadata=about)
+        )
+
+
+def literal(text: str) -> str:
+    """A text that Matplotlib does not read as mathematics."""
+    return text.replace("$", r"\$")
+
+
+def scale_of(values: Any, unit: str) -> tuple[float, str]:
+    """Factor and name of the unit in which the largest of the values is at least 1: (1e6, "um")."""
+    largest = float(np.abs(values).max(initial=0.0))
+    for factor, prefix in PREFIXES:
+        if factor * largest >= 1.0 or largest == 0.0:
+            return factor, prefix + unit
+    factor, prefix = PREFIXES[-1]
+    return factor, prefix + unit

@@ -51,6 +51,7 @@ class SimulationResult:
         scenario: what was simulated, as ``Scenario.as_dict`` has it.
         links: names of the links of ``wrench``, (T, links, 6), N, N m, as kernels take it; None without wrenches.
         balance: where the energy came from and went to; None in files of eomgen 0.1 before it was there.
+        description: the robot that was simulated, as ``robot_record.record_of`` has it; empty in older files.
     """
 
     robot: str
@@ -69,6 +70,7 @@ class SimulationResult:
     links: tuple[str, ...] = ()
     wrench: Array | None = None
     balance: EnergyBalance | None = None
+    description: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def deviation_coordinates(self) -> tuple[str, ...]:

@@ -31,7 +31,7 @@ def meta_of(result: SimulationResult) -> dict[str, Any]:
     texts = {name: getattr(result, name) for name in _TEXTS}
     texts |= {"method": motion.method, "info": dict(motion.info), "versions": dict(result.versions)}
     texts["contacts"] = [asdict(contact) for contact in motion.contacts]
-    return {"format": FORMAT, **texts, "scenario": dict(result.scenario)}
+    return {"format": FORMAT, **texts, "scenario": dict(result.scenario), "description": dict(result.description)}
 
 
 def save_result(result: SimulationResult, path: Path | str) -> Path:
@@ -92,4 +92,5 @@ def result_of(meta: dict[str, Any], arrays: dict[str, Any]) -> SimulationResult:
         tuple(meta.get("links", ())),
         arrays.get("wrench"),
         None if work is None else EnergyBalance(work, series["energy"]),
+        MappingProxyType(dict(meta.get("description", {}))),
     )

@@ -30,6 +30,7 @@ from .programs import MOVING_PART, Spline
 from .result import SimulationResult, index_of
 from .result_file import load_result
 from .robot import MOTOR, Robot
+from .robot_record import record_of
 from .scenario import Integrator, Scenario, Section
 from .scenario_file import load_scenario, scenario_from_toml
 from .segments import Loads, run_segments
@@ -197,6 +198,7 @@ def run_setup(
         kernel.links,
         found.wrench,
         found.balance,
+        MappingProxyType(record_of(robot)),
     )
 
 

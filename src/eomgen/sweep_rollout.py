@@ -8,6 +8,7 @@ order, and stable all the same.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -91,7 +92,7 @@ def _longest_hold(setup: Setup, q: Array) -> float:
     u = setup.drive(0.0, np.ascontiguousarray(states[:, :n]), np.ascontiguousarray(states[:, n:]))
     by_state = np.linalg.solve(setup.kernel.mass_matrix(q), (u[1:] - u[0]).T / h)
     swing, decay = (float(np.abs(np.linalg.eigvals(part)).max()) for part in (by_state[:, :n], by_state[:, n:]))
-    return HOLD / max(decay, np.sqrt(swing), 1e-9)
+    return HOLD / max(decay, math.sqrt(swing), 1e-9)
 
 
 def _slowest_step(setup: Setup, q: Array) -> float:

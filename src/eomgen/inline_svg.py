@@ -1,0 +1,27 @@
+"""SVG texts made fit to stand inside one HTML page."""
+
+from __future__ import annotations
+
+import re
+
+_HEAD = re.compile(r"^.*?(?=<svg\b)", re.S)  # XML declaration, document type
+_DROPPED = re.compile(r"<metadata>.*?</metadata>|<style\b.*?</style>|<!--.*?-->", re.S)
+_NAMESPACE = re.compile(r'\sxmlns(:\w+)?="[^"]*"')  # an HTML parser knows them
+_SIZE = re.compile(r'\s(?:width|height)="[^"]*"')
+_STYLE = ' style="stroke-linejoin:round;stroke-linecap:butt"'  # Matplotlib's style element, which would be the page's
+
+
+def inline_svg(text: str, prefix: str, label: str) -> str:
+    """The element ``<svg>`` of a figure of Matplotlib, without addresses, with identifiers of its own.
+
+    Args:
+        text: the file.
+        prefix: put before all identifiers, so that several figures can stand in one page; letters and digits.
+        label: what readers of the screen say; markup in it is escaped by the caller.
+    """
+    body = _DROPPED.sub("", _HEAD.sub("", text, count=1))
+    root, _, rest = body.partition(">")
+    root = _SIZE.sub("", _NAMESPACE.sub("", root)) + f'{_STYLE} role="img" aria-label="{label}">'
+    rest = re.sub(r'(\sid=")', rf"\g<1>{prefix}-", rest)
+    rest = re.sub(r'(href="#)', rf"\g<1>{prefix}-", rest)
+    return root + re.sub(r"(url\(#)", rf"\g<1>{prefix}-", rest)
