@@ -168,6 +168,39 @@ def test_rollouts_come_near_scipy_as_their_steps_shrink(tmp_path: Path, case: st
     assert fine.max() < max(0.1 * coarse.max(), 1e-5)  # the integrator's own error is 1e-6 of them
 
 
+@pytest.mark.parametrize(
+    "control",
+    [
+        {"motion": REACH["motion"], "control": {"type": "computed_torque", "bandwidth": 20.0}},
+        {"motion": REACH["motion"], "control": {"type": "pd", "kp": 300.0, "kd": 30.0}},
+        {
+            "initial": {"q": {"shoulder": 0.2}},
+            "control": {"type": "torque", "coordinates": ["shoulder"], "rows": [[0.0, 0.1], [0.2, 0.3], [0.4, 0.2]]},
+        },
+    ],
+    ids=["computed_torque", "pd", "torque"],
+)
+def test_rollouts_drive_motors_as_the_integrator_does(tmp_path: Path, control: dict[str, object]) -> None:
+    """Gears with backlash and friction, under all kinds of control."""
+    scenario = {"duration": 0.4, **control, "integrator": {"rtol": 1e-7}}
+    change = "[[vary]]\nparameter = 'joints.shoulder.motor.stiffness'\ngrid = { values = [1e4, 4e4] }\n"
+    record = "record = ['coordinate_end']\n"
+    found = [
+        run(
+            eomgen.load_robot("geared_arm"),
+            scenario,
+            plan_from_toml(f"{record}[engine]\n{engine}\n{change}"),
+            tmp_path / k,
+        )
+        for k, engine in (("a", "type = 'integrate'"), ("b", "type = 'rollout'\nstep = 1e-5\nperiod = 1e-4"))
+    ]
+    assert not found[0].errors
+    assert not found[1].errors
+    names = [name for name in found[0].columns if not name.endswith("motor")]
+    for name in names:
+        assert np.abs(found[0].of(name) - found[1].of(name)).max() < 1e-4
+
+
 def test_samples_are_robots_of_their_own(tmp_path: Path, swept: SweepResult) -> None:
     """A sample's numbers are those of a simulation of a robot whose description says so; drives keep their model."""
     plan = plan_from_toml(

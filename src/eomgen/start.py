@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,12 +28,13 @@ def initial_state(robot: Robot, scenario: Scenario, setup: Setup) -> tuple[Array
     driven = index_of(kernel.coordinates, setup.driven)
     if setup.program is not None:
         q[driven], v[driven] = (x for x in setup.program.at(0.0)[:2])
-    _turn_motors(kernel, q, v)
     for name, value in setup.given.items():
         q[kernel.coordinates.index(name)] = value
     rates = by_coordinate(robot, scenario, "v", initial.v if initial else {})
     for name, value in rates.items():
         v[kernel.coordinates.index(name)] = value
+    for x, said in ((q, setup.given), (v, rates)):
+        _turn_motors(kernel, x, said)
     if setup.prescribed is not None:
         given = index_of(kernel.coordinates, kernel.prescribed)
         q[given], v[given], _ = setup.prescribed(0.0)
@@ -48,11 +51,12 @@ def initial_state(robot: Robot, scenario: Scenario, setup: Setup) -> tuple[Array
     return _balanced(robot, scenario, setup, q, {coordinate_names(robot)[name] for name in held}), v, _loose(setup)
 
 
-def _turn_motors(kernel: Kernel, q: Array, v: Array) -> None:
-    """Motors turn with their joints, until something else is said."""
+def _turn_motors(kernel: Kernel, x: Array, said: Mapping[str, float]) -> None:
+    """Motors of which nothing is said turn with their joints: of coordinates or rates x, (n,)."""
     for motor, principal in kernel.motors.items():
-        m, p = kernel.coordinates.index(motor), kernel.coordinates.index(principal)
-        q[m], v[m] = kernel.ratio(motor) * q[p], kernel.ratio(motor) * v[p]
+        if motor not in said:
+            m, p = kernel.coordinates.index(motor), kernel.coordinates.index(principal)
+            x[m] = kernel.ratio(motor) * x[p]
 
 
 def _loose(setup: Setup) -> tuple[str, ...]:
