@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from eomgen.errors import InputError
 from eomgen.integrate import integrate
 from eomgen.motion import Harmonic
 from eomgen.robot import Robot
+from eomgen.simulate import run_scenario, scenario_from_toml
 from eomgen.system import IntegrationStopped, System
 
 KERNELS = (
@@ -176,3 +178,18 @@ def test_without_scikit_sundae_the_install_line_is_named(built: Build, monkeypat
     monkeypatch.setitem(sys.modules, "sksundae.ida", None)
     with pytest.raises(InputError, match=r'IDA needs scikit-sundae: pip install "eomgen\[sim\]"'):
         integrate(built(stiff_rod(1e4, 1.0), *KERNELS), [0.0, 0.3], [0.0, 0.0], 0.1, method="IDA")
+
+
+def test_a_simulation_says_when_its_clearances_closed(tmp_path: Path) -> None:
+    """In its summary and in its file, where the piece of a payload's arrival does not lose them."""
+    scenario = scenario_from_toml(
+        'duration = 0.3\n[motion]\ntype = "point_to_point"\n[[payloads]]\nlink = "fore"\nmass = 0.1\npoint = [0.1, 0, 0]\nt0 = 0.1\n'
+    )
+    result = run_scenario(eomgen.load_robot("worn_arm"), scenario)
+    assert {contact.coordinate for contact in result.trajectory.contacts} <= {"shoulder.x", "shoulder.y"}
+    closed = [
+        contact for contact in result.trajectory.contacts if contact.closes and contact.coordinate == "shoulder.y"
+    ]
+    line = f"clearance of shoulder.y: closed {len(closed)} times, first at {closed[0].t:.4f} s"
+    assert any(line in text for text in result.summary_lines())
+    assert eomgen.load_result(result.save(tmp_path / "r.npz")).trajectory.contacts == result.trajectory.contacts

@@ -136,12 +136,13 @@ class SimulationResult:
     def summary_lines(self) -> list[str]:
         """The summary for a reader, lengths in micrometres and angles in microradians."""
         facts, against = self.summary(), "its program" if self.programmed else "the rigid robot"
+        steps = f"{facts['steps']} steps, " if facts["steps"] else ""
         lines = [
             f"{self.robot}: {facts['coordinates']} coordinates, "
             f"{f'{len(self.program_coordinates)} of them driven' if self.programmed else 'no program'}, "
             f"{facts['duration']:g} s of motion",
-            f"  {facts['method']}: {facts['steps']} steps, {facts['evaluations']} evaluations, "
-            f"{facts['jacobians']} Jacobians, {facts['wall_s']:.2f} s",
+            f"  {facts['method']}: {steps}{facts['evaluations']} evaluations, {facts['jacobians']} Jacobians, "
+            f"{facts['wall_s']:.2f} s",
             f"  tool {self.tool}: off {against} by at most {facts['tool_deviation_max'] * 1e6:.3g} um "
             f"(at {facts['tool_deviation_max_at']:.3f} s) and {facts['tool_rotation_max'] * 1e6:.3g} urad; "
             f"{facts['tool_deviation_end'] * 1e6:.3g} um at the end",
@@ -154,7 +155,17 @@ class SimulationResult:
                 lines.append(f"  {text}: {entry['coordinate']} {entry['value'] * 1e6:+.3g} {unit}")
         if self.balance is not None:
             lines.append(f"  {self.balance.line()}")
+        lines += self._contact_lines()
         return lines + [f"  {note}" for note in self.notes]
+
+    def _contact_lines(self) -> list[str]:
+        """How often clearances closed, and the first time of each."""
+        lines = []
+        for name in dict.fromkeys(contact.coordinate for contact in self.trajectory.contacts):
+            times = [c.t for c in self.trajectory.contacts if c.coordinate == name and c.closes]
+            if times:
+                lines.append(f"  clearance of {name}: closed {len(times)} times, first at {times[0]:.4f} s")
+        return lines
 
     @property
     def names(self) -> tuple[str, ...]:
