@@ -183,7 +183,8 @@ def test_without_scikit_sundae_the_install_line_is_named(built: Build, monkeypat
 def test_a_simulation_says_when_its_clearances_closed(tmp_path: Path) -> None:
     """In its summary and in its file, where the piece of a payload's arrival does not lose them."""
     scenario = scenario_from_toml(
-        'duration = 0.3\n[motion]\ntype = "point_to_point"\n[[payloads]]\nlink = "fore"\nmass = 0.1\npoint = [0.1, 0, 0]\nt0 = 0.1\n'
+        'duration = 0.3\n[motion]\ntype = "point_to_point"\n'
+        '[[payloads]]\nlink = "fore"\nmass = 0.1\npoint = [0.1, 0, 0]\nt0 = 0.1\n'
     )
     result = run_scenario(eomgen.load_robot("worn_arm"), scenario)
     assert {contact.coordinate for contact in result.trajectory.contacts} <= {"shoulder.x", "shoulder.y"}
