@@ -21,7 +21,7 @@ from .result import write_atomically
 from .robot import Robot
 from .simulate import principal_limits, tool_of
 from .stepping import Progress
-from .toolpath import CLOSE, _guesses, _inside, _point, _search
+from .toolpath import CLOSE, reach, space_point, starting_points, within_limits
 
 Array = NDArray[np.float64]
 
@@ -155,7 +155,7 @@ def compliance_map(
 
 
 def _grid(corner: ArrayLike, first: ArrayLike, second: ArrayLike, points: tuple[int, int]) -> Array:
-    begin, along, across = (_point(*pair) for pair in (("corner", corner), ("first", first), ("second", second)))
+    begin, along, across = (space_point(*pair) for pair in (("corner", corner), ("first", first), ("second", second)))
     if np.linalg.norm(np.cross(along, across)) <= 1e-12 * np.linalg.norm(along) * np.linalg.norm(across):
         raise InputError("first and second: the edges span no plane; allowed: two that are not parallel, nor zero")
     if len(points) != 2 or not all(isinstance(n, (int, np.integer)) and n >= 2 for n in points):
@@ -174,8 +174,8 @@ def _inverse_kinematics(
 ) -> Array | None:
     """Coordinates within the limits that put the frame there, from the guess or from others; None if there are none."""
     close = CLOSE * max(1.0, float(np.abs(point).max()))
-    for trial in (guess, *islice(_guesses(first, limits), GUESSES)):
-        q, distance = _search(kernel, frame, point, trial, limits, close)
-        if distance <= close and _inside(q, limits):
+    for trial in (guess, *islice(starting_points(first, limits), GUESSES)):
+        q, distance = reach(kernel, frame, point, trial, limits, close)
+        if distance <= close and within_limits(q, limits):
             return q
     return None

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from .budget import Budget
 from .compliance import ComplianceMap
 from .modes import TrackedModes
-from .plots import COLORS, PROGRAM_COLOR, TOOL_COLOR, _title, literal
+from .plots import COLORS, PROGRAM_COLOR, TOOL_COLOR, literal, title_of
 from .plots import canvas as _canvas
 from .response import Response
 
@@ -38,7 +38,7 @@ def plot_tracks(
         upper.set_ylabel("natural frequency, Hz")
         lower.set_ylabel("damping ratio, %")
         lower.set_xlabel("pose along the path" if times is None else "time, s")
-        _title(figure, f"{tracked.modes[0].robot}: the lowest modes along the path")
+        title_of(figure, f"{tracked.modes[0].robot}: the lowest modes along the path")
     return Path(path)
 
 
@@ -61,7 +61,7 @@ def plot_response(found: Response, path: Path | str, *, most: int = len(CYCLE)) 
         lower.set_ylabel("phase, deg")
         lower.set_yticks([-180, -90, 0, 90, 180])
         lower.set_xlabel("frequency, Hz")
-        _title(figure, f"{found.robot}: frequency response")
+        title_of(figure, f"{found.robot}: frequency response")
     return Path(path)
 
 
@@ -81,7 +81,7 @@ def plot_budget(found: Budget, path: Path | str, *, most: int = 6) -> Path:
         axes.set_xlabel("time, s")
         axes.set_ylabel("displacement, um")
         axes.legend(fontsize=7.0, ncols=2)
-        _title(figure, f"{found.robot}: contributions to the displacement of {found.frame}")
+        title_of(figure, f"{found.robot}: contributions to the displacement of {found.frame}")
     return Path(path)
 
 
@@ -102,7 +102,7 @@ def plot_compliance(found: ComplianceMap, path: Path | str) -> Path:
         axes.set_xlabel(f"from {_place(corner)} along {_place(edges[0])}, m")
         axes.set_ylabel(f"towards {_place(last)}, m")
         figure.colorbar(drawn, ax=axes, label="compliance in the softest direction, um/N")
-        _title(figure, f"{found.robot}: static compliance of {found.frame}")
+        title_of(figure, f"{found.robot}: static compliance of {found.frame}")
     return Path(path)
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from .balance import TERMS
 from .errors import InputError
-from .plots import COLORS, PROGRAM_COLOR, TOOL_COLOR, _mark_end, _ticker, _title, canvas, literal, scale_of
+from .plots import COLORS, PROGRAM_COLOR, TOOL_COLOR, canvas, literal, mark_end, scale_of, ticker, title_of
 from .result import SimulationResult, index_of, unit_of
 
 Array = NDArray[np.float64]
@@ -53,7 +53,7 @@ def plot_tracking(result: SimulationResult, path: Path | str) -> Path:
             last = k + across >= len(names)
             lower.tick_params(labelbottom=last)
             lower.set_xlabel("time, s" if last else "")
-        _title(figure, f"{result.robot}: driven coordinates against their program")
+        title_of(figure, f"{result.robot}: driven coordinates against their program")
         handles = panels[0, 0].get_lines()[:2]
         figure.legend(
             handles,
@@ -79,8 +79,8 @@ def _draw_coordinate(
     for panel in (upper, lower):
         panel.set_xlim(t[0], t[-1])
         panel.margins(y=0.12)
-        panel.yaxis.set_major_locator(_ticker().MaxNLocator(4, steps=[1, 2, 5, 10]))
-        _mark_end(panel, result)
+        panel.yaxis.set_major_locator(ticker().MaxNLocator(4, steps=[1, 2, 5, 10]))
+        mark_end(panel, result)
 
 
 def plot_energy(result: SimulationResult, path: Path | str) -> Path:
@@ -112,5 +112,5 @@ def plot_energy(result: SimulationResult, path: Path | str) -> Path:
         share = f"at most {balance.relative_residue:.1g}\nof the largest term"
         lower.text(1.03, 0.95, share, transform=lower.transAxes, va="top")
         figure.align_ylabels()
-        _title(figure, f"{result.robot}: energy and work")
+        title_of(figure, f"{result.robot}: energy and work")
     return Path(path)

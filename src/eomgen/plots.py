@@ -85,7 +85,7 @@ def plot_tool(result: SimulationResult, path: Path | str) -> Path:
         upper = figure.add_subplot(grid[0, 1])
         _draw_tool_deviation(upper, figure.add_subplot(grid[1, 1], sharex=upper), result)
         figure.align_ylabels()
-        _title(figure, f"{result.robot}: {result.tool} against its program")
+        title_of(figure, f"{result.robot}: {result.tool} against its program")
     return Path(path)
 
 
@@ -119,7 +119,7 @@ def plot_deviations(result: SimulationResult, path: Path | str) -> Path:
                     panel.set_xlabel("time, s" if last else "")
                 else:
                     panel.set_visible(False)
-        _title(figure, f"{result.robot}: deviations in the joints")
+        title_of(figure, f"{result.robot}: deviations in the joints")
         _legend(figure, result)
     return Path(path)
 
@@ -142,7 +142,7 @@ def _draw_path(axes: Any, result: SimulationResult) -> None:
     for name, center in zip("xyz", middle, strict=True):
         getattr(axes, f"set_{name}lim")(center - half, center + half)
         getattr(axes, f"set_{name}label")(f"{name}, m", labelpad=-3.0)
-        getattr(axes, f"{name}axis").set_major_locator(_ticker().MaxNLocator(4, steps=[1, 2, 5, 10], prune="both"))
+        getattr(axes, f"{name}axis").set_major_locator(ticker().MaxNLocator(4, steps=[1, 2, 5, 10], prune="both"))
     axes.tick_params(pad=-2.0, labelsize=7.0)
     axes.set_box_aspect((1.0, 1.0, 1.0), zoom=0.98)
     axes.view_init(elev=24.0, azim=-52.0)
@@ -168,7 +168,7 @@ def _draw_tool_deviation(upper: Any, lower: Any, result: SimulationResult) -> No
     lower.set_xlabel("time, s")
     lower.set_xlim(t[0], t[-1])
     for panel in (upper, lower):
-        _mark_end(panel, result)
+        mark_end(panel, result)
 
 
 def _draw_joint(panel: Any, result: SimulationResult, joint: str, unit: str) -> None:
@@ -185,12 +185,12 @@ def _draw_joint(panel: Any, result: SimulationResult, joint: str, unit: str) -> 
         panel.set_yticks([])
     panel.set_title(literal(f"{joint}, u{unit}"), loc="left", pad=3.0)
     panel.set_xlim(t[0], t[-1])
-    panel.yaxis.set_major_locator(_ticker().MaxNLocator(4, steps=[1, 2, 5, 10]))
+    panel.yaxis.set_major_locator(ticker().MaxNLocator(4, steps=[1, 2, 5, 10]))
     panel.margins(y=0.12)
-    _mark_end(panel, result)
+    mark_end(panel, result)
 
 
-def _mark_end(panel: Any, result: SimulationResult) -> None:
+def mark_end(panel: Any, result: SimulationResult) -> None:
     """A dotted line where the program comes to rest."""
     moving = np.flatnonzero(np.any(result.program_q != result.program_q[-1], axis=1))
     if moving.size and moving[-1] + 1 < result.trajectory.t.size:
@@ -213,7 +213,7 @@ def _legend(figure: Any, result: SimulationResult) -> None:
     )
 
 
-def _title(figure: Any, text: str) -> None:
+def title_of(figure: Any, text: str) -> None:
     left, top = 0.12 / figure.get_figwidth(), 1.0 - 0.08 / figure.get_figheight()
     figure.text(left, top, literal(text), fontsize=9.5, fontweight="bold", ha="left", va="top")
 
@@ -226,7 +226,7 @@ def _round_factor(value: float) -> float:
     return float(power * max(digit for digit in (1.0, 2.0, 5.0) if digit * power <= value * (1.0 + 1e-12)))
 
 
-def _ticker() -> Any:
+def ticker() -> Any:
     from matplotlib import ticker
 
     return ticker

@@ -60,7 +60,7 @@ class ToolPath:
         q[0] = _first(kernel, tool, points[0], guess, limits, close)
         for k in range(1, POINTS):
             q[k] = _reached(kernel, tool, points[k], q[k - 1], limits, close, name)
-            if not _inside(q[k], limits):
+            if not within_limits(q[k], limits):
                 worst = int(np.argmax(np.maximum(limits[:, 0] - q[k], q[k] - limits[:, 1])))
                 raise InputError(
                     f"{kernel.name}: at {_show(points[k])} on the {name} {kernel.coordinates[worst]} ="
@@ -104,7 +104,7 @@ class ToolLine(ToolPath):
         limits: Array,
         start_time: float = 0.0,
     ) -> None:
-        ends = np.array([_point("begin", begin), _point("end", end)])
+        ends = np.array([space_point("begin", begin), space_point("end", end)])
         if np.array_equal(*ends):
             raise InputError(f"line: begins and ends at {_show(ends[0])}; allowed: two different points")
         points = ends[0] + np.linspace(0.0, 1.0, POINTS)[:, np.newaxis] * (ends[1] - ends[0])
@@ -138,7 +138,7 @@ class ToolCircle(ToolPath):
         limits: Array,
         start_time: float = 0.0,
     ) -> None:
-        middle, axis, first = _point("center", center), _point("normal", normal), _point("begin", begin)
+        middle, axis, first = space_point("center", center), space_point("normal", normal), space_point("begin", begin)
         arm, length = first - middle, float(np.linalg.norm(axis))
         if not (length > 0.0 and np.isfinite(angle) and angle != 0.0 and np.linalg.norm(arm) > 0.0):
             raise InputError("circle: allowed: a normal, an angle and a radius that are not zero")
@@ -154,16 +154,16 @@ class ToolCircle(ToolPath):
 def _first(kernel: Kernel, tool: str, point: Array, guess: Array, limits: Array, close: float) -> Array:
     """Coordinates within the limits that put the tool there: from the guess, or from others, always the same."""
     missed = np.inf
-    for trial in _guesses(guess, limits):
-        q, distance = _search(kernel, tool, point, trial, limits, close)
+    for trial in starting_points(guess, limits):
+        q, distance = reach(kernel, tool, point, trial, limits, close)
         missed = min(missed, distance)
-        if distance <= close and _inside(q, limits):
+        if distance <= close and within_limits(q, limits):
             return q
     reason = "not within its limits" if missed <= close else f"it gets as near as {missed:.3g} m"
     raise InputError(f"{kernel.name}: {tool} does not reach {_show(point)}: {reason}")
 
 
-def _guesses(guess: Array, limits: Array) -> Iterator[Array]:
+def starting_points(guess: Array, limits: Array) -> Iterator[Array]:
     yield guess
     rng = np.random.default_rng(0)
     low, high = np.maximum(limits[:, 0], guess - 3.0), np.minimum(limits[:, 1], guess + 3.0)
@@ -172,7 +172,7 @@ def _guesses(guess: Array, limits: Array) -> Iterator[Array]:
 
 
 def _reached(kernel: Kernel, tool: str, point: Array, q: Array, limits: Array, close: float, name: str) -> Array:
-    found, distance = _search(kernel, tool, point, q, limits, close)
+    found, distance = reach(kernel, tool, point, q, limits, close)
     if distance > close or np.abs(found - q).max() > REACH:
         raise InputError(
             f"{kernel.name}: {tool} cannot follow the {name} at {_show(point)}: it is out of reach, or the arm singular"
@@ -180,7 +180,7 @@ def _reached(kernel: Kernel, tool: str, point: Array, q: Array, limits: Array, c
     return found
 
 
-def _search(kernel: Kernel, tool: str, point: Array, q: Array, limits: Array, close: float) -> tuple[Array, float]:
+def reach(kernel: Kernel, tool: str, point: Array, q: Array, limits: Array, close: float) -> tuple[Array, float]:
     """Levenberg and Marquardt's method: coordinates, and the distance that is left."""
     q, damping = q.copy(), 1e-8
     held = limits[:, 0] == limits[:, 1]
@@ -202,11 +202,11 @@ def _search(kernel: Kernel, tool: str, point: Array, q: Array, limits: Array, cl
     return q, float(np.linalg.norm(error))
 
 
-def _inside(q: Array, limits: Array) -> bool:
+def within_limits(q: Array, limits: Array) -> bool:
     return bool(((limits[:, 0] - 1e-9 <= q) & (q <= limits[:, 1] + 1e-9)).all())
 
 
-def _point(label: str, value: ArrayLike) -> Array:
+def space_point(label: str, value: ArrayLike) -> Array:
     try:
         point = np.array(value, dtype=np.float64)
     except (TypeError, ValueError):

@@ -52,7 +52,7 @@ def draft_from_urdf(text: str, source: str, *, damping: bool = False) -> Draft:
     Raises:
         DescriptionError: anything that is not a robot, with the element and the name it belongs to.
     """
-    return _Reader(source, damping).read(_parse(text, source))
+    return _Reader(source, damping).read(parse_urdf_text(text, source))
 
 
 def axis_turn(axis: Vector) -> Matrix:
@@ -89,7 +89,7 @@ def turn_inertia(
     return entry(0, 0), entry(1, 1), entry(2, 2), entry(0, 1), entry(0, 2), entry(1, 2)
 
 
-def _parse(text: str, source: str) -> Element:
+def parse_urdf_text(text: str, source: str) -> Element:
     """The root element; no DTD, no entity, nothing external."""
     import defusedxml.ElementTree as ElementTree
     from defusedxml import DefusedXmlException

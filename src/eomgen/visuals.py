@@ -32,13 +32,13 @@ class Shape:
 
 def urdf_shapes(robot: Robot) -> tuple[list[Shape], list[str]]:
     """The shapes of the links, and lines about what could not be read; nothing where the robot is of no URDF file."""
-    from .urdf import _parse
+    from .urdf import parse_urdf_text
 
     path, notes = Path(robot.source), list[str]()
     if path.suffix != ".urdf":
         return [], notes
     try:
-        root = _parse(path.read_text(encoding="utf-8"), str(path))
+        root = parse_urdf_text(path.read_text(encoding="utf-8"), str(path))
     except (OSError, UnicodeDecodeError, DescriptionError):
         return [], [f"{path} cannot be read any more: links are drawn as capsules"]
     shapes = []

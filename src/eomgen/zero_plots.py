@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .model import Model
-from .plots import COLORS, _title, canvas, literal
+from .plots import COLORS, canvas, literal, title_of
 
 COUNT_COLORS = "viridis"
 SURVIVES = "#222222"
@@ -46,7 +46,7 @@ def plot_zeros(model: Model, path: Path | str) -> Path:
             _mark_joints(axes, model)
             axes.set_ylabel("s", rotation=0.0)
             axes.set_xlabel("v", loc="right")
-        _title(figure, f"{model.name}: what does not vanish identically")
+        title_of(figure, f"{model.name}: what does not vanish identically")
     return Path(path)
 
 
