@@ -118,7 +118,9 @@ ROBOTS = {
 }
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.soak) if name.startswith("Talos") else name for name in ROBOTS]
+)
 def test_parameters_cost_little(name: str) -> None:
     """Masses that stay parameters: at most 1.15 times the operations; frames that a description calls links aside."""
     robot = ROBOTS[name]()

@@ -148,7 +148,9 @@ CONTROLS = {
 }
 
 
-@pytest.mark.parametrize("case", CONTROLS)
+@pytest.mark.parametrize(
+    "case", [pytest.param(name, marks=pytest.mark.soak) if name.startswith("pd") else name for name in CONTROLS]
+)
 def test_rollouts_come_near_scipy_as_their_steps_shrink(tmp_path: Path, case: str) -> None:
     scenario = {**REACH, **CONTROLS[case], "integrator": {"rtol": 1e-8}}
     change = "[[vary]]\nparameter = 'joints.shoulder.alpha.stiffness'\ngrid = { values = [2e4, 6e4] }\n"
