@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 
 import eomgen
+from eomgen import cli
 from eomgen.cache import VARIABLE
 from eomgen.description import robot_from_toml
 from eomgen.errors import InputError
@@ -407,3 +408,20 @@ def test_neighbours_of_a_failure_are_as_without_it(tmp_path: Path) -> None:
     )
     assert sorted(among.errors) == [0, 2]
     assert (among.record[[1, 3]] == alone.record).all()
+
+
+def test_processes_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The same table as with threads; one way at a time."""
+    for name, text in (("r.toml", SLIDER), ("s.toml", "duration = 0.1\n[initial]\nq = { rail = 0.1 }\n")):
+        (tmp_path / name).write_text(text, encoding="ascii")
+    plan = "samples = 5\nrecord = ['coordinate_end']\n" + STIFF + "uniform = { low = 500.0, high = 900.0 }\n"
+    (tmp_path / "p.toml").write_text(plan, encoding="ascii")
+    files = [str(tmp_path / "r.toml"), "--scenario", str(tmp_path / "s.toml"), "--plan", str(tmp_path / "p.toml")]
+    for way in ("threads", "processes"):
+        assert cli.main(["sweep", *files, f"--{way}", "2", "--no-plots", "-o", str(tmp_path / way)]) == 0
+    assert same(*(SweepResult.load(tmp_path / way) for way in ("threads", "processes")))
+    capsys.readouterr()
+    assert cli.main(["sweep", *files, "--threads", "2", "--processes", "2", "-o", str(tmp_path / "x")]) == 1
+    assert "--threads and --processes are given together" in capsys.readouterr().err
+    assert cli.main(["sweep", *files, "--processes", "0", "-o", str(tmp_path / "x")]) == 1
+    assert "--processes: 0" in capsys.readouterr().err

@@ -6,7 +6,9 @@ import argparse
 import json
 import sys
 from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +22,14 @@ def add_sweep(commands: Any, robot_command: Command, load: Load, progress: Progr
     def run_command(options: argparse.Namespace) -> None:
         from .sweep import load_plan, run
 
-        if options.threads is not None and options.dask is not None:
-            raise InputError("--threads is given together with --dask, which has its own workers; allowed: one of both")
+        given = [name for name in ("threads", "processes", "dask") if getattr(options, name) is not None]
+        if len(given) > 1:
+            raise InputError(f"{' and '.join(f'--{name}' for name in given)} are given together; allowed: one of them")
+        if options.processes is not None and options.processes < 1:
+            raise InputError(f"--processes: {options.processes} is no number of processes; allowed: from 1 on")
         robot, plan = load(options), load_plan(options.plan)
         try:
-            with progress("sweeping") as report, _executor(options.dask) as executor:
+            with progress("sweeping") as report, _executor(options) as executor:
                 result = run(
                     robot,
                     options.scenario,
@@ -58,6 +63,9 @@ def add_sweep(commands: Any, robot_command: Command, load: Load, progress: Progr
         "-o", "--output", type=Path, required=True, help="folder for results; goes on with what it has"
     )
     command.add_argument("--threads", type=int, metavar="N", help="threads of this process (one per core)")
+    command.add_argument(
+        "--processes", type=int, metavar="N", help="processes instead of threads: faster for long sweeps"
+    )
     command.add_argument("--dask", metavar="ADDRESS", help="scheduler such as tcp://host:8786, instead of threads")
     command.add_argument("--no-plots", action="store_true", help="write the table only")
     command.add_argument("--json", action="store_true", help="print JSON")
@@ -72,8 +80,13 @@ def _table_suffix() -> str:
 
 
 @contextmanager
-def _executor(address: str | None) -> Iterator[Any]:
-    """That of a Dask scheduler, or None."""
+def _executor(options: argparse.Namespace) -> Iterator[Any]:
+    """That of a Dask scheduler, processes of this machine, or None."""
+    address: str | None = options.dask
+    if options.processes is not None:
+        with ProcessPoolExecutor(options.processes, mp_context=get_context("spawn")) as pool:
+            yield pool
+        return
     if address is None:
         yield None
         return
