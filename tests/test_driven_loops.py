@@ -130,3 +130,21 @@ def test_legs_of_goughs_platform_hold_it(built: Build) -> None:
     assert found.redundancy.mobility == 6
     a = loops.forward_dynamics(q, zero, found.u).a
     assert np.abs(a).max() <= 1e-9 * np.abs(found.u).max()
+
+
+def test_contacts_in_a_loop_are_found(built: Build) -> None:
+    """A stop for the rocker: it closes and opens where the rocker passes the end of its clearance."""
+    robot = eomgen.load_robot("four_bar")
+    stop = replace(robot.joints[2].coordinates["gamma"], stiffness=200.0, clearance=1.4, smoothing=1e-3)
+    joints = (*robot.joints[:2], replace(robot.joints[2], coordinates={"gamma": stop}))
+    loops = ClosedLoops(built(replace(robot, joints=joints, name="stopped_bars"), *KERNELS))
+    q = loops.consistent_positions([0.5, 0.2, 1.2], held=["joint1.gamma"])
+    v = loops.consistent_velocities(q, [4.0, 0.0, 0.0], held=["joint1.gamma"])
+    motion = loops.integrate(q, v, 1.0, step=1e-3, output_step=1e-3)
+    rocker = motion.of("joint3.gamma")
+    crossings = np.flatnonzero((np.abs(rocker[1:]) > 1.4) != (np.abs(rocker[:-1]) > 1.4))
+    assert len(motion.contacts) == len(crossings) >= 2
+    for contact, i in zip(motion.contacts, crossings, strict=True):
+        assert contact.coordinate == "joint3.gamma"
+        assert motion.t[i] <= contact.t <= motion.t[i + 1]
+        assert contact.closes == (abs(rocker[i + 1]) > 1.4)

@@ -44,6 +44,7 @@ class Kernel:
         constraints: names of the constraint's components, such as "loop1.x".
         springs: names of the springs between two points, in the order of ``spring_forces``.
         prescribed: names of the coordinates whose motion is given, in their order.
+        motors: mapping from the names of motors' coordinates to those of the principal coordinates that they drive.
         parameters: mapping from name to value; an assignment takes effect without recompiling.
         knots: deviations (m, rad) of measured curves by coordinate, elongations (m) by spring; the forces there are
             parameters.

@@ -18,13 +18,15 @@ from numpy.typing import NDArray
 
 from .errors import InputError
 from .fitresult import KEYS, Estimate, FitResult, FittedCoordinate
-from .fitting import fit, spring_rates
+from .fitting import fit
 from .kernel import Kernel
 from .motionfile import Motion, motion_from_columns, motion_of, read_motion
+from .motors import deflections
 from .pipeline import build
 from .result import unit_of, write_atomically
 from .robot import Robot
 from .smoothing import local_polynomials
+from .stiffness import coordinate_numbers
 
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
@@ -213,8 +215,9 @@ def forces(
     _refuse_transmissions(kernel, motion)
     q, v, a, notes = _derivatives(motion, window, degree)
     drive = np.asarray(kernel.inverse_dynamics(q, v, a))
-    stiffness, damping = (_with_transmissions(kernel, *both) for both in zip(KEYS, spring_rates(kernel), strict=True))
-    spring, damper = -(q @ stiffness.T), -(v @ damping.T)
+    rows = deflections(kernel)
+    numbers = (coordinate_numbers(kernel, key) for key in KEYS)
+    spring, damper = (-(x @ rows.T * k) @ rows for x, k in zip((q, v), numbers, strict=True))
     line, pairs = np.zeros_like(q), np.zeros((len(q), 0, 2))
     if kernel.springs:
         pairs = np.asarray(kernel.spring_forces(q, v))
@@ -259,17 +262,6 @@ def _refuse_transmissions(kernel: Kernel, motion: Motion) -> None:
 
 def _is_plain(name: str) -> bool:
     return ".friction." in name or name.endswith((*(f".{key}" for key in KEYS), ".inertia", ".ratio"))
-
-
-def _with_transmissions(kernel: Kernel, key: str, own: Array) -> Array:
-    """Matrix of stiffness or damping, (n, n): of coordinates themselves, and between motors and joints."""
-    found = np.diag(own)
-    for motor, principal in kernel.motors.items():
-        m, p = kernel.coordinates.index(motor), kernel.coordinates.index(principal)
-        across = np.zeros(kernel.n)
-        across[m], across[p] = 1.0 / kernel.ratio(motor), -1.0
-        found += kernel.parameters.get(f"joints.{motor}.{key}", 0.0) * np.outer(across, across)
-    return found
 
 
 def _derivatives(motion: Motion, window: int, degree: int) -> tuple[Array, Array, Array, list[str]]:

@@ -13,12 +13,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .controls import actuators
 from .errors import InputError
 from .model import build_model
 from .pipeline import build
+from .points import default_motion, principal_limits
+from .programs import MOVING_PART
 from .result import SimulationResult, index_of, unit_of
 from .robot import PRINCIPAL, Robot
-from .simulate import MOVING_PART, RIGID_KERNELS, default_motion, principal_limits, simulate, tool_of
+from .setups import RIGID_KERNELS
+from .simulate import simulate, tool_of
 from .stepping import Progress
 from .toolpath import ToolLine
 
@@ -175,8 +179,7 @@ def _entry(robot: Robot, result: SimulationResult) -> Entry:
     motion = result.trajectory
     a = kernel.forward_dynamics(motion.q, motion.v, motion.u)
     reactions = np.asarray(kernel.reactions(motion.q, motion.v, a))
-    motors = {principal: motor for motor, principal in kernel.motors.items()}
-    index = index_of(motion.coordinates, [motors.get(name, name) for name in result.program_coordinates])
+    index = actuators(kernel, result.program_coordinates).index
     deviation = np.linalg.norm(result.tool_deviation, axis=1)
     model = build_model(robot)
     path = np.diff(result.program_pose[:, :3, 3], axis=0)

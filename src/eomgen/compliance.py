@@ -17,9 +17,10 @@ from .holding import Gains, Pose, hold_of, pose_of
 from .kernel import Kernel
 from .linear import Loads, checked_loads, kernel_of
 from .model import build_model
+from .points import principal_limits
 from .result import write_atomically
 from .robot import Robot
-from .simulate import principal_limits, tool_of
+from .simulate import tool_of
 from .stepping import Progress
 from .toolpath import CLOSE, reach, space_point, starting_points, within_limits
 

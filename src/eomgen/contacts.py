@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .kernel import Kernel
+from .motors import deflections
 
 Array = NDArray[np.float64]
 
@@ -88,15 +89,6 @@ class ContactWatch:
         side = self.side[end]
         rate = float(side * (self.rows[end] @ y[len(self.names) :]))
         self.found.append(Contact(float(t), self.names[self.index[end]], side, closes, rate))
-
-
-def deflections(kernel: Kernel) -> Array:
-    """What each coordinate's own law acts on, per coordinate: itself, or a transmission's deflection; (n, n)."""
-    rows = np.eye(kernel.n)
-    for motor, principal in kernel.motors.items():
-        m, p = kernel.coordinates.index(motor), kernel.coordinates.index(principal)
-        rows[m, m], rows[m, p] = 1.0 / kernel.ratio(motor), -1.0
-    return rows
 
 
 def hermite(t: float, t0: float, y0: Array, t1: float, y1: Array) -> Array:

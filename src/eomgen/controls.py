@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from .kernel import Kernel
 from .motion import Program
+from .motors import shafts
 from .programs import Rest
 from .result import index_of
 from .timetable import TimeTable
@@ -86,7 +87,7 @@ class Actuators:
 
 def actuators(kernel: Kernel, names: Sequence[str]) -> Actuators:
     """Those of principal coordinates, in the order of their names."""
-    motors = {principal: motor for motor, principal in kernel.motors.items()}
+    motors = shafts(kernel)
     index = index_of(kernel.coordinates, [motors.get(name, name) for name in names])
     ratios = [kernel.ratio(motors[name]) if name in motors else 1.0 for name in names]
     return Actuators(index, np.array(ratios) if motors else 1.0)

@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .contacts import deflections
 from .errors import ArrayError, DescriptionError, InputError, UnknownNameError
 from .kernel import Kernel
 from .model import build_model
+from .motors import deflections, turn_motors
 from .names import show
+from .points import default_motion
 from .robot import Robot
 
 Array = NDArray[np.float64]
@@ -115,8 +116,6 @@ def pose_of(robot: Robot, kernel: Kernel, pose: Pose | None) -> Array:
         InputError: a wrong number of them, or one that is not finite.
         UnknownNameError: a name is no coordinate.
     """
-    from .simulate import default_motion
-
     model, names = build_model(robot), kernel.coordinates
     q = np.zeros(kernel.n)
     if pose is None or isinstance(pose, Mapping):
@@ -131,7 +130,8 @@ def pose_of(robot: Robot, kernel: Kernel, pose: Pose | None) -> Array:
             if name not in places:
                 raise UnknownNameError(f"pose: {show(str(name))} is unknown; known: {', '.join(names)}")
             q[places[name]] = _number(f"pose: {name}", value)
-        return _with_motors(kernel, q, set(pose or {}))
+        turn_motors(kernel, q, pose or {})
+        return q
     values = np.atleast_1d(np.asarray(pose, dtype=object))
     where = model.principal if values.shape == (len(model.principal),) else range(kernel.n)
     if values.shape != (len(where),):
@@ -141,14 +141,7 @@ def pose_of(robot: Robot, kernel: Kernel, pose: Pose | None) -> Array:
         )
     for i, value in zip(where, values, strict=True):
         q[i] = _number(f"pose: {names[i]}", value)
-    return _with_motors(kernel, q, set(names) if len(values) == kernel.n else set())
-
-
-def _with_motors(kernel: Kernel, q: Array, given: set[str]) -> Array:
-    """Motors that are not given stand where their transmissions are at rest."""
-    for motor, principal in kernel.motors.items():
-        if motor not in given:
-            q[kernel.coordinates.index(motor)] = kernel.ratio(motor) * q[kernel.coordinates.index(principal)]
+    turn_motors(kernel, q, names if len(values) == kernel.n else ())
     return q
 
 

@@ -7,6 +7,7 @@ import time
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .contacts import ContactWatch
 from .errors import InputError, LoopError
 from .integrate import Trajectory
 from .loops import ClosedLoops
@@ -64,7 +65,8 @@ def integrate_loops(
     report = reporter(progress, float(times[-1]))
     settle = None if baumgarte else system.settled
     y0 = np.concatenate([q0, v0])
-    states = rk4(system, y0, times, fixed_step(kernel, q0, step, times), report, settle)
+    watch = ContactWatch(kernel)
+    states = rk4(system, y0, times, fixed_step(kernel, q0, step, times), report, settle, watch)
     q, v = np.ascontiguousarray(states[:, : system.n]), np.ascontiguousarray(states[:, system.n :])
     u = np.empty_like(q)
     for i, t in enumerate(times):
@@ -78,7 +80,8 @@ def integrate_loops(
         "redundant": float(len(kernel.constraints) - system.rank),
         "wall_s": time.perf_counter() - began,
     }
-    return Trajectory(times, q, v, u, np.asarray(kernel.energy(q, v)), kernel.coordinates, "rk4", info)
+    energy = np.asarray(kernel.energy(q, v))
+    return Trajectory(times, q, v, u, energy, kernel.coordinates, "rk4", info, tuple(watch.found))
 
 
 def _rate(baumgarte: float | None) -> float:

@@ -16,6 +16,7 @@ from .kernel import Kernel
 from .loads import Wrenches, check_loads, with_payload_parameters
 from .model import build_model
 from .motion import Program
+from .motors import shafts
 from .names import nearest, show
 from .pipeline import build
 from .programs import PrescribedMotion, Rest, make_program
@@ -198,7 +199,7 @@ def _torque(robot: Robot, scenario: Scenario, table: TimeTable, kernel: Kernel) 
 
 def _at_joints(kernel: Kernel, rigid: Kernel, prescribed: PrescribedMotion) -> Callable[[float], Motion]:
     """The motion of the rigid robot's prescribed coordinates; that of a prescribed motor over its ratio."""
-    motors = {principal: motor for motor, principal in kernel.motors.items()}
+    motors = shafts(kernel)
     names = [name if name in kernel.prescribed else motors[name] for name in rigid.prescribed]
     index = [kernel.prescribed.index(name) for name in names]
     ratio = np.array([kernel.ratio(name) if name in kernel.motors else 1.0 for name in names])

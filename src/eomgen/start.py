@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,6 +9,7 @@ from .equilibrium import static_equilibrium
 from .errors import IntegrationError
 from .kernel import Kernel
 from .loads import loaded_parameters
+from .motors import shafts, turn_motors
 from .names import nearest, show
 from .result import index_of
 from .robot import Robot
@@ -34,7 +33,7 @@ def initial_state(robot: Robot, scenario: Scenario, setup: Setup) -> tuple[Array
     for name, value in rates.items():
         v[kernel.coordinates.index(name)] = value
     for x, said in ((q, setup.given), (v, rates)):
-        _turn_motors(kernel, x, said)
+        turn_motors(kernel, x, said)
     if setup.prescribed is not None:
         given = index_of(kernel.coordinates, kernel.prescribed)
         q[given], v[given], _ = setup.prescribed(0.0)
@@ -51,20 +50,12 @@ def initial_state(robot: Robot, scenario: Scenario, setup: Setup) -> tuple[Array
     return _balanced(robot, scenario, setup, q, {coordinate_names(robot)[name] for name in held}), v, _loose(setup)
 
 
-def _turn_motors(kernel: Kernel, x: Array, said: Mapping[str, float]) -> None:
-    """Motors of which nothing is said turn with their joints: of coordinates or rates x, (n,)."""
-    for motor, principal in kernel.motors.items():
-        if motor not in said:
-            m, p = kernel.coordinates.index(motor), kernel.coordinates.index(principal)
-            x[m] = kernel.ratio(motor) * x[p]
-
-
 def _loose(setup: Setup) -> tuple[str, ...]:
     """Names of the deviations that nothing holds; inside a clearance nothing does, and of a joint with backlash the
     motor takes up its side.
     """
     kernel = setup.kernel
-    motors = {principal: motor for motor, principal in kernel.motors.items()}
+    motors = shafts(kernel)
     moved = {*kernel.prescribed, *(motors.get(name, name) for name in setup.driven)}
     played = {kernel.motors.get(name, name) for name in kernel.coordinates if _has_play(kernel, name)}
     return tuple(

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from .contacts import ContactWatch
 from .errors import ArrayError, EomgenError, InputError
 from .kernel import Kernel
-from .stiffness import coordinate_sizes, spring_rates, stiffness_matrix
+from .stiffness import coordinate_sizes, line_rates, stiffness_matrix
 from .system import System
 
 Array = NDArray[np.float64]
@@ -67,7 +67,7 @@ def fixed_step(kernel: Kernel, q0: Array, step: float | None, times: Array) -> f
         if not (np.isfinite(step) and step > 0.0):
             raise InputError(f"step: {step!r} s; a step is a finite time greater than 0")
         return step
-    between, damping = spring_rates(kernel, q0)
+    between, damping = line_rates(kernel, q0)
     stiffness = stiffness_matrix(kernel) + between
     fastest = 0.0
     if stiffness.any():

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .kernel import Kernel
+from .motors import deflections
 
 Array = NDArray[np.float64]
 
@@ -23,13 +24,8 @@ def stiffnesses(kernel: Kernel) -> Array:
 
 def stiffness_matrix(kernel: Kernel) -> Array:
     """``stiffnesses`` with what transmissions have beside the diagonal, (n, n)."""
-    K = np.diag(_own_stiffnesses(kernel))
-    for motor, principal in kernel.motors.items():
-        m, p, ratio = kernel.coordinates.index(motor), kernel.coordinates.index(principal), kernel.ratio(motor)
-        k = K[m, m]
-        K[p, p] += k
-        K[m, m], K[m, p], K[p, m] = k / ratio**2, -k / ratio, -k / ratio
-    return K
+    rows = deflections(kernel)
+    return np.asarray(rows.T @ (_own_stiffnesses(kernel)[:, None] * rows))
 
 
 def _own_stiffnesses(kernel: Kernel) -> Array:
@@ -43,7 +39,7 @@ def _own_stiffnesses(kernel: Kernel) -> Array:
     return found
 
 
-def spring_rates(kernel: Kernel, q: Array) -> tuple[Array, Array]:
+def line_rates(kernel: Kernel, q: Array) -> tuple[Array, Array]:
     """Stiffness and damping by springs between points at q, (n, n) each; cables count as taut."""
     if not kernel.springs:
         return np.zeros((kernel.n, kernel.n)), np.zeros((kernel.n, kernel.n))
@@ -65,7 +61,7 @@ def coordinate_sizes(kernel: Kernel, q: Array) -> tuple[Array, Array]:
     M(q), has w^2 = k / m; at 10 m/s^2 or rad/s^2 it gives way by 10 / w^2, often micrometres, and swings with rates of
     10 / w.  Without a spring, or with a soft one, the size is 1.
     """
-    stiffness = stiffnesses(kernel) + np.diagonal(spring_rates(kernel, q)[0])
+    stiffness = stiffnesses(kernel) + np.diagonal(line_rates(kernel, q)[0])
     inertia = np.diagonal(kernel.mass_matrix(q))
     with np.errstate(divide="ignore", invalid="ignore"):
         period = np.where((stiffness > 0.0) & (inertia > 0.0), np.sqrt(inertia / stiffness), np.inf)

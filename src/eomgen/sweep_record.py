@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from .errors import InputError
 from .kernel import Kernel
+from .motors import shafts
 from .result import SimulationResult, index_of, unit_of
 from .scenario import Scenario
 from .setups import Setup
@@ -69,7 +70,7 @@ def _rotation(name: str, result: SimulationResult, _: Setup) -> Found:
 
 def _drives(name: str, result: SimulationResult, setup: Setup) -> Found:
     motion, found = result.trajectory, []
-    motors = {principal: motor for motor, principal in setup.kernel.motors.items()}
+    motors = shafts(setup.kernel)
     for coordinate in (motors.get(x, x) for x in setup.driven):
         u = motion.u[:, motion.coordinates.index(coordinate)]
         value = np.abs(u).max() if name == "drive_max" else _rms(u)
