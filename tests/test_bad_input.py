@@ -346,6 +346,8 @@ def test_bad_toml(case: str) -> None:
     text = changed(NOTHING_MOVES if case == "nothing moves" else ARM, old, new)
     message = refusal(lambda text: robot_from_toml(text, source="my.toml"), text)
     assert message.startswith("my.toml: ")
+    assert re.search("allowed|leave", message)  # what to write instead
+    assert re.search(r"\bline [0-9]+", message) or case == "robot name missing"
     for part in expected:
         assert part in message
 
@@ -424,8 +426,48 @@ def test_bad_urdf(case: str) -> None:
     old, new, expected = URDF_CASES[case]
     message = refusal(lambda text: robot_from_urdf(text, source="my.urdf"), changed(URDF, old, new))
     assert message.startswith("my.urdf: ")
+    assert "allowed" in message
+    assert re.search(r"\bline [0-9]+", message)
     for part in expected:
         assert part in message
+
+
+@pytest.mark.parametrize(
+    ("read", "sample", "case", "line"),
+    [
+        (robot_from_toml, ARM, TOML_CASES[name], line)
+        for name, line in {
+            "negative mass": 8,
+            "text in vector": 9,
+            "mass missing": 6,
+            "unknown friction": 23,
+            "unknown key": 23,
+            "unknown top key": 3,
+            "unknown child": 30,
+            "own parent": 27,
+            "integer of 5000 digits": 8,
+            "tunable of no link": 4,
+            "spring of no link": 36,
+        }.items()
+    ]
+    + [
+        (robot_from_urdf, URDF, URDF_CASES[name], line)
+        for name, line in {
+            "truncated": 26,
+            "duplicate link": 11,
+            "unknown parent": 22,
+            "no axis": 17,
+            "negative mass": 7,
+            "inertia incomplete": 8,
+            "impossible inertia": 4,
+            "second parent": 25,
+            "parent twice": 15,
+            "doctype": 2,
+        }.items()
+    ],
+)
+def test_lines(read: Callable[[str], Robot], sample: str, case: tuple[str, str, list[str]], line: int) -> None:
+    assert re.findall(r"\bline ([0-9]+)", refusal(read, changed(sample, *case[:2]))) == [str(line)]
 
 
 BOMB = (
@@ -453,8 +495,9 @@ BOMB = (
         '<robot name="r">' + "<link>" * 30_000 + "</link>" * 30_000 + "</robot>",
         '<?xml version="1.0" encoding="klingon"?><robot name="r"/>',
         '<robot name="\ud800"/>',
+        f'<robot name="r" xmlns:a="{"u" * 50_000}">' + "".join(f"<a:b{k}/>" for k in range(20_000)) + "</robot>",
     ],
-    ids=range(15),
+    ids=range(16),
 )
 def test_hostile_xml(text: str) -> None:
     message = refusal(robot_from_urdf, text)
@@ -468,6 +511,14 @@ def test_hostile_xml(text: str) -> None:
         "a = " + "[" * 100_000,
         "a = " + "{a = " * 10_000,
         "a." * 2_000 + "a = 1",
+        "a." * 200 + "a = 1",
+        "[" + "a . " * 30_000 + "a]",
+        ARM.replace("stiffness = 1e6", "curve = [" + "[0, 1], " * 30_000 + "]"),
+        "".join(f"[[links]]\nname = '{'a' * 120}{k}'\nmass = 1\n" for k in range(3_000))
+        + "[[joints]]\nname = 'j'\nparent = 'base'\ntype = 'free'\nchild = '"
+        + "a" * 128
+        + "'",
+        "a = " + "1" * 100_000 + ".0",
         'name = "r"\n' + "links." * 500 + "a = 1",
         "\0",
         "a = 1\n" * 2,
@@ -476,9 +527,10 @@ def test_hostile_xml(text: str) -> None:
         "",
         'name = "r"',
     ],
-    ids=range(10),
+    ids=range(15),
 )
 def test_hostile_toml(text: str) -> None:
+    """Some took minutes and gigabytes once: what grows with the square of the text is refused, or done otherwise."""
     refusal(robot_from_toml, text)
 
 

@@ -217,4 +217,4 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "--duration: given together with --scenario" in capsys.readouterr().err
     path.write_text(DURATION + "[motion]\ntype = 'spiral'\n")
     assert cli.main(["simulate", "one_link", "--scenario", str(path), *out]) == 1
-    assert "s.toml: motion.type: got 'spiral'" in capsys.readouterr().err
+    assert "s.toml: motion.type (line 3): got 'spiral'" in capsys.readouterr().err

@@ -7,7 +7,6 @@ TOML syntax and keys: docs and the built-in robots in ``robots/``.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -37,16 +36,12 @@ from .robot import (
 from .schema import Table
 from .spring_tables import KEYS as SPRING_KEYS
 from .spring_tables import check_springs, read_spring
+from .toml_place import located
+from .toml_text import parse_toml, read_text
 from .tree import Draft, ordered_joints
 from .tunable import expand_tunable
 
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
-
 _BUILTIN = Path(__file__).parent / "robots"
-_MOST_BYTES = 1 << 28
 
 _TOP = ("name", "gravity", "urdf", "inertia", "tunable", "links", "joints", "frames", "loops", "springs")
 _LINK = ("name", "mass", "com", "inertia")
@@ -96,7 +91,12 @@ def robot_from_urdf(text: str, *, source: str = "", inertia: str | None = None, 
     """The robot that an URDF text describes; arguments and errors as load_robot."""
     from .urdf import draft_from_urdf  # only who has an URDF pays for the XML parser
 
-    return _finish(draft_from_urdf(text, source, damping=urdf_damping), inertia or "error", [])
+    draft = draft_from_urdf(text, source, damping=urdf_damping)
+    try:
+        return _finish(draft, inertia or "error", [])
+    except DescriptionError as error:
+        error.line = draft.line_of(error.where)
+        raise
 
 
 def robot_from_toml(
@@ -108,7 +108,15 @@ def robot_from_toml(
     urdf_damping: bool = False,
 ) -> Robot:
     """The robot that a TOML text describes; ``folder`` is where its ``urdf`` is looked for, the rest as load_robot."""
-    top = Table(parse_toml(text, source), "", source, _TOP)
+    values = parse_toml(text, source)
+    with located(text, values, source):
+        return _robot_from_values(values, source, folder, inertia, urdf_damping)
+
+
+def _robot_from_values(
+    values: dict[str, object], source: str, folder: Path | None, inertia: str | None, urdf_damping: bool
+) -> Robot:
+    top = Table(values, "", source, _TOP)
     draft = _start(top, source, folder, urdf_damping)
     draft.gravity = top.vector("gravity") or draft.gravity
     for name, entry in top.entries("links", _LINK):
@@ -124,35 +132,6 @@ def robot_from_toml(
     _settle_base(draft)
     policy = inertia or top.choice("inertia", POLICIES) or "error"
     return _finish(draft, policy, top.strings("tunable"))
-
-
-def read_text(path: Path, source: str, kind: str = ".toml or .urdf file") -> str:
-    """The text of a file, UTF-8; DescriptionError with the source if there is none."""
-    source = source if source.isprintable() else ascii(source)
-    try:
-        if not path.is_file():
-            raise DescriptionError(f"there is no such file; allowed: an existing {kind}", source=source)
-        if path.stat().st_size > _MOST_BYTES:
-            raise DescriptionError(f"the file has more than {_MOST_BYTES} bytes", source=source)
-        return path.read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        message = f"byte {error.start} is no UTF-8; allowed: UTF-8 text"
-        raise DescriptionError(message, source=source) from None
-    except (OSError, ValueError) as error:  # ValueError: a path with a NUL
-        reason = getattr(error, "strerror", None) or str(error)
-        raise DescriptionError(f"cannot be read: {reason}", source=source) from None
-
-
-def parse_toml(text: str, source: str) -> dict[str, object]:
-    """The values of a TOML text; DescriptionError with the source if it is none."""
-    try:
-        values: dict[str, object] = tomllib.loads(text)
-    except RecursionError:
-        raise DescriptionError("not TOML that can be read: it is nested too deeply", source=source) from None
-    except ValueError as error:  # TOMLDecodeError, or an integer of more digits than Python takes
-        message = str(error).encode("ascii", "backslashreplace").decode()[:300]
-        raise DescriptionError(f"not valid TOML: {message}", source=source) from None
-    return values
 
 
 def _start(top: Table, source: str, folder: Path | None, urdf_damping: bool) -> Draft:

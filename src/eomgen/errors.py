@@ -16,17 +16,27 @@ class InputError(EomgenError):
 
 
 class DescriptionError(InputError):
-    """A robot description is wrong.
+    """A robot description, a scenario or a plan is wrong.
 
     Args:
         message: what is wrong, with the value and what is allowed.
         where: the place inside the description, such as ``joints.joint2.x.stiffness``.
         source: the file, or the name of the built-in robot.
+        path: keys (and indices as digits) of the place, where it is not that of ``where``.
+
+    Attributes:
+        line: of the file, from 1; None where it is not known.
     """
 
-    def __init__(self, message: str, *, where: str = "", source: str = "") -> None:
-        self.message, self.where, self.source = message, where, source
-        super().__init__(": ".join(part for part in (source, where, message) if part))
+    def __init__(self, message: str, *, where: str = "", source: str = "", path: tuple[str, ...] = ()) -> None:
+        self.message, self.where, self.source, self.path = message, where, source, path
+        self.line: int | None = None
+        super().__init__(message)
+
+    def __str__(self) -> str:
+        line = "" if self.line is None else f"line {self.line}"
+        place = f"{self.where} ({line})" if self.where and line else self.where or line
+        return ": ".join(part for part in (self.source, place, self.message) if part)
 
 
 class ArrayError(InputError, ValueError):

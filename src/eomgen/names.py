@@ -19,7 +19,10 @@ ROBOT_RULE = (
     f"a lower-case letter, then lower-case letters, digits or _, at most {ROBOT_LENGTH} characters, no Python keyword"
 )
 _SHOWN = 60  # characters of somebody else's text in a message
-_CANDIDATES = 5000  # difflib is slow: look for a near name among so many
+_ESCAPED = 84  # and how many they may become when they are escaped
+_LISTED = 320  # characters of a list of names
+_SUFFIX = 9  # characters that make an identifier unique
+_PAIRS = 3_000_000  # difflib is slow: pairs of characters that are compared in search of a near name, half a second
 
 
 def is_identifier(text: str) -> bool:
@@ -37,29 +40,43 @@ def show(value: object) -> str:
     if isinstance(value, dict):
         return "a table"
     if isinstance(value, list):
+        whole = f"an array of {len(value)} values"
         if len(value) > 6 or any(isinstance(item, (dict, list)) for item in value):
-            return f"an array of {len(value)} values"
-        return "[" + ", ".join(show(item) for item in value) + "]"
+            return whole
+        text = "[" + ", ".join(show(item) for item in value) + "]"
+        return text if len(text) <= _LISTED else whole
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, int) and value.bit_length() > 64:
         return f"an integer of {value.bit_length()} bits"  # its repr may raise
     if isinstance(value, str):
-        value = value if len(value) <= _SHOWN else value[:_SHOWN] + "..."
+        shown = value[:_SHOWN]
+        while len(ascii(shown)) > _ESCAPED:
+            shown = shown[:-1]
+        value = value if len(shown) == len(value) else shown + "..."
     return ascii(value)
 
 
 def listed(names: Iterable[str], most: int = 8) -> str:
-    """The names, quoted, and how many were left out after the first ``most``."""
+    """The names, quoted, and how many were left out after the first ``most``, or fewer where they are long."""
     names = list(names)
-    text = ", ".join(show(name) for name in names[:most])
-    return text if len(names) <= most else f"{text} and {len(names) - most} more"
+    shown = [show(name) for name in names[:most]]
+    while len(shown) > 1 and sum(map(len, shown)) > _LISTED:
+        shown.pop()
+    text = ", ".join(shown)
+    return text if len(names) == len(shown) else f"{text} and {len(names) - len(shown)} more"
 
 
 def nearest(name: str, allowed: Iterable[str]) -> str:
     """``; did you mean 'x'?`` for the nearest allowed name, or nothing."""
-    candidates = [item for _, item in zip(range(_CANDIDATES), allowed, strict=False)]
-    found = difflib.get_close_matches(name[:NAME_LENGTH], candidates, 1, 0.6)
+    name = name[:NAME_LENGTH]
+    candidates, pairs = [], _PAIRS
+    for item in allowed:
+        pairs -= (len(item) + 8) * (len(name) + 8)
+        if pairs < 0:
+            break
+        candidates.append(item)
+    found = difflib.get_close_matches(name, candidates, 1, 0.6)
     return f"; did you mean {show(found[0])}?" if found else ""
 
 
@@ -83,11 +100,11 @@ def unique_identifiers(texts: Sequence[str]) -> dict[str, str]:
     for text in texts:
         if text in names:
             continue
-        stem = name = to_identifier(text)
+        name = to_identifier(text)
+        stem = name[: NAME_LENGTH - _SUFFIX]  # one count for all that would be cut to the same, so that it ends soon
         while name in taken:
             count[stem] = count.get(stem, 1) + 1
-            suffix = f"_{count[stem]}"
-            name = stem[: NAME_LENGTH - len(suffix)] + suffix
+            name = f"{stem}_{count[stem]}"
         names[text] = name
         taken.add(name)
     return names

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from .description import parse_toml, read_text
 from .errors import DescriptionError
 from .inertia import second_moments
 from .integrate import METHODS
@@ -27,6 +26,8 @@ from .scenario_tables import (
 )
 from .schema import Table
 from .timetable import TimeTable
+from .toml_place import located
+from .toml_text import parse_toml, read_text
 
 _BUILTIN = Path(__file__).parent / "scenarios"
 
@@ -97,7 +98,9 @@ def read_scenario(source: str | Path) -> tuple[str, str, Path]:
 
 def scenario_from_toml(text: str, *, source: str = "scenario", folder: Path | None = None) -> Scenario:
     """The scenario that a TOML text describes; files that it names are looked for in the folder; errors as above."""
-    return scenario_from_values(parse_toml(text, source), source=source, folder=folder)
+    values = parse_toml(text, source)
+    with located(text, values, source):
+        return scenario_from_values(values, source=source, folder=folder)
 
 
 def scenario_from_values(

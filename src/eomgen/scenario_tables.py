@@ -91,12 +91,8 @@ def _via(table: Table, _: Path | None) -> dict[str, Any]:
     given = table.values["points"]
     if not isinstance(given, list) or len(given) < 2:
         table.fail(f"got {show(given)}; allowed: an array of two or more points", "points")
-    inner = Table(
-        {str(i): x for i, x in enumerate(given)},
-        f"{table.where}.points",
-        table.source,
-        [str(i) for i in range(len(given))],
-    )
+    rows = {str(i): x for i, x in enumerate(given)}
+    inner = Table(rows, f"{table.where}.points", table.source, rows)
     points = [_point(inner, str(i)) for i in range(len(given))]
     if ("times" in table) == ("speed" in table):
         table.fail("needs times or speed; allowed: one of them")
@@ -122,9 +118,16 @@ def _file(table: Table, folder: Path | None, suffixes: tuple[str, ...] = (".csv"
         table.fail(
             f"got {show(name)}; allowed: the path of a {' or '.join(suffixes)} file, relative to this file", "file"
         )
-    if not (folder / name).is_file():
-        table.fail(f"got {show(name)}, which does not exist in {folder}; allowed: an existing file", "file")
+    if not _is_file(folder / name):
+        table.fail(f"got {show(name)}, which does not exist in {str(folder)!a}; allowed: an existing file", "file")
     return str(folder / name)
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except (OSError, ValueError):  # a name that is too long, or has a NUL
+        return False
 
 
 def read_sampled(table: Table, folder: Path | None) -> dict[str, Any]:

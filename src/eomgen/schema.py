@@ -6,7 +6,7 @@ Written by hand because a validation library costs 0.1 s of import, a third of w
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from typing import Any, NoReturn
 
 from .errors import DescriptionError
@@ -20,8 +20,10 @@ SYNONYMS = {"continuous": "revolute", "hinge": "revolute", "slide": "prismatic",
 class Table:
     """One TOML table.  Every reader method returns None (or an empty list) where the key is absent."""
 
-    def __init__(self, value: object, where: str, source: str, allowed: Sequence[str]) -> None:
-        self.where, self.source = where, source
+    def __init__(
+        self, value: object, where: str, source: str, allowed: Collection[str], path: tuple[str, ...] = ()
+    ) -> None:
+        self.where, self.source, self.path = where, source, path
         if not isinstance(value, dict):
             self.fail(f"got {show(value)}; allowed: a table with the keys {listed(allowed, 20)}")
         self.values: dict[str, Any] = value
@@ -29,12 +31,19 @@ class Table:
             if key not in allowed:
                 self._refuse_key(key, allowed)
 
-    def _refuse_key(self, key: str, allowed: Sequence[str]) -> NoReturn:
-        self.fail(f"unknown key {show(key)}{nearest(key, allowed)} (allowed: {', '.join(allowed)})")
+    def _refuse_key(self, key: str, allowed: Collection[str]) -> NoReturn:
+        message = f"unknown key {show(key)}{nearest(key, allowed)} (allowed: {', '.join(allowed)})"
+        raise DescriptionError(message, where=self.where, source=self.source, path=self._below(key))
 
     def fail(self, message: str, key: str = "") -> NoReturn:
         """Raise the DescriptionError of this table, or of one of its keys."""
-        raise DescriptionError(message, where=".".join(filter(None, (self.where, key))), source=self.source)
+        where = ".".join(filter(None, (self.where, key)))
+        path = self._below(*key.split(".")) if key else self.path
+        raise DescriptionError(message, where=where, source=self.source, path=path)
+
+    def _below(self, *keys: str) -> tuple[str, ...]:
+        """The path of what is inside this table, () where the table's own is not known."""
+        return (*self.path, *keys) if self.path or not self.where else ()
 
     def __contains__(self, key: str) -> bool:
         return key in self.values
@@ -107,12 +116,8 @@ class Table:
         value = self.values.get(key, [])
         if not isinstance(value, list):
             self.fail(f"got {show(value)}; allowed: an array of arrays of {count} numbers", key)
-        table = Table(
-            {str(i): row for i, row in enumerate(value)},
-            f"{self.where}.{key}",
-            self.source,
-            [str(i) for i in range(len(value))],
-        )
+        rows = {str(i): row for i, row in enumerate(value)}
+        table = Table(rows, f"{self.where}.{key}", self.source, rows, self._below(key))
         return [table.numbers(str(i), count) or () for i in range(len(value))]
 
     def vector(self, key: str) -> Vector | None:
@@ -131,7 +136,8 @@ class Table:
         """A table inside this one."""
         if key not in self.values:
             return None
-        return Table(self.values[key], ".".join(filter(None, (self.where, key))), self.source, allowed)
+        where = ".".join(filter(None, (self.where, key)))
+        return Table(self.values[key], where, self.source, allowed, self._below(key))
 
     def entries(self, key: str, allowed: Sequence[str]) -> Iterator[tuple[str, Table]]:
         """Name and table of each entry of an array of tables; names are identifiers and unique."""
@@ -142,7 +148,8 @@ class Table:
         for index, item in enumerate(value):
             name = item.get("name") if isinstance(item, dict) else None
             place = name if isinstance(name, str) and is_identifier(name) else None
-            entry = Table(item, f"{key}.{place}" if place else f"{key}[{index}]", self.source, allowed)
+            where = f"{key}.{place}" if place else f"{key}[{index}]"
+            entry = Table(item, where, self.source, allowed, (key, str(index)))
             name = entry.name()
             if name in seen:
                 entry.fail(f"the name {name!r} is taken by an earlier entry of [[{key}]]; allowed: unique names")

@@ -22,7 +22,6 @@ from typing import Any
 import numpy as np
 
 from ._version import __version__
-from .description import parse_toml
 from .errors import EomgenError, InputError
 from .names import show
 from .robot import Robot
@@ -38,6 +37,7 @@ from .sweep_rollout import PERIOD, choose_pace, why_not
 from .sweep_samples import Design
 from .sweep_store import SweepStore, opened
 from .sweep_travel import Builds, Content, builds_of, check_same, lacks, pack, source_keys, unpack
+from .toml_text import parse_toml
 from .tunable import expand_tunable
 
 Progress = Callable[[float, str], None]

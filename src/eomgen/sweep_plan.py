@@ -6,12 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
-from .description import parse_toml, read_text
 from .errors import DescriptionError
 from .names import nearest, show
 from .rollout import METHODS
 from .scenario_tables import positive
 from .schema import Table
+from .toml_place import located
+from .toml_text import parse_toml, read_text
 
 DESIGNS = ("random", "latin_hypercube")
 ENGINES = ("auto", "rollout", "integrate")
@@ -102,12 +103,17 @@ def load_plan(path: str | Path) -> Plan:
 
 def plan_from_toml(text: str, *, source: str = "plan") -> Plan:
     """The plan that a TOML text describes; errors as ``load_plan``."""
-    top = Table(parse_toml(text, source), "", source, _TOP)
+    values = parse_toml(text, source)
+    with located(text, values, source):
+        return _plan(Table(values, "", source, _TOP))
+
+
+def _plan(top: Table) -> Plan:
     top.require("vary", "one or more tables [[vary]]")
     entries = top.values["vary"]
     if not isinstance(entries, list) or not entries:
         top.fail(f"got {show(entries)}; allowed: one or more tables, written [[vary]]", "vary")
-    vary = tuple(_vary(Table(item, f"vary[{i}]", source, _VARY)) for i, item in enumerate(entries))
+    vary = tuple(_vary(Table(item, f"vary[{i}]", top.source, _VARY)) for i, item in enumerate(entries))
     _refuse_twins(top, vary)
     drawn = any(entry.distribution.kind != "grid" for entry in vary)
     if drawn:
@@ -121,7 +127,7 @@ def plan_from_toml(text: str, *, source: str = "plan") -> Plan:
         top.choice("design", DESIGNS) or "random",
         _record(top),
         _engine(top.table("engine", _ENGINE)),
-        source,
+        top.source,
     )
 
 

@@ -51,7 +51,7 @@ def inline_table(table: Table, key: str, columns: tuple[str, ...], hold: bool) -
     """The table of rows [t, ...] under a key; DescriptionError if they are none, or not in order of time."""
     rows = table.rows(key, len(columns) + 1)
     if not rows:
-        table.fail(f"got no rows; allowed: one or more of [t, {', '.join(columns)}]", key)
+        table.fail(f"got no rows; allowed: one or more rows of t and {listed(columns)}", key)
     values = np.array(rows)
     late = np.flatnonzero(np.diff(values[:, 0]) <= 0.0)
     if late.size:
@@ -75,7 +75,7 @@ def read_table(path: Path, columns: Sequence[str] | None, hold: bool) -> TimeTab
     foreign = [name for name in found if name not in names]
     if missing or foreign or not names:
         what = f"column {show(foreign[0])} is unknown" if foreign else f"the columns {listed(missing)} are missing"
-        raise InputError(f"{path}: {what}; allowed: t, {', '.join(names) or 'and coordinates'}")
+        raise InputError(f"{path}: {what}; allowed: t, {listed(names) or 'and coordinates'}")
     back = np.flatnonzero(np.diff(t) <= 0.0)
     if back.size:
         i = int(back[0]) + 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import NoReturn
 
@@ -17,7 +18,7 @@ class Draft:
     """What has been read so far, by name and in the order of the description.
 
     links holds the root link of an URDF as well; joints has the order in which a parent's children follow each other;
-    inherited names the links and joints that an URDF brought in.
+    inherited names the links and joints that an URDF brought in; line_of gives the line of a place in an URDF.
     """
 
     source: str
@@ -31,6 +32,7 @@ class Draft:
     springs: dict[str, Spring] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     inherited: tuple[str, ...] = ()
+    line_of: Callable[[str], int | None] = lambda _: None
 
     def fail(self, where: str, message: str) -> NoReturn:
         """Raise the DescriptionError of this description."""

@@ -16,6 +16,7 @@ from .robot import COORDINATES, IDENTITY, PRINCIPAL, ZERO, Coordinate, Joint, Li
 from .robot import rotation_from_rpy as rpy_matrix
 from .schema import LARGEST
 from .tree import Draft
+from .urdf_place import line_of, xml_remedy
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
@@ -28,6 +29,10 @@ TYPES = {
     "floating": "free",
 }
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")  # float() also takes nan, inf and 1_000
+_MOST_NAMESPACE = 256  # the parser copies it into the name of every element
+_LONG_NAMESPACE = re.compile(
+    rf"""\sxmlns(?::[^\s=]*)?\s*=\s*(?:"[^"]{{{_MOST_NAMESPACE + 1}}}|'[^']{{{_MOST_NAMESPACE + 1}}})"""
+)
 _MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 
 # Columns are the joint's x, y and z axes; for the axes along +-x, +-y and +-z only 0 and +-1 appear.
@@ -52,7 +57,15 @@ def draft_from_urdf(text: str, source: str, *, damping: bool = False) -> Draft:
     Raises:
         DescriptionError: anything that is not a robot, with the element and the name it belongs to.
     """
-    return _Reader(source, damping).read(parse_urdf_text(text, source))
+    root = parse_urdf_text(text, source)
+    reader = _Reader(source, damping, root)
+    try:
+        draft = reader.read()
+    except DescriptionError as error:
+        error.line = line_of(text, root, reader.at)
+        raise
+    draft.line_of = lambda where: line_of(text, root, reader.element(where))
+    return draft
 
 
 def axis_turn(axis: Vector) -> Matrix:
@@ -94,24 +107,38 @@ def parse_urdf_text(text: str, source: str) -> Element:
     import defusedxml.ElementTree as ElementTree
     from defusedxml import DefusedXmlException
 
+    long = _LONG_NAMESPACE.search(text)
+    if long is not None:
+        message = f"a namespace (xmlns) has more than {_MOST_NAMESPACE} characters; allowed: shorter, or none"
+        raise _refusal(message, source, text, long.start() + 1)
     try:
         root: Element = ElementTree.fromstring(text, forbid_dtd=True)
     except ElementTree.ParseError as error:
-        raise DescriptionError(f"not well-formed XML: {show(str(error))}", source=source) from None
+        message = f"not well-formed XML: {show(str(error))}; allowed: {xml_remedy(str(error))}"
+        raise DescriptionError(message, source=source) from None
     except DefusedXmlException as error:
         kind = type(error).__name__
         message = f"the XML has a document type or an entity ({kind}); allowed: plain elements"
-        raise DescriptionError(message, source=source) from None
+        raise _refusal(message, source, text, max(text.find("<!DOCTYPE"), 0)) from None
     except (ValueError, LookupError, RecursionError, MemoryError) as error:  # unknown encodings, lone surrogates
-        raise DescriptionError(f"cannot be read as XML: {show(str(error))}", source=source) from None
+        message = f"cannot be read as XML: {show(str(error))}; allowed: XML 1.0 in UTF-8"
+        raise DescriptionError(message, source=source) from None
     return root
 
 
-class _Reader:
-    """One URDF being read; ``where`` of a message is the element's kind and name."""
+def _refusal(message: str, source: str, text: str, offset: int) -> DescriptionError:
+    error = DescriptionError(message, source=source)
+    error.line = text.count("\n", 0, offset) + 1
+    return error
 
-    def __init__(self, source: str, damping: bool) -> None:
+
+class _Reader:
+    """One URDF being read; ``where`` of a message is the element's kind and name, ``at`` the element being read."""
+
+    def __init__(self, source: str, damping: bool, root: Element) -> None:
         self.draft = Draft(source)
+        self.root = self.at = root
+        self.written: dict[str, Element] = {}  # by what messages about the whole robot say: links.NAME
         self.damping = damping
         self.damped: list[str] = []
         self.rubbing: list[str] = []
@@ -120,7 +147,12 @@ class _Reader:
     def fail(self, where: str, message: str) -> NoReturn:
         self.draft.fail(where, message)
 
-    def read(self, root: Element) -> Draft:
+    def element(self, where: str) -> Element | None:
+        """The element of the link or joint that a message about the whole robot names: links.NAME, joints.NAME.child."""
+        return self.written.get(".".join(where.split(".")[:2]))
+
+    def read(self) -> Draft:
+        root = self.root
         if root.tag != "robot":
             self.fail("", f"the root element is {show(root.tag)}; allowed: 'robot'")
         foreign = [child.tag for child in root if "xacro" in str(child.tag)]
@@ -133,10 +165,13 @@ class _Reader:
         link_names = self._identifiers("link", list(links))
         joint_names = self._identifiers("joint", list(joints))
         for name, element in links.items():
+            self.written[f"links.{link_names[name]}"] = self.at = element
             self.draft.links[link_names[name]] = self._link(link_names[name], element, f"link {show(name)}")
         for name in sorted(joints):  # the order in which urdfdom, and so Pinocchio, visits the children of a link
+            self.written[f"joints.{joint_names[name]}"] = self.at = joints[name]
             joint = self._joint(joint_names[name], joints[name], f"joint {show(name)}", link_names)
             self.draft.joints[joint.name] = joint
+        self.at = root
         self.draft.base = self._root()
         self._remarks()
         return self.draft
@@ -145,6 +180,7 @@ class _Reader:
         """The robot's links or joints by their name as written."""
         found: dict[str, Element] = {}
         for element in root.iterfind(tag):
+            self.at = element
             name = element.get("name")
             if not name:
                 self.fail(f"{tag} number {len(found) + 1}", "the attribute name is missing; allowed: a unique name")
@@ -154,6 +190,7 @@ class _Reader:
         return found
 
     def _name_robot(self, root: Element) -> None:
+        self.at = root
         name = root.get("name")
         if not name:
             self.fail("robot", "the attribute name is missing; allowed: a name")
@@ -260,6 +297,7 @@ class _Reader:
     def _only(self, element: Element, tag: str, where: str) -> Element | None:
         """The child element of that tag; None if there is none."""
         found = element.findall(tag)
+        self.at = found[-1] if found else element
         if len(found) > 1:
             self.fail(where, f"there are {len(found)} elements <{tag}>; allowed: one")
         return found[0] if found else None

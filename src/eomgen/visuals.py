@@ -50,7 +50,7 @@ def urdf_shapes(robot: Robot) -> tuple[list[Shape], list[str]]:
             try:
                 vertices, faces = _geometry(visual, path)
             except Exception as error:  # whatever a reader of meshes raises: the link is a capsule then
-                notes.append(f"shape of {link}: {error}")
+                notes.append(f"shape of {link}: {ascii(str(error))[1:-1][:300]}")
                 continue
             pose = _origin(visual)
             shapes.append(Shape(link, vertices @ pose[:3, :3].T + pose[:3, 3], faces))

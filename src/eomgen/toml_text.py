@@ -1,0 +1,89 @@
+"""Text of a file, and TOML of a text: what a description, a scenario and a plan begin with."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+from .errors import DescriptionError
+from .schema import LARGEST
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+_MOST_BYTES = 1 << 26  # ten times what a hundred thousand links take
+_MOST_PARTS = 256  # of a dotted key: the parser's time and memory grow with the square of it
+_WORD = r"""(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')"""
+_DEEP_KEY = re.compile(rf"(?<![A-Za-z0-9_-]){_WORD}(?:[ \t]*\.[ \t]*{_WORD}){{{_MOST_PARTS}}}")
+_MOST_DIGITS = 4300  # of a number: where Python's integers stop
+_MANY_DIGITS = re.compile(rf"(?<![0-9_])[0-9](?:_?[0-9]){{{_MOST_DIGITS}}}")
+_REMEDIES = {  # what the parser says, and what to write instead
+    "Cannot overwrite": "each key once in its table",
+    "Duplicate inline table key": "each key once in its table",
+    "Cannot declare": "each [table] once; [[name]] begins one more entry of an array",
+    "Cannot mutate": "a table in braces is whole; further keys belong inside them",
+    "Cannot redefine": "each key once in its table",
+    "Expected '='": "key = value",
+    "Expected newline": "one key = value a line",
+    "Expected ']": "a table's name in [brackets], an array's in [[double ones]]",
+    "Invalid value": 'a number, true, false, "text", [an array] or { a = 1 }',
+    "Invalid statement": "key = value, [table] or [[table]]",
+    "Invalid initial character": "a key of letters, digits, _ and -, or in quotes",
+    "Invalid date": "a number; a description has no dates",
+    "Unclosed array": "], the array's end",
+    "Unclosed inline table": "}, the table's end, on the same line",
+    "Unterminated string": "the closing quotes",
+    "Unescaped": r"'...' where \ stands for itself, or \\",
+    "Illegal character": "text without control characters",
+    "Invalid hex": r"\u and four hexadecimal digits",
+    "Escaped character": r"\u and the digits of a character that there is",
+}
+
+
+def read_text(path: Path, source: str, kind: str = ".toml or .urdf file") -> str:
+    """The text of a file, UTF-8; DescriptionError with the source if there is none."""
+    source = source if source.isascii() and source.isprintable() else ascii(source)
+    try:
+        if not path.is_file():
+            raise DescriptionError(f"there is no such file; allowed: an existing {kind}", source=source)
+        if path.stat().st_size > _MOST_BYTES:
+            raise DescriptionError(f"the file is too large; allowed: up to {_MOST_BYTES} bytes", source=source)
+        return path.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = error.object.count(b"\n", 0, error.start) + 1
+        message = f"byte {error.start} (line {line}) is no UTF-8; allowed: UTF-8 text"
+        raise DescriptionError(message, source=source) from None
+    except (OSError, ValueError) as error:  # ValueError: a path with a NUL
+        reason = getattr(error, "strerror", None) or str(error)
+        raise DescriptionError(f"cannot be read: {reason}; allowed: an existing {kind}", source=source) from None
+
+
+def parse_toml(text: str, source: str) -> dict[str, object]:
+    """The values of a TOML text; DescriptionError with the source if it is none."""
+    for pattern, what in (
+        (_DEEP_KEY, f"a key has more than {_MOST_PARTS} parts; allowed: the few that a key of this file has"),
+        (_MANY_DIGITS, f"a number has more than {_MOST_DIGITS} digits; allowed: magnitudes up to {LARGEST:g}"),
+    ):
+        found = pattern.search(text)
+        if found is not None:
+            error = DescriptionError(f"not valid TOML: {what}", source=source)
+            error.line = text.count("\n", 0, found.start()) + 1
+            raise error
+    try:
+        values: dict[str, object] = tomllib.loads(text)
+    except RecursionError:
+        message = "not TOML that can be read: it is nested too deeply; allowed: tables and arrays a few levels deep"
+        raise DescriptionError(message, source=source) from None
+    except ValueError as error:  # TOMLDecodeError, or what Python says of an integer or a date
+        raise DescriptionError(_diagnosis(str(error)), source=source) from None
+    return values
+
+
+def _diagnosis(said: str) -> str:
+    """What the parser said, as printable ASCII, with what to write instead."""
+    reason = ascii(said)[1:-1][:300]
+    found = (what for begin, what in _REMEDIES.items() if said.startswith(begin))
+    return f"not valid TOML: {reason}; allowed: {next(found, 'TOML 1.0, see toml.io')}"

@@ -1,0 +1,59 @@
+"""Where an element stands in the text of an URDF, and what to do about XML that is none: for messages alone."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+from xml.parsers import expat
+
+if TYPE_CHECKING:
+    from xml.etree.ElementTree import Element
+
+_REMEDIES = {  # what the parser says, and what to write instead
+    "mismatched tag": "the element that was opened last is closed first: <link> ... </link>",
+    "no element found": "<robot name='...'> ... </robot>; the file is empty or ends too early",
+    "unclosed token": "a file that does not end inside of a tag",
+    "unclosed CDATA": "a file that does not end inside of CDATA",
+    "duplicate attribute": "each attribute once in an element",
+    "undefined entity": "&lt; &gt; &amp; &quot; &apos; and no others",
+    "junk after": "one element <robot>, and nothing behind it",
+    "not well-formed": "XML: values in quotes, &lt; for <, &amp; for &, no control characters",
+    "unbound prefix": "names without a prefix, or xmlns:PREFIX='...' in <robot>",
+    "XML or text declaration": "<?xml ...?> at the very beginning, or not at all",
+    "syntax error": "<?xml version='1.0'?> or <robot name='...'> at the very beginning",
+    "reference to invalid character": "characters that XML has",
+}
+
+
+def xml_remedy(said: str) -> str:
+    """What to write instead of what the parser refused with these words."""
+    return next((what for begin, what in _REMEDIES.items() if said.startswith(begin)), "XML 1.0")
+
+
+def line_of(text: str, root: Element, element: Element | None) -> int | None:
+    """The line, from 1, on which an element of the tree under root begins, which was read from the text."""
+    for index, other in enumerate(root.iter()):  # in the order of the start tags
+        if other is element:
+            return _start_line(text, index)
+    return None
+
+
+class _Found(Exception):
+    """The parser has come to the element."""
+
+
+def _start_line(text: str, index: int) -> int | None:
+    """The line of the start tag of that index; the text has been parsed before, without a document type."""
+    parser, left = expat.ParserCreate(), index
+
+    def count(*_: object) -> None:
+        nonlocal left
+        left -= 1
+        if left < 0:
+            raise _Found
+
+    parser.StartElementHandler = count
+    try:
+        parser.Parse(text, True)
+    except _Found:
+        return parser.CurrentLineNumber
+    return None
