@@ -8,7 +8,6 @@ more per call.
 from __future__ import annotations
 
 import hashlib
-import os
 import platform
 import shlex
 import shutil
@@ -28,6 +27,7 @@ from eomgen._version import __version__
 from eomgen.errors import BuildError
 
 from .source import Source, environment
+from .toolchain import check_flags, environment_words
 
 FLAGS = ("-O2", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off")
 NATIVE = ("-march=native", "-ffp-contract=fast")
@@ -43,24 +43,32 @@ WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic")
 
 @dataclass(frozen=True)
 class Compiler:
-    """A C compiler: the command, and what it says of its version."""
+    """A C compiler: the command, what it says of its version, and what $CFLAGS and $LDFLAGS add to our own flags."""
 
     command: tuple[str, ...]
     version: str
+    flags: tuple[str, ...] = ()
+    link_flags: tuple[str, ...] = ()
 
 
 def find_compiler() -> Compiler:
-    """The compiler of $CC, or cc, gcc or clang from the path, or the one of the package ziglang.
+    """The compiler of $CC, or cc, gcc or clang from the path, or that of the package ziglang; with $CFLAGS, $LDFLAGS.
 
     Raises:
-        BuildError: there is none, or it does not run.
+        BuildError: there is none, or it does not run; or a variable cannot be read, or asks for unsafe arithmetic.
     """
-    chosen = os.environ.get("CC", "")
-    if chosen:
-        return _probe(tuple(shlex.split(chosen)))
+    chosen, compiling, linking = (environment_words(name) for name in ("CC", "CFLAGS", "LDFLAGS"))
+    for name, words in (("$CC", chosen[1:]), ("$CFLAGS", compiling), ("$LDFLAGS", linking)):
+        check_flags(words, name)
+    command, version = _probe(chosen or _default())
+    return Compiler(command, version, compiling, linking)
+
+
+def _default() -> tuple[str, ...]:
+    """The command of a compiler where $CC names none."""
     for name in ("cc", "gcc", "clang"):
         if shutil.which(name):
-            return _probe((name,))
+            return (name,)
     try:
         import ziglang  # type: ignore[import-not-found,unused-ignore]  # noqa: F401
     except ImportError:
@@ -68,18 +76,19 @@ def find_compiler() -> Compiler:
             "no C compiler found: $CC is not set, and cc, gcc and clang are not on the path; install one"
             " (Debian: apt install gcc; or pip install ziglang), or set CC to its command"
         ) from None
-    return _probe((sys.executable, "-m", "ziglang", "cc"))
+    return (sys.executable, "-m", "ziglang", "cc")
 
 
 @cache
-def _probe(command: tuple[str, ...]) -> Compiler:
+def _probe(command: tuple[str, ...]) -> tuple[tuple[str, ...], str]:
+    """The command, and what it says of its version."""
     try:
         answer = subprocess.run([*command, "--version"], capture_output=True, text=True, timeout=60, check=True)
     except (OSError, subprocess.SubprocessError) as error:
         raise BuildError(
             f"the C compiler does not run: {shlex.join(command)} --version: {error}; install gcc or clang, or set CC"
         ) from None
-    return Compiler(command, answer.stdout.strip())
+    return command, answer.stdout.strip()
 
 
 def processor() -> str:
@@ -90,6 +99,16 @@ def processor() -> str:
         lines = info.read_text(encoding="utf-8", errors="replace").splitlines()
         features = next((line for line in lines if line.startswith(("flags", "Features"))), "")
     return platform.machine() + features
+
+
+def compile_flags(compiler: Compiler, native: bool, further: Sequence[str]) -> tuple[str, ...]:
+    """Flags of a kernel's own C: ours, then those of $CFLAGS, then those that the call gives.
+
+    Raises:
+        BuildError: a flag asks for arithmetic that is not IEEE's.
+    """
+    check_flags(further, "flags")
+    return (*FLAGS, *(NATIVE if native else ()), *compiler.flags, *further)
 
 
 def build_key(source: Source, compiler: Compiler, flags: Sequence[str]) -> str:
@@ -104,12 +123,15 @@ def build_key(source: Source, compiler: Compiler, flags: Sequence[str]) -> str:
         *(Path(eomgen.__path__[0], name).read_text(encoding="ascii") for name in RUNTIME.values()),
         *flags,
         *compiler.command,
+        *compiler.flags,
+        "link",
+        *compiler.link_flags,
         compiler.version,
         cffi.__version__,
         sys.implementation.cache_tag,
         str(suffix),
         str(headers),
-        processor() if "-march=native" in flags else platform.machine(),
+        processor() if any(flag.endswith("=native") for flag in (*compiler.command, *flags)) else platform.machine(),
     )
     digest = hashlib.sha256()
     for part in parts:
@@ -161,10 +183,11 @@ def _build_api(source: Source, compiler: Compiler, flags: Sequence[str], folder:
         [*compile_c, *WARNINGS, *flags, half, str(folder / f"{name}.c"), "-o", str(target)]
         for half, target in zip(halves, objects, strict=False)
     ]
-    jobs.append([*compile_c, "-O1", *include, str(wrapper), "-o", str(objects[2])])
+    jobs.append([*compile_c, "-O1", *compiler.flags, *include, str(wrapper), "-o", str(objects[2])])
     run_all(jobs)
     module = folder / f"_{name}{_suffix()}"
-    run_all([[*compiler.command, *shared_flags(), *map(str, objects), "-o", str(module), "-lm"]])
+    link = [*compiler.command, *shared_flags(), *compiler.flags, *map(str, objects), "-o", str(module)]
+    run_all([[*link, *compiler.link_flags, "-lm"]])
     shutil.rmtree(work)
 
 
@@ -181,7 +204,8 @@ def _build_abi(source: Source, compiler: Compiler, flags: Sequence[str], folder:
     )
     (folder / f"_{name}.py").write_text(opened, encoding="ascii")
     code, library = str(folder / f"{name}.c"), str(folder / f"lib{name}.so")
-    run_all([[*compiler.command, "-fPIC", *WARNINGS, *flags, *shared_flags(), code, "-o", library, "-lm"]])
+    command = [*compiler.command, "-fPIC", *WARNINGS, *flags, *shared_flags(), code, "-o", library]
+    run_all([[*command, *compiler.link_flags, "-lm"]])
 
 
 def _suffix() -> str:

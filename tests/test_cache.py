@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -18,10 +19,12 @@ import pytest
 from conftest import Build
 
 import eomgen
+from eomgen import characteristic, description, loop_tables, scenario_file, spring_tables, sweep_plan
 from eomgen.cache import VARIABLE, _is_whole
 from eomgen.codegen import compile as compiling
-from eomgen.errors import BuildError, InputError
-from eomgen.pipeline import Options, _cached_package, generate
+from eomgen.description import robot_from_toml
+from eomgen.errors import BuildError, DescriptionError, InputError
+from eomgen.pipeline import Options, _cached_package, cache_keys, generate
 
 Q = [0.2, 0.5]
 QUICK = Options(("mass_matrix",), flags=("-O0",))
@@ -248,6 +251,89 @@ def test_a_compiler_that_fails(empty_cache: Path, tmp_path: Path, monkeypatch: p
 def test_an_unknown_flag(empty_cache: Path) -> None:
     with pytest.raises(BuildError, match=r"(?s)failed with status 1.*--no-such-flag.*check that the compiler works"):
         one_link(options=Options(("mass_matrix",), flags=("--no-such-flag",)))
+
+
+def test_flags_of_the_environment_come_after_ours(
+    empty_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They are split as a shell splits words, and another binary is made for other ones."""
+    compiler, log = logging_compiler(tmp_path)
+    monkeypatch.setenv("CC", compiler)
+    steps: list[str] = []
+    keys = set()
+    for flags, link in (("", ""), ("-O0 -DA='\"a b\"'", ""), ("-O0 -DA='\"a b\"'", "-L'/tmp/a b'"), ("-O1", "")):
+        monkeypatch.setenv("CFLAGS", flags)
+        monkeypatch.setenv("LDFLAGS", link)
+        log.write_text("")
+        assert one_link(steps, Options(("mass_matrix",))).mass_matrix(Q).shape == (2, 2)
+        keys.add(cache_keys(eomgen.load_robot("one_link"), ("mass_matrix",)))
+        *compiled, linked = log.read_text().splitlines()
+        for line in compiled:
+            assert all(word in line for word in ("-c", *(["-O0", '-DA="a b"'] if "-DA" in flags else [])))
+        ours = [line for line in compiled if " -std=c99 " in line]
+        assert len(ours) == 2
+        assert all(line.index(" -O2 ") < line.index(" -O0 ") for line in ours if "-DA" in flags)
+        assert ("-L/tmp/a b" in linked) == bool(link)
+    assert [step.split()[0] for step in steps] == ["importing", "deriving", *["compiling"] * 4]
+    assert len(keys) == 4
+
+
+@pytest.mark.parametrize(
+    ("variable", "flags"),
+    [
+        ("CFLAGS", "-O2 -ffast-math"),
+        ("CFLAGS", "-Ofast"),
+        ("CFLAGS", "-funsafe-math-optimizations"),
+        ("CFLAGS", "-ffinite-math-only"),
+        ("CFLAGS", "-mdaz-ftz"),
+        ("CFLAGS", "-ffp-model=fast"),
+        ("CFLAGS", "-fdenormal-fp-math=positive-zero"),
+        ("LDFLAGS", "-ffast-math"),
+        ("CC", "cc -ffast-math"),
+    ],
+)
+def test_unsafe_arithmetic_is_refused(
+    variable: str, flags: str, empty_cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(variable, flags)
+    with pytest.raises(BuildError) as error:
+        one_link()
+    message = reported(error)
+    assert message.startswith(f"${variable}: {flags.split()[-1]} ")
+    assert "denormal" in message
+    assert "allowed: " in message
+    assert not (empty_cache / "packages").exists()
+
+
+def test_unsafe_arithmetic_is_refused_in_a_call(empty_cache: Path) -> None:
+    with pytest.raises(BuildError, match="flags: -ffast-math folds the checks for NaN away"):
+        one_link(options=Options(("mass_matrix",), flags=("-ffast-math",)))
+    assert one_link(options=Options(("mass_matrix",), flags=("-fno-fast-math", "-O0"))).n == 2
+
+
+@pytest.mark.parametrize("variable", ["CC", "CFLAGS", "LDFLAGS"])
+def test_a_quote_that_is_not_closed(variable: str, empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(variable, "-DA='x")
+    with pytest.raises(BuildError, match=rf"\${variable} is \"-DA='x\": No closing quotation; allowed: words"):
+        one_link()
+
+
+def test_no_key_of_a_file_names_a_compiler_or_a_flag() -> None:
+    """Of a description, a scenario or a plan: what is run, and how, is the environment's alone."""
+    keys = {*description._TOP, *description._LINK, *description._JOINT, *description._FRAME, *description._PLACEMENT}
+    keys |= {*characteristic.KEYS, *characteristic.MOTOR_KEYS, *loop_tables.KEYS, *spring_tables.KEYS}
+    keys |= {*scenario_file.TOP, *scenario_file.INITIAL, *scenario_file.INTEGRATOR, *scenario_file._WRENCH}
+    keys |= {
+        key for kinds in (scenario_file.MOTIONS, scenario_file.CONTROLS) for names in kinds.values() for key in names
+    }
+    keys |= {*sweep_plan._TOP, *sweep_plan._ENGINE, *sweep_plan._VARY}
+    assert len(keys) > 90
+    assert not [
+        key for key in keys if re.search("(?i)flag|compil|^cc$|command|shell|exec|env|library|include|linker", key)
+    ]
+    for key in ("cc", "cflags", "flags", "compiler"):
+        with pytest.raises(DescriptionError, match=f"unknown key '{key}'"):
+            robot_from_toml(f'name = "arm"\n{key} = "-O3"\n')
 
 
 def test_without_python_headers(empty_cache: Path, monkeypatch: pytest.MonkeyPatch, built: Build) -> None:

@@ -141,11 +141,11 @@ def bench(
     """
     if isinstance(repeat, bool) or not isinstance(repeat, int) or repeat < 1:
         raise InputError(f"repeat: {repeat!r} is not a number of rounds; a whole number from 1 on is allowed")
-    from .codegen.compile import FLAGS, NATIVE, find_compiler
+    from .codegen.compile import compile_flags, find_compiler
 
     options = Options(tuple(kernels), native=native, flags=tuple(flags))
     kernel = build(robot, kernels=options.kernels, native=native, flags=options.flags, progress=progress)
-    used = (*FLAGS, *(NATIVE if native else ()), *options.flags)
+    used = compile_flags(find_compiler(), native, options.flags)
     progress("compiling the Newton-Euler algorithm")
     yardstick = compile_yardstick(build_model(robot), used)
     inputs = _inputs(robot, kernel)

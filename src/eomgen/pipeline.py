@@ -51,7 +51,7 @@ class Options:
         springs between points come with any.
     dtype: "float64" or "float32".
     native: compile for this processor, with fused multiply-add; the default runs on any of its kind.
-    flags: further compiler flags.
+    flags: further compiler flags, behind those of $CFLAGS; none that give up IEEE arithmetic.
     """
 
     kernels: tuple[str, ...] = ()
@@ -140,7 +140,7 @@ def _is_foreign(target: Path) -> bool:
 
 
 def _cached_package(robot: Robot, options: Options, progress: Progress) -> Path:
-    from .codegen.compile import FLAGS, NATIVE, build_key, find_compiler, write_package
+    from .codegen.compile import build_key, compile_flags, find_compiler, write_package
     from .codegen.source import Source
 
     sources = store.entry(
@@ -148,7 +148,7 @@ def _cached_package(robot: Robot, options: Options, progress: Progress) -> Path:
     )
     source = Source(**json.loads((sources / "source.json").read_text(encoding="ascii")))
     compiler = find_compiler()
-    flags = (*FLAGS, *(NATIVE if options.native else ()), *options.flags)
+    flags = compile_flags(compiler, options.native, options.flags)
 
     def make(folder: Path) -> None:
         progress(f"compiling {source.statements} statements of C")
@@ -167,11 +167,12 @@ def cache_keys(robot: Robot, kernels: Sequence[str]) -> tuple[str, str | None]:
     sources = store.find("sources", key)
     if sources is None:
         return key, None
-    from .codegen.compile import FLAGS, build_key, find_compiler
+    from .codegen.compile import build_key, compile_flags, find_compiler
     from .codegen.source import Source
 
     source = Source(**json.loads((sources / "source.json").read_text(encoding="ascii")))
-    return key, build_key(source, find_compiler(), FLAGS)
+    compiler = find_compiler()
+    return key, build_key(source, compiler, compile_flags(compiler, False, ()))
 
 
 def _derive(robot: Robot, options: Options, folder: Path, progress: Progress) -> None:

@@ -148,7 +148,7 @@ class _Reader:
         self.draft.fail(where, message)
 
     def element(self, where: str) -> Element | None:
-        """The element of the link or joint that a message about the whole robot names: links.NAME, joints.NAME.child."""
+        """The element of the link or joint that a message about the whole robot names, as in joints.NAME.child."""
         return self.written.get(".".join(where.split(".")[:2]))
 
     def read(self) -> Draft:
