@@ -151,10 +151,29 @@ def _rebuilt(program: Program, plans: Mapping[int, list[_Group]]) -> Program:
                 parts.append((sign, inside if group.factor is None else graph.mul(inside, made[group.factor])))
             value = total(parts)
             made[index] = value if isinstance(value, Node) else graph.constant(value)
+        elif any(_number(made[arg]) is not None for arg in instruction.args if program.instructions[arg].op != "const"):
+            value = _folded(graph, instruction.op, [made[arg] for arg in instruction.args])
+            made[index] = value if isinstance(value, Node) else graph.constant(value)
         else:
             args = tuple(made[arg].index for arg in instruction.args)
             made[index] = graph.insert(instruction.op, args, instruction.leaf)
     return finish(graph, program.name, {key: made[index] for key, index in program.outputs.items()})
+
+
+def _number(node: Node) -> float | None:
+    """The number of a constant, None of anything else."""
+    found = node.graph.instructions[node.index]
+    return float(found.leaf) if found.op == "const" else None
+
+
+def _folded(graph: Graph, op: str, nodes: Sequence[Node]) -> Value:
+    """A value written anew, because one of its arguments has turned out to be a number."""
+    numbers = [_number(node) for node in nodes]
+    args: list[Value] = [node if x is None else x for node, x in zip(nodes, numbers, strict=True)]
+    if op in ("sin", "cos"):
+        return graph.sincos(args[0])[op == "cos"]
+    value: Value = getattr(graph, op)(*args)
+    return value
 
 
 PASSES: Sequence[Callable[[Program], Program]] = (factor_sums, absorb_negations)

@@ -300,6 +300,20 @@ def test_common_factors_of_a_sum() -> None:
     assert evaluate(factored, inputs) == evaluate(program, inputs)
 
 
+def test_a_sum_that_cancels_once_factored() -> None:
+    """a f - (b f + (a - b) f) is 0, and what is made of it folds: C has no vector of products of literals."""
+    graph = Graph()
+    a, b, f, g = (graph.input("q", i) for i in range(4))
+    nothing = a * f - (b * f + (a - b) * f)
+    used = g * nothing
+    outputs = {("out", 0): used + a, ("out", 1): 0.5 * nothing, ("out", 2): b - used, ("out", 3): graph.sincos(used)[1]}
+    program = finish(graph, "nothing", outputs)
+    factored = factor_sums(program)
+    assert sum(factored.count().values()) == 0
+    inputs = {"q": [2.0, 3.0, 5.0, 7.0]}
+    assert evaluate(factored, inputs) == evaluate(program, inputs)
+
+
 @pytest.mark.parametrize("step", PASSES, ids=lambda step: step.__name__)
 @settings(max_examples=300, deadline=None)
 @given(plan=steps)
