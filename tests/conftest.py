@@ -7,8 +7,10 @@ import shutil
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
+from figures import Figures, gathered, lines
 
 import eomgen
 from eomgen.cache import VARIABLE
@@ -51,3 +53,21 @@ def empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder = tmp_path / "cache"
     monkeypatch.setenv(VARIABLE, str(folder))
     return folder
+
+
+@pytest.fixture
+def figures(record_property: Callable[[str, object], None]) -> Figures:
+    """Counts and worst deviations of a test, which a run of soak tests prints at its end."""
+    found: dict[str, tuple[str, float, float | None]] = {}
+    record_property("figures", found)
+    return Figures(found)
+
+
+def pytest_terminal_summary(terminalreporter: Any) -> None:
+    """Figures of all tests of a name together, whatever workers they ran on; quick runs do not show them."""
+    if "not soak" in terminalreporter.config.option.markexpr:
+        return
+    reports = [report for status in ("passed", "failed") for report in terminalreporter.stats.get(status, ())]
+    for name, found in gathered(reports).items():
+        terminalreporter.write_sep("-", name)
+        terminalreporter.write_line("\n".join(lines(found)))

@@ -24,6 +24,7 @@ class MujocoRobot:
         expected = [f"{joint.name}.{name}" for joint in robot.joints for name in joint.coordinates]
         found = [self.model.joint(i).name for i in range(self.model.njnt)]
         assert found == expected, "MuJoCo orders the coordinates otherwise"
+        self._moved = [self.model.body(joint.child).id for joint in robot.joints if joint.coordinates]
 
     def _set(self, q: Array, v: Array) -> None:
         self.data.qpos[:], self.data.qvel[:] = q, v
@@ -44,6 +45,22 @@ class MujocoRobot:
         self.data.qacc[:] = a
         mujoco.mj_inverse(self.model, self.data)
         return np.array(self.data.qfrc_inverse)
+
+    def reactions(self, q: Array, v: Array, a: Array) -> Array:
+        """(joints, 6): what every joint exerts on its child, force then moment, in axes and at the origin behind it.
+
+        MuJoCo has it as moment and force about the centre of mass of all that hangs on the same root, world axes.
+        """
+        self._set(q, v)
+        self.data.qacc[:] = a
+        mujoco.mj_rnePostConstraint(self.model, self.data)
+        found = []
+        for body in self._moved:
+            moment, force = np.split(self.data.cfrc_int[body], 2)
+            arm = self.data.subtree_com[self.model.body_rootid[body]] - self.data.xpos[body]
+            R = self.data.xmat[body].reshape(3, 3).T
+            found.append(np.concatenate([R @ force, R @ (moment + np.cross(arm, force))]))
+        return np.array(found)
 
     def bias_force(self, q: Array, v: Array) -> Array:
         """Coriolis and centrifugal terms, (n,): MuJoCo's bias less its value at rest, which is gravity's."""

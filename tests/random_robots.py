@@ -53,6 +53,8 @@ def random_robot(
     forces: bool = True,
     armature: bool = True,
     name: str = "random_robot",
+    counts: Sequence[int] | None = None,
+    rods: bool = True,
 ) -> Robot:
     """A random robot; the same seed gives the same robot.
 
@@ -68,26 +70,32 @@ def random_robot(
         forces: random stiffness and damping on about half of the coordinates, otherwise none.
         armature: random armature on about a third of the coordinates, otherwise none.
         name: the robot's name.
+        counts: numbers of active coordinates, 0 to 6, joint by joint, in the place of joints, max_coordinates and
+            max_size.
+        rods: thin rods among the links, whose inertia is singular; oracles may refuse them.
     """
     rng = np.random.default_rng(seed)
-    count = int(rng.integers(joints[0], joints[1] + 1))
+    count = int(rng.integers(joints[0], joints[1] + 1)) if counts is None else len(counts)
     room = max_size if max_size is not None else 6 * count
     made: list[Joint] = []
     links: list[Link] = []
     path = ["base"]  # from the base to the newest link; parents from this path keep the depth-first order
     for i in range(count):
-        kind = str(rng.choice(list(types)))
-        spare = room - (count - 1 - i)
-        active = _active(rng, kind, max(1, min(max_coordinates, spare)), rigid)
-        room -= len(active)
+        if counts is None:
+            kind = str(rng.choice(list(types)))
+            spare = room - (count - 1 - i)
+            active = _active(rng, kind, max(1, min(max_coordinates, spare)), rigid)
+            room -= len(active)
+        else:
+            kind, active = _counted(rng, types, counts[i], rigid)
         if tree and len(path) > 1:
             path = path[: int(rng.integers(1, len(path) + 1))]
         made.append(_joint(rng, f"joint{i + 1}", path[-1], f"link{i + 1}", kind, active, forces, armature))
-        links.append(random_link(rng, f"link{i + 1}"))
+        links.append(random_link(rng, f"link{i + 1}", rods))
         path.append(f"link{i + 1}")
         if rng.random() < 0.15:  # a link that is welded on: the model merges it
             made.append(Joint(f"weld{i + 1}", path[-1], f"tool{i + 1}", "fixed", random_placement(rng)))
-            links.append(random_link(rng, f"tool{i + 1}"))
+            links.append(random_link(rng, f"tool{i + 1}", rods))
             path.append(f"tool{i + 1}")
     frames = (Frame("tcp", links[-1].name, random_placement(rng)),)
     gravity = _triple(9.81 * random_rotation(rng)[:, 0])
@@ -127,7 +135,7 @@ def random_state(robot: Robot, seed: int | np.random.Generator) -> State:
     return State(q, v, a, u)
 
 
-def random_link(rng: np.random.Generator, name: str) -> Link:
+def random_link(rng: np.random.Generator, name: str, rods: bool = True) -> Link:
     """A link whose pseudo-inertia is positive definite; sometimes with com and axes that prune, or a thin rod."""
     style = rng.random()
     moments = rng.uniform(0.002, 0.1, 3)  # principal second moments, kg m^2: any three that are >= 0 make a body
@@ -135,7 +143,7 @@ def random_link(rng: np.random.Generator, name: str) -> Link:
     axes = random_rotation(rng)
     if style < 0.3:  # diagonal tensor, com on an axis
         axes, com = np.eye(3), com * (np.arange(3) == rng.integers(3))
-    elif style < 0.4:  # thin rod along its own axis: semi-definite
+    elif style < 0.4 and rods:  # thin rod along its own axis: semi-definite
         moments[1:] = 0.0
     J = axes @ np.diag(moments) @ axes.T
     inertia = np.trace(J) * np.eye(3) - J
@@ -168,7 +176,21 @@ def _active(rng: np.random.Generator, kind: str, most: int, rigid: bool) -> tupl
     principal = PRINCIPAL.get(kind)
     if rigid:
         return (principal,) if principal else ("gamma",)
-    count = int(rng.integers(1, most + 1))
+    return _chosen(rng, principal, int(rng.integers(1, most + 1)))
+
+
+def _counted(rng: np.random.Generator, types: Sequence[str], count: int, rigid: bool) -> tuple[str, tuple[str, ...]]:
+    """A type that may have so many active coordinates, and these; a joint without any is fixed."""
+    if count == 0:
+        return "fixed", ()
+    kind = str(rng.choice([name for name in types if name != "free" or count == len(COORDINATES)]))
+    if kind == "free" or rigid:
+        return kind, _active(rng, kind, count, rigid)
+    return kind, _chosen(rng, PRINCIPAL.get(kind), count)
+
+
+def _chosen(rng: np.random.Generator, principal: str | None, count: int) -> tuple[str, ...]:
+    """So many coordinates, the principal one among them."""
     chosen = [principal] if principal else []
     others = [name for name in COORDINATES if name != principal]
     chosen += [str(name) for name in rng.permutation(others)][: count - len(chosen)]

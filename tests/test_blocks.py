@@ -12,7 +12,8 @@ import pytest
 from conftest import Build
 from pinocchio_oracle import PinocchioOracle
 from random_robots import random_robot, random_state
-from test_zeros import brute_force, chain, generic
+from test_zeros import chain, generic
+from unpruned import brute_force
 
 import eomgen
 from eomgen.codegen.zeros import zero_map

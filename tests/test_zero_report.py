@@ -8,7 +8,8 @@ from collections import Counter
 import numpy as np
 import pytest
 from random_robots import random_robot
-from test_zeros import brute_force, chain, generic
+from test_zeros import chain, generic
+from unpruned import brute_force
 
 from eomgen import cli
 from eomgen.codegen.zero_report import ZeroReport, zero_report

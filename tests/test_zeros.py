@@ -4,20 +4,16 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from functools import cache
-from typing import Any
 
 import numpy as np
 import pytest
-import sympy as sp
 from numpy.typing import NDArray
 from random_robots import random_link, random_robot, random_rotation, random_state
+from unpruned import brute_force
 
 from eomgen.codegen import zeros
-from eomgen.codegen.bodies import bind
-from eomgen.codegen.joint import joint_derivatives, joint_transform, step
 from eomgen.codegen.zeros import ZeroMap, zero_map
-from eomgen.model import FIXED_BODY, Body, Model, build_model
+from eomgen.model import Model, build_model
 from eomgen.robot import COORDINATES, Coordinate, Joint, Link, Placement, Robot
 
 Array = NDArray[np.float64]
@@ -51,48 +47,6 @@ def chain(joints: int) -> Robot:
     parents = ["base", *(link.name for link in links)]
     made = tuple(Joint(f"joint{i + 1}", parents[i], links[i].name, "free", coordinates=active) for i in range(joints))
     return generic(Robot("chain", (0.0, 0.0, -9.81), links, made), rng)
-
-
-@cache
-def _joint_functions(active: tuple[str, ...]) -> Any:
-    derivatives = joint_derivatives(active)
-    blocks = [joint_transform(active), *derivatives.first.values(), *derivatives.second.values()]
-    return sp.lambdify([[step(name).symbol for name in active]], blocks, "numpy")
-
-
-def _joint_blocks(body: Body, q: Array) -> tuple[Array, Array, Array]:
-    d = len(body.active)
-    blocks = [np.array(block, dtype=float) for block in _joint_functions(body.active)(q[list(body.indices)])]
-    first = np.array(blocks[1 : d + 1]).reshape(d, 4, 4)
-    return blocks[0], first, np.array(blocks[d + 1 :]).reshape(d, d, 4, 4)
-
-
-def brute_force(model: Model, q: Array) -> tuple[Array, Array]:
-    """M (n, n) and C (n, n, n) of eqs. (11) and (12) on floats, without dropping anything."""
-    bound = bind(model, lambda _, number: number, lambda angle: (np.sin(angle), np.cos(angle)))
-    n = model.size
-    M, C = np.zeros((n, n)), np.zeros((n, n, n))
-    poses: list[tuple[Array, Array, Array]] = []
-    for body, numbers in zip(model.bodies, bound.bodies, strict=True):
-        start = (np.eye(4), np.zeros((n, 4, 4)), np.zeros((n, n, 4, 4)))
-        A, D, D2 = poses[body.parent] if body.parent != FIXED_BODY else start
-        B, H = np.eye(4), np.zeros((4, 4))
-        B[:3, :3], B[:3, 3] = numbers.placement.rotation, numbers.placement.origin
-        H[:3, :3], H[3, 3] = numbers.inertia.second, numbers.inertia.mass
-        H[:3, 3] = H[3, :3] = numbers.inertia.first
-        J, J1, J2 = _joint_blocks(body, q)
-        own = list(body.indices)
-        new = (A @ B @ J, D @ B @ J, D2 @ B @ J)
-        new[1][own] = A @ B @ J1
-        mixed = np.einsum("vij,wjk->vwik", D @ B, J1)
-        new[2][:, own] += mixed
-        new[2][own] += np.swapaxes(mixed, 0, 1)
-        new[2][np.ix_(own, own)] += A @ B @ J2
-        poses.append(new)
-        DH = new[1] @ H
-        M += np.einsum("sij,vij->sv", DH, new[1])
-        C += np.einsum("sij,vwij->svw", DH, new[2], optimize=True)
-    return M, C
 
 
 def check(model: Model, seed: int, tolerance: float = 1e-13) -> ZeroMap:
