@@ -171,7 +171,10 @@ def test_bench_prints_a_table_and_json(tiny: Robot) -> None:
     assert text.isascii()
     for word in ("tiny", "mass_matrix", "composite bodies", "energy", "ratio"):
         assert word in text
+    assert "mass_matrix called from Python with one state: " in text
     values = json.loads(json.dumps(result.as_dict()))
+    assert len(values["call"]) == 2
+    assert min(values["call"]) > 0.0
     assert [row["kernel"]["name"] for row in values["rows"]] == ["mass_matrix", "energy"]
     assert values["rows"][0]["kernel"]["operations"]["mul"] >= 0
 

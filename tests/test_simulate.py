@@ -270,7 +270,7 @@ def test_a_state_that_cannot_move_is_refused(built: Build) -> None:
 
 def test_a_drive_that_fails_later(built: Build) -> None:
     kernel = built(oscillator(), *NEEDED)
-    with pytest.raises(IntegrationStopped, match=r"u: slide.z is nan"):
+    with pytest.raises(IntegrationStopped, match=r"drive: slide\.z is nan at t = 0\.5"):
         integrate(kernel, [0.1], [0.0], 1.0, drive=lambda t, _q, _v: [np.nan if t > 0.5 else 0.0])
     with pytest.raises(ArrayError, match="drive: expected forces of shape"):
         integrate(kernel, [0.1], [0.0], 1.0, drive=lambda _t, _q, _v: [1.0, 2.0])

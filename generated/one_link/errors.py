@@ -1,10 +1,12 @@
 """The errors that eomgen raises: your input, or our bug.
 
-Every message names the thing, the value that came, and what is allowed.  This file imports nothing, so that a
-generated package can carry a copy of it.
+Every message names the thing, the value that came, and what is allowed.  This file imports nothing of eomgen, so that
+a generated package can carry a copy of it.
 """
 
 from __future__ import annotations
+
+from typing import Any
 
 
 class EomgenError(Exception):
@@ -40,7 +42,15 @@ class DescriptionError(InputError):
 
 
 class ArrayError(InputError, ValueError):
-    """An array argument has the wrong shape, dtype or layout, or holds NaN or infinity."""
+    """An array argument has the wrong shape, dtype or layout, or holds NaN or infinity.
+
+    Attributes:
+        coordinate: name of the coordinate whose number is not finite; empty where something else is wrong.
+    """
+
+    def __init__(self, message: str, coordinate: str = "") -> None:
+        super().__init__(message)
+        self.coordinate = coordinate
 
 
 class UnknownNameError(InputError, KeyError):
@@ -73,6 +83,32 @@ class LoopError(InputError):
 
 class IntegrationError(InputError):
     """A simulation could not go on; the message says when and why."""
+
+
+class IntegrationStopped(IntegrationError):
+    """An integration that could not go on, with its last good state and what was found until then.
+
+    Attributes:
+        t: time of the last good state, s.
+        q, v: that state, (n,).
+        coordinate: name of the coordinate that is to blame: it, its drive or its acceleration is not finite, or it
+            moves fastest for its size.
+        trajectory: the ``Trajectory`` up to the last good state, which is its last sample (of ``simulate``: up to the
+            last whole output step); None where nothing could be evaluated.
+        result: of ``simulate`` and ``run_scenario`` the ``SimulationResult`` of that trajectory, which can be saved.
+        stored: of ``Kernel.rollout`` q and v, shaped as its results; NaN where nothing good was reached.
+    """
+
+    def __init__(self, message: str, t: float, q: Any, v: Any, coordinate: str) -> None:
+        super().__init__(message)
+        self.t, self.q, self.v, self.coordinate = t, q, v, coordinate
+        self.trajectory: Any = None
+        self.result: Any = None
+        self.stored: Any = None
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """To another process goes the last good state; what may be large stays where it was found."""
+        return type(self), (self.args[0], self.t, self.q, self.v, self.coordinate)
 
 
 class InternalError(EomgenError):

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import re
 import statistics
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -37,6 +38,7 @@ COUNTERPARTS = {
     "forward_dynamics": "articulated bodies",
 }
 STATES = 16  # random states that every sample cycles through: enough to defeat a lucky one, all in the first cache
+CALLS = 200  # from Python, of a sample
 TOLERANCE = 1e-9  # greatest relative difference between contenders that are timed
 
 
@@ -70,7 +72,8 @@ class Row:
 class BenchResult:
     """What ``bench`` measured: one row per kernel, and what has to be said beside a time.
 
-    ``error`` is the greatest relative difference (max-norm) between a kernel and its counterpart.
+    ``error`` is the greatest relative difference (max-norm) between a kernel and its counterpart.  ``call`` is the
+    median time of one call of the kernel ``called`` from Python (ns), with ``Kernel.checks`` and without.
     """
 
     robot: str
@@ -82,6 +85,8 @@ class BenchResult:
     states: int
     error: float
     rows: tuple[Row, ...] = field(default_factory=tuple)
+    called: str = ""
+    call: tuple[float, float] = (0.0, 0.0)
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values for JSON; times in ns per call."""
@@ -102,6 +107,13 @@ class BenchResult:
             if row.counterpart is not None:
                 ratio = "" if row.ratio is None else f"{row.ratio:8.2f}"
                 lines.append(_line("  " + row.counterpart.name, row.counterpart, ratio))
+        if self.called:
+            with_checks, without = (ns / 1e3 for ns in self.call)
+            lines += [
+                "",
+                f"{self.called} called from Python with one state: {with_checks:.2f} us, of which looking for NaN and"
+                f" infinity takes {with_checks - without:.2f} us (kernel.checks = False leaves it out)",
+            ]
         return [line.rstrip() for line in lines]
 
 
@@ -156,7 +168,30 @@ def bench(
         progress(f"timing {name}")
         rows.append(_measure(kernel, yardstick, name, inputs, repeat))
     version = find_compiler().version.splitlines()[0]
-    return BenchResult(robot.name, kernel.n, version, used, processor_name(), repeat, STATES, error, tuple(rows))
+    about = (robot.name, kernel.n, version, used, processor_name(), repeat, STATES, error)
+    names = sorted((row.kernel.name for row in rows if not row.note), key=lambda name: name != "inverse_dynamics")
+    called = names[0] if names else ""
+    call = _call_from_python(kernel, called, inputs, repeat) if called else (0.0, 0.0)
+    return BenchResult(*about, tuple(rows), called, call)
+
+
+def _call_from_python(kernel: Kernel, name: str, inputs: Mapping[str, Array], rounds: int) -> tuple[float, float]:
+    """Median times of a call with one state through ``Kernel``, ns, with its checks and without, in turns."""
+    reads = kernel._functions[name][0]
+    arrays = [np.ascontiguousarray(inputs[label][0]).reshape(kernel._shapes[label]) for label in reads]
+    extra = (0,) if name.startswith("frame_") else ()
+    out, times = np.zeros(kernel._shapes[kernel._functions[name][1]]), np.zeros((rounds, 2))
+    kinds = [kernel.with_parameters(), kernel.with_parameters()]
+    for kind, wanted in zip(kinds, (True, False), strict=True):
+        kind.checks = wanted
+    for turn in times:
+        for i, kind in enumerate(kinds):
+            begin = time.perf_counter_ns()
+            for _ in range(CALLS):
+                kind._run(name, out, arrays, extra)
+            turn[i] = (time.perf_counter_ns() - begin) / CALLS
+    with_checks, without = (float(x) for x in np.median(times, axis=0))
+    return with_checks, without
 
 
 def processor_name() -> str:

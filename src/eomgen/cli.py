@@ -23,7 +23,7 @@ from .cli_pictures import add_plot, add_report, add_view
 from .cli_response import add_budget, add_linearize, add_response
 from .cli_sweep import add_sweep
 from .description import builtin_robots, load_robot
-from .errors import EomgenError, EomgenWarning, InputError
+from .errors import EomgenError, EomgenWarning, InputError, IntegrationStopped
 from .pipeline import DTYPES, KERNEL_NAMES, Options, generate
 from .robot import Robot
 
@@ -237,11 +237,17 @@ def _simulate(options: argparse.Namespace) -> None:
         raise InputError("--stream: given without --scenario; allowed: with a scenario")
     robot = _load(options)
     scenario = load_scenario(options.scenario) if options.scenario else None
-    with _progress("simulating") as report:
-        if scenario is not None:
-            result = run_scenario(robot, scenario, progress=report, stream=options.stream)
-        else:
-            result = simulate(robot, progress=report, **given)
+    try:
+        with _progress("simulating") as report:
+            if scenario is not None:
+                result = run_scenario(robot, scenario, progress=report, stream=options.stream)
+            else:
+                result = simulate(robot, progress=report, **given)
+    except IntegrationStopped as error:
+        if error.result is not None:  # what there is of it, marked as stopped; the status says so, too
+            path = error.result.save(options.output / "trajectory.npz")
+            print(f"wrote {path}: the motion until it stopped", file=sys.stderr)
+        raise
     written = [result.save(options.output / "trajectory.npz")]
     if not options.no_plots:
         from .plots import plot_result

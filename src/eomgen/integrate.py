@@ -6,7 +6,7 @@ SciPy and SUNDIALS are imported when an integration with one of their methods be
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
@@ -15,12 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import sundials
 from .contacts import Contact, ContactWatch
-from .errors import InputError
+from .errors import ArrayError, InputError
 from .kernel import Kernel
 from .stepping import (
     IMPLICIT,
     Progress,
     Record,
+    Samples,
     checked_times,
     fixed_step,
     output_times,
@@ -43,7 +44,7 @@ __all__ = ["EXPLICIT", "METHODS", "IntegrationStopped", "Trajectory", "choose_me
 
 @dataclass(frozen=True)
 class Trajectory:
-    """A motion, sampled at equal distances in time.
+    """A motion, sampled at equal distances in time (where it was stopped, the last sample may be nearer).
 
     Attributes:
         t: times, (T,), s.
@@ -122,8 +123,9 @@ def integrate(
         record: called with times of samples (k,) and states (k, 2n) as they are reached, the first one not among them.
 
     Raises:
-        IntegrationStopped: the state diverges, the step becomes too small or M singular; an IntegrationError that
-            names coordinate and time and has the last good state.
+        IntegrationStopped: the state diverges, the step becomes too small, M singular, or a drive, wrench or
+            acceleration NaN or infinite, whatever ``kernel.checks`` says; an IntegrationError that names coordinate
+            and time and has the last good state and the trajectory up to it.
         InputError: an argument is wrong, a prescribed coordinate has no motion, or SciPy is not installed.
     """
     system = System(kernel, drive, wrench, prescribed)
@@ -134,23 +136,87 @@ def integrate(
     report = reporter(progress, float(times[-1]))
     y0 = np.concatenate([q0, v0])
     watch = ContactWatch(kernel)
-    if method == "rk4":
-        states = rk4(system, y0, times, fixed_step(kernel, q0, step, times), report, watch=watch, record=record)
-    else:
+    samples = Samples(times, y0, record)
+
+    def run() -> None:
+        if method == "rk4":
+            rk4(system, samples, fixed_step(kernel, q0, step, times), report, watch=watch)
+            return
         absolute = tolerances(system, y0, rtol, atol)
         if method in sundials.METHODS:
-            states = sundials.sundials_states(system, y0, times, method, rtol, absolute, report, watch, record)
+            sundials.sundials_states(system, samples, method, rtol, absolute, report, watch)
         else:
-            solver = start_solver(system, y0, times, method, rtol, absolute)
-            states = sampled(solver, system, times, report, watch, record)
-    q, v = np.ascontiguousarray(states[:, : system.n]), np.ascontiguousarray(states[:, system.n :])
-    u = np.empty_like(q)
-    for i, t in enumerate(times):
-        system.prescribe(float(t), q[i], v[i])
-        u[i] = system.forces(float(t), q[i], v[i])
-    info = {**system.counts, "wall_s": time.perf_counter() - began}
-    energy = np.asarray(kernel.energy(q, v))
-    return Trajectory(times, q, v, u, energy, kernel.coordinates, method, info, tuple(watch.found))
+            sampled(start_solver(system, y0, times, method, rtol, absolute), system, samples, report, watch)
+
+    def info(_motion: Motion) -> dict[str, float]:
+        return {**system.counts, "wall_s": time.perf_counter() - began}
+
+    return trajectory_of(system, samples, run, method, watch, info)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What of a motion is finite: t (T,), q, v and u (T, n)."""
+
+    t: Array
+    q: Array
+    v: Array
+    u: Array
+
+
+def trajectory_of(
+    system: System,
+    samples: Samples,
+    run: Callable[[], None],
+    method: str,
+    watch: ContactWatch,
+    info: Callable[[Motion], dict[str, float]],
+) -> Trajectory:
+    """The trajectory of the samples that ``run`` fills; ``info`` is what is said of it.
+
+    Raises:
+        IntegrationStopped: from ``run``, or because forces at a sample are not finite; with the trajectory until then.
+    """
+    stop: IntegrationStopped | None = None
+    try:
+        run()
+        times, states = samples.times, samples.states
+    except IntegrationStopped as error:
+        stop = error
+        times, states = samples.until(error)
+    motion, trouble = _with_forces(system, times, states)
+    last = motion.t.size - 1
+    if trouble is not None and stop is None:
+        if last < 0:
+            raise trouble
+        system.trouble = trouble
+        stop = system.stopped("the forces cannot be evaluated at the next sample", float(times[last]), states[last])
+    trajectory = None
+    if last >= 0:
+        energy = np.asarray(system.kernel.energy(motion.q, motion.v))
+        about, contacts = info(motion), tuple(watch.found)
+        names = system.kernel.coordinates
+        trajectory = Trajectory(motion.t, motion.q, motion.v, motion.u, energy, names, method, about, contacts)
+    if stop is not None:
+        stop.trajectory = trajectory
+        raise stop from (stop.__cause__ or trouble)
+    assert trajectory is not None  # nothing stopped, so that there are all samples
+    return trajectory
+
+
+def _with_forces(system: System, times: Array, states: Array) -> tuple[Motion, ArrayError | None]:
+    """The motion with drives and forces of prescribed coordinates, as far as they are finite, and why no further."""
+    n, trouble = system.n, None
+    q, v = np.ascontiguousarray(states[:, :n]), np.ascontiguousarray(states[:, n:])
+    u, end = np.empty_like(q), times.size
+    for i, t in enumerate(times.tolist()):
+        try:
+            system.prescribe(t, q[i], v[i])
+            u[i] = system.forces(t, q[i], v[i])
+        except ArrayError as error:
+            end, trouble = i, error
+            break
+    return Motion(times[:end], q[:end], v[:end], u[:end]), trouble
 
 
 def choose_method(kernel: Kernel, method: str = "auto") -> str:

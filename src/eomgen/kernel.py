@@ -52,7 +52,8 @@ class Kernel:
         dtype: the dtype of all arrays.
 
     Raises (all methods):
-        ArrayError: an array of wrong shape, of a dtype that is not converted exactly, or with NaN or infinity.
+        ArrayError: an array of wrong shape, of a dtype that is not converted exactly, or with NaN or infinity (see
+            ``checks``).
     """
 
     def __init__(self, ffi: Any, lib: Any, meta: Mapping[str, Any]) -> None:
@@ -82,7 +83,7 @@ class Kernel:
             self._functions.update(frame_pose=(("q",), "pose"), frame_jacobian=(("q",), "jacobian"))
         self._code = {name: getattr(lib, f"{self.name}_{name}") for name in self._functions}
         self._batch_code = {name: getattr(lib, f"{self.name}_{name}_batch") for name in self._functions}
-        self._threads = 1
+        self._threads, self._checks = 1, True
         self._driven = tuple(meta["driven"])
         self._given = [self.coordinates.index(name) for name in self.prescribed]
         self._survivors = meta["survivors"]
@@ -138,6 +139,26 @@ class Kernel:
         if isinstance(number, bool) or not isinstance(number, (int, np.integer)) or number < 1:
             raise InputError(f"threads: {number!r} is not a number of threads; a whole number from 1 on is allowed")
         self._threads = int(number)
+
+    @property
+    def checks(self) -> bool:
+        """Whether arrays with NaN or infinity are refused by the name of the coordinate, True at first.
+
+        With False such numbers go through the C, and what depends on them is not finite, or of no use where a law
+        compares them; a call costs less (``eomgen bench`` says how much).  Shapes and dtypes are checked all the same,
+        integrators look for such numbers in any case, and where a mass matrix cannot be inverted because of one, it is
+        still named.  ``with_parameters`` copies the choice.
+
+        Raises:
+            InputError: on assignment of anything but True or False.
+        """
+        return self._checks
+
+    @checks.setter
+    def checks(self, wanted: bool) -> None:
+        if not isinstance(wanted, (bool, np.bool_)):
+            raise InputError(f"checks: {wanted!r} is neither True nor False")
+        self._checks = bool(wanted)
 
     def mass_matrix(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """M(q), (n, n), symmetric; eq. (11).  Entry units: kg, kg m or kg m^2 by the kinds of its coordinates."""
@@ -413,7 +434,8 @@ class Kernel:
 
         Raises:
             SingularError: M cannot be inverted in a state that is reached.
-            IntegrationError: a state is not finite any more.
+            IntegrationStopped: a state is not finite any more, or its accelerations, whatever ``checks`` says; it names
+                the coordinate and the step, and keeps what was stored.
             InputError: another argument is wrong, or the robot has loops (``eomgen.loops`` integrates them).
         """
         self.refuse_loops("rollout")
@@ -498,6 +520,8 @@ class Kernel:
         result = np.empty(shape, self.dtype) if out is None else self._checked_out(out, shape, arrays)
         failed = self._call(name, arrays, steps, extra, count, result)
         if failed >= 0:
+            for label, array in zip(reads, arrays, strict=True):  # NaN has no pivot, either
+                self.refuse_not_finite(label, array, self._shapes[label])
             state, coordinate = divmod(failed, self.n)
             self._raise_singular(name, coordinate, "" if count is None else f" in state {state}")
         return result
@@ -539,10 +563,28 @@ class Kernel:
             states = array.shape[0]
         else:
             raise ArrayError(f"{label}: expected {self._expected(shape)}, got shape {array.shape}")
-        if not np.isfinite(array).all():
-            where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
-            raise ArrayError(f"{label}: {self._element(label, where, shape)} is {array[where]}; numbers must be finite")
+        if self._checks:
+            self.refuse_not_finite(label, array, shape)
         return array, states
+
+    def refuse_not_finite(self, label: str, array: Array, shape: tuple[int, ...], place: str = "") -> None:
+        """Refuse NaN and infinity in an argument of a kernel, or in a batch of them.
+
+        Args:
+            label: its name; a "wrench" has rows of links, everything else numbers of coordinates.
+            array: of that shape, or (N, *shape).
+            shape: (n,); (steps, n); or (links, 6).
+            place: what follows the number, such as " at t = 1 s".
+
+        Raises:
+            ArrayError: there is such a number; coordinate, state and step of the first one are named.
+        """
+        if np.isfinite(array).all():
+            return
+        where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        name = "" if label == "wrench" else self.coordinates[where[-1]]
+        element = self._element(label, where, shape)
+        raise ArrayError(f"{label}: {element} is {array[where]}{place}; numbers must be finite", name)
 
     def _converted(self, label: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
         try:
@@ -573,7 +615,7 @@ class Kernel:
             axis = ("force.x", "force.y", "force.z", "moment.x", "moment.y", "moment.z")[inner[1]]
             text = f"{axis} of link {self.links[inner[0]]}"
         else:
-            text = self.coordinates[inner[0]]
+            text = self.coordinates[inner[-1]] + (f" in step {inner[0]}" if len(inner) > 1 else "")
         return text if len(where) == len(shape) else f"{text} in state {where[0]}"
 
     def _checked_out(self, out: Array, shape: tuple[int, ...], arrays: Sequence[Array]) -> Array:

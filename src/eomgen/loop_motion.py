@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from .contacts import ContactWatch
 from .errors import InputError, LoopError
-from .integrate import Trajectory
+from .integrate import Motion, Trajectory, trajectory_of
 from .loops import ClosedLoops
-from .stepping import Progress, fixed_step, output_times, reporter, rk4
+from .stepping import Progress, Samples, fixed_step, output_times, reporter, rk4
 from .system import Drive, Prescribed, System, Wrench, state_vector
 
 Array = NDArray[np.float64]
@@ -51,7 +51,8 @@ def integrate_loops(
 
     Raises:
         LoopError: the state at t = 0 is open.
-        IntegrationStopped: a loop comes open, the state diverges, or M is singular; with the last good state.
+        IntegrationStopped: a loop comes open, the state diverges, M is singular, or a drive or wrench is not finite;
+            with the last good state and the trajectory up to it.
         InputError: another argument is wrong.
     """
     kernel = loops.kernel
@@ -66,22 +67,22 @@ def integrate_loops(
     settle = None if baumgarte else system.settled
     y0 = np.concatenate([q0, v0])
     watch = ContactWatch(kernel)
-    states = rk4(system, y0, times, fixed_step(kernel, q0, step, times), report, settle, watch)
-    q, v = np.ascontiguousarray(states[:, : system.n]), np.ascontiguousarray(states[:, system.n :])
-    u = np.empty_like(q)
-    for i, t in enumerate(times):
-        system.prescribe(float(t), q[i], v[i])
-        u[i] = system.forces(float(t), q[i], v[i])
-    rates = np.einsum("tmn,tn->tm", kernel.constraint_jacobian(q), v)
-    info = {
-        **system.counts,
-        "gap": float(np.abs(kernel.constraint(q)).max()),
-        "gap_rate": float(np.abs(rates).max()),
-        "redundant": float(len(kernel.constraints) - system.rank),
-        "wall_s": time.perf_counter() - began,
-    }
-    energy = np.asarray(kernel.energy(q, v))
-    return Trajectory(times, q, v, u, energy, kernel.coordinates, "rk4", info, tuple(watch.found))
+    samples = Samples(times, y0)
+
+    def run() -> None:
+        rk4(system, samples, fixed_step(kernel, q0, step, times), report, settle, watch)
+
+    def info(motion: Motion) -> dict[str, float]:
+        rates = np.einsum("tmn,tn->tm", kernel.constraint_jacobian(motion.q), motion.v)
+        return {
+            **system.counts,
+            "gap": float(np.abs(kernel.constraint(motion.q)).max()),
+            "gap_rate": float(np.abs(rates).max()),
+            "redundant": float(len(kernel.constraints) - system.rank),
+            "wall_s": time.perf_counter() - began,
+        }
+
+    return trajectory_of(system, samples, run, "rk4", watch, info)
 
 
 def _rate(baumgarte: float | None) -> float:

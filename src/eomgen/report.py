@@ -102,6 +102,8 @@ def report_of(
         tables.append(_operation_table(info))
     tables.append(_origin_table(result))
     notes = [*result.notes, *(found.notes if found else ())]
+    if result.stopped:
+        notes.insert(0, f"stopped too early: {result.stopped['reason']}")
     title = f"{result.robot}: {result.trajectory.t[-1]:g} s of simulated motion"
     lines = [line.strip() for line in result.summary_lines() if line.strip() not in notes]
     return Report(title, tuple(lines), tuple(notes), tuple(missing), tuple(figures), tuple(t for t in tables if t.rows))

@@ -52,6 +52,8 @@ class SimulationResult:
         links: names of the links of ``wrench``, (T, links, 6), N, N m, as kernels take it; None without wrenches.
         balance: where the energy came from and went to; None in files of eomgen 0.1 before it was there.
         description: the robot that was simulated, as ``robot_record.record_of`` has it; empty in older files.
+        stopped: empty where the motion came to its end; else its ``reason`` (text), the ``coordinate`` to blame, and
+            the last good state: ``t`` (s), ``q`` and ``v`` (n numbers each).
     """
 
     robot: str
@@ -71,6 +73,7 @@ class SimulationResult:
     wrench: Array | None = None
     balance: EnergyBalance | None = None
     description: Mapping[str, Any] = field(default_factory=dict)
+    stopped: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def deviation_coordinates(self) -> tuple[str, ...]:
@@ -130,6 +133,7 @@ class SimulationResult:
             },
             "energy": None if self.balance is None else self.balance.summary(),
             "notes": list(self.notes),
+            "stopped": dict(self.stopped) or None,
             "versions": dict(self.versions),
         }
 
@@ -141,6 +145,7 @@ class SimulationResult:
             f"{self.robot}: {facts['coordinates']} coordinates, "
             f"{f'{len(self.program_coordinates)} of them driven' if self.programmed else 'no program'}, "
             f"{facts['duration']:g} s of motion",
+            *([f"  stopped too early: {self.stopped['reason']}"] if self.stopped else []),
             f"  {facts['method']}: {steps}{facts['evaluations']} evaluations, {facts['jacobians']} Jacobians, "
             f"{facts['wall_s']:.2f} s",
             f"  tool {self.tool}: off {against} by at most {facts['tool_deviation_max'] * 1e6:.3g} um "

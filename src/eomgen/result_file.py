@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 
 FORMAT = 1  # of the .npz; raised when a reader of the old one would misread it
 _SERIES = ("t", "q", "v", "u", "energy")
+_RECORDS = ("scenario", "description", "stopped")
 _TEXTS = ("robot", "tool", "notes", "programmed", "prescribed", "robot_hash", "links")
 
 
@@ -31,7 +32,8 @@ def meta_of(result: SimulationResult) -> dict[str, Any]:
     texts = {name: getattr(result, name) for name in _TEXTS}
     texts |= {"method": motion.method, "info": dict(motion.info), "versions": dict(result.versions)}
     texts["contacts"] = [asdict(contact) for contact in motion.contacts]
-    return {"format": FORMAT, **texts, "scenario": dict(result.scenario), "description": dict(result.description)}
+    records = {name: dict(getattr(result, name)) for name in _RECORDS}
+    return {"format": FORMAT, **texts, **records}
 
 
 def save_result(result: SimulationResult, path: Path | str) -> Path:
@@ -93,4 +95,5 @@ def result_of(meta: dict[str, Any], arrays: dict[str, Any]) -> SimulationResult:
         arrays.get("wrench"),
         None if work is None else EnergyBalance(work, series["energy"]),
         MappingProxyType(dict(meta.get("description", {}))),
+        MappingProxyType(dict(meta.get("stopped", {}))),
     )

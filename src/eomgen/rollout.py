@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .errors import ArrayError, InputError, IntegrationError, UnknownNameError
+from .errors import ArrayError, InputError, IntegrationStopped, UnknownNameError
 
 if TYPE_CHECKING:
     from .kernel import Kernel
@@ -56,19 +56,72 @@ def rollout(
     if target is not None:
         drives.append(_over_time(kernel, "target", target, steps, count))
     shape = (() if count is None else (count,)) + (steps // every + 1, kernel.n)
-    result = np.empty(shape, kernel.dtype), np.empty(shape, kernel.dtype)
+    result = np.full(shape, np.nan, kernel.dtype), np.full(shape, np.nan, kernel.dtype)
     code = _call(kernel, starts, drives, gains, (float(dt), steps, every, METHODS[method]), count, result)
+    if code < 0 and all(np.isfinite(array).all() for array in result):
+        return result
+    trouble = _not_finite(kernel, starts, drives)
     if code >= 0:
         state, step = divmod(code // kernel.n, steps)
         place = f" in step {step}" + ("" if count is None else f" of state {state}")
         alone = [(_row(x, apart, state), 0) for x, apart in starts]
         drives = [(_row(x, apart, state), 0, n) for x, apart, n in drives]
-        if _begins_well(kernel, alone, drives, gains, float(dt), step, METHODS[method]):
-            raise IntegrationError(f"rollout: no acceleration{place}, though there is one where it begins;{ADVICE}")
-        kernel._raise_singular("rollout", code % kernel.n, place)
+        if trouble is None and not _begins_well(kernel, alone, drives, gains, float(dt), step, METHODS[method]):
+            kernel._raise_singular("rollout", code % kernel.n, place)
+        reason = f"no acceleration{place}, though there is one where it begins;{ADVICE}"
+        raise _stopped(kernel, result, state, every * float(dt), code % kernel.n, reason, trouble)
+    ok = np.isfinite(np.concatenate(result, axis=-1)).all(axis=-1).reshape(-1, steps // every + 1)
+    row = int(np.where(ok.all(axis=1), ok.shape[1], ok.argmin(axis=1)).min())  # where the first one ends
+    state = int((~ok[:, row]).argmax())
+    bad = [~np.isfinite(array.reshape(*ok.shape, kernel.n)[state, row]) for array in result]
+    i = int((bad[0] | bad[1]).argmax())
+    place = "" if count is None else f" of state {state}"
+    reason = f"{kernel.coordinates[i]} is not finite after step {row * every}{place};{ADVICE}"
+    raise _stopped(kernel, result, state, every * float(dt), i, reason, trouble)
+
+
+def _not_finite(
+    kernel: Kernel, starts: Sequence[tuple[Array, int]], drives: Sequence[tuple[Array, int, int]]
+) -> ArrayError | None:
+    """What says that an input is not finite, which ``kernel.checks`` may have let through."""
+    given = [(array, 0) for array, _ in starts] + [(array, apart) for array, _, apart in drives]
+    for label, (array, apart) in zip(("q0", "v0", "u", "target"), given, strict=False):
+        try:
+            kernel.refuse_not_finite(label, array, array.shape[-2:] if apart else (kernel.n,))
+        except ArrayError as error:
+            return error
+    return None
+
+
+def _stopped(
+    kernel: Kernel,
+    result: tuple[Array, Array],
+    state: int,
+    apart: float,
+    i: int,
+    reason: str,
+    trouble: ArrayError | None,
+) -> ArrayError | IntegrationStopped:
+    """The error of a rollout whose state of that number is not finite; what is stored of all of them goes with it.
+
+    Args:
+        apart: time between two rows of the result, s.
+        i: coordinate to blame, unless an input is.
+    """
+    good = np.logical_and.accumulate(np.isfinite(np.concatenate(result, axis=-1)).all(axis=-1), axis=-1)
     for array in result:
-        _check_finite(kernel, array, every)
-    return result
+        array[~good] = np.nan
+    rows = int(good.reshape(-1, good.shape[-1])[state].sum())
+    if rows == 0 and trouble is not None:
+        return trouble  # not even the first state is one
+    last = max(rows - 1, 0)
+    q, v = (array.reshape(-1, *array.shape[-2:])[state, last].copy() for array in result)
+    detail = f"; {trouble}" if trouble else ""
+    name = (trouble.coordinate if trouble else "") or kernel.coordinates[i]
+    message = f"rollout: {reason}; the last good state that is stored is at t = {last * apart:.6g} s{detail}"
+    stopped = IntegrationStopped(message, last * apart, q, v, name)
+    stopped.stored = result
+    return stopped
 
 
 def _whole(label: str, number: int) -> int:
@@ -103,6 +156,8 @@ def _over_time(kernel: Kernel, label: str, value: ArrayLike, steps: int, count: 
         if states not in (1, count):
             raise ArrayError(f"{label}: {states} states, but {count} in other arrays")
         return array, steps * n if states == count else 0, n
+    if count is None and np.shape(value) == (steps, n):
+        return kernel._array(label, value, (steps, n))[0], 0, n
     array, rows = kernel._array(label, value, (n,))
     if rows is None:
         return array, 0, 0
@@ -197,14 +252,3 @@ def _begins_well(
     still, ends = np.zeros(n, kernel.dtype), (np.empty((2, n), kernel.dtype), np.empty((2, n), kernel.dtype))
     once = 1e-9 * dt, 1, 1, METHODS["implicit"]  # it asks for accelerations at q alone
     return _call(kernel, [(q, 0), (still, 0)], [(still, 0, 0)], (), once, None, ends) < 0
-
-
-def _check_finite(kernel: Kernel, array: Array, every: int) -> None:
-    if np.isfinite(array).all():
-        return
-    where = np.argwhere(~np.isfinite(array))
-    first = where[where[:, -2].argmin()]
-    place = "" if array.ndim == 2 else f" of state {first[0]}"
-    raise IntegrationError(
-        f"rollout: {kernel.coordinates[first[-1]]} is not finite after step {first[-2] * every}{place};{ADVICE}"
-    )

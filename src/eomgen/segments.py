@@ -7,7 +7,7 @@ of a quadrature, too, which the energy balance takes.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
 
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from .balance import TERMS, EnergyBalance, with_nodes, works
 from .contacts import Contact
+from .errors import EomgenError, IntegrationStopped
 from .integrate import Trajectory, integrate
 from .kernel import Kernel
 from .loads import loaded_parameters
@@ -47,11 +48,15 @@ class Loads:
 
 @dataclass(frozen=True)
 class Found:
-    """A trajectory, its energy balance, and the wrenches, (T, links, 6), or None without any."""
+    """A trajectory, its energy balance, and the wrenches, (T, links, 6), or None without any.
+
+    ``stop`` is why it ends before the duration does, if it does.
+    """
 
     trajectory: Trajectory
     balance: EnergyBalance
     wrench: Array | None
+    stop: IntegrationStopped | None = None
 
 
 @dataclass(frozen=True)
@@ -77,7 +82,10 @@ def run_segments(
     progress: Progress,
     stream: MotionStream | None = None,
 ) -> Found:
-    """Integrate from q and v at t = 0 to the scenario's duration, samples into the stream; errors as ``integrate``."""
+    """Integrate from q and v at t = 0 to the scenario's duration, samples into the stream; errors as ``integrate``.
+
+    A motion that cannot go on is returned as far as whole output steps were reached; it is raised where there are none.
+    """
     grid = output_times(scenario.duration, scenario.output_step)
     record = None if stream is None else _recorder(kernel, loads, grid, stream)
     if stream is not None:
@@ -87,27 +95,38 @@ def run_segments(
     info: dict[str, float] = {}
     energy: float | None = None
     contacts: list[Contact] = []
+    stop: IntegrationStopped | None = None
     for begin, end in pairwise(_bounds(scenario, loads, grid)):
         kernel.parameters.update(loaded_parameters(robot, scenario, begin))
-        piece, part = _piece(kernel, scenario, loads, (q, v), (begin, end), grid, progress, record)
+        try:
+            piece, part, stop = _piece(kernel, scenario, loads, (q, v), (begin, end), grid, progress, record)
+        except EomgenError as error:
+            if stream is not None:
+                stream.flush()  # nothing is lost
+            if not (isinstance(error, IntegrationStopped) and pieces):
+                raise
+            stop = error
+            break
         if energy is not None and scenario.payloads:
             done[TERMS.index("payloads")] += float(kernel.energy(q, v).sum()) - energy
         piece["work"] = np.concatenate([[done], done + np.cumsum(piece["work"], axis=0)])
         done = piece["work"][-1].copy()
         q, v, energy = part.q[-1].copy(), part.v[-1].copy(), float(part.energy[-1].sum())
         keep = np.isin(piece["t"], grid)
-        keep[-1] &= end == scenario.duration  # else it is the first sample of the next piece
+        keep[-1] &= end == scenario.duration or stop is not None  # else it is the first sample of the next piece
         pieces.append({name: values[keep] for name, values in piece.items()})
         info = {key: info.get(key, 0) + value for key, value in part.info.items()}
         method = part.method
         contacts += part.contacts
+        if stop is not None:
+            break
     if stream is not None:
         stream.flush()
     whole: dict[str, Any] = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
     work, wrench = whole.pop("work"), whole.pop("wrench", None)
     about: dict[str, Any] = {"method": method, "info": info, "contacts": tuple(contacts)}
     trajectory = Trajectory(**whole, coordinates=kernel.coordinates, **about)
-    return Found(trajectory, EnergyBalance(work, trajectory.energy), wrench)
+    return Found(trajectory, EnergyBalance(work, trajectory.energy), wrench, stop)
 
 
 def _recorder(kernel: Kernel, loads: Loads, grid: Array, stream: MotionStream) -> Record:
@@ -135,8 +154,12 @@ def _piece(
     grid: Array,
     progress: Progress,
     record: Record | None,
-) -> tuple[dict[str, Array], Trajectory]:
-    """Samples at the ends of a piece and on the grid in between, with the work from each to the next."""
+) -> tuple[dict[str, Array], Trajectory, IntegrationStopped | None]:
+    """Samples at the ends of a piece and on the grid in between, work from each to the next, and what stopped it.
+
+    Raises:
+        IntegrationStopped: not even the first sample is there.
+    """
     begin, end = span
     edges = np.concatenate([[begin], grid[(grid > begin) & (grid < end)], [end]])
     times = with_nodes(edges)
@@ -145,21 +168,32 @@ def _piece(
     drive = _Between(loads.drive, *bounds, batched=True)
     wrench = None if loads.wrench is None else _Between(loads.wrench, *bounds)
     how = scenario.integrator
-    part = integrate(
-        kernel,
-        *state,
-        end,
-        drive=drive,
-        wrench=wrench,
-        prescribed=loads.prescribed,
-        method=how.method,
-        rtol=how.rtol,
-        atol=how.atol,
-        step=how.step,
-        times=times,
-        progress=lambda fraction, text: progress(fraction * end / scenario.duration, text),
-        record=record,
-    )
+    stop: IntegrationStopped | None = None
+    try:
+        part = integrate(
+            kernel,
+            *state,
+            end,
+            drive=drive,
+            wrench=wrench,
+            prescribed=loads.prescribed,
+            method=how.method,
+            rtol=how.rtol,
+            atol=how.atol,
+            step=how.step,
+            times=times,
+            progress=lambda fraction, text: progress(fraction * end / scenario.duration, text),
+            record=record,
+        )
+    except IntegrationStopped as error:
+        if error.trajectory is None:
+            raise
+        stop, found = error, error.trajectory
+        reached = int((found.t == times[: found.t.size]).sum())  # the last good state comes behind them
+        edges = edges[: (reached - 1) // 4 + 1]
+        times = times[: 4 * (edges.size - 1) + 1]
+        rows = {name: getattr(found, name)[: times.size] for name in ("t", "q", "v", "u", "energy")}
+        part = replace(found, **rows)
     wrenches = None
     if wrench is not None:
         wrenches = np.array([wrench(t, x, y) for t, x, y in zip(times.tolist(), part.q, part.v, strict=True)])
@@ -168,7 +202,7 @@ def _piece(
     if wrenches is not None:
         samples["wrench"] = wrenches[::4]
     samples["work"] = works(kernel, times, part.q, part.v, part.u, wrenches)
-    return samples, part
+    return samples, part, stop
 
 
 def _bounds(scenario: Scenario, loads: Loads, grid: Array) -> list[float]:

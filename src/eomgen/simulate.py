@@ -95,7 +95,8 @@ def simulate(
 
     Raises:
         InputError: an argument is wrong, nothing can be driven, the robot has loops, SciPy is not installed.
-        IntegrationError: the motion could not be integrated; see ``integrate``.
+        IntegrationStopped: the motion could not be integrated to its end; see ``integrate``.  What there is of it is in
+            the error's ``result``.
     """
     if not (np.isfinite(bandwidth) and bandwidth > 0.0):
         raise InputError(f"bandwidth: {bandwidth!r} rad/s; a finite number greater than 0 is allowed")
@@ -131,7 +132,8 @@ def run_scenario(
     Raises:
         InputError: the scenario does not fit the robot (file, key, value and what is allowed are named), the robot has
             loops, SciPy is not installed.
-        IntegrationError: there is no equilibrium at the start, or the motion could not be integrated.
+        IntegrationError: there is no equilibrium at the start, or the motion could not be integrated to its end: as
+            IntegrationStopped, whose ``result`` has what there is of it.
     """
     report: Progress = progress or (lambda _fraction, _text: None)
     refuse_loops(robot)
@@ -181,7 +183,7 @@ def run_setup(
         *_assumptions(robot, loose, scenario, setup.program is not None),
         found.balance.note(),
     ]
-    return SimulationResult(
+    result = SimulationResult(
         robot.name,
         found.trajectory,
         setup.driven,
@@ -199,7 +201,18 @@ def run_setup(
         found.wrench,
         found.balance,
         MappingProxyType(record_of(robot)),
+        MappingProxyType({} if found.stop is None else _stop_record(found.stop)),
     )
+    if found.stop is not None:
+        found.stop.trajectory, found.stop.result = result.trajectory, result
+        raise found.stop
+    return result
+
+
+def _stop_record(stop: IntegrationStopped) -> dict[str, Any]:
+    """What a result keeps of the reason why it ends too early: values that JSON holds."""
+    state = {name: getattr(stop, name).tolist() for name in ("q", "v")}
+    return {"reason": str(stop), "t": stop.t, "coordinate": stop.coordinate, **state}
 
 
 def tool_of(robot: Robot, tool: str | None, label: str = "tool") -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .contacts import ContactWatch
-from .errors import ArrayError, EomgenError, InputError
+from .errors import ArrayError, EomgenError, InputError, IntegrationStopped
 from .kernel import Kernel
 from .stiffness import coordinate_sizes, line_rates, stiffness_matrix
 from .system import System
@@ -78,24 +78,49 @@ def fixed_step(kernel: Kernel, q0: Array, step: float | None, times: Array) -> f
     return min(1e-3, 0.5 / fastest if fastest else np.inf, float(np.diff(times).max()))
 
 
+class Samples:
+    """States of a motion at given times, as they are reached.
+
+    Attributes:
+        times: (T,), s.
+        states: q and v there, (T, 2n).
+        done: how many are there; the first one is at the beginning.
+    """
+
+    def __init__(self, times: Array, y0: Array, record: Record | None = None) -> None:
+        self.times, self.states, self.done, self._record = times, np.empty((times.size, y0.size)), 1, record
+        self.states[0] = y0
+
+    def take(self, states: Array) -> None:
+        """The next ones, (k, 2n); they are passed on to ``record``."""
+        rows = slice(self.done, self.done + len(states))
+        self.states[rows] = states
+        self.done = rows.stop
+        if self._record is not None:
+            self._record(self.times[rows], self.states[rows])
+
+    def until(self, stop: IntegrationStopped) -> tuple[Array, Array]:
+        """Times and states of what is there, and the last good state behind them."""
+        times, states = self.times[: self.done], self.states[: self.done]
+        if stop.t > times[-1]:
+            times, states = np.append(times, stop.t), np.vstack([states, np.concatenate([stop.q, stop.v])])
+        return times, states
+
+
 def rk4(
     system: System,
-    y: Array,
-    times: Array,
+    samples: Samples,
     step: float,
     report: Callable[[float, str], None],
     settle: Callable[[float, float, Array, Array], Array] | None = None,
     watch: ContactWatch | None = None,
-    record: Record | None = None,
-) -> Array:
-    """The classical Runge-Kutta method of order 4; states at the times, (T, 2n).
+) -> None:
+    """Fill the samples by the classical Runge-Kutta method of order 4.
 
     ``settle(t, h, y, good)`` corrects y, the state after a step of h from ``good`` at t.
     """
-    states = np.empty((times.size, y.size))
-    states[0] = y
-    f = system.derivative
-    for i, (t0, t1) in enumerate(pairwise(times), 1):
+    y, f = samples.states[0], system.derivative
+    for t0, t1 in pairwise(samples.times):
         count = max(1, int(np.ceil((t1 - t0) / step - 1e-9)))
         h = (t1 - t0) / count
         for j in range(count):
@@ -118,11 +143,8 @@ def rk4(
             if watch is not None:
                 watch.step(t, good, t + h, y)
             system.counts["steps"] += 1
-        states[i] = y
-        if record is not None:
-            record(times[i : i + 1], states[i : i + 1])
+        samples.take(y[np.newaxis])
         report(float(t1), f"t = {t1:.3f} s, rk4, {system.counts['steps']} steps")
-    return states
 
 
 def start_solver(system: System, y0: Array, times: Array, method: str, rtol: float, atol: Array) -> Any:
@@ -142,16 +164,12 @@ def start_solver(system: System, y0: Array, times: Array, method: str, rtol: flo
 def sampled(
     solver: Any,
     system: System,
-    times: Array,
+    samples: Samples,
     report: Callable[[float, str], None],
     watch: ContactWatch,
-    record: Record | None = None,
-) -> Array:
-    """Step SciPy's solver to the end; states at the times, (T, 2n)."""
-    states = np.empty((times.size, solver.y.size))
-    states[0] = solver.y
-    done = 1
-    name = type(solver).__name__
+) -> None:
+    """Step SciPy's solver to the end, and fill the samples."""
+    times, name = samples.times, type(solver).__name__
     while solver.status == "running":
         t, y = solver.t, solver.y
         try:
@@ -168,17 +186,14 @@ def sampled(
         if not np.isfinite(solver.y).all():
             raise system.stopped(f"{name} diverged", t, y, solver.y)
         system.counts["steps"] += 1
+        system.trouble = None  # it was overcome
         end = int(np.searchsorted(times, solver.t, side="right"))
-        if end > done or len(watch):
+        if end > samples.done or len(watch):
             between = solver.dense_output()
             watch.step(t, y, solver.t, solver.y, between)
-            if end > done:
-                states[done:end] = between(times[done:end]).T
-                if record is not None:
-                    record(times[done:end], states[done:end])
-            done = end
+            if end > samples.done:
+                samples.take(between(times[samples.done : end]).T)
         report(solver.t, f"t = {solver.t:.3f} s, {name}, {system.counts['steps']} steps")
-    return states
 
 
 def tolerances(system: System, y0: Array, rtol: float, atol: ArrayLike | None) -> Array:

@@ -16,7 +16,7 @@ from .contacts import ContactWatch
 from .errors import EomgenError, InputError, IntegrationError
 
 if TYPE_CHECKING:
-    from .stepping import Record
+    from .stepping import Samples
     from .system import System
 
 Array = NDArray[np.float64]
@@ -29,36 +29,30 @@ NEAR = 1e-9  # of a time
 
 def sundials_states(
     system: System,
-    y0: Array,
-    times: Array,
+    samples: Samples,
     method: str,
     rtol: float,
     atol: Array,
     report: Callable[[float, str], None],
     watch: ContactWatch,
-    record: Record | None = None,
-) -> Array:
-    """States at the times, (T, 2n).
+) -> None:
+    """Fill the samples.
 
     Args:
         system: the equations; its counts grow.
-        y0: state at the first time, (2n,).
-        times: (T,), s.
+        samples: with the state at the first time.
         method: "CVODE" or "IDA".
         rtol, atol: tolerances, (2n,) the second.
         report: called with the time reached and a line of text.
         watch: is told of the contacts.
-        record: called with times and states of samples as they are reached, the first one not among them.
 
     Raises:
         IntegrationStopped: it cannot go on, with the last good state.
         InputError: scikit-sundae is not installed.
     """
-    solver = _start(system, y0, float(times[0]), method, rtol, atol, watch)
-    states = np.empty((times.size, y0.size))
-    states[0] = good = y0
-    reached = float(times[0])
-    for i, t in enumerate(times[1:], 1):
+    good, reached = samples.states[0], float(samples.times[0])
+    solver = _start(system, good, reached, method, rtol, atol, watch)
+    for t in samples.times[1:]:
         while reached < t:
             try:
                 found = solver.step(float(t))
@@ -69,14 +63,12 @@ def sundials_states(
                 reason = str(found.message).rstrip(".").lower()
                 raise system.stopped(f"{method} cannot go on: {reason}", reached, good)
             reached, good = float(found.t), np.array(found.y)
+            system.trouble = None  # it was overcome
             if reached < t:  # an event stopped it
                 for end in np.flatnonzero(found.i_events[-1]):
                     watch.note(int(end), reached, good, bool(found.i_events[-1][end] > 0))
-        states[i] = good
-        if record is not None:
-            record(times[i : i + 1], states[i : i + 1])
+        samples.take(good[np.newaxis])
         report(reached, f"t = {reached:.3f} s, {method}, {system.counts['evaluations']} calls")
-    return states
 
 
 def _start(system: System, y0: Array, t0: float, method: str, rtol: float, atol: Array, watch: ContactWatch) -> Any:
@@ -101,13 +93,13 @@ class _Patience:
     def __init__(self, system: System) -> None:
         self.system, self.failures, self.failed_at = system, 0, -np.inf
 
-    def __call__(self, t: float, compute: Callable[[], Array], out: Array) -> None:
+    def __call__(self, t: float, y: Array, compute: Callable[[], Array], out: Array) -> None:
         try:
             out[...] = compute()
             if np.isfinite(out).all():
                 return
         except (ValueError, ArithmeticError) as error:
-            self.system.trouble = error
+            self.system.note(error, y)
             out[...] = np.nan
         near = abs(t - self.failed_at) <= NEAR * max(abs(t), 1e-3)
         self.failures, self.failed_at = self.failures + 1 if near else 1, t
@@ -120,10 +112,10 @@ def _cvode(system: System, watch: ContactWatch) -> tuple[Any, Any, Any]:
     fill = _Patience(system)
 
     def right_side(t: float, y: Array, out: Array) -> None:
-        fill(t, lambda: system.derivative(t, y), out)
+        fill(t, y, lambda: system.derivative(t, y), out)
 
     def jacobian(t: float, y: Array, _slopes: Array, out: Array) -> None:
-        fill(t, lambda: system.jacobian(t, y), out)
+        fill(t, y, lambda: system.jacobian(t, y), out)
 
     def events(_t: float, y: Array, out: Array) -> None:
         out[:] = watch.gaps(y)
@@ -135,10 +127,10 @@ def _ida(system: System, watch: ContactWatch) -> tuple[Any, Any, Any]:
     fill = _Patience(system)
 
     def residual(t: float, y: Array, slopes: Array, out: Array) -> None:
-        fill(t, lambda: system.residual(t, y, slopes), out)
+        fill(t, y, lambda: system.residual(t, y, slopes), out)
 
     def jacobian(t: float, y: Array, slopes: Array, _residual: Array, c: float, out: Array) -> None:
-        fill(t, lambda: system.residual_jacobian(t, y, slopes, c), out)
+        fill(t, y, lambda: system.residual_jacobian(t, y, slopes, c), out)
 
     def events(_t: float, y: Array, _slopes: Array, out: Array) -> None:
         out[:] = watch.gaps(y)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from .balance import TERMS, EnergyBalance
 from .controls import JointPD
-from .errors import EomgenError, IntegrationError
+from .errors import ArrayError, EomgenError, IntegrationStopped
 from .integrate import Trajectory
 from .kernel import Kernel
 from .loads import loaded_parameters
@@ -34,6 +34,7 @@ Array = NDArray[np.float64]
 
 PERIOD = 5e-4  # s, of the drives, at most
 HOLD = 0.5  # time constants of what drives damp, or rad by which they turn a swing, in which they may be held
+ADVICE = "a shorter step or period may help"
 SLOWEST_TURN = 0.05  # rad by which the slowest spring turns in an implicit step
 
 
@@ -144,11 +145,21 @@ class _Steps:
         return int(code), self._ends[:, 1]
 
 
+@dataclass(frozen=True)
+class _Failure:
+    """Why a way ends where period ``k`` begins, and the coordinate that is to blame."""
+
+    k: int
+    coordinate: str
+    message: str
+
+
 class _Sample:
     """One kernel's way, and what went wrong on it."""
 
     def __init__(self, robot: Robot, scenario: Scenario, setup: Setup, pace: Pace, gains: tuple[Array, Array] | None):
-        self.setup, self.kernel, self.failure = setup, setup.kernel, ""
+        self.setup, self.kernel = setup, setup.kernel
+        self.failure: _Failure | None = None
         n = self.kernel.n
         self.q, self.v = np.empty((pace.periods + 1, n)), np.empty((pace.periods + 1, n))
         self.q[0], self.v[0], _ = initial_state(robot, scenario, setup)
@@ -159,25 +170,30 @@ class _Sample:
 
     def advance(self, k: int, u: Array, commands: Sequence[tuple[Array, Array] | None]) -> None:
         """Period k under u, (n,), and a command for every pass; of two passes the second one weighs 2, the first -1."""
+        try:
+            self.kernel.refuse_not_finite("drive and wrenches", u, u.shape)
+        except ArrayError as error:
+            return self._fail(k, error.coordinate, str(error))
         ends = []
         for steps, command in zip(self._passes, commands, strict=True):
             code, end = steps.run(self.q[k], self.v[k], u, command)
             if code >= 0:
                 step, i = divmod(code, self.kernel.n)
                 at = k * self._period + step * steps.step
-                return self._fail(k, f"no acceleration of {self.kernel.coordinates[i]} at t = {at:.6g} s")
+                name = self.kernel.coordinates[i]
+                return self._fail(k, name, f"no acceleration of {name} at t = {at:.6g} s; {ADVICE}")
             ends.append(end)
         q, v = ends[0] if len(ends) == 1 else 2.0 * ends[1] - ends[0]
         bad = ~(np.abs(q) < FAR) | ~np.isfinite(v)
         if bad.any():
             name = self.kernel.coordinates[int(bad.argmax())]
-            return self._fail(k, f"{name} diverged before t = {(k + 1) * self._period:.6g} s")
+            return self._fail(k, name, f"{name} diverged before t = {(k + 1) * self._period:.6g} s; {ADVICE}")
         self.q[k + 1], self.v[k + 1] = q, v
         return None
 
-    def _fail(self, k: int, message: str) -> None:
+    def _fail(self, k: int, coordinate: str, message: str) -> None:
         """Stand still from period k on: the others of the batch go on."""
-        self.failure = f"{message}; a shorter step or period may help"
+        self.failure = _Failure(k, coordinate, message)
         self.q[k + 1 :], self.v[k + 1 :] = self.q[k], self.v[k]
 
 
@@ -243,14 +259,16 @@ def _run(robot: Robot, scenario: Scenario, samples: list[_Sample], pace: Pace, i
         q, v = (np.array([x[k + 1] for x in xs]) for xs in ([s.q for s in samples], [s.v for s in samples]))
 
 
-def _drives(sample: _Sample, pace: Pace, inner: bool) -> Array:
-    """Drives at the begins of all periods and at the end: of what was held, the mean of before and after."""
-    law, t, q, v = sample.setup.drive, pace.times, sample.q, sample.v
+def _drives(sample: _Sample, pace: Pace, inner: bool, last: int) -> Array:
+    """Drives at the begins of periods up to the last one: of what was held, the mean of before and after."""
+    law, t, q, v = sample.setup.drive, *(x[: last + 1] for x in (pace.times, sample.q, sample.v))
     if inner:
         return np.array([law(at, *state) for at, *state in zip(t.tolist(), q, v, strict=True)])
     u = np.empty_like(q)
-    u[1:-1] = 0.5 * (sample.held[1:] + sample.held[:-1])
-    u[0], u[-1] = law(0.0, q[0], v[0]), law(pace.duration, q[-1], v[-1])
+    u[1:-1] = 0.5 * (sample.held[1:last] + sample.held[: max(last - 1, 0)])
+    u[0] = law(0.0, q[0], v[0])
+    if last > 0:
+        u[-1] = sample.held[last - 1] if sample.failure else law(pace.duration, q[-1], v[-1])
     return u
 
 
@@ -272,13 +290,18 @@ def _commands(law: JointPD, t: float, pace: Pace, finer: int, n: int) -> tuple[A
 
 def _result(sample: _Sample, pace: Pace, balance: bool) -> Rolled | EomgenError:
     kernel, t = sample.kernel, pace.times
-    if sample.failure:
-        return IntegrationError(f"{kernel.name}: {sample.failure}")
-    energy = np.asarray(kernel.energy(sample.q, sample.v))
-    law = sample.setup.drive
-    u = _drives(sample, pace, isinstance(law, JointPD))
+    failure = sample.failure
+    last = pace.periods if failure is None else failure.k
+    t, q, v = t[: last + 1], sample.q[: last + 1], sample.v[: last + 1]
+    energy = np.asarray(kernel.energy(q, v))
+    u = _drives(sample, pace, isinstance(sample.setup.drive, JointPD), last)
     info = {"steps": pace.periods * pace.steps, "evaluations": 0, "jacobians": 0, "wall_s": 0.0}
-    trajectory = Trajectory(t, sample.q, sample.v, u, energy, kernel.coordinates, f"rollout, {pace.method}", info)
+    trajectory = Trajectory(t, q, v, u, energy, kernel.coordinates, f"rollout, {pace.method}", info)
+    if failure is not None:
+        message = f"{kernel.name}, t = {t[-1]:.6g} s: {failure.message}"
+        stop = IntegrationStopped(message, float(t[-1]), q[-1].copy(), v[-1].copy(), failure.coordinate)
+        stop.trajectory = trajectory
+        return stop
     wrenches, wrench = sample.setup.wrenches, None
     if wrenches is not None:
         wrench = np.array([wrenches(at, q, v) for at, q, v in zip(t.tolist(), sample.q, sample.v, strict=True)])

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .errors import ArrayError, InputError, IntegrationError
+from .errors import ArrayError, InputError, IntegrationStopped
 from .kernel import Kernel
 from .stiffness import coordinate_sizes
 
@@ -19,18 +19,7 @@ Prescribed = Callable[[float], tuple[ArrayLike, ArrayLike, ArrayLike]]
 Q_STEP, V_STEP = 1e-7, 1e-6  # finite differences: small beside 1 rad, 1e9 times the round-off of a force
 
 
-class IntegrationStopped(IntegrationError):
-    """An integration that could not go on, with its last good state.
-
-    Attributes:
-        t: time of the last good state, s.
-        q, v: that state, (n,).
-        coordinate: name of the coordinate that is to blame: it is not finite, or moves fastest for its size.
-    """
-
-    def __init__(self, message: str, t: float, q: Array, v: Array, coordinate: str) -> None:
-        super().__init__(message)
-        self.t, self.q, self.v, self.coordinate = t, q, v, coordinate
+__all__ = ["Drive", "IntegrationStopped", "Prescribed", "System", "Wrench", "state_vector"]
 
 
 def state_vector(label: str, value: ArrayLike, coordinates: tuple[str, ...]) -> Array:
@@ -48,12 +37,17 @@ def state_vector(label: str, value: ArrayLike, coordinates: tuple[str, ...]) -> 
         raise ArrayError(f"{label}: expected float64 of shape ({n},), got shape {array.shape}")
     bad = np.flatnonzero(~np.isfinite(array))
     if bad.size:
-        raise ArrayError(f"{label}: {coordinates[bad[0]]} is {array[bad[0]]}; numbers must be finite")
+        name = coordinates[bad[0]]
+        raise ArrayError(f"{label}: {name} is {array[bad[0]]}; numbers must be finite", name)
     return array
 
 
 class System:
-    """The equations of motion as y' = f(t, y), y = (q, v), with their Jacobian; counts its calls."""
+    """The equations of motion as y' = f(t, y), y = (q, v), with their Jacobian; counts its calls.
+
+    Whatever ``kernel.checks`` says, a drive, wrench, prescribed motion, state or acceleration that is not finite is an
+    ArrayError that names it.
+    """
 
     def __init__(
         self,
@@ -75,6 +69,8 @@ class System:
             raise InputError(f"prescribed: {kernel.name} has no prescribed coordinate")
         self._batched = bool(getattr(drive, "batched", False))
         self._wrench = wrench
+        if wrench is not None and not callable(wrench) and np.shape(wrench) == (len(kernel.links), 6):
+            kernel.refuse_not_finite("wrench", np.asarray(wrench, dtype=np.float64), (len(kernel.links), 6))
         self._no_drive = np.zeros(self.n)
         self.counts = {"steps": 0, "evaluations": 0, "jacobians": 0}
         self.trouble: Exception | None = None
@@ -85,9 +81,11 @@ class System:
             return np.zeros(0)
         found = [np.asarray(x, dtype=np.float64) for x in self._prescribed(t)]
         if [x.shape for x in found] != [(len(self._given),)] * 3 or not np.isfinite(found).all():
+            bad = np.argwhere(~np.isfinite(found)) if len({x.shape for x in found}) == 1 else np.zeros((0, 2), int)
             raise ArrayError(
                 f"prescribed: expected three arrays of {len(self._given)} finite numbers at t = {t:.6g} s, got"
-                f" {', '.join(str(x) for x in found)}"
+                f" {', '.join(str(x) for x in found)}",
+                self.kernel.prescribed[bad[0][-1] % len(self._given)] if bad.size else "",
             )
         q[self._given], v[self._given] = found[:2]
         return found[2]
@@ -111,17 +109,31 @@ class System:
         u = np.asarray(self._drive(t, q, v), dtype=np.float64)
         if u.shape != q.shape:
             raise ArrayError(f"drive: expected forces of shape {q.shape}, got shape {u.shape} at t = {t:.6g} s")
+        self._refuse_not_finite("drive", u, t)
         return u
 
     def wrench(self, t: float, q: Array, v: Array) -> ArrayLike | None:
         """External wrenches in one state, (links, 6)."""
-        return self._wrench(t, q, v) if callable(self._wrench) else self._wrench
+        if not callable(self._wrench):
+            return self._wrench
+        wrench = self._wrench(t, q, v)
+        if np.shape(wrench)[-2:] == (len(self.kernel.links), 6):  # another shape is the kernel's to refuse
+            self._refuse_not_finite("wrench", np.asarray(wrench, dtype=np.float64), t)
+        return wrench
+
+    def _refuse_not_finite(self, label: str, values: Array, t: float) -> None:
+        """ArrayError where one of the values, (n,), (N, n) or wrenches, is not finite."""
+        if not np.isfinite(values).all():
+            shape = (len(self.kernel.links), 6) if label == "wrench" else (self.n,)
+            self.kernel.refuse_not_finite(label, values, shape, f" at t = {t:.6g} s")
 
     def derivative(self, t: float, y: Array) -> Array:
         """y' of one state."""
         self.counts["evaluations"] += 1
         q, v = y[: self.n], y[self.n :]
         result = np.empty_like(y)
+        self._refuse_not_finite("q", q, t)
+        self._refuse_not_finite("v", v, t)
         if self._given:
             q, v = q.copy(), v.copy()
             a = self.prescribe(t, q, v)
@@ -131,6 +143,7 @@ class System:
             u[self._given] = a
         result[: self.n] = v
         self.kernel.forward_dynamics(q, v, u, wrench=wrench, out=result[self.n :])
+        self._refuse_not_finite("acceleration", result[self.n :], t)
         return result
 
     def trial(self, t: float, y: Array) -> Array:
@@ -138,8 +151,13 @@ class System:
         try:
             return self.derivative(t, y)
         except (ValueError, ArithmeticError) as error:  # a state that is not finite, or M is singular there
-            self.trouble = error
+            self.note(error, y)
             return np.full_like(y, np.nan)
+
+    def note(self, error: Exception, y: Array) -> None:
+        """Keep what went wrong at y; where y is not finite itself, what made it so remains to blame."""
+        if self.trouble is None or np.isfinite(y).all():
+            self.trouble = error
 
     def jacobian(self, t: float, y: Array) -> Array:
         """dy'/dy, (2n, 2n): M da = -d(residual) at constant a."""
@@ -165,6 +183,8 @@ class System:
         result[n:] -= self.drives(t, q, v)
         if self._given:
             result[n:][self._given] = a[self._given] - given
+        self._refuse_not_finite("rate less v", result[:n], t)
+        self._refuse_not_finite("residual", result[n:], t)
         return result
 
     def residual_jacobian(self, t: float, y: Array, slopes: Array, c: float) -> Array:
@@ -220,11 +240,15 @@ class System:
         q, v = y[: self.n].copy(), y[self.n :].copy()
         seen = y if blame is None else blame
         bad = np.flatnonzero(~np.isfinite(seen))
+        name, where = getattr(self.trouble, "coordinate", ""), f"{self.kernel.name}, t = {t:.6g} s"
         if bad.size:
-            worst, what = int(bad[0]) % self.n, "is not finite"
+            name = self.kernel.coordinates[int(bad[0]) % self.n]
+            what = f"{name} is not finite"
+        elif name:  # the trouble says it
+            return IntegrationStopped(f"{where}: {reason}; {self.trouble}", t, q, v, name)
         else:
             worst = int(np.argmax(np.abs(seen[self.n :]) / coordinate_sizes(self.kernel, q)[1]))
-            what = f"moves fastest for its size, at {seen[self.n + worst]:.3g} per second"
-        name = self.kernel.coordinates[worst]
+            name = self.kernel.coordinates[worst]
+            what = f"{name} moves fastest for its size, at {seen[self.n + worst]:.3g} per second"
         detail = f"; {self.trouble}" if self.trouble else ""
-        return IntegrationStopped(f"{self.kernel.name}, t = {t:.6g} s: {reason}; {name} {what}{detail}", t, q, v, name)
+        return IntegrationStopped(f"{where}: {reason}; {what}{detail}", t, q, v, name)
