@@ -137,40 +137,16 @@ NAMES = [
     *("\U0001f600" * 90,),
 ]
 NUMBERS = [0, -1, 1, 1e-320, 1e30, -1e30, 1e31, 1e308, 2**63, 2**70, -(2**2000), 0.1, 1e-12, 1e-9, 0.5, 3.14159265]
-VALUES = [
-    *NUMBERS,
-    *NAMES,
-    True,
-    False,
-    float("nan"),
-    float("inf"),
-    [],
-    {},
-    [[]],
-    [{}],
-    {"": 0},
-    [0, 0, 0],
-    [[0, 1], [1, 2]],
-]
+EMPTY = [[], {}, [[]], [{}], {"": 0}, [0, 0, 0], [[0, 1], [1, 2]]]
+VALUES = [*NUMBERS, *NAMES, *EMPTY, True, False, float("nan"), float("inf")]
 ATTRIBUTES = ["0", "1", "-1", "nan", "inf", "1e400", "0 0 1", "1 2", "0x1", "", " ", "9" * 400, "1e-300 0 0", *NAMES]
 KEYS = sorted(
     set(re.findall(r"[a-z_]+(?= =)", ARM + WORN + SCENARIO + TORQUES + PLAN))
     | {"stifness", "", "a b", "\n", "__class__"}
 )
 TAGS = [
-    "link",
-    "joint",
-    "inertial",
-    "origin",
-    "mass",
-    "inertia",
-    "axis",
-    "limit",
-    "dynamics",
-    "mimic",
-    "parent",
-    "child",
-    "robot",
+    *("link", "joint", "inertial", "origin", "mass", "inertia", "axis", "limit", "dynamics", "mimic", "parent"),
+    *("child", "robot"),
 ]
 
 
@@ -292,8 +268,14 @@ def as_document(tree: dict[str, Any]) -> str:
     return "".join(f"{_key(key)} = {as_toml(value)}\n" for key, value in tree.items())
 
 
+def toml_string(text: str) -> str:
+    """A string of TOML in ASCII; JSON's notation has pairs of surrogates in it, which TOML does not take."""
+    plain = (c if " " <= c <= "~" and c not in '"\\' else f"\\U{ord(c):08x}" for c in text)
+    return '"' + "".join(plain) + '"'
+
+
 def _key(key: str) -> str:
-    return key if re.fullmatch("[A-Za-z0-9_-]+", key) else json.dumps(key)
+    return key if re.fullmatch("[A-Za-z0-9_-]+", key) else toml_string(key)
 
 
 def as_toml(value: object) -> str:
@@ -304,4 +286,6 @@ def as_toml(value: object) -> str:
         return "[" + ", ".join(map(as_toml, value)) + "]"
     if isinstance(value, float):
         return repr(value)
-    return json.dumps(value) if isinstance(value, (str, bool, int)) else str(value)
+    if isinstance(value, str):
+        return toml_string(value)
+    return json.dumps(value) if isinstance(value, (bool, int)) else str(value)

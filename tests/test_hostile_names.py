@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import subprocess
@@ -17,7 +16,7 @@ from conftest import Build
 from description_samples import ARM
 from fuzzing import check_message, check_robot
 from hostile import WORDS, XML, hostile_name
-from mutations import PLAN, SCENARIO, WORN
+from mutations import PLAN, SCENARIO, WORN, toml_string
 from test_render import WARNINGS, source_of
 
 import eomgen
@@ -65,7 +64,7 @@ PLACES: dict[str, tuple[Reader, str, str, Callable[[str], bool]]] = {
     "key": (toml, ARM, "armature", lambda name: False),
     "top key": (toml, ARM, "gravity", lambda name: False),
     "type": (toml, ARM, '"prismatic"', lambda name: False),
-    "tunable": (toml, ARM, '"links.link2.mass"', lambda name: False),
+    "tunable": (toml, ARM, '"links.link2.mass"', lambda name: name == "*"),
     "urdf": (toml, 'urdf = "x"\n' + ARM, '"x"', lambda name: False),
     "curve": (toml, ARM.replace("stiffness = 1e6", 'curve = "x"'), '"x"', lambda name: False),
     "coordinate of a start": (scenario, SCENARIO, "joint1.x", lambda name: all(map(is_identifier, name.split(".")))),
@@ -87,7 +86,7 @@ def named(place: str, name: str, folder: Path) -> object:
     """What comes of a name in that place; None where it is refused, as it must be unless it is right."""
     read, text, old, right = PLACES[place]
     try:
-        made = read(text.replace(old, json.dumps(name)), folder)
+        made = read(text.replace(old, toml_string(name)), folder)
     except InputError as error:
         check_message(error)
         made = None
