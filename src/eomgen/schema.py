@@ -38,7 +38,7 @@ class Table:
     def fail(self, message: str, key: str = "") -> NoReturn:
         """Raise the DescriptionError of this table, or of one of its keys."""
         where = ".".join(filter(None, (self.where, key)))
-        path = self._below(*key.split(".")) if key else self.path
+        path = self._below(*key.replace("[", ".").replace("]", "").split(".")) if key else self.path
         raise DescriptionError(message, where=where, source=self.source, path=path)
 
     def _below(self, *keys: str) -> tuple[str, ...]:

@@ -78,12 +78,15 @@ def parse_toml(text: str, source: str) -> dict[str, object]:
         message = "not TOML that can be read: it is nested too deeply; allowed: tables and arrays a few levels deep"
         raise DescriptionError(message, source=source) from None
     except ValueError as error:  # TOMLDecodeError, or what Python says of an integer or a date
-        raise DescriptionError(_diagnosis(str(error)), source=source) from None
+        raise _refusal(text, str(error), source) from None
     return values
 
 
-def _diagnosis(said: str) -> str:
-    """What the parser said, as printable ASCII, with what to write instead."""
+def _refusal(text: str, said: str, source: str) -> DescriptionError:
+    """What the parser said, as printable ASCII, with what to write instead; the line, where it is the last."""
     reason = ascii(said)[1:-1][:300]
-    found = (what for begin, what in _REMEDIES.items() if said.startswith(begin))
-    return f"not valid TOML: {reason}; allowed: {next(found, 'TOML 1.0, see toml.io')}"
+    remedy = next((what for begin, what in _REMEDIES.items() if said.startswith(begin)), "TOML 1.0, see toml.io")
+    error = DescriptionError(f"not valid TOML: {reason}; allowed: {remedy}", source=source)
+    if said.endswith("(at end of document)"):
+        error.line = text.rstrip().count("\n") + 1
+    return error

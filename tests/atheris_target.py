@@ -1,0 +1,33 @@
+"""Coverage-guided fuzzing: python atheris_target.py KIND [libFuzzer's flags] [corpus]."""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+import warnings
+from pathlib import Path
+
+import atheris
+
+with atheris.instrument_imports(include=["eomgen", "tomllib", "tomli"]):
+    from fuzzing import KINDS, accepted
+
+    from eomgen.errors import EomgenWarning
+
+
+def main() -> None:
+    kind = sys.argv.pop(1)
+    assert kind in KINDS
+    warnings.simplefilter("error")
+    warnings.simplefilter("ignore", EomgenWarning)
+    with tempfile.TemporaryDirectory() as folder:
+
+        def one(content: bytes) -> None:
+            accepted(kind, content, Path(folder))
+
+        atheris.Setup(sys.argv, one)
+        atheris.Fuzz()
+
+
+if __name__ == "__main__":
+    main()
