@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from itertools import combinations, product
+from types import MappingProxyType
 
 import numpy as np
 import pytest
 import sympy as sp
 
 from eomgen.codegen import joint
-from eomgen.codegen.joint import joint_derivatives, joint_transform, step
+from eomgen.codegen.joint import JointDerivatives, ZeroPair, joint_derivatives, joint_transform, step
 from eomgen.errors import InternalError
 from eomgen.robot import ANGULAR, COORDINATES, LINEAR, rotation_from_rpy
 
@@ -111,5 +114,44 @@ def test_a_wrong_claim_is_not_proved() -> None:
         joint._prove(step("x").generator, "a wrong claim")
 
 
-def test_there_are_seven_proofs() -> None:
-    assert len(list(joint.proofs())) == 7
+def test_every_proof_fails_where_its_claim_is_wrong() -> None:
+    """With a matrix in the place of another for which the claim does not hold."""
+    wrong = sp.ImmutableMatrix(sp.ones(4, 4))
+
+    def step_with(generator: sp.Matrix) -> Callable[[str], joint.Step]:
+        return lambda name: replace(step(name), generator=generator)
+
+    symmetric = JointDerivatives(MappingProxyType(dict.fromkeys(COORDINATES, wrong)), MappingProxyType({}))
+    for name, change, proof in (
+        ("_translation", lambda name, s: joint_transform(("x",)).subs(step("x").symbol, s**2), joint.step),
+        ("_rotation", lambda name, s: sp.diag(1 + s, 1, 1, 1), joint.step),
+        ("joint_derivatives", lambda active: symmetric, joint.prove_translation_column),
+        ("step", step_with(wrong), joint.prove_antisymmetry),
+        ("_skew", lambda a: sp.ones(3, 3), joint.prove_coaxial_swap),
+    ):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(joint, name, change)
+            arguments = {"_translation": ("y",), "_rotation": ("beta",)}.get(name, ())
+            with pytest.raises(InternalError, match="the proof failed"):
+                proof.__wrapped__(*arguments)
+
+
+def test_a_lemma_too_many_or_too_few_is_noticed() -> None:
+    pairs = joint.prove_second_derivative_zeros()
+    joint._check_complete(pairs)
+    one_more = tuple(ZeroPair("alpha", "beta", same_joint, joint.SHARPER) for same_joint in (True, False))
+    for wrong in (pairs[1:], pairs[:-1], (*pairs, one_more[0]), (*pairs, one_more[1])):
+        with pytest.raises(InternalError, match="lemma"):
+            joint._check_complete(wrong)
+
+
+def test_what_the_proofs_say() -> None:
+    assert list(joint.proofs()) == [
+        "dA_0k/dx = L [0 | e_x]",
+        f"{joint.LEMMA_7} (15 pairs)",
+        f"{joint.SHARPER} (18 pairs)",
+        "translations of one joint are orthogonal (3 pairs)",
+        "coaxial translation and rotation (3 pairs)",
+        "C_i,jk = -C_k,ij for j <= min(i, k)",
+        "C_i,jk = -C_l,mk for coaxial (i, m) and (l, j)",
+    ]

@@ -183,3 +183,14 @@ def test_recursion_equals_closed_form(seed: int) -> None:
             found[index] = number
         size = np.abs(terms).max() if kernel == "mass_matrix" else scale
         assert np.abs(found - terms.ravel()).max() <= TOLERANCE * size
+
+
+def test_names_of_symbols() -> None:
+    """Like the paper's, numbered by joint; wrenches by link."""
+    form = closed_form(build_model(random_robot(12, joints=(3, 3), max_size=3)), external_forces=True)
+    names = [(str(q), str(v), str(a), str(u)) for q, v, a, u in zip(form.q, form.v, form.a, form.u, strict=True)]
+    for k, (q, v, a, u) in enumerate(names, start=1):
+        name = q.removesuffix(f"_{k}")
+        assert (v, a, u) == (f"{name}dot_{k}", f"{name}ddot_{k}", f"D_{name}_{k}")
+    assert [str(s) for s in form.wrench[0]] == [f"{key}_link1" for key in ("F_x", "F_y", "F_z", "R_x", "R_y", "R_z")]
+    assert not form.parameters

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from random_motors import geared_robot
 from random_robots import random_link, random_robot, random_rotation, random_state
 from unpruned import brute_force
 
@@ -136,6 +137,38 @@ def test_report() -> None:
     for number in ("23,976", "6,156", "6,804", "306", "108", "10,602", "7,203", "7,038", "666", "642"):
         assert number in text
     assert "lemma (7)" in text
+    assert zeros.TREE not in text  # a reason without zeros
     plain = json.loads(json.dumps(found.as_dict()))
     assert plain["christoffel"]["independent_by_antisymmetry"] == 7_203
-    assert plain["mass_matrix"]["survivors"] == 642
+    assert plain["christoffel"]["independent"] == 7_038
+    assert plain["mass_matrix"] == {
+        "total": 666,
+        "zeros": [
+            {"reason": zeros.TREE, "count": 0},
+            {"reason": zeros.ORTHOGONAL, "count": 18},
+            {"reason": zeros.COAXIAL, "count": 6},
+        ],
+        "survivors": 642,
+    }
+
+
+def test_reasons_stand_where_entries_vanish() -> None:
+    """Every entry that does not survive has the reason under which it is counted; motors have their own."""
+    robot = geared_robot(3, (2, 2))
+    for model in (build_model(chain(2)), build_model(random_robot(5, joints=(4, 4), tree=True)), build_model(robot)):
+        found = zero_map(model)
+        for tally in (found.mass_matrix, found.christoffel):
+            upper = np.broadcast_to(np.triu(np.ones((model.size,) * 2, dtype=bool)), tally.mask.shape)
+            assert np.array_equal(tally.reason == -1, tally.mask)
+            assert np.array_equal(tally.reason, np.swapaxes(tally.reason, -1, -2))
+            for place, (_, count) in enumerate(tally.zeros):
+                assert (tally.reason[upper] == place).sum() == count
+            assert tally.total == upper.sum()
+            assert tally.survivors == tally.mask[upper].sum()
+    motors, n = len(model.motors), model.size
+    assert found.mass_matrix.zeros[0] == (zeros.ROTOR, sum(n - 1 - i for i in range(motors)))
+    assert found.christoffel.zeros[0] == (zeros.ROTOR, n * n * (n + 1) // 2 - (n - motors) ** 2 * (n - motors + 1) // 2)
+    for motor in model.motors:
+        assert found.mass_matrix.mask[motor].sum() == found.mass_matrix.mask[motor, motor] == 1
+        assert not found.christoffel.mask[motor].any()
+        assert not found.christoffel.mask[:, motor].any()
