@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
+import inspect
 import os
 import re
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
@@ -18,6 +21,19 @@ import eomgen
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 ELSEWHERE = {"scenario.md": "test_result.py", "sweep.md": "test_sweep_plan.py"}  # tests that ask more of their blocks
+VOID = {
+    "br",
+    "hr",
+    "img",
+    "input",
+    "link",
+    "meta",
+    "mspace",
+    "path",
+    "rect",
+    "circle",
+    "col",
+}  # elements without an end
 PAGES = sorted(path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md"))
 
 
@@ -74,7 +90,7 @@ def test_a_wrong_block_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
 
 def test_the_site_builds(tmp_path: Path) -> None:
     """Without a warning: pages that are in no menu, links and anchors that lead nowhere are warnings."""
-    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "-d", str(tmp_path / "site")]
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "-d", str(tmp_path / "site")]
     environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, env=environment)
     assert done.returncode == 0, done.stderr
@@ -88,6 +104,8 @@ def test_the_site_builds(tmp_path: Path) -> None:
         fetched = re.findall(r'<(?:script|link|img|iframe)[^>]*(?:src|href)="((?:https?:)?//[^"]*)"', page)
         assert not fetched, name
         assert "arithmatex" not in page, f"{name}: a formula was left as text"
+        begun, ended = (set(re.findall(rf"<{slash}([a-z][a-z0-9]*)", page)) for slash in ("", "/"))
+        assert begun - ended <= VOID, f"{name}: text in pointed brackets became an element"
     for style in (tmp_path / "site").rglob("*.css"):
         assert not re.search(r"url\([\"']?(https?:)?//", style.read_text(encoding="utf-8")), style
     for text in ("inverse_dynamics", "eomgen.SingularError"):
@@ -149,3 +167,36 @@ def test_a_page_without_a_place_is_in_the_menu(hooks: ModuleType, tmp_path: Path
     nav = [{"Home": "index.md"}, {"How to": []}, {"Guides": [{"A": "a.md"}]}]
     found = hooks.on_config(SimpleNamespace(docs_dir=str(tmp_path), nav=nav)).nav
     assert found == [{"Home": "index.md"}, {"How to": ["fmu.md", "howto/x.md"]}, {"Guides": [{"A": "a.md"}, "new.md"]}]
+
+
+def test_docstrings_name_arguments_that_there_are(hooks: ModuleType) -> None:
+    """Of all functions and methods on the pages of the interface; "q, v: ..." are two."""
+    seen = 0
+    for name in ("eomgen", *(module for _, modules in hooks.api.PAGES.values() for module in modules)):
+        for where, function in functions_of(importlib.import_module(name)):
+            allowed = {key.lstrip("*") for key in inspect.signature(function).parameters}
+            for argument in arguments_of(inspect.getdoc(function) or ""):
+                assert argument in allowed, f"{where}: {argument}"
+                seen += 1
+    assert seen > 200
+
+
+def functions_of(module: ModuleType) -> Iterator[tuple[str, Callable[..., object]]]:
+    """Public functions of the module and of its classes, with where they stand."""
+    for name, found in vars(module).items():
+        if name.startswith("_") or not getattr(found, "__module__", "").startswith(module.__name__.split(".")[0]):
+            continue
+        if inspect.isfunction(found):
+            yield f"{module.__name__}.{name}", found
+        elif inspect.isclass(found):
+            for key, method in vars(found).items():
+                method = getattr(method, "__func__", method)
+                if inspect.isfunction(method) and not key.startswith("_"):
+                    yield f"{module.__name__}.{name}.{key}", method
+
+
+def arguments_of(text: str) -> list[str]:
+    """Names in the section "Args:" of a docstring."""
+    section = re.search(r"^Args:\n(.*?)(?=^\S|\Z)", text, re.DOTALL | re.MULTILINE)
+    lines = re.findall(r"^    (\w[\w, ]*):", section[1], re.MULTILINE) if section else []
+    return [name.strip() for line in lines for name in line.split(",")]
