@@ -7,6 +7,7 @@ import importlib.util
 import inspect
 import os
 import re
+import shlex
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -65,6 +66,22 @@ def test_other_pages_have_tests_of_their_own() -> None:
         assert {block.language for block in blocks_of((DOCS / name).read_text(encoding="utf-8"))} <= {
             *("toml", "python", "console")
         }
+
+
+def test_long_commands_are_understood() -> None:
+    """Those of pages whose blocks are run elsewhere: their options exist, and so do the files that they name."""
+    from eomgen.cli import make_parser
+
+    commands = 0
+    for name in ELSEWHERE:
+        for block in blocks_of((DOCS / name).read_text(encoding="utf-8")):
+            for line in block.text.splitlines() if block.language == "console" else ():
+                words = shlex.split(line.removeprefix("$ eomgen "))
+                make_parser().parse_args(words)
+                commands += 1
+                for word in words:
+                    assert not word.startswith("examples/") or (ROOT / word).is_file(), line
+    assert commands
 
 
 def test_a_wrong_block_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

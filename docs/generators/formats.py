@@ -22,6 +22,7 @@ from eomgen.sweep_plan import plan_from_toml
 
 NO_KEY = "no_such_key"
 ANY_TEXT = ("", "a string", "an array of strings")  # said before it is looked at which
+MOST_KEYS = 6  # of a table that are listed where it is a value, beside the section of its own
 NUMBERS = ("a number", "a finite number")
 DAY = "1979-05-27"  # a date: TOML that no key of ours takes
 Document = dict[str, Any]
@@ -170,6 +171,9 @@ def _quoted(about: type) -> list[str]:
 
 
 def _cell(text: str) -> str:
+    text = text.partition(": 'base'")[0]  # names of our own document
+    if text.startswith("a table with the keys") and text.count(",") > MOST_KEYS:
+        text = "a table, see below"
     return text.replace("|", r"\|").replace("<", "&lt;").replace("[[", r"\[[")
 
 
