@@ -19,6 +19,7 @@ from generators import api, commands, figures, formats, gallery, mathematics
 HOWTO, GUIDES = "How to", "Guides"  # sections of the menu
 HOWTO_PAGES = ("fmu.md", "embed.md")  # export and embed
 _REFERENCE = re.compile(r'\s(href|src)="([^"]*)"')
+_OUTSIDE = re.compile(r"\[([^\]]+)\]\(((?:\.\./)+[^)#]*)(?:#[^)]*)?\)")
 _CODE = re.compile(r"<(code|pre)\b.*?</\1>", re.DOTALL)
 
 
@@ -63,6 +64,21 @@ def on_files(files: Any, config: Any) -> Any:
     for path, content in generated().items():
         files.append(File.generated(config, path, content=content))
     return files
+
+
+def on_page_markdown(markdown: str, page: Any, config: Any, **_: Any) -> str:
+    """Links to files of the repository outside of docs, good where the page is read there, become the files' names."""
+    docs = Path(config.docs_dir).resolve()
+
+    def named(match: re.Match[str]) -> str:
+        target = (docs / page.file.src_uri).parent.joinpath(match[2]).resolve()
+        if docs in target.parents:
+            return match[0]
+        if not target.exists():
+            raise PluginError(f"{page.file.src_uri}: the link {match[2]!r} leads to no file of the repository")
+        return f"{match[1]} (`{target.relative_to(docs.parent).as_posix()}` in the repository)"
+
+    return _OUTSIDE.sub(named, markdown)
 
 
 def on_page_content(html: str, page: Any, **_: Any) -> str:
