@@ -5,7 +5,7 @@
 #   make lint     ruff (lint and format) and mypy --strict
 #   make bench    counts and times beside Newton-Euler, Pinocchio, MuJoCo, CasADi; writes docs/benchmarks.md, docs/peers.*
 #   make soak     the long tests
-#   make docs     build the documentation into out/site (open out/site/index.html); warnings are errors
+#   make docs     build the documentation into out/site: open index.html there; warnings are errors
 #   make sample   regenerate the committed sample in generated/one_link
 #   make tables   regenerate the tables in README.md
 #   make wheel    build the wheel into dist/
