@@ -5,6 +5,7 @@
 #   make lint     ruff (lint and format) and mypy --strict
 #   make bench    counts and times beside Newton-Euler, Pinocchio, MuJoCo, CasADi; writes docs/benchmarks.md, docs/peers.*
 #   make soak     the long tests
+#   make docs     build the documentation into out/site: open index.html there; warnings are errors
 #   make sample   regenerate the committed sample in generated/one_link
 #   make tables   regenerate the tables in README.md
 #   make wheel    build the wheel into dist/
@@ -19,7 +20,7 @@ FILES := $(sort $(wildcard src/eomgen/*.py src/eomgen/robots/*.toml src/eomgen/s
 STAMP := $(shell echo '$(FILES)' | cksum | cut -d ' ' -f 1)
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --config-settings editable_mode=strict
 
-.PHONY: demo test lint bench soak sample tables wheel clean
+.PHONY: demo test lint bench soak docs sample tables wheel clean
 
 demo: $(VENV)/.sim-$(STAMP)
 	$(BIN)/eomgen info puma560_elastic
@@ -41,6 +42,9 @@ bench: $(VENV)/.bench-$(STAMP)
 soak: $(VENV)/.test-$(STAMP)
 	$(BIN)/python -m pytest -n auto --dist worksteal -m soak
 
+docs: $(VENV)/.docs-$(STAMP)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
 sample: $(VENV)/.sim-$(STAMP)
 	$(BIN)/eomgen generate one_link -o generated
 
@@ -60,6 +64,10 @@ $(BIN)/python:
 $(VENV)/.sim-$(STAMP): pyproject.toml | $(BIN)/python
 	$(INSTALL) -e '.[sim]'
 	touch $@
+
+$(VENV)/.docs-$(STAMP): pyproject.toml | $(BIN)/python
+	$(INSTALL) -e '.[docs]'
+	touch $@ $(VENV)/.sim-$(STAMP)
 
 $(VENV)/.bench-$(STAMP): pyproject.toml | $(BIN)/python
 	$(INSTALL) -e '.[bench]'

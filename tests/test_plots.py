@@ -25,6 +25,7 @@ from eomgen.model import build_model
 from eomgen.pipeline import robot_hash
 from eomgen.plots import ENDINGS, canvas, plot_result, scale_of
 from eomgen.robot import Robot
+from eomgen.robot_plots import plot_robot
 from eomgen.robot_record import record_of, robot_of, simulated_robot
 from eomgen.simulate import SimulationResult, run_scenario, scenario_from_toml, simulate
 from eomgen.zero_plots import plot_zeros
@@ -212,3 +213,41 @@ def test_a_result_of_every_kind_keeps_its_robot(tmp_path: Path) -> None:
     robot = with_springs(random_robot(3, (2, 2), 3), 3)
     found = simulate(robot, duration=0.01, output_step=0.005)
     assert simulated_robot(eomgen.load_result(found.save(tmp_path / "r.npz"))) == robot
+
+
+@pytest.mark.parametrize("name", ["two_arms", "four_bar", "balanced_arm", "geared_arm"])
+def test_a_robot_is_drawn_where_its_frames_are(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Faces around every joint's origin; axes, cut joints, springs and frames where poses in space have them."""
+    from eomgen import robot_plots
+    from eomgen.scene import link_poses, spring_lines
+
+    kept: list[Any] = []
+
+    @contextmanager
+    def keeping(*arguments: Any) -> Iterator[Any]:
+        with canvas(*arguments) as figure:
+            kept.append(figure)
+            yield figure
+
+    monkeypatch.setattr(robot_plots, "canvas", keeping)
+    robot = eomgen.load_robot(name)
+    coordinates = build_model(robot).coordinates
+    q = np.linspace(0.1, 0.4, len(coordinates))
+    path = plot_robot(robot, tmp_path / "robot.svg", dict(zip(coordinates, q.tolist(), strict=True)))
+    poses = link_poses(robot, coordinates, q)
+    (axes,) = kept[0].axes
+    lines = [np.array(line.get_data_3d()).T for line in axes.lines]
+    moving = [poses[joint.child][:3, 3] for joint in robot.joints if joint.coordinates]
+    for origin in moving:
+        assert any(np.allclose(line.mean(axis=0), origin, atol=1e-12) for line in lines)
+    for ends in spring_lines(robot, poses):
+        assert any(np.allclose(line, ends, atol=1e-12) for line in lines)
+    assert len(lines) == len(moving) + len(robot.springs) + 2 * len(robot.loops)
+    for loop in robot.loops:
+        for link, placement in zip(loop.links, loop.placements, strict=True):
+            end = (poses[link] @ [*placement.xyz, 1.0])[:3]
+            assert any(np.allclose(line[1], end, atol=1e-12) for line in lines)
+    again = plot_robot(robot, tmp_path / "again.svg", dict(zip(coordinates, q.tolist(), strict=True)))
+    assert path.read_bytes() == again.read_bytes()
+    with pytest.raises(eomgen.UnknownNameError, match=r"pose: 'joint9.x' is unknown"):
+        plot_robot(robot, path, {"joint9.x": 1.0})

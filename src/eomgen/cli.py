@@ -58,7 +58,7 @@ ROBOT is the name of a built-in robot, or the path of a .toml or .urdf file.
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; the value is the exit status."""
-    options = _parser().parse_args(arguments)
+    options = make_parser().parse_args(arguments)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", EomgenWarning)  # the robot's notes say the same, and are printed
@@ -81,7 +81,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return BUG
 
 
-def _parser() -> argparse.ArgumentParser:
+def make_parser() -> argparse.ArgumentParser:
+    """The parser of all commands."""
     parser = argparse.ArgumentParser(
         prog="eomgen",
         description="From a robot's description to compiled equations of motion.",
@@ -137,7 +138,7 @@ def _add_simulate(commands: Any) -> None:
     simulate.add_argument("--scenario", metavar="FILE", help="a scenario: path of a .toml file, or a built-in name")
     simulate.add_argument("--stream", metavar="FOLDER", help="write states there while they are integrated (Zarr)")
     simulate.add_argument("--duration", type=float, metavar="S", help="duration in seconds (2)")
-    simulate.add_argument("--method", help="auto, Radau, BDF, LSODA, DOP853, RK45 or rk4 (auto)")
+    simulate.add_argument("--method", help="auto, Radau, BDF, LSODA, CVODE, IDA, DOP853, RK45 or rk4 (auto)")
     simulate.add_argument(
         "--goal", type=float, nargs="+", metavar="Q", help="goal of the principal coordinates, rad or m, joint by joint"
     )

@@ -64,7 +64,7 @@ def load_robot(source: str | Path, *, inertia: str | None = None, urdf_damping: 
         source: name of a built-in robot, or path of a ``.toml`` or ``.urdf`` file.
         inertia: what to do with a link whose inertia no body can have: "error", "warn" (take it as it is) or "project"
             (take the nearest possible body).  None: what the description says, or "error".
-        urdf_damping: read <dynamics damping> of an URDF; otherwise a note says that it is left out.
+        urdf_damping: read ``<dynamics damping>`` of an URDF; otherwise a note says that it is left out.
 
     Returns:
         The robot in SI units; ``notes`` says what was changed or left out.
