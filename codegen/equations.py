@@ -12,7 +12,8 @@ from .accelerations import FACTORISED, SOLVERS
 from .derivation import Derivation
 from .ir import Program, finish
 from .passes import hoist_parameters, run_passes
-from .signatures import KERNELS, SPRING_KERNELS, available
+from .signatures import KERNELS, RATES, SPRING_KERNELS, available
+from .tangent import tangent
 from .writers import DESCRIPTION_FRAMES, WRITERS
 
 STRAIGHT_SOLVE = 12  # up to so many coordinates the factorisation is tried beside the elimination
@@ -40,8 +41,8 @@ def derive_equations(model: Model, kernels: Sequence[str] = ()) -> Equations:
     """Model -> Equations, with every pass run.
 
     Args:
-        kernels: names of KERNELS; all that there are for the model if empty.  Those of springs between points come
-            with any: they are small, and integrations choose method and step by them.
+        kernels: names of KERNELS; all that there are for the model but tangents if empty.  Those of springs between
+            points come with any: they are small, and integrations choose method and step by them.
 
     Raises:
         InputError: a kernel of loops or springs is asked for, but the robot has none.
@@ -51,7 +52,8 @@ def derive_equations(model: Model, kernels: Sequence[str] = ()) -> Equations:
         if name not in known:
             what = "springs" if name in SPRING_KERNELS else "loops"
             raise InputError(f"kernels: {name!r} is for robots with [[{what}]], and {model.name} has none")
-    public = tuple(name for name in known if not kernels or name in kernels or name in SPRING_KERNELS)
+    wanted = kernels or [name for name in known if not KERNELS[name].tangent_of]
+    public = tuple(name for name in known if name in wanted or name in SPRING_KERNELS)
     raw: dict[str, Program] = {}
     loops: set[str] = set()
     choices: dict[str, str] = {}
@@ -89,6 +91,8 @@ def derive(model: Model, kernel: str) -> Program:
     """The program of one entry of WRITERS, or of forward dynamics by the solver that costs least."""
     if kernel == "forward_dynamics":
         return derive_forward_dynamics(model)[0]
+    if kernel in KERNELS and KERNELS[kernel].tangent_of:
+        return run_passes(tangent(derive(model, KERNELS[kernel].tangent_of), RATES, kernel))
     derivation = Derivation(model, regrouped=kernel not in DESCRIPTION_FRAMES)
     return run_passes(finish(derivation.graph, kernel, WRITERS[kernel](derivation)))
 

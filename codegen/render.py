@@ -31,17 +31,21 @@ VECTORS = (16, 32, 64)  # bytes of a vector
 LANE_VALUES = 8192  # values that a kernel for several states may keep on the stack: 512 KB of the longest vectors
 
 
-def render(equations: Equations, dtype: str) -> Source:
+def render(equations: Equations, dtype: str, *, batches: bool = True) -> Source:
     """Equations -> Source.
 
     Args:
         dtype: "float64" or "float32".
+        batches: with the functions for several states in one call.
     """
     model = equations.model
     meta = metadata(equations, dtype)
-    context = _context(equations, dtype, meta)
+    context = {**_context(equations, dtype, meta), "batches": batches}
     header = _fill("kernel.h.jinja", context)
-    code = _tidy(_fill("kernel.c.jinja", context) + _fill("batches.c.jinja", {**context, **_lanes(equations, dtype)}))
+    code = _fill("kernel.c.jinja", context)
+    if batches:
+        code += _fill("batches.c.jinja", {**context, **_lanes(equations, dtype)})
+    code = _tidy(code)
     declarations = header.split("/* begin of declarations */")[1].split("/* end of declarations */")[0]
     statements = sum(len(program.instructions) for program in equations.programs.values())
     return Source(model.name, header, code, declarations, json.dumps(meta, indent=1) + "\n", statements)

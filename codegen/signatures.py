@@ -12,13 +12,24 @@ from eomgen.model import Model
 class Signature:
     """Arrays that a kernel reads and the one that it writes, by their names in ``shapes``, and what it computes.
 
-    ``calls``: the programs that a kernel's C calls, where it is no program of its own.
+    ``calls``: the programs that a kernel's C calls, where it is no program of its own.  ``tangent_of``: the kernel that
+    this one differentiates; such a one is there only if it is asked for.
     """
 
     reads: tuple[str, ...]
     writes: str
     text: str
     calls: tuple[str, ...] = ()
+    tangent_of: str = ""
+
+
+RATES = {"q": "dq", "v": "dv", "a": "da", "wrench": "dwrench"}  # of what tangents move
+
+
+def _tangent(kernel: str, *reads: str, writes: str) -> dict[str, Signature]:
+    rates = tuple(RATES[array] for array in reads)
+    text = f"What {kernel} changes by along {', '.join(rates)}."
+    return {f"{kernel}_tangent": Signature((*reads, *rates), writes, text, tangent_of=kernel)}
 
 
 KERNELS: Mapping[str, Signature] = {
@@ -60,6 +71,10 @@ KERNELS: Mapping[str, Signature] = {
     "external_reactions": Signature(
         ("q", "wrench"), "reactions", "What external wrenches add to the reactions, moved joint's axes."
     ),
+    **_tangent("external_force", "q", "wrench", writes="vector"),
+    **_tangent("energy", "q", "v", writes="pair"),
+    **_tangent("reactions", "q", "v", "a", writes="reactions"),
+    **_tangent("external_reactions", "q", "wrench", writes="reactions"),
     "euler_cosines": Signature(("q",), "joints", "Cosine of beta of every joint with three angles, 1 for the others."),
     "constraint": Signature(("q",), "constraints", "Constraint g(q) of the cut joints; zero where loops are closed."),
     "constraint_jacobian": Signature(("q",), "constraint_rows", "Jacobian J = dg/dq of the constraint."),
@@ -105,6 +120,7 @@ def shapes(model: Model) -> dict[str, tuple[int, ...]]:
     """Shape of every array that kernels read and write."""
     n = model.size
     vectors: dict[str, tuple[int, ...]] = dict.fromkeys(("q", "v", "a", "u", "added", "vector"), (n,))
+    vectors |= dict.fromkeys(("dq", "dv", "da"), (n,))
     m, loops = len(model.constraints), len(model.robot.loops)
     closing: dict[str, tuple[int, ...]] = {"constraints": (m,), "constraint_rows": (m, n), "cut_poses": (loops, 4, 4)}
     springs = len(model.robot.springs)
@@ -113,6 +129,7 @@ def shapes(model: Model) -> dict[str, tuple[int, ...]]:
         **(closing if loops else {}),
         **({"spring_pairs": (springs, 2), "spring_rows": (springs, n)} if springs else {}),
         "wrench": (len(model.links), 6),
+        "dwrench": (len(model.links), 6),
         "matrix": (n, n),
         "tensor": (n, n, n),
         "derivatives": (3, n, n),

@@ -22,6 +22,7 @@ from .errors import (
     SingularError,
     UnknownNameError,
 )
+from .fmu import export_fmu
 from .kernel import Kernel
 from .pipeline import build, generate
 from .result_file import load_result
@@ -51,6 +52,7 @@ __all__ = [
     "__version__",
     "build",
     "builtin_robots",
+    "export_fmu",
     "generate",
     "load_result",
     "load_robot",

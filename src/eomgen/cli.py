@@ -18,6 +18,7 @@ from typing import Any
 
 from ._version import __version__
 from .cli_analysis import add_analysis, add_compare, add_derive
+from .cli_export import add_export
 from .cli_linear import add_deflection, add_modes
 from .cli_pictures import add_plot, add_report, add_view
 from .cli_response import add_budget, add_linearize, add_response
@@ -47,6 +48,7 @@ examples:
   eomgen linearize arm.toml -o arm.npz           A, B, C, D about a state of rest or a motion
   eomgen budget out/trajectory.npz               what each coordinate contributes to the tool's deviation
   eomgen sweep arm.toml --scenario s.toml --plan p.toml -o out   the scenario for many values of its numbers
+  eomgen export arm.toml --fmu -o out            functional mock-up units of FMI 2.0 and 3.0
   eomgen plot out --format pdf                   figures of a result for print
   eomgen report out                              one page about a result: out/report.html
   eomgen view out                                the result in space, in the browser
@@ -108,7 +110,7 @@ def make_parser() -> argparse.ArgumentParser:
         type=_names,
         default=[],
         metavar="NAME[,NAME...]",
-        help=f"only these (all): {', '.join(KERNEL_NAMES)}",
+        help=f"only these (all but tangents): {', '.join(KERNEL_NAMES)}",
     )
     _add_simulate(commands)
     add_analysis(commands, _robot_command, _load, _progress)
@@ -119,6 +121,7 @@ def make_parser() -> argparse.ArgumentParser:
     add_linearize(commands, _robot_command, _load, _progress)
     add_budget(commands, _load)
     add_sweep(commands, _robot_command, _load, _progress)
+    add_export(commands, _robot_command, _load, _progress)
     add_plot(commands)
     add_report(commands, _load, _progress)
     add_view(commands, _load, _progress)

@@ -353,6 +353,30 @@ class Kernel:
         self.refuse_loops("reactions", cut=cut)
         return self._run_with("reactions", out, (q, v, a), wrench, 1.0, "external_reactions")
 
+    def tangent(self, name: str, *arrays: ArrayLike, out: Array | None = None) -> Array:
+        """The exact directional derivative of another kernel's result, by rates of what that kernel reads.
+
+        For kernels built with ``kernels=("energy_tangent", ...)`` by name; those that are not here have Jacobians.
+
+        Args:
+            name: "external_force" or "external_reactions", with q, wrench, dq, dwrench; "energy", with q, v, dq, dv;
+                "reactions", with q, v, a, dq, dv, da.  Without the wrenches' part in "reactions".
+            arrays: those, shapes as of the kernel itself.
+            out: array to write to.
+
+        Raises:
+            UnknownNameError: the kernel was built without this tangent.
+        """
+        known = [kernel.removesuffix("_tangent") for kernel in self._functions if kernel.endswith("_tangent")]
+        if name not in known:
+            raise UnknownNameError(
+                f"tangent: {self.name} was built without that of {name!r}{nearest(str(name), known)}"
+            )
+        reads = self._functions[f"{name}_tangent"][0]
+        if len(arrays) != len(reads):
+            raise InputError(f"tangent: {name} got {len(arrays)} arrays; allowed: {', '.join(reads)}")
+        return self._run(f"{name}_tangent", out, arrays)
+
     def constraint(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """g(q), (constraints,): zero where the loops are closed.
 
@@ -611,7 +635,7 @@ class Kernel:
 
     def _element(self, label: str, where: tuple[int, ...], shape: tuple[int, ...]) -> str:
         inner = where[-len(shape) :]
-        if label == "wrench":
+        if label in ("wrench", "dwrench"):
             axis = ("force.x", "force.y", "force.z", "moment.x", "moment.y", "moment.z")[inner[1]]
             text = f"{axis} of link {self.links[inner[0]]}"
         else:

@@ -23,7 +23,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from . import cache as store
 from ._version import __version__
@@ -32,6 +32,9 @@ from .errors import BuildError, InputError
 from .kernel import Kernel
 from .model import build_model
 from .robot import Robot
+
+if TYPE_CHECKING:
+    from .codegen.source import Source
 
 KERNEL_NAMES = tuple(KERNELS)
 DTYPES = ("float64", "float32")
@@ -47,17 +50,19 @@ def _silent(_: str) -> None:
 class Options:
     """What is generated and how it is compiled.
 
-    kernels: names of KERNEL_NAMES, all if empty ("kinematics" stands for frame_pose and frame_jacobian); those of
-        springs between points come with any.
+    kernels: names of KERNEL_NAMES, all but tangents if empty ("kinematics" stands for frame_pose and frame_jacobian);
+        those of springs between points come with any.
     dtype: "float64" or "float32".
     native: compile for this processor, with fused multiply-add; the default runs on any of its kind.
     flags: further compiler flags, behind those of $CFLAGS; none that give up IEEE arithmetic.
+    batches: with functions for several states in one call; Python's kernels need them.
     """
 
     kernels: tuple[str, ...] = ()
     dtype: str = "float64"
     native: bool = False
     flags: tuple[str, ...] = ()
+    batches: bool = True
 
     def __post_init__(self) -> None:
         for name in self.kernels:
@@ -141,12 +146,8 @@ def _is_foreign(target: Path) -> bool:
 
 def _cached_package(robot: Robot, options: Options, progress: Progress) -> Path:
     from .codegen.compile import build_key, compile_flags, find_compiler, write_package
-    from .codegen.source import Source
 
-    sources = store.entry(
-        "sources", _source_key(robot, options), lambda folder: _derive(robot, options, folder, progress)
-    )
-    source = Source(**json.loads((sources / "source.json").read_text(encoding="ascii")))
+    source = make_source(robot, options, progress)
     compiler = find_compiler()
     flags = compile_flags(compiler, options.native, options.flags)
 
@@ -155,6 +156,16 @@ def _cached_package(robot: Robot, options: Options, progress: Progress) -> Path:
         write_package(source, compiler, flags, folder)
 
     return store.entry("packages", build_key(source, compiler, flags), make)
+
+
+def make_source(robot: Robot, options: Options, progress: Progress = _silent) -> Source:
+    """The C of a robot's kernels, derived or from the cache."""
+    from .codegen.source import Source
+
+    sources = store.entry(
+        "sources", _source_key(robot, options), lambda folder: _derive(robot, options, folder, progress)
+    )
+    return Source(**json.loads((sources / "source.json").read_text(encoding="ascii")))
 
 
 def cache_keys(robot: Robot, kernels: Sequence[str]) -> tuple[str, str | None]:
@@ -184,13 +195,13 @@ def _derive(robot: Robot, options: Options, folder: Path, progress: Progress) ->
     model = build_model(robot)  # Robot -> Model
     progress(f"deriving the equations of {model.size} coordinates")
     equations = derive_equations(model, options.kernels)  # Model -> Equations
-    source = render(equations, options.dtype)  # Equations -> Source
+    source = render(equations, options.dtype, batches=options.batches)  # Equations -> Source
     (folder / "source.json").write_text(json.dumps(asdict(source)), encoding="ascii")
 
 
 def _source_key(robot: Robot, options: Options) -> str:
     """Hash of the description, the options that change the source, and the generator's own code."""
-    text = json.dumps([_plain(robot), options.kernels, options.dtype, __version__, _generator()])
+    text = json.dumps([_plain(robot), options.kernels, options.dtype, options.batches, __version__, _generator()])
     return hashlib.sha256(text.encode()).hexdigest()
 
 

@@ -1,0 +1,62 @@
+"""Derivatives of finished programs along a direction: forward differentiation of straight-line code, exact.
+
+Every value x gets a rate dx by the chain rule, and the outputs become their rates.  Where two values meet in a maximum
+the rate is that of the larger one, of the first if they are equal.
+
+Source: A. Griewank, A. Walther, "Evaluating Derivatives", 2nd ed., SIAM 2008, section 3.1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from .ir import Graph, Instruction, Node, Program, Value, finish
+
+
+def tangent(program: Program, rates: Mapping[str, str], name: str) -> Program:
+    """The program of the outputs' rates.
+
+    Args:
+        program: of which all outputs are differentiated.
+        rates: names of the input arrays that move, with the name of the input array of their rates.
+        name: of the program that is made.
+    """
+    graph = Graph()
+    values: list[Node] = []
+    moving: list[Value] = []
+    for index, instruction in enumerate(program.instructions):
+        if index in program.notes:
+            graph.note(program.notes[index])
+        args = tuple(values[arg].index for arg in instruction.args)
+        values.append(graph.insert(instruction.op, args, instruction.leaf))
+        moving.append(_rate(graph, instruction, values, moving, rates))
+    return finish(graph, name, {key: moving[index] for key, index in program.outputs.items()})
+
+
+def _rate(
+    graph: Graph, instruction: Instruction, values: list[Node], moving: list[Value], rates: Mapping[str, str]
+) -> Value:
+    """Rate of the newest value, by those of its arguments."""
+    op, this = instruction.op, values[-1]
+    if op == "input":
+        array, place = instruction.leaf
+        return graph.input(rates[array], place) if array in rates else 0.0
+    x = [values[arg] for arg in instruction.args]
+    dx = [moving[arg] for arg in instruction.args]
+    if op in ("const", "step") or not any(isinstance(rate, Node) or rate != 0.0 for rate in dx):
+        return 0.0
+    if op == "neg":
+        return -dx[0]
+    if op == "sin":
+        return graph.sincos(x[0])[1] * dx[0]
+    if op == "cos":
+        return -(graph.sincos(x[0])[0] * dx[0])
+    if op == "sqrt":
+        return 0.5 * dx[0] / this
+    if op == "mul":
+        return dx[0] * x[1] + x[0] * dx[1]
+    if op == "div":
+        return (dx[0] - this * dx[1]) / x[1]
+    if op == "max":
+        return dx[0] + graph.step(x[1] - x[0]) * (dx[1] - dx[0])
+    return dx[0] + dx[1] if op == "add" else dx[0] - dx[1]

@@ -1,0 +1,59 @@
+"""The command export: a robot in the formats of other tools."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from .cli_linear import Command, Load, Progress
+from .errors import InputError
+from .fmu import METHODS, VERSIONS, export_fmu
+from .robot import Robot
+
+Export = Callable[[Robot, argparse.Namespace, Callable[[str], None]], list[Path]]
+
+
+def _export_fmu(robot: Robot, options: argparse.Namespace, report: Callable[[str], None]) -> list[Path]:
+    return [
+        export_fmu(
+            robot,
+            options.output / f"{robot.name}.fmi{version}.fmu",
+            version,
+            method=options.method,
+            step=options.step,
+            progress=report,
+        )
+        for version in ([options.fmi] if options.fmi else VERSIONS)
+    ]
+
+
+FORMATS: Mapping[str, tuple[str, Export]] = {  # what an option is called, what it says, and what it does
+    "fmu": ("functional mock-up units for model exchange and co-simulation", _export_fmu),
+}
+
+
+def add_export(commands: Any, robot_command: Command, load: Load, progress: Progress) -> None:
+    """``eomgen export``; ``robot_command`` makes a command that takes a robot, ``load`` reads it."""
+
+    def run_command(options: argparse.Namespace) -> None:
+        wanted = [name for name in FORMATS if getattr(options, name)]
+        if not wanted:
+            raise InputError(f"export: no format is given; allowed: {', '.join(f'--{name}' for name in FORMATS)}")
+        robot = load(options)
+        with progress("exporting") as report:
+            written = [
+                path for name in wanted for path in FORMATS[name][1](robot, options, lambda text: report(0.0, text))
+            ]
+        for path in written:
+            print(f"wrote {path}")
+
+    command = robot_command(commands, "export", run_command, "write the robot for other tools")
+    for name, (text, _) in FORMATS.items():
+        command.add_argument(f"--{name}", action="store_true", help=text)
+    command.add_argument("-o", "--output", type=Path, default=Path("out"), help="folder to write to (out)")
+    units = command.add_argument_group("functional mock-up units")
+    units.add_argument("--fmi", type=int, choices=VERSIONS, help="version of the interface (both)")
+    units.add_argument("--method", choices=METHODS, default="rk4", help="of co-simulation (rk4)")
+    units.add_argument("--step", type=float, metavar="S", help="greatest step of co-simulation, s (what rk4 needs)")

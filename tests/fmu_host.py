@@ -1,0 +1,107 @@
+"""Functional mock-up units as another tool runs them: one face over fmpy's classes of both versions and kinds."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import fmpy
+import numpy as np
+from fmpy.fmi2 import (
+    FMU2Model,
+    FMU2Slave,
+    calloc,
+    fmi2CallbackAllocateMemoryTYPE,
+    fmi2CallbackFreeMemoryTYPE,
+    fmi2CallbackFunctions,
+    fmi2CallbackLoggerTYPE,
+    free,
+)
+from fmpy.fmi3 import FMU3Model, FMU3Slave
+from fmpy.model_description import ModelDescription
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+CLASSES = {(2, False): FMU2Model, (2, True): FMU2Slave, (3, False): FMU3Model, (3, True): FMU3Slave}
+
+
+class Host:
+    """An instance of a unit in a folder that it was unpacked to.
+
+    ``references`` are value references by name, ``n`` the number of coordinates, ``messages`` what was logged.
+    """
+
+    def __init__(self, folder: Path, *, stepping: bool = False, guid: str = "") -> None:
+        self.description: ModelDescription = fmpy.read_model_description(str(folder), validate=False)
+        self.version = int(self.description.fmiVersion[0])
+        self.references: dict[str, int] = {x.name: x.valueReference for x in self.description.modelVariables}
+        self.n = len(self.description.derivatives) // 2
+        self.messages: list[str] = []
+        self.unit: Any = CLASSES[self.version, stepping](
+            guid=guid or self.description.guid,
+            unzipDirectory=str(folder),
+            modelIdentifier=self.description.modelName,
+            instanceName="unit",
+        )
+        if self.version == 2:
+            self._logger = fmi2CallbackLoggerTYPE(lambda *said: self.messages.append(said[4].decode()))
+            self._callbacks = fmi2CallbackFunctions()
+            self._callbacks.logger = self._logger
+            self._callbacks.allocateMemory = fmi2CallbackAllocateMemoryTYPE(calloc)
+            self._callbacks.freeMemory = fmi2CallbackFreeMemoryTYPE(free)
+            self.unit.instantiate(callbacks=self._callbacks)
+        else:
+            self.unit.instantiate(logMessage=lambda *said: self.messages.append(said[3].decode()))
+
+    def start(self, names: Sequence[str] = (), values: Sequence[float] = (), begin: float = 0.0) -> Host:
+        """Set start values and go through initialization."""
+        if self.version == 2:
+            self.unit.setupExperiment(startTime=begin)
+            self.unit.enterInitializationMode()
+        else:
+            self.unit.enterInitializationMode(startTime=begin)
+        self.set(names, values)
+        self.unit.exitInitializationMode()
+        return self
+
+    def numbers(self, names: Sequence[str]) -> list[int]:
+        return [self.references[name] for name in names]
+
+    def names(self, kind: str) -> list[str]:
+        """Names that begin with it, in their order."""
+        return [name for name in self.references if name.startswith(kind)]
+
+    def get(self, names: Sequence[str]) -> Array:
+        call = self.unit.getReal if self.version == 2 else self.unit.getFloat64
+        return np.array(call(self.numbers(names)))
+
+    def set(self, names: Sequence[str], values: Sequence[float]) -> None:
+        call = self.unit.setReal if self.version == 2 else self.unit.setFloat64
+        if len(names):
+            call(self.numbers(names), [float(x) for x in values])
+
+    def derivative(self, unknown: Sequence[str], known: Sequence[str], seed: Sequence[float]) -> Array:
+        return np.array(
+            self.unit.getDirectionalDerivative(self.numbers(unknown), self.numbers(known), [float(x) for x in seed])
+        )
+
+    def set_states(self, x: Array) -> None:
+        values = np.ascontiguousarray(x)
+        self.unit.setContinuousStates(values.ctypes.data_as(ctypes.POINTER(ctypes.c_double)), values.size)
+
+    def rates(self) -> Array:
+        """Derivatives of the continuous states, (2 n,)."""
+        out = np.empty(2 * self.n)
+        call = self.unit.getDerivatives if self.version == 2 else self.unit.getContinuousStateDerivatives
+        call(out.ctypes.data_as(ctypes.POINTER(ctypes.c_double)), out.size)
+        return out
+
+    def step(self, begin: float, length: float) -> None:
+        self.unit.doStep(currentCommunicationPoint=begin, communicationStepSize=length)
+
+    def to_continuous_time(self) -> None:
+        """From event mode on."""
+        (self.unit.newDiscreteStates if self.version == 2 else self.unit.updateDiscreteStates)()
+        self.unit.enterContinuousTimeMode()
