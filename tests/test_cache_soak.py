@@ -82,16 +82,17 @@ def test_killed_builds(
 ) -> None:
     """kill -9 of a build and its compilers at a random moment, two builds at a time; every pair by another call."""
     right, build = expected
-    rng, slowest, cut = random.Random(count), 0.0, 0
+    rng, slowest, cut, pace = random.Random(count), 0.0, 0, build
     for _ in range(count // 2):
-        if rng.random() < 0.7:
-            shutil.rmtree(empty_cache / "packages", ignore_errors=True)
+        shutil.rmtree(empty_cache / "packages", ignore_errors=True)
         if rng.random() < 0.4:
             shutil.rmtree(empty_cache / "sources", ignore_errors=True)
         processes = [fork() for _ in range(2)]
         for process in processes:
-            time.sleep(rng.uniform(0.0, 0.6 * build))
-            cut += process.is_alive()
+            time.sleep(rng.uniform(0.0, 0.6 * pace))
+            alive = process.is_alive()
+            cut += alive
+            pace *= 1.05 if alive else 0.8  # as long as a build takes while the machine is as busy as it is
             try:
                 os.killpg(process.pid, signal.SIGKILL)
             except ProcessLookupError:  # not yet a group of its own, or at its end
