@@ -8,6 +8,9 @@ more per call.
 from __future__ import annotations
 
 import hashlib
+import importlib.util
+import json
+import os
 import platform
 import shlex
 import shutil
@@ -15,7 +18,7 @@ import subprocess
 import sys
 import sysconfig
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
 
@@ -69,13 +72,11 @@ def _default() -> tuple[str, ...]:
     for name in ("cc", "gcc", "clang"):
         if shutil.which(name):
             return (name,)
-    try:
-        import ziglang  # type: ignore[import-not-found,unused-ignore]  # noqa: F401
-    except ImportError:
+    if importlib.util.find_spec("ziglang") is None:
         raise BuildError(
             "no C compiler found: $CC is not set, and cc, gcc and clang are not on the path; install one"
-            " (Debian: apt install gcc; or pip install ziglang), or set CC to its command"
-        ) from None
+            " (Debian: apt install gcc; or pip install eomgen[compiler]), or set CC to its command"
+        )
     return (sys.executable, "-m", "ziglang", "cc")
 
 
@@ -88,17 +89,36 @@ def _probe(command: tuple[str, ...]) -> tuple[tuple[str, ...], str]:
         raise BuildError(
             f"the C compiler does not run: {shlex.join(command)} --version: {error}; install gcc or clang, or set CC"
         ) from None
-    return command, answer.stdout.strip()
+    return (*command, *_any_processor(command)), answer.stdout.strip()
+
+
+def _any_processor(command: Sequence[str]) -> tuple[str, ...]:
+    """What keeps zig, which compiles for the processor at hand unless told not to, to what any of its kind runs."""
+    zig = any(Path(word).stem in ("zig", "ziglang") for word in command)
+    chosen = any(word.startswith(("-mcpu", "-march", "-target", "--target")) for word in command)
+    return ("-mcpu=baseline",) if zig and not chosen else ()
 
 
 def processor() -> str:
-    """What -march=native may depend on: the machine's type and its processor's features."""
-    features = ""
+    """What code for this very processor may depend on: the machine's type and its processor's features."""
     info = Path("/proc/cpuinfo")
-    if info.exists():
-        lines = info.read_text(encoding="utf-8", errors="replace").splitlines()
-        features = next((line for line in lines if line.startswith(("flags", "Features"))), "")
-    return platform.machine() + features
+    if not info.exists():
+        return f"{platform.machine()} {platform.processor()}"
+    lines = info.read_text(encoding="utf-8", errors="replace").splitlines()
+    return platform.machine() + next((line for line in lines if line.startswith(("flags", "Features"))), "")
+
+
+def interface() -> dict[str, str]:
+    """What a binary must fit: Python's ABI, its headers, the C library."""
+    known = "CS_GNU_LIBC_VERSION" in getattr(os, "confstr_names", ())
+    return {
+        "suffix": str(sysconfig.get_config_var("EXT_SUFFIX")),
+        "python": str(sys.implementation.cache_tag),
+        "headers": str(_headers() is not None),
+        "system": sys.platform,
+        "machine": platform.machine(),
+        "library": str(os.confstr("CS_GNU_LIBC_VERSION")) if known else "",
+    }
 
 
 def compile_flags(compiler: Compiler, native: bool, further: Sequence[str]) -> tuple[str, ...]:
@@ -112,31 +132,26 @@ def compile_flags(compiler: Compiler, native: bool, further: Sequence[str]) -> t
 
 
 def build_key(source: Source, compiler: Compiler, flags: Sequence[str]) -> str:
-    """Hash of all that a binary depends on: source, flags, compiler, Python's ABI and the processor."""
-    suffix, headers = sysconfig.get_config_var("EXT_SUFFIX"), _headers() is not None
-    parts = (
-        __version__,
-        source.header,
-        source.code,
-        source.cdef,
-        source.meta,
-        *(Path(eomgen.__path__[0], name).read_text(encoding="ascii") for name in RUNTIME.values()),
-        *flags,
-        *compiler.command,
-        *compiler.flags,
-        "link",
-        *compiler.link_flags,
-        compiler.version,
-        cffi.__version__,
-        sys.implementation.cache_tag,
-        str(suffix),
-        str(headers),
-        processor() if any(flag.endswith("=native") for flag in (*compiler.command, *flags)) else platform.machine(),
-    )
-    digest = hashlib.sha256()
-    for part in parts:
-        digest.update(f"{len(part)}:{part}".encode())
-    return digest.hexdigest()
+    """Hash of all that a package depends on: source, flags, compiler, versions, what it must fit, the processor."""
+    copied = (Path(eomgen.__path__[0], name) for name in RUNTIME.values())
+    tuned = any(word.endswith("=native") for word in (*compiler.command, *flags))
+    parts = {
+        "source": asdict(source),
+        "flags": list(flags),
+        "command": list(compiler.command),
+        "environment": [list(compiler.flags), list(compiler.link_flags)],
+        "compiler": compiler.version,
+        "eomgen": __version__,
+        "cffi": cffi.__version__,
+        "package": [path.read_text(encoding="utf-8") for path in (*copied, Path(__file__), _template())],
+        "interface": interface(),
+        "processor": processor() if tuned else "",
+    }
+    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
+
+
+def _template() -> Path:
+    return Path(str(environment().get_template("package.py.jinja").filename))
 
 
 def write_package(source: Source, compiler: Compiler, flags: Sequence[str], folder: Path) -> None:

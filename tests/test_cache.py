@@ -17,68 +17,32 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import Build
+from quick_builds import (
+    BUILD,
+    QUICK,
+    Q,
+    answer,
+    as_new_process,
+    flip,
+    logging_compiler,
+    one_link,
+    python,
+    script,
+    truncate,
+)
 
 import eomgen
-from eomgen import characteristic, description, loop_tables, scenario_file, spring_tables, sweep_plan
-from eomgen.cache import VARIABLE, _is_whole
+from eomgen import characteristic, cli, description, loop_tables, scenario_file, spring_tables, sweep_plan
+from eomgen.cache import VARIABLE, is_whole
 from eomgen.codegen import compile as compiling
 from eomgen.description import robot_from_toml
 from eomgen.errors import BuildError, DescriptionError, InputError
 from eomgen.pipeline import Options, _cached_package, cache_keys, generate
 
-Q = [0.2, 0.5]
-QUICK = Options(("mass_matrix",), flags=("-O0",))
-BUILD = """
-    import eomgen
-    kernel = eomgen.build(eomgen.load_robot("one_link"), kernels=("mass_matrix",), flags=("-O0",))
-    print(kernel.mass_matrix([0.2, 0.5]).tolist())
-"""
-
-
-def python(code: str, **variables: str) -> subprocess.Popen[str]:
-    """A fresh interpreter; its output is read by the caller."""
-    environment = {**os.environ, **variables}
-    command = [sys.executable, "-c", textwrap.dedent(code)]
-    return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-
-
-def answer(process: subprocess.Popen[str]) -> Any:
-    out, said = process.communicate(timeout=300)
-    assert process.returncode == 0, said
-    return json.loads(out)
-
-
-def one_link(progress: Any = None, options: Options = QUICK) -> eomgen.Kernel:
-    robot = eomgen.load_robot("one_link")
-    steps = [] if progress is None else progress
-    return eomgen.build(
-        robot,
-        kernels=options.kernels,
-        dtype=options.dtype,
-        native=options.native,
-        flags=options.flags,
-        progress=steps.append,
-    )
-
 
 def reported(error: pytest.ExceptionInfo[BuildError]) -> str:
     assert isinstance(error.value, InputError)
     return str(error.value)
-
-
-def script(path: Path, text: str) -> str:
-    path.write_text(f"#!/bin/sh\n{text}\n", encoding="ascii")
-    path.chmod(0o755)
-    return str(path)
-
-
-def logging_compiler(folder: Path) -> tuple[str, Path]:
-    """A compiler that writes down every call but those for its version."""
-    log = folder / "calls"
-    log.touch()
-    real = shutil.which("cc") or shutil.which("gcc") or "cc"
-    text = f'case "$*" in *--version*) ;; *) echo "$*" >> {log} ;; esac\nexec {real} "$@"'
-    return script(folder / "logging-cc", text), log
 
 
 def test_stages_are_skipped_when_their_result_is_there(empty_cache: Path) -> None:
@@ -136,16 +100,6 @@ def test_a_build_that_was_killed_does_not_block_the_next(empty_cache: Path, tmp_
     assert answer(python(BUILD)) == one_link().mass_matrix(Q).tolist()
 
 
-def flip(path: Path) -> None:
-    content = bytearray(path.read_bytes())
-    content[len(content) // 2] ^= 4
-    path.write_bytes(content)
-
-
-def truncate(path: Path) -> None:
-    path.write_bytes(path.read_bytes()[:-7])
-
-
 DAMAGES = [
     ("packages", "*.so", flip),
     ("packages", "*.so", truncate),
@@ -166,13 +120,12 @@ def test_damaged_entries_are_made_again(
     (folder,) = (empty_cache / kind).iterdir()
     (path,) = folder.glob(pattern)
     damage(path)
-    assert not _is_whole(folder)
-    for name in [name for name in sys.modules if name.startswith("_eomgen_")]:
-        monkeypatch.delitem(sys.modules, name)  # as a new process
+    assert not is_whole(folder)
+    as_new_process(monkeypatch)
     steps: list[str] = []
     assert np.array_equal(one_link(steps).mass_matrix(Q), kernel.mass_matrix(Q))
     assert [step.split()[0] for step in steps] == (["compiling"] if kind == "packages" else ["importing", "deriving"])
-    assert _is_whole(folder)
+    assert is_whole(folder)
     assert sorted(path.name for path in empty_cache.iterdir()) == ["locks", "packages", "sources"]
 
 
@@ -420,3 +373,29 @@ def test_loading_again_does_not_import_sympy(built: Build) -> None:
         print(json.dumps([M.shape, [name for name in heavy if name in sys.modules]]))
     """
     assert answer(python(code)) == [[36, 36], []]
+
+
+def test_command(empty_cache: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    def said(*arguments: str) -> Any:
+        assert cli.main(["cache", *arguments, "--json"]) == 0
+        return json.loads(capsys.readouterr().out)
+
+    nothing = {"folder": str(empty_cache), "sources": 0, "packages": 0, "bytes": 0}
+    assert said() == nothing
+    assert said("--clear") == {**nothing, "removed": 0}
+    assert not empty_cache.exists()
+    kernel = one_link()
+    (empty_cache / "making-0-x").mkdir()
+    files = [path for kind in ("sources", "packages") for path in (empty_cache / kind).rglob("*") if path.is_file()]
+    size = sum(path.stat().st_size for path in files)
+    assert said() == {"folder": str(empty_cache), "sources": 1, "packages": 1, "bytes": size}
+    assert cli.main(["cache"]) == 0
+    assert f"1 sources, 1 packages, {size / 1e6:.1f} MB" in capsys.readouterr().out
+    assert said("--clear") == {**nothing, "removed": 2}
+    assert sorted(path.name for path in empty_cache.iterdir()) == ["locks", "packages", "sources"]
+    assert np.isfinite(kernel.mass_matrix(Q)).all()
+    as_new_process(monkeypatch)
+    assert np.array_equal(one_link().mass_matrix(Q), kernel.mass_matrix(Q))
+    empty_cache.chmod(0o777)
+    assert cli.main(["cache", "--clear"]) == 1
+    assert "may be written by others" in capsys.readouterr().err

@@ -18,6 +18,7 @@ from typing import Any
 
 from ._version import __version__
 from .cli_analysis import add_analysis, add_compare, add_derive
+from .cli_cache import add_cache
 from .cli_export import add_export
 from .cli_linear import add_deflection, add_modes
 from .cli_pictures import add_plot, add_report, add_view
@@ -53,6 +54,7 @@ examples:
   eomgen report out                              one page about a result: out/report.html
   eomgen view out                                the result in space, in the browser
   eomgen bench ur5                               operation counts and times beside Newton-Euler
+  eomgen cache --clear                           remove compiled kernels
 
 ROBOT is the name of a built-in robot, or the path of a .toml or .urdf file.
 """
@@ -127,6 +129,7 @@ def make_parser() -> argparse.ArgumentParser:
     add_view(commands, _load, _progress)
     bench = _robot_command(commands, "bench", _bench, "operation counts and times beside a Newton-Euler algorithm in C")
     bench.add_argument("--json", action="store_true", help="print JSON")
+    add_cache(commands)
     return parser
 
 

@@ -5,7 +5,7 @@
     derive_equations Model              Equations   SymPy joint blocks bound along the tree: one program per kernel
     render           Equations          Source      C, header, metadata
     write_package    Source             package     compiled, importable with NumPy and cffi alone
-    load_package     package            Kernel      the NumPy face
+    load_kernel      package            Kernel      the NumPy face
 
 The first three are skipped when the cache holds their source, the fourth when it holds their package; then SymPy is
 not imported.
@@ -17,7 +17,6 @@ import hashlib
 import importlib.util
 import json
 import shutil
-import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
@@ -28,8 +27,9 @@ from typing import TYPE_CHECKING, Any
 from . import cache as store
 from ._version import __version__
 from .codegen.signatures import KERNELS
-from .errors import BuildError, InputError
+from .errors import InputError
 from .kernel import Kernel
+from .loading import load_module
 from .model import build_model
 from .robot import Robot
 
@@ -37,6 +37,8 @@ if TYPE_CHECKING:
     from .codegen.source import Source
 
 KERNEL_NAMES = tuple(KERNELS)
+# What the generator imports
+SHAPING = ("characteristic", "cuts", "errors", "model", "names", "robot", "schema", "spring_tables", "tree")
 DTYPES = ("float64", "float32")
 
 Progress = Callable[[str], None]
@@ -93,7 +95,7 @@ def build(
         BuildError: no compiler, a compiler that fails, a cache that cannot be written.
     """
     options = Options(tuple(kernels), dtype, native, tuple(flags))
-    return load_package(_cached_package(robot, options, progress), robot.name)
+    return load_kernel(_cached_package(robot, options, progress), robot.name)
 
 
 def generate(robot: Robot, folder: Path, options: Options | None = None, *, progress: Progress = _silent) -> Path:
@@ -113,9 +115,8 @@ def generate(robot: Robot, folder: Path, options: Options | None = None, *, prog
         folder.mkdir(parents=True, exist_ok=True)
         private = Path(tempfile.mkdtemp(prefix=".making-", dir=folder))
         try:
-            for path in package.iterdir():
-                if path.is_file() and path.name != store.MANIFEST:
-                    shutil.copyfile(path, private / path.name)
+            for name, data in package.files.items():
+                (private / name).write_bytes(data)
             private.chmod(0o755)
             replaced = private / "replaced"
             if target.exists():
@@ -144,7 +145,7 @@ def _is_foreign(target: Path) -> bool:
         return any(target.iterdir())
 
 
-def _cached_package(robot: Robot, options: Options, progress: Progress) -> Path:
+def _cached_package(robot: Robot, options: Options, progress: Progress) -> store.Entry:
     from .codegen.compile import build_key, compile_flags, find_compiler, write_package
 
     source = make_source(robot, options, progress)
@@ -165,7 +166,7 @@ def make_source(robot: Robot, options: Options, progress: Progress = _silent) ->
     sources = store.entry(
         "sources", _source_key(robot, options), lambda folder: _derive(robot, options, folder, progress)
     )
-    return Source(**json.loads((sources / "source.json").read_text(encoding="ascii")))
+    return Source(**json.loads(sources.files["source.json"]))
 
 
 def cache_keys(robot: Robot, kernels: Sequence[str]) -> tuple[str, str | None]:
@@ -181,7 +182,7 @@ def cache_keys(robot: Robot, kernels: Sequence[str]) -> tuple[str, str | None]:
     from .codegen.compile import build_key, compile_flags, find_compiler
     from .codegen.source import Source
 
-    source = Source(**json.loads((sources / "source.json").read_text(encoding="ascii")))
+    source = Source(**json.loads(sources.files["source.json"]))
     compiler = find_compiler()
     return key, build_key(source, compiler, compile_flags(compiler, False, ()))
 
@@ -224,36 +225,21 @@ def _generator() -> str:
     digest = hashlib.sha256()
     spec = [importlib.util.find_spec(f"eomgen.{name}") for name in ("codegen", "templates")]
     folders = [Path(place) for found in spec if found for place in found.submodule_search_locations or ()]
-    files = [here / "model.py", here / "robot.py"]
+    files = [here / f"{name}.py" for name in SHAPING]
     files += [path for folder in folders for path in sorted(folder.iterdir()) if path.suffix in (".py", ".jinja")]
     for path in files:
         digest.update(path.name.encode() + path.read_bytes())
     return digest.hexdigest()
 
 
-def load_package(package: Path, name: str) -> Kernel:
-    """A kernel, with parameters of its own, from the folder of a generated package.
+def load_kernel(package: store.Entry, name: str) -> Kernel:
+    """A kernel, with parameters of its own, from a package of the cache.
 
     Raises:
         BuildError: the package does not load.
     """
-    module_name = f"_eomgen_{package.name}_{name}"
-    module = sys.modules.get(module_name)
-    if module is None:
-        spec = importlib.util.spec_from_file_location(
-            module_name, package / "__init__.py", submodule_search_locations=[str(package)]
-        )
-        if spec is None or spec.loader is None:
-            raise BuildError(f"{package} is not a package")
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[module_name] = module
-        try:
-            spec.loader.exec_module(module)
-        except (ImportError, OSError) as error:
-            del sys.modules[module_name]
-            raise BuildError(f"the compiled module in {package} does not load: {error}") from None
-    meta = module._META
-    return Kernel(module._ffi, module._lib, meta)
+    module = load_module(package, name)
+    return Kernel(module.ffi, module.lib, json.loads(package.files[f"{name}.json"]))
 
 
-__all__ = ["DTYPES", "KERNEL_NAMES", "Options", "build", "generate", "load_package"]
+__all__ = ["DTYPES", "KERNEL_NAMES", "Options", "build", "generate", "load_kernel"]

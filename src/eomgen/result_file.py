@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import tokenize
 import zipfile
+import zlib
 from dataclasses import asdict
 from pathlib import Path
 from types import MappingProxyType
@@ -21,6 +23,19 @@ from .result import SimulationResult, write_atomically
 Array = NDArray[np.float64]
 
 FORMAT = 1  # of the .npz; raised when a reader of the old one would misread it
+_DAMAGED = (  # what NumPy and zipfile raise for files that are not what they wrote
+    ValueError,
+    KeyError,
+    TypeError,
+    AttributeError,
+    EOFError,
+    NotImplementedError,
+    RuntimeError,
+    SyntaxError,
+    tokenize.TokenError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
 _SERIES = ("t", "q", "v", "u", "energy")
 _RECORDS = ("scenario", "description", "stopped")
 _TEXTS = ("robot", "tool", "notes", "programmed", "prescribed", "robot_hash", "links")
@@ -67,7 +82,7 @@ def load_result(path: Path | str) -> SimulationResult:
             return result_of(meta, {name: np.array(data[name]) for name in data.files if name != "meta"})
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except (ValueError, KeyError, TypeError, AttributeError, zipfile.BadZipFile, EOFError) as error:
+    except _DAMAGED as error:
         raise InputError(f"{path}: is not a saved simulation ({error})") from None
 
 

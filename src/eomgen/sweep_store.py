@@ -39,7 +39,9 @@ class SweepStore:
         """
         lines = "".join(json.dumps(_line(row)) + "\n" for row in rows)
         try:
-            self._file.write(lines.encode("ascii"))
+            rest = memoryview(lines.encode("ascii"))
+            while rest:  # a disk that fills up takes a part, and says so when it is given the rest
+                rest = rest[self._file.write(rest) :]
             if time.monotonic() - self._synced > SECONDS:
                 self.sync()
         except OSError as error:

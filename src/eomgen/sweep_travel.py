@@ -52,10 +52,9 @@ def pack(builds: Builds) -> Content:
     for robot, kernels in builds:
         source, package = cache_keys(robot, kernels)
         for kind, key in (("sources", source), ("packages", package)):
-            folder = store.find(kind, key) if key else None
-            if folder is not None and key is not None:
-                names = (path for path in sorted(folder.iterdir()) if path.is_file() and path.name != store.MANIFEST)
-                entries[kind, key] = {path.name: path.read_bytes() for path in names}
+            found = store.find(kind, key) if key else None
+            if found is not None:
+                entries[kind, found.key] = dict(found.files)
     return Content(entries, machine())
 
 

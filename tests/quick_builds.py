@@ -1,0 +1,82 @@
+"""Builds that take a moment, in this process and in others."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import eomgen
+from eomgen.pipeline import Options
+
+Q = [0.2, 0.5]
+QUICK = Options(("mass_matrix",), flags=("-O0",))
+BUILD = """
+    import eomgen
+    kernel = eomgen.build(eomgen.load_robot("one_link"), kernels=("mass_matrix",), flags=("-O0",))
+    print(kernel.mass_matrix([0.2, 0.5]).tolist())
+"""
+
+
+def python(code: str, **variables: str) -> subprocess.Popen[str]:
+    """A fresh interpreter; its output is read by the caller."""
+    environment = {**os.environ, **variables}
+    command = [sys.executable, "-c", textwrap.dedent(code)]
+    return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def answer(process: subprocess.Popen[str]) -> Any:
+    out, said = process.communicate(timeout=300)
+    assert process.returncode == 0, said
+    return json.loads(out)
+
+
+def one_link(progress: Any = None, options: Options = QUICK) -> eomgen.Kernel:
+    robot = eomgen.load_robot("one_link")
+    steps = [] if progress is None else progress
+    return eomgen.build(
+        robot,
+        kernels=options.kernels,
+        dtype=options.dtype,
+        native=options.native,
+        flags=options.flags,
+        progress=steps.append,
+    )
+
+
+def script(path: Path, text: str) -> str:
+    path.write_text(f"#!/bin/sh\n{text}\n", encoding="ascii")
+    path.chmod(0o755)
+    return str(path)
+
+
+def logging_compiler(folder: Path) -> tuple[str, Path]:
+    """A compiler that writes down every call but those for its version."""
+    log = folder / "calls"
+    log.touch()
+    real = shutil.which("cc") or shutil.which("gcc") or "cc"
+    text = f'case "$*" in *--version*) ;; *) echo "$*" >> {log} ;; esac\nexec {real} "$@"'
+    return script(folder / "logging-cc", text), log
+
+
+def flip(path: Path) -> None:
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 4
+    path.write_bytes(content)
+
+
+def truncate(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-7])
+
+
+def as_new_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Forget the modules that are loaded, so that the next build reads the cache."""
+    for name in [name for name in sys.modules if name.startswith("_eomgen_")]:
+        monkeypatch.delitem(sys.modules, name)
