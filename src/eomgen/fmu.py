@@ -65,7 +65,7 @@ def export_fmu(
         version: of the Functional Mock-up Interface, 2 or 3.
         method: of co-simulation, "rk4" or "implicit", as of ``Kernel.rollout``.
         step: the greatest step of co-simulation at first, s; by default 1e-3, or what "rk4" needs if that is less.
-        flags: further flags of the compiler.
+        flags: further flags of the compiler, behind those of $CFLAGS; none that give up IEEE arithmetic.
         progress: called with a line of text when a stage begins.
 
     Raises:
@@ -199,7 +199,7 @@ def _compiled(
     name: str, files: Mapping[str, bytes], version: int, work: Path, flags: Sequence[str]
 ) -> tuple[str, bytes]:
     """Path and content of this machine's binary."""
-    from .codegen.compile import FLAGS, WARNINGS, find_compiler, run_all, shared_flags
+    from .codegen.compile import WARNINGS, compile_flags, find_compiler, run_all, shared_flags
 
     compiler = find_compiler()
     for path, content in files.items():
@@ -208,10 +208,11 @@ def _compiled(
     include = ("-iquote", str(work), "-DFMI3_OVERRIDE_FUNCTION_PREFIX", "-fPIC", "-fvisibility=hidden")
     codes = sorted(work.glob("*.c"))
     objects = [code.with_suffix(".o") for code in codes]
-    compile_c = [*compiler.command, "-c", *WARNINGS, *FLAGS, *include, *flags]
+    compile_c = [*compiler.command, "-c", *WARNINGS, *include, *compile_flags(compiler, False, flags)]
     run_all([[*compile_c, str(code), "-o", str(made)] for code, made in zip(codes, objects, strict=True)])
     library = work / "binary"
-    run_all([[*compiler.command, *shared_flags(), *flags, *map(str, objects), "-o", str(library), "-lm"]])
+    link = [*compiler.command, *shared_flags(), *compiler.flags, *flags, *map(str, objects), "-o", str(library)]
+    run_all([[*link, *compiler.link_flags, "-lm"]])
     return binary_path(name, version, sys.platform, platform.machine()), library.read_bytes()
 
 
