@@ -205,7 +205,7 @@ def test_the_elastic_puma(version: int, exported: Export) -> None:
     host.set(knowns(host), p.all)
     close(host.get(outputs(host)), expected(unit.kernel, p), 1e-12)
     check_derivatives(unit, p, 1)
-    check_steps(unit, p, 5e-6, 2e-3)
+    check_steps(unit, point_of(robot, unit.kernel, 2, size=1e-5), 5e-7, 2e-4)
 
 
 @pytest.mark.parametrize("version", VERSIONS)
