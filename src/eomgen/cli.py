@@ -106,6 +106,7 @@ def make_parser() -> argparse.ArgumentParser:
     make.add_argument("-o", "--output", type=Path, default=Path("generated"), help="folder to write to (generated)")
     make.add_argument("--dtype", choices=DTYPES, default="float64", help="type of all numbers (float64)")
     make.add_argument("--native", action="store_true", help="compile for this processor alone")
+    make.add_argument("--cmake", action="store_true", help="with a C++17 header, a CMake package, a pkg-config file")
     make.add_argument(
         "--kernels",
         action="extend",
@@ -230,7 +231,7 @@ def _generate(options: argparse.Namespace) -> None:
     robot = _load(options)
     chosen = Options(tuple(options.kernels), options.dtype, options.native)
     with _progress("generating") as report:
-        target = generate(robot, options.output, chosen, progress=lambda text: report(0.0, text))
+        target = generate(robot, options.output, chosen, cmake=options.cmake, progress=lambda text: report(0.0, text))
     print(target)
 
 
