@@ -241,8 +241,10 @@ def test_a_version_that_does_not_fit_is_refused(tmp_path: Path) -> None:
         'message("${PACKAGE_VERSION} ${PACKAGE_VERSION_COMPATIBLE}")\n'
     )
     own_major, own_minor = (int(x) for x in eomgen.__version__.split(".")[:2])
+    older = (own_major, own_minor - 1) if own_minor else (own_major - 1, 0)
     for major, minor, fits in (
         (own_major, own_minor, "TRUE"),
+        (*older, "FALSE"),
         (own_major, own_minor + 1, "FALSE"),
         (own_major + 1, own_minor, "FALSE"),
     ):

@@ -38,6 +38,7 @@ examples:
   eomgen info puma560_elastic                    coordinates, parameters, zero blocks, operation counts
   eomgen derive one_link --latex                 equations in closed form, for small robots
   eomgen generate arm.toml -o generated          write and compile generated/arm, then: import arm
+  eomgen generate arm.toml --cmake               the same, with a CMake package and a header for C++17
   eomgen simulate puma560_elastic -o out         programmed motion; trajectory.npz and plots
   eomgen simulate arm.toml --scenario s.toml     motions, drives, wrenches, payloads of a scenario file
   eomgen forces arm.toml measured.csv            drives, springs, dampers, reactions of a measured motion
