@@ -19,6 +19,7 @@ from .source import environment
 
 BY_VALUE = 8192  # numbers that a function of C++ returns by value: they lie on the stack
 SYMMETRIC = ("mass_matrix", "spring_stiffness")  # to the bit: storing by rows or by columns is the same
+IEEE = "-fno-fast-math"  # a whole project's -ffast-math would take NaN for a number
 LEVELS = ("-O0", "-O1", "-O2", "-O3", "-Os", "-Og", "-Ofast", "-Oz")
 
 # Keywords up to C++23, alternative operators, std, and macros that compilers or common headers define in small letters.
@@ -49,7 +50,7 @@ def project_files(meta: Mapping[str, Any], flags: Sequence[str]) -> dict[str, st
         "name": name,
         "version": __version__,
         "numeric_version": _numeric(__version__),
-        "flags": quoted("SHELL:" + shlex.join(flag for flag in flags if flag not in LEVELS)),
+        "flags": quoted("SHELL:" + shlex.join([IEEE, *(flag for flag in flags if flag not in LEVELS)])),
         "level": level,
     }
     templates = {

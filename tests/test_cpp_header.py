@@ -442,7 +442,7 @@ def test_flags_of_the_project() -> None:
     """Those of the kernel, in their order, with the last optimisation level alone."""
     meta = json.loads((Path(__file__).parent.parent / "generated/one_link/one_link.json").read_text(encoding="ascii"))
     lists = project_files(meta, ("-O2", "-fno-math-errno", "-mllvm", "-x y", "-O1"))["CMakeLists.txt"]
-    assert "\"SHELL:-fno-math-errno -mllvm '-x y'\"\n        $<$<NOT:$<CONFIG:Debug>>:-O1>)" in lists
+    assert "\"SHELL:-fno-fast-math -fno-math-errno -mllvm '-x y'\"\n        $<$<NOT:$<CONFIG:Debug>>:-O1>)" in lists
     assert quoted('a"b\\c$d') == '"a\\"b\\\\c\\$d"'
 
 

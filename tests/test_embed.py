@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
+import shlex
 import shutil
 import subprocess
 from dataclasses import replace
@@ -282,4 +284,20 @@ def test_the_project_is_compiled_as_the_kernel_is(tmp_path: Path) -> None:
         package = generate(eomgen.load_robot("one_link"), tmp_path, options, cmake=True)
         (line,) = re.findall(r'"SHELL:(.*)"', (package / "CMakeLists.txt").read_text(encoding="ascii"))
         flags = (*FLAGS, *(NATIVE if native else ()), *options.flags)
-        assert line.split() == [flag for flag in flags if flag != "-O2"]
+        assert line.split() == ["-fno-fast-math", *(flag for flag in flags if flag != "-O2")]
+
+
+@pytest.mark.parametrize("compiler", COMPILERS)
+def test_fast_arithmetic_of_the_whole_project_stops_before_the_kernel(compiler: str, tmp_path: Path) -> None:
+    variables = {**environment(compiler, tmp_path), "CFLAGS": "-O2 -ffast-math"}
+    package = generate(eomgen.load_robot("one_link"), tmp_path, Options(("mass_matrix",)), cmake=True)
+    cmake = str(shutil.which("cmake", path=variables["PATH"]))
+    run(cmake, "-S", package, "-B", tmp_path / "build", "-DCMAKE_EXPORT_COMPILE_COMMANDS=ON", env=variables)
+    (job,) = json.loads((tmp_path / "build/compile_commands.json").read_text(encoding="utf-8"))
+    command = shlex.split(job["command"])
+    assert "-ffast-math" in command
+    words = [word for word in command[1:] if word.startswith("-f")]
+    asked = [compiler, *words, "-dM", "-E", "-xc", "/dev/null"]  # clang warns that it was told both
+    macros = subprocess.run(asked, capture_output=True, text=True, check=True).stdout
+    assert "__FAST_MATH__" not in macros
+    assert "#define __FINITE_MATH_ONLY__ 0" in macros
