@@ -11,8 +11,25 @@ from pathlib import Path
 
 import pytest
 
+from eomgen.pipeline import Options, generate
+from eomgen.robot import Robot
+
 WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror")
 COMPILERS = {"gcc": "g++", "clang": "clang++"}  # of C, and of C++
+NO_EIGEN = "-DEOMGEN_EIGEN=0"
+PREAMBLE = """
+#include "{name}.hpp"
+#include <cstdio>
+namespace arm = eomgen::{space};
+template <class Numbers> void show(const char *name, const Numbers &numbers)
+{{
+    std::printf("%s", name);
+    for (const auto &x : numbers) std::printf(" %a", static_cast<double>(x));
+    std::puts("");
+}}
+template <class T, std::size_t N> const std::array<T, N> &found(const std::array<T, N> &x) {{ return x; }}
+template <class T> const T &found(const std::optional<T> &x) {{ return x.value(); }}
+"""
 
 
 def eigen_prefix() -> Path | None:
@@ -72,3 +89,8 @@ def program(compiler: str, code: str, packages: Sequence[Path], folder: Path, *f
         COMPILERS[compiler], "-std=c++17", *WARNINGS, *include, *flags, folder / "main.cpp", *objects, "-o", made, "-lm"
     )
     return made
+
+
+def package_of(robot: Robot, folder: Path, *kernels: str, dtype: str = "float64") -> Path:
+    """A generated package with its project, for compilers without optimisation."""
+    return generate(robot, folder, Options(kernels, dtype, flags=("-O0",)), cmake=True)
