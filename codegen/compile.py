@@ -121,6 +121,11 @@ def interface() -> dict[str, str]:
     }
 
 
+def own_flags(native: bool) -> tuple[str, ...]:
+    """Flags of a kernel's own C, whatever the environment says."""
+    return (*FLAGS, *(NATIVE if native else ()))
+
+
 def compile_flags(compiler: Compiler, native: bool, further: Sequence[str]) -> tuple[str, ...]:
     """Flags of a kernel's own C: ours, then those of $CFLAGS, then those that the call gives.
 
@@ -128,7 +133,7 @@ def compile_flags(compiler: Compiler, native: bool, further: Sequence[str]) -> t
         BuildError: a flag asks for arithmetic that is not IEEE's.
     """
     check_flags(further, "flags")
-    return (*FLAGS, *(NATIVE if native else ()), *compiler.flags, *further)
+    return (*own_flags(native), *compiler.flags, *further)
 
 
 def build_key(source: Source, compiler: Compiler, flags: Sequence[str]) -> str:

@@ -14,6 +14,7 @@ class Signature:
 
     ``calls``: the programs that a kernel's C calls, where it is no program of its own.  ``tangent_of``: the kernel that
     this one differentiates; such a one is there only if it is asked for.
+    ``solves``: whether it inverts the mass matrix, and so fails where that is singular; the others always return 0.
     """
 
     reads: tuple[str, ...]
@@ -21,6 +22,7 @@ class Signature:
     text: str
     calls: tuple[str, ...] = ()
     tangent_of: str = ""
+    solves: bool = False
 
 
 RATES = {"q": "dq", "v": "dv", "a": "da", "wrench": "dwrench"}  # of what tangents move
@@ -43,7 +45,7 @@ KERNELS: Mapping[str, Signature] = {
     ),
     "residual": Signature(("q", "v", "a", "u"), "vector", "M a + bias - Q - u, eq. (5) unexpanded; zero on a motion."),
     "inverse_dynamics": Signature(("q", "v", "a"), "vector", "The drives u that make the residual zero."),
-    "forward_dynamics": Signature(("q", "v", "u"), "vector", "Accelerations under the drives u."),
+    "forward_dynamics": Signature(("q", "v", "u"), "vector", "Accelerations under the drives u.", solves=True),
     "residual_jacobian": Signature(
         ("q", "v", "a"),
         "derivatives",
@@ -54,6 +56,7 @@ KERNELS: Mapping[str, Signature] = {
         "derivatives",
         "Derivatives of the accelerations by q, v and u: three matrices.",
         calls=("forward_dynamics", "residual_jacobian"),
+        solves=True,
     ),
     "coriolis_matrix": Signature(("q", "v"), "matrix", "Coriolis matrix C(q, v) with C v = bias and M_dot = C + C^T."),
     "christoffel": Signature(("q",), "tensor", "Christoffel symbols of the first kind, the tensor C of eq. (12)."),
@@ -92,6 +95,7 @@ KERNELS: Mapping[str, Signature] = {
         "vector",
         "Many steps of one integration.",
         calls=("forward_dynamics", "implicit_step"),
+        solves=True,
     ),
 }
 

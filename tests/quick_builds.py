@@ -69,11 +69,18 @@ def logging_compiler(folder: Path) -> tuple[str, Path]:
 def flip(path: Path) -> None:
     content = bytearray(path.read_bytes())
     content[len(content) // 2] ^= 4
-    path.write_bytes(content)
+    exchange(path, bytes(content))
 
 
 def truncate(path: Path) -> None:
-    path.write_bytes(path.read_bytes()[:-7])
+    exchange(path, path.read_bytes()[:-7])
+
+
+def exchange(path: Path, content: bytes) -> None:
+    """Another file under the same name: writing into a library that this process has mapped may kill it."""
+    new = path.with_name("new")
+    new.write_bytes(content)
+    new.replace(path)
 
 
 def as_new_process(monkeypatch: pytest.MonkeyPatch) -> None:

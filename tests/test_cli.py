@@ -70,6 +70,14 @@ def test_generate_writes_a_package_that_imports(tmp_path: Path, capsys: pytest.C
     assert run(capsys, "generate", "one_link", "-o", str(tmp_path / "made"))[0] == 0  # replaces its own
 
 
+def test_generate_for_cmake(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ("generate", "one_link", "-o", str(tmp_path), "--kernels", "mass_matrix")
+    for more, expected in (((), False), (("--cmake",), True), ((), False)):
+        assert run(capsys, *arguments, *more)[0] == 0
+        for name in ("CMakeLists.txt", "one_link.hpp", "one_link.pc.in"):
+            assert (tmp_path / "one_link" / name).exists() == expected
+
+
 def test_generate_float32_and_single_kernels(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ("generate", "one_link", "-o", str(tmp_path), "--dtype", "float32")
     assert run(capsys, *arguments, "--kernels", "mass_matrix,energy", "--kernels", "residual")[0] == 0

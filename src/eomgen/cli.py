@@ -38,6 +38,7 @@ examples:
   eomgen info puma560_elastic                    coordinates, parameters, zero blocks, operation counts
   eomgen derive one_link --latex                 equations in closed form, for small robots
   eomgen generate arm.toml -o generated          write and compile generated/arm, then: import arm
+  eomgen generate arm.toml --cmake               the same, with a CMake package and a header for C++17
   eomgen simulate puma560_elastic -o out         programmed motion; trajectory.npz and plots
   eomgen simulate arm.toml --scenario s.toml     motions, drives, wrenches, payloads of a scenario file
   eomgen forces arm.toml measured.csv            drives, springs, dampers, reactions of a measured motion
@@ -106,6 +107,7 @@ def make_parser() -> argparse.ArgumentParser:
     make.add_argument("-o", "--output", type=Path, default=Path("generated"), help="folder to write to (generated)")
     make.add_argument("--dtype", choices=DTYPES, default="float64", help="type of all numbers (float64)")
     make.add_argument("--native", action="store_true", help="compile for this processor alone")
+    make.add_argument("--cmake", action="store_true", help="with a C++17 header, a CMake package, a pkg-config file")
     make.add_argument(
         "--kernels",
         action="extend",
@@ -230,7 +232,7 @@ def _generate(options: argparse.Namespace) -> None:
     robot = _load(options)
     chosen = Options(tuple(options.kernels), options.dtype, options.native)
     with _progress("generating") as report:
-        target = generate(robot, options.output, chosen, progress=lambda text: report(0.0, text))
+        target = generate(robot, options.output, chosen, cmake=options.cmake, progress=lambda text: report(0.0, text))
     print(target)
 
 

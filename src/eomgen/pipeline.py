@@ -98,16 +98,26 @@ def build(
     return load_kernel(_cached_package(robot, options, progress), robot.name)
 
 
-def generate(robot: Robot, folder: Path, options: Options | None = None, *, progress: Progress = _silent) -> Path:
+def generate(
+    robot: Robot, folder: Path, options: Options | None = None, *, cmake: bool = False, progress: Progress = _silent
+) -> Path:
     """Write the importable package ``folder/<robot.name>`` and return its path.
 
     A package of an earlier generation there is replaced in one step; a folder that holds anything else is refused.
+
+    Args:
+        robot: from ``load_robot``.
+        folder: where the package's folder is made.
+        options: see Options.
+        cmake: write a header for C++17, a CMake project and a pkg-config file, too.
+        progress: called with a line of text when a stage begins.
 
     Raises:
         InputError: the target exists and is not a generated package, or the folder cannot be written.
         BuildError: see ``build``.
     """
-    package = _cached_package(robot, options or Options(), progress)
+    options = options or Options()
+    package = _cached_package(robot, options, progress)
     target = folder / robot.name
     if _is_foreign(target):
         raise InputError(f"{target} exists and is not a generated package; give another folder with -o, or move it")
@@ -117,6 +127,8 @@ def generate(robot: Robot, folder: Path, options: Options | None = None, *, prog
         try:
             for name, data in package.files.items():
                 (private / name).write_bytes(data)
+            if cmake:
+                _write_project(private, robot.name, options)
             private.chmod(0o755)
             replaced = private / "replaced"
             if target.exists():
@@ -133,6 +145,16 @@ def generate(robot: Robot, folder: Path, options: Options | None = None, *, prog
     except OSError as error:
         raise InputError(f"{target} cannot be written: {error.strerror or error}") from None
     return target
+
+
+def _write_project(package: Path, name: str, options: Options) -> None:
+    """Add what makes the package a project of C and C++."""
+    from .codegen.compile import own_flags
+    from .codegen.project import project_files
+
+    meta = json.loads((package / f"{name}.json").read_text(encoding="ascii"))
+    for file, text in project_files(meta, (*own_flags(options.native), *options.flags)).items():
+        (package / file).write_text(text, encoding="ascii")
 
 
 def _is_foreign(target: Path) -> bool:

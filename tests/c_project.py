@@ -1,0 +1,96 @@
+"""Compilers, Eigen and build tools for the tests of generated projects in C and C++."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+from eomgen.pipeline import Options, generate
+from eomgen.robot import Robot
+
+WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror")
+COMPILERS = {"gcc": "g++", "clang": "clang++"}  # of C, and of C++
+NO_EIGEN = "-DEOMGEN_EIGEN=0"
+PREAMBLE = """
+#include "{name}.hpp"
+#include <cstdio>
+namespace arm = eomgen::{space};
+template <class Numbers> void show(const char *name, const Numbers &numbers)
+{{
+    std::printf("%s", name);
+    for (const auto &x : numbers) std::printf(" %a", static_cast<double>(x));
+    std::puts("");
+}}
+template <class T, std::size_t N> const std::array<T, N> &found(const std::array<T, N> &x) {{ return x; }}
+template <class T> const T &found(const std::optional<T> &x) {{ return x.value(); }}
+"""
+
+
+def eigen_prefix() -> Path | None:
+    """Where the package cmeel-eigen installed Eigen, or None."""
+    places = [Path(entry) / "cmeel.prefix" for entry in sys.path]
+    return next((place for place in places if (place / "include/eigen3/Eigen/Core").exists()), None)
+
+
+def need_eigen() -> tuple[str, str]:
+    """The compiler's flags that find Eigen as a system header; skips the test where there is none."""
+    prefix = eigen_prefix()
+    if prefix is None:
+        pytest.skip("there is no Eigen; pip install cmeel-eigen")
+    return "-isystem", str(prefix / "include" / "eigen3")
+
+
+def need(*programs: str) -> None:
+    """Skip the test where a program is missing."""
+    for program in programs:
+        if shutil.which(program, path=search_path()) is None:
+            pytest.skip(f"there is no {program}")
+
+
+def search_path() -> str:
+    """Where programs are looked for: first those that pip installed beside this Python."""
+    return os.pathsep.join((str(Path(sys.executable).parent), os.environ["PATH"]))
+
+
+def run(*command: str | Path, **options: object) -> str:
+    """What a command printed; it must succeed, and print nothing to stderr."""
+    result = subprocess.run([str(x) for x in command], capture_output=True, text=True, check=False, **options)  # type: ignore[call-overload]
+    assert result.returncode == 0, (result.stdout + result.stderr)[-6000:]
+    assert result.stderr == ""
+    return str(result.stdout)
+
+
+def program(compiler: str, code: str, packages: Sequence[Path], folder: Path, *flags: str) -> Path:
+    """C++17 and the C of packages, compiled without optimisation and linked.
+
+    Args:
+        compiler: "gcc" or "clang".
+        code: of a program of C++, which includes the headers of the packages.
+        packages: folders that ``generate`` wrote.
+        folder: for what is made.
+        flags: of the C++ compiler.
+    """
+    need(compiler, COMPILERS[compiler])
+    (folder / "main.cpp").write_text(code, encoding="ascii")
+    objects = []
+    for package in packages:
+        objects.append(folder / f"{package.name}.o")
+        kernel = ("-std=c99", *WARNINGS, "-O0", "-ffp-contract=off", "-c", package / f"{package.name}.c")
+        run(compiler, *kernel, "-o", objects[-1])
+    include = [part for package in packages for part in ("-iquote", str(package))]
+    made = folder / "main"
+    run(
+        COMPILERS[compiler], "-std=c++17", *WARNINGS, *include, *flags, folder / "main.cpp", *objects, "-o", made, "-lm"
+    )
+    return made
+
+
+def package_of(robot: Robot, folder: Path, *kernels: str, dtype: str = "float64") -> Path:
+    """A generated package with its project, for compilers without optimisation."""
+    return generate(robot, folder, Options(kernels, dtype, flags=("-O0",)), cmake=True)
