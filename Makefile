@@ -6,7 +6,7 @@
 #   make bench    counts and times beside Newton-Euler, Pinocchio, MuJoCo, CasADi; writes docs/benchmarks.md, docs/peers.*
 #   make soak     the long tests
 #   make docs     build the documentation into out/site: open index.html there; warnings are errors
-#   make mutation mutation testing of the derivation, half an hour of one core; writes docs/mutation.md
+#   make mutation mutation testing of the derivation, ten minutes of one core; writes docs/mutation.md
 #   make sample   regenerate the committed sample in generated/one_link
 #   make tables   regenerate the tables in README.md
 #   make wheel    build the wheel into dist/
