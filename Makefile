@@ -6,6 +6,7 @@
 #   make bench    counts and times beside Newton-Euler, Pinocchio, MuJoCo, CasADi; writes docs/benchmarks.md, docs/peers.*
 #   make soak     the long tests
 #   make docs     build the documentation into out/site: open index.html there; warnings are errors
+#   make mutation mutation testing of the derivation, ten minutes of one core; writes docs/mutation.md
 #   make sample   regenerate the committed sample in generated/one_link
 #   make tables   regenerate the tables in README.md
 #   make wheel    build the wheel into dist/
@@ -20,7 +21,7 @@ FILES := $(sort $(wildcard src/eomgen/*.py src/eomgen/robots/*.toml src/eomgen/s
 STAMP := $(shell echo '$(FILES)' | cksum | cut -d ' ' -f 1)
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --config-settings editable_mode=strict
 
-.PHONY: demo test lint bench soak docs sample tables wheel clean
+.PHONY: demo test lint bench soak mutation docs sample tables wheel clean
 
 demo: $(VENV)/.sim-$(STAMP)
 	$(BIN)/eomgen info puma560_elastic
@@ -44,6 +45,9 @@ soak: $(VENV)/.test-$(STAMP)
 
 docs: $(VENV)/.docs-$(STAMP)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
+mutation: $(VENV)/.mutation-$(STAMP)
+	nice -n 10 $(BIN)/python -m benchmarks.mutation --sample 100
 
 sample: $(VENV)/.sim-$(STAMP)
 	$(BIN)/eomgen generate one_link -o generated
@@ -76,3 +80,7 @@ $(VENV)/.bench-$(STAMP): pyproject.toml | $(BIN)/python
 $(VENV)/.test-$(STAMP): pyproject.toml | $(BIN)/python
 	$(INSTALL) -e '.[test]'
 	touch $@ $(VENV)/.sim-$(STAMP)
+
+$(VENV)/.mutation-$(STAMP): pyproject.toml | $(BIN)/python
+	$(INSTALL) -e '.[mutation]'
+	touch $@ $(VENV)/.test-$(STAMP) $(VENV)/.sim-$(STAMP)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -194,3 +195,19 @@ def test_names_of_symbols() -> None:
         assert (v, a, u) == (f"{name}dot_{k}", f"{name}ddot_{k}", f"D_{name}_{k}")
     assert [str(s) for s in form.wrench[0]] == [f"{key}_link1" for key in ("F_x", "F_y", "F_z", "R_x", "R_y", "R_z")]
     assert not form.parameters
+
+
+def test_angles_of_a_placement_as_symbols() -> None:
+    robot = next(
+        robot
+        for robot in (random_robot(seed, joints=(1, 1), max_size=2) for seed in range(100))
+        if robot.joints[0].placement.rpy and all(robot.joints[0].placement.rpy)
+    )
+    names = [f"joints.joint1.placement.rpy.{i}" for i in range(3)]
+    form = closed_form(build_model(replace(robot, tunable=tuple(names))), symbolic_parameters=True)
+    assert {str(symbol) for symbol in form.potential.free_symbols} & set(names)
+    assert all(symbol.is_real for symbol in form.parameters.values())
+    s, numbers = random_state(robot, 1), dict(parameter_values(robot))
+    at = dict(zip([*form.q, *form.v, *form.a, *form.u], [*s.q, *s.v, *s.a, *s.u], strict=True))
+    found = _numbers(form.residual, {symbol: numbers[name] for name, symbol in form.parameters.items()} | at)
+    assert relative_error(found, closed_form(build_model(robot)).function("residual")(s.q, s.v, s.a, s.u)) < 1e-12

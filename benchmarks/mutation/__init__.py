@@ -1,0 +1,1 @@
+"""Mutation testing of the derivation: ``python -m benchmarks.mutation`` writes docs/mutation.md."""

@@ -1,0 +1,93 @@
+"""Mutation testing of the derivation; writes docs/mutation.md, which says how."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.metadata
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT / "tests"))
+
+from mutant import dependents, mutated, source_of  # noqa: E402
+from mutation_cases import cases, small_cases  # noqa: E402
+from mutation_oracle import checks, every_check  # noqa: E402
+
+from .mutants import Mutant, mutants_of  # noqa: E402
+from .page import MODULES, write_page  # noqa: E402
+from .runner import Clock, Outcome, run  # noqa: E402
+
+RAW = ROOT / "out" / "mutation.json"  # a line per mutant that was run
+
+
+def main() -> None:
+    """Make mutants, run the checks on each, write the page if all its modules were run."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.mutation", description=__doc__)
+    parser.add_argument("modules", nargs="*", default=list(MODULES), help="run anew; those of the page if none")
+    parser.add_argument("--sample", type=int, default=0, help="at most so many mutants of each module; 0: all")
+    parser.add_argument("--processes", type=int, default=2, help="how many mutants at once")
+    parser.add_argument("--survivors", action="store_true", help="of the last run, those alone that survived it")
+    parser.add_argument("--page", action="store_true", help="the page alone, of the last run")
+    given = parser.parse_args()
+    RAW.parent.mkdir(exist_ok=True)
+    if given.survivors:
+        before = _read()
+        again = {o.mutant: o for o in _run([o.mutant for o in before if o.result == "survived"], given.processes)}
+        _write([again.get(o.mutant, o) for o in before])
+    elif not given.page:
+        _write([o for o in _read() if o.mutant.module not in given.modules])
+        chosen = [mutant for name in given.modules for mutant in mutants_of(name, source_of(name), given.sample)[0]]
+        _run(chosen, given.processes)
+    _report(_read())
+
+
+def _run(mutants: Sequence[Mutant], processes: int) -> list[Outcome]:
+    """Outcomes, each appended to the file as it comes."""
+    cases(), small_cases()
+    for check in every_check():  # all pass on the code as it is; and what children need is imported
+        check()
+    dependents("joint")  # what imports what is found out once
+    clock, found = Clock(len(mutants)), []
+    with RAW.open("a", encoding="utf-8") as file:
+        for outcome in run(mutants, _judge, processes):
+            found.append(outcome)
+            file.write(json.dumps(asdict(outcome)) + "\n")
+            file.flush()
+            clock.tick(outcome)
+    return found
+
+
+def _judge(mutant: Mutant) -> None:
+    with mutated(mutant.module, mutant.applied(source_of(mutant.module))):
+        for check in checks(mutant.module):
+            check()
+
+
+def _report(outcomes: Sequence[Outcome]) -> None:
+    modules = sorted({o.mutant.module for o in outcomes}, key=MODULES.index)
+    sources = {name: source_of(name) for name in modules}
+    for o in outcomes:
+        if o.result == "survived":
+            m = o.mutant
+            print(f"{m.module}.py:{m.line} {m.function}: {m.change(sources[m.module])}")
+    if tuple(modules) == MODULES:
+        sizes = {name: mutants_of(name, sources[name], 1)[1] for name in modules}
+        print(write_page(ROOT / "docs" / "mutation.md", outcomes, sources, sizes, importlib.metadata.version("mutmut")))
+
+
+def _read() -> list[Outcome]:
+    lines = RAW.read_text(encoding="utf-8").splitlines() if RAW.exists() else []
+    found = {o.mutant: o for o in (Outcome(Mutant(**x.pop("mutant")), **x) for x in map(json.loads, lines))}
+    return sorted(found.values(), key=lambda o: (MODULES.index(o.mutant.module), o.mutant.place()))
+
+
+def _write(outcomes: Sequence[Outcome]) -> None:
+    RAW.write_text("".join(json.dumps(asdict(o)) + "\n" for o in outcomes), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
