@@ -9,7 +9,7 @@
 #   make mutation mutation testing of the derivation, ten minutes of one core; writes docs/mutation.md
 #   make sample   regenerate the committed sample in generated/one_link
 #   make tables   regenerate the tables in README.md
-#   make wheel    build the wheel into dist/
+#   make wheel    build the source distribution and the wheel into dist/, and check what an index would show of them
 #   make clean    remove what the commands above made
 
 PYTHON ?= python3
@@ -57,7 +57,8 @@ tables: sample
 
 wheel: $(VENV)/.test-$(STAMP)
 	rm -rf build/lib dist
-	$(BIN)/python -m build --wheel
+	$(BIN)/python -m build
+	$(BIN)/twine check --strict dist/*
 
 clean:
 	rm -rf $(VENV) build dist out src/*.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

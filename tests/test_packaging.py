@@ -6,17 +6,17 @@ import importlib.metadata
 import json
 import os
 import re
-import shutil
 import subprocess
 import sys
+import tarfile
 import zipfile
 from pathlib import Path
 
 import pytest
+from archives import ROOT, build_archives
 
 import eomgen
 
-ROOT = Path(__file__).parent.parent
 PLACES = {
     "src/eomgen": "eomgen",
     "codegen": "eomgen/codegen",
@@ -25,28 +25,34 @@ PLACES = {
 SHIPPED = (".py", ".toml", ".jinja", ".typed")
 
 
-def can_build_here() -> bool:
-    """Whether the installed setuptools makes wheels by itself; otherwise one is fetched for the build."""
-    major, minor = (int(part) for part in importlib.metadata.version("setuptools").split(".")[:2])
-    return (major, minor) >= (70, 1)
+@pytest.fixture(scope="module")
+def archives(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    return build_archives(tmp_path_factory.mktemp("tree") / "eomgen", tmp_path_factory.mktemp("dist"))
 
 
 @pytest.fixture(scope="module")
-def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The wheel, made of the source distribution as an index would get it; from a copy, so the tree stays clean."""
-    copy, out = tmp_path_factory.mktemp("tree") / "eomgen", tmp_path_factory.mktemp("dist")
-    rubbish = shutil.ignore_patterns("__pycache__", "*.pyc", "*.egg-info")
-    for folder in ("src", "codegen", "templates"):
-        shutil.copytree(ROOT / folder, copy / folder, ignore=rubbish)
-    for path in ROOT.iterdir():
-        if path.is_file() and not path.name.startswith("."):
-            shutil.copy(path, copy)
-    isolation = ["--no-isolation"] if can_build_here() else []
-    command = [sys.executable, "-m", "build", *isolation, "--outdir", str(out), str(copy)]
+def wheel(archives: tuple[Path, Path]) -> Path:
+    return archives[1]
+
+
+def test_the_source_distribution_holds_what_is_kept_under_version_control(archives: tuple[Path, Path]) -> None:
+    """All of it but .gitignore: tests, documentation and examples too."""
+    if not (ROOT / ".git").exists():
+        pytest.skip("not a clone")
+    listed = subprocess.run(["git", "ls-files", "-co", "--exclude-standard"], cwd=ROOT, capture_output=True, text=True)
+    expected = {name for name in listed.stdout.splitlines() if (ROOT / name).is_file()} - {".gitignore"}
+    with tarfile.open(archives[0]) as archive:
+        names = {name.partition("/")[2] for name in archive.getnames() if archive.getmember(name).isfile()}
+    assert {"tests/conftest.py", "docs/theory.md", "Makefile", ".ci/run", "CITATION.cff"} <= expected
+    made = {name for name in names if ".egg-info/" in name} | {"PKG-INFO", "setup.cfg"}
+    assert names - made == expected
+
+
+def test_an_index_can_show_them(archives: tuple[Path, Path]) -> None:
+    command = [sys.executable, "-m", "twine", "check", "--strict", *map(str, archives)]
     result = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert result.returncode == 0, result.stdout[-3000:] + result.stderr[-3000:]
-    (path,) = out.glob("*.whl")
-    return path
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert result.stdout.count("PASSED") == 2
 
 
 def test_the_wheel_holds_what_the_tree_holds(wheel: Path) -> None:

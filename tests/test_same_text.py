@@ -11,10 +11,10 @@ from importlib.metadata import version
 from pathlib import Path
 
 import pytest
+from pythons import PYTHONS, interpreter
 
 SEEDS = 100
 LARGE_EVERY = 25  # seeds that also render 36 coordinates
-PYTHONS = ("3.10", "3.11", "3.12", "3.13", "3.14")
 TEXT = """
 import hashlib, json, sys
 from eomgen.codegen.equations import derive_equations
@@ -31,7 +31,6 @@ for name in sys.argv[1:]:
 print(json.dumps(found))
 """
 SMALL, LARGE = ("one_link", "worn_arm", "four_bar"), ("puma560_elastic", "gough", "shaken_arm", "geared_arm")
-SAYS = "import sys; print(sys.version_info[:2])"
 NEEDED = ("sympy", "mpmath", "numpy", "jinja2", "markupsafe", "cffi", "pycparser")  # what could change a text
 OTHERS = ("setuptools", "filelock", "platformdirs", "defusedxml", "rich")
 
@@ -58,23 +57,6 @@ def test_a_hundred_hash_seeds(part: int) -> None:
     print(
         f"seeds {part}, {part + 4} ... {SEEDS - 4 + part}: {seen} texts the same, {time.perf_counter() - began:.0f} s"
     )
-
-
-def interpreter(wanted: str) -> str | None:
-    """A Python of that version: on the path, or of pyenv."""
-    found = [f"python{wanted}"]
-    root = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv"), "versions")
-    found += [str(path) for path in sorted(root.glob(f"{wanted}.*/bin/python"))]
-    for python in found:
-        try:
-            said = subprocess.run(
-                [python, "-c", "import sys; print(sys.version_info[:2])"], capture_output=True, text=True
-            )
-        except OSError:
-            continue
-        if said.returncode == 0 and said.stdout.strip() == str(tuple(map(int, wanted.split(".")))):
-            return python
-    return None
 
 
 @pytest.mark.soak
