@@ -75,6 +75,45 @@ URDF = """<?xml version="1.0"?>
 </robot>
 """
 
+MJCF = """<?xml version="1.0"?>
+<mujoco model="legs">
+  <compiler angle="degree" eulerseq="xyz"/>
+  <option gravity="0 0 -9.81" timestep="0.001"><flag contact="disable"/></option>
+  <default>
+    <joint damping="0.1"/>
+    <geom type="capsule" size="0.05"/>
+    <default class="leg"><joint stiffness="5" springref="10" range="-30 40"/></default>
+  </default>
+  <worldbody>
+    <site name="hook" pos="0 0 2"/>
+    <body name="torso" pos="0 0 1" axisangle="0 0 1 30">
+      <joint name="rootx" type="slide" axis="1 0 0"/>
+      <joint name="rootz" type="slide" axis="0 0 1" armature="0.2"/>
+      <joint name="rooty" axis="0 1 0" frictionloss="0.3"/>
+      <geom fromto="0 0 -0.1 0 0 0.3" mass="4"/>
+      <site name="head" pos="0 0 0.3"/>
+      <frame pos="0 0.1 0" zaxis="0 1 1">
+        <body name="thigh" childclass="leg" pos="0 0 -0.2" euler="0 0 20">
+          <joint name="hip" pos="0 0 0.1" axis="0 1 1" ref="5"/>
+          <joint name="twist" pos="0 0 0.1" axis="1 2 3"/>
+          <geom type="box" size="0.1 0.05 0.2" density="500" pos="0 0 -0.1"/>
+          <body name="shin" pos="0 0 -0.4" quat="1 0 0.2 0">
+            <joint name="knee" limited="false"/>
+            <inertial pos="0 0 -0.1" mass="1.5" diaginertia="0.02 0.03 0.02" xyaxes="1 0 0 0 0 1"/>
+            <geom type="mesh" mesh="shin"/>
+          </body>
+        </body>
+      </frame>
+    </body>
+    <body name="ball" pos="1 0 1"><freejoint name="loose"/><geom type="sphere" size="0.1"/></body>
+  </worldbody>
+  <tendon>
+    <spatial name="rope" stiffness="20" damping="1" springlength="0.5"><site site="hook"/><site site="head"/></spatial>
+  </tendon>
+  <actuator><motor name="push" joint="hip"/></actuator>
+</mujoco>
+"""
+
 
 def example_urdfs() -> list[Path]:
     """All URDFs of the wheel example-robot-data."""

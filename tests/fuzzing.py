@@ -21,7 +21,7 @@ from typing import Any
 
 from mutations import mutant
 
-from eomgen.description import load_robot, robot_from_toml, robot_from_urdf
+from eomgen.description import load_robot, robot_from_mjcf, robot_from_toml, robot_from_urdf
 from eomgen.errors import DescriptionError, EomgenWarning, InputError
 from eomgen.model import build_model
 from eomgen.robot import Robot
@@ -33,6 +33,7 @@ LENGTH = 900
 KINDS = {
     "toml": lambda text, folder: robot_from_toml(text, source="r.toml", folder=folder),
     "urdf": lambda text, folder: robot_from_urdf(text, source="r.urdf", inertia="project", urdf_damping=True),
+    "mjcf": lambda text, folder: robot_from_mjcf(text, source="r.mjcf", inertia="project"),
     "scenario": lambda text, folder: scenario_from_toml(text, source="s.toml", folder=folder),
     "plan": lambda text, folder: plan_from_toml(text, source="p.toml"),
 }
@@ -48,7 +49,7 @@ def accepted(kind: str, content: bytes, folder: Path) -> Any:
         try:
             text = content.decode("utf-8-sig")
         except UnicodeDecodeError:  # the way of a file
-            if kind not in ("toml", "urdf"):
+            if kind not in ("toml", "urdf", "mjcf"):
                 return None
             path = folder / f"mutant.{kind}"
             path.write_bytes(content)

@@ -16,7 +16,7 @@ from typing import Any
 from xml.sax.saxutils import quoteattr
 
 from defusedxml import ElementTree
-from description_samples import ARM, URDF
+from description_samples import ARM, MJCF, URDF
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -148,6 +148,19 @@ TAGS = [
     *("link", "joint", "inertial", "origin", "mass", "inertia", "axis", "limit", "dynamics", "mimic", "parent"),
     *("child", "robot"),
 ]
+MJCF_TAGS = [
+    *("body", "joint", "freejoint", "geom", "site", "frame", "inertial", "default", "compiler", "option", "flag"),
+    *("worldbody", "tendon", "spatial", "fixed", "equality", "connect", "include", "replicate", "actuator"),
+]
+MJCF_NAMES = (
+    *("name", "class", "childclass", "type", "pos", "quat", "euler", "zaxis", "axis", "fromto", "size", "mass", "ref"),
+    *("stiffness", "range", "angle", "eulerseq", "inertiafromgeom", "balanceinertia", "boundmass", "springlength"),
+)
+MJCF_VALUES = (
+    *("true", "false", "auto", "radian", "degree", "zyx", "slide", "hinge", "ball", "free", "box", "sphere", "mesh"),
+    *("ellipsoid", "cylinder", "0 0 0", "1 0 0 0", "0 0 0 0 0 1", "1 2 3", "leg", "main", "world", "torso", "hook"),
+)
+XML = ("urdf", "mjcf")
 
 
 def element_tree(element: Any) -> list[Any]:
@@ -159,6 +172,7 @@ DOCUMENTS: dict[str, list[Any]] = {
     "scenario": [tomllib.loads(text) for text in (SCENARIO, TORQUES)],
     "plan": [tomllib.loads(PLAN)],
     "urdf": [element_tree(ElementTree.fromstring(URDF))],
+    "mjcf": [element_tree(ElementTree.fromstring(MJCF))],
 }
 
 
@@ -168,8 +182,8 @@ def mutant(kind: str, seed: int) -> bytes:
     tree = deepcopy(chance.choice(DOCUMENTS[kind]))
     if chance.random() < 0.9:
         for _ in range(chance.choice((1, 1, 1, 2, 2, 3, 6))):
-            (change_element if kind == "urdf" else change_value)(tree, chance)
-    text = as_xml(tree) if kind == "urdf" else as_document(tree)
+            (change_element if kind in XML else change_value)(tree, chance)
+    text = as_xml(tree) if kind in XML else as_document(tree)
     content = text.encode("utf-8", "surrogatepass")
     return raw(content, chance) if chance.random() < 0.2 else content
 
@@ -235,12 +249,14 @@ def elements(tree: list[Any]) -> Iterator[list[Any]]:
 
 def change_element(tree: list[Any], chance: random.Random) -> None:
     """One change of a tree of elements."""
-    found = list(elements(tree))
+    found, mjcf = list(elements(tree)), tree[0] == "mujoco"
+    values, tags = ((*ATTRIBUTES, *MJCF_VALUES), MJCF_TAGS) if mjcf else (ATTRIBUTES, TAGS)
+    names = MJCF_NAMES if mjcf else ("name", "type", "link", "xyz", "rpy", "value", "lower", "xmlns", "x:y")
     tag, attributes, children = node = chance.choice(found)
     kind = chance.random()
     if kind < 0.5 and attributes:
         name = chance.choice(list(attributes))
-        attributes[name] = chance.choice((*ATTRIBUTES, attributes[name] + " 1", "-" + attributes[name]))
+        attributes[name] = chance.choice((*values, attributes[name] + " 1", "-" + attributes[name]))
     elif kind < 0.6 and attributes:
         del attributes[chance.choice(list(attributes))]
     elif kind < 0.7 and children:
@@ -248,9 +264,9 @@ def change_element(tree: list[Any], chance: random.Random) -> None:
     elif kind < 0.8:
         children.insert(0, deepcopy(chance.choice(found)))
     elif kind < 0.85:
-        node[0] = chance.choice([*TAGS, "visual", "x:macro", "{", tag])
+        node[0] = chance.choice([*tags, "visual", "x:macro", "{", tag])
     elif kind < 0.9:
-        attributes[chance.choice(("name", "type", "link", "xyz", "rpy", "value", "lower", "xmlns", "x:y"))] = "1 0 0"
+        attributes[chance.choice(names)] = chance.choice(MJCF_VALUES) if mjcf else "1 0 0"
     elif kind < 0.95:
         chance.shuffle(children)
     else:

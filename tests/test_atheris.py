@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from mutations import DOCUMENTS, as_document, as_xml, mutant
+from mutations import DOCUMENTS, XML, as_document, as_xml, mutant
 
 pytest.importorskip("atheris", reason="atheris has no wheel for this Python and machine")
 HERE = Path(__file__).parent
@@ -21,7 +21,7 @@ def guided(kind: str, folder: Path, *flags: str) -> int:
     corpus = folder / "corpus"
     corpus.mkdir()
     for index, tree in enumerate(DOCUMENTS[kind]):
-        text = as_xml(tree) if kind == "urdf" else as_document(tree)
+        text = as_xml(tree) if kind in XML else as_document(tree)
         (corpus / f"good{index}").write_text(text, encoding="utf-8")
     for seed in range(SEEDS):
         (corpus / f"mutant{seed}").write_bytes(mutant(kind, 50_000_000 + seed))
@@ -52,7 +52,7 @@ def test_a_few_guided_inputs(tmp_path: Path) -> None:
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("kind", ["toml", "urdf", "scenario", "plan"])
+@pytest.mark.parametrize("kind", ["toml", "urdf", "mjcf", "scenario", "plan"])
 def test_guided_inputs(kind: str, tmp_path: Path) -> None:
     seconds = 90 if kind in ("toml", "urdf") else 30
     tried = guided(kind, tmp_path, "-timeout=2", f"-max_total_time={seconds}")

@@ -23,7 +23,7 @@ from eomgen.robot import Robot
 
 HERE = Path(__file__).parent
 BLOCK = 50_000
-BLOCKS = {"toml": 10, "urdf": 10, "scenario": 2, "plan": 1}  # toml and urdf: a million together
+BLOCKS = {"toml": 10, "urdf": 10, "mjcf": 1, "scenario": 2, "plan": 1}  # toml and urdf: a million together
 
 
 def fuzzed(kind: str, first: int, count: int) -> dict[str, Any]:

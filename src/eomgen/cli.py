@@ -57,7 +57,7 @@ examples:
   eomgen bench ur5                               operation counts and times beside Newton-Euler
   eomgen cache --clear                           remove compiled kernels
 
-ROBOT is the name of a built-in robot, or the path of a .toml or .urdf file.
+ROBOT is the name of a built-in robot, or the path of a .toml, .urdf or .xml (MJCF) file.
 """
 
 
@@ -157,7 +157,7 @@ def _add_simulate(commands: Any) -> None:
 def _robot_command(commands: Any, name: str, function: Any, text: str) -> argparse.ArgumentParser:
     """A command that takes a ROBOT and the options of reading it."""
     parser: argparse.ArgumentParser = commands.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
-    parser.add_argument("robot", metavar="ROBOT", help="built-in name, or path of a .toml or .urdf file")
+    parser.add_argument("robot", metavar="ROBOT", help="built-in name, or path of a .toml, .urdf or .xml (MJCF) file")
     parser.add_argument(
         "--inertia",
         choices=("error", "warn", "project"),

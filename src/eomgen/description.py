@@ -1,6 +1,6 @@
 """A robot description in, a validated, immutable Robot out.
 
-    source -> text -> Draft (TOML, or URDF, or an URDF refined by TOML) -> inertia policy -> tree order -> Robot
+    source -> text -> Draft (TOML, URDF, an URDF refined by TOML, or MJCF) -> inertia policy -> tree order -> Robot
 
 TOML syntax and keys: docs and the built-in robots in ``robots/``.
 """
@@ -41,6 +41,7 @@ from .toml_text import parse_toml, read_text
 from .tree import Draft, ordered_joints
 from .tunable import expand_tunable
 
+SUFFIXES = (".toml", ".urdf", ".xml", ".mjcf")
 _BUILTIN = Path(__file__).parent / "robots"
 
 _TOP = ("name", "gravity", "urdf", "inertia", "tunable", "links", "joints", "frames", "loops", "springs")
@@ -61,7 +62,8 @@ def load_robot(source: str | Path, *, inertia: str | None = None, urdf_damping: 
     """Read a robot.
 
     Args:
-        source: name of a built-in robot, or path of a ``.toml`` or ``.urdf`` file.
+        source: name of a built-in robot, or path of a ``.toml``, ``.urdf`` or ``.xml`` file (``.xml``: MJCF, or URDF,
+            whatever its root element says).
         inertia: what to do with a link whose inertia no body can have: "error", "warn" (take it as it is) or "project"
             (take the nearest possible body).  None: what the description says, or "error".
         urdf_damping: read ``<dynamics damping>`` of an URDF; otherwise a note says that it is left out.
@@ -77,12 +79,17 @@ def load_robot(source: str | Path, *, inertia: str | None = None, urdf_damping: 
     if not isinstance(source, (str, Path)):
         raise DescriptionError(f"a robot cannot be loaded from {type(source).__name__}; allowed: a name or a path")
     path = Path(source)
-    if path.suffix not in (".toml", ".urdf"):
+    if path.suffix not in SUFFIXES:
         known, name = builtin_robots(), str(source)
-        allowed = f"a path that ends in .toml or .urdf, or one of {', '.join(known)}"
+        allowed = f"a path that ends in {', '.join(SUFFIXES)}, or one of {', '.join(known)}"
         raise DescriptionError(f"there is no robot {show(name)}{nearest(name, known)} (allowed: {allowed})")
     text = read_text(path, str(path))
-    if path.suffix == ".urdf":
+    if path.suffix in (".xml", ".mjcf"):
+        from .mjcf import root_tag  # only who has such a file pays for the XML parser
+
+        if path.suffix == ".mjcf" or root_tag(text) != "robot":
+            return robot_from_mjcf(text, source=str(path), inertia=inertia)
+    if path.suffix != ".toml":
         return robot_from_urdf(text, source=str(path), inertia=inertia, urdf_damping=urdf_damping)
     return robot_from_toml(text, source=str(path), folder=path.parent, inertia=inertia, urdf_damping=urdf_damping)
 
@@ -91,7 +98,17 @@ def robot_from_urdf(text: str, *, source: str = "", inertia: str | None = None, 
     """The robot that an URDF text describes; arguments and errors as load_robot."""
     from .urdf import draft_from_urdf  # only who has an URDF pays for the XML parser
 
-    draft = draft_from_urdf(text, source, damping=urdf_damping)
+    return _finish_xml(draft_from_urdf(text, source, damping=urdf_damping), inertia)
+
+
+def robot_from_mjcf(text: str, *, source: str = "", inertia: str | None = None) -> Robot:
+    """The robot that a MJCF text describes; arguments and errors as load_robot."""
+    from .mjcf import draft_from_mjcf
+
+    return _finish_xml(draft_from_mjcf(text, source), inertia)
+
+
+def _finish_xml(draft: Draft, inertia: str | None) -> Robot:
     try:
         return _finish(draft, inertia or "error", [])
     except DescriptionError as error:

@@ -43,7 +43,7 @@ _REMEDIES = {  # what the parser says, and what to write instead
 }
 
 
-def read_text(path: Path, source: str, kind: str = ".toml or .urdf file") -> str:
+def read_text(path: Path, source: str, kind: str = ".toml, .urdf or .xml file") -> str:
     """The text of a file, UTF-8; DescriptionError with the source if there is none."""
     source = source if source.isascii() and source.isprintable() else ascii(source)
     try:

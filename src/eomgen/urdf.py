@@ -28,7 +28,7 @@ TYPES = {
     "fixed": "fixed",
     "floating": "free",
 }
-_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")  # float() also takes nan, inf and 1_000
+NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")  # float() also takes nan, inf and 1_000
 _MOST_NAMESPACE = 256  # the parser copies it into the name of every element
 _LONG_NAMESPACE = re.compile(
     rf"""\sxmlns(?::[^\s=]*)?\s*=\s*(?:"[^"]{{{_MOST_NAMESPACE + 1}}}|'[^']{{{_MOST_NAMESPACE + 1}}})"""
@@ -102,8 +102,8 @@ def turn_inertia(
     return entry(0, 0), entry(1, 1), entry(2, 2), entry(0, 1), entry(0, 2), entry(1, 2)
 
 
-def parse_urdf_text(text: str, source: str) -> Element:
-    """The root element; no DTD, no entity, nothing external."""
+def parse_urdf_text(text: str, source: str, root_tag: str = "robot") -> Element:
+    """The root element; no DTD, no entity, nothing external.  ``root_tag`` is what it should be, for messages."""
     import defusedxml.ElementTree as ElementTree
     from defusedxml import DefusedXmlException
 
@@ -114,7 +114,7 @@ def parse_urdf_text(text: str, source: str) -> Element:
     try:
         root: Element = ElementTree.fromstring(text, forbid_dtd=True)
     except ElementTree.ParseError as error:
-        message = f"not well-formed XML: {show(str(error))}; allowed: {xml_remedy(str(error))}"
+        message = f"not well-formed XML: {show(str(error))}; allowed: {xml_remedy(str(error), root_tag)}"
         raise DescriptionError(message, source=source) from None
     except DefusedXmlException as error:
         kind = type(error).__name__
@@ -321,7 +321,7 @@ class _Reader:
         return x, y, z
 
     def _float(self, text: str, key: str, where: str) -> float:
-        value = float(text) if _NUMBER.fullmatch(text) else math.nan
+        value = float(text) if NUMBER.fullmatch(text) else math.nan
         if not abs(value) <= LARGEST:
             self.fail(where, f"{key} is {show(text)}; allowed: a finite number of magnitude up to {LARGEST:g}")
         return value + 0.0  # turns -0.0 into 0.0

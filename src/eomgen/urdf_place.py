@@ -1,4 +1,4 @@
-"""Where an element stands in the text of an URDF, and what to do about XML that is none: for messages alone."""
+"""Where an element stands in the text of an XML file, and what to do about XML that is none: for messages alone."""
 
 from __future__ import annotations
 
@@ -24,9 +24,12 @@ _REMEDIES = {  # what the parser says, and what to write instead
 }
 
 
-def xml_remedy(said: str) -> str:
-    """What to write instead of what the parser refused with these words."""
-    return next((what for begin, what in _REMEDIES.items() if said.startswith(begin)), "XML 1.0")
+def xml_remedy(said: str, root: str = "robot") -> str:
+    """What to write instead of what the parser refused with these words; ``root``: the element that holds the rest."""
+    found = next((what for begin, what in _REMEDIES.items() if said.startswith(begin)), "XML 1.0")
+    if root == "robot":
+        return found
+    return found.replace("<robot name='...'>", f"<{root}>").replace("robot>", f"{root}>").replace("link>", "body>")
 
 
 def line_of(text: str, root: Element, element: Element | None) -> int | None:
