@@ -57,6 +57,16 @@ def show(value: object) -> str:
     return ascii(value)
 
 
+def show_path(text: str) -> str:
+    """``show`` of a path: of a long one the end, where the file's name is."""
+    if len(ascii(text)) <= _ESCAPED:
+        return ascii(text)
+    shown = text[-_SHOWN:]
+    while len(ascii(shown)) > _ESCAPED:
+        shown = shown[1:]
+    return ascii("..." + shown)
+
+
 def listed(names: Iterable[str], most: int = 8) -> str:
     """The names, quoted, and how many were left out after the first ``most``, or fewer where they are long."""
     names = list(names)
