@@ -20,7 +20,7 @@ _META = _json.loads(_Path(__file__).with_name("one_link.json").read_text(encodin
 
 def load() -> Kernel:
     """A kernel with parameters of its own, at the description's values."""
-    return Kernel(_ffi, _lib, _META)
+    return Kernel(_ffi, _lib, _META, _Path(__file__).parent)
 
 
 kernel = load()

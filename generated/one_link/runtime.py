@@ -10,6 +10,7 @@ import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -50,13 +51,14 @@ class Kernel:
             parameters.
         operations: per kernel the multiplications, additions, divisions and sine-cosine pairs of its C.
         dtype: the dtype of all arrays.
+        folder: of its package, where its C is; None where that is not known.
 
     Raises (all methods):
         ArrayError: an array of wrong shape, of a dtype that is not converted exactly, or with NaN or infinity (see
             ``checks``).
     """
 
-    def __init__(self, ffi: Any, lib: Any, meta: Mapping[str, Any]) -> None:
+    def __init__(self, ffi: Any, lib: Any, meta: Mapping[str, Any], folder: Path | None = None) -> None:
         self.name: str = meta["name"]
         self.coordinates: tuple[str, ...] = tuple(meta["coordinates"])
         self.joints: tuple[str, ...] = tuple(meta["joints"])
@@ -69,6 +71,7 @@ class Kernel:
         self.motors: dict[str, str] = {name: drives for name, (drives, _) in meta.get("motors", {}).items()}
         self.operations: dict[str, dict[str, int]] = {k: dict(v) for k, v in meta["operations"].items()}
         self.dtype: np.dtype[Any] = np.dtype(meta["dtype"])
+        self.folder = folder
         self._ffi, self._lib = ffi, lib
         self._pointer = {"float64": "double[]", "float32": "float[]"}[meta["dtype"]]
         self._shapes = {key: tuple(shape) for key, shape in meta["shapes"].items()}
