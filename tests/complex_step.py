@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import cmath
+from collections.abc import Mapping
 
 import numpy as np
 from random_robots import Array, State
@@ -20,14 +21,18 @@ COMPLEX = {
 
 
 def complex_steps(robot: Robot, s: State, label: str) -> Array:
-    """Derivative of the residual's program, a column at a time, without a difference."""
+    """Derivative of the residual's program by q, v, a or u, (n, n)."""
+    return complex_jacobian(robot, "residual", {x: getattr(s, x) for x in "qvau"}, label)
+
+
+def complex_jacobian(robot: Robot, kernel: str, arrays: Mapping[str, Array], label: str) -> Array:
+    """Derivative of a kernel's program by one of its arrays, (outputs, numbers), a column at a time."""
     model = build_model(robot)
-    program, n = derive(model, "residual"), model.size
-    block = np.zeros((n, n))
-    for j in range(n):
-        values: dict[str, list[complex]] = {x: [complex(y) for y in getattr(s, x)] for x in "qvau"}
+    program, columns = derive(model, kernel), []
+    for j in range(arrays[label].size):
+        values = {name: [complex(x) for x in np.ravel(array)] for name, array in arrays.items()}
         values["p"] = [complex(x) for x in model.parameters.values()]
         values[label][j] += 1e-30j
         found = evaluate(program, values, lambda x: (cmath.sin(x), cmath.cos(x)), COMPLEX)
-        block[:, j] = [complex(found[key]).imag * 1e30 for key in sorted(found)]
-    return block
+        columns.append([complex(found[key]).imag * 1e30 for key in sorted(found) if key[0] == "out"])
+    return np.array(columns).T

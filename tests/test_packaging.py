@@ -131,7 +131,7 @@ def test_importing_eomgen_is_light() -> None:
     code = """
         import json, sys
         import eomgen
-        heavy = ("sympy", "scipy", "matplotlib", "cffi", "jinja2", "setuptools", "rich")
+        heavy = ("sympy", "scipy", "matplotlib", "cffi", "jinja2", "setuptools", "rich", "casadi", "jax")
         print(json.dumps([name for name in heavy if name in sys.modules]))
     """
     assert run(code) == []

@@ -22,6 +22,10 @@ PAGES: dict[str, tuple[str, tuple[str, ...]]] = {
             *("eomgen.modes", "eomgen.response", "eomgen.linearize", "eomgen.budget"),
         ),
     ),
+    "api_adapters": (
+        "Optimal control and learning",
+        ("eomgen.adapters.mappings", "eomgen.adapters.casadi", "eomgen.adapters.jax"),
+    ),
     "api_sweeps": ("Sweeps", ("eomgen.sweep", "eomgen.sweep_plan", "eomgen.sweep_result")),
     "api_pictures": (
         "Pictures",

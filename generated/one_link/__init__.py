@@ -15,12 +15,17 @@ from typing import Any as _Any
 from ._one_link import ffi as _ffi, lib as _lib
 from .runtime import Kernel
 
-_META = _json.loads(_Path(__file__).with_name("one_link.json").read_text(encoding="ascii"))
+
+def _read(name: str) -> str:
+    return _Path(__file__).with_name(name).read_text(encoding="ascii")
+
+
+_META = _json.loads(_read("one_link.json"))
 
 
 def load() -> Kernel:
     """A kernel with parameters of its own, at the description's values."""
-    return Kernel(_ffi, _lib, _META)
+    return Kernel(_ffi, _lib, _META, _read)
 
 
 kernel = load()

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .blocks import Blocks, make_blocks
-from .errors import ArrayError, InputError, SingularError, UnknownNameError
+from .errors import ArrayError, BuildError, InputError, SingularError, UnknownNameError
 from .parameters import Parameters, nearest
 from .rollout import rollout
 
@@ -56,7 +56,7 @@ class Kernel:
             ``checks``).
     """
 
-    def __init__(self, ffi: Any, lib: Any, meta: Mapping[str, Any]) -> None:
+    def __init__(self, ffi: Any, lib: Any, meta: Mapping[str, Any], read: Callable[[str], str] | None = None) -> None:
         self.name: str = meta["name"]
         self.coordinates: tuple[str, ...] = tuple(meta["coordinates"])
         self.joints: tuple[str, ...] = tuple(meta["joints"])
@@ -69,6 +69,7 @@ class Kernel:
         self.motors: dict[str, str] = {name: drives for name, (drives, _) in meta.get("motors", {}).items()}
         self.operations: dict[str, dict[str, int]] = {k: dict(v) for k, v in meta["operations"].items()}
         self.dtype: np.dtype[Any] = np.dtype(meta["dtype"])
+        self._read = read  # text of a file of its package
         self._ffi, self._lib = ffi, lib
         self._pointer = {"float64": "double[]", "float32": "float[]"}[meta["dtype"]]
         self._shapes = {key: tuple(shape) for key, shape in meta["shapes"].items()}
@@ -99,6 +100,20 @@ class Kernel:
     def n(self) -> int:
         """Number of coordinates."""
         return len(self.coordinates)
+
+    def source(self, ending: str) -> str:
+        """The C that it was compiled from: "h", the header, or "c".
+
+        Raises:
+            BuildError: its package is not there any more.
+        """
+        file = f"{self.name}.{ending}"
+        try:
+            if self._read is None:
+                raise FileNotFoundError(file)
+            return self._read(file)
+        except (OSError, KeyError):
+            raise BuildError(f"{file} is not in the kernel's package any more; build the kernel again") from None
 
     def ratio(self, motor: str) -> float:
         """Ratio of the gear behind a motor's coordinate ("joint1.motor") as the kernel has it now, 1 or rad/m.

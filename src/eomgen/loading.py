@@ -56,7 +56,7 @@ def _load_api(package: store.Entry, here: str) -> Any:
         loader.exec_module(module)
         return module
 
-    return _linked(package, file, load)
+    return linked(package, file, load)
 
 
 def _load_abi(package: store.Entry, name: str) -> Any:
@@ -67,12 +67,15 @@ def _load_abi(package: store.Entry, name: str) -> Any:
     module = ModuleType(f"_{name}")
     exec(compile(package.files[file], file, "exec"), module.__dict__)  # its hash was checked as that of any binary
     library = next(name for name in package.files if name.startswith("lib"))
-    module.lib = _linked(package, library, module.ffi.dlopen)  # type: ignore[attr-defined]
+    module.lib = linked(package, library, module.ffi.dlopen)  # type: ignore[attr-defined]
     return module
 
 
-def _linked(package: store.Entry, file: str, load: Callable[[str], Any]) -> Any:
-    """``load(path)`` of a copy of the file; from its place if no copy can be had, or where files in use stay."""
+def linked(package: store.Entry, file: str, load: Callable[[str], Any]) -> Any:
+    """``load(path)`` of a copy of the file; from its place if no copy can be had, or where files in use stay.
+
+    ImportError and OSError of ``load`` say that it cannot be had there.
+    """
     root = store.cache_folder()
     for place in (str(root), None) if os.name == "posix" else ():  # libraries can be loaded from where the cache is
         try:

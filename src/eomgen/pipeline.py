@@ -261,7 +261,14 @@ def load_kernel(package: store.Entry, name: str) -> Kernel:
         BuildError: the package does not load.
     """
     module = load_module(package, name)
-    return Kernel(module.ffi, module.lib, json.loads(package.files[f"{name}.json"]))
+
+    def read(file: str) -> str:
+        found = store.find(package.kind, package.key)
+        if found is None:
+            raise FileNotFoundError(file)
+        return found.files[file].decode("ascii")
+
+    return Kernel(module.ffi, module.lib, json.loads(package.files[f"{name}.json"]), read)
 
 
 __all__ = ["DTYPES", "KERNEL_NAMES", "Options", "build", "generate", "load_kernel"]

@@ -1,0 +1,66 @@
+"""Kernels as functions of CasADi, in C, with exact Jacobians; needs the extra "casadi".
+
+Second derivatives are not exact: there are none.  Give IPOPT a limited-memory Hessian, or a Gauss-Newton one.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Any
+
+from ..errors import InputError
+from ..kernel import Kernel
+from ..loading import linked
+from .external import external_library
+from .mappings import FUNCTIONS, DifferentiableFunction, kernels_for
+
+
+def function(
+    kernel: Kernel,
+    name: str,
+    frame: str | None = None,
+    *,
+    cut: bool = False,
+    called: str | None = None,
+    flags: Sequence[str] = (),
+) -> Any:
+    """A ``casadi.Function`` that calls the kernel's C, without Python and from any thread.
+
+    Parameters are those that the kernel has now.  Inputs and outputs have the shapes of the kernel's arrays, vectors as
+    columns; of mass_matrix only what does not vanish identically is stored.  Where the mass matrix cannot be inverted
+    the evaluation fails (IPOPT shortens its step); NaN goes through.
+
+    Args:
+        kernel: of float64, with ``kernels_for(name)``.
+        name: one of FUNCTIONS: "forward_dynamics", "residual", "mass_matrix", ...
+        frame: of frame_pose and frame_jacobian.
+        cut: of a robot with loops, that its loops are meant to be open.
+        called: its name in CasADi; by default eom_ROBOT_NAME, and the frame's name behind it.
+        flags: further flags of the compiler.
+
+    Returns:
+        casadi.Function with the inputs FUNCTIONS[name].reads.
+
+    Raises:
+        UnknownNameError: no function or frame of that name, or a kernel that it takes was not built.
+        InputError: CasADi is not installed, or another argument cannot be used.
+        BuildError: no compiler, or a compiler that fails.
+    """
+    try:
+        import casadi
+    except ImportError:
+        raise InputError('functions of CasADi need CasADi: pip install "eomgen[casadi]"') from None
+    differentiable = DifferentiableFunction(kernel, name, frame, cut=cut)
+    parts = ["eom", kernel.name, name, *([] if frame is None else [frame])]
+    chosen = re.sub(r"_+", "_", re.sub(r"\W", "_", "_".join(parts))).rstrip("_") if called is None else called
+    if not re.fullmatch(r"[A-Za-z](_?[A-Za-z0-9])*", chosen) or chosen.startswith(f"{kernel.name}_"):
+        raise InputError(
+            f"called: {chosen!r} is no name for this function; allowed: letters, digits and single _ between them,"
+            f" not beginning with {kernel.name}_"
+        )
+    library = external_library(differentiable, chosen, flags)
+    return linked(library, f"{chosen}.so", lambda path: casadi.external(chosen, path))
+
+
+__all__ = ["FUNCTIONS", "function", "kernels_for"]

@@ -1,0 +1,153 @@
+"""C of a kernel's function for CasADi's external-function interface, compiled; no Python at run time.
+
+See https://web.casadi.org/docs/#using-external-functions.  CasADi stores matrices by columns, kernels by rows: every
+array and derivative goes through a table of places.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import platform
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import cache as store
+from .._version import __version__
+from ..errors import InputError
+from .mappings import DifferentiableFunction
+
+
+@dataclass(frozen=True)
+class Table:
+    """A matrix of CasADi: its shape, its nonzeros in compressed columns, and where each is in the kernel's rows."""
+
+    name: str
+    rows: int
+    columns: int
+    starts: tuple[int, ...]
+    indices: tuple[int, ...]
+    places: tuple[int, ...]
+
+
+def external_library(function: DifferentiableFunction, called: str, flags: Sequence[str] = ()) -> store.Entry:
+    """The compiled library CALLED.so of a function by the name ``called``, and its C, from the cache.
+
+    Raises:
+        InputError: the kernel is not one of float64.
+        BuildError: its C is not there any more, or cannot be compiled.
+    """
+    from ..codegen.compile import WARNINGS, compile_flags, find_compiler, processor, run_all, shared_flags
+
+    kernel = function.kernel
+    if kernel.dtype != np.float64:
+        raise InputError(f"{kernel.name} is a kernel of {kernel.dtype}; allowed for CasADi: float64")
+    header, code = (kernel.source(ending) for ending in ("h", "c"))
+    wrapper = render(function, called)
+    compiler = find_compiler()
+    every = compile_flags(compiler, False, flags)
+    own = [__version__, *compiler.command, compiler.version, *compiler.link_flags, *every]
+    own.append(processor() if any(flag.endswith("=native") for flag in own) else platform.machine())
+    compile_c = [*compiler.command, "-c", "-fPIC", "-fvisibility=hidden", *WARNINGS, *every]
+
+    def compile_kernel(folder: Path) -> None:
+        (folder / f"{kernel.name}.h").write_text(header, encoding="ascii")
+        (folder / f"{kernel.name}.c").write_text(code, encoding="ascii")
+        source = str(folder / f"{kernel.name}.c")
+        run_all([[*compile_c, "-DEOMGEN_SINGLES_ONLY", source, "-o", str(folder / "kernel.o")]])
+
+    made = store.entry("objects", _key([*own, header, code]), compile_kernel)
+
+    def link(folder: Path) -> None:
+        source, library = folder / f"{called}.c", folder / f"{called}.so"
+        objects = [folder / "kernel.o", folder / "wrapper.o"]
+        (folder / f"{kernel.name}.h").write_text(header, encoding="ascii")
+        source.write_text(wrapper, encoding="ascii")
+        objects[0].write_bytes(made.files["kernel.o"])
+        run_all([[*compile_c, "-iquote", str(folder), str(source), "-o", str(objects[1])]])
+        command = [*compiler.command, *shared_flags(), *compiler.flags, *map(str, objects), "-o", str(library)]
+        run_all([[*command, *compiler.link_flags, "-lm"]])
+        for made_here in objects:
+            made_here.unlink()
+
+    return store.entry("externals", _key([*own, header, code, wrapper]), link)
+
+
+def _key(texts: Sequence[str]) -> str:
+    return hashlib.sha256(json.dumps(list(texts)).encode()).hexdigest()
+
+
+def render(function: DifferentiableFunction, called: str) -> str:
+    """The C of the function by the name ``called``."""
+    from ..codegen.source import environment
+
+    kernel = function.kernel
+    mask, masks = function.patterns()
+    inputs = [table(label, np.ones(s, np.bool_)) for label, s in zip(function.reads, function.inputs, strict=True)]
+    result = table(function.result, mask)
+    blocks = [
+        block_table(f"jac_{function.result}_{label}", pattern, function.output)
+        for label, pattern in zip(function.reads, masks, strict=True)
+    ]
+    context = {
+        "called": called,
+        "version": __version__,
+        "robot": kernel.name,
+        "function": function.name,
+        "n": kernel.n,
+        "wrench": 6 * len(kernel.links),
+        "frame": kernel.frames.index(function.frame) if function.frame is not None else 0,
+        "inputs": inputs,
+        "result": result,
+        "blocks": blocks,
+        "previous": table(f"out_{function.result}", np.zeros(_matrix(function.output), np.bool_)),
+        "size": math.prod(function.output),
+        "sizes": [math.prod(shape) for shape in function.inputs],
+        "setups": {
+            name: [_literal(x) for x in owner.parameters._setup.computed]
+            for name, owner in (("h", kernel), ("h_free", function.free))
+            if owner is not None
+        },
+    }
+    return environment().get_template("casadi.c.jinja").render(context)
+
+
+def _literal(number: float) -> str:
+    if math.isfinite(number):
+        return repr(float(number))
+    return "NAN" if math.isnan(number) else "HUGE_VAL" if number > 0.0 else "-HUGE_VAL"
+
+
+def _matrix(shape: tuple[int, ...]) -> tuple[int, int]:
+    return (shape[0], shape[1]) if len(shape) == 2 else (shape[0], 1)
+
+
+def table(name: str, mask: NDArray[np.bool_]) -> Table:
+    """Of an array of one or two axes, True where it may differ from zero."""
+    rows, columns = _matrix(mask.shape)
+    return _table(name, mask.reshape(rows, columns), np.arange(rows * columns).reshape(rows, columns))
+
+
+def block_table(name: str, mask: NDArray[np.bool_], output: tuple[int, ...]) -> Table:
+    """Of a derivative (output shape, input shape): CasADi has a row per number of the result, by columns."""
+    places = np.arange(mask.size).reshape(mask.shape)
+    inputs = mask.shape[len(output) :]
+
+    def by_columns(array: NDArray[Any]) -> NDArray[Any]:
+        four = array.reshape(*_matrix(output), *_matrix(inputs))
+        return np.transpose(four, (1, 0, 3, 2)).reshape(math.prod(output), math.prod(inputs))
+
+    return _table(name, by_columns(mask), by_columns(places))
+
+
+def _table(name: str, mask: NDArray[np.bool_], places: NDArray[np.int64]) -> Table:
+    column, row = np.nonzero(mask.T)
+    starts = np.concatenate([[0], np.cumsum(mask.sum(axis=0))])
+    rows, columns = mask.shape
+    return Table(name, rows, columns, tuple(starts.tolist()), tuple(row.tolist()), tuple(places[row, column].tolist()))
