@@ -8,6 +8,7 @@
 #   make docs     build the documentation into out/site: open index.html there; warnings are errors
 #   make sample   regenerate the committed sample in generated/one_link
 #   make tables   regenerate the tables in README.md
+#   make misra    what MISRA C finds in generated code; writes its table into docs/coding_standards.md
 #   make wheel    build the wheel into dist/
 #   make clean    remove what the commands above made
 
@@ -20,7 +21,7 @@ FILES := $(sort $(wildcard src/eomgen/*.py src/eomgen/robots/*.toml src/eomgen/s
 STAMP := $(shell echo '$(FILES)' | cksum | cut -d ' ' -f 1)
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --config-settings editable_mode=strict
 
-.PHONY: demo test lint bench soak docs sample tables wheel clean
+.PHONY: demo test lint bench soak docs sample tables misra wheel clean
 
 demo: $(VENV)/.sim-$(STAMP)
 	$(BIN)/eomgen info puma560_elastic
@@ -50,6 +51,9 @@ sample: $(VENV)/.sim-$(STAMP)
 
 tables: sample
 	$(BIN)/python docs/tables.py
+
+misra: $(VENV)/.test-$(STAMP)
+	$(BIN)/python docs/misra.py
 
 wheel: $(VENV)/.test-$(STAMP)
 	rm -rf build/lib dist
