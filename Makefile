@@ -10,6 +10,7 @@
 #   make sample   regenerate the committed sample in generated/one_link
 #   make tables   regenerate the tables in README.md
 #   make schemas  regenerate the JSON Schemas in src/eomgen/schemas
+#   make misra    what MISRA C finds in generated code; writes its table into docs/coding_standards.md
 #   make wheel    build the source distribution and the wheel into dist/, and check what an index would show of them
 #   make clean    remove what the commands above made
 
@@ -22,7 +23,7 @@ FILES := $(sort $(wildcard src/eomgen/*.py src/eomgen/*/*.py src/eomgen/*/*.toml
 STAMP := $(shell echo '$(FILES)' | cksum | cut -d ' ' -f 1)
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --config-settings editable_mode=strict
 
-.PHONY: demo test lint bench soak mutation docs sample tables schemas wheel clean
+.PHONY: demo test lint bench soak mutation docs sample tables schemas misra wheel clean
 
 demo: $(VENV)/.sim-$(STAMP)
 	$(BIN)/eomgen info puma560_elastic
@@ -58,6 +59,9 @@ tables: sample
 
 schemas: $(VENV)/.sim-$(STAMP)
 	for name in robot scenario plan; do $(BIN)/eomgen schema $$name > src/eomgen/schemas/$$name.schema.json; done
+
+misra: $(VENV)/.test-$(STAMP)
+	$(BIN)/python docs/misra.py
 
 wheel: $(VENV)/.test-$(STAMP)
 	rm -rf build/lib dist

