@@ -17,7 +17,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from generators import api, commands, figures, formats, gallery, mathematics
 
 HOWTO, GUIDES = "How to", "Guides"  # sections of the menu
-HOWTO_PAGES = ("fmu.md", "embed.md")  # export and embed
+HOWTO_PAGES = ("fmu.md", "mjcf.md", "embed.md")  # export and embed
 _REFERENCE = re.compile(r'\s(href|src)="([^"]*)"')
 _OUTSIDE = re.compile(r"\[([^\]]+)\]\(((?:\.\./)+[^)#]*)(?:#[^)]*)?\)")
 _CODE = re.compile(r"<(code|pre)\b.*?</\1>", re.DOTALL)

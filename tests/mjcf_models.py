@@ -185,12 +185,18 @@ class RandomModel:
 
     def site(self, parent: Element) -> None:
         name = f"site{len(self.sites)}"
+        self.sites.append(name)
+        if self.chance(0.2):
+            ends = self.text(self.rng.uniform(-0.3, 0.3, 6))
+            SubElement(
+                parent, "site", {"name": name, "type": "capsule", "size": "0.1", "fromto": ends, "class": "main"}
+            )
+            return
         site = self.classed(SubElement(parent, "site", name=name))
         self.place(site)
         if "quat" in site.attrib:  # by a default class it would be another
             site.set("zaxis", "0 1 1")
             del site.attrib["quat"]
-        self.sites.append(name)
 
     def tendons(self, root: Element) -> None:
         tendons = SubElement(root, "tendon")

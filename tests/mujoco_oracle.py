@@ -6,25 +6,23 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.peers.mjcf import mjcf
+from eomgen.mjcf_export import mjcf
 from eomgen.robot import Robot
 
 Array = NDArray[np.float64]
 
 
 class MujocoRobot:
-    """A robot in MuJoCo: no contacts, no limits, coordinates in the same order as the robot's.
+    """A robot in MuJoCo: no contacts, no limits, coordinates in the same order as the robot's."""
 
-    Links need masses and inertias above zero: MuJoCo takes no massless body and no thin rod.
-    """
-
-    def __init__(self, robot: Robot, step: float = 1e-3) -> None:
-        self.model = mujoco.MjModel.from_xml_string(mjcf(robot, step))
+    def __init__(self, robot: Robot, step: float = 1e-3, approximate: bool = False) -> None:
+        self.model = mujoco.MjModel.from_xml_string(mjcf(robot, step, approximate=approximate))
         self.data = mujoco.MjData(self.model)
-        expected = [f"{joint.name}.{name}" for joint in robot.joints for name in joint.coordinates]
+        expected = [f"{joint.name}.{name}" for joint in robot.joints for name in joint.all_coordinates]
         found = [self.model.joint(i).name for i in range(self.model.njnt)]
         assert found == expected, "MuJoCo orders the coordinates otherwise"
-        self._moved = [self.model.body(joint.child).id for joint in robot.joints if joint.coordinates]
+        moving = [joint for joint in robot.joints if joint.coordinates]
+        self._moved = [(self.model.body(joint.child).id, np.array(joint.axis_turn)) for joint in moving]
 
     def _set(self, q: Array, v: Array) -> None:
         self.data.qpos[:], self.data.qvel[:] = q, v
@@ -55,10 +53,10 @@ class MujocoRobot:
         self.data.qacc[:] = a
         mujoco.mj_rnePostConstraint(self.model, self.data)
         found = []
-        for body in self._moved:
+        for body, turn in self._moved:
             moment, force = np.split(self.data.cfrc_int[body], 2)
             arm = self.data.subtree_com[self.model.body_rootid[body]] - self.data.xpos[body]
-            R = self.data.xmat[body].reshape(3, 3).T
+            R = (self.data.xmat[body].reshape(3, 3) @ turn).T
             found.append(np.concatenate([R @ force, R @ (moment + np.cross(arm, force))]))
         return np.array(found)
 

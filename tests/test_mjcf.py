@@ -97,6 +97,17 @@ def test_the_sample_moves_as_mujocos(built: Build) -> None:
     assert max(worst.values()) <= 1e-10
 
 
+def test_a_site_with_the_name_of_a_body_is_called_otherwise() -> None:
+    """The pose of a name is one: the body's."""
+    robot = robot_from_mjcf(
+        MJCF.replace('site name="head"', 'site name="torso"').replace('site="head"', 'site="torso"')
+    )
+    assert [frame.name for frame in robot.frames] == ["hook", "torso_2"]
+    assert any("'torso -> torso_2'" in note for note in robot.notes)
+    robot = robot_from_mjcf(MJCF.replace('site name="head"', 'site name="thigh_hip"').replace('"head"', '"thigh_hip"'))
+    assert "thigh_hip" not in [link.name for link in robot.links]
+
+
 AXES = {"+x": "1 0 0", "-x": "-1 0 0", "+y": "0 1 0", "-y": "0 -1 0", "+z": "0 0 1", "-z": "0 0 -1"}
 
 

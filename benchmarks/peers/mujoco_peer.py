@@ -10,10 +10,10 @@ from pathlib import Path
 
 from eomgen.codegen.compile import find_compiler
 from eomgen.errors import BuildError
+from eomgen.mjcf_export import mjcf
 
 from .cases import Case
 from .contender import FFI, Contender, MissingPeer, address, build_library
-from .mjcf import mjcf
 
 NAME = "MuJoCo"
 SOURCE = Path(__file__).with_suffix(".c")

@@ -24,6 +24,7 @@ from .errors import (
 )
 from .fmu import export_fmu
 from .kernel import Kernel
+from .mjcf_export import export_mjcf
 from .pipeline import build, generate
 from .result_file import load_result
 from .robot import Coordinate, Frame, Joint, Link, Loop, Motor, Placement, Robot
@@ -53,6 +54,7 @@ __all__ = [
     "build",
     "builtin_robots",
     "export_fmu",
+    "export_mjcf",
     "generate",
     "load_result",
     "load_robot",

@@ -55,6 +55,7 @@ examples:
   eomgen budget out/trajectory.npz               what each coordinate contributes to the tool's deviation
   eomgen sweep arm.toml --scenario s.toml --plan p.toml -o out   the scenario for many values of its numbers
   eomgen export arm.toml --fmu -o out            functional mock-up units of FMI 2.0 and 3.0
+  eomgen export arm.toml --mjcf -o arm.xml       the same robot for MuJoCo
   eomgen plot out --format pdf                   figures of a result for print
   eomgen report out                              one page about a result: out/report.html
   eomgen view out                                the result in space, in the browser

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -33,11 +33,15 @@ _REFUSED = {
 class Names:
     """Identifiers of what the file names, and new ones that clash with none of them."""
 
-    def __init__(self, texts: Sequence[str], reserved: Sequence[str] = ()) -> None:
-        kept = unique_identifiers([*reserved, *texts])
-        self.of = {text: kept[text] for text in texts}
+    def __init__(self, texts: Sequence[str], reserved: Collection[str] = ()) -> None:
+        kept = unique_identifiers(list(dict.fromkeys([*reserved, *texts])))
         self._taken = set(kept.values())
         self._count: dict[str, int] = {}
+        self.of = {text: self.fresh(text) if text in reserved else kept[text] for text in texts}
+
+    def reserve(self, names: Iterable[str]) -> None:
+        """No new identifier is one of these."""
+        self._taken.update(names)
 
     def fresh(self, text: str) -> str:
         """The text as an identifier that is not taken."""
@@ -121,9 +125,10 @@ class Bodies:
                         Item(self.reading, element, f"{tag} {show(name)}").fail(f"{what}; allowed: unique names")
                     seen[name] = None
             found[tag] = list(seen)
-        self.links = Names(found["body"], (self.reading.draft.base,))
+        self.links = Names(found["body"], {self.reading.draft.base})
         self.joints = Names(found["joint"])
-        self.site_names = Names(found["site"], tuple(self.links.of.values()))
+        self.site_names = Names(found["site"], set(self.links.of.values()))  # one asks for poses of both by name
+        self.links.reserve(self.site_names.of.values())
 
     def _contents(
         self, element: Element, childclass: str | None, where: str

@@ -162,13 +162,16 @@ class Item:
         return Pose(self.rotation(), self.vector("pos"))
 
     def line(self) -> tuple[Pose, float]:
-        """The place, and the half length (m), that fromto gives: z from the first point towards the second."""
+        """The place, and the half length (m), that fromto gives.
+
+        z points from the second point to the first: so MuJoCo has it, although its documentation says the opposite.
+        """
         ends = np.array(self.numbers("fromto", 6))
         first, second = ends[:3], ends[3:]
         length = math.hypot(*(second - first))
         if length < _SMALL:
             self.fail(f"fromto is {show(self.values['fromto'])}{self._from('fromto')}; allowed: two points apart")
-        return Pose(tidy(onto((second - first) / length)), 0.5 * (first + second)), 0.5 * length
+        return Pose(tidy(onto((first - second) / length)), 0.5 * (first + second)), 0.5 * length
 
     def direction(self, key: str, default: Sequence[float]) -> Array:
         """A unit vector, (3,)."""
