@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
 from description_samples import ARM, URDF
@@ -14,7 +15,10 @@ CSV = ARM.replace("stiffness = 1e6", 'curve = "spring.csv"')
 
 @dataclass(frozen=True)
 class BadFile:
-    """suffix: of robot.toml, robot.urdf, scenario.toml or plan.toml; place, reason, remedy: parts of the message."""
+    """suffix: of robot.toml, robot.urdf, scenario.toml or plan.toml; place, reason, remedy: parts of the message.
+
+    place: and in brackets the line.
+    """
 
     name: str
     content: bytes
@@ -26,6 +30,12 @@ class BadFile:
     def kind(self) -> str:
         """robot, scenario or plan."""
         return self.name.partition(".")[0]
+
+    @property
+    def spot(self) -> tuple[str, int | None]:
+        """The place without its line, and the line."""
+        found = re.fullmatch(r"(.*?) ?\(?line ([0-9]+)\)?", self.place)
+        return (found[1], int(found[2])) if found else (self.place, None)
 
 
 def bad(name: str, content: str | bytes, place: str, reason: str, remedy: str) -> BadFile:
@@ -120,8 +130,10 @@ BAD_FILES = {
     "Latin-1": bad(
         "robot.toml", "# länge\n".encode("latin-1") + ARM.encode(), "byte 3 (line 1)", "no UTF-8", "UTF-8 text"
     ),
-    "UTF-16": bad("robot.urdf", URDF.encode("utf-16"), "byte 0", "no UTF-8", "UTF-8 text"),
-    "a picture": bad("robot.urdf", b"\x89PNG\r\n\x1a\n" + bytes(range(256)), "byte 0", "no UTF-8", "UTF-8 text"),
+    "UTF-16": bad("robot.urdf", URDF.encode("utf-16"), "byte 0 (line 1)", "no UTF-8", "UTF-8 text"),
+    "a picture": bad(
+        "robot.urdf", b"\x89PNG\r\n\x1a\n" + bytes(range(256)), "byte 0 (line 1)", "no UTF-8", "UTF-8 text"
+    ),
     "nothing": bad("robot.toml", b"", "", "'name' is missing", "a lower-case letter"),
     "nothing in an URDF": bad("robot.urdf", b"", "line 1", "no element found", "<robot name='...'>"),
     "NUL": bad("robot.toml", b'name = "a\0"\n', "line 1", "Illegal character", "without control characters"),
@@ -155,7 +167,7 @@ BAD_FILES = {
         "got",
         ".csv file",
     ),
-    "scenario of infinity": bad("scenario.toml", "duration = inf\n", "duration (line 1)", "got inf", "a finite number"),
+    "scenario of infinity": bad("scenario.toml", "duration = inf\n", "duration (line 1)", "got inf", "at least 1e-09"),
     "scenario of a wrong type": bad(
         "scenario.toml",
         changed(SCENARIO, "point_to", "pint_to"),

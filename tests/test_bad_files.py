@@ -43,8 +43,11 @@ def test_diagnosis(
         READERS[case.kind](case.name)
     message = str(caught.value)
     check_message(caught.value)
-    assert message.startswith(f"{case.name}: " if case.place != "spring.csv" else "spring.csv: ")
-    for part in (case.place, case.reason, case.remedy):
+    place, line = case.spot
+    assert line in (None, caught.value.line)
+    at = "" if caught.value.line is None else f":{caught.value.line}:"
+    assert message.startswith(f"{case.name}{at}" if place != "spring.csv" else "spring.csv: ")
+    for part in (place, case.reason, case.remedy):
         assert part in message
     if name == LARGE:
         return

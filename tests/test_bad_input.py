@@ -50,7 +50,7 @@ def spring(*extra: str, links: str = 'links = ["link2", "base"]') -> tuple[str, 
 
 # what is replaced, by what, and what the message must say: the place, the value, what is allowed
 TOML_CASES = {
-    "syntax": ("mass = 3.0", "mass = = 3.0", ["line 8", "column 8"]),
+    "syntax": ("mass = 3.0", "mass = = 3.0", ["my.toml:8:8: "]),
     "unknown key": (
         "stiffness = 1e6",
         "stiffnes = 1e6",
@@ -59,7 +59,7 @@ TOML_CASES = {
     "unknown top key": ("gravity =", "gravitiy =", ["'gravitiy'", "mean 'gravity'", "allowed: name"]),
     "unknown coordinate": ("x = { stiff", "delta = { stiff", ["joints.joint1", "'delta'", "allowed", "gamma"]),
     "key with control characters": ("gravity =", '"\\u001b[31m\\n" =', [r"'\x1b[31m\n'", "allowed"]),
-    "duplicate key": ("mass = 3.0", "mass = 3.0\nmass = 4.0", ["line 9"]),
+    "duplicate key": ("mass = 3.0", "mass = 3.0\nmass = 4.0", ["my.toml:9:"]),
     "string for number": ("mass = 3.0", 'mass = "3.0"', ["links.link1.mass", "'3.0'", "at least 0"]),
     "boolean for number": ("mass = 3.0", "mass = true", ["links.link1.mass", "true", "at least 0"]),
     "number for table": (
@@ -158,7 +158,7 @@ TOML_CASES = {
     ),
     "negative damper": (*spring("damping = -2.0"), ["springs.rope.damping", "-2.0", "at least 0"]),
     "infinite spring": (*spring("stiffness = inf"), ["springs.rope.stiffness", "inf", "at least 0"]),
-    "one point": (*spring("stiffness = 1", "points = [[0, 0, 0]]"), ["springs.rope.points", "1 points", "two"]),
+    "one point": (*spring("stiffness = 1", "points = [[0, 0, 0]]"), ["springs.rope.points", "1 values", "two points"]),
     "flat point": (*spring("stiffness = 1", "points = [[0, 0], [0, 0, 0]]"), ["springs.rope.points.0", "3 numbers"]),
     "point that is none": (
         *spring("stiffness = 1", "points = [[0, 0, nan], [0, 0, 0]]"),
@@ -346,16 +346,15 @@ def test_bad_toml(case: str) -> None:
     old, new, expected = TOML_CASES[case]
     text = changed(NOTHING_MOVES if case == "nothing moves" else ARM, old, new)
     message = refusal(lambda text: robot_from_toml(text, source="my.toml"), text)
-    assert message.startswith("my.toml: ")
+    assert re.match(r"my\.toml:[0-9]+:[0-9]+: ", message)
     assert re.search("allowed|leave", message)  # what to write instead
-    assert re.search(r"\bline [0-9]+", message) or case == "robot name missing"
     for part in expected:
         assert part in message
 
 
 URDF_CASES = {
     "not XML": ("<?xml", "hello <?xml", ["not well-formed XML"]),
-    "truncated": ("</robot>", "", ["not well-formed XML", "line"]),
+    "truncated": ("</robot>", "", ["my.urdf:26:1: ", "not well-formed XML"]),
     "doctype": (
         "<robot",
         '<!DOCTYPE robot SYSTEM "http://localhost/x.dtd"><robot',
@@ -426,9 +425,8 @@ URDF_CASES = {
 def test_bad_urdf(case: str) -> None:
     old, new, expected = URDF_CASES[case]
     message = refusal(lambda text: robot_from_urdf(text, source="my.urdf"), changed(URDF, old, new))
-    assert message.startswith("my.urdf: ")
+    assert re.match(r"my\.urdf:[0-9]+:[0-9]+: ", message)
     assert "allowed" in message
-    assert re.search(r"\bline [0-9]+", message)
     for part in expected:
         assert part in message
 
@@ -553,8 +551,8 @@ def test_files(tmp_path: Path) -> None:
         "latin.toml": ('name = "\N{LATIN SMALL LETTER U WITH DIAERESIS}"'.encode("latin-1"), ["byte 8", "UTF-8"]),
         "latin.urdf": (b'<?xml version="1.0" encoding="latin-1"?><robot name="\xfc"/>', ["byte", "UTF-8"]),
         "wide.urdf": (URDF.encode("utf-16"), ["byte 0", "UTF-8"]),
-        "arm.xml": (b"<robot/>", ["arm.xml: robot (line 1)", "no <link>"]),
-        "arm.yaml": (b"name: arm", ["arm.yaml", ".toml, .urdf, .xml"]),
+        "arm.xml": (b"<robot/>", ["arm.xml:1:1: robot", "no <link>"]),
+        "arm.yaml": (b"name: arm", ["there is no robot", ".toml, .urdf, .xml"]),
         "link.toml": (b'urdf = "nowhere.urdf"', ["nowhere.urdf", "no such file"]),
         "type.toml": (b'urdf = "nowhere.xml"', ["'nowhere.xml'", ".urdf"]),
         "control.toml": (b'urdf = "\\u001b[31m.urdf"', ["x1b[31m", "no such file"]),
@@ -599,7 +597,7 @@ def test_bad_urdf_behind_toml_names_both(tmp_path: Path) -> None:
     assert "joints.elbo" in message
     assert "mean 'elbow'" in message
     (tmp_path / "arm.urdf").write_text(URDF.replace('"planar"', "").replace('"continuous"', '"planar"'))
-    assert "arm.urdf: joint 'elbow'" in refusal(lambda path: load_robot(path), str(tmp_path / "arm.toml"))
+    assert "arm.urdf:21:3: joint 'elbow'" in refusal(lambda path: load_robot(path), str(tmp_path / "arm.toml"))
 
 
 @pytest.mark.parametrize(

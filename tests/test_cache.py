@@ -32,7 +32,7 @@ from quick_builds import (
 )
 
 import eomgen
-from eomgen import characteristic, cli, description, loop_tables, scenario_file, spring_tables, sweep_plan
+from eomgen import cli, plan_keys, robot_keys, scenario_keys
 from eomgen.cache import VARIABLE, is_whole
 from eomgen.codegen import compile as compiling
 from eomgen.description import robot_from_toml
@@ -273,13 +273,8 @@ def test_a_quote_that_is_not_closed(variable: str, empty_cache: Path, monkeypatc
 
 def test_no_key_of_a_file_names_a_compiler_or_a_flag() -> None:
     """Of a description, a scenario or a plan: what is run, and how, is the environment's alone."""
-    keys = {*description._TOP, *description._LINK, *description._JOINT, *description._FRAME, *description._PLACEMENT}
-    keys |= {*characteristic.KEYS, *characteristic.MOTOR_KEYS, *loop_tables.KEYS, *spring_tables.KEYS}
-    keys |= {*scenario_file.TOP, *scenario_file.INITIAL, *scenario_file.INTEGRATOR, *scenario_file._WRENCH}
-    keys |= {
-        key for kinds in (scenario_file.MOTIONS, scenario_file.CONTROLS) for names in kinds.values() for key in names
-    }
-    keys |= {*sweep_plan._TOP, *sweep_plan._ENGINE, *sweep_plan._VARY}
+    schemas = [form.json() for form in (robot_keys.ROBOT, scenario_keys.SCENARIO, plan_keys.PLAN)]
+    keys = set(re.findall(r'"([a-z_0-9]+)": \{"description"', json.dumps(schemas)))
     assert len(keys) > 90
     assert not [
         key for key in keys if re.search("(?i)flag|compil|^cc$|command|shell|exec|env|library|include|linker", key)

@@ -149,7 +149,7 @@ def test_generated_pages_are_complete(hooks: ModuleType) -> None:
     }.items():
         assert re.search(rf"\| `{key}` \|[^|]*\| {takes}", pages["description"]), key
     assert re.search(r"\| `duration` \| needed \| a number that is at least 1e-09", pages["scenario"])
-    assert re.search(r"\| `bandwidth` \|[^|]*\| a number in rad/s greater than 0", pages["scenario"])
+    assert re.search(r"\| `bandwidth` \|[^|]*\| a number greater than 0", pages["scenario"])
     assert re.search(r"\| `design` \|[^|]*\| random, latin_hypercube", pages["plan"])
     for name, guide in {"description": "description.md", "scenario": "scenario.md", "plan": "sweep.md"}.items():
         explained = (DOCS / guide).read_text(encoding="utf-8")

@@ -120,6 +120,6 @@ def test_the_command_line_refuses_with_one_line(tmp_path: Path, capsys: pytest.C
             printed = capsys.readouterr()
             (line,) = [line for line in printed.err.splitlines() if not line.startswith("note: ")]
             assert (status, printed.out) == (1, "")
-            assert line.startswith(f"eomgen: {path}: ")
+            assert line.startswith(f"eomgen: {path}:")
             refused += 1
     assert refused > 70

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -18,8 +19,8 @@ MOTION = "[motion]\ntype = 'point_to_point'\n"
 READING = [  # what the reader refuses, whatever the robot: text, place, reason
     ("", "the key 'duration' is missing", "a time in s"),
     ("duration = 0", "duration", "got 0; allowed: a number that is at least 1e-09"),
-    ("duration = 'long'", "duration", "got 'long'; allowed: a finite number"),
-    ("duration = nan", "duration", "finite"),
+    ("duration = 'long'", "duration", "got 'long'; allowed: a number that is at least 1e-09"),
+    ("duration = nan", "duration", "got nan; allowed: a number that is at least 1e-09"),
     ("duration = 1\ndurations = 2", "", "unknown key 'durations'; did you mean 'duration'?"),
     ("duration = = 1", "", "not valid TOML"),
     (DURATION + "output_step = -1", "output_step", "got -1"),
@@ -130,7 +131,11 @@ def test_reading(text: str, place: str, reason: str, tmp_path: Path) -> None:
     with pytest.raises(InputError) as caught:
         load_scenario(path)
     message = str(caught.value)
-    assert message.startswith(f"{path}: {place}")
+    at = re.fullmatch(r"[^:]*(:[0-9]+:[0-9]+)?: (.*)", message)
+    assert at is not None
+    assert message.startswith(str(path))
+    assert at[1]
+    assert at[2].startswith(place)
     assert reason in message
 
 
@@ -138,17 +143,17 @@ def test_reading(text: str, place: str, reason: str, tmp_path: Path) -> None:
 def test_meeting_a_robot(robot: str, text: str, place: str | None, reason: str) -> None:
     with pytest.raises(InputError) as caught:
         run_scenario(eomgen.load_robot(robot), scenario_from_toml(DURATION + text, source="bad.toml"))
-    assert str(caught.value).startswith("bad.toml: " + (place or ""))
+    assert re.match(rf"bad\.toml(:[0-9]+:[0-9]+)?: {re.escape(place or '')}", str(caught.value))
     assert reason in str(caught.value)
 
 
 def test_names_that_are_given_twice() -> None:
     text = DURATION + "[initial]\nq = { joint1 = 1, 'joint1.gamma' = 1 }"
-    with pytest.raises(InputError, match=r"bad.toml: initial.q.joint1.gamma: joint1.gamma is given twice"):
+    with pytest.raises(InputError, match=r"bad.toml:[0-9:]* initial.q.joint1.gamma: joint1.gamma is given twice"):
         run_scenario(eomgen.load_robot("one_link"), scenario_from_toml(text, source="bad.toml"))
     shake = "[[prescribed]]\ntype = 'harmonic'\ncoordinate = 'mount.x'\namplitude = 1\nfrequency = 1\n"
     with pytest.raises(
-        InputError, match=r"bad.toml: prescribed\[1\].coordinate: the motion of mount.x is given before"
+        InputError, match=r"bad.toml:[0-9:]* prescribed\[1\].coordinate: the motion of mount.x is given before"
     ):
         run_scenario(eomgen.load_robot("shaken_arm"), scenario_from_toml(DURATION + 2 * shake, source="bad.toml"))
     text = DURATION + shake + "[initial]\nq = { mount.x = 1 }"
@@ -186,7 +191,7 @@ def test_no_equilibrium_is_said() -> None:
     robot = eomgen.robot.Robot(**{**vars(eomgen.load_robot("one_link")), "gravity": (0.0, 0.0, 0.0)})
     text = DURATION + "[initial]\nequilibrium = true"
     with pytest.raises(
-        InputError, match=r"bad.toml: initial: one_link: no static equilibrium: nothing holds joint1.gamma"
+        InputError, match=r"bad.toml:[0-9:]* initial: one_link: no static equilibrium: nothing holds joint1.gamma"
     ):
         run_scenario(robot, scenario_from_toml(text, source="bad.toml"))
 
@@ -217,4 +222,4 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "--duration: given together with --scenario" in capsys.readouterr().err
     path.write_text(DURATION + "[motion]\ntype = 'spiral'\n")
     assert cli.main(["simulate", "one_link", "--scenario", str(path), *out]) == 1
-    assert "s.toml: motion.type (line 3): got 'spiral'" in capsys.readouterr().err
+    assert "s.toml:3:8: motion.type: got 'spiral'" in capsys.readouterr().err

@@ -153,5 +153,29 @@ def test_the_second_of_two_names_is_meant() -> None:
     text = 'name = "r"\n' + '[[links]]\nname = "a"\nmass = 1\n' * 2
     with pytest.raises(DescriptionError) as caught:
         robot_from_toml(text, source="r.toml")
-    assert str(caught.value).startswith("r.toml: links.a (line 5): the name 'a' is taken")
-    assert caught.value.line == 5
+    assert str(caught.value).startswith("r.toml:5:3: links.a: the name 'a' is taken")
+    assert (caught.value.line, caught.value.column) == (5, 3)
+
+
+@pytest.mark.parametrize(
+    ("text", "column"),
+    [
+        ('name = "r"\n  mas = 1', 3),  # an unknown key: the key
+        ('name = "r"\ngravity   = 3', 13),  # a value: where it begins
+        ('name = "r"\ngravity = [0, 0, "\\u0041"]', 18),
+        ('name = "r"\nlinks = [{ name = "a" }]', 10),  # a missing key: the table
+        ('name = "r"\nlinks = [{ name = "a", mass = -1 }]', 31),
+        ('name = "r"\nlinks = [{ name = "a", mass = 1, "com" = [1] }]', 42),
+        ('name = "r"\ntunable = ["gravity"', 21),  # no TOML: where the text ends
+        ('name = "r"\ngravity = = 1', 11),
+    ],
+)
+def test_columns(text: str, column: int) -> None:
+    with pytest.raises(DescriptionError) as caught:
+        robot_from_toml(text, source="r.toml")
+    assert str(caught.value).startswith(f"r.toml:2:{column}: ")
+
+
+def test_without_a_source() -> None:
+    with pytest.raises(DescriptionError, match=r"^line 2, column 11: gravity: got 3"):
+        robot_from_toml('name = "r"\ngravity = 3')

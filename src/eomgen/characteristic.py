@@ -5,28 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
+from .keys import Number
 from .names import show
 from .robot import MOTOR, PRINCIPAL, SMALLEST, Coordinate, Curve, Friction, Motor
+from .robot_keys import COORDINATE, POINTS
 from .schema import LARGEST, Table
 
-POINTS = (2, 64)  # fewest and most points of a curve
-_MINIMUM = {"preload": None, "smoothing": SMALLEST}  # at least 0 where nothing else is said
-_NUMBERS = (
-    "stiffness",
-    "damping",
-    "armature",
-    "preload",
-    "cubic",
-    "stiffness_negative",
-    "clearance",
-    "restitution_damping",
-    "smoothing",
-)
-_FRICTION = ("coulomb", "static", "stribeck", "viscous", "smoothing")
-_ROLES = ("free", "locked", "prescribed")
-KEYS = (*_NUMBERS, "friction", "curve", "role")
-MOTOR_KEYS = ("inertia", "ratio", *(key for key in KEYS if key != "armature"))
 _ROTOR = "role", "friction"  # of the motor's own coordinate; the rest of its table is the transmission's
+
+_NUMBERS = tuple(key for key, kind in COORDINATE.keys.items() if isinstance(kind, Number))
 
 ReadText = Callable[[str], str]  # the text of a file beside the description
 
@@ -35,22 +22,20 @@ def read_coordinate(table: Table, old: Coordinate, read_text: ReadText) -> Coord
     """The coordinate ``old`` with what its table overrides.
 
     Args:
-        table: of the keys KEYS.
+        table: of the keys ``robot_keys.COORDINATE``.
         old: what an URDF says of the coordinate, or Coordinate().
         read_text: gives the text of the file that a curve names.
 
     Raises:
         DescriptionError: a number out of range, a curve that does not rise, or numbers that do not go together.
     """
-    given: dict[str, object] = {
-        key: table.number(key, _MINIMUM.get(key, 0.0)) for key in _NUMBERS if key in table.values
-    }
+    given: dict[str, object] = {key: table.number(key) for key in _NUMBERS if key in table.values}
     friction, curve = _friction(table), read_curve(table, read_text)
     if friction is not None:
         given["friction"] = friction
     if curve is not None:
         given["curve"] = curve
-    role = table.choice("role", _ROLES)
+    role = table.choice("role")
     if role == "locked" and given:
         table.fail(f"the coordinate is locked, so that its {', '.join(given)} would do nothing; leave it out", "role")
     merged = {**vars(old), **given, "prescribed": old.prescribed if role is None else role == "prescribed"}
@@ -65,16 +50,15 @@ def read_coordinate(table: Table, old: Coordinate, read_text: ReadText) -> Coord
 
 
 def read_motor(table: Table, read_text: ReadText) -> Motor:
-    """The motor of a table of the keys MOTOR_KEYS; ``read_text`` and errors as ``read_coordinate``."""
-    table.require("inertia", "the rotor's moment of inertia about its own axis in kg m^2, greater than 0")
-    table.require("ratio", "the gear's ratio, rad of the motor per rad or m of the joint, not 0")
+    """The motor of a table of the keys ``robot_keys.MOTOR_FORM``; ``read_text`` and errors as ``read_coordinate``."""
     inertia, ratio = table.number("inertia"), table.number("ratio")
     assert inertia is not None
     assert ratio is not None
-    if table.choice("role", _ROLES) == "locked":
+    if table.choice("role") == "locked":
         table.fail("a motor cannot be locked; leave its table out, and the drive acts on the joint itself", "role")
-    spring = {key: value for key, value in table.values.items() if key in KEYS and key not in _ROTOR}
-    transmission = read_coordinate(Table(spring, table.where, table.source, KEYS), Coordinate(), read_text)
+    spring = {key: value for key, value in table.values.items() if key in COORDINATE.keys and key not in _ROTOR}
+    inner = COORDINATE.read(spring, table.where, table.source, table.path)
+    transmission = read_coordinate(inner, Coordinate(), read_text)
     return Motor(inertia, ratio, transmission, _friction(table), table.text("role") == "prescribed")
 
 
@@ -148,28 +132,21 @@ def _friction_conflict(given: Friction) -> tuple[str, str] | None:
 
 
 def _friction(table: Table) -> Friction | None:
-    inner = table.table("friction", _FRICTION)
+    inner = table.table("friction")
     if inner is None:
         return None
-    inner.require("coulomb", "a force in N or N m")
-    coulomb = inner.number("coulomb", 0.0)
+    coulomb = inner.number("coulomb")
     assert coulomb is not None
-    return Friction(
-        coulomb,
-        inner.number("static", 0.0),
-        inner.number("stribeck", SMALLEST),
-        inner.number("viscous", 0.0),
-        inner.number("smoothing", SMALLEST),
-    )
+    return Friction(coulomb, **{key: inner.number(key) for key in ("static", "stribeck", "viscous", "smoothing")})
 
 
 def read_curve(table: Table, read_text: ReadText, what: str = "deviation") -> Curve | None:
     """Points of the key ``curve``: an array, or the path of a CSV file of two columns, ``what`` and force."""
-    value = table.values.get("curve")
-    if value is None:
+    if "curve" not in table:
         return None
-    if not isinstance(value, str):
+    if not isinstance(table.values["curve"], str):
         return tuple((x, y) for x, y in table.rows("curve", 2))
+    value: str = table.value("curve")
     rows: list[list[float]] = []
     named = False
     for number, line in enumerate(read_text(value).splitlines(), 1):
@@ -186,5 +163,5 @@ def read_curve(table: Table, read_text: ReadText, what: str = "deviation") -> Cu
         if len(row) != 2:
             table.fail(f"{value}, line {number}: got {show(line)}; allowed: {what},force", "curve")
         rows.append(row)
-    checked = Table({"curve": rows}, table.where, table.source, ("curve",))
+    checked = Table({"curve": rows}, table.where, table.source, table.keys)
     return tuple((x, y) for x, y in checked.rows("curve", 2))

@@ -11,17 +11,15 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from .characteristic import KEYS, MOTOR_KEYS, motor_conflict, read_coordinate, read_motor
+from .characteristic import motor_conflict, read_coordinate, read_motor
 from .errors import DescriptionError
-from .inertia import POLICIES, apply_inertia_policy
-from .loop_tables import KEYS as LOOP_KEYS
+from .inertia import apply_inertia_policy
 from .loop_tables import check_loops, read_loop, read_placement
-from .names import ROBOT_RULE, is_robot_name, nearest, show, to_robot_name
+from .names import nearest, show
 from .robot import (
     BASE,
     COORDINATES,
     INERTIA_KEYS,
-    JOINT_TYPES,
     MOTOR,
     PRINCIPAL,
     ZERO,
@@ -33,8 +31,8 @@ from .robot import (
     Placement,
     Robot,
 )
+from .robot_keys import ROBOT
 from .schema import Table
-from .spring_tables import KEYS as SPRING_KEYS
 from .spring_tables import check_springs, read_spring
 from .toml_place import located
 from .toml_text import parse_toml, read_text
@@ -44,12 +42,6 @@ from .tunable import expand_tunable
 SUFFIXES = (".toml", ".urdf", ".xml", ".mjcf")
 _BUILTIN = Path(__file__).parent / "robots"
 
-_TOP = ("name", "gravity", "urdf", "inertia", "tunable", "links", "joints", "frames", "loops", "springs")
-_LINK = ("name", "mass", "com", "inertia")
-_JOINT = ("name", "parent", "child", "type", "dh", "placement", *COORDINATES, MOTOR, "limits", "prescribed", "offset")
-_FRAME = ("name", "link", "placement")
-_DH = ("a", "alpha", "d", "theta")
-_PLACEMENT = ("xyz", "rpy")
 _WORLD = (BASE, "world")  # what the ground may be called when the root link of an URDF is put on a joint
 
 
@@ -112,7 +104,7 @@ def _finish_xml(draft: Draft, inertia: str | None) -> Robot:
     try:
         return _finish(draft, inertia or "error", [])
     except DescriptionError as error:
-        error.line = draft.line_of(error.where)
+        error.line, error.column = draft.place_of(error.where) or (None, None)
         raise
 
 
@@ -133,22 +125,22 @@ def robot_from_toml(
 def _robot_from_values(
     values: dict[str, object], source: str, folder: Path | None, inertia: str | None, urdf_damping: bool
 ) -> Robot:
-    top = Table(values, "", source, _TOP)
+    top = ROBOT.read(values, "", source, ())
     draft = _start(top, source, folder, urdf_damping)
     draft.gravity = top.vector("gravity") or draft.gravity
-    for name, entry in top.entries("links", _LINK):
+    for name, entry in top.entries("links"):
         draft.links[name] = _link(name, entry, draft)
-    for name, entry in top.entries("joints", _JOINT):
+    for name, entry in top.entries("joints"):
         draft.joints[name] = _joint(name, entry, draft, folder)
-    for name, entry in top.entries("frames", _FRAME):
+    for name, entry in top.entries("frames"):
         draft.frames[name] = _frame(name, entry)
-    for name, entry in top.entries("loops", LOOP_KEYS):
+    for name, entry in top.entries("loops"):
         draft.loops[name] = read_loop(name, entry)
-    for name, entry in top.entries("springs", SPRING_KEYS):
+    for name, entry in top.entries("springs"):
         draft.springs[name] = read_spring(name, entry, _beside(entry, folder))
     _settle_base(draft)
-    policy = inertia or top.choice("inertia", POLICIES) or "error"
-    return _finish(draft, policy, top.strings("tunable"))
+    policy = top.choice("inertia") or "error"
+    return _finish(draft, inertia or policy, top.strings("tunable"))
 
 
 def _start(top: Table, source: str, folder: Path | None, urdf_damping: bool) -> Draft:
@@ -156,7 +148,7 @@ def _start(top: Table, source: str, folder: Path | None, urdf_damping: bool) -> 
     draft = Draft(source)
     urdf = top.text("urdf")
     if urdf is not None:
-        if folder is None or not urdf.endswith(".urdf"):
+        if folder is None:
             top.fail(f"got {show(urdf)}; allowed: the path of an .urdf file, relative to this file", "urdf")
         from .urdf import draft_from_urdf
 
@@ -164,13 +156,9 @@ def _start(top: Table, source: str, folder: Path | None, urdf_damping: bool) -> 
         draft = draft_from_urdf(read_text(path, str(path)), str(path), damping=urdf_damping)
         draft.source = source
         draft.inherited = (*draft.links, *draft.joints)
-    elif "name" not in top:
-        top.require("name", ROBOT_RULE)
-    name = top.text("name")
-    if name is not None and not is_robot_name(name):
-        hint = f", such as {to_robot_name(name)!r}" if name else ""
-        top.fail(f"got {show(name)}; allowed: {ROBOT_RULE}{hint}", "name")
-    draft.name = name or draft.name
+    else:
+        top.require()
+    draft.name = top.text("name") or draft.name
     return draft
 
 
@@ -185,13 +173,11 @@ def _link(name: str, entry: Table, draft: Draft) -> Link:
     if old is None:
         if name == BASE:
             entry.fail("the name 'base' is that of the ground; allowed: another name", "name")
-        entry.require("mass", "a mass in kg" + _hint(name, draft))
-    mass, com = entry.number("mass", 0.0), entry.vector("com")
-    table = entry.table("inertia", INERTIA_KEYS)
+        entry.require(_hint(name, draft))
+    mass, com = entry.number("mass"), entry.vector("com")
+    table = entry.table("inertia")
     inertia = None
     if table is not None:
-        for key in INERTIA_KEYS[:3]:
-            table.require(key, "a moment of inertia in kg m^2 about the centre of mass")
         xx, yy, zz, xy, xz, yz = (table.number(key) or 0.0 for key in INERTIA_KEYS)
         inertia = xx, yy, zz, xy, xz, yz
     start = old or Link(name, 0.0, ZERO, (0.0,) * 6)
@@ -207,16 +193,15 @@ def _joint(name: str, entry: Table, draft: Draft, folder: Path | None) -> Joint:
     """A new joint, or one of the URDF with what the entry overrides and the coordinates it activates."""
     old = draft.joints.get(name)
     if old is None:
-        for key, what in (("parent", "'base' or a link"), ("child", "a link"), ("type", ", ".join(JOINT_TYPES))):
-            entry.require(key, what + _hint(name, draft))
+        entry.require(_hint(name, draft))
         old = Joint(name, "", "", "fixed")
     parent, child = entry.text("parent") or old.parent, entry.text("child") or old.child
-    kind = entry.choice("type", JOINT_TYPES) or old.type
+    kind = entry.choice("type") or old.type
     coordinates = dict(old.coordinates) if kind == old.type else {}
     for key in COORDINATES if kind == "free" else filter(None, [PRINCIPAL.get(kind)]):
         coordinates.setdefault(key, Coordinate())
     for key in COORDINATES:
-        table = entry.table(key, KEYS)
+        table = entry.table(key)
         if table is not None:
             old_one = coordinates.get(key, Coordinate())
             coordinates[key] = read_coordinate(table, old_one, _beside(table, folder))
@@ -240,7 +225,7 @@ def _joint(name: str, entry: Table, draft: Draft, folder: Path | None) -> Joint:
 
 def _motor(entry: Table, kind: str, coordinates: dict[str, Coordinate], folder: Path | None) -> Motor | None:
     """The motor behind the joint's principal coordinate."""
-    table = entry.table(MOTOR, MOTOR_KEYS)
+    table = entry.table(MOTOR)
     if table is None:
         return None
     motor = read_motor(table, _beside(table, folder))
@@ -251,7 +236,7 @@ def _motor(entry: Table, kind: str, coordinates: dict[str, Coordinate], folder: 
 
 
 def _offset(entry: Table, old: Joint) -> tuple[float | None, ...]:
-    table = entry.table("offset", COORDINATES)
+    table = entry.table("offset")
     if table is None:
         return old.offset
     given = (table.number(key) if key in table else None for key in COORDINATES)
@@ -262,7 +247,7 @@ def _beside(table: Table, folder: Path | None) -> Callable[[str], str]:
     """Reads the CSV file of a curve, which stands beside the description."""
 
     def read(name: str) -> str:
-        if folder is None or not name.endswith(".csv"):
+        if folder is None:
             table.fail(f"got {show(name)}; allowed: the path of a .csv file, relative to this file", "curve")
         return read_text(folder / name, str(folder / name), "file of deviation,force lines")
 
@@ -270,7 +255,7 @@ def _beside(table: Table, folder: Path | None) -> Callable[[str], str]:
 
 
 def _limits(entry: Table, kind: str, old: Joint) -> tuple[float, float] | None:
-    limits = entry.numbers("limits", 2)
+    limits = entry.numbers("limits")
     if limits is None:
         return old.limits if kind == old.type else None
     if kind not in PRINCIPAL:
@@ -281,17 +266,17 @@ def _limits(entry: Table, kind: str, old: Joint) -> tuple[float, float] | None:
 
 
 def _placement(entry: Table, old: Placement) -> Placement:
-    dh, placement = entry.table("dh", _DH), entry.table("placement", _PLACEMENT)
+    dh, placement = entry.table("dh") if "dh" in entry else None, entry.table("placement")
     if dh is not None and placement is not None:
         entry.fail("both dh and placement are given; allowed: one of them")
     if dh is not None:
-        a, alpha, d, theta = (dh.number(key) or 0.0 for key in _DH)
+        a, alpha, d, theta = (dh.number(key) or 0.0 for key in ("a", "alpha", "d", "theta"))
         return Placement.from_dh(a, alpha, d, theta)
     return old if placement is None else read_placement(placement)
 
 
 def _frame(name: str, entry: Table) -> Frame:
-    entry.require("link", "'base' or a link")
+    entry.require()
     return Frame(name, entry.text("link") or "", _placement(entry, Placement()))
 
 

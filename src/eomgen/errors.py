@@ -25,20 +25,31 @@ class DescriptionError(InputError):
         where: the place inside the description, such as ``joints.joint2.x.stiffness``.
         source: the file, or the name of the built-in robot.
         path: keys (and indices as digits) of the place, where it is not that of ``where``.
+        at_key: the last key itself is wrong, and not its value.
 
     Attributes:
-        line: of the file, from 1; None where it is not known.
+        line, column: in the file, from 1: of the value, of a key that is unknown, or of the table where one is missing;
+            in an URDF of the element; None where they are not known.
     """
 
-    def __init__(self, message: str, *, where: str = "", source: str = "", path: tuple[str, ...] = ()) -> None:
-        self.message, self.where, self.source, self.path = message, where, source, path
+    def __init__(
+        self, message: str, *, where: str = "", source: str = "", path: tuple[str, ...] = (), at_key: bool = False
+    ) -> None:
+        self.message, self.where, self.source, self.path, self.at_key = message, where, source, path, at_key
         self.line: int | None = None
+        self.column: int | None = None
         super().__init__(message)
 
     def __str__(self) -> str:
-        line = "" if self.line is None else f"line {self.line}"
-        place = f"{self.where} ({line})" if self.where and line else self.where or line
-        return ": ".join(part for part in (self.source, place, self.message) if part)
+        return ": ".join(part for part in (self.place, self.where, self.message) if part)
+
+    @property
+    def place(self) -> str:
+        """``file:line:column``, as editors and terminals follow it; as much of it as is known."""
+        known = [(name, at) for name, at in (("line", self.line), ("column", self.column)) if at is not None]
+        if self.source:
+            return ":".join([self.source, *(str(at) for _, at in known)])
+        return ", ".join(f"{name} {at}" for name, at in known)
 
 
 class ArrayError(InputError, ValueError):

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from .cuts import CUTS
 from .names import show
 from .robot import ZERO, Loop, Placement
-from .schema import Table
+from .schema import Pair, Table
 from .tree import Draft
-
-KEYS = ("name", "links", "type", "placements")
-_PLACEMENT = ("xyz", "rpy")
 
 
 def read_loop(name: str, entry: Table) -> Loop:
@@ -18,24 +14,20 @@ def read_loop(name: str, entry: Table) -> Loop:
     Raises:
         DescriptionError: a key is missing or wrong, or the loop joins a link to itself.
     """
-    entry.require("links", "two names, each 'base' or a link")
-    entry.require("type", ", ".join(CUTS))
+    entry.require()
     links = entry.strings("links")
-    if len(links) != 2:
-        entry.fail(f"got {show(links)}; allowed: two names, each 'base' or a link", "links")
     if links[0] == links[1]:
         entry.fail(f"got {show(links)}; a loop cannot join a link to itself; allowed: two different links", "links")
-    kind = entry.choice("type", tuple(CUTS))
+    kind = entry.choice("type")
     assert kind is not None
     return Loop(name, (links[0], links[1]), kind, _placements(entry))
 
 
 def _placements(entry: Table) -> tuple[Placement, Placement]:
     """The cut joint's frame on both links; a placement that is left out is the link's own frame."""
-    value = entry.values.get("placements", [{}, {}])
-    if not isinstance(value, list) or len(value) != 2:
-        entry.fail(f"got {show(value)}; allowed: two tables, [{{ xyz, rpy }}, {{ xyz, rpy }}]", "placements")
-    tables = [Table(item, f"{entry.where}.placements.{i}", entry.source, _PLACEMENT) for i, item in enumerate(value)]
+    tables: list[Table] | None = entry.value("placements", Pair)
+    if tables is None:
+        return Placement(), Placement()
     first, second = (read_placement(table) for table in tables)
     return first, second
 

@@ -21,7 +21,7 @@ from .names import is_robot_name, listed, nearest, show, to_robot_name
 from .robot import ZERO
 from .tree import Draft
 from .urdf import parse_urdf_text
-from .urdf_place import line_of
+from .urdf_place import place_of
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
@@ -66,9 +66,9 @@ def draft_from_mjcf(text: str, source: str) -> Draft:
     try:
         _read(root, reading, written)
     except DescriptionError as error:
-        error.line = line_of(text, root, reading.at)
+        error.line, error.column = place_of(text, root, reading.at) or (None, None)
         raise
-    reading.draft.line_of = lambda where: line_of(text, root, written.get(".".join(where.split(".")[:2])))
+    reading.draft.place_of = lambda where: place_of(text, root, written.get(".".join(where.split(".")[:2])))
     return reading.draft
 
 

@@ -14,9 +14,10 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from .errors import DescriptionError, InputError
+from .errors import InputError
 from .robot import Vector
 from .timetable import TimeTable
+from .toml_place import refusal
 
 COMPONENTS = ("fx", "fy", "fz", "mx", "my", "mz")
 
@@ -102,7 +103,7 @@ class Scenario:
     """What a simulation does; times in s.
 
     ``motion`` and ``control`` are None where nothing is programmed or driven.  ``source`` is the file, ``folder`` where
-    it and the files that it names stand.
+    it and the files that it names stand; ``text`` is what the file says, for the lines of messages.
     """
 
     duration: float
@@ -117,23 +118,24 @@ class Scenario:
     integrator: Integrator = Integrator()
     source: str = ""
     folder: Path | None = None
+    text: str = field(default="", repr=False, compare=False)
 
     def label(self, key: str) -> str:
         """How messages call a key: with file and tables, or as the argument of a function."""
         return f"{self.source}: {key}" if self.source else key.rpartition(".")[2]
 
     def fail(self, key: str, message: str) -> NoReturn:
-        """Raise the error of a key: DescriptionError with the file."""
+        """Raise the error of a key: DescriptionError with the file, line and column."""
         if not self.source:
             raise InputError(f"{self.label(key)}: {message}")
-        raise DescriptionError(message, where=key, source=self.source)
+        raise refusal(message, key, self.source, self.text)
 
     def as_dict(self) -> dict[str, Any]:
         """Everything but where the file stands, as values that JSON holds; tables of files are in it."""
         return {
             item.name: _plain(getattr(self, item.name))
             for item in dataclasses.fields(self)
-            if item.name not in ("source", "folder") and getattr(self, item.name) not in (None, ())
+            if item.name not in ("source", "folder", "text") and getattr(self, item.name) not in (None, ())
         }
 
 

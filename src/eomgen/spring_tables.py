@@ -3,37 +3,28 @@
 from __future__ import annotations
 
 from .characteristic import ReadText, curve_conflict, read_curve
+from .keys import Listed
 from .names import show
 from .robot import SMALLEST, ZERO, Spring, Vector
 from .schema import Table
 from .tree import Draft
-
-KEYS = (
-    *("name", "links", "points", "free_length", "stiffness", "damping"),
-    *("tension_only", "smoothing", "curve"),
-)
-_MINIMUM = {"smoothing": SMALLEST}  # at least 0 where nothing else is said
 
 
 def read_spring(name: str, entry: Table, read_text: ReadText) -> Spring:
     """One entry of [[springs]].
 
     Args:
-        entry: of the keys KEYS.
+        entry: of the keys ``robot_keys.SPRING``.
         read_text: gives the text of the file that a curve names.
 
     Raises:
         DescriptionError: a key is missing or wrong, or keys do not go together.
     """
-    entry.require("links", "two names, each 'base' or a link")
+    entry.require()
     links = entry.strings("links")
-    if len(links) != 2:
-        entry.fail(f"got {show(links)}; allowed: two names, each 'base' or a link", "links")
     if links[0] == links[1]:
         entry.fail(f"got {show(links)}; both ends are on one link; allowed: two different links", "links")
-    given = {
-        key: entry.number(key, _MINIMUM.get(key, 0.0)) for key in ("free_length", "stiffness", "damping", "smoothing")
-    }
+    given = {key: entry.number(key) for key in ("free_length", "stiffness", "damping", "smoothing")}
     spring = Spring(
         name,
         (links[0], links[1]),
@@ -68,12 +59,10 @@ def spring_conflict(given: Spring) -> tuple[str, str] | None:
 
 def _points(entry: Table) -> tuple[Vector, Vector]:
     """The spring's ends in the links' frames, m; the frames' origins where none are given."""
-    if "points" not in entry:
+    points: list[tuple[float, ...]] | None = entry.value("points", Listed)
+    if points is None:
         return ZERO, ZERO
-    rows = entry.rows("points", 3)
-    if len(rows) != 2:
-        entry.fail(f"got {len(rows)} points; allowed: two, one on each link", "points")
-    (a, b, c), (d, e, f) = rows
+    (a, b, c), (d, e, f) = points
     return (a, b, c), (d, e, f)
 
 

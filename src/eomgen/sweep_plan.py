@@ -2,36 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NoReturn
 
 from .errors import DescriptionError
-from .names import nearest, show
-from .rollout import METHODS
-from .scenario_tables import positive
+from .names import show
+from .plan_keys import DEFAULT_RECORD, DISTRIBUTIONS, MOST_SAMPLES, PLAN
 from .schema import Table
-from .toml_place import located
+from .toml_place import located, refusal
 from .toml_text import parse_toml, read_text
-
-DESIGNS = ("random", "latin_hypercube")
-ENGINES = ("auto", "rollout", "integrate")
-RECORDS = (
-    *("tool_deviation_max", "tool_deviation_rms", "tool_deviation_end", "tool_rotation_max"),
-    *("drive_max", "drive_rms", "tracking_max", "deviation_max", "reaction_max"),
-    *("coordinate_max", "coordinate_end", "energy_residue"),
-)
-DEFAULT_RECORD = ("tool_deviation_max", "tool_deviation_rms", "tool_deviation_end", "drive_max", "deviation_max")
-MOST_SAMPLES = 10**8
-
-_TOP = ("samples", "seed", "design", "record", "engine", "vary")
-_ENGINE = ("type", "method", "step", "period")
-_DISTRIBUTIONS = {
-    "grid": ("values", "low", "high", "count"),
-    "uniform": ("low", "high"),
-    "normal": ("mean", "deviation", "low", "high"),
-}
-_VARY = ("parameter", "scenario", "relative", *_DISTRIBUTIONS)
 
 
 @dataclass(frozen=True)
@@ -84,10 +64,11 @@ class Plan:
     record: tuple[str, ...] = DEFAULT_RECORD
     engine: Engine = Engine()
     source: str = ""
+    text: str = field(default="", repr=False, compare=False)
 
     def fail(self, key: str, message: str) -> NoReturn:
         """Raise the DescriptionError of a key."""
-        raise DescriptionError(message, where=key, source=self.source)
+        raise refusal(message, key, self.source, self.text)
 
 
 def load_plan(path: str | Path) -> Plan:
@@ -105,72 +86,50 @@ def plan_from_toml(text: str, *, source: str = "plan") -> Plan:
     """The plan that a TOML text describes; errors as ``load_plan``."""
     values = parse_toml(text, source)
     with located(text, values, source):
-        return _plan(Table(values, "", source, _TOP))
+        return replace(_plan(PLAN.read(values, "", source, ())), text=text)
 
 
 def _plan(top: Table) -> Plan:
-    top.require("vary", "one or more tables [[vary]]")
-    entries = top.values["vary"]
-    if not isinstance(entries, list) or not entries:
-        top.fail(f"got {show(entries)}; allowed: one or more tables, written [[vary]]", "vary")
-    vary = tuple(_vary(Table(item, f"vary[{i}]", top.source, _VARY)) for i, item in enumerate(entries))
+    top.require()
+    vary = tuple(_vary(entry) for _, entry in top.entries("vary"))
     _refuse_twins(top, vary)
     drawn = any(entry.distribution.kind != "grid" for entry in vary)
     if drawn:
-        top.require("samples", f"the number of draws, a whole number from 1 to {MOST_SAMPLES}")
+        top.require_one("samples", f"the number of draws, a whole number from 1 to {MOST_SAMPLES}")
     elif "samples" in top:
         top.fail("nothing is drawn, there are grids alone; allowed: with uniform or normal", "samples")
     return Plan(
         vary,
-        _whole(top, "samples", 1, MOST_SAMPLES, 1),
-        _whole(top, "seed", 0, 2**63 - 1, 0),
-        top.choice("design", DESIGNS) or "random",
-        _record(top),
-        _engine(top.table("engine", _ENGINE)),
+        top.whole("samples", 1),
+        top.whole("seed", 0),
+        top.choice("design") or "random",
+        tuple(top.strings("record")) if "record" in top else DEFAULT_RECORD,
+        _engine(top.table("engine")),
         top.source,
     )
-
-
-def _whole(table: Table, key: str, least: int, most: int, default: int) -> int:
-    value = table.values.get(key, default)
-    if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
-        table.fail(f"got {show(value)}; allowed: a whole number from {least} to {most}", key)
-    return value
-
-
-def _record(top: Table) -> tuple[str, ...]:
-    if "record" not in top:
-        return DEFAULT_RECORD
-    names = top.strings("record")
-    if not names or len(set(names)) < len(names):
-        top.fail(f"got {show(names)}; allowed: one or more different names of {', '.join(RECORDS)}", "record")
-    for name in names:
-        if name not in RECORDS:
-            top.fail(f"got {show(name)}{nearest(name, RECORDS)} (allowed: {', '.join(RECORDS)})", "record")
-    return tuple(names)
 
 
 def _engine(table: Table | None) -> Engine:
     if table is None:
         return Engine()
-    kind = table.choice("type", ENGINES) or "auto"
+    kind = table.choice("type") or "auto"
     for key in ("method", "step", "period"):
         if kind == "integrate" and key in table:
             table.fail('allowed: with type = "rollout" or "auto"; [integrator] of the scenario says it here', key)
-    step, period = positive(table, "step"), positive(table, "period")
+    step, period = table.number("step"), table.number("period")
     if step is not None and period is not None and step > period:
         table.fail(f"got {step:g}; allowed: a time in s up to the period, {period:g}", "step")
-    return Engine(kind, table.choice("method", tuple(METHODS)) or "implicit", step, period)
+    return Engine(kind, table.choice("method") or "implicit", step, period)
 
 
 def _vary(table: Table) -> Vary:
     if ("parameter" in table) == ("scenario" in table):
         table.fail("needs parameter or scenario, the name of a number; allowed: one of them")
-    kinds = [kind for kind in _DISTRIBUTIONS if kind in table]
+    kinds = [kind for kind in DISTRIBUTIONS if kind in table]
     if len(kinds) != 1:
         came = ", ".join(kinds) or "none"
-        table.fail(f"needs one distribution, got {came}; allowed: one of {', '.join(_DISTRIBUTIONS)}")
-    inner = table.table(kinds[0], _DISTRIBUTIONS[kinds[0]])
+        table.fail(f"needs one distribution, got {came}; allowed: one of {', '.join(DISTRIBUTIONS)}")
+    inner = table.table(kinds[0])
     assert inner is not None
     readers = {"grid": _grid, "uniform": _uniform, "normal": _normal}
     relative = table.boolean("relative") or False
@@ -182,22 +141,19 @@ def _grid(table: Table) -> Distribution:
         for key in ("low", "high", "count"):
             if key in table:
                 table.fail("given together with values; allowed: values, or low, high and count", key)
-        given = table.values["values"]
-        if not isinstance(given, list) or not given:
-            table.fail(f"got {show(given)}; allowed: an array of one or more numbers", "values")
-        values = table.numbers("values", len(given)) or ()
+        values = tuple(table.value("values"))
         if len(set(values)) < len(values):
             table.fail(f"got {show(list(values))}; allowed: different numbers", "values")
         return Distribution("grid", values)
     low, high = _bounds(table)
-    table.require("count", "a whole number from 2 on")
-    count = _whole(table, "count", 2, 10**6, 2)
+    table.require_one("count", "a whole number from 2 on")
+    count = table.whole("count", 2)
     return Distribution("grid", tuple(low + (high - low) * (i / (count - 1)) for i in range(count)))
 
 
 def _bounds(table: Table) -> tuple[float, float]:
     for key in ("low", "high"):
-        table.require(key, "a finite number")
+        table.require_one(key, "a finite number")
     low, high = table.number("low"), table.number("high")
     assert low is not None
     assert high is not None
@@ -212,14 +168,10 @@ def _uniform(table: Table) -> Distribution:
 
 
 def _normal(table: Table) -> Distribution:
-    for key in ("mean", "deviation"):
-        table.require(key, "a finite number")
     mean, deviation = table.number("mean"), table.number("deviation")
     low, high = table.number("low"), table.number("high")
     assert mean is not None
     assert deviation is not None
-    if deviation <= 0.0:
-        table.fail(f"got {deviation:g}; allowed: a number greater than 0", "deviation")
     if low is not None and high is not None and not low < high:
         table.fail(f"got {high:g}; allowed: a number greater than low, {low:g}", "high")
     for key, bound, side in (("low", low, 1.0), ("high", high, -1.0)):

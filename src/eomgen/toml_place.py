@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 
 from .errors import DescriptionError
+from .toml_text import line_and_column
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -30,12 +31,13 @@ _PART = re.compile(r"([^.\[\]]+)|\[([0-9]+)\]")  # of a place in a message: join
 _OWN = 2  # components that make a place an entry's own: a file that refines an URDF does not have all of its joints
 
 
-def line_of(text: str, path: Sequence[str]) -> tuple[int, int] | None:
+def line_of(text: str, path: Sequence[str], value: bool = False) -> tuple[int, int] | None:
     """Line and column, from 1, of the deepest key or element of the path that the text has.
 
     Args:
         text: valid TOML.
         path: keys from the top of the text; of an array, the element's index as digits.
+        value: of the value behind the key, where all of the path is there and ends with a key that has one.
 
     Returns:
         None where not even the first key is there.
@@ -47,21 +49,35 @@ def line_of(text: str, path: Sequence[str]) -> tuple[int, int] | None:
         return None
     if scan.depth == 0:
         return None
-    before = text[: scan.offset]
-    return before.count("\n") + 1, scan.offset - before.rfind("\n")
+    offset = scan.offset if scan.value is None or not value else scan.value
+    return line_and_column(text, offset)
 
 
 @contextmanager
-def located(text: str, values: dict[str, object], source: str) -> Iterator[None]:
-    """Errors of the values of a text, read from that source, are given the line of what they speak about."""
+def located(text: str, values: Mapping[str, object], source: str) -> Iterator[None]:
+    """Errors of the values of a text, read from that source, are given line and column of what they speak about."""
     try:
         yield
     except DescriptionError as error:
-        if error.source == source and error.line is None:
-            path = error.path or _path_of(values, error.where)
-            place = line_of(text, path) if path else None
-            error.line = place[0] if place else None
+        if error.source == source:
+            locate(error, text, values)
         raise
+
+
+def locate(error: DescriptionError, text: str, values: Mapping[str, object]) -> None:
+    """Give the error, which has no line yet, line and column of what it speaks about in the text of these values."""
+    if error.line is None:
+        path = error.path or _path_of(values, error.where)
+        place = line_of(text, path, not error.at_key) if path else None if error.where else (1, 1)
+        error.line, error.column = place or (None, None)
+
+
+def refusal(message: str, where: str, source: str, text: str) -> DescriptionError:
+    """The error of a place in a text that has been read; without line and column where the text is empty."""
+    error = DescriptionError(message, where=where, source=source)
+    if text:
+        locate(error, text, tomllib.loads(text))
+    return error
 
 
 def _path_of(values: object, where: str) -> Path:
@@ -83,11 +99,12 @@ def _path_of(values: object, where: str) -> Path:
 
 
 class _Scan:
-    """One pass over a text; ``depth`` parts of the path were found, the last of them at ``offset``."""
+    """One pass over a text; ``depth`` parts of the path were found, the last at ``offset``, its value at ``value``."""
 
     def __init__(self, text: str, wanted: Path) -> None:
         self.text, self.wanted = text, wanted
         self.depth = self.offset = self.at = 0
+        self.value: int | None = None
         self.last: dict[Path, int] = {}  # index of the last entry of every array of tables
 
     def statements(self) -> None:
@@ -159,6 +176,8 @@ class _Scan:
             self._note(path, offset)
         self.at += 1  # the equals sign
         self._skip(_BLANK)
+        if path == self.wanted and self.value is None:
+            self.value = self.at
         self._value(path)
 
     def _value(self, path: Path) -> None:

@@ -20,6 +20,7 @@ _WORD = r"""(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')"""
 _DEEP_KEY = re.compile(rf"(?<![A-Za-z0-9_-]){_WORD}(?:[ \t]*\.[ \t]*{_WORD}){{{_MOST_PARTS}}}")
 _MOST_DIGITS = 4300  # of a number: where Python's integers stop
 _MANY_DIGITS = re.compile(rf"(?<![0-9_])[0-9](?:_?[0-9]){{{_MOST_DIGITS}}}")
+_SAID_PLACE = re.compile(r" \(at (?:line ([0-9]+), column ([0-9]+)|end of document)\)$")
 _REMEDIES = {  # what the parser says, and what to write instead
     "Cannot overwrite": "each key once in its table",
     "Duplicate inline table key": "each key once in its table",
@@ -53,9 +54,10 @@ def read_text(path: Path, source: str, kind: str = ".toml, .urdf or .xml file") 
             raise DescriptionError(f"the file is too large; allowed: up to {_MOST_BYTES} bytes", source=source)
         return path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        line = error.object.count(b"\n", 0, error.start) + 1
-        message = f"byte {error.start} (line {line}) is no UTF-8; allowed: UTF-8 text"
-        raise DescriptionError(message, source=source) from None
+        message = f"byte {error.start} is no UTF-8; allowed: UTF-8 text"
+        refusal = DescriptionError(message, source=source)
+        refusal.line = error.object.count(b"\n", 0, error.start) + 1
+        raise refusal from None
     except (OSError, ValueError) as error:  # ValueError: a path with a NUL
         reason = getattr(error, "strerror", None) or str(error)
         raise DescriptionError(f"cannot be read: {reason}; allowed: an existing {kind}", source=source) from None
@@ -70,7 +72,7 @@ def parse_toml(text: str, source: str) -> dict[str, object]:
         found = pattern.search(text)
         if found is not None:
             error = DescriptionError(f"not valid TOML: {what}", source=source)
-            error.line = text.count("\n", 0, found.start()) + 1
+            error.line, error.column = line_and_column(text, found.start())
             raise error
     try:
         values: dict[str, object] = tomllib.loads(text)
@@ -83,10 +85,18 @@ def parse_toml(text: str, source: str) -> dict[str, object]:
 
 
 def _refusal(text: str, said: str, source: str) -> DescriptionError:
-    """What the parser said, as printable ASCII, with what to write instead; the line, where it is the last."""
-    reason = ascii(said)[1:-1][:300]
+    """What the parser said, as printable ASCII, with what to write instead; its place as that of the error."""
+    found = _SAID_PLACE.search(said)
+    reason = ascii(said[: found.start()] if found is not None and found[1] else said)[1:-1][:300]
     remedy = next((what for begin, what in _REMEDIES.items() if said.startswith(begin)), "TOML 1.0, see toml.io")
     error = DescriptionError(f"not valid TOML: {reason}; allowed: {remedy}", source=source)
-    if said.endswith("(at end of document)"):
-        error.line = text.rstrip().count("\n") + 1
+    if found is not None and found[1]:
+        error.line, error.column = int(found[1]), int(found[2])
+    elif found is not None:
+        error.line, error.column = line_and_column(text, len(text.rstrip()))
     return error
+
+
+def line_and_column(text: str, offset: int) -> tuple[int, int]:
+    """Of a place in a text, from 1."""
+    return text.count("\n", 0, offset) + 1, offset - text.rfind("\n", 0, offset)

@@ -18,7 +18,7 @@ class Draft:
     """What has been read so far, by name and in the order of the description.
 
     links holds the root link of an URDF as well; joints has the order in which a parent's children follow each other;
-    inherited names the links and joints that an URDF brought in; line_of gives the line of a place in an URDF.
+    inherited names the links and joints that an URDF brought in; place_of gives line and column of a place in an URDF.
     """
 
     source: str
@@ -32,7 +32,7 @@ class Draft:
     springs: dict[str, Spring] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     inherited: tuple[str, ...] = ()
-    line_of: Callable[[str], int | None] = lambda _: None
+    place_of: Callable[[str], tuple[int, int] | None] = lambda _: None
 
     def fail(self, where: str, message: str) -> NoReturn:
         """Raise the DescriptionError of this description."""

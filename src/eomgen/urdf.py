@@ -15,8 +15,9 @@ from .names import is_robot_name, listed, nearest, show, to_robot_name, unique_i
 from .robot import COORDINATES, IDENTITY, PRINCIPAL, ZERO, Coordinate, Joint, Link, Matrix, Placement, Vector, snap
 from .robot import rotation_from_rpy as rpy_matrix
 from .schema import LARGEST
+from .toml_text import line_and_column
 from .tree import Draft
-from .urdf_place import line_of, xml_remedy
+from .urdf_place import place_of, xml_remedy
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
@@ -62,9 +63,9 @@ def draft_from_urdf(text: str, source: str, *, damping: bool = False) -> Draft:
     try:
         draft = reader.read()
     except DescriptionError as error:
-        error.line = line_of(text, root, reader.at)
+        error.line, error.column = place_of(text, root, reader.at) or (None, None)
         raise
-    draft.line_of = lambda where: line_of(text, root, reader.element(where))
+    draft.place_of = lambda where: place_of(text, root, reader.element(where))
     return draft
 
 
@@ -114,8 +115,11 @@ def parse_urdf_text(text: str, source: str, root_tag: str = "robot") -> Element:
     try:
         root: Element = ElementTree.fromstring(text, forbid_dtd=True)
     except ElementTree.ParseError as error:
-        message = f"not well-formed XML: {show(str(error))}; allowed: {xml_remedy(str(error), root_tag)}"
-        raise DescriptionError(message, source=source) from None
+        said = str(error).partition(": line ")[0]
+        message = f"not well-formed XML: {show(said)}; allowed: {xml_remedy(said, root_tag)}"
+        refusal = DescriptionError(message, source=source)
+        refusal.line, refusal.column = error.position[0], error.position[1] + 1
+        raise refusal from None
     except DefusedXmlException as error:
         kind = type(error).__name__
         message = f"the XML has a document type or an entity ({kind}); allowed: plain elements"
@@ -128,7 +132,7 @@ def parse_urdf_text(text: str, source: str, root_tag: str = "robot") -> Element:
 
 def _refusal(message: str, source: str, text: str, offset: int) -> DescriptionError:
     error = DescriptionError(message, source=source)
-    error.line = text.count("\n", 0, offset) + 1
+    error.line, error.column = line_and_column(text, offset)
     return error
 
 

@@ -32,31 +32,32 @@ def xml_remedy(said: str, root: str = "robot") -> str:
     return found.replace("<robot name='...'>", f"<{root}>").replace("robot>", f"{root}>").replace("link>", "body>")
 
 
-def line_of(text: str, root: Element, element: Element | None) -> int | None:
-    """The line, from 1, on which an element of the tree under root begins, which was read from the text."""
+def place_of(text: str, root: Element, element: Element | None) -> tuple[int, int] | None:
+    """Line and column, from 1, at which an element of the tree under root begins, which was read from the text."""
     for index, other in enumerate(root.iter()):  # in the order of the start tags
         if other is element:
-            return _start_line(text, index)
+            return _start(text, index)
     return None
 
 
 class _Found(Exception):
-    """The parser has come to the element."""
+    """The parser has come to the element: line and column, which afterwards are those of the tag's end."""
 
 
-def _start_line(text: str, index: int) -> int | None:
-    """The line of the start tag of that index; the text has been parsed before, without a document type."""
+def _start(text: str, index: int) -> tuple[int, int] | None:
+    """Line and column of the start tag of that index; the text has been parsed before, without a document type."""
     parser, left = expat.ParserCreate(), index
 
     def count(*_: object) -> None:
         nonlocal left
         left -= 1
         if left < 0:
-            raise _Found
+            raise _Found(parser.CurrentLineNumber, parser.CurrentColumnNumber + 1)
 
     parser.StartElementHandler = count
     try:
         parser.Parse(text, True)
-    except _Found:
-        return parser.CurrentLineNumber
+    except _Found as found:
+        line, column = found.args
+        return line, column
     return None
