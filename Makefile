@@ -9,6 +9,7 @@
 #   make mutation mutation testing of the derivation, ten minutes of one core; writes docs/mutation.md
 #   make sample   regenerate the committed sample in generated/one_link
 #   make tables   regenerate the tables in README.md
+#   make schemas  regenerate the JSON Schemas in src/eomgen/schemas
 #   make wheel    build the source distribution and the wheel into dist/, and check what an index would show of them
 #   make clean    remove what the commands above made
 
@@ -17,11 +18,11 @@ VENV := .venv
 BIN := $(VENV)/bin
 
 # An editable install links file by file (mypy needs that), so a new or renamed file asks for a new install.
-FILES := $(sort $(wildcard src/eomgen/*.py src/eomgen/robots/*.toml src/eomgen/scenarios/*.toml codegen/*.py templates/*))
+FILES := $(sort $(wildcard src/eomgen/*.py src/eomgen/*/*.toml src/eomgen/schemas/*.json codegen/*.py templates/*))
 STAMP := $(shell echo '$(FILES)' | cksum | cut -d ' ' -f 1)
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --config-settings editable_mode=strict
 
-.PHONY: demo test lint bench soak mutation docs sample tables wheel clean
+.PHONY: demo test lint bench soak mutation docs sample tables schemas wheel clean
 
 demo: $(VENV)/.sim-$(STAMP)
 	$(BIN)/eomgen info puma560_elastic
@@ -54,6 +55,9 @@ sample: $(VENV)/.sim-$(STAMP)
 
 tables: sample
 	$(BIN)/python docs/tables.py
+
+schemas: $(VENV)/.sim-$(STAMP)
+	for name in robot scenario plan; do $(BIN)/eomgen schema $$name > src/eomgen/schemas/$$name.schema.json; done
 
 wheel: $(VENV)/.test-$(STAMP)
 	rm -rf build/lib dist

@@ -22,7 +22,7 @@ PLACES = {
     "codegen": "eomgen/codegen",
     "templates": "eomgen/templates",
 }  # in the tree, in the wheel
-SHIPPED = (".py", ".toml", ".jinja", ".typed")
+SHIPPED = (".py", ".toml", ".json", ".jinja", ".typed")
 
 
 @pytest.fixture(scope="module")

@@ -20,6 +20,7 @@ from ._version import __version__
 from .cli_analysis import add_analysis, add_compare, add_derive
 from .cli_cache import add_cache
 from .cli_export import add_export
+from .cli_files import add_files
 from .cli_linear import add_deflection, add_modes
 from .cli_pictures import add_plot, add_report, add_view
 from .cli_response import add_budget, add_linearize, add_response
@@ -35,6 +36,9 @@ INTERRUPTED = 130
 EXAMPLES = """\
 examples:
   eomgen robots                                  the built-in robots
+  eomgen new arm                                 write arm.toml, a commented description to begin with
+  eomgen check arm.toml                          is it right? every error with file:line:column
+  eomgen schema robot                            JSON Schema, with which editors complete and check
   eomgen info puma560_elastic                    coordinates, parameters, zero blocks, operation counts
   eomgen derive one_link --latex                 equations in closed form, for small robots
   eomgen generate arm.toml -o generated          write and compile generated/arm, then: import arm
@@ -102,6 +106,7 @@ def make_parser() -> argparse.ArgumentParser:
     info = _robot_command(commands, "info", _info, "what a robot is made of, and what its equations cost")
     info.add_argument("--zeros", action="store_true", help="every zero of M and C with its reason, by joints")
     info.add_argument("--json", action="store_true", help="print JSON")
+    add_files(commands)
     add_derive(commands, _robot_command, _load)
     make = _robot_command(commands, "generate", _generate, "write and compile an importable package")
     make.add_argument("-o", "--output", type=Path, default=Path("generated"), help="folder to write to (generated)")

@@ -236,19 +236,26 @@ class Entries(Key):
     some: bool = False
     form: ClassVar[type] = list
 
+    @property
+    def named(self) -> bool:
+        """Whether entries have names."""
+        return isinstance(self.inner, Form) and "name" in self.inner.keys
+
+    def where(self, key: str, index: int, item: object) -> str:
+        """What messages call an entry: by its name, if that is one."""
+        given = item.get("name") if self.named and isinstance(item, dict) else None
+        return f"{key}.{given}" if isinstance(given, str) and is_identifier(given) else f"{key}[{index}]"
+
     def read(self, table: Table, key: str, value: Any) -> Iterator[tuple[str, Table]]:
         """Name and table of each entry; what is needed in them is not looked at."""
         if not isinstance(value, list) or (self.some and not value):
             what = "one or more tables" if self.some else "an array of tables"
             self.refuse(table, key, value, f"{what}, written [[{key}]]")
-        named = isinstance(self.inner, Form) and "name" in self.inner.keys
         seen = set()
         for index, item in enumerate(value):
-            given = item.get("name") if named and isinstance(item, dict) else None
-            place = given if isinstance(given, str) and is_identifier(given) else None
-            entry = table.inside(key, item, self.inner, f"{key}.{place}" if place else f"{key}[{index}]", str(index))
-            name = entry.name() if named else ""
-            if named and name in seen:
+            entry = table.inside(key, item, self.inner, self.where(key, index, item), str(index))
+            name = entry.name() if self.named else ""
+            if self.named and name in seen:
                 entry.fail(f"the name {name!r} is taken by an earlier entry of [[{key}]]; allowed: unique names")
             seen.add(name)
             yield name, entry
