@@ -551,7 +551,7 @@ def test_files(tmp_path: Path) -> None:
         "latin.toml": ('name = "\N{LATIN SMALL LETTER U WITH DIAERESIS}"'.encode("latin-1"), ["byte 8", "UTF-8"]),
         "latin.urdf": (b'<?xml version="1.0" encoding="latin-1"?><robot name="\xfc"/>', ["byte", "UTF-8"]),
         "wide.urdf": (URDF.encode("utf-16"), ["byte 0", "UTF-8"]),
-        "arm.xml": (b"<robot/>", ["arm.xml:1:9: robot", "no <link>"]),
+        "arm.xml": (b"<robot/>", ["arm.xml:1:1: robot", "no <link>"]),
         "arm.yaml": (b"name: arm", ["arm.yaml", ".toml, .urdf, .xml"]),
         "link.toml": (b'urdf = "nowhere.urdf"', ["nowhere.urdf", "no such file"]),
         "type.toml": (b'urdf = "nowhere.xml"', ["'nowhere.xml'", ".urdf"]),
@@ -597,7 +597,7 @@ def test_bad_urdf_behind_toml_names_both(tmp_path: Path) -> None:
     assert "joints.elbo" in message
     assert "mean 'elbow'" in message
     (tmp_path / "arm.urdf").write_text(URDF.replace('"planar"', "").replace('"continuous"', '"planar"'))
-    assert "arm.urdf:21:37: joint 'elbow'" in refusal(lambda path: load_robot(path), str(tmp_path / "arm.toml"))
+    assert "arm.urdf:21:3: joint 'elbow'" in refusal(lambda path: load_robot(path), str(tmp_path / "arm.toml"))
 
 
 @pytest.mark.parametrize(

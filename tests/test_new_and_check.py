@@ -132,11 +132,11 @@ def test_check_reads_every_kind(
         "s.toml: ok: 1 s",
         "p.toml: ok: 1 samples, 1 numbers varied",
         "tree.toml:30:9: joints.joint2.child: link 'link1' is already the child",
-        "bad.urdf:7:27: link 'upper', <inertial>, <mass>: value is -2",
+        "bad.urdf:7:7: link 'upper', <inertial>, <mass>: value is -2",
         "none.toml:1:1: the key 'name' is missing",
         "refined.toml: ok: 2 links, 3 coordinates",
         "missing.toml: there is no such file",
-        "arm.txt: cannot be checked; allowed: a path that ends in .toml or .urdf",
+        "arm.txt: cannot be checked; allowed: a path that ends in .toml, .urdf, .xml",
     ]
     assert len(rest) == len(starts)
     for line, start in zip(rest, starts, strict=True):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from .description import load_robot
+from .description import SUFFIXES, load_robot
 from .errors import DescriptionError, InputError
 from .json_schema import FORMATS
 from .scenario_file import load_scenario
@@ -15,8 +15,6 @@ from .structure import faults
 from .sweep_plan import load_plan
 from .toml_place import locate
 from .toml_text import parse_toml, read_text
-
-_SUFFIXES = (".toml", ".urdf")
 
 
 @dataclass(frozen=True)
@@ -47,12 +45,12 @@ class Checked:
 
 
 def check_file(path: str | Path) -> Checked:
-    """Read a description (.toml, .urdf), a scenario or a plan; which of them a .toml file is, its keys say."""
+    """Read a description (.toml, .urdf, .xml), a scenario or a plan; which of them a .toml file is, its keys say."""
     name = str(path)
     kind = "robot"
     try:
-        if Path(path).suffix not in _SUFFIXES:
-            message = f"cannot be checked; allowed: a path that ends in {' or '.join(_SUFFIXES)}"
+        if Path(path).suffix not in SUFFIXES:
+            message = f"cannot be checked; allowed: a path that ends in {', '.join(SUFFIXES)}"
             raise DescriptionError(message, source=name if name.isascii() and name.isprintable() else ascii(name))
         if Path(path).suffix == ".toml":
             text = read_text(Path(path), name, ".toml file")

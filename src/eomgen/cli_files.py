@@ -18,7 +18,7 @@ def add_files(commands: Any) -> None:
     new.add_argument("-o", "--output", type=Path, metavar="FILE", help="a file that does not exist yet (NAME.toml)")
     new.add_argument("--scenario", action="store_true", help="a scenario for such a robot instead")
     check = _command(commands, "check", _check, "check descriptions, scenarios and plans without generating anything")
-    check.add_argument("files", metavar="FILE", nargs="+", help="path of a .toml or .urdf file")
+    check.add_argument("files", metavar="FILE", nargs="+", help="path of a .toml, .urdf or .xml (MJCF) file")
     check.add_argument("--json", action="store_true", help="print JSON")
     schema = _command(commands, "schema", _schema, "print the JSON Schema of a file format, for editors")
     schema.add_argument("format", nargs="?", default="robot", help="robot, scenario or plan (robot)")

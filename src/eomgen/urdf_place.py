@@ -41,7 +41,7 @@ def place_of(text: str, root: Element, element: Element | None) -> tuple[int, in
 
 
 class _Found(Exception):
-    """The parser has come to the element."""
+    """The parser has come to the element: line and column, which afterwards are those of the tag's end."""
 
 
 def _start(text: str, index: int) -> tuple[int, int] | None:
@@ -52,11 +52,12 @@ def _start(text: str, index: int) -> tuple[int, int] | None:
         nonlocal left
         left -= 1
         if left < 0:
-            raise _Found
+            raise _Found(parser.CurrentLineNumber, parser.CurrentColumnNumber + 1)
 
     parser.StartElementHandler = count
     try:
         parser.Parse(text, True)
-    except _Found:
-        return parser.CurrentLineNumber, parser.CurrentColumnNumber + 1
+    except _Found as found:
+        line, column = found.args
+        return line, column
     return None
