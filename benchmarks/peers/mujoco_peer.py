@@ -9,7 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from eomgen.codegen.compile import find_compiler
-from eomgen.errors import BuildError
+from eomgen.errors import BuildError, InputError
 from eomgen.mjcf_export import mjcf
 
 from .cases import Case
@@ -66,15 +66,19 @@ class MujocoPeer:
     """A robot in MuJoCo.
 
     Raises:
-        MissingPeer: MuJoCo refuses the robot: a massless link, or a rod.
+        MissingPeer: MuJoCo has no equal for something of the robot, or refuses it.
     """
 
     def __init__(self, case: Case) -> None:
         self._library = FFI.dlopen(str(library()))
+        try:
+            text = mjcf(case.robot, TIME_STEP, "implicitfast")
+        except InputError as error:
+            raise MissingPeer(f"refuses the robot: {error}") from None
         said = FFI.new("char[1000]")
         with tempfile.TemporaryDirectory(prefix="eomgen-bench-") as private:
             path = Path(private, "robot.xml")
-            path.write_text(mjcf(case.robot, TIME_STEP, "implicitfast"), encoding="ascii")
+            path.write_text(text, encoding="ascii")
             self._model = self._library.mujoco_peer_load(str(path).encode(), said)
         if self._model == FFI.NULL:
             text = FFI.string(said).decode(errors="replace").splitlines()[0]
