@@ -254,7 +254,7 @@ class _Writer:
 
 def _stored(places: Sequence[str], value: str) -> list[str]:
     """Statements that store one value at each of the places; an expression is computed once."""
-    again = places[0] if _is_sum(value) or _is_product(value) or "(" in value else value
+    again = value if re.fullmatch(r"[\w.]+", value) else places[0]
     return [f"{place} = {source};" for place, source in zip(places, (value, *[again] * len(places)), strict=False)]
 
 

@@ -253,7 +253,7 @@ int one_link_residual_jacobian(const double *restrict h, const double *restrict 
     const double t35 = 0.5*sine[0];
     out[5] = cosine[0]*(2.0*(v[0]*sine[0]) - v[1]) - sine[0]*(2.0*t13);
     out[9] = -t35;
-    out[10] = -t35;
+    out[10] = out[9];
     out[7] = t13 - 2.0*v[0]*t34;
     out[3] = h[1]*t35 - t10*t34;
     out[1] = t33 - h[1];
@@ -312,12 +312,12 @@ static int one_link_kinematics(const double *restrict h, const double *restrict 
 
     for (size_t i = 0; i < 45U; ++i) { out[i] = 0.0; }
     out[0] = cosine[0];
-    out[5] = cosine[0];
-    out[24] = cosine[0];
-    out[29] = cosine[0];
+    out[5] = out[0];
+    out[24] = out[0];
+    out[29] = out[0];
     out[4] = sine[0];
-    out[7] = sine[0];
-    out[28] = sine[0];
+    out[7] = out[4];
+    out[28] = out[4];
     out[10] = 1.0;
     out[12] = 1.0;
     out[17] = 1.0;
@@ -326,9 +326,9 @@ static int one_link_kinematics(const double *restrict h, const double *restrict 
     out[39] = 1.0;
     out[44] = 1.0;
     out[27] = q[0];
-    out[36] = q[0];
+    out[36] = out[27];
     out[1] = -sine[0];
-    out[25] = -sine[0];
+    out[25] = out[1];
     out[3] = q[0] + cosine[0];
 
     return 0;
@@ -934,7 +934,7 @@ static int one_link_residual_jacobian_lanes(const double *restrict h, const lane
     const lanes t35 = 0.5*sine[0];
     out[5] = cosine[0]*(2.0*(v[0]*sine[0]) - v[1]) - sine[0]*(2.0*t13);
     out[9] = -t35;
-    out[10] = -t35;
+    out[10] = out[9];
     out[7] = t13 - 2.0*v[0]*t34;
     out[3] = h[1]*t35 - t10*t34;
     out[1] = t33 - h[1];
@@ -990,12 +990,12 @@ static int one_link_kinematics_lanes(const double *restrict h, const lanes *rest
 
     for (size_t i = 0; i < 45U; ++i) { out[i] = ALL(0.0); }
     out[0] = cosine[0];
-    out[5] = cosine[0];
-    out[24] = cosine[0];
-    out[29] = cosine[0];
+    out[5] = out[0];
+    out[24] = out[0];
+    out[29] = out[0];
     out[4] = sine[0];
-    out[7] = sine[0];
-    out[28] = sine[0];
+    out[7] = out[4];
+    out[28] = out[4];
     out[10] = ALL(1.0);
     out[12] = out[10];
     out[17] = out[10];
@@ -1004,9 +1004,9 @@ static int one_link_kinematics_lanes(const double *restrict h, const lanes *rest
     out[39] = out[10];
     out[44] = out[10];
     out[27] = q[0];
-    out[36] = q[0];
+    out[36] = out[27];
     out[1] = -sine[0];
-    out[25] = -sine[0];
+    out[25] = out[1];
     out[3] = q[0] + cosine[0];
 
     return 0;
