@@ -552,7 +552,7 @@ def test_files(tmp_path: Path) -> None:
         "latin.urdf": (b'<?xml version="1.0" encoding="latin-1"?><robot name="\xfc"/>', ["byte", "UTF-8"]),
         "wide.urdf": (URDF.encode("utf-16"), ["byte 0", "UTF-8"]),
         "arm.xml": (b"<robot/>", ["arm.xml:1:1: robot", "no <link>"]),
-        "arm.yaml": (b"name: arm", ["arm.yaml", ".toml, .urdf, .xml"]),
+        "arm.yaml": (b"name: arm", ["there is no robot", ".toml, .urdf, .xml"]),
         "link.toml": (b'urdf = "nowhere.urdf"', ["nowhere.urdf", "no such file"]),
         "type.toml": (b'urdf = "nowhere.xml"', ["'nowhere.xml'", ".urdf"]),
         "control.toml": (b'urdf = "\\u001b[31m.urdf"', ["x1b[31m", "no such file"]),
