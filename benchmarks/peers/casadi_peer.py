@@ -66,7 +66,7 @@ class CasadiPeer:
                 raise MissingPeer(f"the tracing program fails: {said.stderr.strip()[:200]}")
             (folder / "traced.c").write_text(said.stdout, encoding="ascii")
 
-        code = (cache.entry("peers", key, trace) / "traced.c").read_text(encoding="ascii")
+        code = cache.entry("peers", key, trace).files["traced.c"].decode("ascii")
         try:
             compiler = find_compiler()
         except BuildError as error:

@@ -118,7 +118,7 @@ def build_library(
         for made in objects:
             made.unlink()
 
-    return cache.entry("peers", digest.hexdigest(), make) / target
+    return cache.entry("peers", digest.hexdigest(), make).folder / target
 
 
 def _run(command: Sequence[str]) -> None:

@@ -40,6 +40,11 @@ class Entry:
     key: str
     files: Files
 
+    @property
+    def folder(self) -> Path:
+        """Where it was read from."""
+        return cache_folder() / self.kind / self.key
+
 
 def cache_folder() -> Path:
     """The cache's root: $EOMGEN_CACHE_DIR, or "eomgen" in the user's cache folder."""

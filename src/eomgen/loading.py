@@ -37,7 +37,7 @@ def load_module(package: store.Entry, name: str) -> Any:
                 abi = f"_{name}_types.py" in package.files
                 module = _load_abi(package, name) if abi else _load_api(package, here)
             except (ImportError, OSError, StopIteration) as error:
-                raise BuildError(f"the compiled module in {_folder(package)} does not load: {error}") from None
+                raise BuildError(f"the compiled module in {package.folder} does not load: {error}") from None
             sys.modules[here] = module
     return module
 
@@ -83,7 +83,7 @@ def linked(package: store.Entry, file: str, load: Callable[[str], Any]) -> Any:
                 return load(path)
         except (ImportError, OSError):  # no room, nothing may be written or run there
             continue
-    return load(str(_folder(package) / file))
+    return load(str(package.folder / file))
 
 
 @contextmanager
@@ -92,7 +92,3 @@ def _copy(data: bytes, name: str, place: str | None) -> Iterator[str]:
         path = Path(folder, name)
         path.write_bytes(data)
         yield str(path)
-
-
-def _folder(package: store.Entry) -> Path:
-    return store.cache_folder() / package.kind / package.key
