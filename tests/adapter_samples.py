@@ -24,7 +24,9 @@ def sample(seed: int) -> Robot:
     kind = KINDS[seed % len(KINDS)]
     if kind == "motors":
         return geared_robot(seed, (1, 3), kinds=LAWS, prescribed=0.3)
-    robot = random_robot(seed, joints=(2, 3), tree=seed % 2 == 0, types=TYPES)
+    robot = random_robot(
+        seed, joints=(2, 3), tree=seed % 2 == 0, types=TYPES, rods=False
+    )  # a rod about its axis: no inverse
     if kind == "loops":
         return with_random_loops(robot, seed, ("spherical", "revolute"))
     return {"plain": lambda r, _: r, "laws": with_laws, "springs": with_springs}[kind](robot, seed)

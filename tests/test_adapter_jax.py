@@ -15,7 +15,7 @@ import pytest
 from adapter_samples import built_for, functions_of, sample, states
 from conftest import Build
 from figures import Figures
-from random_robots import Array, random_robot, random_state
+from random_robots import Array, random_robot, random_state, seeds
 
 import eomgen
 from eomgen.adapters.jax import function, kernels_for
@@ -45,7 +45,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, int | None]]:
     return found
 
 
-@pytest.mark.parametrize("seed", range(4103, 4105))
+@pytest.mark.parametrize("seed", seeds(4103, 2, 30))
 def test_values_and_derivatives_are_the_kernels(seed: int, built: Build, figures: Figures) -> None:
     """Of all functions under jit, forward and in reverse."""
     robot = sample(seed)
