@@ -33,7 +33,7 @@ from quick_builds import (
 
 import eomgen
 from eomgen import cli, plan_keys, robot_keys, scenario_keys
-from eomgen.cache import VARIABLE, is_whole
+from eomgen.cache import KINDS, VARIABLE, is_whole
 from eomgen.codegen import compile as compiling
 from eomgen.description import robot_from_toml
 from eomgen.errors import BuildError, DescriptionError, InputError
@@ -375,7 +375,7 @@ def test_command(empty_cache: Path, capsys: pytest.CaptureFixture[str], monkeypa
         assert cli.main(["cache", *arguments, "--json"]) == 0
         return json.loads(capsys.readouterr().out)
 
-    nothing = {"folder": str(empty_cache), "sources": 0, "packages": 0, "bytes": 0}
+    nothing = {"folder": str(empty_cache), **dict.fromkeys(KINDS, 0), "bytes": 0}
     assert said() == nothing
     assert said("--clear") == {**nothing, "removed": 0}
     assert not empty_cache.exists()
@@ -383,7 +383,7 @@ def test_command(empty_cache: Path, capsys: pytest.CaptureFixture[str], monkeypa
     (empty_cache / "making-0-x").mkdir()
     files = [path for kind in ("sources", "packages") for path in (empty_cache / kind).rglob("*") if path.is_file()]
     size = sum(path.stat().st_size for path in files)
-    assert said() == {"folder": str(empty_cache), "sources": 1, "packages": 1, "bytes": size}
+    assert said() == {**nothing, "sources": 1, "packages": 1, "bytes": size}
     assert cli.main(["cache"]) == 0
     assert f"1 sources, 1 packages, {size / 1e6:.1f} MB" in capsys.readouterr().out
     assert said("--clear") == {**nothing, "removed": 2}

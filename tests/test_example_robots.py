@@ -63,7 +63,8 @@ def test_example_ends_in_a_kernel(path: Path, built: Build) -> None:
     error = diagnosis(path)
     if error is not None:
         assert re.fullmatch(r"links\.[A-Za-z0-9_]+\.inertia", error.where)
-        assert str(error).startswith(f"{path}: {error.where}: ")
+        assert str(error).startswith(f"{path}:{error.line}:{error.column}: {error.where}: ")
+        assert path.read_text(encoding="utf-8").splitlines()[error.line - 1].strip().startswith("<link")
     robot = load(path, "warn")
     kernel = built(robot, "inverse_dynamics", "mass_matrix", "forward_dynamics")
     oracle, rng = UrdfOracle(path), np.random.default_rng(7)

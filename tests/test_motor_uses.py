@@ -94,7 +94,7 @@ def test_a_description() -> None:
 @pytest.mark.parametrize(
     ("motor", "more", "message"),
     [
-        (MOTOR.replace("1e-4", "0"), "", r"motor\.inertia: got 0\.0; allowed: .*greater than 0"),
+        (MOTOR.replace("1e-4", "0"), "", r"motor\.inertia: got 0; allowed: .*greater than 0"),
         (MOTOR.replace("1e-4", "-1e-4"), "", r"motor\.inertia: got -0\.0001; allowed"),
         (MOTOR.replace("100", "0"), "", r"motor\.ratio: got 0\.0; allowed: .*not 0"),
         (MOTOR.replace("100", "inf"), "", r"motor\.ratio: got inf; allowed"),

@@ -143,11 +143,12 @@ def test_the_page_runs(tmp_path: Path) -> None:
 
 
 def test_the_page_names_all_keys() -> None:
-    from eomgen import scenario_file
+    from eomgen import scenario_keys
 
     text = PAGE.read_text(encoding="utf-8")
-    kinds = {**scenario_file.MOTIONS, **scenario_file.CONTROLS, **scenario_file.PRESCRIBED}
-    keys = {*scenario_file.TOP, *kinds, *(key for keys in kinds.values() for key in keys)}
-    keys |= {*scenario_file.INITIAL, *scenario_file.INTEGRATOR, *scenario_file._WRENCH, *scenario_file._PAYLOAD}
+    kinds = {**scenario_keys.MOTIONS, **scenario_keys.CONTROLS, **scenario_keys.PRESCRIBED}
+    keys = {*scenario_keys.SCENARIO.keys, *kinds, *(key for keys in kinds.values() for key in keys)}
+    forms = (scenario_keys.INITIAL, scenario_keys.INTEGRATOR, scenario_keys.WRENCH, scenario_keys.PAYLOAD)
+    keys |= {key for form in forms for key in form.keys}
     for key in keys:
         assert re.search(rf"(?<!\w){key}(?!\w)", text), key

@@ -38,7 +38,20 @@ if TYPE_CHECKING:
 
 KERNEL_NAMES = tuple(KERNELS)
 # What the generator imports
-SHAPING = ("characteristic", "cuts", "errors", "model", "names", "robot", "schema", "spring_tables", "tree")
+SHAPING = (
+    "characteristic",
+    "cuts",
+    "errors",
+    "inertia",
+    "keys",
+    "model",
+    "names",
+    "robot",
+    "robot_keys",
+    "schema",
+    "spring_tables",
+    "tree",
+)
 DTYPES = ("float64", "float32")
 
 Progress = Callable[[str], None]
