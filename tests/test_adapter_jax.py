@@ -45,7 +45,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, int | None]]:
     return found
 
 
-@pytest.mark.parametrize("seed", seeds(4103, 2, 30))
+@pytest.mark.parametrize("seed", seeds(4103, 1, 30))
 def test_values_and_derivatives_are_the_kernels(seed: int, built: Build, figures: Figures) -> None:
     """Of all functions under jit, forward and in reverse."""
     robot = sample(seed)

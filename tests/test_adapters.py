@@ -16,7 +16,7 @@ from eomgen.adapters.mappings import FUNCTIONS, DifferentiableFunction, kernels_
 from eomgen.errors import InputError, UnknownNameError
 
 
-@pytest.mark.parametrize("seed", seeds(4100, 5, 60))
+@pytest.mark.parametrize("seed", seeds(4100, 3, 60))
 def test_derivatives_are_those_of_complex_steps(seed: int, built: Build, figures: Figures) -> None:
     """Of all functions by all arguments; of frames, whose programs are parts, those of central differences."""
     robot = sample(seed)

@@ -12,7 +12,7 @@ from unittest import mock
 import numpy as np
 import pytest
 from conftest import Build
-from random_robots import random_placement, random_robot, random_state
+from random_robots import random_placement, random_robot, random_state, seeds
 
 import eomgen
 from eomgen.description import robot_from_toml
@@ -105,7 +105,7 @@ def assert_same(found: Mapping[str, np.ndarray], expected: Mapping[str, np.ndarr
         assert np.abs(found[name] - value).max() <= limit * max(size, np.abs(value).max()), name
 
 
-@pytest.mark.parametrize("seed", [600, 601, 602])
+@pytest.mark.parametrize("seed", seeds(600, 1, 3))
 def test_all_numbers_as_parameters(seed: int, built: Build) -> None:
     """Masses, centres, inertias, placements, springs, rotors, gravity: one kernel, two descriptions."""
     plain = random_robot(seed, joints=(2, 3), max_size=6, tree=True)

@@ -114,7 +114,11 @@ def same(a: SweepResult, b: SweepResult) -> bool:
 
 @pytest.mark.parametrize(
     ("engine", "tolerance"),
-    [("method = 'rk4'\nstep = 1e-4", 1e-9), ("step = 1e-4", 1e-4), ("type = 'integrate'", 1e-5)],
+    [
+        ("method = 'rk4'\nstep = 1e-4", 1e-9),
+        ("step = 1e-4", 1e-4),
+        pytest.param("type = 'integrate'", 1e-5, marks=pytest.mark.soak),
+    ],
 )
 def test_a_mass_on_springs_of_many_stiffnesses(tmp_path: Path, engine: str, tolerance: float) -> None:
     """q(T) = q0 exp(-d T) (cos w T + d/w sin w T), d = c / 2m, w^2 = k/m - d^2; also swept: c, m, q0 and T."""
