@@ -136,21 +136,28 @@ def compile_flags(compiler: Compiler, native: bool, further: Sequence[str]) -> t
     return (*own_flags(native), *compiler.flags, *further)
 
 
-def build_key(source: Source, compiler: Compiler, flags: Sequence[str]) -> str:
-    """Hash of all that a package depends on: source, flags, compiler, versions, what it must fit, the processor."""
-    copied = (Path(eomgen.__path__[0], name) for name in RUNTIME.values())
+def toolchain(compiler: Compiler, flags: Sequence[str]) -> dict[str, object]:
+    """All that a binary depends on besides its source: flags, compiler, versions, what it must fit, the processor."""
     tuned = any(word.endswith("=native") for word in (*compiler.command, *flags))
-    parts = {
-        "source": asdict(source),
+    return {
         "flags": list(flags),
         "command": list(compiler.command),
         "environment": [list(compiler.flags), list(compiler.link_flags)],
         "compiler": compiler.version,
         "eomgen": __version__,
-        "cffi": cffi.__version__,
-        "package": [path.read_text(encoding="utf-8") for path in (*copied, Path(__file__), _template())],
         "interface": interface(),
         "processor": processor() if tuned else "",
+    }
+
+
+def build_key(source: Source, compiler: Compiler, flags: Sequence[str]) -> str:
+    """Hash of all that a package depends on."""
+    copied = (Path(eomgen.__path__[0], name) for name in RUNTIME.values())
+    parts = {
+        **toolchain(compiler, flags),
+        "source": asdict(source),
+        "cffi": cffi.__version__,
+        "package": [path.read_text(encoding="utf-8") for path in (*copied, Path(__file__), _template())],
     }
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 

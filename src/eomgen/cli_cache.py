@@ -33,6 +33,7 @@ def _cache(options: argparse.Namespace) -> None:
         print(json.dumps(about, indent=1))
         return
     print(about["folder"])
-    print(f"{about['sources']} sources, {about['packages']} packages, {size / 1e6:.1f} MB")
+    counts = [f"{about[kind]} {kind}" for kind in KINDS if about[kind]]
+    print(f"{', '.join(counts) or 'nothing'}, {size / 1e6:.1f} MB")
     if removed is not None:
         print(f"removed {removed} entries")

@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import platform
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,7 +42,7 @@ def external_library(function: DifferentiableFunction, called: str, flags: Seque
         InputError: the kernel is not one of float64.
         BuildError: its C is not there any more, or cannot be compiled.
     """
-    from ..codegen.compile import WARNINGS, compile_flags, find_compiler, processor, run_all, shared_flags
+    from ..codegen.compile import WARNINGS, compile_flags, find_compiler, run_all, shared_flags, toolchain
 
     kernel = function.kernel
     if kernel.dtype != np.float64:
@@ -52,8 +51,7 @@ def external_library(function: DifferentiableFunction, called: str, flags: Seque
     wrapper = render(function, called)
     compiler = find_compiler()
     every = compile_flags(compiler, False, flags)
-    own = [__version__, *compiler.command, compiler.version, *compiler.link_flags, *every]
-    own.append(processor() if any(flag.endswith("=native") for flag in own) else platform.machine())
+    own = toolchain(compiler, every)
     compile_c = [*compiler.command, "-c", "-fPIC", "-fvisibility=hidden", *WARNINGS, *every]
 
     def compile_kernel(folder: Path) -> None:
@@ -62,7 +60,7 @@ def external_library(function: DifferentiableFunction, called: str, flags: Seque
         source = str(folder / f"{kernel.name}.c")
         run_all([[*compile_c, "-DEOMGEN_SINGLES_ONLY", source, "-o", str(folder / "kernel.o")]])
 
-    made = store.entry("objects", _key([*own, header, code]), compile_kernel)
+    made = store.entry("objects", _key(own, header, code), compile_kernel)
 
     def link(folder: Path) -> None:
         source, library = folder / f"{called}.c", folder / f"{called}.so"
@@ -76,11 +74,12 @@ def external_library(function: DifferentiableFunction, called: str, flags: Seque
         for made_here in objects:
             made_here.unlink()
 
-    return store.entry("externals", _key([*own, header, code, wrapper]), link)
+    return store.entry("externals", _key(own, header, code, wrapper), link)
 
 
-def _key(texts: Sequence[str]) -> str:
-    return hashlib.sha256(json.dumps(list(texts)).encode()).hexdigest()
+def _key(tools: dict[str, object], *texts: str) -> str:
+    here = Path(__file__).read_text(encoding="utf-8")  # how it is compiled
+    return hashlib.sha256(json.dumps([tools, here, *texts], sort_keys=True).encode()).hexdigest()
 
 
 def render(function: DifferentiableFunction, called: str) -> str:
