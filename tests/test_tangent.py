@@ -18,6 +18,7 @@ from eomgen.codegen.equations import derive
 from eomgen.codegen.ir import Graph, evaluate, finish
 from eomgen.codegen.signatures import KERNELS, RATES
 from eomgen.codegen.tangent import tangent
+from eomgen.errors import ArrayError
 from eomgen.model import build_model
 from eomgen.robot import Robot
 
@@ -98,3 +99,14 @@ def test_tangents_are_there_on_request_alone(built: Build) -> None:
     with pytest.raises(eomgen.InputError, match="1 arrays; allowed: q, v, dq, dv"):
         kernel.tangent("energy", np.zeros(2))
     assert not set(TANGENTS) & set(eomgen.build(eomgen.load_robot("one_link")).operations)
+
+
+@pytest.mark.parametrize("component", [0, 5])
+def test_rates_of_wrenches_that_are_not_finite_are_named(component: int, built: Build) -> None:
+    """Also where a wrench has more components than the robot has coordinates."""
+    kernel = built(eomgen.load_robot("one_link"), "external_force", "external_force_tangent")
+    still, wrench, rates = np.zeros(kernel.n), np.zeros((1, 6)), np.zeros((1, 6))
+    rates[0, component] = np.nan
+    named = ("force.x", "moment.z")[component // 5]
+    with pytest.raises(ArrayError, match=rf"^dwrench: {named} of link link1 is nan; numbers must be finite"):
+        kernel.tangent("external_force", still, wrench, still, rates)

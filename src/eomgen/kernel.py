@@ -23,6 +23,7 @@ from .rollout import rollout
 Array = NDArray[Any]
 
 SHARE = 256  # states that are worth a thread of their own
+WRENCHES = ("wrench", "dwrench")  # arguments with rows of links
 
 
 class Kernel:
@@ -610,7 +611,7 @@ class Kernel:
         """Refuse NaN and infinity in an argument of a kernel, or in a batch of them.
 
         Args:
-            label: its name; a "wrench" has rows of links, everything else numbers of coordinates.
+            label: its name; one of WRENCHES has rows of links, everything else numbers of coordinates.
             array: of that shape, or (N, *shape).
             shape: (n,); (steps, n); or (links, 6).
             place: what follows the number, such as " at t = 1 s".
@@ -621,7 +622,7 @@ class Kernel:
         if np.isfinite(array).all():
             return
         where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
-        name = "" if label == "wrench" else self.coordinates[where[-1]]
+        name = "" if label in WRENCHES else self.coordinates[where[-1]]
         element = self._element(label, where, shape)
         raise ArrayError(f"{label}: {element} is {array[where]}{place}; numbers must be finite", name)
 
@@ -650,7 +651,7 @@ class Kernel:
 
     def _element(self, label: str, where: tuple[int, ...], shape: tuple[int, ...]) -> str:
         inner = where[-len(shape) :]
-        if label in ("wrench", "dwrench"):
+        if label in WRENCHES:
             axis = ("force.x", "force.y", "force.z", "moment.x", "moment.y", "moment.z")[inner[1]]
             text = f"{axis} of link {self.links[inner[0]]}"
         else:
