@@ -212,9 +212,7 @@ def _build_api(source: Source, compiler: Compiler, flags: Sequence[str], folder:
     ]
     jobs.append([*compile_c, "-O1", *compiler.flags, *include, str(wrapper), "-o", str(objects[2])])
     run_all(jobs)
-    module = folder / f"_{name}{_suffix()}"
-    link = [*compiler.command, *shared_flags(), *compiler.flags, *map(str, objects), "-o", str(module)]
-    run_all([[*link, *compiler.link_flags, "-lm"]])
+    link_shared(compiler, objects, folder / f"_{name}{_suffix()}")
     shutil.rmtree(work)
 
 
@@ -243,6 +241,16 @@ def _suffix() -> str:
 
 def shared_flags() -> tuple[str, ...]:
     return ("-bundle", "-undefined", "dynamic_lookup") if sys.platform == "darwin" else ("-shared",)
+
+
+def link_shared(compiler: Compiler, objects: Sequence[Path], library: Path, further: Sequence[str] = ()) -> None:
+    """Link objects into a shared library, with the flags of $CFLAGS and $LDFLAGS and further ones.
+
+    Raises:
+        BuildError: the compiler failed.
+    """
+    flags = [*shared_flags(), *compiler.flags, *further]
+    run_all([[*compiler.command, *flags, *map(str, objects), "-o", str(library), *compiler.link_flags, "-lm"]])
 
 
 def run_all(commands: Sequence[Sequence[str]]) -> None:

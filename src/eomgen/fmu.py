@@ -199,7 +199,7 @@ def _compiled(
     name: str, files: Mapping[str, bytes], version: int, work: Path, flags: Sequence[str]
 ) -> tuple[str, bytes]:
     """Path and content of this machine's binary."""
-    from .codegen.compile import WARNINGS, compile_flags, find_compiler, run_all, shared_flags
+    from .codegen.compile import WARNINGS, compile_flags, find_compiler, link_shared, run_all
 
     compiler = find_compiler()
     for path, content in files.items():
@@ -211,8 +211,7 @@ def _compiled(
     compile_c = [*compiler.command, "-c", *WARNINGS, *include, *compile_flags(compiler, False, flags)]
     run_all([[*compile_c, str(code), "-o", str(made)] for code, made in zip(codes, objects, strict=True)])
     library = work / "binary"
-    link = [*compiler.command, *shared_flags(), *compiler.flags, *flags, *map(str, objects), "-o", str(library)]
-    run_all([[*link, *compiler.link_flags, "-lm"]])
+    link_shared(compiler, objects, library, flags)
     return binary_path(name, version, sys.platform, platform.machine()), library.read_bytes()
 
 

@@ -42,7 +42,7 @@ def external_library(function: DifferentiableFunction, called: str, flags: Seque
         InputError: the kernel is not one of float64.
         BuildError: its C is not there any more, or cannot be compiled.
     """
-    from ..codegen.compile import WARNINGS, compile_flags, find_compiler, run_all, shared_flags, toolchain
+    from ..codegen.compile import WARNINGS, compile_flags, find_compiler, link_shared, run_all, toolchain
 
     kernel = function.kernel
     if kernel.dtype != np.float64:
@@ -69,8 +69,7 @@ def external_library(function: DifferentiableFunction, called: str, flags: Seque
         source.write_text(wrapper, encoding="ascii")
         objects[0].write_bytes(made.files["kernel.o"])
         run_all([[*compile_c, "-iquote", str(folder), str(source), "-o", str(objects[1])]])
-        command = [*compiler.command, *shared_flags(), *compiler.flags, *map(str, objects), "-o", str(library)]
-        run_all([[*command, *compiler.link_flags, "-lm"]])
+        link_shared(compiler, objects, library, flags)
         for made_here in objects:
             made_here.unlink()
 
