@@ -36,6 +36,7 @@ FLAGS = ("-O2", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off")
 NATIVE = ("-march=native", "-ffp-contract=fast")
 RUNTIME = {  # what a package copies of eomgen, and its name there: ``kernel`` is the kernel itself
     "runtime.py": "kernel.py",
+    "calls.py": "calls.py",
     "parameters.py": "parameters.py",
     "rollout.py": "rollout.py",
     "blocks.py": "blocks.py",
