@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 from description_samples import ARM, URDF
 
-MANY = 100_000  # links
 SCENARIO = 'duration = 1.0\n[motion]\ntype = "point_to_point"\ngoal = [1.0]\n'
 PLAN = '[[vary]]\nscenario = "control.kd"\ngrid = { values = [1, 2] }\n'
 CSV = ARM.replace("stiffness = 1e6", 'curve = "spring.csv"')
@@ -47,13 +46,27 @@ def changed(text: str, old: str, new: str) -> str:
     return text.replace(old, new, 1)
 
 
-def many_links(mistake: str) -> str:
-    """URDF of MANY links in a chain whose last joint has another child."""
-    lines = ['<robot name="many">', *(f'<link name="l{k}"/>' for k in range(MANY))]
-    for k in range(1, MANY):
-        child = f"l{k}" if k < MANY - 1 else mistake
+def urdf_chain(count: int, mistake: str = "") -> str:
+    """URDF of so many links in a chain whose last joint may have another child."""
+    lines = ['<robot name="many">', *(f'<link name="l{k}"/>' for k in range(count))]
+    for k in range(1, count):
+        child = mistake if mistake and k == count - 1 else f"l{k}"
         lines.append(f'<joint name="j{k}" type="fixed"><parent link="l{k - 1}"/><child link="{child}"/></joint>')
     return "\n".join([*lines, "</robot>"])
+
+
+def toml_chain(count: int) -> str:
+    """The same as TOML."""
+    lines = ["name = 'many'"]
+    for k in range(count):
+        parent = f"l{k - 1}" if k else "base"
+        lines.append(f"[[links]]\nname = 'l{k}'\n[[joints]]\nname = 'j{k}'\nparent = '{parent}'\nchild = 'l{k}'")
+    return "\n".join(lines)
+
+
+def mjcf_chain(count: int) -> str:
+    """The same as MJCF."""
+    return "\n".join(["<mujoco><worldbody>", *count * ["<body>"], *count * ["</body>"], "</worldbody></mujoco>"])
 
 
 BOMB = "".join(f'<!ENTITY {chr(98 + k)} "{f"&{chr(97 + k)};" * 10}">\n' for k in range(9))
@@ -65,8 +78,13 @@ BAD_FILES = {
     "deep inline tables": bad("robot.toml", "links = " + "{ a = " * 20_000, "", "nested too deeply", "a few levels"),
     "deep dotted key": bad("robot.toml", "name = 'a'\n" + "a." * 50_000 + "a = 1", "line 2", "256 parts", "few"),
     "deep elements": bad("robot.urdf", '<robot name="r">' + "<a>" * 100_000, "line 1", "no element found", "</robot>"),
-    "100,000 links and a wrong one": bad(
-        "robot.urdf", many_links("l9999x"), "joint 'j99999', <child> (line 200000)", "no link 'l9999x'", "'l9999'"
+    "100,000 links": bad("robot.urdf", urdf_chain(100_000), "", "the file has", "up to 4194304"),
+    "100,000 links, TOML": bad("robot.toml", toml_chain(100_000), "", "the file has", "up to 1048576"),
+    "100,000 links, MJCF": bad("robot.xml", mjcf_chain(100_000), "line 5002", "100000 <body>", "up to 5000"),
+    "30,000 links": bad("robot.urdf", urdf_chain(30_000), "line 5002", "there are 30000 links", "up to 5000"),
+    "10,000 links, TOML": bad("robot.toml", toml_chain(10_000), "links[5000] (line 30002)", "10000 [[links]]", "5000"),
+    "5,000 links and a wrong one": bad(
+        "robot.urdf", urdf_chain(5000, "l499x"), "joint 'j4999', <child> (line 10000)", "no link 'l499x'", "'l499'"
     ),
     "number of 5,000 digits": bad(
         "robot.toml", changed(ARM, "3.0", "3" * 5000), "line 8", "more than 4300 digits", "up to 1e+30"

@@ -118,7 +118,7 @@ def test_depth_first_order() -> None:
 
 
 def test_long_chain_needs_no_recursion() -> None:
-    count = 20000
+    count = 5000
     parts = ['name = "chain"\n']
     for k in range(count):
         parent = "base" if k == count - 1 else f"l{k + 1}"

@@ -9,6 +9,7 @@ Source: MuJoCo documentation, XML reference and modeling.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from typing import TYPE_CHECKING
 
 from .errors import DescriptionError
@@ -19,6 +20,7 @@ from .mjcf_tendons import read_tendons
 from .mjcf_values import Item, Reading, triple
 from .names import is_robot_name, listed, nearest, show, to_robot_name
 from .robot import ZERO
+from .schema import MOST_ENTRIES
 from .tree import Draft
 from .urdf import parse_urdf_text
 from .urdf_place import place_of
@@ -76,6 +78,7 @@ def _read(root: Element, reading: Reading, written: dict[str, Element]) -> None:
     draft = reading.draft
     if root.tag != "mujoco":
         draft.fail("", f"the root element is {show(root.tag)}; allowed: 'mujoco'")
+    _refuse_many(root, reading)
     for element in root.iter("include"):
         Item(reading, element, "include").fail(f"includes are not read; allowed: {_EXPANDED}")
     for child in root:
@@ -91,6 +94,16 @@ def _read(root: Element, reading: Reading, written: dict[str, Element]) -> None:
     bodies = read_bodies(root, reading, defaults, rules, flags, written)
     read_tendons(root, reading, defaults, bodies, flags)
     _remarks(root, reading)
+
+
+def _refuse_many(root: Element, reading: Reading) -> None:
+    seen: Counter[str] = Counter()
+    for element in root.iter():
+        seen[element.tag] += 1
+        if seen[element.tag] > MOST_ENTRIES:
+            count, tag = sum(1 for _ in root.iter(element.tag)), show(element.tag)[1:-1]
+            where = f"{tag} number {seen[element.tag]}"
+            Item(reading, element, where).fail(f"there are {count} <{tag}>; allowed: up to {MOST_ENTRIES}")
 
 
 def _name(root: Element, reading: Reading) -> None:

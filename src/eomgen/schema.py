@@ -14,7 +14,9 @@ from .keys import LARGEST, Choice, Either, Flag, Json, Key, Keys, Listed, Number
 from .names import is_identifier, listed, nearest, show
 from .robot import Vector
 
-__all__ = ["LARGEST", "Entries", "Form", "Kinds", "Pair", "Sub", "Table"]
+__all__ = ["LARGEST", "MOST_ENTRIES", "Entries", "Form", "Kinds", "Pair", "Sub", "Table"]
+
+MOST_ENTRIES = 5_000  # links, joints, ...: far beyond what can be derived, and read in a second
 
 
 class Table:
@@ -251,6 +253,8 @@ class Entries(Key):
         if not isinstance(value, list) or (self.some and not value):
             what = "one or more tables" if self.some else "an array of tables"
             self.refuse(table, key, value, f"{what}, written [[{key}]]")
+        if len(value) > MOST_ENTRIES:
+            table.fail(f"there are {len(value)} [[{key}]]; allowed: up to {MOST_ENTRIES}", f"{key}[{MOST_ENTRIES}]")
         seen = set()
         for index, item in enumerate(value):
             entry = table.inside(key, item, self.inner, self.where(key, index, item), str(index))
@@ -261,4 +265,5 @@ class Entries(Key):
             yield name, entry
 
     def json(self) -> Json:
-        return {"type": "array", "items": self.inner.json(), **({"minItems": 1} if self.some else {})}
+        least = {"minItems": 1} if self.some else {}
+        return {"type": "array", "items": self.inner.json(), **least, "maxItems": MOST_ENTRIES}

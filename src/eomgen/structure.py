@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 from .errors import DescriptionError
-from .schema import Entries, Form, Kinds, Pair, Sub, Table
+from .schema import MOST_ENTRIES, Entries, Form, Kinds, Pair, Sub, Table
 
 MOST_ERRORS = 50  # of a file
 
@@ -64,7 +64,7 @@ class _Walk:
         where, path = ".".join(filter(None, (table.where, key))), (*table.path, key)
         if isinstance(kind, Sub):
             self.table(kind.inner, value, where, path)
-        elif isinstance(kind, Entries) and isinstance(value, list):
+        elif isinstance(kind, Entries) and isinstance(value, list) and len(value) <= MOST_ENTRIES:
             for index, item in enumerate(value):
                 if len(self.found) < MOST_ERRORS:
                     self.table(kind.inner, item, kind.where(key, index, item), (*path, str(index)))

@@ -14,7 +14,8 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-_MOST_BYTES = 1 << 26  # ten times what a hundred thousand links take
+_MOST_BYTES = {".toml": 1 << 20}  # what the slowest text of this kind takes a second to read
+_MOST_XML = 1 << 22  # so does this of XML and of a curve's lines
 _MOST_PARTS = 256  # of a dotted key: the parser's time and memory grow with the square of it
 _WORD = r"""(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')"""
 _DEEP_KEY = re.compile(rf"(?<![A-Za-z0-9_-]){_WORD}(?:[ \t]*\.[ \t]*{_WORD}){{{_MOST_PARTS}}}")
@@ -50,8 +51,9 @@ def read_text(path: Path, source: str, kind: str = ".toml, .urdf or .xml file") 
     try:
         if not path.is_file():
             raise DescriptionError(f"there is no such file; allowed: an existing {kind}", source=source)
-        if path.stat().st_size > _MOST_BYTES:
-            raise DescriptionError(f"the file is too large; allowed: up to {_MOST_BYTES} bytes", source=source)
+        size, most = path.stat().st_size, _MOST_BYTES.get(path.suffix, _MOST_XML)
+        if size > most:
+            raise DescriptionError(f"the file has {size} bytes; allowed: up to {most}", source=source)
         return path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as error:
         message = f"byte {error.start} is no UTF-8; allowed: UTF-8 text"

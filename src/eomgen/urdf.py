@@ -14,7 +14,7 @@ from .errors import DescriptionError
 from .names import is_robot_name, listed, nearest, show, to_robot_name, unique_identifiers
 from .robot import COORDINATES, IDENTITY, PRINCIPAL, ZERO, Coordinate, Joint, Link, Matrix, Placement, Vector, snap
 from .robot import rotation_from_rpy as rpy_matrix
-from .schema import LARGEST
+from .schema import LARGEST, MOST_ENTRIES
 from .toml_text import line_and_column
 from .tree import Draft
 from .urdf_place import place_of, xml_remedy
@@ -190,6 +190,9 @@ class _Reader:
                 self.fail(f"{tag} number {len(found) + 1}", "the attribute name is missing; allowed: a unique name")
             if name in found:
                 self.fail(f"{tag} {show(name)}", f"there are two {tag}s of this name; allowed: unique names")
+            if len(found) == MOST_ENTRIES:
+                count = len(root.findall(tag))
+                self.fail(f"{tag} {show(name)}", f"there are {count} {tag}s; allowed: up to {MOST_ENTRIES}")
             found[name] = element
         return found
 
