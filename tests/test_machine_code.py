@@ -47,8 +47,8 @@ LEVELS = ("-O0", "-O2", "-O3")
 PLAIN = tuple(flag for flag in FLAGS if not flag.startswith("-O"))  # with -ffp-contract=off
 FUSED = (*(flag for flag in PLAIN if "contract" not in flag), "-ffp-contract=fast")
 SANITIZERS = {
-    "memory": ("-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer"),
-    "threads": ("-O1", "-g", "-fsanitize=thread"),
+    "memory": ("-O1", "-g1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer"),
+    "threads": ("-O1", "-g1", "-fsanitize=thread"),
 }
 EPS = float(np.finfo(np.float64).eps)
 INVERTING = ("forward_dynamics", "forward_dynamics_jacobian", "rollout")
