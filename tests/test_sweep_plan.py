@@ -283,7 +283,7 @@ def test_the_page_is_true(tmp_path: Path) -> None:
 
 @pytest.mark.soak
 def test_two_thousand_samples_of_36_coordinates(tmp_path: Path) -> None:
-    """A fifth of the example: percentiles settle as samples become many, and the nominal tool deviation is among them."""
+    """A fifth of the example: percentiles settle as samples become many, the nominal tool deviation is among them."""
     robot, reach = load_robot("puma560_elastic"), ROOT / "examples" / "reach.toml"
     plan = replace(load_plan(ROOT / "examples" / "reach_tolerances.toml"), samples=2000)
     result = run(robot, reach, plan, tmp_path)
