@@ -15,7 +15,7 @@ from pythons import PYTHONS, interpreter
 
 NEEDED = ("pytest>=7.4", "pytest-xdist>=3.3", "hypothesis>=6.90", "pin>=3.0", "mujoco>=3.0", "example-robot-data>=4.1")
 CORE = ("arrays", "cache", "cli", "description", "kernels", "parameters", "pinocchio")
-BROAD = (*CORE, "batches", "errata", "loops", "modes", "reactions", "result", "rollout", "scenario", "simulate")
+BROAD = (*CORE, "batches", "errata", "loops", "reactions", "result", "rollout", "simulate")
 WHERE = "import eomgen, eomgen.codegen as c, eomgen.templates as t; print(eomgen.__file__, c.__file__, t.__file__)"
 
 
