@@ -48,6 +48,12 @@ def built() -> Build:
 
 
 @pytest.fixture
+def unoptimised(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Builds of this test, in other processes too, without the optimiser, for the reason above (test_machine_code)."""
+    monkeypatch.setenv("CFLAGS", "-O0")
+
+
+@pytest.fixture
 def empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A cache folder that nothing was built into."""
     folder = tmp_path / "cache"

@@ -21,6 +21,8 @@ from eomgen.robot import Robot
 from eomgen.simulate import default_motion, simulate
 from eomgen.toolpath import ToolLine
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 KERNELS = ("inverse_dynamics", "kinematics")
 
 

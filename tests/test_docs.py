@@ -19,6 +19,8 @@ from doc_blocks import blocks_of, run_page
 
 import eomgen
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 OWN_TESTS = {"scenario.md": "test_result.py", "sweep.md": "test_sweep_plan.py", "embed.md": "test_embed.py"}

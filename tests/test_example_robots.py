@@ -18,6 +18,8 @@ from eomgen.robot import Robot
 pytest.importorskip("pinocchio")
 from pinocchio_oracle import PinocchioOracle, UrdfOracle
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 NOTHING_MOVES = {"quadrotor_base.urdf", "iris_simple.urdf", "ur3.urdf"}
 EXAMPLES = example_urdfs()
 MOVING = [path for path in EXAMPLES if path.name not in NOTHING_MOVES]

@@ -13,6 +13,8 @@ import pytest
 import eomgen
 from eomgen.description import robot_from_toml
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 EXAMPLES = Path(__file__).parent.parent / "examples"
 
 

@@ -17,6 +17,8 @@ from eomgen.loops import ClosedLoops
 from eomgen.robot import IDENTITY, Coordinate, Joint, Link, Loop, Placement, Robot
 from eomgen.system import IntegrationStopped
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 KERNELS = (
     "constraint",
     "constraint_jacobian",

@@ -6,8 +6,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import eomgen
 from eomgen.description import robot_from_toml
+
+pytestmark = pytest.mark.usefixtures("unoptimised")
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")

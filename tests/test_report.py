@@ -21,6 +21,8 @@ from eomgen.report import report_of
 from eomgen.robot import Robot
 from eomgen.simulate import SimulationResult, run_scenario, scenario_from_toml
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 VOID = {"meta", "br", "img", "link", "hr", "input"}
 HOSTILE = "<script>alert('x')</script>&amp;\"<img src=x onerror=alert(1)>"
 ARM = """

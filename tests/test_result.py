@@ -18,6 +18,8 @@ from eomgen.errors import UnknownNameError
 from eomgen.pipeline import robot_hash
 from eomgen.simulate import SimulationResult, run_scenario, scenario_from_toml
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 PAGE = Path(__file__).parents[1] / "docs" / "scenario.md"
 SCENARIO = """
 duration = 0.2

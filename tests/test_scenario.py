@@ -21,6 +21,8 @@ from eomgen.robot import Coordinate, Joint, Link, Placement, Robot
 from eomgen.scenario import Scenario
 from eomgen.simulate import integrate, load_scenario, run_scenario, scenario_from_toml, simulate
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 MASS, LENGTH, INERTIA = 2.0, 0.5, 0.1  # of the pendulum; about the axis:
 ABOUT_AXIS = INERTIA + MASS * LENGTH**2
 TIGHT = "[integrator]\nmethod = 'DOP853'\nrtol = 1e-11\n"

@@ -28,6 +28,8 @@ from eomgen.model import build_model
 from eomgen.robot import Coordinate, Robot, Spring
 from eomgen.simulate import simulate
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 
 @pytest.mark.parametrize("seed", [2200, 2201])
 def test_measured_motion(seed: int, built: Build, tmp_path: Path) -> None:

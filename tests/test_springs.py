@@ -29,6 +29,8 @@ from eomgen.model import build_model
 from eomgen.robot import Coordinate, Joint, Link, Placement, Robot, Spring
 from eomgen.stepping import fixed_step
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 TYPES = ("revolute", "prismatic", "fixed", "free")
 NAMES = ("inverse_dynamics", "residual", "generalized_force", "forward_dynamics", "energy", "reactions")
 
