@@ -100,7 +100,9 @@ def table(text: str, header: str) -> Array:
     return np.array([[float(x) for x in line.split(",")] for line in lines[1:]])
 
 
-@pytest.mark.parametrize("compiler", COMPILERS)
+@pytest.mark.parametrize(
+    "compiler", [pytest.param(name, marks=pytest.mark.soak if name == "clang" else ()) for name in COMPILERS]
+)
 def test_the_commands_of_the_documentation(compiler: str, tmp_path: Path) -> None:
     """Both examples in all ways, with warnings as errors; their numbers are the Python kernel's."""
     variables = environment(compiler, tmp_path)

@@ -30,6 +30,8 @@ from eomgen.sweep_result import SweepResult
 from eomgen.sweep_store import ROWS, opened
 from eomgen.sweep_travel import builds_of, pack, source_keys, unpack
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 SLIDER = """
 name = "slider"
 gravity = [0.0, 0.0, 0.0]
