@@ -60,13 +60,19 @@ def toml_chain(count: int) -> str:
     lines = ["name = 'many'"]
     for k in range(count):
         parent = f"l{k - 1}" if k else "base"
-        lines.append(f"[[links]]\nname = 'l{k}'\n[[joints]]\nname = 'j{k}'\nparent = '{parent}'\nchild = 'l{k}'")
+        lines.append(f"[[links]]\nname = 'l{k}'\nmass = 1\n[[joints]]\nname = 'j{k}'")
+        lines.append(f"parent = '{parent}'\nchild = 'l{k}'\ntype = 'fixed'")
     return "\n".join(lines)
 
 
 def mjcf_chain(count: int) -> str:
     """The same as MJCF."""
     return "\n".join(["<mujoco><worldbody>", *count * ["<body>"], *count * ["</body>"], "</worldbody></mujoco>"])
+
+
+def many_deep_tables() -> str:
+    """As many tables as the largest file has room for, each as deep as one may be."""
+    return "name = 'r'\n" + "".join(f"[x{k}.a.a.a.a.a.a.a]\n" for k in range(43_000))
 
 
 BOMB = "".join(f'<!ENTITY {chr(98 + k)} "{f"&{chr(97 + k)};" * 10}">\n' for k in range(9))
@@ -76,13 +82,16 @@ BAD_FILES = {
         "robot.toml", "name = 'a'\ngravity = " + "[" * 50_000, "", "nested too deeply", "a few levels deep"
     ),
     "deep inline tables": bad("robot.toml", "links = " + "{ a = " * 20_000, "", "nested too deeply", "a few levels"),
-    "deep dotted key": bad("robot.toml", "name = 'a'\n" + "a." * 50_000 + "a = 1", "line 2", "256 parts", "few"),
+    "deep dotted key": bad("robot.toml", "name = 'a'\n" + "a." * 50_000 + "a = 1", "line 2", "8 parts", "few"),
+    "many deep tables": bad("robot.toml", many_deep_tables(), "line 2", "unknown key 'x0'", "allowed: name"),
     "deep elements": bad("robot.urdf", '<robot name="r">' + "<a>" * 100_000, "line 1", "no element found", "</robot>"),
     "100,000 links": bad("robot.urdf", urdf_chain(100_000), "", "the file has", "up to 4194304"),
     "100,000 links, TOML": bad("robot.toml", toml_chain(100_000), "", "the file has", "up to 1048576"),
     "100,000 links, MJCF": bad("robot.xml", mjcf_chain(100_000), "line 5002", "100000 <body>", "up to 5000"),
     "30,000 links": bad("robot.urdf", urdf_chain(30_000), "line 5002", "there are 30000 links", "up to 5000"),
-    "10,000 links, TOML": bad("robot.toml", toml_chain(10_000), "links[5000] (line 30002)", "10000 [[links]]", "5000"),
+    "8,000 links, TOML": bad("robot.toml", toml_chain(8_000), "links[5000] (line 40002)", "8000 [[links]]", "5000"),
+    "5,000 links, TOML": bad("robot.toml", toml_chain(5000), "", "no joint has a coordinate", "one joint that moves"),
+    "5,000 links, MJCF": bad("robot.xml", mjcf_chain(5000), "", "no joint has a coordinate", "one joint that moves"),
     "5,000 links and a wrong one": bad(
         "robot.urdf", urdf_chain(5000, "l499x"), "joint 'j4999', <child> (line 10000)", "no link 'l499x'", "'l499'"
     ),
