@@ -17,8 +17,9 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-_MOST_BYTES = {".toml": 1 << 20}  # what the slowest text of this kind takes a second to read
-_MOST_XML = 1 << 22  # so does this of XML and of a curve's lines
+_MOST_BYTES = 1 << 20  # what takes a second to read, if it is the slowest of its kind
+_MOST_XML = 1 << 22  # so does this of XML
+_XML = (".urdf", ".xml", ".mjcf")
 _MOST_PARTS = 8  # of a dotted key: the parser's time and memory grow with the square of it
 _WORD = r"""(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')"""
 _DEEP_KEY = re.compile(rf"(?<![A-Za-z0-9_-]){_WORD}(?:[ \t]*\.[ \t]*{_WORD}){{{_MOST_PARTS}}}")
@@ -54,7 +55,7 @@ def read_text(path: Path, source: str, kind: str = ".toml, .urdf or .xml file") 
     try:
         if not path.is_file():
             raise DescriptionError(f"there is no such file; allowed: an existing {kind}", source=source)
-        size, most = path.stat().st_size, _MOST_BYTES.get(path.suffix, _MOST_XML)
+        size, most = path.stat().st_size, _MOST_XML if path.suffix in _XML else _MOST_BYTES
         if size > most:
             raise DescriptionError(f"the file has {size} bytes; allowed: up to {most}", source=source)
         return path.read_bytes().decode("utf-8-sig")
