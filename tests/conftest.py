@@ -14,7 +14,7 @@ from figures import Figures, gathered, lines
 
 import eomgen
 from eomgen.cache import VARIABLE
-from eomgen.pipeline import _generator
+from eomgen.generator_files import generator_hash
 from eomgen.robot import Robot
 
 Build = Callable[..., eomgen.Kernel]
@@ -24,7 +24,7 @@ def pytest_configure(config: pytest.Config) -> None:
     """Keep out of the user's cache; pytest-xdist's workers and later runs share what was compiled."""
     root = Path(config.rootpath, ".pytest_cache", "eomgen")
     root.mkdir(parents=True, exist_ok=True)
-    here = root / _generator()[:16]
+    here = root / generator_hash()[:16]
     here.mkdir(exist_ok=True)
     here.chmod(0o700)  # whatever the umask is: a cache that others may write to is refused
     for other in root.iterdir():  # of a generator that has changed since

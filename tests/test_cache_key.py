@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import ast
-import importlib.util
 import json
+import os
 import random
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -15,30 +17,63 @@ import pytest
 from quick_builds import QUICK, Q
 
 import eomgen
-from eomgen import cache, pipeline
+from eomgen import cache
 from eomgen.codegen import compile as compiling
 from eomgen.codegen.source import Source
+from eomgen.generator_files import generator_files
 from eomgen.pipeline import _cached_package, load_kernel
+
+EOMGEN = Path(eomgen.__path__[0])
+
+
+def imported(path: Path) -> set[str]:
+    """Full names that a module of eomgen imports at its top or anywhere inside, by its syntax tree."""
+    parts = list(path.relative_to(EOMGEN).with_suffix("").parts)
+    package = ["eomgen", *parts[:-1]]
+    found = set[str]()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            base = package[: len(package) - node.level + 1] if node.level else []
+            name = ".".join([*base, *(node.module or "").split(".")]).strip(".")
+            found |= {name, *(f"{name}.{alias.name}" for alias in node.names)}
+    return found
 
 
 def test_the_hash_of_the_generator_covers_what_it_imports() -> None:
-    """All modules of eomgen that the generator imports, and what they import, but for pure packaging."""
-    here = Path(pipeline.__file__).parent
-    spec = importlib.util.find_spec("eomgen.codegen")
-    assert spec is not None
-    folder = Path(next(iter(spec.submodule_search_locations or ())))
-    found, todo = set[str](), [*folder.glob("*.py")]
+    """All files of the generator, and every module of eomgen that they import, found here by their syntax trees."""
+    files = generator_files()
+    own = [path for room in ("codegen", "templates") for path in (EOMGEN / room).rglob("*")]
+    found = {path.relative_to(EOMGEN).as_posix() for path in own if path.suffix in (".py", ".jinja")}
+    assert len(found) > 60
+    todo = [EOMGEN / name for name in found if name.endswith(".py")]
     while todo:
-        path = todo.pop()
-        inside = path.parent == folder
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if not isinstance(node, ast.ImportFrom) or node.module is None:
-                continue
-            name = node.module.removeprefix("eomgen.") if node.level == 0 else "" if inside else node.module
-            if (here / f"{name}.py").exists() and name not in found:
-                found.add(name)
-                todo.append(here / f"{name}.py")
-    assert found - {"_version"} == set(pipeline.SHAPING)
+        for name in imported(todo.pop()):
+            inner = Path(*name.split(".")[1:]) if name.startswith("eomgen.") else None
+            for path in () if inner is None else (EOMGEN / inner.with_suffix(".py"), EOMGEN / inner / "__init__.py"):
+                if path.is_file() and path.relative_to(EOMGEN).as_posix() not in found:
+                    found.add(path.relative_to(EOMGEN).as_posix())
+                    todo.append(path)
+    assert found - set(files) == set()
+    assert {"errors.py", "names.py"} < set(files)
+    assert all(path.is_file() for path in files.values())
+
+
+@pytest.mark.parametrize("deep", ["codegen/inner/deep.py", "templates/inner/deep.jinja", "codegen/__init__.py"])
+def test_a_change_of_any_file_changes_the_hash(deep: str, tmp_path: Path) -> None:
+    """In a copy of the package: a file in a folder inside the generator counts as every other."""
+    shutil.copytree(EOMGEN, tmp_path / "eomgen", ignore=shutil.ignore_patterns("__pycache__"))
+    target = tmp_path / "eomgen" / deep
+    target.parent.mkdir(exist_ok=True)
+    code = "from eomgen.generator_files import generator_hash; print(generator_hash())"
+    hashes = set()
+    for text in ("", "# one\n", "# two\n"):
+        target.write_text(text)
+        where = {**os.environ, "PYTHONPATH": str(tmp_path)}
+        run = subprocess.run([sys.executable, "-c", code], env=where, capture_output=True, text=True, check=True)
+        hashes.add(run.stdout)
+    assert len(hashes) == 3
 
 
 def altered(text: str, rng: random.Random) -> str:

@@ -14,13 +14,11 @@ not imported.
 from __future__ import annotations
 
 import hashlib
-import importlib.util
 import json
 import shutil
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +26,7 @@ from . import cache as store
 from ._version import __version__
 from .codegen.signatures import KERNELS
 from .errors import InputError
+from .generator_files import generator_hash
 from .kernel import Kernel
 from .loading import load_module
 from .model import build_model
@@ -37,21 +36,6 @@ if TYPE_CHECKING:
     from .codegen.source import Source
 
 KERNEL_NAMES = tuple(KERNELS)
-# What the generator imports
-SHAPING = (
-    "characteristic",
-    "cuts",
-    "errors",
-    "inertia",
-    "keys",
-    "model",
-    "names",
-    "robot",
-    "robot_keys",
-    "schema",
-    "spring_tables",
-    "tree",
-)
 DTYPES = ("float64", "float32")
 
 Progress = Callable[[str], None]
@@ -237,7 +221,7 @@ def _derive(robot: Robot, options: Options, folder: Path, progress: Progress) ->
 
 def _source_key(robot: Robot, options: Options) -> str:
     """Hash of the description, the options that change the source, and the generator's own code."""
-    text = json.dumps([_plain(robot), options.kernels, options.dtype, options.batches, __version__, _generator()])
+    text = json.dumps([_plain(robot), options.kernels, options.dtype, options.batches, __version__, generator_hash()])
     return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -251,20 +235,6 @@ def _plain(robot: Robot) -> Any:
     joints = [{**vars(j), "coordinates": {k: vars(c) for k, c in j.coordinates.items()}} for j in robot.joints]
     values = {**vars(robot), "joints": joints, "source": "", "notes": ""}
     return json.loads(json.dumps(values, default=vars))
-
-
-@cache
-def _generator() -> str:
-    """Hash of the generator's code and templates."""
-    here = Path(__file__).parent
-    digest = hashlib.sha256()
-    spec = [importlib.util.find_spec(f"eomgen.{name}") for name in ("codegen", "templates")]
-    folders = [Path(place) for found in spec if found for place in found.submodule_search_locations or ()]
-    files = [here / f"{name}.py" for name in SHAPING]
-    files += [path for folder in folders for path in sorted(folder.iterdir()) if path.suffix in (".py", ".jinja")]
-    for path in files:
-        digest.update(path.name.encode() + path.read_bytes())
-    return digest.hexdigest()
 
 
 def load_kernel(package: store.Entry, name: str) -> Kernel:
