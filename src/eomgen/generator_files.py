@@ -43,11 +43,11 @@ def generator_files() -> dict[str, Path]:
     seen = set(modules)
     while modules:
         for name in _imported(modules.pop()):
-            path = None if name in seen else _file(name)
+            module = None if name in seen else _file(name)
             seen.add(name)
-            if path is not None:
+            if module is not None:
                 modules.append(name)
-                found[path.relative_to(_folder("eomgen")).as_posix()] = path
+                found[module.relative_to(_folder("eomgen")).as_posix()] = module
     return dict(sorted(found.items()))
 
 
