@@ -19,7 +19,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 
 # An editable install links file by file (mypy needs that), so a new or renamed file asks for a new install.
-FILES := $(sort $(wildcard src/eomgen/*.py src/eomgen/*/*.py src/eomgen/*/*.toml src/eomgen/*/*.json codegen/*.py templates/*))
+FILES := $(sort $(shell find src/eomgen codegen templates -type f -not -name "*.pyc"))
 STAMP := $(shell echo '$(FILES)' | cksum | cut -d ' ' -f 1)
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --config-settings editable_mode=strict
 

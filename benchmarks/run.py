@@ -15,8 +15,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import eomgen
-from eomgen.bench import BenchResult, Contender, Row, bench
-from eomgen.robot import COORDINATES, Coordinate, Robot
+from eomgen.bench.beside import BenchResult, Contender, Row, bench
+from eomgen.robot.value import COORDINATES, Coordinate, Robot
 
 HERE = Path(__file__).parent
 TARGET = HERE.parent / "docs" / "benchmarks.md"

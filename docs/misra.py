@@ -11,7 +11,7 @@ from collections import Counter
 from pathlib import Path
 
 import eomgen
-from eomgen.pipeline import Options, make_source
+from eomgen.pipeline.stages import Options, make_source
 
 PAGE = Path(__file__).with_name("coding_standards.md")
 ROBOTS = ("one_link", "puma560", "worn_arm")  # the smallest; an arm; one with clearances, friction, curves

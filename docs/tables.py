@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import eomgen
-from eomgen.info import robot_info
+from eomgen.pipeline.costs import robot_info
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))  # for benchmarks

@@ -13,10 +13,11 @@ from pathlib import Path
 import numpy as np
 
 import eomgen
-from eomgen.budget import budget
-from eomgen.deflection import deflection
-from eomgen.modes import modes
-from eomgen.simulate import run_scenario, scenario_from_toml
+from eomgen.analysis.modal import modes
+from eomgen.analysis.statics import deflection
+from eomgen.analysis.tool_budget import budget
+from eomgen.scenario.load import scenario_from_toml
+from eomgen.simulation.run import run_scenario
 
 HERE = Path(__file__).parent
 POSE = {"shoulder": 0.4, "elbow": -0.9, "wrist": 0.5}

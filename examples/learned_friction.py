@@ -17,9 +17,10 @@ import jax.numpy as jnp
 import numpy as np
 
 import eomgen
-from eomgen.adapters.jax import function, kernels_for
-from eomgen.description import robot_from_toml
-from eomgen.robot import Robot
+from eomgen.adapters.jax import function
+from eomgen.adapters.mappings import kernels_for
+from eomgen.description.load import robot_from_toml
+from eomgen.robot.value import Robot
 
 ARM = """
 name = "rubbing_arm"

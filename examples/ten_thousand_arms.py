@@ -14,7 +14,8 @@ import tempfile
 from pathlib import Path
 
 import eomgen
-from eomgen.sweep import plan_from_toml, run
+from eomgen.sweep.driver import run
+from eomgen.sweep.plan import plan_from_toml
 
 HERE = Path(__file__).parent
 

@@ -13,8 +13,10 @@ from pathlib import Path
 import numpy as np
 
 import eomgen
-from eomgen.robot import Robot
-from eomgen.simulate import SimulationResult, run_scenario, scenario_from_toml
+from eomgen.robot.value import Robot
+from eomgen.scenario.load import scenario_from_toml
+from eomgen.simulation.result import SimulationResult
+from eomgen.simulation.run import run_scenario
 
 HERE = Path(__file__).parent
 

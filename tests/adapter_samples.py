@@ -13,7 +13,7 @@ from spring_oracle import with_springs
 
 import eomgen
 from eomgen.adapters.mappings import FRAMES, FUNCTIONS, DifferentiableFunction, kernels_for
-from eomgen.robot import Robot
+from eomgen.robot.value import Robot
 
 KINDS = ("plain", "laws", "motors", "springs", "loops")
 TYPES = ("revolute", "prismatic", "fixed", "free")

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eomgen.codegen.source import Source
+from eomgen.codegen.c.source import Source
 
 Array = NDArray[Any]
 STATES = 19  # no multiple of any number of lanes

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from eomgen.pipeline import Options, generate
-from eomgen.robot import Robot
+from eomgen.pipeline.stages import Options, generate
+from eomgen.robot.value import Robot
 
 WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror")
 COMPILERS = {"gcc": "g++", "clang": "clang++"}  # of C, and of C++

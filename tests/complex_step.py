@@ -8,10 +8,10 @@ from collections.abc import Mapping
 import numpy as np
 from random_robots import Array, State
 
-from eomgen.codegen.equations import derive
-from eomgen.codegen.ir import evaluate
-from eomgen.model import build_model
-from eomgen.robot import Robot
+from eomgen.codegen.kernels.equations import derive
+from eomgen.codegen.program.ir import evaluate
+from eomgen.robot.model import build_model
+from eomgen.robot.value import Robot
 
 COMPLEX = {
     "sqrt": cmath.sqrt,

@@ -13,9 +13,9 @@ import pytest
 from figures import Figures, gathered, lines
 
 import eomgen
-from eomgen.cache import VARIABLE
-from eomgen.generator_files import generator_hash
-from eomgen.robot import Robot
+from eomgen.pipeline.cache import VARIABLE
+from eomgen.pipeline.generator_files import generator_hash
+from eomgen.robot.value import Robot
 
 Build = Callable[..., eomgen.Kernel]
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from eomgen.robot import Joint, Placement, Robot
+from eomgen.robot.value import Joint, Placement, Robot
 
 ARM = """
 name = "arm"

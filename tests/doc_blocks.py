@@ -20,10 +20,10 @@ from doctest import ELLIPSIS, NORMALIZE_WHITESPACE, OutputChecker
 from pathlib import Path
 from typing import Any
 
-from eomgen import cli
-from eomgen.description import robot_from_toml
-from eomgen.scenario_file import scenario_from_toml
-from eomgen.sweep_plan import plan_from_toml
+from eomgen.cli import entry as cli
+from eomgen.description.load import robot_from_toml
+from eomgen.scenario.load import scenario_from_toml
+from eomgen.sweep.plan import plan_from_toml
 
 if sys.version_info >= (3, 11):
     import tomllib

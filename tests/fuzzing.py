@@ -21,12 +21,12 @@ from typing import Any
 
 from mutations import mutant
 
-from eomgen.description import load_robot, robot_from_mjcf, robot_from_toml, robot_from_urdf
+from eomgen.description.load import load_robot, robot_from_mjcf, robot_from_toml, robot_from_urdf
 from eomgen.errors import DescriptionError, EomgenWarning, InputError
-from eomgen.model import build_model
-from eomgen.robot import Robot
-from eomgen.scenario_file import scenario_from_toml
-from eomgen.sweep_plan import plan_from_toml
+from eomgen.robot.model import build_model
+from eomgen.robot.value import Robot
+from eomgen.scenario.load import scenario_from_toml
+from eomgen.sweep.plan import plan_from_toml
 
 SECONDS, MEGABYTES = 2.0, 512  # of one description
 LENGTH = 900

@@ -23,7 +23,7 @@ from sympy.physics.mechanics import (
     dynamicsymbols,
 )
 
-from eomgen.robot import Joint, Link, Robot
+from eomgen.robot.value import Joint, Link, Robot
 
 Array = NDArray[np.float64]
 NO_WRENCH: Mapping[str, Sequence[float]] = {}

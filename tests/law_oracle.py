@@ -12,7 +12,7 @@ from random_robots import Array
 from scipy.integrate import quad
 from scipy.interpolate import PchipInterpolator
 
-from eomgen.robot import Coordinate, Friction, Robot
+from eomgen.robot.value import Coordinate, Friction, Robot
 
 KINDS = ("clearance", "one-sided", "curve", "friction", "cubic", "preload", "plain")
 

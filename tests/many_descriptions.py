@@ -9,9 +9,9 @@ from figures import Figures
 from many_robots import Array, Subject, differences, run, size_of
 from random_robots import random_rotation
 
-from eomgen.codegen.equations import derive
-from eomgen.model import Model, build_model
-from eomgen.robot import LINEAR, Coordinate, Joint, Link, Placement, Robot
+from eomgen.codegen.kernels.equations import derive
+from eomgen.robot.model import Model, build_model
+from eomgen.robot.value import LINEAR, Coordinate, Joint, Link, Placement, Robot
 
 LIMIT = 1e-12
 INCH, POUND, MINUTE = 0.0254, 0.45359237, 60.0

@@ -8,9 +8,9 @@ from many_motion import Places, momenta
 from many_robots import Array, Subject, derived, differences, run, size_of, times
 from unpruned import brute_force
 
-from eomgen.codegen.equations import STRAIGHT_CHRISTOFFEL
-from eomgen.codegen.zeros import zero_map
-from eomgen.robot import INERTIA_KEYS, LINEAR
+from eomgen.codegen.joint.zeros import zero_map
+from eomgen.codegen.kernels.equations import STRAIGHT_CHRISTOFFEL
+from eomgen.robot.value import INERTIA_KEYS, LINEAR
 
 LIMIT = 1e-12  # relative to the max-norm of the state's result, or of the terms that it is the sum of
 BALANCE = 1e-11

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from random_robots import Array
 
-from eomgen.model import FIXED_BODY, Model
-from eomgen.robot import LINEAR
+from eomgen.robot.model import FIXED_BODY, Model
+from eomgen.robot.value import LINEAR
 
 
 @dataclass(frozen=True)

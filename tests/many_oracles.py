@@ -8,9 +8,9 @@ from many_robots import Array, Subject, derived, differences, run, size_of, time
 from mujoco_oracle import MujocoRobot
 from pinocchio_oracle import PinocchioOracle
 
-from eomgen.codegen import equations
-from eomgen.codegen.accelerations import SOLVERS
-from eomgen.codegen.passes import run_passes
+from eomgen.codegen.kernels import equations
+from eomgen.codegen.kernels.accelerations import SOLVERS
+from eomgen.codegen.program.passes import run_passes
 
 LIMIT = 1e-12  # relative to the max-norm of the state's result
 EPSILON = float(np.finfo(float).eps)

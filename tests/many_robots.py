@@ -16,14 +16,14 @@ from random_robots import Array, random_robot, random_state
 from test_parameters import changed
 
 import eomgen
-from eomgen.codegen import equations
-from eomgen.codegen.derivation import Derivation
-from eomgen.codegen.ir import Program, evaluate, finish
-from eomgen.codegen.passes import run_passes
-from eomgen.codegen.writers import WRITERS
-from eomgen.model import Model, build_model
-from eomgen.robot import Robot
-from eomgen.tunable import parameters
+from eomgen.codegen.kernels import equations
+from eomgen.codegen.kernels.derivation import Derivation
+from eomgen.codegen.kernels.writers import WRITERS
+from eomgen.codegen.program.ir import Program, evaluate, finish
+from eomgen.codegen.program.passes import run_passes
+from eomgen.robot.model import Model, build_model
+from eomgen.robot.parameter_names import parameters
+from eomgen.robot.value import Robot
 
 ROBOTS, STATES = 1000, 100
 MOST = 36  # coordinates of a robot

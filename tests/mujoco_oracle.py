@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from eomgen.mjcf_export import mjcf
-from eomgen.robot import Robot
+from eomgen.export.mujoco import mjcf
+from eomgen.robot.value import Robot
 
 Array = NDArray[np.float64]
 

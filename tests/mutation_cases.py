@@ -16,8 +16,9 @@ from test_offsets import with_offsets
 from test_prescribed import some_prescribed
 
 import eomgen
-from eomgen.model import Model, build_model, parameter_values
-from eomgen.robot import ANGULAR, COORDINATES, IDENTITY, LINEAR, Coordinate, Link, Placement, Robot
+from eomgen.robot.geometry import IDENTITY
+from eomgen.robot.model import Model, build_model, parameter_values
+from eomgen.robot.value import ANGULAR, COORDINATES, LINEAR, Coordinate, Link, Placement, Robot
 
 DT = 0.02  # of an implicit step, s
 ALL = ("revolute", "prismatic", "fixed", "free")

@@ -18,8 +18,8 @@ from random_robots import Array
 
 import eomgen
 from eomgen.errors import InputError
-from eomgen.model import build_model
-from eomgen.robot import COORDINATES
+from eomgen.robot.model import build_model
+from eomgen.robot.value import COORDINATES
 
 Check = Callable[[], None]
 CLOSE, BY_DIFFERENCES = 1e-9, 2e-6  # of the greatest entry; of what central differences say

@@ -6,9 +6,9 @@ from typing import Any
 
 import sympy as sp
 
-from eomgen.codegen.trace import ClosedForm, closed_form
-from eomgen.description import load_robot
-from eomgen.model import build_model
+from eomgen.codegen.closed_form.trace import ClosedForm, closed_form
+from eomgen.description.load import load_robot
+from eomgen.robot.model import build_model
 
 m, length, stiffness = sp.symbols("m l a", positive=True)
 gravity = sp.symbols("g_x g_y g_z", real=True)

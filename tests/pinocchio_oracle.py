@@ -14,7 +14,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from benchmarks.peers.pinocchio_peer import coordinate_joints
-from eomgen.robot import COORDINATES, LINEAR, Placement, Robot
+from eomgen.robot.value import COORDINATES, LINEAR, Placement, Robot
 
 Array = NDArray[np.float64]
 JOINTS = coordinate_joints()

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 import eomgen
-from eomgen.pipeline import Options
+from eomgen.pipeline.stages import Options
 
 Q = [0.2, 0.5]
 QUICK = Options(("mass_matrix",), flags=("-O0",))

@@ -9,7 +9,7 @@ import numpy as np
 from law_oracle import KINDS, LawOracle, random_coordinate, resistance, stored
 from random_robots import Array, State, random_robot, random_state
 
-from eomgen.robot import PRINCIPAL, Coordinate, Motor, Robot
+from eomgen.robot.value import PRINCIPAL, Coordinate, Motor, Robot
 
 TYPES = ("revolute", "prismatic", "fixed")
 STIFF = Coordinate(stiffness=60.0, damping=2.0)

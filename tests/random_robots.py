@@ -13,20 +13,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from eomgen.model import build_model
-from eomgen.robot import (
-    COORDINATES,
-    IDENTITY,
-    PRINCIPAL,
-    Coordinate,
-    Frame,
-    Joint,
-    Link,
-    Loop,
-    Matrix,
-    Placement,
-    Robot,
-)
+from eomgen.robot.geometry import IDENTITY, Matrix
+from eomgen.robot.model import build_model
+from eomgen.robot.value import COORDINATES, PRINCIPAL, Coordinate, Frame, Joint, Link, Loop, Placement, Robot
 
 Array = NDArray[np.float64]
 RIGHT_ANGLES = (0.0, np.pi / 2, -np.pi / 2, np.pi)

@@ -12,8 +12,8 @@ from random_robots import Array
 from scipy.integrate import quad
 from scipy.interpolate import PchipInterpolator
 
-from eomgen.model import build_model
-from eomgen.robot import Robot, Spring
+from eomgen.robot.model import build_model
+from eomgen.robot.value import Robot, Spring
 
 KINDS = ("linear", "zero", "zero damped", "cable", "curve", "damper")
 

@@ -16,11 +16,11 @@ from figures import Figures
 from random_robots import Array, random_robot, random_state, seeds
 
 import eomgen
-from eomgen import cache
-from eomgen.adapters.casadi import function, kernels_for
+from eomgen.adapters.casadi import function
 from eomgen.adapters.external import external_library
-from eomgen.adapters.mappings import DifferentiableFunction
+from eomgen.adapters.mappings import DifferentiableFunction, kernels_for
 from eomgen.errors import BuildError, InputError
+from eomgen.pipeline import cache
 
 FLAGS = ("-O0", "-Werror")
 

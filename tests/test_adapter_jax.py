@@ -18,7 +18,8 @@ from figures import Figures
 from random_robots import Array, random_robot, random_state, seeds
 
 import eomgen
-from eomgen.adapters.jax import function, kernels_for
+from eomgen.adapters.jax import function
+from eomgen.adapters.mappings import kernels_for
 from eomgen.errors import ArrayError, InputError
 
 

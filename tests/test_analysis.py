@@ -17,12 +17,15 @@ from scipy.integrate import solve_ivp
 from scipy.signal import savgol_filter
 
 import eomgen
-from eomgen import cli
-from eomgen.analysis import FitResult, fit, forces, motion_from_columns
-from eomgen.description import robot_from_toml
+from eomgen.cli import entry as cli
+from eomgen.description.load import robot_from_toml
 from eomgen.errors import InputError
-from eomgen.model import build_model
-from eomgen.smoothing import Differentiator, local_polynomials, noise_deviation
+from eomgen.identification.estimates import FitResult
+from eomgen.identification.from_motion import forces
+from eomgen.identification.least_squares import fit
+from eomgen.motion.files import motion_from_columns
+from eomgen.motion.smoothing import Differentiator, local_polynomials, noise_deviation
+from eomgen.robot.model import build_model
 
 Array = NDArray[np.float64]
 

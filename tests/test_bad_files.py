@@ -12,11 +12,11 @@ import pytest
 from bad_files import BAD_FILES, BadFile
 from fuzzing import check_message
 
-from eomgen import cli
-from eomgen.description import load_robot
+from eomgen.cli import entry as cli
+from eomgen.description.load import load_robot
 from eomgen.errors import DescriptionError
-from eomgen.scenario_file import load_scenario
-from eomgen.sweep_plan import load_plan
+from eomgen.scenario.load import load_scenario
+from eomgen.sweep.plan import load_plan
 
 READERS = {"robot": load_robot, "scenario": load_scenario, "plan": load_plan}
 

@@ -15,10 +15,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mutations import as_toml
 
-from eomgen.description import load_robot, robot_from_toml, robot_from_urdf
+from eomgen.description.load import load_robot, robot_from_toml, robot_from_urdf
 from eomgen.errors import DescriptionError
-from eomgen.robot import Robot
-from eomgen.schema import MOST_ENTRIES
+from eomgen.limits import MOST_ENTRIES
+from eomgen.robot.value import Robot
 
 
 def refusal(read: Callable[[str], Robot], text: str) -> str:

@@ -13,7 +13,7 @@ from random_robots import Array, random_robot, random_state, seeds
 
 import eomgen
 from eomgen.errors import InputError, SingularError
-from eomgen.robot import COORDINATES, Coordinate, Joint, Link, Robot
+from eomgen.robot.value import COORDINATES, Coordinate, Joint, Link, Robot
 
 STATES = 21  # no multiple of any number of lanes
 AGREEMENT = 1e-13  # relative, max-norm: sine and cosine of vectors are not those of libm

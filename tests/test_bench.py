@@ -18,14 +18,14 @@ from numpy.typing import NDArray
 from random_robots import random_robot, random_state, seeds
 
 import eomgen
-from eomgen import bench as bench_module
-from eomgen.bench import COUNTERPARTS, bench
-from eomgen.codegen.compile import WARNINGS
-from eomgen.codegen.signatures import LOOP_KERNELS, SPRING_KERNELS
-from eomgen.model import build_model
-from eomgen.pipeline import KERNEL_NAMES
-from eomgen.robot import COORDINATES, Coordinate, Robot
-from eomgen.yardstick import Yardstick, compile_yardstick, instrument, newton_euler
+from eomgen.bench import beside as bench_module
+from eomgen.bench.beside import COUNTERPARTS, bench
+from eomgen.bench.textbook import Yardstick, compile_yardstick, instrument, newton_euler
+from eomgen.codegen.kernels.signatures import LOOP_KERNELS, SPRING_KERNELS
+from eomgen.codegen.package.compile import WARNINGS
+from eomgen.pipeline.stages import KERNEL_NAMES
+from eomgen.robot.model import build_model
+from eomgen.robot.value import COORDINATES, Coordinate, Robot
 
 Array = NDArray[np.float64]
 Build = Callable[..., eomgen.Kernel]  # the fixture of conftest.py

@@ -16,9 +16,9 @@ from test_zeros import chain, generic
 from unpruned import brute_force
 
 import eomgen
-from eomgen.codegen.zeros import zero_map
+from eomgen.codegen.joint.zeros import zero_map
 from eomgen.errors import UnknownNameError
-from eomgen.model import build_model
+from eomgen.robot.model import build_model
 
 KERNELS = ("mass_matrix", "christoffel")
 

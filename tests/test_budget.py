@@ -15,14 +15,15 @@ from random_robots import Array, random_robot
 from scipy.spatial.transform import Rotation
 
 import eomgen
-from eomgen import cli
-from eomgen.budget import budget
+from eomgen.analysis.tool_budget import budget
+from eomgen.cli import entry as cli
 from eomgen.errors import InputError, UnknownNameError
-from eomgen.integrate import Trajectory
-from eomgen.model import build_model
-from eomgen.result import SimulationResult, index_of
-from eomgen.robot import Robot
-from eomgen.simulate import simulate
+from eomgen.integration.trajectory import Trajectory
+from eomgen.robot.coordinates import index_of
+from eomgen.robot.model import build_model
+from eomgen.robot.value import Robot
+from eomgen.simulation.result import SimulationResult
+from eomgen.simulation.run import simulate
 
 
 def made_up(robot: Robot, seed: int, size: float) -> SimulationResult:

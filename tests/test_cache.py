@@ -32,12 +32,15 @@ from quick_builds import (
 )
 
 import eomgen
-from eomgen import cli, plan_keys, robot_keys, scenario_keys
-from eomgen.cache import KINDS, VARIABLE, is_whole
-from eomgen.codegen import compile as compiling
-from eomgen.description import robot_from_toml
+from eomgen.cli import entry as cli
+from eomgen.codegen.package import compile as compiling
+from eomgen.description import keys as robot_keys
+from eomgen.description.load import robot_from_toml
 from eomgen.errors import BuildError, DescriptionError, InputError
-from eomgen.pipeline import Options, _cached_package, cache_keys, generate
+from eomgen.pipeline.cache import KINDS, VARIABLE, is_whole
+from eomgen.pipeline.stages import Options, _cached_package, cache_keys, generate
+from eomgen.scenario import keys as scenario_keys
+from eomgen.sweep import keys as plan_keys
 
 
 def reported(error: pytest.ExceptionInfo[BuildError]) -> str:

@@ -17,11 +17,11 @@ import pytest
 from quick_builds import QUICK, Q
 
 import eomgen
-from eomgen import cache
-from eomgen.codegen import compile as compiling
-from eomgen.codegen.source import Source
-from eomgen.generator_files import generator_files
-from eomgen.pipeline import _cached_package, load_kernel
+from eomgen.codegen.c.source import Source
+from eomgen.codegen.package import compile as compiling
+from eomgen.pipeline import cache
+from eomgen.pipeline.generator_files import generator_files
+from eomgen.pipeline.stages import _cached_package, load_kernel
 
 EOMGEN = Path(eomgen.__path__[0])
 

@@ -15,10 +15,10 @@ import pytest
 from quick_builds import BUILD, QUICK, Q, answer, as_new_process, one_link, python
 
 import eomgen
-from eomgen import cache
-from eomgen.cache import VARIABLE, is_whole
 from eomgen.errors import BuildError
-from eomgen.pipeline import _cached_package, load_kernel
+from eomgen.pipeline import cache
+from eomgen.pipeline.cache import VARIABLE, is_whole
+from eomgen.pipeline.stages import _cached_package, load_kernel
 
 posix = pytest.mark.skipif(not hasattr(os, "getuid"), reason="owners and modes as POSIX has them")
 FOLDERS = ("", "packages", "sources", "locks", "packages/*", "sources/*")

@@ -22,10 +22,10 @@ import pytest
 from quick_builds import QUICK, Q, as_new_process, logging_compiler, one_link
 
 import eomgen
-from eomgen import cache
-from eomgen.cache import VARIABLE
 from eomgen.errors import BuildError
-from eomgen.pipeline import _cached_package
+from eomgen.pipeline import cache
+from eomgen.pipeline.cache import VARIABLE
+from eomgen.pipeline.stages import _cached_package
 
 LIMIT = 5.0  # s, beyond a build, for the next call to be right
 forks = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")

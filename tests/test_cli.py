@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import eomgen
-from eomgen import cli
+from eomgen.cli import entry as cli
 from eomgen.errors import InternalError
 
 BAD_LINK = """
@@ -101,7 +101,7 @@ def test_simulate_writes_trajectory_and_plots(tmp_path: Path, capsys: pytest.Cap
 
 
 def test_bench_compares_with_newton_euler(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    from eomgen import bench
+    from eomgen.bench import beside as bench
 
     quick = bench.bench
     monkeypatch.setattr(bench, "bench", lambda robot, progress: quick(robot, repeat=2, progress=progress))

@@ -13,13 +13,14 @@ from pinocchio_oracle import PinocchioOracle
 from random_robots import random_robot
 
 import eomgen
-from eomgen import cli
-from eomgen.compare import compare
+from eomgen.analysis.structures import compare
+from eomgen.cli import entry as cli
 from eomgen.errors import ArrayError, InputError
-from eomgen.motion import PointToPoint
-from eomgen.robot import Robot
-from eomgen.simulate import default_motion, simulate
-from eomgen.toolpath import ToolLine
+from eomgen.motion.ends import default_motion
+from eomgen.motion.point_to_point import PointToPoint
+from eomgen.motion.tool_path import ToolLine
+from eomgen.robot.value import Robot
+from eomgen.simulation.run import simulate
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 

@@ -12,18 +12,19 @@ from conftest import Build
 from random_robots import Array, random_robot, random_state, seeds, with_random_loops
 
 import eomgen
-from eomgen.codegen.derivation import Derivation
-from eomgen.codegen.equations import derive, derive_equations
-from eomgen.codegen.ir import Program, evaluate
-from eomgen.codegen.signatures import LOOP_KERNELS
-from eomgen.cuts import CUTS
-from eomgen.description import robot_from_toml
+from eomgen.codegen.kernels.derivation import Derivation
+from eomgen.codegen.kernels.equations import derive, derive_equations
+from eomgen.codegen.kernels.signatures import LOOP_KERNELS
+from eomgen.codegen.program.ir import Program, evaluate
+from eomgen.description.load import robot_from_toml
 from eomgen.errors import DescriptionError, InputError
-from eomgen.info import robot_info
-from eomgen.integrate import integrate
-from eomgen.model import build_model
-from eomgen.pipeline import Options, generate
-from eomgen.robot import COORDINATES, IDENTITY, Coordinate, Frame, Joint, Link, Loop, Placement, Robot
+from eomgen.integration.solve import integrate
+from eomgen.pipeline.costs import robot_info
+from eomgen.pipeline.stages import Options, generate
+from eomgen.robot.cuts import CUTS
+from eomgen.robot.geometry import IDENTITY
+from eomgen.robot.model import build_model
+from eomgen.robot.value import COORDINATES, Coordinate, Frame, Joint, Link, Loop, Placement, Robot
 
 TYPES = tuple(CUTS)
 FREE = {  # coordinates of eq. (3) that a cut joint leaves free
@@ -230,8 +231,8 @@ def test_dynamics_of_the_open_tree_are_not_taken_for_those_of_the_robot(built: B
     pytest.importorskip("pinocchio")
     from pinocchio_oracle import PinocchioOracle
 
-    from eomgen.equilibrium import static_equilibrium
-    from eomgen.simulate import simulate
+    from eomgen.simulation.run import simulate
+    from eomgen.state.equilibrium import static_equilibrium
 
     robot = with_random_loops(random_robot(11, joints=(3, 3)), 11, ("revolute",))
     kernel, oracle, s = built(robot), PinocchioOracle(robot), random_state(robot, 1)

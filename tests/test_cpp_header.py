@@ -15,11 +15,11 @@ from random_robots import random_robot
 from test_kernels import free_body
 
 import eomgen
-from eomgen.codegen import project
-from eomgen.codegen.project import safe, view
-from eomgen.codegen.signatures import KERNELS
+from eomgen.codegen.c import project
+from eomgen.codegen.c.project import safe, view
+from eomgen.codegen.kernels.signatures import KERNELS
 from eomgen.errors import SingularError
-from eomgen.robot import Robot
+from eomgen.robot.value import Robot
 
 MAY_VANISH = ("bias_force", "christoffel", "coriolis_matrix", "external_force", "spring_stiffness")
 

@@ -14,9 +14,9 @@ from c_project import COMPILERS, NO_EIGEN, PREAMBLE, WARNINGS, need_eigen, packa
 from random_robots import random_robot
 
 import eomgen
-from eomgen.codegen import project
-from eomgen.codegen.project import TAKEN, identifiers, project_files, quoted, safe
-from eomgen.robot import Robot
+from eomgen.codegen.c import project
+from eomgen.codegen.c.project import TAKEN, identifiers, project_files, quoted, safe
+from eomgen.robot.value import Robot
 
 VIEWS = """
 #include <cmath>

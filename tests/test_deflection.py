@@ -14,14 +14,14 @@ from scipy.spatial.transform import Rotation
 from test_modes import LOOP, numerical_tangents, random_elastic
 
 import eomgen
-from eomgen import cli
-from eomgen.compliance import compliance_map
-from eomgen.deflection import deflection, motion_between
-from eomgen.description import robot_from_toml
+from eomgen.analysis.compliance import compliance_map
+from eomgen.analysis.statics import deflection, motion_between
+from eomgen.analysis.tangent_system import KERNELS
+from eomgen.cli import entry as cli
+from eomgen.description.load import robot_from_toml
 from eomgen.errors import EomgenWarning, InputError
-from eomgen.linear import KERNELS
-from eomgen.model import build_model
-from eomgen.robot import Coordinate, Frame, Joint, Link, Placement, Robot
+from eomgen.robot.model import build_model
+from eomgen.robot.value import Coordinate, Frame, Joint, Link, Placement, Robot
 
 SPRINGS = (2e5, 3e5, 5e5, 4e3, 7e3, 9e3)
 

@@ -12,12 +12,12 @@ from pinocchio_oracle import PinocchioOracle
 from random_robots import Array, State, random_robot, random_state, seeds
 
 import eomgen
-from eomgen.codegen.equations import derive
-from eomgen.codegen.ir import evaluate
-from eomgen.codegen.solve import solve_operations
+from eomgen.codegen.kernels.equations import derive
+from eomgen.codegen.program.ir import evaluate
+from eomgen.codegen.solve.factorised import solve_operations
 from eomgen.errors import ArrayError, SingularError, UnknownNameError
-from eomgen.model import build_model
-from eomgen.robot import COORDINATES, Coordinate, Joint, Link, Robot
+from eomgen.robot.model import build_model
+from eomgen.robot.value import COORDINATES, Coordinate, Joint, Link, Robot
 
 TYPES = ("revolute", "prismatic", "fixed", "free")
 STEP = 1e-30  # of a complex step: no difference is taken, so that it may be this small

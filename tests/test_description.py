@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 from description_samples import ARM, URDF, example_urdfs, homogeneous, link_poses
 
-from eomgen.description import builtin_robots, load_robot, robot_from_toml
+from eomgen.description.load import builtin_robots, load_robot, robot_from_toml
 from eomgen.errors import DescriptionError, EomgenWarning
-from eomgen.inertia import second_moments
-from eomgen.model import build_model
-from eomgen.robot import Coordinate, Friction, Link, Robot
+from eomgen.robot.inertia_policy import second_moments
+from eomgen.robot.model import build_model
+from eomgen.robot.value import Coordinate, Friction, Link, Robot
 
 
 def kinetic_matrix(robot: Robot, q: np.ndarray) -> np.ndarray:

@@ -71,7 +71,7 @@ def test_other_pages_have_tests_of_their_own() -> None:
 
 def test_long_commands_are_understood() -> None:
     """Those of pages whose blocks are run elsewhere: their options exist, and so do the files that they name."""
-    from eomgen.cli import make_parser
+    from eomgen.cli.entry import make_parser
 
     commands = 0
     for name in ELSEWHERE:
@@ -133,7 +133,7 @@ def test_the_site_builds(tmp_path: Path) -> None:
 
 def test_generated_pages_are_complete(hooks: ModuleType) -> None:
     """Every command with every option, every robot, every table of the formats with its keys."""
-    from eomgen.cli import make_parser
+    from eomgen.cli.entry import make_parser
 
     text = hooks.commands.page()
     for name, _, command in hooks.commands.commands(make_parser()):

@@ -11,9 +11,9 @@ from random_robots import random_state
 
 import eomgen
 from eomgen.errors import LoopError, UnknownNameError
-from eomgen.loops import ClosedLoops
-from eomgen.motion import Harmonic
-from eomgen.robot import Placement, Robot
+from eomgen.loops.closed import ClosedLoops
+from eomgen.motion.point_to_point import Harmonic
+from eomgen.robot.value import Placement, Robot
 
 KERNELS = (
     "constraint",

@@ -17,8 +17,8 @@ from c_project import COMPILERS, eigen_prefix, need, run, search_path
 from numpy.typing import NDArray
 
 import eomgen
-from eomgen.codegen.compile import FLAGS, NATIVE
-from eomgen.pipeline import Options, generate
+from eomgen.codegen.package.compile import FLAGS, NATIVE
+from eomgen.pipeline.stages import Options, generate
 
 ROOT = Path(__file__).parent.parent
 EMBED = (ROOT / "docs" / "embed.md").read_text(encoding="utf-8")

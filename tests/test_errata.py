@@ -18,11 +18,12 @@ from numpy.typing import NDArray
 from paper_example import equal, gravity, length, m, one_link, stiffness
 from sympy.physics.mechanics import dynamicsymbols
 
-from eomgen.codegen.joint import joint_transform, step
-from eomgen.codegen.trace import closed_form
-from eomgen.codegen.zeros import zero_map
-from eomgen.model import build_model
-from eomgen.robot import ANGULAR, COORDINATES, LINEAR, Coordinate, Joint, Link, Placement, Robot, rotation_from_rpy
+from eomgen.codegen.closed_form.trace import closed_form
+from eomgen.codegen.joint.lemmas import joint_transform, step
+from eomgen.codegen.joint.zeros import zero_map
+from eomgen.robot.geometry import rotation_from_rpy
+from eomgen.robot.model import build_model
+from eomgen.robot.value import ANGULAR, COORDINATES, LINEAR, Coordinate, Joint, Link, Placement, Robot
 
 Array = NDArray[np.float64]
 ERRATA = Path(__file__).parents[1] / "docs" / "errata.md"

@@ -13,7 +13,7 @@ from description_samples import example_urdfs
 
 import eomgen
 from eomgen.errors import DescriptionError, EomgenWarning, SingularError
-from eomgen.robot import Robot
+from eomgen.robot.value import Robot
 
 pytest.importorskip("pinocchio")
 from pinocchio_oracle import PinocchioOracle, UrdfOracle

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import eomgen
-from eomgen.description import robot_from_toml
+from eomgen.description.load import robot_from_toml
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 

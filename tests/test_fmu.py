@@ -21,10 +21,10 @@ from scipy.integrate import solve_ivp
 from spring_oracle import with_springs
 
 import eomgen
-from eomgen.fmu import KERNELS, export_fmu
-from eomgen.kernel import Array, Kernel
-from eomgen.pipeline import robot_hash
-from eomgen.robot import Robot
+from eomgen.export.fmu.pack import KERNELS, export_fmu
+from eomgen.robot.record import robot_hash
+from eomgen.robot.value import Robot
+from eomgen.runtime.kernel import Array, Kernel
 
 ROBOTS = ("one_link", "worn_arm", "geared_arm", "shaken_arm")
 VERSIONS = (2, 3)

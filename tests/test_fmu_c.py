@@ -15,11 +15,12 @@ import numpy as np
 import pytest
 
 import eomgen
-from eomgen.cli import main
-from eomgen.codegen.compile import WARNINGS
-from eomgen.fmu import PART, binary_path, default_step, export_fmu
-from eomgen.fmu_variables import UNITS, parameter_unit
-from eomgen.model import build_model
+from eomgen.cli.entry import main
+from eomgen.codegen.package.compile import WARNINGS
+from eomgen.export.fmu.pack import binary_path, export_fmu
+from eomgen.export.fmu.variables import UNITS, parameter_unit
+from eomgen.export.step import PART, default_step
+from eomgen.robot.model import build_model
 
 HEADERS = Path(fmpy.__file__).parent / "c-code"
 COMPILERS = [name for name in ("gcc", "clang") if shutil.which(name)]

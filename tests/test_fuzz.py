@@ -14,12 +14,12 @@ import pytest
 from fuzzing import accepted
 from mutations import mutant
 
-from eomgen import cli
-from eomgen.codegen.equations import derive_equations
-from eomgen.codegen.render import render
+from eomgen.cli import entry as cli
+from eomgen.codegen.c.sources import render
+from eomgen.codegen.kernels.equations import derive_equations
 from eomgen.errors import EomgenWarning
-from eomgen.model import build_model
-from eomgen.robot import Robot
+from eomgen.robot.model import build_model
+from eomgen.robot.value import Robot
 
 HERE = Path(__file__).parent
 BLOCK = 50_000

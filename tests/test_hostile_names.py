@@ -20,16 +20,16 @@ from mutations import PLAN, SCENARIO, WORN, toml_string
 from test_render import WARNINGS, source_of
 
 import eomgen
-from eomgen import cli
-from eomgen.codegen.source import Source
-from eomgen.description import robot_from_toml, robot_from_urdf
+from eomgen.cli import entry as cli
+from eomgen.codegen.c.source import Source
+from eomgen.description.load import robot_from_toml, robot_from_urdf
 from eomgen.errors import InputError
 from eomgen.names import is_identifier, is_robot_name
-from eomgen.pipeline import Options, generate
-from eomgen.robot import Robot
-from eomgen.scenario_file import scenario_from_toml
-from eomgen.sweep_plan import plan_from_toml
-from eomgen.visuals import mesh_path, urdf_shapes
+from eomgen.pictures.shapes import mesh_path, urdf_shapes
+from eomgen.pipeline.stages import Options, generate
+from eomgen.robot.value import Robot
+from eomgen.scenario.load import scenario_from_toml
+from eomgen.sweep.plan import plan_from_toml
 
 NAMES = 10_000
 PER_ROBOT = 50  # hostile names in one URDF

@@ -12,13 +12,14 @@ from conftest import Build
 from random_robots import random_robot, random_state
 
 import eomgen
-from eomgen.description import robot_from_toml
-from eomgen.errors import InputError
-from eomgen.integrate import integrate
-from eomgen.motion import Harmonic
-from eomgen.robot import Robot
-from eomgen.simulate import run_scenario, scenario_from_toml
-from eomgen.system import IntegrationStopped, System
+from eomgen.description.load import robot_from_toml
+from eomgen.errors import InputError, IntegrationStopped
+from eomgen.integration.solve import integrate
+from eomgen.integration.system import System
+from eomgen.motion.point_to_point import Harmonic
+from eomgen.robot.value import Robot
+from eomgen.scenario.load import scenario_from_toml
+from eomgen.simulation.run import run_scenario
 
 KERNELS = (
     "forward_dynamics",

@@ -22,17 +22,17 @@ from law_oracle import with_laws
 from random_robots import random_robot, random_state
 
 import eomgen
-from eomgen.codegen import statements
-from eomgen.codegen.compile import FLAGS
-from eomgen.codegen.equations import derive_equations
-from eomgen.codegen.ir import Graph, Instruction, Node, Program, evaluate, finish, users, verify
-from eomgen.codegen.passes import PASSES, factor_sums, hoist_parameters, run_passes
-from eomgen.codegen.render import render
-from eomgen.codegen.scalar import SCALARS
-from eomgen.codegen.signatures import KERNELS, PARTS, available
-from eomgen.codegen.source import Source
-from eomgen.codegen.statements import write_function
-from eomgen.model import build_model
+from eomgen.codegen.c import statements
+from eomgen.codegen.c.scalar_types import SCALARS
+from eomgen.codegen.c.source import Source
+from eomgen.codegen.c.sources import render
+from eomgen.codegen.c.statements import write_function
+from eomgen.codegen.kernels.equations import derive_equations
+from eomgen.codegen.kernels.signatures import KERNELS, PARTS, available
+from eomgen.codegen.package.compile import FLAGS
+from eomgen.codegen.program.ir import Graph, Instruction, Node, Program, evaluate, finish, users, verify
+from eomgen.codegen.program.passes import PASSES, factor_sums, hoist_parameters, run_passes
+from eomgen.robot.model import build_model
 
 DOUBLE = SCALARS["float64"]
 

@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from eomgen.codegen import joint
-from eomgen.codegen.joint import JointDerivatives, ZeroPair, joint_derivatives, joint_transform, step
+from eomgen.codegen.joint import lemmas as joint
+from eomgen.codegen.joint.lemmas import JointDerivatives, ZeroPair, joint_derivatives, joint_transform, step
 from eomgen.errors import InternalError
-from eomgen.robot import ANGULAR, COORDINATES, LINEAR, rotation_from_rpy
+from eomgen.robot.geometry import rotation_from_rpy
+from eomgen.robot.value import ANGULAR, COORDINATES, LINEAR
 
 SUBSETS = [active for size in range(7) for active in combinations(COORDINATES, size)]
 

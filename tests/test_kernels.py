@@ -14,20 +14,21 @@ from lagrange_oracle import LagrangeOracle
 from random_robots import Array, random_robot, random_state, seeds
 
 import eomgen
-from eomgen.codegen import equations
-from eomgen.codegen.bodies import bind
-from eomgen.codegen.composite import mass_matrix
-from eomgen.codegen.derivation import Derivation
-from eomgen.codegen.equations import derive
-from eomgen.codegen.forces import elastic_rows
-from eomgen.codegen.freeze import geometry
-from eomgen.codegen.ir import evaluate, finish
-from eomgen.codegen.recursion import inertial_rows
-from eomgen.codegen.trace import closed_form
-from eomgen.codegen.writers import WRITERS
+from eomgen.codegen.closed_form.trace import closed_form
+from eomgen.codegen.forces.rows import elastic_rows
+from eomgen.codegen.kernels import equations
+from eomgen.codegen.kernels.derivation import Derivation
+from eomgen.codegen.kernels.equations import derive
+from eomgen.codegen.kernels.writers import WRITERS
+from eomgen.codegen.program.ir import evaluate, finish
+from eomgen.codegen.tree.bound import bind
+from eomgen.codegen.tree.composite import mass_matrix
+from eomgen.codegen.tree.frozen_joints import geometry
+from eomgen.codegen.tree.recursion import inertial_rows
 from eomgen.errors import SingularError
-from eomgen.model import build_model
-from eomgen.robot import COORDINATES, ZERO, Coordinate, Joint, Link, Placement, Robot
+from eomgen.robot.geometry import ZERO
+from eomgen.robot.model import build_model
+from eomgen.robot.value import COORDINATES, Coordinate, Joint, Link, Placement, Robot
 
 TOLERANCE = 1e-11  # relative, max-norm
 STATES = 20

@@ -15,13 +15,13 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import PchipInterpolator
 
 import eomgen
-from eomgen.codegen.equations import derive
-from eomgen.codegen.ir import evaluate
-from eomgen.codegen.trace import closed_form
+from eomgen.codegen.closed_form.trace import closed_form
+from eomgen.codegen.kernels.equations import derive
+from eomgen.codegen.program.ir import evaluate
 from eomgen.errors import DescriptionError, InputError
-from eomgen.integrate import integrate
-from eomgen.model import build_model
-from eomgen.robot import Coordinate, Friction, Joint, Link, Robot
+from eomgen.integration.solve import integrate
+from eomgen.robot.model import build_model
+from eomgen.robot.value import Coordinate, Friction, Joint, Link, Robot
 
 TYPES = ("revolute", "prismatic", "fixed", "free")
 NAMES = ("inverse_dynamics", "residual", "generalized_force", "forward_dynamics", "energy", "residual_jacobian")
@@ -328,8 +328,8 @@ def test_forces_of_a_robot_made_by_hand_are_checked() -> None:
 
 def test_others_keep_their_code() -> None:
     """Not a word of comparisons or roots in the C of a robot that has none of these forces."""
-    from eomgen.codegen.equations import derive_equations
-    from eomgen.codegen.render import render
+    from eomgen.codegen.c.sources import render
+    from eomgen.codegen.kernels.equations import derive_equations
 
     code = render(derive_equations(build_model(eomgen.load_robot("puma560"))), "float64").code
     assert not any(name in code for name in ("larger", "positive", "root", "EOMGEN_INLINE"))

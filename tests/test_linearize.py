@@ -16,17 +16,17 @@ from random_robots import Array, random_robot, random_state, seeds
 from test_modes import DAMPING, LOOP, MASS, STIFFNESS, chain, random_elastic
 
 import eomgen
-from eomgen import cli
-from eomgen.description import robot_from_toml
+from eomgen.analysis.frequency import h1, response
+from eomgen.analysis.matrices import linearize
+from eomgen.analysis.modal import modes
+from eomgen.analysis.ports import unit_of_input, unit_of_output
+from eomgen.analysis.tangent_system import KERNELS
+from eomgen.cli import entry as cli
+from eomgen.description.load import robot_from_toml
 from eomgen.errors import ArrayError, InputError, UnknownNameError
-from eomgen.integrate import integrate
-from eomgen.linear import KERNELS
-from eomgen.linearize import linearize
-from eomgen.model import build_model
-from eomgen.modes import modes
-from eomgen.ports import unit_of_input, unit_of_output
-from eomgen.response import h1, response
-from eomgen.simulate import simulate
+from eomgen.integration.solve import integrate
+from eomgen.robot.model import build_model
+from eomgen.simulation.run import simulate
 
 PARTS = ("x", "y", "z", "rx", "ry", "rz")
 FORCES = ("fx", "fy", "fz", "mx", "my", "mz")
@@ -195,7 +195,7 @@ def test_reciprocity_of_an_undamped_structure(built: Build) -> None:
 
 def test_loops_have_one_state_per_freedom(built: Build) -> None:
     """The slider-crank's A about its state of rest drives a nonlinear simulation's first second."""
-    from eomgen.loops import ClosedLoops
+    from eomgen.loops.closed import ClosedLoops
 
     robot = robot_from_toml(LOOP)
     found = linearize(robot, {"turn.gamma": 2.5, "pin.gamma": -3.2, "guide.x": 0.25}, held=[], inputs=["turn.gamma"])

@@ -10,12 +10,12 @@ from conftest import Build
 from random_robots import Array, random_link, random_placement, random_robot, random_state, seeds
 
 import eomgen
-from eomgen.description import robot_from_toml
-from eomgen.errors import ArrayError, InputError, LoopError, UnknownNameError
-from eomgen.kernel import Kernel
-from eomgen.loops import ClosedLoops
-from eomgen.robot import IDENTITY, Coordinate, Joint, Link, Loop, Placement, Robot
-from eomgen.system import IntegrationStopped
+from eomgen.description.load import robot_from_toml
+from eomgen.errors import ArrayError, InputError, IntegrationStopped, LoopError, UnknownNameError
+from eomgen.loops.closed import ClosedLoops
+from eomgen.robot.geometry import IDENTITY
+from eomgen.robot.value import Coordinate, Joint, Link, Loop, Placement, Robot
+from eomgen.runtime.kernel import Kernel
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 

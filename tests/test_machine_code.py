@@ -33,14 +33,14 @@ from random_robots import random_robot, with_random_loops
 from test_render import check_symbols
 
 import eomgen
-from eomgen.codegen.compile import FLAGS
-from eomgen.codegen.equations import derive_equations
-from eomgen.codegen.render import render
-from eomgen.codegen.source import Source
-from eomgen.description import builtin_robots
-from eomgen.model import build_model
-from eomgen.pipeline import Options, generate
-from eomgen.robot import PRINCIPAL, Robot
+from eomgen.codegen.c.source import Source
+from eomgen.codegen.c.sources import render
+from eomgen.codegen.kernels.equations import derive_equations
+from eomgen.codegen.package.compile import FLAGS
+from eomgen.description.load import builtin_robots
+from eomgen.pipeline.stages import Options, generate
+from eomgen.robot.model import build_model
+from eomgen.robot.value import PRINCIPAL, Robot
 
 COMPILERS = ("gcc", "clang")
 LEVELS = ("-O0", "-O2", "-O3")

@@ -14,10 +14,11 @@ from many_motion import momenta
 from many_robots import run, size_of
 from random_robots import random_robot
 
-from eomgen.codegen.equations import derive
-from eomgen.integrate import Trajectory, integrate
-from eomgen.model import build_model
-from eomgen.robot import COORDINATES, PRINCIPAL, Coordinate, Joint, Robot
+from eomgen.codegen.kernels.equations import derive
+from eomgen.integration.solve import integrate
+from eomgen.integration.trajectory import Trajectory
+from eomgen.robot.model import build_model
+from eomgen.robot.value import COORDINATES, PRINCIPAL, Coordinate, Joint, Robot
 
 DURATION = 10.0  # s
 DRIFT, MOMENTUM = 1e-9, 1e-10

@@ -16,11 +16,11 @@ from mjcf_models import random_model
 from mjcf_oracle import MjcfOracle
 from random_robots import seeds
 
-from eomgen.cli import main
-from eomgen.description import load_robot, robot_from_mjcf
+from eomgen.cli.entry import main
+from eomgen.description.load import load_robot, robot_from_mjcf
+from eomgen.description.mjcf.read import root_tag
 from eomgen.errors import DescriptionError
-from eomgen.mjcf import root_tag
-from eomgen.robot import COORDINATES
+from eomgen.robot.value import COORDINATES
 
 KERNELS = ("mass_matrix", "inverse_dynamics", "energy", "kinematics")
 

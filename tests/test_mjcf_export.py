@@ -16,11 +16,11 @@ from random_robots import random_robot, seeds
 from spring_oracle import with_springs
 
 import eomgen
-from eomgen.cli import main
-from eomgen.description import robot_from_mjcf
+from eomgen.cli.entry import main
+from eomgen.description.load import robot_from_mjcf
 from eomgen.errors import EomgenWarning, InputError
-from eomgen.mjcf_export import LEAST, left_out, mjcf
-from eomgen.robot import COORDINATES, LINEAR, Coordinate, Friction, Robot
+from eomgen.export.mujoco import LEAST, left_out, mjcf
+from eomgen.robot.value import COORDINATES, LINEAR, Coordinate, Friction, Robot
 
 KERNELS = ("mass_matrix", "inverse_dynamics", "energy")
 

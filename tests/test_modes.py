@@ -16,17 +16,18 @@ from random_robots import Array, random_robot, seeds
 from test_offsets import with_offsets
 
 import eomgen
-from eomgen import cli
-from eomgen.description import robot_from_toml
+from eomgen.analysis.at_rest import system_at_rest
+from eomgen.analysis.frequency import h1
+from eomgen.analysis.holding import hold_of, pose_of
+from eomgen.analysis.modal import modes, modes_along
+from eomgen.analysis.modal_result import Modes
+from eomgen.analysis.tangent_system import KERNELS, checked_loads, constraint_hessian, frame_hessian, kernel_of
+from eomgen.cli import entry as cli
+from eomgen.description.load import robot_from_toml
 from eomgen.errors import ArrayError, EomgenWarning, InputError, SingularError, UnknownNameError
-from eomgen.holding import hold_of, pose_of
-from eomgen.linear import KERNELS, checked_loads, constraint_hessian, frame_hessian, kernel_of
-from eomgen.model import build_model
-from eomgen.modes import Modes, modes, modes_along
-from eomgen.response import h1
-from eomgen.rest import system_at_rest
-from eomgen.robot import Coordinate, Frame, Joint, Link, Placement, Robot
-from eomgen.simulate import simulate
+from eomgen.robot.model import build_model
+from eomgen.robot.value import Coordinate, Frame, Joint, Link, Placement, Robot
+from eomgen.simulation.run import simulate
 
 STIFFNESS, MASS, DAMPING = 4e4, 2.5, 3.0
 
@@ -306,7 +307,7 @@ def test_redundant_loops_do_not_change_the_mode() -> None:
     found = modes(robot, {"joint1.gamma": 1.0, "joint2.gamma": 1.5, "joint3.gamma": 2.0}, held=[], drives="free")
     assert len(found.eigenvalues) == 1
     rate = found.shapes[0].real / found.shapes[0].real[0]
-    from eomgen.loops import ClosedLoops
+    from eomgen.loops.closed import ClosedLoops
 
     kernel = eomgen.build(robot)
     loops = ClosedLoops(kernel)

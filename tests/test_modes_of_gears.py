@@ -8,11 +8,11 @@ import numpy as np
 from conftest import Build
 
 import eomgen
-from eomgen.deflection import deflection
-from eomgen.description import robot_from_toml
-from eomgen.integrate import integrate
-from eomgen.modes import modes
-from eomgen.robot import Motor, Robot, Spring
+from eomgen.analysis.modal import modes
+from eomgen.analysis.statics import deflection
+from eomgen.description.load import robot_from_toml
+from eomgen.integration.solve import integrate
+from eomgen.robot.value import Motor, Robot, Spring
 
 
 def geared(stiffness: float = 5e3, inertia: float = 2e-4, ratio: float = 80.0) -> Robot:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eomgen import ArrayError, InputError
-from eomgen.motion import PointToPoint
+from eomgen.motion.point_to_point import PointToPoint
 
 MOTION = PointToPoint((0.0, 1.0, -2.0), (1.0, 1.0, 3.0), 1.6, begin=0.25)
 

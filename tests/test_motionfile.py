@@ -9,7 +9,7 @@ import pytest
 
 import eomgen
 from eomgen.errors import InputError
-from eomgen.motionfile import motion_from_columns, read_motion
+from eomgen.motion.files import motion_from_columns, read_motion
 
 NAMES = ("joint1.x", "joint1.gamma")
 
@@ -34,7 +34,7 @@ def test_npz_of_columns_and_of_a_simulation(tmp_path: Path) -> None:
     t = np.linspace(0.0, 1.0, 5)
     np.savez(tmp_path / "a.npz", t=t, **{"joint1.x": t**2})
     assert np.array_equal(read_motion(tmp_path / "a.npz", NAMES).q[:, 0], t**2)
-    from eomgen.simulate import simulate
+    from eomgen.simulation.run import simulate
 
     result = simulate(eomgen.load_robot("one_link"), duration=0.1)
     motion = read_motion(result.save(tmp_path / "trajectory.npz"), NAMES)

@@ -15,24 +15,27 @@ from random_robots import Array, random_robot
 from scipy.integrate import solve_ivp
 
 import eomgen
-from eomgen.analysis import fit, forces, motion_from_columns
-from eomgen.bench import bench
-from eomgen.codegen.readable import readable_form
-from eomgen.codegen.zero_report import zero_report
-from eomgen.compare import compare
-from eomgen.description import robot_from_toml
-from eomgen.equilibrium import static_equilibrium
+from eomgen.analysis.sensitivity import offset_sensitivity
+from eomgen.analysis.structures import compare
+from eomgen.bench.beside import bench
+from eomgen.codegen.closed_form.readable import readable_form
+from eomgen.codegen.joint.zero_listing import zero_report
+from eomgen.description.load import robot_from_toml
 from eomgen.errors import DescriptionError, InputError
-from eomgen.info import robot_info
-from eomgen.integrate import integrate
-from eomgen.loops import ClosedLoops
-from eomgen.model import build_model
-from eomgen.motion import Harmonic, PointToPoint
-from eomgen.robot import Coordinate, Friction, Motor, Robot
-from eomgen.sensitivity import offset_sensitivity
-from eomgen.simulate import run_scenario, scenario_from_toml, simulate
-from eomgen.stepping import fixed_step
-from eomgen.stiffness import coordinate_sizes, stiffness_matrix, stiffnesses
+from eomgen.identification.from_motion import forces
+from eomgen.identification.least_squares import fit
+from eomgen.integration.solve import integrate
+from eomgen.integration.steps import fixed_step
+from eomgen.loops.closed import ClosedLoops
+from eomgen.motion.files import motion_from_columns
+from eomgen.motion.point_to_point import Harmonic, PointToPoint
+from eomgen.pipeline.costs import robot_info
+from eomgen.robot.model import build_model
+from eomgen.robot.value import Coordinate, Friction, Motor, Robot
+from eomgen.scenario.load import scenario_from_toml
+from eomgen.simulation.run import run_scenario, simulate
+from eomgen.state.equilibrium import static_equilibrium
+from eomgen.state.springs import coordinate_sizes, stiffness_matrix, stiffnesses
 
 MOTOR = "motor = { inertia = 1e-4, ratio = 100, stiffness = 2e4 }"
 

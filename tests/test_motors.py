@@ -16,13 +16,13 @@ from random_robots import Array, random_robot, seeds
 from test_laws import complex_steps
 
 import eomgen
-from eomgen.codegen.equations import derive, derive_forward_dynamics
-from eomgen.codegen.ir import evaluate
-from eomgen.codegen.trace import closed_form
-from eomgen.codegen.zeros import zero_map
+from eomgen.codegen.closed_form.trace import closed_form
+from eomgen.codegen.joint.zeros import zero_map
+from eomgen.codegen.kernels.equations import derive, derive_forward_dynamics
+from eomgen.codegen.program.ir import evaluate
 from eomgen.errors import SingularError
-from eomgen.model import build_model
-from eomgen.robot import Coordinate, Joint, Link, Motor, Robot
+from eomgen.robot.model import build_model
+from eomgen.robot.value import Coordinate, Joint, Link, Motor, Robot
 
 ROD = Link("rod", 2.0, (0.0, 0.0, 0.0), (0.3, 0.3, 0.4, 0.0, 0.0, 0.0))
 

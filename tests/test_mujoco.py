@@ -11,8 +11,8 @@ from mujoco_oracle import MujocoRobot
 from random_robots import random_robot, random_state
 
 import eomgen
-from eomgen.robot import COORDINATES, Coordinate, Link, Robot
-from eomgen.simulate import integrate
+from eomgen.integration.solve import integrate
+from eomgen.robot.value import COORDINATES, Coordinate, Link, Robot
 
 Motion = tuple[eomgen.Kernel, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 

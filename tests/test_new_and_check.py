@@ -10,9 +10,9 @@ from bad_files import PLAN, SCENARIO
 from description_samples import ARM, URDF
 
 import eomgen
-from eomgen import cli
-from eomgen.checking import check_file
-from eomgen.json_schema import schema_path, schema_text
+from eomgen.authoring.check import check_file
+from eomgen.authoring.schemas import schema_path, schema_text
+from eomgen.cli import entry as cli
 
 BAD = (
     ARM.replace("mass = 3.0", "mass = -3.0")

@@ -14,18 +14,17 @@ import pytest
 from conftest import Build
 
 import eomgen
-from eomgen.cli import main
-from eomgen.errors import ArrayError, InputError, SingularError
-from eomgen.integrate import integrate
-from eomgen.loops import ClosedLoops
-from eomgen.motion import Harmonic
-from eomgen.robot import Robot
-from eomgen.scenario_file import scenario_from_toml
-from eomgen.setups import KERNELS as NEEDED
-from eomgen.setups import set_up
-from eomgen.simulate import simulate
-from eomgen.sweep_rollout import Pace, roll
-from eomgen.system import IntegrationStopped
+from eomgen.cli.entry import main
+from eomgen.errors import ArrayError, InputError, IntegrationStopped, SingularError
+from eomgen.integration.solve import integrate
+from eomgen.loops.closed import ClosedLoops
+from eomgen.motion.point_to_point import Harmonic
+from eomgen.robot.value import Robot
+from eomgen.scenario.load import scenario_from_toml
+from eomgen.simulation.assembly import KERNELS as NEEDED
+from eomgen.simulation.assembly import set_up
+from eomgen.simulation.run import simulate
+from eomgen.sweep.pace import Pace, roll
 
 METHODS = ("rk4", "RK45", "DOP853", "Radau", "BDF", "LSODA", "CVODE", "IDA")
 KERNELS = (

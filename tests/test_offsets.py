@@ -11,14 +11,14 @@ from pinocchio_oracle import PinocchioOracle
 from random_robots import Array, random_robot, random_state, seeds
 
 import eomgen
-from eomgen.bench import bench
-from eomgen.codegen.trace import closed_form
-from eomgen.codegen.zeros import zero_map
-from eomgen.description import robot_from_toml
+from eomgen.analysis.sensitivity import offset_sensitivity
+from eomgen.bench.beside import bench
+from eomgen.codegen.closed_form.trace import closed_form
+from eomgen.codegen.joint.zeros import zero_map
+from eomgen.description.load import robot_from_toml
 from eomgen.errors import ArrayError, DescriptionError, InputError, UnknownNameError
-from eomgen.model import build_model
-from eomgen.robot import ANGULAR, COORDINATES, Robot
-from eomgen.sensitivity import offset_sensitivity
+from eomgen.robot.model import build_model
+from eomgen.robot.value import ANGULAR, COORDINATES, Robot
 
 TYPES = ("revolute", "prismatic", "fixed", "free")
 

@@ -15,10 +15,10 @@ from conftest import Build
 from random_robots import random_placement, random_robot, random_state, seeds
 
 import eomgen
-from eomgen.description import robot_from_toml
+from eomgen.description.load import robot_from_toml
 from eomgen.errors import InputError, UnknownNameError
-from eomgen.robot import COORDINATE_NUMBERS, COORDINATES, INERTIA_KEYS, LINEAR, Coordinate, Placement, Robot
-from eomgen.tunable import parameters
+from eomgen.robot.parameter_names import parameters
+from eomgen.robot.value import COORDINATE_NUMBERS, COORDINATES, INERTIA_KEYS, LINEAR, Coordinate, Placement, Robot
 
 TOLERANCE = 1e-11
 

@@ -15,7 +15,7 @@ from random_robots import Array, random_robot, random_state, seeds
 
 import eomgen
 from eomgen.errors import EomgenWarning, SingularError
-from eomgen.robot import COORDINATES, PRINCIPAL, Coordinate, Robot
+from eomgen.robot.value import COORDINATES, PRINCIPAL, Coordinate, Robot
 
 pytest.importorskip("pinocchio")
 from pinocchio_oracle import PinocchioOracle, UrdfOracle

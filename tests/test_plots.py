@@ -19,16 +19,19 @@ from random_robots import random_robot, random_state, with_random_loops
 from spring_oracle import with_springs
 
 import eomgen
-from eomgen import motion_plots, zero_plots
 from eomgen.errors import InputError
-from eomgen.model import build_model
-from eomgen.pipeline import robot_hash
-from eomgen.plots import ENDINGS, canvas, plot_result, scale_of
-from eomgen.robot import Robot
-from eomgen.robot_plots import plot_robot
-from eomgen.robot_record import record_of, robot_of, simulated_robot
-from eomgen.simulate import SimulationResult, run_scenario, scenario_from_toml, simulate
-from eomgen.zero_plots import plot_zeros
+from eomgen.pictures import energy as motion_plots
+from eomgen.pictures import zeros as zero_plots
+from eomgen.pictures.robot import plot_robot
+from eomgen.pictures.simulation import ENDINGS, canvas, plot_result, scale_of
+from eomgen.pictures.zeros import plot_zeros
+from eomgen.robot.model import build_model
+from eomgen.robot.record import record_of, robot_hash, robot_of
+from eomgen.robot.value import Robot
+from eomgen.scenario.load import scenario_from_toml
+from eomgen.simulation.archive import simulated_robot
+from eomgen.simulation.result import SimulationResult
+from eomgen.simulation.run import run_scenario, simulate
 
 SCENARIO = """
 duration = 0.2
@@ -218,8 +221,8 @@ def test_a_result_of_every_kind_keeps_its_robot(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["two_arms", "four_bar", "balanced_arm", "geared_arm"])
 def test_a_robot_is_drawn_where_its_frames_are(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Faces around every joint's origin; axes, cut joints, springs and frames where poses in space have them."""
-    from eomgen import robot_plots
-    from eomgen.scene import link_poses, spring_lines
+    from eomgen.pictures import robot as robot_plots
+    from eomgen.pictures.scene import link_poses, spring_lines
 
     kept: list[Any] = []
 

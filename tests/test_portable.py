@@ -17,11 +17,11 @@ import pytest
 from quick_builds import Q, one_link
 
 import eomgen
-from eomgen import cache
-from eomgen.codegen import compile as compiling
-from eomgen.codegen.compile import FLAGS, WARNINGS, find_compiler
+from eomgen.codegen.package import compile as compiling
+from eomgen.codegen.package.compile import FLAGS, WARNINGS, find_compiler
 from eomgen.errors import BuildError
-from eomgen.pipeline import Options, _cached_package
+from eomgen.pipeline import cache
+from eomgen.pipeline.stages import Options, _cached_package
 
 needs_zig = pytest.mark.skipif(importlib.util.find_spec("ziglang") is None, reason="pip install eomgen[compiler]")
 ZIG = [sys.executable, "-m", "ziglang", "cc"]

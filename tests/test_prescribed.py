@@ -13,14 +13,15 @@ from random_robots import Array, State, random_robot, random_state, seeds
 from scipy.integrate import solve_ivp
 
 import eomgen
-from eomgen.bench import bench
-from eomgen.description import robot_from_toml
-from eomgen.equilibrium import static_equilibrium
+from eomgen.bench.beside import bench
+from eomgen.description.load import robot_from_toml
 from eomgen.errors import ArrayError, DescriptionError, InputError
-from eomgen.info import robot_info
-from eomgen.motion import Harmonic
-from eomgen.robot import COORDINATES, Robot
-from eomgen.simulate import integrate, simulate
+from eomgen.integration.solve import integrate
+from eomgen.motion.point_to_point import Harmonic
+from eomgen.pipeline.costs import robot_info
+from eomgen.robot.value import COORDINATES, Robot
+from eomgen.simulation.run import simulate
+from eomgen.state.equilibrium import static_equilibrium
 
 TYPES = ("revolute", "prismatic", "fixed", "free")
 NAMES = ("inverse_dynamics", "forward_dynamics", "mass_matrix", "energy", "rollout")

@@ -8,10 +8,10 @@ from conftest import Build
 from random_robots import Array, random_robot, random_state
 
 import eomgen
-from eomgen.equilibrium import static_equilibrium
-from eomgen.kernel import Kernel
-from eomgen.model import FIXED_BODY, build_model
-from eomgen.robot import Robot
+from eomgen.robot.model import FIXED_BODY, build_model
+from eomgen.robot.value import Robot
+from eomgen.runtime.kernel import Kernel
+from eomgen.state.equilibrium import static_equilibrium
 
 
 def on_the_base(robot: Robot, kernel: Kernel, q: Array, reactions: Array) -> Array:

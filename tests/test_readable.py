@@ -13,9 +13,9 @@ from pinocchio_oracle import PinocchioOracle
 from random_robots import random_robot, random_state
 
 import eomgen
-from eomgen import cli
-from eomgen.codegen.readable import ReadableForm, readable_form, simplified
-from eomgen.model import build_model
+from eomgen.cli import entry as cli
+from eomgen.codegen.closed_form.readable import ReadableForm, readable_form, simplified
+from eomgen.robot.model import build_model
 
 
 def parsed(form: ReadableForm) -> list[tuple[sp.Expr, sp.Expr]]:

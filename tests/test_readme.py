@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import eomgen
-from eomgen.description import robot_from_toml
+from eomgen.description.load import robot_from_toml
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 

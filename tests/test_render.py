@@ -22,16 +22,16 @@ from law_oracle import with_laws
 from random_robots import random_robot
 
 import eomgen
-from eomgen.codegen.compile import RUNTIME
-from eomgen.codegen.equations import derive_equations
-from eomgen.codegen.render import render
-from eomgen.codegen.scalar import SCALARS
-from eomgen.codegen.source import Source
-from eomgen.description import robot_from_urdf
+from eomgen.codegen.c.scalar_types import SCALARS
+from eomgen.codegen.c.source import Source
+from eomgen.codegen.c.sources import render
+from eomgen.codegen.kernels.equations import derive_equations
+from eomgen.codegen.package.compile import RUNTIME
+from eomgen.description.load import robot_from_urdf
 from eomgen.errors import DescriptionError, InputError
-from eomgen.model import build_model
-from eomgen.pipeline import generate
-from eomgen.robot import COORDINATES, Coordinate, Robot
+from eomgen.pipeline.stages import generate
+from eomgen.robot.model import build_model
+from eomgen.robot.value import COORDINATES, Coordinate, Robot
 
 ROOT = Path(__file__).parent.parent
 WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror")

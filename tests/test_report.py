@@ -13,13 +13,15 @@ from browser import open_page
 from spring_oracle import with_springs
 
 import eomgen
-from eomgen import cli
-from eomgen.description import robot_from_toml
+from eomgen.analysis.modal import modes
+from eomgen.cli import entry as cli
+from eomgen.description.load import robot_from_toml
 from eomgen.errors import InputError
-from eomgen.modes import modes
-from eomgen.report import report_of
-from eomgen.robot import Robot
-from eomgen.simulate import SimulationResult, run_scenario, scenario_from_toml
+from eomgen.pictures.page import report_of
+from eomgen.robot.value import Robot
+from eomgen.scenario.load import scenario_from_toml
+from eomgen.simulation.result import SimulationResult
+from eomgen.simulation.run import run_scenario
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -174,7 +176,7 @@ def test_the_tables_have_the_numbers_of_others(page: str, robot: Robot, result: 
 def test_frequencies_are_those_at_the_programs_poses(
     result: SimulationResult, robot: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from eomgen import report_figures
+    from eomgen.pictures import page_figures as report_figures
 
     seen = []
     plain = report_figures.plot_tracks

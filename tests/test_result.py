@@ -15,8 +15,10 @@ import pytest
 
 import eomgen
 from eomgen.errors import UnknownNameError
-from eomgen.pipeline import robot_hash
-from eomgen.simulate import SimulationResult, run_scenario, scenario_from_toml
+from eomgen.robot.record import robot_hash
+from eomgen.scenario.load import scenario_from_toml
+from eomgen.simulation.result import SimulationResult
+from eomgen.simulation.run import run_scenario
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -145,7 +147,7 @@ def test_the_page_runs(tmp_path: Path) -> None:
 
 
 def test_the_page_names_all_keys() -> None:
-    from eomgen import scenario_keys
+    from eomgen.scenario import keys as scenario_keys
 
     text = PAGE.read_text(encoding="utf-8")
     kinds = {**scenario_keys.MOTIONS, **scenario_keys.CONTROLS, **scenario_keys.PRESCRIBED}

@@ -17,9 +17,11 @@ import pytest
 
 import eomgen
 from eomgen.errors import InputError
-from eomgen.simulate import SimulationResult, run_scenario, scenario_from_toml
-from eomgen.sweep_job import Row
-from eomgen.sweep_store import opened, read_rows
+from eomgen.scenario.load import scenario_from_toml
+from eomgen.simulation.result import SimulationResult
+from eomgen.simulation.run import run_scenario
+from eomgen.sweep.job import Row
+from eomgen.sweep.store import opened, read_rows
 
 SCENARIO = "duration = 0.2\noutput_step = 0.005\n[motion]\ntype = 'point_to_point'\ngoal = [0.3]\n"
 

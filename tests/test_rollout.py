@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 
 import eomgen
 from eomgen.errors import ArrayError, InputError, IntegrationError, SingularError, UnknownNameError
-from eomgen.robot import PRINCIPAL, Robot
+from eomgen.robot.value import PRINCIPAL, Robot
 
 TYPES = ("revolute", "prismatic", "fixed", "free")
 NAMES = ("rollout", "forward_dynamics", "mass_matrix", "inverse_dynamics", "energy")

@@ -96,9 +96,9 @@ def test_no_text_becomes_an_expression(monkeypatch: pytest.MonkeyPatch) -> None:
     import sympy as sp
 
     import eomgen
-    from eomgen.codegen import trace
-    from eomgen.codegen.readable import readable_form
-    from eomgen.model import build_model
+    from eomgen.codegen.closed_form import trace
+    from eomgen.codegen.closed_form.readable import readable_form
+    from eomgen.robot.model import build_model
 
     came: set[type] = set()
     plain = sp.sympify

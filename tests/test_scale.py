@@ -13,10 +13,10 @@ from description_samples import example_urdfs
 
 import eomgen
 from benchmarks.run import six
-from eomgen.codegen.equations import derive_equations
+from eomgen.codegen.kernels.equations import derive_equations
 from eomgen.errors import EomgenWarning
-from eomgen.model import build_model
-from eomgen.robot import COORDINATES, Coordinate, Joint, Link, Placement, Robot
+from eomgen.robot.model import build_model
+from eomgen.robot.value import COORDINATES, Coordinate, Joint, Link, Placement, Robot
 
 DATA = Path(__file__).parents[1] / "benchmarks" / "data"
 COUNTED = (

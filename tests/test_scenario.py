@@ -14,12 +14,14 @@ from random_robots import Array, random_robot
 from scipy.integrate import solve_ivp
 
 import eomgen
-from eomgen.description import robot_from_toml
-from eomgen.loads import Wrenches, joined
-from eomgen.motion import Harmonic
-from eomgen.robot import Coordinate, Joint, Link, Placement, Robot
-from eomgen.scenario import Scenario
-from eomgen.simulate import integrate, load_scenario, run_scenario, scenario_from_toml, simulate
+from eomgen.description.load import robot_from_toml
+from eomgen.integration.solve import integrate
+from eomgen.motion.point_to_point import Harmonic
+from eomgen.robot.value import Coordinate, Joint, Link, Placement, Robot
+from eomgen.scenario.load import load_scenario, scenario_from_toml
+from eomgen.scenario.value import Scenario
+from eomgen.simulation.loads import Wrenches, joined
+from eomgen.simulation.run import run_scenario, simulate
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
@@ -170,7 +172,7 @@ def test_via_points_are_hit_smoothly(timing: str) -> None:
         [-0.3, -0.5, 0.0, 0.0, 0.0, 0.0],
     ]
     text = f"duration = 1.8\n[motion]\ntype = 'via'\npoints = {points}\n{timing}\n"
-    from eomgen.programs import make_program
+    from eomgen.simulation.programs import make_program
 
     driven = [f"joint{i}.gamma" for i in range(1, 7)]
     program = make_program(scenario_from_toml(text), robot, driven, lambda: eomgen.build(robot), "tcp", {})

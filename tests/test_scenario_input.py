@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 import eomgen
-from eomgen import cli
+from eomgen.cli import entry as cli
 from eomgen.errors import InputError
-from eomgen.simulate import load_scenario, run_scenario, scenario_from_toml
+from eomgen.scenario.load import load_scenario, scenario_from_toml
+from eomgen.simulation.run import run_scenario
 
 DURATION = "duration = 0.1\n"
 MOTION = "[motion]\ntype = 'point_to_point'\n"

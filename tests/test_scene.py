@@ -20,11 +20,12 @@ from test_offsets import with_offsets
 from test_report import ARM
 
 import eomgen
-from eomgen import cli, visuals
-from eomgen.description import load_robot, robot_from_toml
+from eomgen.cli import entry as cli
+from eomgen.description.load import load_robot, robot_from_toml
 from eomgen.errors import InputError
-from eomgen.robot import Robot
-from eomgen.scene import (
+from eomgen.pictures import shapes as visuals
+from eomgen.pictures.browser import View
+from eomgen.pictures.scene import (
     accelerations,
     capsule_mesh,
     capsules,
@@ -37,8 +38,10 @@ from eomgen.scene import (
     reaction_forces,
     spring_lines,
 )
-from eomgen.simulate import SimulationResult, run_scenario, scenario_from_toml
-from eomgen.view import View
+from eomgen.robot.value import Robot
+from eomgen.scenario.load import scenario_from_toml
+from eomgen.simulation.result import SimulationResult
+from eomgen.simulation.run import run_scenario
 
 SCENARIO = """
 duration = 0.4

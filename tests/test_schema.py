@@ -18,12 +18,12 @@ from description_samples import ARM
 from hypothesis import HealthCheck, given, settings
 from mutations import DOCUMENTS, as_toml, mutant
 
-from eomgen.description import robot_from_toml
+from eomgen.authoring.schemas import FORMATS, schema_of, schema_path, schema_text
+from eomgen.description.load import robot_from_toml
 from eomgen.errors import EomgenWarning, InputError
-from eomgen.json_schema import FORMATS, schema_of, schema_path, schema_text
-from eomgen.scenario_file import scenario_from_toml
-from eomgen.structure import faults
-from eomgen.sweep_plan import plan_from_toml
+from eomgen.forms.structure import faults
+from eomgen.scenario.load import scenario_from_toml
+from eomgen.sweep.plan import plan_from_toml
 
 if sys.version_info >= (3, 11):
     import tomllib

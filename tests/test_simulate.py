@@ -15,12 +15,16 @@ from random_robots import random_placement
 
 import eomgen
 from eomgen import ArrayError, InputError, IntegrationError, SingularError, UnknownNameError
-from eomgen.integrate import choose_method
-from eomgen.plots import plot_result
-from eomgen.robot import COORDINATES, Coordinate, Joint, Link, Robot
-from eomgen.simulate import default_motion, integrate, load_result, simulate, static_equilibrium
-from eomgen.stiffness import coordinate_sizes, stiffnesses
-from eomgen.system import IntegrationStopped, System
+from eomgen.errors import IntegrationStopped
+from eomgen.integration.solve import choose_method, integrate
+from eomgen.integration.system import System
+from eomgen.motion.ends import default_motion
+from eomgen.pictures.simulation import plot_result
+from eomgen.robot.value import COORDINATES, Coordinate, Joint, Link, Robot
+from eomgen.simulation.archive import load_result
+from eomgen.simulation.run import simulate
+from eomgen.state.equilibrium import static_equilibrium
+from eomgen.state.springs import coordinate_sizes, stiffnesses
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 

@@ -14,19 +14,21 @@ from spring_oracle import SpringOracle, with_springs
 from test_springs import close, implicit_step, sprung
 
 import eomgen
-from eomgen import cli
-from eomgen.analysis import fit, forces, motion_from_columns
-from eomgen.bench import bench
-from eomgen.codegen.readable import readable_form
-from eomgen.codegen.trace import closed_form
-from eomgen.compare import compare
+from eomgen.analysis.structures import compare
+from eomgen.bench.beside import bench
+from eomgen.cli import entry as cli
+from eomgen.codegen.closed_form.readable import readable_form
+from eomgen.codegen.closed_form.trace import closed_form
 from eomgen.errors import InputError
-from eomgen.info import robot_info
-from eomgen.integrate import integrate
-from eomgen.loops import ClosedLoops
-from eomgen.model import build_model
-from eomgen.robot import Coordinate, Robot, Spring
-from eomgen.simulate import simulate
+from eomgen.identification.from_motion import forces
+from eomgen.identification.least_squares import fit
+from eomgen.integration.solve import integrate
+from eomgen.loops.closed import ClosedLoops
+from eomgen.motion.files import motion_from_columns
+from eomgen.pipeline.costs import robot_info
+from eomgen.robot.model import build_model
+from eomgen.robot.value import Coordinate, Robot, Spring
+from eomgen.simulation.run import simulate
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 

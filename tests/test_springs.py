@@ -18,16 +18,16 @@ from spring_oracle import SpringOracle, pulled, with_springs
 from test_mujoco import elastic_robot
 
 import eomgen
-from eomgen.codegen.bodies import bind
-from eomgen.codegen.equations import derive, derive_equations
-from eomgen.codegen.frames import choose_frames
-from eomgen.codegen.render import render
-from eomgen.equilibrium import static_equilibrium
+from eomgen.codegen.c.sources import render
+from eomgen.codegen.kernels.equations import derive, derive_equations
+from eomgen.codegen.tree.bound import bind
+from eomgen.codegen.tree.frames import choose_frames
 from eomgen.errors import DescriptionError, InputError
-from eomgen.integrate import choose_method, integrate
-from eomgen.model import build_model
-from eomgen.robot import Coordinate, Joint, Link, Placement, Robot, Spring
-from eomgen.stepping import fixed_step
+from eomgen.integration.solve import choose_method, integrate
+from eomgen.integration.steps import fixed_step
+from eomgen.robot.model import build_model
+from eomgen.robot.value import Coordinate, Joint, Link, Placement, Robot, Spring
+from eomgen.state.equilibrium import static_equilibrium
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 

@@ -13,10 +13,11 @@ import numpy as np
 import pytest
 
 import eomgen
-from eomgen import cli
+from eomgen.cli import entry as cli
 from eomgen.errors import InputError
-from eomgen.simulate import run_scenario, scenario_from_toml
-from eomgen.stream import MotionStream
+from eomgen.scenario.load import scenario_from_toml
+from eomgen.simulation.run import run_scenario
+from eomgen.simulation.stream import MotionStream
 
 zarr = pytest.importorskip("zarr")  # which needs Python 3.11
 

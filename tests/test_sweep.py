@@ -19,16 +19,18 @@ import numpy as np
 import pytest
 
 import eomgen
-from eomgen import cli
-from eomgen.cache import VARIABLE
-from eomgen.description import robot_from_toml
+from eomgen.cli import entry as cli
+from eomgen.description.load import robot_from_toml
 from eomgen.errors import InputError
-from eomgen.robot import Robot
-from eomgen.simulate import run_scenario, scenario_from_toml
-from eomgen.sweep import Parcel, plan_from_toml, prepare, run, work
-from eomgen.sweep_result import SweepResult
-from eomgen.sweep_store import ROWS, opened
-from eomgen.sweep_travel import builds_of, pack, source_keys, unpack
+from eomgen.pipeline.cache import VARIABLE
+from eomgen.robot.value import Robot
+from eomgen.scenario.load import scenario_from_toml
+from eomgen.simulation.run import run_scenario
+from eomgen.sweep.driver import Parcel, prepare, run, work
+from eomgen.sweep.plan import plan_from_toml
+from eomgen.sweep.result import SweepResult
+from eomgen.sweep.shipping import builds_of, pack, source_keys, unpack
+from eomgen.sweep.store import ROWS, opened
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 

@@ -14,16 +14,17 @@ import pytest
 from scipy import stats
 from test_sweep import RELEASE, SLIDER, STIFF, slider
 
-from eomgen.cli import main
-from eomgen.description import load_robot, robot_from_toml
+from eomgen.cli.entry import main
+from eomgen.description.load import load_robot, robot_from_toml
 from eomgen.errors import DescriptionError, InputError
-from eomgen.plan_keys import DESIGNS, ENGINES, RECORDS
-from eomgen.simulate import load_scenario, run_scenario
-from eomgen.sweep import plan_from_toml, prepare, run
-from eomgen.sweep_plan import Distribution, load_plan
-from eomgen.sweep_result import SweepResult, sensitivity_of
-from eomgen.sweep_samples import Design, quantile
-from eomgen.tunable import expand_tunable
+from eomgen.robot.parameter_names import expand_tunable
+from eomgen.scenario.load import load_scenario
+from eomgen.simulation.run import run_scenario
+from eomgen.sweep.design import Design, quantile
+from eomgen.sweep.driver import prepare, run
+from eomgen.sweep.keys import DESIGNS, ENGINES, RECORDS
+from eomgen.sweep.plan import Distribution, load_plan, plan_from_toml
+from eomgen.sweep.result import SweepResult, sensitivity_of
 
 ROOT = Path(__file__).parents[1]
 UNIFORM = "uniform = { low = 1.0, high = 2.0 }\n"

@@ -14,13 +14,13 @@ from random_robots import random_robot, seeds
 from spring_oracle import with_springs
 
 import eomgen
-from eomgen.codegen.equations import derive
-from eomgen.codegen.ir import Graph, evaluate, finish
-from eomgen.codegen.signatures import KERNELS, RATES
-from eomgen.codegen.tangent import tangent
+from eomgen.codegen.kernels.equations import derive
+from eomgen.codegen.kernels.signatures import KERNELS, RATES
+from eomgen.codegen.program.forward_mode import tangent
+from eomgen.codegen.program.ir import Graph, evaluate, finish
 from eomgen.errors import ArrayError
-from eomgen.model import build_model
-from eomgen.robot import Robot
+from eomgen.robot.model import build_model
+from eomgen.robot.value import Robot
 
 TANGENTS = tuple(name for name, signature in KERNELS.items() if signature.tangent_of)
 

@@ -8,9 +8,9 @@ import sys
 
 import pytest
 
-from eomgen.description import robot_from_toml
+from eomgen.description.load import robot_from_toml
 from eomgen.errors import DescriptionError
-from eomgen.toml_place import line_of
+from eomgen.forms.toml_place import line_of
 
 if sys.version_info >= (3, 11):
     import tomllib

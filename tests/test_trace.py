@@ -23,11 +23,11 @@ from sympy.physics.mechanics import (
     dynamicsymbols,
 )
 
-from eomgen.codegen.equations import derive
-from eomgen.codegen.ir import evaluate
-from eomgen.codegen.trace import closed_form
-from eomgen.model import build_model, parameter_values
-from eomgen.robot import Robot
+from eomgen.codegen.closed_form.trace import closed_form
+from eomgen.codegen.kernels.equations import derive
+from eomgen.codegen.program.ir import evaluate
+from eomgen.robot.model import build_model, parameter_values
+from eomgen.robot.value import Robot
 
 Array = NDArray[np.float64]
 TOLERANCE = 1e-11  # relative, max-norm

@@ -12,11 +12,11 @@ import pytest
 from numpy.typing import NDArray
 
 import eomgen
-from eomgen.codegen.compile import FLAGS, processor
-from eomgen.codegen.equations import derive_equations
-from eomgen.codegen.render import render
-from eomgen.codegen.scalar import TURNS
-from eomgen.model import build_model
+from eomgen.codegen.c.scalar_types import TURNS
+from eomgen.codegen.c.sources import render
+from eomgen.codegen.kernels.equations import derive_equations
+from eomgen.codegen.package.compile import FLAGS, processor
+from eomgen.robot.model import build_model
 
 VECTORS = [("-DEOMGEN_VECTOR=0",), (), ("-mavx2", "-mfma", "-ffp-contract=fast"), ("-mavx512f",)]
 NEEDS = {"-mavx2": "avx2", "-mavx512f": "avx512f"}

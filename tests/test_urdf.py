@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from description_samples import URDF, example_urdfs, link_poses
 
-from eomgen.description import load_robot, robot_from_urdf
+from eomgen.description.load import load_robot, robot_from_urdf
 from eomgen.errors import DescriptionError, EomgenWarning
-from eomgen.robot import IDENTITY, Robot
-from eomgen.urdf import axis_turn
+from eomgen.robot.geometry import IDENTITY, axis_turn
+from eomgen.robot.value import Robot
 
 pin = pytest.importorskip("pinocchio")
 EXAMPLES = example_urdfs()

@@ -11,10 +11,10 @@ from random_robots import random_robot
 from test_zeros import chain, generic
 from unpruned import brute_force
 
-from eomgen import cli
-from eomgen.codegen.zero_report import ZeroReport, zero_report
-from eomgen.codegen.zeros import zero_map
-from eomgen.model import Model, build_model
+from eomgen.cli import entry as cli
+from eomgen.codegen.joint.zero_listing import ZeroReport, zero_report
+from eomgen.codegen.joint.zeros import zero_map
+from eomgen.robot.model import Model, build_model
 
 
 def expanded(report: ZeroReport, model: Model) -> tuple[dict[tuple[int, ...], str], dict[tuple[int, ...], str]]:

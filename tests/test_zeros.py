@@ -12,10 +12,10 @@ from random_motors import geared_robot
 from random_robots import random_link, random_robot, random_rotation, random_state
 from unpruned import brute_force
 
-from eomgen.codegen import zeros
-from eomgen.codegen.zeros import ZeroMap, zero_map
-from eomgen.model import Model, build_model
-from eomgen.robot import COORDINATES, Coordinate, Joint, Link, Placement, Robot
+from eomgen.codegen.joint import zeros
+from eomgen.codegen.joint.zeros import ZeroMap, zero_map
+from eomgen.robot.model import Model, build_model
+from eomgen.robot.value import COORDINATES, Coordinate, Joint, Link, Placement, Robot
 
 Array = NDArray[np.float64]
 

@@ -9,9 +9,9 @@ import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 
-from eomgen.codegen.bodies import bind
-from eomgen.codegen.joint import joint_derivatives, joint_transform, step
-from eomgen.model import FIXED_BODY, Body, Model
+from eomgen.codegen.joint.lemmas import joint_derivatives, joint_transform, step
+from eomgen.codegen.tree.bound import bind
+from eomgen.robot.model import FIXED_BODY, Body, Model
 
 Array = NDArray[np.float64]
 

@@ -13,9 +13,9 @@ from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
-from eomgen import cache
-from eomgen.codegen.compile import find_compiler
+from eomgen.codegen.package.compile import find_compiler
 from eomgen.errors import BuildError
+from eomgen.pipeline import cache
 
 from . import pinocchio_peer
 from .cases import Case

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import eomgen
 from eomgen.errors import EomgenWarning
-from eomgen.robot import Robot
+from eomgen.robot.value import Robot
 
 from ..run import generic, six
 from .contender import MissingPeer

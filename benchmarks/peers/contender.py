@@ -17,8 +17,8 @@ import cffi
 import numpy as np
 from numpy.typing import NDArray
 
-from eomgen import cache
-from eomgen.codegen.compile import processor
+from eomgen.codegen.package.compile import processor
+from eomgen.pipeline import cache
 
 Array = NDArray[np.float64]
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from eomgen.robot import PRINCIPAL, Robot
-from eomgen.stopwatch import Stopwatch, Timed
+from eomgen.bench.clock import Stopwatch, Timed
+from eomgen.robot.value import PRINCIPAL, Robot
 
 from .contender import Contender
 

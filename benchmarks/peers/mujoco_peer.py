@@ -8,9 +8,9 @@ from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
 
-from eomgen.codegen.compile import find_compiler
+from eomgen.codegen.package.compile import find_compiler
 from eomgen.errors import BuildError, InputError
-from eomgen.mjcf_export import mjcf
+from eomgen.export.mujoco import mjcf
 
 from .cases import Case
 from .contender import FFI, Contender, MissingPeer, address, build_library

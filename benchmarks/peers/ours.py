@@ -6,10 +6,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import eomgen
-from eomgen.codegen.compile import FLAGS, NATIVE
-from eomgen.model import build_model
-from eomgen.robot import Robot
-from eomgen.yardstick import Yardstick, compile_yardstick
+from eomgen.bench.textbook import Yardstick, compile_yardstick
+from eomgen.codegen.package.compile import FLAGS, NATIVE
+from eomgen.robot.model import build_model
+from eomgen.robot.value import Robot
 
 from .contender import FFI, Contender, MissingPeer, address, build_library
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from eomgen.robot import COORDINATES, Robot
+from eomgen.robot.value import COORDINATES, Robot
 
 from .cases import Case
 from .contender import FFI, Contender, MissingPeer, address, build_library

@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from eomgen.bench import processor_name
-from eomgen.codegen.compile import find_compiler
-from eomgen.stopwatch import Stopwatch
+from eomgen.bench.beside import processor_name
+from eomgen.bench.clock import Stopwatch
+from eomgen.codegen.package.compile import find_compiler
 
 from . import casadi_peer, mujoco_peer, pinocchio_peer
 from .casadi_peer import CasadiPeer

@@ -6,7 +6,7 @@ import argparse
 import html
 from collections.abc import Iterator
 
-from eomgen.cli import make_parser
+from eomgen.cli.entry import make_parser
 
 
 def page() -> str:

@@ -8,8 +8,8 @@ from functools import singledispatch
 
 from markdown.extensions.toc import slugify
 
-from eomgen.json_schema import FORMATS
-from eomgen.keys import (
+from eomgen.authoring.schemas import FORMATS
+from eomgen.forms.keys import (
     ByName,
     Choice,
     Either,
@@ -26,8 +26,8 @@ from eomgen.keys import (
     Text,
     Whole,
 )
+from eomgen.forms.tables import Entries, Form, Kinds, Pair, Sub
 from eomgen.names import IDENTIFIER_RULE, ROBOT_RULE
-from eomgen.schema import Entries, Form, Kinds, Pair, Sub
 
 
 @dataclass

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 
 import eomgen
-from eomgen import description
-from eomgen.codegen.equations import derive_equations
-from eomgen.codegen.render import operations
-from eomgen.loops import ClosedLoops
-from eomgen.model import Model, build_model
-from eomgen.robot_plots import plot_robot
-from eomgen.zero_plots import plot_zeros
+from eomgen.codegen.c.metadata import operations
+from eomgen.codegen.kernels.equations import derive_equations
+from eomgen.description import load as description
+from eomgen.loops.closed import ClosedLoops
+from eomgen.pictures.robot import plot_robot
+from eomgen.pictures.zeros import plot_zeros
+from eomgen.robot.model import Model, build_model
 
 KERNELS = ("inverse_dynamics", "mass_matrix", "forward_dynamics")
 CLOSING = ("constraint", "constraint_jacobian", "cut_poses")  # kernels that finding a closed pose takes

@@ -19,7 +19,7 @@ from image import Image, Sizes
 from task import RATE, ROBOT, Task, simulated
 
 import eomgen
-from eomgen.pipeline import Options, generate
+from eomgen.pipeline.stages import Options, generate
 
 HERE = Path(__file__).parent
 PAGE = HERE.parents[1] / "docs" / "controllers.md"

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from ..errors import InputError
-from ..kernel import Kernel
-from ..loading import linked
+from ..pipeline.load import linked
+from ..runtime.kernel import Kernel
 from .external import external_library
 from .mappings import FUNCTIONS, DifferentiableFunction, kernels_for
 

@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import cache as store
 from .._version import __version__
 from ..errors import InputError
+from ..pipeline import cache as store
 from .mappings import DifferentiableFunction
 
 
@@ -42,7 +42,7 @@ def external_library(function: DifferentiableFunction, called: str, flags: Seque
         InputError: the kernel is not one of float64.
         BuildError: its C is not there any more, or cannot be compiled.
     """
-    from ..codegen.compile import WARNINGS, compile_flags, find_compiler, link_shared, run_all, toolchain
+    from ..codegen.package.compile import WARNINGS, compile_flags, find_compiler, link_shared, run_all, toolchain
 
     kernel = function.kernel
     if kernel.dtype != np.float64:
@@ -83,7 +83,7 @@ def _key(tools: dict[str, object], *texts: str) -> str:
 
 def render(function: DifferentiableFunction, called: str) -> str:
     """The C of the function by the name ``called``."""
-    from ..codegen.source import environment
+    from ..codegen.c.source import environment
 
     kernel = function.kernel
     mask, masks = function.patterns()

@@ -14,15 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ArrayError, InputError
-from ..kernel import Kernel
-from .mappings import (
-    FRAMES,
-    FUNCTIONS,
-    DifferentiableFunction,
-    jacobian_derivative,
-    kernels_for,
-    pose_derivative,
-)
+from ..runtime.kernel import Kernel
+from .mappings import FRAMES, FUNCTIONS, DifferentiableFunction, jacobian_derivative, kernels_for, pose_derivative
 
 Array = NDArray[Any]
 SWITCH = 'jax.config.update("jax_enable_x64", True)'

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, UnknownNameError
-from ..kernel import Kernel
+from ..runtime.kernel import Kernel
 
 Array = NDArray[Any]
 FRAMES = ("frame_pose", "frame_jacobian")

@@ -1,0 +1,155 @@
+"""A kernel for projects in C and C++: names, header for C++17, CMake package, pkg-config file.
+
+From a package's metadata, without SymPy.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import shlex
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from eomgen._version import __version__
+
+from ..kernels.signatures import KERNELS
+from .scalar_types import SCALARS
+from .source import environment
+
+BY_VALUE = 8192  # numbers that a function of C++ returns by value: they lie on the stack
+SYMMETRIC = ("mass_matrix", "spring_stiffness")  # to the bit: storing by rows or by columns is the same
+IEEE = "-fno-fast-math"  # a whole project's -ffast-math would take NaN for a number
+LEVELS = ("-O0", "-O1", "-O2", "-O3", "-Os", "-Og", "-Ofast", "-Oz")
+
+# Keywords up to C++23, alternative operators, std, and macros that compilers or common headers define in small letters.
+TAKEN = frozenset(
+    """
+    alignas alignof and and_eq asm auto bitand bitor bool break case catch char char8_t char16_t char32_t class compl
+    concept const consteval constexpr constinit const_cast continue co_await co_return co_yield decltype default delete
+    do double dynamic_cast else enum explicit export extern false float for friend goto if inline int long mutable
+    namespace new noexcept not not_eq nullptr operator or or_eq private protected public register reinterpret_cast
+    requires return short signed sizeof static static_assert static_cast struct switch template this thread_local throw
+    true try typedef typeid typename union unsigned using virtual void volatile wchar_t while xor xor_eq
+    std posix linux unix i386 assert errno stdin stdout stderr complex imaginary near far small interface major minor
+    emit signals slots foreach NULL EOF TRUE FALSE NAN INFINITY OVERFLOW UNDERFLOW DOMAIN SING I
+    """.split()  # noqa: SIM905
+)
+
+
+def project_files(meta: Mapping[str, Any], flags: Sequence[str]) -> dict[str, str]:
+    """Names and texts of the files that make a generated package a project of C and C++, beside its .h and .c.
+
+    Args:
+        meta: of ``render.metadata``, as in the package's .json.
+        flags: of the compiler.
+    """
+    name = meta["name"]
+    level = next((flag for flag in reversed(flags) if flag in LEVELS), "-O2")
+    context = {
+        "name": name,
+        "version": __version__,
+        "numeric_version": _numeric(__version__),
+        "flags": quoted("SHELL:" + shlex.join([IEEE, *(flag for flag in flags if flag not in LEVELS)])),
+        "level": level,
+    }
+    templates = {
+        "CMakeLists.txt": "CMakeLists.txt.jinja",
+        f"{name}Config.cmake": "Config.cmake.jinja",
+        f"{name}.pc.in": "kernel.pc.in.jinja",
+    }
+    files = {file: environment().get_template(template).render(context) for file, template in templates.items()}
+    for file, template in ((f"{name}_names.h", "kernel_names.h.jinja"), (f"{name}.hpp", "kernel.hpp.jinja")):
+        files[file] = environment().get_template(template).render(_header_context(meta))
+    return files
+
+
+def _numeric(version: str) -> str:
+    """What CMake takes of a version: its numbers."""
+    found = re.match(r"\d+(\.\d+){0,3}", version)
+    return found[0] if found else "0"
+
+
+def quoted(text: str) -> str:
+    """An argument of CMake."""
+    return '"' + re.sub(r'([\\"$;])', r"\\\1", text) + '"'
+
+
+def _header_context(meta: Mapping[str, Any]) -> dict[str, Any]:
+    """What the templates of the headers know."""
+    name, scalar = meta["name"], SCALARS[meta["dtype"]]
+    kernels = _kernels(meta)
+    return {
+        "name": name,
+        "space": safe(name),
+        "prefix": name.upper(),
+        "version": __version__,
+        "dtype": meta["dtype"],
+        "real": scalar.name,
+        "n": len(meta["coordinates"]),
+        "hoisted": max(meta["hoisted"], 1),
+        "tables": {
+            "coordinate": identifiers(meta["coordinates"]),
+            "joint": identifiers(meta["joints"]),
+            "link": identifiers(meta["links"]),
+            "frame": identifiers(meta["frames"]),
+            "parameter": identifiers(list(meta["parameters"])),
+            **{key: identifiers(meta[f"{key}s"]) for key in ("spring", "constraint") if f"{key}s" in meta},
+        },
+        "defaults": [scalar.literal(value) for value in meta["parameters"].values()],
+        "kernels": kernels,
+        "rolls": "rollout" in meta["kernels"],
+        "solving": "rollout" in meta["kernels"] or any(kernel["solves"] for kernel in kernels),
+    }
+
+
+def _kernels(meta: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Functions of the header for C++: names, views of what they read and write."""
+    shapes = {key: tuple(shape) for key, shape in meta["shapes"].items()}
+    shapes.update(pose=(4, 4), jacobian=(6, len(meta["coordinates"])))
+    found = {
+        name: (entry["reads"], entry["writes"], KERNELS[name].text)
+        for name, entry in meta["kernels"].items()
+        if name not in ("kinematics", "rollout")
+    }
+    if "kinematics" in meta["kernels"]:
+        found["frame_pose"] = (["q"], "pose", "Pose A_0k of a frame in the base; eqs. (1) and (2).")
+        text = "Velocity of a frame's origin (3 rows) and angular velocity (3 rows) per coordinate rate, base axes."
+        found["frame_jacobian"] = (["q"], "jacobian", text)
+    return [
+        {
+            "name": name,
+            "text": text,
+            "shape": " x ".join(map(str, shapes[writes])),
+            "reads": [{"name": array, "view": view(shapes[array])} for array in reads],
+            "out": view(shapes[writes]) + (", true" if name in SYMMETRIC else ""),
+            "size": math.prod(shapes[writes]),
+            "by_value": math.prod(shapes[writes]) <= BY_VALUE,
+            "solves": name in KERNELS and KERNELS[name].solves,
+            "framed": name.startswith("frame_"),
+        }
+        for name, (reads, writes, text) in found.items()
+    ]
+
+
+def view(shape: Sequence[int]) -> str:
+    """Rows and columns of an array as arguments of a template: leading axes are rows of rows."""
+    return str(shape[0]) if len(shape) == 1 else f"{math.prod(shape[:-1])}, {shape[-1]}"
+
+
+def safe(name: str) -> str:
+    """The name, with _ behind it where it is a word of C++."""
+    return f"{name}_" if name in TAKEN else name
+
+
+def identifiers(names: Sequence[str]) -> list[tuple[str, str]]:
+    """Each name with an identifier of C++ of its own: joint1_x of "joint1.x"."""
+    found: list[tuple[str, str]] = []
+    used: set[str] = set()
+    for name in names:
+        identifier = safe(re.sub(r"\W", "_", name))
+        while identifier in used:
+            identifier += "_"
+        used.add(identifier)
+        found.append((name, identifier))
+    return found

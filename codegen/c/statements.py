@@ -1,0 +1,288 @@
+"""Program -> statements of C, one per value; a value that one other value uses is written into it.
+
+Large programs are split into several functions that hand values on in an array on the stack, because compilers need
+more than linear time for a long function.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Container, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from ..kernels.signatures import SIGNATURES
+from ..program.ir import CALLS, Program, users
+from .scalar_types import Scalar
+
+CHUNK = 900  # values per function
+INLINE = 72  # longest expression, in characters, that is written into another one
+NAMES = {"sqrt": "root", "max": "larger", "step": "positive"}  # functions of ``vectors.jinja``
+FILL = 16  # from so many zeros on an output is cleared in a loop
+
+
+@dataclass(frozen=True)
+class Function:
+    """A program as C: per chunk its statements, the size of the array that chunks share, arrays that are not read.
+
+    ``angles`` are the expressions whose sines and cosines are taken before all else.
+    """
+
+    name: str
+    arrays: tuple[str, ...]
+    angles: tuple[str, ...]
+    chunks: tuple[tuple[str, ...], ...]
+    workspace: int
+    unused: tuple[tuple[str, ...], ...]
+    outputs: tuple[str, ...]
+
+    @property
+    def run(self) -> str:
+        """Where the angles stand, if they stand side by side already; or nothing."""
+        places = [re.fullmatch(r"(\w+)\[(\d+)\]", angle) for angle in self.angles]
+        if not places or not all(places):
+            return ""
+        found = [(place[1], int(place[2])) for place in places if place]
+        array, first = found[0]
+        return f"{array} + {first}" if found == [(array, first + i) for i in range(len(found))] else ""
+
+
+def write_function(program: Program, scalar: Scalar, *, turning: bool = True) -> Function:
+    """Program -> statements of C.
+
+    Args:
+        turning: take all sines and cosines at once in front (``turn`` of ``vectors.jinja``), not one by one.
+    """
+    signature = SIGNATURES.get(program.name)
+    arrays: tuple[str, ...] = tuple(a for a in ("h", "p", "q", "v", "a", "u", "wrench") if a in program.inputs())
+    if signature is not None:
+        arrays = ("h", *signature.reads)
+    writer = _Writer(program, scalar, turning)
+    chunks = writer.chunks()
+    unused = [[a for a in arrays if not _reads(chunk, a)] for chunk in chunks]
+    if len(chunks) == 1:
+        unused[0] = [a for a in unused[0] if not _reads(writer.angles, a)]
+    outputs = tuple(dict.fromkeys(key[0] for key in program.outputs))
+    return Function(
+        program.name,
+        arrays,
+        tuple(writer.angles),
+        tuple(tuple(chunk) for chunk in chunks),
+        len(writer.slots),
+        tuple(tuple(names) for names in unused),
+        outputs,
+    )
+
+
+def _reads(chunk: Sequence[str], array: str) -> bool:
+    """Whether any of the statements reads the array."""
+    return any(re.search(rf"\b{array}\[", line) for line in chunk)
+
+
+def turned(program: Program) -> set[int]:
+    """Sines and cosines, and what they alone need: values that are no statements of their own."""
+    needs = [0] * len(program.instructions)  # statements and outputs that need a value
+    for index in program.outputs.values():
+        needs[index] += 1
+    found: set[int] = set()
+    for index in range(len(program.instructions) - 1, -1, -1):
+        instruction = program.instructions[index]
+        if instruction.op in ("sin", "cos") or (needs[index] == 0 and instruction.args):
+            found.add(index)
+        else:
+            for arg in instruction.args:
+                needs[arg] += 1
+    return found
+
+
+def split(program: Program, apart: Container[int]) -> dict[int, int]:
+    """For every value that is computed, the function that computes it; but for those that are ``apart``."""
+    size = len(program.instructions)
+    computed = [i for i in range(size) if program.instructions[i].op not in ("const", "input") and i not in apart]
+    return {index: order // CHUNK for order, index in enumerate(computed)}
+
+
+def handed_on(program: Program, chunk_of: Mapping[int, int]) -> dict[int, int]:
+    """Values that a later function reads, and their places in the array that functions share."""
+    slots: dict[int, int] = {}
+    for index, chunk in chunk_of.items():
+        for arg in program.instructions[index].args:
+            if chunk_of.get(arg, chunk) != chunk:
+                slots.setdefault(arg, len(slots))
+    return slots
+
+
+class _Writer:
+    """Writes the statements of one program."""
+
+    def __init__(self, program: Program, scalar: Scalar, turning: bool) -> None:
+        self.program, self.scalar = program, scalar
+        self.count = users(program)
+        self.stores: dict[int, list[str]] = {}
+        for (array, position), index in program.outputs.items():
+            self.stores.setdefault(index, []).append(f"{array}[{position}]")
+        apart = turned(program) if turning else set()
+        self.angles: list[str] = []
+        self.turns: dict[int, str] = {}  # sines and cosines that are taken in front
+        self._take_turns(apart)
+        self.chunk_of = split(program, apart)
+        self.last = max(self.chunk_of.values(), default=0)
+        self.slots = handed_on(program, self.chunk_of)
+
+    def _take_turns(self, apart: Container[int]) -> None:
+        place: dict[int, int] = {}
+        for index, instruction in enumerate(self.program.instructions):
+            if index in apart and instruction.op in ("sin", "cos"):
+                (arg,) = instruction.args
+                if arg not in place:
+                    place[arg] = len(self.angles)
+                    self.angles.append(self._from_inputs(arg))
+                self.turns[index] = f"{'sine' if instruction.op == 'sin' else 'cosine'}[{place[arg]}]"
+
+    def _from_inputs(self, index: int) -> str:
+        """A value as one expression of inputs."""
+        instruction = self.program.instructions[index]
+        if not instruction.args:
+            return self._leaf(index)
+        return self._write(index, [self._from_inputs(arg) for arg in instruction.args])
+
+    def chunks(self) -> list[list[str]]:
+        """Statements per chunk."""
+        lines: list[list[str]] = [[] for _ in range(self.last + 1)]
+        lines[0].extend(self._constant_outputs())
+        text: dict[int, str] = {}
+        note = ""
+        known: list[dict[int, str]] = [{} for _ in lines]
+        for index, instruction in enumerate(self.program.instructions):
+            chunk = self.chunk_of.get(index)
+            note = self.program.notes.get(index, note)
+            if chunk is None:
+                if index in self.turns or not instruction.args:
+                    text[index] = self._leaf(index)
+                continue
+            args = [self._argument(arg, chunk, text, known[chunk], lines[chunk]) for arg in instruction.args]
+            expression = self._write(index, args)
+            if self._is_inlined(index, expression):
+                text[index] = expression
+                continue
+            if note:  # the last one counts: the steps before it wrote nothing
+                lines[chunk].append(f"/* {note} */")
+                note = ""
+            if index in self.stores and self.count[index] == len(self.stores[index]):
+                lines[chunk].extend(_stored(self.stores[index], expression))
+                continue
+            lines[chunk].append(f"const {self.scalar.name} t{index} = {expression};")
+            text[index] = f"t{index}"
+            if index in self.slots:
+                lines[chunk].append(f"w[{self.slots[index]}] = t{index};")
+            if index in self.stores:
+                lines[chunk].extend(_stored(self.stores[index], f"t{index}"))
+        return lines
+
+    def _constant_outputs(self) -> Iterator[str]:
+        """Outputs that are numbers or inputs, zeros in a loop where there are many."""
+        zeros: dict[str, int] = {}
+        for index, places in self.stores.items():
+            if index not in self.chunk_of and self._leaf(index) == self.scalar.literal(0.0):
+                for place in places:
+                    array = place.split("[")[0]
+                    zeros[array] = zeros.get(array, 0) + 1
+        filled = {array for array, number in zeros.items() if number >= FILL}
+        for array in sorted(filled):
+            size = 1 + max(position for name, position in self.program.outputs if name == array)
+            zero = self.scalar.whole(self.scalar.literal(0.0))
+            yield f"for (size_t i = 0; i < {size}U; ++i) {{ {array}[i] = {zero}; }}"
+        for index, places in self.stores.items():
+            if index not in self.chunk_of:
+                leaf = self._leaf(index)
+                kept = [p for p in places if leaf != self.scalar.literal(0.0) or p.split("[")[0] not in filled]
+                if kept:
+                    yield from _stored(kept, self._whole(index, leaf))
+
+    def _leaf(self, index: int) -> str:
+        instruction = self.program.instructions[index]
+        if index in self.turns:
+            return self.turns[index]
+        if instruction.op == "const":
+            return self.scalar.literal(instruction.leaf)
+        return f"{instruction.leaf[0]}[{instruction.leaf[1]}]"
+
+    def _argument(self, arg: int, chunk: int, text: dict[int, str], known: dict[int, str], lines: list[str]) -> str:
+        """The text of an argument; one from an earlier chunk is loaded once."""
+        if arg not in self.chunk_of or self.chunk_of[arg] == chunk:
+            return text[arg]
+        if arg not in known:
+            lines.append(f"const {self.scalar.name} t{arg} = w[{self.slots[arg]}];")
+            known[arg] = f"t{arg}"
+        return known[arg]
+
+    def _is_inlined(self, index: int, expression: str) -> bool:
+        return (
+            self.count[index] == 1
+            and index not in self.stores
+            and index not in self.slots
+            and len(expression) <= INLINE
+            and self.program.instructions[index].op not in ("sin", "cos")
+        )
+
+    def _whole(self, index: int, text: str) -> str:
+        """A value's text, where one number for all states has to become a vector of it."""
+        instruction = self.program.instructions[index]
+        is_number = instruction.op == "const" or (instruction.op == "input" and instruction.leaf[0] in ("h", "p"))
+        return self.scalar.whole(text) if is_number else text
+
+    def _write(self, index: int, args: Sequence[str]) -> str:
+        """A value as an expression of its arguments' texts."""
+        instruction = self.program.instructions[index]
+        if instruction.op in CALLS:
+            whole = [self._whole(arg, text) for arg, text in zip(instruction.args, args, strict=True)]
+            return f"{NAMES[instruction.op]}{'_lanes' if self.scalar.spread else ''}({', '.join(whole)})"
+        return self._expression(instruction.op, args)
+
+    def _expression(self, op: str, args: Sequence[str]) -> str:
+        if op in ("sin", "cos"):
+            return f"{op}{self.scalar.suffix}({args[0]})"
+        if op == "neg":
+            return f"-{_factor(args[0])}"
+        x, y = args
+        if op == "add":
+            return f"{x} + {_term(y)}"
+        if op == "sub":
+            return f"{x} - {_term(y)}"
+        sign = "*" if op == "mul" else "/"
+        return f"{_factor(x, leading=True)}{sign}{_factor(y)}"
+
+
+def _stored(places: Sequence[str], value: str) -> list[str]:
+    """Statements that store one value at each of the places; an expression is computed once."""
+    again = value if re.fullmatch(r"[\w.]+", value) else places[0]
+    return [f"{place} = {source};" for place, source in zip(places, (value, *[again] * len(places)), strict=False)]
+
+
+def _is_sum(text: str) -> bool:
+    return " " in _outside_brackets(text)
+
+
+def _is_product(text: str) -> bool:
+    outside = _outside_brackets(text)
+    return "*" in outside or "/" in outside
+
+
+def _outside_brackets(text: str) -> str:
+    depth, kept = 0, []
+    for letter in text:
+        depth += (letter == "(") - (letter == ")")
+        if depth == 0:
+            kept.append(letter)
+    return "".join(kept)
+
+
+def _term(text: str) -> str:
+    """A right summand, in brackets where its own sum or sign would be read otherwise."""
+    return f"({text})" if _is_sum(text) or text.startswith("-") else text
+
+
+def _factor(text: str, *, leading: bool = False) -> str:
+    """A factor; a product on the right keeps its brackets, because rounding depends on the order."""
+    if _is_sum(text) or (not leading and (text.startswith("-") or _is_product(text))):
+        return f"({text})"
+    return text

@@ -1,0 +1,263 @@
+"""Closed-form equations of a small robot for a reader: eqs. (10)-(16), simplified, as text or LaTeX.
+
+The terms are those of ``trace``.  Coordinates have the paper's letters with the joint's number (x_1, gamma_1), numbers
+of the description those of ``SYMBOLS`` with the name of their link or joint.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import sympy as sp
+from sympy.simplify.fu import TR10i
+
+from eomgen.errors import InputError
+from eomgen.robot.model import Model, parameter_values
+from eomgen.robot.value import ANGULAR, LINEAR, MOTOR
+
+from .trace import ClosedForm, closed_form, refuse_springs
+
+Expr = Any  # sympy.Expr
+
+MOST_COORDINATES = 6
+MOST_OPERATIONS = 20_000  # of M and C as derived; simplifying more takes minutes, and nobody reads it
+COMBINED = 500  # operations up to which products of sines and cosines are looked at for sums of angles
+ROUND_OFF = 1e-14
+
+SYMBOLS = {  # what a parameter's name ends with: letter, unit
+    "mass": ("m", "kg"),
+    "com": ("c", "m"),
+    "inertia": ("I", "kg m^2"),
+    "stiffness": ("a", "N/m"),
+    "damping": ("b", "N s/m"),
+    "armature": ("J", "kg"),
+    "ratio": ("N", "1"),
+    "xyz": ("p", "m"),
+    "rpy": ("r", "rad"),
+    "gravity": ("g", "m/s^2"),
+}
+ANGULAR_UNITS = {"stiffness": "N m/rad", "damping": "N m s/rad", "armature": "kg m^2"}
+LINEAR_RATIO = "1/m"  # of a gear in front of a prismatic joint
+
+
+@dataclass(frozen=True)
+class Letter:
+    """A symbol of a formula: its LaTeX, what it stands for, and the value (None for coordinates) and unit."""
+
+    symbol: Expr
+    latex: str
+    meaning: str
+    value: float | None
+    unit: str
+
+
+@dataclass(frozen=True)
+class ReadableForm:
+    """Simplified M, C and Q of a robot with their symbols; ``lines`` is text, ``latex`` a LaTeX fragment.
+
+    mass_matrix: {(s, v): entry}, s <= v; christoffel: {(s, v, w): entry}, v <= w; by index, zeros left out.
+    force: Q_P + Q_G of every coordinate, and the drive where there is one.
+    """
+
+    model: Model
+    letters: tuple[Letter, ...]
+    form: ClosedForm
+    mass_matrix: Mapping[tuple[int, int], Expr]
+    christoffel: Mapping[tuple[int, int, int], Expr]
+    force: tuple[Expr, ...]
+
+    @property
+    def left(self) -> tuple[Expr, ...]:
+        """Left sides of eq. (10): M a + the terms of C."""
+        form, sides = self.form, []
+        for s in range(self.model.size):
+            terms = [self.mass_matrix.get((min(s, v), max(s, v)), 0) * a for v, a in enumerate(form.a)]
+            for (i, v, w), entry in self.christoffel.items():
+                if i == s:
+                    terms.append((1 if v == w else 2) * entry * form.v[v] * form.v[w])
+            sides.append(sp.Add(*terms))
+        return tuple(sides)
+
+    def lines(self) -> list[str]:
+        """Text: symbols, coefficients, equations."""
+        lines = [f"{self.model.name}: closed form of the equations of motion", "", "symbols"]
+        for letter in self.letters:
+            value = f"{letter.value!r} " if letter.value is not None else ""
+            lines.append(f"  {letter.symbol} = {letter.meaning}: {value}{letter.unit}")
+        q = [str(symbol) for symbol in self.form.q]
+        lines += ["", "coefficients of eqs. (11) and (12), M symmetric, C symmetric in the last two; others are zero"]
+        lines += [f"  M[{q[s]}, {q[v]}] = {entry}" for (s, v), entry in self.mass_matrix.items()]
+        lines += [f"  C[{q[s]}; {q[v]}, {q[w]}] = {entry}" for (s, v, w), entry in self.christoffel.items()]
+        lines += ["", "equations of motion, eq. (10)"]
+        return lines + [f"  {left} = {right}" for left, right in zip(self.left, self.force, strict=True)]
+
+    def latex(self) -> str:
+        """A LaTeX fragment for amsmath: the symbols as comments, then two align* environments."""
+        names = {letter.symbol: letter.latex for letter in self.letters}
+        names |= {symbol: _latex_of(str(symbol)) for row in (self.form.v, self.form.a, self.form.u) for symbol in row}
+
+        def show(expression: Expr) -> str:
+            return str(sp.latex(expression, symbol_names=names))
+
+        text = [f"% {self.model.name}: closed form of the equations of motion, eqs. (10)-(12)"]
+        for letter in self.letters:
+            value = f"{letter.value!r} " if letter.value is not None else ""
+            text.append(f"% ${letter.latex}$ = {letter.meaning}: {value}{letter.unit}")
+        rows = [f"M_{{{self._place(key)}}} &= {show(entry)}" for key, entry in self.mass_matrix.items()]
+        rows += [f"C_{{{self._place(key)}}} &= {show(entry)}" for key, entry in self.christoffel.items()]
+        sides = [f"{show(left)} &= {show(right)}" for left, right in zip(self.left, self.force, strict=True)]
+        for part in (rows, sides):
+            text += ["\\begin{align*}", " \\\\\n".join(part), "\\end{align*}"]
+        return "\n".join(text)
+
+    def _place(self, key: Sequence[int]) -> str:
+        """Subscript and superscript of eq. (11) or (12): joints, then coordinates; one joint is named once."""
+        names, joints = [], []
+        for i in key:
+            joint, _, name = self.model.coordinates[i].rpartition(".")
+            joints.append(str(1 + next(k for k, body in enumerate(self.model.bodies) if body.joint == joint)))
+            names.append(_greek(name))
+        below = joints[0] if len(self.model.bodies) == 1 else ",".join(joints)
+        return f"{below}}}^{{{' '.join(names)}"
+
+
+def readable_form(model: Model, *, numbers: bool = False) -> ReadableForm:
+    """Derive and simplify the closed form.
+
+    Args:
+        model: with at most MOST_COORDINATES coordinates.
+        numbers: keep the description's numbers instead of symbols.
+
+    Raises:
+        InputError: too many coordinates, too many operations to be simplified and read, or springs between points.
+    """
+    if model.size > MOST_COORDINATES:
+        raise InputError(
+            f"{model.name} has {model.size} coordinates; a closed form is derived for at most {MOST_COORDINATES},"
+            " larger robots are what `eomgen generate` is for"
+        )
+    refuse_springs(model)
+    letters = {} if numbers else dict(_parameters(model))
+    form = closed_form(model, {name: letter.symbol for name, letter in letters.items()})
+    n = model.size
+    entries = [form.mass_matrix[s, v] for s in range(n) for v in range(s, n)]
+    entries += [form.christoffel[s][v][w] for s in range(n) for v in range(n) for w in range(v, n)]
+    operations = int(sum(sp.count_ops(entry) for entry in entries))
+    if operations > MOST_OPERATIONS:
+        advice = "lock coordinates" if numbers else "keep the numbers (--numbers), or lock coordinates"
+        raise InputError(
+            f"{model.name}: its closed form has {operations} operations; at most {MOST_OPERATIONS} are simplified and"
+            f" printed: {advice}"
+        )
+    mass = {(s, v): simplified(form.mass_matrix[s, v]) for s in range(n) for v in range(s, n)}
+    keys = [(s, v, w) for s in range(n) for v in range(n) for w in range(v, n)]
+    christoffel = {key: simplified(form.christoffel[key[0]][key[1]][key[2]]) for key in keys}
+    driven, drives = _driven(model), zip(form.generalized_force, form.u, strict=True)
+    force = tuple(simplified(Q) + (u if i in driven else 0) for i, (Q, u) in enumerate(drives))
+    mass = {key: entry for key, entry in mass.items() if entry != 0}
+    christoffel = {key: entry for key, entry in christoffel.items() if entry != 0}
+    used = set().union(*(expr.free_symbols for expr in (*mass.values(), *christoffel.values(), *force)))
+    named = [letter for letter in letters.values() if letter.symbol in used]
+    return ReadableForm(model, (*_coordinates(model, form), *named), form, mass, christoffel, force)
+
+
+def simplified(expression: Expr) -> Expr:
+    """An equal expression, a polynomial in sines and cosines without sin^2 + cos^2, with few operations."""
+    expanded = sp.expand(expression)
+    found = [sp.factor_terms(_without_round_off(_without_squares(expanded, kept))) for kept in (sp.sin, sp.cos)]
+    found += [sp.factor_terms(TR10i(e)) for e in found if sp.count_ops(e) <= COMBINED]
+    return min(found, key=lambda e: int(sp.count_ops(e)))
+
+
+def _without_squares(expanded: Expr, kept: Any) -> Expr:
+    """Even powers of the other function than ``kept`` replaced by 1 - kept^2: zero comes out as zero."""
+    other = sp.cos if kept is sp.sin else sp.sin
+
+    def reduce(base: Expr, power: Expr) -> Expr:
+        square = 1 - kept(base.args[0]) ** 2
+        return square ** (power // 2) * base ** (power % 2)
+
+    return sp.expand(
+        expanded.replace(
+            lambda e: e.is_Pow and isinstance(e.base, other) and e.exp.is_Integer and e.exp > 1,
+            lambda e: reduce(e.base, e.exp),
+        )
+    )
+
+
+def _without_round_off(expanded: Expr) -> Expr:
+    """The sum without terms whose decimal coefficient is round-off of the others: cosines of right angles, say."""
+    terms = [term.as_coeff_Mul() for term in sp.Add.make_args(expanded)]
+    limit = ROUND_OFF * max(abs(factor) for factor, _ in terms)
+    kept = [factor * rest for factor, rest in terms if abs(factor) > limit or not factor.is_Float]
+    return sp.Add(*kept)
+
+
+def _driven(model: Model) -> set[int]:
+    """Indices of coordinates that get a drive: principal ones, and all of a free joint."""
+    kinds = {joint.name: joint.type for joint in model.robot.joints}
+    free = [i for body in model.bodies if kinds[body.joint] == "free" for i in body.indices]
+    return {*model.principal, *free, *model.motors}.difference(model.motors.values())
+
+
+def _coordinates(model: Model, form: ClosedForm) -> Iterator[Letter]:
+    for symbol, name in zip(form.q, model.coordinates, strict=True):
+        unit = "m" if name.rpartition(".")[2] in LINEAR else "rad"
+        yield Letter(symbol, _latex_of(str(symbol)), name, None, unit)
+
+
+def _parameters(model: Model) -> Iterator[tuple[str, Letter]]:
+    """A symbol for every number of the description that is not zero, by its parameter name.
+
+    Numbers of forces beyond linear springs and dampers stay numbers.
+    """
+    turning = {joint.name for joint in model.robot.joints if joint.type == "revolute"}
+    for name, value in parameter_values(model.robot):
+        if value is None or value == 0.0:
+            continue
+        parts = name.split(".")
+        kind = next((part for part in parts if part in SYMBOLS), "")
+        if not kind:
+            continue
+        of_motor = parts[0] == "joints" and parts[2] == MOTOR
+        letter, unit = SYMBOLS["armature" if of_motor and kind == "inertia" else kind]
+        owner = parts[1] if parts[0] != "gravity" else ""
+        detail = parts[2] if of_motor or kind in ANGULAR_UNITS else parts[-1] if kind != "mass" else ""
+        if kind in ("xyz", "rpy"):
+            detail = "xyz"[int(detail)]
+        if of_motor:
+            unit = _motor_unit(kind, owner in turning)
+        elif detail in ANGULAR:
+            unit = ANGULAR_UNITS[kind]
+        symbol = sp.Symbol("_".join(part for part in (letter, detail, owner) if part), real=True)
+        below = ",".join(part for part in (_greek(detail), owner.replace("_", "\\_")) if part)
+        yield name, Letter(symbol, f"{letter}_{{{below}}}", name, value, unit)
+
+
+def _motor_unit(kind: str, turning: bool) -> str:
+    """Unit of a number of a motor and its transmission, whose spring has the units of its joint."""
+    if kind == "inertia":
+        return ANGULAR_UNITS["armature"]
+    if kind == "ratio":
+        return SYMBOLS[kind][1] if turning else LINEAR_RATIO
+    return ANGULAR_UNITS[kind] if turning else SYMBOLS[kind][1]
+
+
+def _greek(name: str) -> str:
+    if name == MOTOR:
+        return f"\\mathrm{{{name}}}"
+    return f"\\{name}" if name in ANGULAR else name
+
+
+def _latex_of(symbol: str) -> str:
+    """LaTeX of a coordinate, rate, acceleration or drive as ``trace`` names it."""
+    drive = symbol.startswith("D_")
+    name, _, number = symbol.removeprefix("D_").rpartition("_")
+    if drive:
+        return f"D_{{{number}}}^{{{_greek(name)}}}"
+    for end, accent in (("ddot", "\\ddot"), ("dot", "\\dot")):
+        if name.endswith(end):
+            return f"{accent}{{{_greek(name.removesuffix(end))}}}_{{{number}}}"
+    return f"{_greek(name)}_{{{number}}}"

@@ -1,0 +1,330 @@
+"""Eqs. (4)-(16) in SymPy: the closed form of a small robot, term by term as traces of 4x4 matrices.
+
+This is the paper's expanded form (10).  It costs O(n^3) traces, so it serves robots with a handful of coordinates: as
+the reference that the recursion is tested against, and for equations that a person reads.  Nothing is simplified:
+derivatives are built by the chain rule along the tree from the joint blocks of ``joint``, and second derivatives that
+vanish by lemma (7) and its sharper form come out as zero matrices there and are dropped at once.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import chain
+from typing import Any
+
+import numpy as np
+import sympy as sp
+from numpy.typing import NDArray
+
+from eomgen.errors import InputError
+from eomgen.robot.model import FIXED_BODY, Body, Model
+
+from ..forces.rows import effects, resisting_rows, stretches
+from ..forces.scalar_functions import Functions
+from ..joint.lemmas import Matrix, joint_derivatives, joint_transform, step
+from ..tree.bound import Bound, bind
+from ..tree.spatial import Pose, PseudoInertia
+
+Expr = Any  # sympy.Expr
+Array = NDArray[np.float64]
+Row = tuple[Expr, ...]
+SYMBOLS = Functions(sp.sqrt, sp.Max, lambda x: sp.Heaviside(x, 0))
+
+
+@dataclass(frozen=True)
+class ClosedForm:
+    """The equations of motion M a + bias - Q - u = 0 of a robot with n coordinates, in SymPy.
+
+    q, v, a, u: symbols of positions (m, rad), velocities, accelerations and drives (N, N m), n each.
+    wrench: symbols (F_x, F_y, F_z, M_x, M_y, M_z) per moving link, base axes, about its centre of mass; or ().
+    parameters: symbols that stand for numbers of the description, by name.
+    mass_matrix: (n, n), eq. (11) and armatures on the diagonal.
+    christoffel: [s][v][w], the traces of eq. (12), symmetric in v and w: Christoffel symbols of the first kind.
+    bias: sum over v, w of C_s,vw v_v v_w.  generalized_force: Q_P + Q_F + Q_G of eqs. (13)-(15).
+    residual: M a + bias - Q - u, zero on a motion.  kinetic: eq. (4) and rotors, J.  potential: gravity, springs, J.
+    """
+
+    q: Row
+    v: Row
+    a: Row
+    u: Row
+    wrench: tuple[Row, ...]
+    parameters: Mapping[str, Expr]
+    mass_matrix: Matrix
+    christoffel: tuple[tuple[Row, ...], ...]
+    bias: Row
+    generalized_force: Row
+    residual: Row
+    kinetic: Expr
+    potential: Expr
+
+    def function(self, *fields: str) -> Callable[..., Any]:
+        """A function (q, v, a, u[, wrench]) -> the named fields as float arrays, for numbers as parameters."""
+        named = [getattr(self, name) for name in fields]
+        flat = [list(_flat(value)) for value in named]
+        arguments = [*self.q, *self.v, *self.a, *self.u, *chain.from_iterable(self.wrench)]
+        evaluate = sp.lambdify(arguments, flat, modules="math", cse=_share)
+        n = len(self.q)
+        shapes = {"mass_matrix": (n, n), "christoffel": (n, n, n), "kinetic": (), "potential": ()}
+
+        def call(q: Array, v: Array, a: Array, u: Array, wrench: Sequence[Sequence[float]] = ()) -> Any:
+            forces = wrench if len(wrench) else [[0.0] * 6 for _ in self.wrench]
+            numbers = evaluate(*q, *v, *a, *u, *chain.from_iterable(forces))
+            found = [
+                np.array(values, dtype=float).reshape(shapes.get(name, (n,)))
+                for name, values in zip(fields, numbers, strict=True)
+            ]
+            return found[0] if len(found) == 1 else tuple(found)
+
+        return call
+
+
+@dataclass
+class _Derivatives:
+    """A_0k (4x4) of one body, with its first derivatives by coordinate index and second by pair (v <= w)."""
+
+    pose: Matrix
+    first: dict[int, Matrix] = field(default_factory=dict)
+    second: dict[tuple[int, int], Matrix] = field(default_factory=dict)
+
+
+def closed_form(
+    model: Model, symbolic_parameters: bool | Mapping[str, Expr] = False, external_forces: bool = False
+) -> ClosedForm:
+    """Derive the closed form of a model.
+
+    Args:
+        model: the tree; about six coordinates are a sensible limit.
+        symbolic_parameters: True makes every number of the description that is not zero a symbol of its parameter
+            name; a mapping gives the expressions of some parameters, the others stay numbers.
+        external_forces: give every moving link a symbolic wrench, eq. (14).
+
+    Raises:
+        InputError: the robot has springs between points, or an offset of an angle that is not active.
+    """
+    refuse_springs(model)
+    binder = _Values(symbolic_parameters)
+    bound = bind(model, binder, lambda angle: (sp.sin(angle), sp.cos(angle)))
+    q, v, a, u = _symbols(model)
+    bodies = _chain_rule(model, bound, q)
+    inertias = [_matrix(body.inertia) for body in bound.bodies]
+    wrench = _wrench_symbols(model) if external_forces else ()
+    M = _mass_matrix(bodies, inertias, bound.armature)
+    C = _christoffel(bodies, inertias, len(q))
+    pairs = [(i, j) for i in range(len(q)) for j in range(len(q))]
+    bias = tuple(sum(C[s][i][j] * v[i] * v[j] for i, j in pairs) for s in range(len(q)))
+    Q = _elastic_and_weight(bound, bodies, inertias, q, v)
+    for s, force in _external_force(model, bound, bodies, wrench):
+        Q[s] += force
+    Ma = M * sp.Matrix(a)
+    residual = tuple(Ma[s] + bias[s] - Q[s] - u[s] for s in range(len(q)))
+    kinetic = _kinetic(bodies, inertias, bound.armature, v)
+    potential = _potential(bound, bodies, inertias, q)
+    return ClosedForm(q, v, a, u, wrench, binder.symbols, M, C, bias, tuple(Q), residual, kinetic, potential)
+
+
+def refuse_springs(model: Model) -> None:
+    """InputError if the robot has springs between points."""
+    if model.robot.springs:
+        names = ", ".join(spring.name for spring in model.robot.springs)
+        raise InputError(f"{model.name}: the closed form knows no springs between points ({names}); leave them out")
+
+
+class _Values:
+    """Turns a named number into an expression: exact 0, 1 and -1 stay exact, so that they prune."""
+
+    def __init__(self, chosen: bool | Mapping[str, Expr]) -> None:
+        self.chosen = chosen
+        self.symbols: dict[str, Expr] = {}
+
+    def __call__(self, name: str, number: float) -> Expr:
+        if isinstance(self.chosen, Mapping):
+            given = self.chosen.get(name)
+            if given is not None:
+                self.symbols[name] = given
+                return given
+        elif self.chosen and number != 0.0:
+            return self.symbols.setdefault(name, sp.Symbol(name, real=True))
+        return _number(number)
+
+
+def _number(number: Any) -> Expr:
+    """A number or expression, with floats that are small multiples of 1/2 made exact: they prune, and read better."""
+    expression = sp.sympify(number)
+    exact = {f: sp.Rational(float(f)) for f in expression.atoms(sp.Float) if float(2 * f) in range(-4, 5)}
+    return expression.xreplace(exact)
+
+
+def _symbols(model: Model) -> tuple[Row, Row, Row, Row]:
+    """Symbols like the paper's: x_1, its derivatives xdot_1 and xddot_1, and the drive D_x_1."""
+    number = {body.joint: k + 1 for k, body in enumerate(model.bodies)}
+    names = [(name, number[joint]) for joint, _, name in (label.rpartition(".") for label in model.coordinates)]
+    patterns = ("{}_{}", "{}dot_{}", "{}ddot_{}", "D_{}_{}")
+    q, v, a, u = (tuple(sp.Symbol(p.format(*name), real=True) for name in names) for p in patterns)
+    return q, v, a, u
+
+
+def _wrench_symbols(model: Model) -> tuple[Row, ...]:
+    keys = [f"{letter}_{axis}" for letter in "FR" for axis in "xyz"]
+    return tuple(tuple(sp.Symbol(f"{key}_{link}", real=True) for key in keys) for link in model.links)
+
+
+def _chain_rule(model: Model, bound: Bound, q: Row) -> list[_Derivatives]:
+    """A_0k and its derivatives for every body, by the product rule on A_0k = A_0p . (B_k A_(k-1)k)."""
+    done: list[_Derivatives] = []
+    for body, numbers in zip(model.bodies, bound.bodies, strict=True):
+        parent = done[body.parent] if body.parent != FIXED_BODY else _Derivatives(sp.eye(4))
+        B = _pose(numbers.placement)
+        A, first, second = _joint_blocks(body, tuple(s + c for s, c in zip(q, bound.angle_offsets, strict=True)))
+        across = B * A
+        before = parent.pose * B
+        own = _Derivatives(parent.pose * across)
+        own.first = {i: D * across for i, D in parent.first.items()} | {i: before * D for i, D in first.items()}
+        own.second = {pair: D * across for pair, D in parent.second.items()}
+        own.second |= {(i, j): Di * B * Dj for i, Di in parent.first.items() for j, Dj in first.items()}
+        own.second |= {pair: before * D for pair, D in second.items()}
+        own.second = {
+            pair: D for pair, D in own.second.items() if not D.is_zero_matrix
+        }  # lemma (7) and the sharper one
+        done.append(own)
+    return done
+
+
+def _joint_blocks(body: Body, q: Row) -> tuple[Matrix, dict[int, Matrix], dict[tuple[int, int], Matrix]]:
+    """A_(i-1)i and its derivatives in the symbols of q, by index in q."""
+    index = dict(zip(body.active, body.indices, strict=True))
+    swap = {step(name).symbol: q[i] for name, i in index.items()}
+    derivatives = joint_derivatives(body.active)
+    first = {index[name]: D.xreplace(swap) for name, D in derivatives.first.items()}
+    second = {
+        (index[v], index[w]): D.xreplace(swap) for (v, w), D in derivatives.second.items() if index[v] <= index[w]
+    }
+    return joint_transform(body.active).xreplace(swap), first, second
+
+
+def _mass_matrix(bodies: Sequence[_Derivatives], inertias: Sequence[Matrix], armature: Sequence[Expr]) -> Matrix:
+    """Eq. (11): M_sv = sum over k of tr(dA_0k/ds H_k (dA_0k/dv)^T)."""
+    n = len(armature)
+    M = sp.diag(*armature)
+    for body, H in zip(bodies, inertias, strict=True):
+        for s, D in body.first.items():
+            for v in (v for v in body.first if v <= s):
+                M[s, v] += _trace(D * H, body.first[v])
+    return sp.ImmutableMatrix(n, n, lambda s, v: M[max(s, v), min(s, v)])
+
+
+def _christoffel(bodies: Sequence[_Derivatives], inertias: Sequence[Matrix], n: int) -> tuple[tuple[Row, ...], ...]:
+    """Eq. (12): C_s,vw = sum over k of tr(dA_0k/ds H_k (d2A_0k/dv dw)^T)."""
+    C = [[[sp.S.Zero] * n for _ in range(n)] for _ in range(n)]
+    for body, H in zip(bodies, inertias, strict=True):
+        for s, D in body.first.items():
+            DH = D * H
+            for (v, w), D2 in body.second.items():
+                C[s][v][w] += _trace(DH, D2)
+    return tuple(tuple(tuple(C[s][min(v, w)][max(v, w)] for w in range(n)) for v in range(n)) for s in range(n))
+
+
+def _elastic_and_weight(
+    bound: Bound, bodies: Sequence[_Derivatives], inertias: Sequence[Matrix], q: Row, v: Row
+) -> list[Expr]:
+    """Q_P of eq. (13), and Q_G: eq. (14) with weights as forces; the last column of H is (m r_C, m)."""
+    Q = [-_number(force) for force in resisting_rows(bound, q, v, SYMBOLS)]
+    g = sp.Matrix([*bound.gravity, 0])
+    for body, H in zip(bodies, inertias, strict=True):
+        for s, D in body.first.items():
+            Q[s] += _dot(g, D * H[:, 3])
+    return Q
+
+
+def _external_force(
+    model: Model, bound: Bound, bodies: Sequence[_Derivatives], wrench: Sequence[Row]
+) -> Iterator[tuple[int, Expr]]:
+    """Q_F of eq. (14), with each angle's own axis in the moment term: (index, addend) pairs."""
+    for link, symbols in zip(model.links, wrench, strict=False):  # no wrenches unless they were asked for
+        k, com = bound.coms[link]
+        F, R = sp.Matrix([*symbols[:3], 0]), sp.Matrix(symbols[3:])
+        for s, D in bodies[k].first.items():
+            yield s, _dot(F, D * sp.Matrix([*com, 1])) + _dot(R, _axis(D, bodies[k].pose))
+
+
+def _axis(derivative: Matrix, pose: Matrix) -> Matrix:
+    """The base-frame axis about which a coordinate turns a body (zero for translations): skew part of dR/ds R^T."""
+    W = derivative[:3, :3] * pose[:3, :3].T
+    return sp.Matrix([W[2, 1], W[0, 2], W[1, 0]])
+
+
+def _kinetic(bodies: Sequence[_Derivatives], inertias: Sequence[Matrix], armature: Sequence[Expr], v: Row) -> Expr:
+    """Eq. (4), and the rotors."""
+    total = sum(j * s_dot**2 for j, s_dot in zip(armature, v, strict=True))
+    for body, H in zip(bodies, inertias, strict=True):
+        A_dot = sum((D * v[s] for s, D in body.first.items()), sp.zeros(4, 4))
+        total += _trace(A_dot * H, A_dot)
+    return total / 2
+
+
+def _potential(bound: Bound, bodies: Sequence[_Derivatives], inertias: Sequence[Matrix], q: Row) -> Expr:
+    """Springs, and weights with respect to the base's origin."""
+    g = sp.Matrix([*bound.gravity, 0])
+    springs = sum(a * s**2 / 2 for a, s in zip(bound.stiffness, q, strict=True))
+    still = [0] * len(q)
+    springs += sum(law.energy for law in effects(bound, q, still, SYMBOLS).values())
+    springs += sum(stretch.whole.energy for stretch in stretches(bound, q, still, SYMBOLS).values())
+    return springs - sum(_dot(g, body.pose * H[:, 3]) for body, H in zip(bodies, inertias, strict=True))
+
+
+def _pose(pose: Pose) -> Matrix:
+    rows = [[*map(_number, row), _number(p)] for row, p in zip(pose.rotation, pose.origin, strict=True)]
+    return sp.ImmutableMatrix([*rows, [0, 0, 0, 1]])
+
+
+def _matrix(inertia: PseudoInertia) -> Matrix:
+    """H = [[J, mc], [mc^T, m]], 4x4."""
+    rows = [[*map(_number, row), _number(h)] for row, h in zip(inertia.second, inertia.first, strict=True)]
+    return sp.ImmutableMatrix([*rows, [*map(_number, inertia.first), _number(inertia.mass)]])
+
+
+def _trace(left: Matrix, right: Matrix) -> Expr:
+    """tr(left right^T), without forming the product."""
+    return _dot(left, right)
+
+
+def _dot(left: Matrix, right: Matrix) -> Expr:
+    return sp.Add(*(a * b for a, b in zip(left, right, strict=True)))
+
+
+def _share(expressions: Sequence[Any]) -> tuple[list[tuple[Expr, Expr]], list[Any]]:
+    """Name what occurs more than once; SymPy's own cse also looks for common factors, which takes it minutes here."""
+    uses: Counter[Expr] = Counter()
+    flat = list(_flat(expressions))
+    stack = list(flat)
+    while stack:
+        node = stack.pop()
+        uses[node] += 1
+        if uses[node] == 1:
+            stack.extend(node.args)
+    named: list[tuple[Expr, Expr]] = []
+    done: dict[Expr, Expr] = {}
+
+    def rebuild(node: Expr) -> Expr:
+        if not node.args:
+            return node
+        if node not in done:
+            made = node.func(*map(rebuild, node.args), evaluate=False)
+            if uses[node] > 1:
+                named.append((sp.Dummy(), made))
+                made = named[-1][0]
+            done[node] = made
+        return done[node]
+
+    parts = [[rebuild(node) for node in part] for part in expressions]
+    return named, parts
+
+
+def _flat(nested: Any) -> Iterator[Expr]:
+    if isinstance(nested, sp.Expr) and not isinstance(nested, sp.MatrixBase):
+        yield nested
+    else:
+        for item in nested:
+            yield from _flat(item)

@@ -1,0 +1,195 @@
+"""Forces of one coordinate beyond a linear spring and damper: what a deviation s at the rate v is resisted with.
+
+Every law is a function of s and v with its slopes and the energy that it stores (zero at s = 0), over any kind of
+scalar.  There are no branches: u = max(s - a, 0) is what of s lies beyond a, and a difference of two such is the part
+of s inside an interval, so that polynomials in these parts add up to the pieces of a curve.
+
+Contact: K. H. Hunt, F. R. E. Crossley, "Coefficient of Restitution Interpreted as Damping in Vibroimpact", Journal of
+Applied Mechanics 42 (1975).  Friction: the Stribeck curve in the form of C. Canudas de Wit et al., "A New Model for
+Control of Systems with Friction", IEEE Transactions on Automatic Control 40 (1995), with a Lorentzian.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+from ..tree.spatial import Scalar
+from .monotone_curve import curve_pieces
+from .scalar_functions import Functions
+
+Numbers = Mapping[str, Scalar]
+
+
+@dataclass(frozen=True)
+class Effect:
+    """Resisting force (N, N m), its slopes by deviation and rate, and stored energy (J)."""
+
+    force: Scalar = 0.0
+    by_s: Scalar = 0.0
+    by_v: Scalar = 0.0
+    energy: Scalar = 0.0
+
+    def __add__(self, other: Effect) -> Effect:
+        return Effect(
+            self.force + other.force,
+            self.by_s + other.by_s,
+            self.by_v + other.by_v,
+            self.energy + other.energy,
+        )
+
+
+def effect(numbers: Numbers, knots: Sequence[float], s: Scalar, v: Scalar, f: Functions) -> Effect:
+    """All forces of a coordinate but stiffness and damping of straight lines.
+
+    Args:
+        numbers: ``Coordinate.law`` by name; "stiffness" is there if it belongs to a clearance or to one side.
+        knots: deviations of its curve.
+        s, v: deviation (m, rad) and rate.
+        f: functions of the scalars.
+    """
+    total = Effect()
+    if "preload" in numbers:
+        p = numbers["preload"]
+        total = total + Effect(p, energy=p * s)
+    if "clearance" in numbers:
+        total = total + _contacts(numbers, s, v, f)
+    else:
+        total = total + _springs(numbers, s, f)
+    if "friction.coulomb" in numbers:
+        total = total + _friction(numbers, v, f)
+    if knots:
+        forces = [numbers[f"curve.{i}"] for i in range(len(knots))]
+        total = total + _curve(knots, forces, s, f)
+    return total
+
+
+def tension(numbers: Numbers, knots: Sequence[float], e: Scalar, rate: Scalar, f: Functions) -> Effect:
+    """The tension of a spring between two points, from its elongation e (m) and the rate of that (m/s).
+
+    With "smoothing", that of a cable: max(k d + c d_dot, 0), d the penetration of a contact at clearance 0.
+
+    Args:
+        numbers: stiffness k, damping c, and "smoothing" where it is a cable.
+        knots: elongations of its curve.
+    """
+    k, c = numbers["stiffness"], numbers["damping"]
+    if "smoothing" in numbers:
+        w = numbers["smoothing"]
+        beyond = f.larger(e - w, 0.0)
+        part = f.larger(e, 0.0) - beyond
+        inverse = 1.0 / w
+        slope = part * inverse
+        d, bend = 0.5 * (part * slope) + beyond, (f.step(e) - f.step(e - w)) * inverse
+        pull = k * d + c * (slope * rate)
+        taut = f.step(pull)
+        energy = k * (part * part * slope * (1.0 / 6.0) + 0.5 * beyond * (beyond + w))
+        return Effect(f.larger(pull, 0.0), taut * (k * slope + c * (bend * rate)), taut * (c * slope), energy)
+    total = Effect(k * e + c * rate, k, c, 0.5 * (k * (e * e)))
+    if knots:
+        total = total + _curve(knots, [numbers[f"curve.{i}"] for i in range(len(knots))], e, f)
+    return total
+
+
+def steepest(knots: Sequence[float], forces: Sequence[Scalar], f: Functions) -> Scalar:
+    """The slope of the steepest rising piece between a curve's points, at least 0."""
+    most: Scalar = 0.0
+    for (a, b), (low, high) in zip(pairwise(knots), pairwise(forces), strict=True):
+        most = f.larger((high - low) * (1.0 / (b - a)), most)
+    return most
+
+
+def _springs(numbers: Numbers, s: Scalar, f: Functions) -> Effect:
+    total = Effect()
+    if "stiffness_negative" in numbers:
+        k = numbers["stiffness_negative"]
+        more, beyond = numbers["stiffness"] - k, f.larger(s, 0.0)
+        energy = (k * s * s + more * beyond * beyond) * 0.5
+        total = Effect(k * s + more * beyond, k + more * f.step(s), energy=energy)
+    if "cubic" in numbers:
+        c, square = numbers["cubic"], s * s
+        total = total + Effect(c * square * s, 3.0 * c * square, energy=0.25 * c * square * square)
+    return total
+
+
+def _contacts(numbers: Numbers, s: Scalar, v: Scalar, f: Functions) -> Effect:
+    """Both ends of a clearance."""
+    k = numbers["stiffness"]
+    ahead = _contact(numbers, k, s, v, f)
+    behind = _contact(numbers, numbers.get("stiffness_negative", k), -s, -v, f)
+    return Effect(
+        ahead.force - behind.force, ahead.by_s + behind.by_s, ahead.by_v + behind.by_v, ahead.energy + behind.energy
+    )
+
+
+def _contact(numbers: Numbers, k: Scalar, s: Scalar, v: Scalar, f: Functions) -> Effect:
+    """The end towards positive s: (k d + cubic d^3) max(1 + c v, 0).
+
+    The penetration d(x), x = s - clearance, is 0 up to x = 0, x^2 / (2 w) up to the smoothing w, and x - w / 2 beyond.
+    """
+    w = numbers["smoothing"]
+    x = s - numbers["clearance"]
+    beyond = f.larger(x - w, 0.0)
+    part = f.larger(x, 0.0) - beyond  # of x within the smoothing
+    slope = part * (1.0 / w)
+    d = 0.5 * (part * slope) + beyond
+    force, by_s = k * d, k * slope
+    half = 0.5 * w
+    energy = k * (part * part * slope * (1.0 / 6.0) + 0.5 * beyond * (beyond + w))
+    if "cubic" in numbers:
+        c, square = numbers["cubic"], d * d
+        force, by_s = force + c * square * d, by_s + 3.0 * c * square * slope
+        end, root = beyond + half, half * half
+        within = part * slope * part * slope * part * slope * part * (1.0 / 56.0)  # integral of d^3
+        energy = energy + c * (within + 0.25 * (end * end * end * end - root * root))
+    if "restitution_damping" in numbers:
+        c = numbers["restitution_damping"]
+        raised = 1.0 + c * v
+        factor = f.larger(raised, 0.0)
+        return Effect(force * factor, by_s * factor, force * (c * f.step(raised)), energy)
+    return Effect(force, by_s, energy=energy)
+
+
+def _friction(numbers: Numbers, v: Scalar, f: Functions) -> Effect:
+    smoothing = numbers["friction.smoothing"]
+    square = smoothing * smoothing
+    inverse = 1.0 / f.sqrt(v * v + square)
+    sign, sign_slope = v * inverse, square * (inverse * inverse * inverse)
+    level: Scalar = numbers["friction.coulomb"]
+    level_slope: Scalar = 0.0
+    if "friction.static" in numbers:
+        rate = 1.0 / numbers["friction.stribeck"]
+        z = v * rate
+        share = 1.0 / (1.0 + z * z)
+        more = (numbers["friction.static"] - level) * share
+        level, level_slope = level + more, -2.0 * rate * (z * (more * share))
+    total = Effect(sign * level, by_v=sign_slope * level + sign * level_slope)
+    if "friction.viscous" in numbers:
+        b = numbers["friction.viscous"]
+        total = total + Effect(b * v, by_v=b)
+    return total
+
+
+def _curve(knots: Sequence[float], forces: Sequence[Scalar], s: Scalar, f: Functions) -> Effect:
+    """The curve through measured points; its energy is zero at s = 0."""
+    force, by_s, energy = _along(knots, forces, s, f)
+    return Effect(force, by_s, energy=energy - _along(knots, forces, 0.0, f)[2])
+
+
+def _along(knots: Sequence[float], forces: Sequence[Scalar], s: Scalar, f: Functions) -> tuple[Any, Any, Any]:
+    """Force, slope and energy from the first knot on: what every piece adds within its interval."""
+    slopes, pieces = curve_pieces(knots, forces, f)
+    beyond = [f.larger(s - knot, 0.0) for knot in knots]
+    before = (s - knots[0]) - beyond[0]  # at most 0
+    force = forces[0] + slopes[0] * before + slopes[-1] * beyond[-1]
+    by_s = slopes[0]
+    energy = before * (forces[0] + 0.5 * slopes[0] * before) + beyond[-1] * (forces[-1] + 0.5 * slopes[-1] * beyond[-1])
+    for i, (square, cube) in enumerate(pieces):
+        t = beyond[i] - beyond[i + 1]
+        force = force + t * (slopes[i] + t * (square + t * cube))
+        by_s = by_s + t * (2.0 * square + t * (3.0 * cube))
+        inner = slopes[i] * 0.5 + t * (square * (1.0 / 3.0) + t * (cube * 0.25))
+        energy = energy + t * (forces[i] + t * inner)
+    return force, by_s, energy

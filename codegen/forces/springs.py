@@ -1,0 +1,199 @@
+"""Springs between two points: rows, derivatives and wrenches of what acts along a line, in closed form.
+
+d is the vector from a spring's first point to its second, in the axes of the last body that carries both: what moves
+that body moves both points alike and does not appear.  With s = d.d / 2, g = ds/dq, w = g.v and the length
+L = sqrt(2 s + REST^2) the tension T(L - free length, w / L) pulls with the force (T / L) d, so that
+
+    r_i = p g_i,    p = T / L,    dr_i/dq_j = p H_ij + g_i (dp/ds g_j + dp/dw (H v)_j),    dr_i/dv_j = dp/dw g_i g_j
+
+with H = d2s/dq2.  A coordinate with the axis e through o that carries the point x of a spring moves it by near =
+e x (x - o), and far = e x (y - o) is what it would do to the other point y; for a translation both are e.  Then
+g_j = +-d . near_j; on one side H_ij = far_i . near_j with i in front of j, across it is -near_i . near_j.
+
+REST, far below any length that matters, keeps T / L finite where the points meet.  A spring of free length 0 without
+a curve has p = stiffness: no length is computed, and nothing is divided by one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from eomgen.robot.geometry import IDENTITY
+from eomgen.robot.model import Model
+from eomgen.robot.value import SMALLEST
+
+from ..tree.bound import Bound, BoundSpring
+from ..tree.composite import Rows
+from ..tree.constraints import Side, common_body, subtract
+from ..tree.frozen_joints import JointGeometry
+from ..tree.recursion import Note, Wrench
+from ..tree.spatial import Pose, Scalar, Vec, add, cross, dot, is_zero, matvec, scale, transpose
+from .laws import steepest, tension
+from .scalar_functions import Functions
+
+REST = SMALLEST  # m
+
+
+@dataclass(frozen=True)
+class Arm:
+    """A coordinate that moves one of the points: ``sign`` -1 for the first, 1 for the second; ``slope`` is its g."""
+
+    index: int
+    sign: float
+    near: Vec
+    far: Vec
+    slope: Scalar
+
+
+@dataclass(frozen=True)
+class Pull:
+    """p = T / L (N/m), its slopes by s and w, and the stored energy (J)."""
+
+    ratio: Scalar
+    by_s: Scalar
+    by_w: Scalar
+    energy: Scalar
+
+
+@dataclass(frozen=True)
+class Along:
+    """What a linearly implicit step takes of a spring: T, dL/dq, and the slopes of T by elongation and rate."""
+
+    tension: Scalar
+    arms: dict[int, Scalar]
+    by_e: Scalar
+    by_rate: Scalar
+
+
+class Line:
+    """One spring: its vector d, and g and H as above."""
+
+    def __init__(
+        self, model: Model, spring: BoundSpring, joints: Sequence[JointGeometry], v: Sequence[Scalar], f: Functions
+    ) -> None:
+        self.spring, self.v, self.f = spring, v, f
+        top = common_body(model, spring.ends[0][0], spring.ends[1][0])
+        first, second = (Side(model, joints, top, (body, Pose(IDENTITY, point))) for body, point in spring.ends)
+        self.sides = ((first, -1.0), (second, 1.0))
+        points = first.pose.origin, second.pose.origin
+        self.d = subtract(points[1], points[0])
+        self.arms = [*_arms(first, -1.0, *points), *_arms(second, 1.0, *points[::-1])]
+        self.g = {arm.index: arm.slope for arm in self.arms}
+        self.square = dot(self.d, self.d)
+
+    def rate(self) -> Scalar:
+        """w = d . d_dot."""
+        total: Scalar = 0.0
+        for index, value in self.g.items():
+            total = total + value * self.v[index]
+        return total
+
+    def length(self) -> Scalar:
+        """L."""
+        return self.f.sqrt(self.square + REST * REST)
+
+    def pull(self) -> Pull:
+        """p at the elongation and its rate."""
+        numbers, linear = self.spring.numbers, not self.spring.knots and "smoothing" not in self.spring.numbers
+        if linear and is_zero(numbers["free_length"]):
+            k, c = numbers["stiffness"], numbers["damping"]
+            energy = 0.5 * (k * self.square)
+            if is_zero(c):
+                return Pull(k, 0.0, 0.0, energy)
+            inverse = 1.0 / (self.square + REST * REST)
+            drag = c * inverse
+            along = drag * self.rate()
+            return Pull(k + along, -2.0 * (along * inverse), drag, energy)
+        inverse = 1.0 / self.length()
+        rate = self.rate() * inverse
+        T = tension(numbers, self.spring.knots, self.length() - numbers["free_length"], rate, self.f)
+        square = inverse * inverse
+        by_s = square * (T.by_s - inverse * (T.force + T.by_v * rate))
+        return Pull(T.force * inverse, by_s, T.by_v * square, T.energy)
+
+    def forces(self) -> tuple[Scalar, Scalar]:
+        """Length (m) and tension (N)."""
+        L = self.length()
+        e = L - self.spring.numbers["free_length"]
+        return L, tension(self.spring.numbers, self.spring.knots, e, self.rate() / L, self.f).force
+
+    def along(self, dt: Scalar) -> Along:
+        """T and its slopes at the elongation that the rate leads to after dt."""
+        L, f = self.length(), self.f
+        inverse = 1.0 / L
+        rate = self.rate() * inverse
+        e = L - self.spring.numbers["free_length"] + dt * rate
+        T = tension(self.spring.numbers, self.spring.knots, e, rate, f)
+        arms = {index: value * inverse for index, value in self.g.items()}
+        return Along(T.force, arms, T.by_s, T.by_v)
+
+    def hessian(self) -> Rows:
+        """H."""
+        H: Rows = {}
+        for place, one in enumerate(self.arms):
+            for other in self.arms[place:]:
+                same = one.sign == other.sign
+                value = dot(one.far, other.near) if same else -dot(one.near, other.near)
+                H[one.index, other.index] = H[other.index, one.index] = value
+        return H
+
+    def stiffness(self) -> Rows:
+        """Stiffness times (dd/dq)^T dd/dq: of a curve the steepest piece counts, of a cable that it is taut."""
+        numbers, knots = self.spring.numbers, self.spring.knots
+        k = steepest(knots, [numbers[f"curve.{i}"] for i in range(len(knots))], self.f) if knots else 0.0
+        k = k + numbers["stiffness"]
+        return {
+            (one.index, other.index): k * (one.sign * other.sign * dot(one.near, other.near))
+            for one in self.arms
+            for other in self.arms
+        }
+
+    def wrenches(self) -> Iterator[tuple[int, Wrench]]:
+        """What joints exert on the bodies between both points for p, each at its body's origin in its axes."""
+        force = scale(self.pull().ratio, self.d)
+        for side, sign in self.sides:
+            held = scale(sign, force)
+            for k, pose in zip(side.path, side.poses, strict=True):
+                back = transpose(pose.rotation)
+                arm = subtract(side.pose.origin, pose.origin)
+                yield k, Wrench(matvec(back, held), matvec(back, cross(arm, held)))
+
+
+def _arms(side: Side, sign: float, own: Vec, other: Vec) -> Iterator[Arm]:
+    """From the common body to the point; a rotation reads g off the moment of d, which its joint's others share."""
+    pull = subtract(other, own)  # sign d is -pull
+    for column in side.columns(own):
+        e, arm = column.axis, column.arm
+        if column.is_rotation:
+            slope = dot(e, cross(pull, arm))
+            yield Arm(column.index, sign, cross(e, arm), cross(e, add(arm, pull)), slope)
+        else:
+            yield Arm(column.index, sign, e, e, -dot(e, pull))
+
+
+def lines(
+    model: Model,
+    bound: Bound,
+    joints: Sequence[JointGeometry],
+    v: Sequence[Scalar],
+    f: Functions,
+    note: Note,
+) -> Iterator[Line]:
+    """The robot's springs, each with a comment in front of its values."""
+    for given, spring in zip(model.robot.springs, bound.springs, strict=True):
+        note(f"{given.name}: between {given.links[0]} and {given.links[1]}")
+        yield Line(model, spring, joints, v, f)
+
+
+def add_derivatives(line: Line, v: Sequence[Scalar], by_q: Rows, by_v: Rows) -> None:
+    """A spring's share of dr/dq and dr/dv."""
+    pull, H, g = line.pull(), line.hessian(), line.g
+    turned: dict[int, Scalar] = dict.fromkeys(g, 0.0)  # H v
+    for (i, j), value in H.items():
+        turned[i] = turned[i] + value * v[j]
+    for j in g:
+        slope = pull.by_s * g[j] + pull.by_w * turned[j]
+        for i in g:
+            by_q[i, j] = by_q.get((i, j), 0.0) + (pull.ratio * H[i, j] + g[i] * slope)
+            by_v[i, j] = by_v.get((i, j), 0.0) + pull.by_w * (g[i] * g[j])

@@ -1,0 +1,4 @@
+"""One joint in SymPy: the lemmas, what vanishes identically and why.
+
+Uses robot.
+"""

@@ -1,0 +1,202 @@
+"""The zero map of a robot: which terms of eqs. (11) and (12) vanish identically, how many, and why.
+
+The map is structural: it follows from which coordinates are active and from the tree, by the proofs of ``joint``; what
+a special geometry or inertia makes zero on top is left to the folding of constants.  Counted are M_sv for s <= v and
+C_s,vw for v <= w.  Each zero is counted once, under the first reason of the list that holds for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eomgen.robot.model import Model
+from eomgen.robot.value import ANGULAR, COORDINATES
+
+from . import lemmas as joint
+
+Mask = NDArray[np.bool_]
+
+ROTOR = "motor: its rotor's inertia about its own axis stands on the diagonal of M alone"
+TREE = "not in one chain: no body is moved by all of the coordinates"
+LEMMA_7 = "lemma (7): the second derivative by two translations vanishes"
+SHARPER = "sharper lemma: nothing at or after a joint turns its translations"
+ORTHOGONAL = "translations of one joint are orthogonal"
+COAXIAL = "coaxial: a rotation does nothing along its own joint's translation on the same axis"
+GYRO = "antisymmetry: C_i,jk = -C_k,ij for j <= min(i, k), so C_i,ji = 0"
+
+
+@dataclass(frozen=True, eq=False)
+class Tally:
+    """Zeros of one array: entries in all, zeros per reason, and ``mask``, True where an entry survives.
+
+    ``reason`` has the mask's shape: the place in ``zeros`` of why an entry vanishes, -1 where it survives.
+    """
+
+    total: int
+    zeros: tuple[tuple[str, int], ...]
+    mask: Mask
+    reason: NDArray[np.int8]
+
+    @property
+    def survivors(self) -> int:
+        """How many entries do not vanish identically."""
+        return self.total - sum(count for _, count in self.zeros)
+
+    def as_dict(self) -> dict[str, object]:
+        """Plain values, for JSON."""
+        zeros = [{"reason": reason, "count": count} for reason, count in self.zeros]
+        return {"total": self.total, "zeros": zeros, "survivors": self.survivors}
+
+
+@dataclass(frozen=True, eq=False)
+class ZeroMap:
+    """Zeros of the mass matrix, mask (n, n), and of the tensor C, mask (n, n, n) indexed [s, v, w].
+
+    Survivors of C that are independent up to sign: ``by_antisymmetry`` counts those that C_i,jk = -C_k,ij leaves
+    different, ``independent`` those that C_i,jk = -C_l,mk for coaxial pairs (i, m) and (l, j) leaves different too.
+    """
+
+    mass_matrix: Tally
+    christoffel: Tally
+    by_antisymmetry: int
+    independent: int
+
+    def as_dict(self) -> dict[str, object]:
+        """Plain values, for JSON."""
+        counts = {"independent_by_antisymmetry": self.by_antisymmetry, "independent": self.independent}
+        christoffel = {**self.christoffel.as_dict(), **counts}
+        return {"mass_matrix": self.mass_matrix.as_dict(), "christoffel": christoffel}
+
+    def lines(self) -> list[str]:
+        """A report for people: entries, zeros by reason, survivors."""
+        lines = _lines("M, eq. (11), entries s <= v", self.mass_matrix)
+        lines += _lines("C, eq. (12), entries v <= w", self.christoffel)
+        lines.append(f"  {self.by_antisymmetry:>9,}  of them independent up to sign by the antisymmetry")
+        return [*lines, f"  {self.independent:>9,}  when coaxial pairs of two joints are exchanged as well"]
+
+
+def zero_map(model: Model) -> ZeroMap:
+    """Find the structural zeros of a model's M and C."""
+    structure = _Structure(model)
+    n = model.size
+    upper = np.triu(np.ones((n, n), dtype=bool))
+    mass = _tally(upper, structure.mass_rules())
+    christoffel = _tally(np.broadcast_to(upper, (n, n, n)), structure.christoffel_rules())
+    by_antisymmetry = christoffel.survivors - _antisymmetric_pairs(christoffel.mask)
+    independent = by_antisymmetry - structure.coaxial_swaps()
+    return ZeroMap(_mirrored(mass), _mirrored(christoffel), by_antisymmetry, independent)
+
+
+class _Structure:
+    """Relations between the coordinates of a model, as (n, n) masks."""
+
+    def __init__(self, model: Model) -> None:
+        self.names, self.body = np.zeros(model.size, dtype=int), np.zeros(model.size, dtype=int)
+        for k, body in enumerate(model.bodies):
+            self.body[list(body.indices)] = k
+            self.names[list(body.indices)] = [COORDINATES.index(name) for name in body.active]
+        self.motor = np.isin(np.arange(model.size), list(model.motors))
+        spatial = ~(self.motor[:, None] | self.motor)
+        above = np.zeros((len(model.bodies),) * 2, dtype=bool)
+        for k in range(len(model.bodies)):
+            above[list(model.ancestors(k)), k] = True
+        # the body of row is an ancestor of that of column, or the same
+        upstream = above[np.ix_(self.body, self.body)] & spatial
+        self.same = (self.body[:, None] == self.body) & spatial
+        self.related = upstream | upstream.T | np.diag(self.motor)
+        self.before = upstream & (~self.same | (np.arange(len(self.names))[:, None] <= np.arange(len(self.names))))
+        self.coaxial = self._coaxial(model)
+
+    def mass_rules(self) -> Iterator[tuple[str, Mask]]:
+        if self.motor.any():
+            yield ROTOR, (self.motor[:, None] | self.motor) & ~np.eye(len(self.motor), dtype=bool)
+        yield TREE, ~self.related
+        orthogonal = _table(joint.prove_translations_orthogonal())
+        yield ORTHOGONAL, self.same & self._look_up(orthogonal | orthogonal.T)
+        yield COAXIAL, self.coaxial | self.coaxial.T
+
+    def christoffel_rules(self) -> Iterator[tuple[str, Mask]]:
+        """Zeros of C_s,vw for v <= w; masks broadcast over [s, v, w]."""
+        joint.prove_antisymmetry()
+        s, v, w = np.ix_(*(np.arange(len(self.names)),) * 3)
+        if self.motor.any():
+            yield ROTOR, self.motor[s] | self.motor[v] | self.motor[w]
+        together = self.related[s, v] & self.related[s, w] & self.related[v, w]
+        yield TREE, ~together
+        yield LEMMA_7, self._second_derivative_zero(joint.LEMMA_7)[v, w]
+        yield SHARPER, self._second_derivative_zero(joint.SHARPER)[v, w]
+        yield GYRO, (s == w) & self.before[v, w]
+        yield COAXIAL, self.coaxial[s, v] & self.before[v, w] | self.coaxial[s, w] & self.before[w, v]
+
+    def coaxial_swaps(self) -> int:
+        """Pairs C_i,jk = -C_l,mk of coaxial (i, m) and (l, j), the joint of j downstream of that of i."""
+        joint.prove_coaxial_swap()
+        turns = np.flatnonzero(self.coaxial.any(axis=0))  # one rotation at most in each joint
+        above = self.before[np.ix_(turns, turns)] & ~np.eye(len(turns), dtype=bool)
+        moved = self.before[turns].sum(axis=1)  # coordinates at or after a rotation: the values of k
+        return int((above.sum(axis=0) * moved).sum())
+
+    def _second_derivative_zero(self, reason: str) -> Mask:
+        """(v, w) with v before w in the chain, whose second derivative the named lemma proves zero."""
+        pairs = [pair for pair in joint.prove_second_derivative_zeros() if pair.reason == reason]
+        same = _table([(pair.first, pair.second) for pair in pairs if pair.same_joint])
+        apart = _table([(pair.first, pair.second) for pair in pairs if not pair.same_joint])
+        zero: Mask = self.before & np.where(self.same, self._look_up(same), self._look_up(apart))
+        return zero
+
+    def _coaxial(self, model: Model) -> Mask:
+        """(s, v): a translation, and its joint's first active rotation on the same axis."""
+        found = _table(joint.prove_coaxial())
+        turned = [{*body.active, *model.offset_angles(body.joint)} for body in model.bodies]
+        turns = [next((name for name in ANGULAR if name in angles), None) for angles in turned]
+        is_first = np.array([turns[k] == COORDINATES[i] for k, i in zip(self.body, self.names, strict=True)])
+        coaxial: Mask = self.same & self._look_up(found) & is_first
+        return coaxial
+
+    def _look_up(self, table: Mask) -> Mask:
+        by_coordinate: Mask = table[np.ix_(self.names, self.names)]
+        return by_coordinate
+
+
+def _table(pairs: Iterable[tuple[str, str]]) -> Mask:
+    """A (6, 6) mask of coordinate names."""
+    table = np.zeros((6, 6), dtype=bool)
+    for a, b in pairs:
+        table[COORDINATES.index(a), COORDINATES.index(b)] = True
+    return table
+
+
+def _tally(entries: Mask, rules: Iterable[tuple[str, Mask]]) -> Tally:
+    """Apply the rules in order; each zero counts under the first that holds."""
+    left = np.array(entries)
+    total = int(left.sum())
+    counts: list[tuple[str, int]] = []
+    place = np.full(left.shape, -1, dtype=np.int8)
+    for reason, zero in rules:
+        found = left & zero
+        place[found] = len(counts)
+        counts.append((reason, int(found.sum())))
+        left &= ~found
+    return Tally(total, tuple(counts), left, place)
+
+
+def _mirrored(tally: Tally) -> Tally:
+    """The tally with its arrays made symmetric in the last two indices."""
+    mask, reason = (np.maximum(array, np.swapaxes(array, -1, -2)) for array in (tally.mask, tally.reason))
+    return Tally(tally.total, tally.zeros, mask, reason)
+
+
+def _antisymmetric_pairs(survivors: Mask) -> int:
+    """Survivors with v <= min(s, w) come in pairs C_s,vw = -C_w,vs; the others stand alone."""
+    s, v, _ = np.ix_(*(np.arange(len(survivors)),) * 3)
+    return int((survivors & (v <= s)).sum()) // 2
+
+
+def _lines(title: str, tally: Tally) -> list[str]:
+    lines = [f"{title}: {tally.total:,}"]
+    lines += [f"  {count:>9,}  {reason}" for reason, count in tally.zeros if count]
+    return [*lines, f"  {tally.survivors:>9,}  survive"]

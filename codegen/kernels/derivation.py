@@ -1,0 +1,92 @@
+"""One kernel's graph with a model bound in it: where every program begins."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from eomgen.robot.model import Model, with_offset_angles
+
+from ..forces.rows import resisting_rows
+from ..forces.scalar_functions import Functions
+from ..forces.springs import Line, lines
+from ..program.ir import Graph, Value
+from ..program.passes import PARAMETERS
+from ..tree.bound import Bound, bind
+from ..tree.composite import Rows, mass_matrix
+from ..tree.frames import choose_frames
+from ..tree.frozen_joints import JointGeometry, geometry
+from ..tree.recursion import inertial_rows
+from ..tree.regrouping import regroup
+from ..tree.spatial import Scalar
+
+Outputs = dict[tuple[str, int], Value]
+
+
+class Derivation:
+    """One kernel's graph with the model's numbers, inputs and joint transforms bound in it.
+
+    ``regrouped``: with the frames and pseudo-inertias that cost least (``choose_frames``, ``regroup``).
+
+    An angle that is not active but has an offset is a coordinate here whose q, v and a are zero; ``own`` are the places
+    of the coordinates that kernels know, and what is written leaves the others out.
+    """
+
+    def __init__(self, model: Model, *, regrouped: bool = True) -> None:
+        self.graph = Graph()
+        self.model, self.own = with_offset_angles(model)
+        slots = {name: slot for slot, name in enumerate(model.parameters)}
+
+        def value(name: str, number: float) -> Scalar:
+            return self.graph.input(PARAMETERS, slots[name]) if name in slots else number
+
+        self.q, self.v, self.a, self.u = (self._inputs(name) for name in "qvau")
+        bound = bind(self.model, value, self.graph.sincos)
+        self.bound: Bound = regroup(self.model, choose_frames(self.model, bound)) if regrouped else bound
+        self.joints: list[JointGeometry] = geometry(self.model, self.bound, self.q, self.graph.sincos)
+        self.still: list[Scalar] = [0.0] * self.model.size
+        self.functions = Functions.of(self.graph)
+
+    def _inputs(self, name: str) -> list[Scalar]:
+        found: list[Scalar] = [0.0] * self.model.size
+        for place, index in enumerate(self.own):
+            found[index] = self.graph.input(name, place)
+        return found
+
+    def vector(self, values: Sequence[Scalar]) -> Outputs:
+        """A value per coordinate."""
+        return vector([values[i] for i in self.own])
+
+    def matrices(self, *blocks: Rows) -> Outputs:
+        """Matrices over the coordinates, one after the other; an absent entry is zero."""
+        return vector([rows.get((i, j), 0.0) for rows in blocks for i in self.own for j in self.own])
+
+    def dynamics(self, v: list[Any], a: list[Any]) -> list[Scalar]:
+        """Inertial, gravity, spring and damper terms: the drives that the motion needs."""
+        rows, _ = inertial_rows(self.model, self.bound, self.joints, v, a, self.bound.gravity, self.graph.note)
+        return [row + force for row, force in zip(rows, self.forces(v), strict=True)]
+
+    def resisting(self, q: list[Any], v: list[Any]) -> list[Scalar]:
+        """What springs, dampers and other forces of the coordinates themselves take from the drives."""
+        return resisting_rows(self.bound, q, v, self.functions)
+
+    def lines(self, v: list[Any]) -> list[Line]:
+        """Springs between two points, where q is and at the rates v."""
+        return list(lines(self.model, self.bound, self.joints, v, self.functions, self.graph.note))
+
+    def forces(self, v: list[Any]) -> list[Scalar]:
+        """What all springs and dampers take from the drives."""
+        rows = self.resisting(self.q, v)
+        for line in self.lines(v):
+            ratio = line.pull().ratio
+            for index, value in line.g.items():
+                rows[index] = rows[index] + ratio * value
+        return rows
+
+    def matrix(self) -> Rows:
+        """Entries of M on and above the diagonal."""
+        return mass_matrix(self.model, self.bound, self.joints, self.graph.note)
+
+
+def vector(values: list[Scalar]) -> Outputs:
+    return {("out", i): value for i, value in enumerate(values)}

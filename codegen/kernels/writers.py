@@ -1,0 +1,208 @@
+"""What each kernel writes, from the quantities of a derivation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from ..forces.rows import effects, gravity_rows, resisting_slopes, stretches
+from ..forces.springs import add_derivatives
+from ..joint.zeros import zero_map
+from ..tree.composite import Rows, coriolis_matrix
+from ..tree.constraints import Closure, closures
+from ..tree.derivatives import residual_derivatives
+from ..tree.kinematics import body_poses, external_rows, frame_poses, potential_energy
+from ..tree.recursion import Wrench, inertial_rows, kinetic_energy
+from ..tree.spatial import Scalar
+from .accelerations import implicit_step
+from .derivation import Derivation, Outputs, vector
+from .signatures import LOOP_KERNELS
+
+DESCRIPTION_FRAMES = (
+    "reactions",
+    "kinematics",
+    "external_force",
+    "external_reactions",
+    *LOOP_KERNELS,
+)  # report, or are asked, in the description's frames
+
+
+def _mass_matrix(d: Derivation) -> Outputs:
+    upper = d.matrix()
+    return d.matrices({**upper, **{(j, i): value for (i, j), value in upper.items()}})
+
+
+def _bias_force(d: Derivation) -> Outputs:
+    return d.vector(inertial_rows(d.model, d.bound, d.joints, d.v, d.still, (0.0, 0.0, 0.0), d.graph.note)[0])
+
+
+def _generalized_force(d: Derivation) -> Outputs:
+    weights = gravity_rows(d.model, d.bound, d.joints)
+    springs = d.forces(d.v)
+    return d.vector([-(weight + spring) for weight, spring in zip(weights, springs, strict=True)])
+
+
+def _external_force(d: Derivation) -> Outputs:
+    return d.vector(_external(d)[0])
+
+
+def _external_reactions(d: Derivation) -> Outputs:
+    return vector([-x for wrench in _external(d)[1] for x in (*wrench.force, *wrench.moment)])
+
+
+def _external(d: Derivation) -> tuple[list[Scalar], list[Wrench]]:
+    wrenches = [[d.graph.input("wrench", 6 * k + i) for i in range(6)] for k in range(len(d.model.links))]
+    return external_rows(d.model, d.bound, d.joints, wrenches)
+
+
+def _residual(d: Derivation) -> Outputs:
+    return d.vector([row - drive for row, drive in zip(d.dynamics(d.v, d.a), d.u, strict=True)])
+
+
+def _inverse_dynamics(d: Derivation) -> Outputs:
+    return d.vector(d.dynamics(d.v, d.a))
+
+
+def _residual_jacobian(d: Derivation) -> Outputs:
+    found = residual_derivatives(d.model, d.bound, d.joints, d.v, d.a, d.graph.note)
+    by_q, by_v = resisting_slopes(d.bound, d.q, d.v, d.functions)
+    for key, slope in by_q.items():  # the same keys in both
+        found.by_q[key] = found.by_q.get(key, 0.0) + slope
+        found.by_v[key] = found.by_v.get(key, 0.0) + by_v[key]
+    for line in d.lines(d.v):
+        add_derivatives(line, d.v, found.by_q, found.by_v)
+    return d.matrices(found.by_q, found.by_v, found.by_a)
+
+
+def _euler_cosines(d: Derivation) -> Outputs:
+    angles = ("alpha", "beta", "gamma")
+    return vector(
+        [
+            joint.rotations[1].cos if set(angles) <= set(body.active) else 1.0
+            for body, joint in zip(d.model.bodies, d.joints, strict=True)
+        ]
+    )
+
+
+def _coriolis_matrix(d: Derivation) -> Outputs:
+    return d.matrices(coriolis_matrix(d.model, d.bound, d.joints, d.v, d.graph.note))
+
+
+def _christoffel(d: Derivation) -> Outputs:
+    """Column by column: C at unit velocities, so that zeros fold and the rest is shared.
+
+    What vanishes only by an identity (C_i,ji = 0, say) would be left as round-off; the zero map knows it.
+    """
+    n = len(d.own)
+    survives = zero_map(d.model).christoffel.mask[np.ix_(d.own, d.own, d.own)].reshape(n * n, n)
+    outputs: Outputs = {}
+    for k, index in enumerate(d.own):
+        velocity = [float(i == index) for i in range(d.model.size)]
+        column = d.matrices(coriolis_matrix(d.model, d.bound, d.joints, velocity, d.graph.note))
+        for (_, ij), value in column.items():
+            outputs["out", ij * n + k] = value if survives[ij, k] else 0.0
+    return dict(sorted(outputs.items()))
+
+
+def _kinematics(d: Derivation) -> Outputs:
+    """Frames as rows of [R | X], then the bodies' origins, then the coordinates' axes."""
+    bodies, axes = body_poses(d.model, d.joints)
+    values: list[Scalar] = []
+    for pose in frame_poses(d.model, d.bound, bodies):
+        for row, x in zip(pose.rotation, pose.origin, strict=True):
+            values.extend((*row, x))
+    for pose in bodies:
+        values.extend(pose.origin)
+    for index in d.own:
+        values.extend(axes[index])
+    return vector(values)
+
+
+def _energy(d: Derivation) -> Outputs:
+    kinetic = kinetic_energy(d.model, d.bound, d.joints, d.v)
+    potential = potential_energy(d.model, d.bound, d.joints, d.q)
+    for law in effects(d.bound, d.q, d.v, d.functions).values():
+        potential = potential + law.energy
+    for stretch in stretches(d.bound, d.q, d.v, d.functions).values():
+        potential = potential + stretch.whole.energy
+    for line in d.lines(d.still):
+        potential = potential + line.pull().energy
+    return vector([kinetic, potential])
+
+
+def _reactions(d: Derivation) -> Outputs:
+    _, total = inertial_rows(d.model, d.bound, d.joints, d.v, d.a, d.bound.gravity, d.graph.note)
+    for line in d.lines(d.v):  # their forces pass the joints between both points by
+        for k, held in line.wrenches():
+            total[k] = total[k] + held
+    return vector([x for wrench in total for x in (*wrench.force, *wrench.moment)])
+
+
+def _closures(d: Derivation) -> list[Closure]:
+    return list(closures(d.model, d.bound, d.joints, d.graph.note))
+
+
+def _constraint(d: Derivation) -> Outputs:
+    return vector([value for closure in _closures(d) for value in closure.values()])
+
+
+def _constraint_jacobian(d: Derivation) -> Outputs:
+    rows = [row for closure in _closures(d) for row in closure.jacobian()]
+    return vector([row.get(i, 0.0) for row in rows for i in d.own])
+
+
+def _constraint_bias(d: Derivation) -> Outputs:
+    return vector([value for closure in _closures(d) for value in closure.bias(d.v)])
+
+
+def _cut_poses(d: Derivation) -> Outputs:
+    values: list[Scalar] = []
+    for pose in (closure.pose() for closure in _closures(d)):
+        for row, x in zip(pose.rotation, pose.origin, strict=True):
+            values.extend((*row, x))
+        values.extend((0.0, 0.0, 0.0, 1.0))
+    return vector(values)
+
+
+def _spring_forces(d: Derivation) -> Outputs:
+    return vector([x for line in d.lines(d.v) for x in line.forces()])
+
+
+def _spring_jacobian(d: Derivation) -> Outputs:
+    found = [(1.0 / line.length(), line.g) for line in d.lines(d.still)]
+    return vector([g.get(i, 0.0) * inverse for inverse, g in found for i in d.own])
+
+
+def _spring_stiffness(d: Derivation) -> Outputs:
+    total: Rows = {}
+    for line in d.lines(d.still):
+        for place, value in line.stiffness().items():
+            total[place] = total.get(place, 0.0) + value
+    return d.matrices(total)
+
+
+WRITERS: Mapping[str, Callable[[Derivation], Outputs]] = {
+    "mass_matrix": _mass_matrix,
+    "bias_force": _bias_force,
+    "generalized_force": _generalized_force,
+    "external_force": _external_force,
+    "external_reactions": _external_reactions,
+    "residual": _residual,
+    "inverse_dynamics": _inverse_dynamics,
+    "residual_jacobian": _residual_jacobian,
+    "coriolis_matrix": _coriolis_matrix,
+    "christoffel": _christoffel,
+    "kinematics": _kinematics,
+    "energy": _energy,
+    "reactions": _reactions,
+    "euler_cosines": _euler_cosines,
+    "constraint": _constraint,
+    "constraint_jacobian": _constraint_jacobian,
+    "constraint_bias": _constraint_bias,
+    "cut_poses": _cut_poses,
+    "spring_forces": _spring_forces,
+    "spring_jacobian": _spring_jacobian,
+    "spring_stiffness": _spring_stiffness,
+    "implicit_step": implicit_step,
+}

@@ -1,0 +1,4 @@
+"""C -> a package that imports: compiler, flags, cffi.
+
+Uses c.
+"""

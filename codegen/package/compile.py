@@ -1,0 +1,276 @@
+"""Source -> a package that imports: files, the C compiler, cffi.
+
+A package is written into a folder that nobody else uses; whoever calls moves it into place.  cffi's API mode needs
+Python's headers; on a machine without them the same C is loaded in cffi's ABI mode, which costs about a microsecond
+more per call.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.resources
+import importlib.util
+import json
+import os
+import platform
+import shlex
+import shutil
+import subprocess
+import sys
+import sysconfig
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from functools import cache
+from pathlib import Path
+
+import cffi
+from cffi.recompiler import make_c_source, make_py_source
+
+from eomgen._version import __version__
+from eomgen.errors import BuildError
+
+from ..c.source import Source, environment
+from .environment import check_flags, environment_words
+
+FLAGS = ("-O2", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off")
+NATIVE = ("-march=native", "-ffp-contract=fast")
+CARRIED = ("errors.py", "names.py", "runtime/*.py")  # of eomgen, what a package has a copy of in the same places
+WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic")
+
+
+@dataclass(frozen=True)
+class Compiler:
+    """A C compiler: the command, what it says of its version, and what $CFLAGS and $LDFLAGS add to our own flags."""
+
+    command: tuple[str, ...]
+    version: str
+    flags: tuple[str, ...] = ()
+    link_flags: tuple[str, ...] = ()
+
+
+def find_compiler() -> Compiler:
+    """The compiler of $CC, or cc, gcc or clang from the path, or that of the package ziglang; with $CFLAGS, $LDFLAGS.
+
+    Raises:
+        BuildError: there is none, or it does not run; or a variable cannot be read, or asks for unsafe arithmetic.
+    """
+    chosen, compiling, linking = (environment_words(name) for name in ("CC", "CFLAGS", "LDFLAGS"))
+    for name, words in (("$CC", chosen[1:]), ("$CFLAGS", compiling), ("$LDFLAGS", linking)):
+        check_flags(words, name)
+    command, version = _probe(chosen or _default())
+    return Compiler(command, version, compiling, linking)
+
+
+def _default() -> tuple[str, ...]:
+    """The command of a compiler where $CC names none."""
+    for name in ("cc", "gcc", "clang"):
+        if shutil.which(name):
+            return (name,)
+    if importlib.util.find_spec("ziglang") is None:
+        raise BuildError(
+            "no C compiler found: $CC is not set, and cc, gcc and clang are not on the path; install one"
+            " (Debian: apt install gcc; or pip install eomgen[compiler]), or set CC to its command"
+        )
+    return (sys.executable, "-m", "ziglang", "cc")
+
+
+@cache
+def _probe(command: tuple[str, ...]) -> tuple[tuple[str, ...], str]:
+    """The command, and what it says of its version."""
+    try:
+        answer = subprocess.run([*command, "--version"], capture_output=True, text=True, timeout=60, check=True)
+    except (OSError, subprocess.SubprocessError) as error:
+        raise BuildError(
+            f"the C compiler does not run: {shlex.join(command)} --version: {error}; install gcc or clang, or set CC"
+        ) from None
+    return (*command, *_any_processor(command)), answer.stdout.strip()
+
+
+def _any_processor(command: Sequence[str]) -> tuple[str, ...]:
+    """What keeps zig, which compiles for the processor at hand unless told not to, to what any of its kind runs."""
+    zig = any(Path(word).stem in ("zig", "ziglang") for word in command)
+    chosen = any(word.startswith(("-mcpu", "-march", "-target", "--target")) for word in command)
+    return ("-mcpu=baseline",) if zig and not chosen else ()
+
+
+def processor() -> str:
+    """What code for this very processor may depend on: the machine's type and its processor's features."""
+    info = Path("/proc/cpuinfo")
+    if not info.exists():
+        return f"{platform.machine()} {platform.processor()}"
+    lines = info.read_text(encoding="utf-8", errors="replace").splitlines()
+    return platform.machine() + next((line for line in lines if line.startswith(("flags", "Features"))), "")
+
+
+def interface() -> dict[str, str]:
+    """What a binary must fit: Python's ABI, its headers, the C library."""
+    known = "CS_GNU_LIBC_VERSION" in getattr(os, "confstr_names", ())
+    return {
+        "suffix": str(sysconfig.get_config_var("EXT_SUFFIX")),
+        "python": str(sys.implementation.cache_tag),
+        "headers": str(_headers() is not None),
+        "system": sys.platform,
+        "machine": platform.machine(),
+        "library": str(os.confstr("CS_GNU_LIBC_VERSION")) if known else "",
+    }
+
+
+def own_flags(native: bool) -> tuple[str, ...]:
+    """Flags of a kernel's own C, whatever the environment says."""
+    return (*FLAGS, *(NATIVE if native else ()))
+
+
+def compile_flags(compiler: Compiler, native: bool, further: Sequence[str]) -> tuple[str, ...]:
+    """Flags of a kernel's own C: ours, then those of $CFLAGS, then those that the call gives.
+
+    Raises:
+        BuildError: a flag asks for arithmetic that is not IEEE's.
+    """
+    check_flags(further, "flags")
+    return (*own_flags(native), *compiler.flags, *further)
+
+
+def toolchain(compiler: Compiler, flags: Sequence[str]) -> dict[str, object]:
+    """All that a binary depends on besides its source: flags, compiler, versions, what it must fit, the processor."""
+    tuned = any(word.endswith("=native") for word in (*compiler.command, *flags))
+    return {
+        "flags": list(flags),
+        "command": list(compiler.command),
+        "environment": [list(compiler.flags), list(compiler.link_flags)],
+        "compiler": compiler.version,
+        "eomgen": __version__,
+        "interface": interface(),
+        "processor": processor() if tuned else "",
+    }
+
+
+def build_key(source: Source, compiler: Compiler, flags: Sequence[str]) -> str:
+    """Hash of all that a package depends on."""
+    parts = {
+        **toolchain(compiler, flags),
+        "source": asdict(source),
+        "cffi": cffi.__version__,
+        "package": [path.read_text(encoding="utf-8") for path in (Path(__file__), _template())],
+        "carried": {name: path.read_text(encoding="utf-8") for name, path in carried_files().items()},
+    }
+    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
+
+
+@cache
+def carried_files() -> dict[str, Path]:
+    """Files of eomgen that a package has byte-identical copies of, by their places in it, sorted."""
+    root = Path(str(importlib.resources.files("eomgen.runtime"))).parent
+    return {path.relative_to(root).as_posix(): path for pattern in CARRIED for path in sorted(root.glob(pattern))}
+
+
+def _template() -> Path:
+    return Path(str(environment().get_template("package.py.jinja").filename))
+
+
+def write_package(source: Source, compiler: Compiler, flags: Sequence[str], folder: Path) -> None:
+    """Write and compile the package of a kernel into an empty folder of its own.
+
+    Raises:
+        BuildError: the compiler failed; the message holds its command and what it said.
+    """
+    name = source.name
+    (folder / f"{name}.h").write_text(source.header, encoding="ascii")
+    (folder / f"{name}.c").write_text(source.code, encoding="ascii")
+    (folder / f"{name}.json").write_text(source.meta, encoding="ascii")
+    package = environment().get_template("package.py.jinja").render(name=name, version=__version__)
+    (folder / "__init__.py").write_text(package, encoding="ascii")
+    for place, original in carried_files().items():
+        (folder / place).parent.mkdir(exist_ok=True)
+        (folder / place).write_bytes(original.read_bytes())
+    headers = _headers()
+    if headers is None:
+        _build_abi(source, compiler, flags, folder)
+    else:
+        _build_api(source, compiler, flags, folder, headers)
+
+
+def _headers() -> str | None:
+    """Folder of Python.h, or None."""
+    folder = sysconfig.get_path("include")
+    return folder if folder and Path(folder, "Python.h").exists() else None
+
+
+def _build_api(source: Source, compiler: Compiler, flags: Sequence[str], folder: Path, headers: str) -> None:
+    """cffi's API mode: its wrapper and the kernel, compiled side by side, linked into one extension module."""
+    name, work = source.name, folder / "build"
+    work.mkdir()
+    ffi = cffi.FFI()
+    ffi.cdef(source.cdef)
+    wrapper = work / f"_{name}.c"
+    make_c_source(ffi, f"_{name}", f'#include "{name}.h"', str(wrapper))  # emit_c_code prints to stdout
+    include = ("-iquote", str(folder), "-I", headers)  # a robot may be named as a system header is
+    objects = [work / f"{part}.o" for part in ("singles", "batches", "wrapper")]
+    halves = ("-DEOMGEN_SINGLES_ONLY", "-DEOMGEN_BATCHES_ONLY")  # one source, compiled on two cores
+    compile_c = [*compiler.command, "-c", "-fPIC"]
+    jobs = [
+        [*compile_c, *WARNINGS, *flags, half, str(folder / f"{name}.c"), "-o", str(target)]
+        for half, target in zip(halves, objects, strict=False)
+    ]
+    jobs.append([*compile_c, "-O1", *compiler.flags, *include, str(wrapper), "-o", str(objects[2])])
+    run_all(jobs)
+    link_shared(compiler, objects, folder / f"_{name}{_suffix()}")
+    shutil.rmtree(work)
+
+
+def _build_abi(source: Source, compiler: Compiler, flags: Sequence[str], folder: Path) -> None:
+    """cffi's ABI mode: a plain shared library, opened by a Python module."""
+    name = source.name
+    ffi = cffi.FFI()
+    ffi.cdef(source.cdef)
+    make_py_source(ffi, f"_{name}_types", str(folder / f"_{name}_types.py"))
+    opened = (
+        "from pathlib import Path\n\n"
+        f"from ._{name}_types import ffi\n\n"
+        f'lib = ffi.dlopen(str(Path(__file__).with_name("lib{name}.so")))\n'
+    )
+    (folder / f"_{name}.py").write_text(opened, encoding="ascii")
+    code, library = str(folder / f"{name}.c"), str(folder / f"lib{name}.so")
+    command = [*compiler.command, "-fPIC", *WARNINGS, *flags, *shared_flags(), code, "-o", library]
+    run_all([[*command, *compiler.link_flags, "-lm"]])
+
+
+def _suffix() -> str:
+    from importlib.machinery import EXTENSION_SUFFIXES
+
+    return ".abi3.so" if ".abi3.so" in EXTENSION_SUFFIXES else EXTENSION_SUFFIXES[0]
+
+
+def shared_flags() -> tuple[str, ...]:
+    return ("-bundle", "-undefined", "dynamic_lookup") if sys.platform == "darwin" else ("-shared",)
+
+
+def link_shared(compiler: Compiler, objects: Sequence[Path], library: Path, further: Sequence[str] = ()) -> None:
+    """Link objects into a shared library, with the flags of $CFLAGS and $LDFLAGS and further ones.
+
+    Raises:
+        BuildError: the compiler failed.
+    """
+    flags = [*shared_flags(), *compiler.flags, *further]
+    run_all([[*compiler.command, *flags, *map(str, objects), "-o", str(library), *compiler.link_flags, "-lm"]])
+
+
+def run_all(commands: Sequence[Sequence[str]]) -> None:
+    """Run the commands side by side; the first that fails is reported with what it said."""
+    running = []
+    for command in commands:
+        try:
+            process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        except OSError as error:
+            raise BuildError(f"the C compiler does not run: {shlex.join(command)}: {error}") from None
+        running.append((command, process))
+    failures = []
+    for command, process in running:
+        said, _ = process.communicate()
+        if process.returncode != 0:
+            failures.append((command, process.returncode, said))
+    if failures:
+        command, status, said = failures[0]
+        raise BuildError(
+            f"the C compiler failed with status {status}:\n  {shlex.join(command)}\n{said.strip()[:4000]}\n"
+            "check that the compiler works (CC names another one), that the disk is not full, and that flags are right"
+        )

@@ -1,0 +1,265 @@
+"""Forward dynamics in O(n): joints are eliminated from the tips, no mass matrix is formed.
+
+A body with all that hangs on it answers an acceleration (a, w_dot) of its origin with the wrench
+
+    [f; n] = [[L, C], [C^T, A]] [a; w_dot] + [p_f; p_n],
+
+its articulated inertia; for a body alone L = m 1, C w_dot = w_dot x mc, A = I.  A coordinate along a unit axis takes
+one rank-one term away (R. Featherstone, Rigid Body Dynamics Algorithms, chapter 7, one elementary step at a time).
+
+A joint with all six coordinates hands on no inertia at all: what hangs on such joints is a free body (``free_bodies``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from eomgen.robot.model import FIXED_BODY, Model
+
+from ..tree.bound import Bound
+from ..tree.frozen_joints import JointGeometry, unit
+from ..tree.recursion import NO_WRENCH, ZERO, Acceleration, Note, Wrench, acceleration, no_note
+from ..tree.spatial import Mat, Scalar, Vec, add, cross, dot, is_zero, matmul, matvec, scale, transpose
+from .articulated import (
+    NOTHING,
+    Articulated,
+    diagonal,
+    gyroscopic_moment,
+    inertia_tensor,
+    inverse3,
+    inverse_or_zero,
+    less,
+    rows_scaled,
+    sum_mat,
+    symmetric,
+    to_parent,
+    turned,
+    with_row,
+)
+from .free_bodies import FreeBodies, Speeds
+
+
+@dataclass(frozen=True)
+class _Step:
+    """What the forward pass needs of an eliminated coordinate: acceleration = free - gain . (a, w_dot)."""
+
+    index: int
+    free: Scalar
+    gain: Wrench
+
+
+@dataclass(frozen=True)
+class _Block:
+    """The same of a joint's three translations: accelerations = free - yielding a - gain w_dot."""
+
+    free: Vec
+    yielding: Mat
+    gain: Mat
+
+
+class Elimination:
+    """Forward dynamics of a model; ``accelerations`` are the result, ``pivots`` (value, scale) must stay positive."""
+
+    def __init__(
+        self,
+        model: Model,
+        bound: Bound,
+        joints: Sequence[JointGeometry],
+        v: Sequence[Scalar],
+        drives: Sequence[Scalar],
+        note: Note = no_note,
+    ) -> None:
+        self.model, self.bound, self.joints, self.v, self.drives, self.note = model, bound, joints, v, drives, note
+        n = model.size
+        self.given = frozenset(model.prescribed)
+        self.accelerations: list[Scalar] = [0.0] * n
+        self.pivots: list[tuple[Scalar, Scalar]] = [(1.0, 1.0)] * n
+        self.bodies = FreeBodies(model, bound, joints, v, drives, self.accelerations, self.pivots)
+        self.free = self.bodies.free
+        self.sizes = self._sizes()
+        self.speeds = self._speeds()
+        self.steps: list[list[_Step]] = [[] for _ in model.bodies]
+        self.blocks: dict[int, _Block] = {}
+        self._backward()
+        self._forward()
+        for index in self.given:
+            self.accelerations[index] = drives[index]
+
+    def _speeds(self) -> list[Speeds]:
+        found: list[Speeds] = []
+        for body, joint in zip(self.model.bodies, self.joints, strict=True):
+            parent = ZERO if body.parent == FIXED_BODY else found[body.parent].behind[-1]
+            back = transpose(joint.turn)
+            w = matvec(back, parent)
+            drift = matvec(back, matvec(acceleration(parent, ZERO, ZERO).U, joint.offset))
+            for index, axis in joint.translations:
+                drift = add(drift, cross(scale(2.0, w), unit(axis, self.v[index])))
+            behind = [w]
+            for turn in joint.rotations:
+                behind.append(add(matvec(transpose(turn.matrix), behind[-1]), unit(turn.axis, self.v[turn.index])))
+            found.append(Speeds(w, tuple(behind), drift))
+        return found
+
+    def _backward(self) -> None:
+        inertias = [self._body(k) for k in range(len(self.joints))]
+        for k in range(len(self.joints) - 1, -1, -1):
+            self.note(f"{self.model.bodies[k].joint}: eliminated, from the tips to the base")
+            if self.free[k]:
+                at_joint = self.bodies.eliminate(k, inertias[k].p, self.speeds[k])
+            else:
+                at_joint = self._eliminate_steps(k, inertias[k])
+            parent = self.model.bodies[k].parent
+            if parent != FIXED_BODY:
+                inertias[parent] = inertias[parent] + to_parent(at_joint, self.joints[k])
+
+    def _body(self, k: int) -> Articulated:
+        """The body alone; one behind six coordinates brings its mass in itself (``FreeBodies``)."""
+        if self.free[k]:
+            return Articulated(NOTHING, NOTHING, NOTHING, NO_WRENCH)
+        H, w = self.bound.bodies[k].inertia, self.speeds[k].behind[-1]
+        x, y, z = H.first
+        coupling: Mat = ((0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0))
+        mass: Mat = (unit(0, H.mass), unit(1, H.mass), unit(2, H.mass))
+        p = Wrench(matvec(acceleration(w, ZERO, ZERO).U, H.first), gyroscopic_moment(H.second, w))
+        return Articulated(mass, coupling, inertia_tensor(H.second), p)
+
+    def _eliminate_steps(self, k: int, inertia: Articulated) -> Articulated:
+        """One coordinate after the other; the inertia that is left, in the joint's axes at its origin."""
+        joint, speeds = self.joints[k], self.speeds[k]
+        for turn, w in reversed(list(zip(joint.rotations, speeds.behind[1:], strict=True))):
+            drift = cross(w, unit(turn.axis, self.v[turn.index]))
+            if turn.index in self.given:
+                drift = add(drift, unit(turn.axis, self.drives[turn.index]))
+            inertia = replace(inertia, p=inertia.answer(ZERO, drift))
+            if turn.index not in self.given:
+                inertia = self._eliminate(k, inertia, turn.index, 3 + turn.axis)
+            inertia = turned(turn, inertia)
+        inertia = replace(inertia, p=inertia.answer(self._known(k), ZERO))
+        unknown = [(index, axis) for index, axis in joint.translations if index not in self.given]
+        if len(unknown) == 3 and not any(is_zero(self.bound.armature[index]) for index, _ in unknown):
+            return self._eliminate_translations(k, inertia)
+        for index, axis in reversed(unknown):
+            inertia = self._eliminate(k, inertia, index, axis)
+        return inertia
+
+    def _known(self, k: int) -> Vec:
+        """Acceleration of the origin that velocities make and prescribed translations have, in the joint's axes."""
+        known = self.speeds[k].drift
+        for index, axis in self.joints[k].translations:
+            if index in self.given:
+                known = add(known, unit(axis, self.drives[index]))
+        return known
+
+    def _eliminate(self, k: int, inertia: Articulated, index: int, row: int) -> Articulated:
+        """Take a coordinate along unit axis ``row`` (0-2 force, 3-5 moment) out of the inertia."""
+        axis = row % 3
+        if row < 3:
+            gain, here = Wrench(transpose(inertia.L)[axis], inertia.C[axis]), inertia.p.force[axis]
+            own = inertia.L[axis][axis]
+        else:
+            gain, here = Wrench(transpose(inertia.C)[axis], inertia.A[axis]), inertia.p.moment[axis]
+            own = inertia.A[axis][axis]
+        armature = self.bound.armature[index]
+        pivot = own + armature
+        self.pivots[index] = (pivot, self.sizes[k][row // 3] + armature)
+        inverse = inverse_or_zero(pivot)
+        free = (self.drives[index] - here) * inverse
+        scaled = Wrench(scale(inverse, gain.force), scale(inverse, gain.moment))
+        self.steps[k].append(_Step(index, free, scaled))
+        p = inertia.p + Wrench(scale(free, gain.force), scale(free, gain.moment))
+        left = Articulated(
+            symmetric(less(inertia.L, scaled.force, gain.force)),
+            less(inertia.C, scaled.force, gain.moment),
+            symmetric(less(inertia.A, scaled.moment, gain.moment)),
+            p,
+        )
+        share = armature * inverse  # of its own row, that is all that the armature leaves
+        row_left = Wrench(scale(share, gain.force), scale(share, gain.moment))
+        return with_row(left, row, row_left, self.drives[index] - armature * free)
+
+    def _eliminate_translations(self, k: int, inertia: Articulated) -> Articulated:
+        """Three translations with armatures D at once: one division, and no chain of three.
+
+        L becomes D K L with K = (L + D)^-1, where off its diagonal K L = -K D and on it nothing cancels, however large
+        D is.
+        """
+        first = self.joints[k].translations[0][0]
+        D = (self.bound.armature[first], self.bound.armature[first + 1], self.bound.armature[first + 2])
+        drives = (self.drives[first], self.drives[first + 1], self.drives[first + 2])
+        L, C, A, p = inertia.L, inertia.C, inertia.A, inertia.p
+        K, determinant = inverse3(sum_mat(L, diagonal(D)))
+        x, y, z = (self.sizes[k][0] + d for d in D)
+        self.pivots[first] = (determinant, x * y * z)
+        KL = (
+            (dot(K[0], L[0]), -1.0 * (K[0][1] * D[1]), -1.0 * (K[0][2] * D[2])),
+            (-1.0 * (K[1][0] * D[0]), dot(K[1], L[1]), -1.0 * (K[1][2] * D[2])),
+            (-1.0 * (K[2][0] * D[0]), -1.0 * (K[2][1] * D[1]), dot(K[2], L[2])),
+        )
+        gain = matmul(K, C)
+        free = matvec(K, add(drives, scale(-1.0, p.force)))
+        self.blocks[k] = _Block(free, KL, gain)
+        for i in range(3):
+            A = symmetric(less(A, C[i], gain[i]))
+        held = (drives[0] - D[0] * free[0], drives[1] - D[1] * free[1], drives[2] - D[2] * free[2])
+        p = Wrench(held, add(p.moment, matvec(transpose(C), free)))
+        return Articulated(symmetric(rows_scaled(D, KL)), rows_scaled(D, gain), A, p)
+
+    def _sizes(self) -> list[tuple[Scalar, Scalar]]:
+        """Per body, mass and moments of inertia of all that hangs on it, roughly: what a pivot is compared to.
+
+        The body alone would not do: what comes from behind may be round-off of an inertia that is gone.  Bodies behind
+        six coordinates hand on an exact zero and are left out.
+        """
+        inertias = [body.inertia for body in self.bound.bodies]
+        masses = [H.mass for H in inertias]
+        moments = [H.second[0][0] + H.second[1][1] + H.second[2][2] for H in inertias]
+        for k in range(len(inertias) - 1, -1, -1):
+            parent, offset = self.model.bodies[k].parent, self.bound.bodies[k].placement.origin
+            if parent != FIXED_BODY and not self.free[k]:
+                masses[parent] = masses[parent] + masses[k]
+                moments[parent] = moments[parent] + (moments[k] + masses[k] * dot(offset, offset))
+        return list(zip(masses, moments, strict=True))
+
+    def _forward(self) -> None:
+        found: list[Acceleration] = []
+        base = acceleration(ZERO, ZERO, scale(-1.0, self.bound.gravity))
+        for k, body in enumerate(self.model.bodies):
+            self.note(f"{body.joint}: accelerations, from the base to the tips")
+            parent = base if body.parent == FIXED_BODY else found[body.parent]
+            if self.free[k]:
+                a, d = self.bodies.release(k, parent, self.speeds[k])
+            else:
+                a, d = self._release_steps(k, parent)
+            found.append(acceleration(self.speeds[k].behind[-1], d, a))
+
+    def _release_steps(self, k: int, parent: Acceleration) -> tuple[Vec, Vec]:
+        joint, speeds = self.joints[k], self.speeds[k]
+        back = transpose(joint.turn)
+        a, d = matvec(back, add(parent.origin, cross(parent.dot, joint.offset))), matvec(back, parent.dot)
+        steps = {step.index: step for step in self.steps[k]}
+
+        def released(index: int, a: Vec, d: Vec) -> Scalar:
+            step = steps[index]
+            value = step.free - (dot(step.gain.force, a) + dot(step.gain.moment, d))
+            self.accelerations[index] = value
+            return value
+
+        if k in self.blocks:
+            block = self.blocks[k]
+            moved = add(block.free, scale(-1.0, add(matvec(block.yielding, a), matvec(block.gain, d))))
+            first = joint.translations[0][0]
+            self.accelerations[first : first + 3] = moved
+            a = add(a, moved)
+        else:
+            for index, axis in joint.translations:
+                if index not in self.given:
+                    a = add(a, unit(axis, released(index, a, d)))
+        a = add(a, self._known(k))
+        for turn, w in zip(joint.rotations, speeds.behind[1:], strict=True):
+            back = transpose(turn.matrix)
+            a, d = matvec(back, a), matvec(back, d)
+            given = turn.index in self.given
+            value = self.drives[turn.index] if given else released(turn.index, a, d)
+            d = add(add(d, cross(w, unit(turn.axis, self.v[turn.index]))), unit(turn.axis, value))
+        return a, d

@@ -1,0 +1,285 @@
+"""Bodies behind joints with all six coordinates: free bodies that the drives hold.
+
+Six traces against the tangents of such a joint determine its wrench, so force and moment follow from the drives alone
+and no inertia is handed on.  The moment in the axes behind beta is (n_x, tau_beta, tau_gamma) and in front of it
+(tau_alpha, tau_beta, n_z), with
+
+    n_x = (tau_alpha - sin(beta) tau_gamma) / cos(beta),    n_z = (tau_gamma - sin(beta) tau_alpha) / cos(beta).
+
+Only armatures of angles couple bodies: each takes psi = armature q_ddot from its drive.  With the dual vectors of the
+angles (q_ddot = dual . w_dot of the body - reach . w_dot of its parent - drift) the psi solve a small linear system,
+
+    (1 / armature + T) psi = b,    T = sum over the bodies of dual . I^-1 dual,
+
+which is eliminated body by body from the tips.  A body's own inertia stays a number, and so does its inverse.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from eomgen.robot.model import FIXED_BODY, Model
+from eomgen.robot.value import COORDINATES
+
+from ..tree.bound import Bound
+from ..tree.frozen_joints import JointGeometry, unit
+from ..tree.recursion import ZERO, Acceleration, Wrench, acceleration
+from ..tree.spatial import Mat, PseudoInertia, Scalar, Vec, add, cross, dot, is_zero, matvec, scale, transpose
+from .articulated import (
+    NOTHING,
+    Articulated,
+    diagonal_product,
+    gyroscopic_moment,
+    inertia_tensor,
+    inverse3,
+    inverse_or_zero,
+    less,
+    symmetric,
+)
+
+SINGULAR = 1e-9  # a determinant below so much of the product of the diagonal is round-off
+
+
+@dataclass(frozen=True)
+class Speeds:
+    """Angular velocities: in the joint's axes, behind every rotation; and the acceleration that velocities make."""
+
+    joint: Vec
+    behind: tuple[Vec, ...]
+    drift: Vec  # of the origin, joint axes
+
+
+@dataclass(frozen=True)
+class _Solved:
+    """A body without its armatures: w_dot = ``dot`` and acceleration of the centre of mass ``specific``, body axes."""
+
+    inverse: Mat
+    dot: Vec
+    specific: Vec
+    com: Vec
+    inverse_cosine: Scalar
+
+
+@dataclass(frozen=True)
+class _Psi:
+    """An armature's torque: ``dual`` in body axes, ``reach`` in the parent's, ``answer`` = I^-1 dual, and the drift."""
+
+    index: int
+    armature: Scalar
+    dual: Vec
+    reach: Vec
+    answer: Vec
+    drift: Scalar
+
+
+@dataclass(frozen=True)
+class _Row:
+    """An eliminated psi = factor (right - sum of others' coefficient psi - reach . w_dot of the parent)."""
+
+    index: int
+    factor: Scalar
+    right: Scalar
+    others: tuple[tuple[int, Scalar], ...]
+    reach: Vec
+
+
+class FreeBodies:
+    """The free bodies of a model; ``accelerations`` and ``pivots`` are written where they are solved."""
+
+    def __init__(
+        self,
+        model: Model,
+        bound: Bound,
+        joints: Sequence[JointGeometry],
+        v: Sequence[Scalar],
+        drives: Sequence[Scalar],
+        accelerations: list[Scalar],
+        pivots: list[tuple[Scalar, Scalar]],
+    ) -> None:
+        self.model, self.bound, self.joints, self.v, self.drives = model, bound, joints, v, drives
+        self.accelerations, self.pivots = accelerations, pivots
+        self.free = _free_bodies(model, bound)
+        self.solved: dict[int, _Solved] = {}
+        self.own: list[list[_Psi]] = [[] for _ in model.bodies]
+        self.rows: list[list[_Row]] = [[] for _ in model.bodies]  # eliminated when this body was reached
+        self.hanging: list[list[_Row]] = [[] for _ in model.bodies]  # of a joint that hangs on another kind of body
+        self.answers: dict[int, Vec] = {}  # I^-1 reach of a psi, of the body in front of its joint
+        self.T: dict[tuple[int, int], Scalar] = {}
+        self.right: dict[int, Scalar] = {}
+        self.psi: dict[int, Scalar] = {}
+
+    def eliminate(self, k: int, load: Wrench, speeds: Speeds) -> Articulated:
+        """Solve body k under the load of what hangs on it; the inertia that its parent feels, in the joint's axes."""
+        joint, first, H = self.joints[k], self.model.bodies[k].first, self.bound.bodies[k].inertia
+        held, moment, inverse_cosine = self._moments(k)
+        force = (self.drives[first], self.drives[first + 1], self.drives[first + 2])
+        push = force
+        for turn in joint.rotations:
+            push = matvec(transpose(turn.matrix), push)
+        left = add(push, scale(-1.0, load.force))  # m times the acceleration of the centre of mass
+        com, J = about_com(H)
+        turning = add(gyroscopic_moment(J, speeds.behind[-1]), cross(com, left))
+        in_body = matvec(transpose(joint.rotations[-1].matrix), held)
+        inertia = inertia_tensor(J)
+        inverse, determinant = inverse3(inertia)
+        self.pivots[joint.rotations[-1].index] = (determinant, diagonal_product(inertia))
+        self.pivots[first] = (H.mass, 0.0)
+        rate = matvec(inverse, add(in_body, scale(-1.0, add(load.moment, turning))))
+        specific = scale(inverse_or_zero(H.mass), left)
+        self.solved[k] = _Solved(inverse, rate, specific, com, inverse_cosine)
+        self._couple(k, speeds)
+        wrench = Wrench(force, moment)
+        parent = self.model.bodies[k].parent
+        if parent == FIXED_BODY or not self.free[parent]:
+            return self._hand_on(k, wrench)
+        return Articulated(NOTHING, NOTHING, NOTHING, wrench)
+
+    def _moments(self, k: int) -> tuple[Vec, Vec, Scalar]:
+        """The joint's moment behind beta, the same in the joint's axes, and 1 / cos(beta)."""
+        alpha, beta, gamma = self.joints[k].rotations
+        about_alpha, about_beta, about_gamma = (self.drives[turn.index] for turn in (alpha, beta, gamma))
+        inverse_cosine = 1.0 / beta.cos
+        self.pivots[beta.index] = (beta.cos * beta.cos, 1.0)
+        n_x = (about_alpha - beta.sin * about_gamma) * inverse_cosine
+        n_z = (about_gamma - beta.sin * about_alpha) * inverse_cosine
+        held: Vec = (n_x, about_beta, about_gamma)
+        return held, matvec(alpha.matrix, (about_alpha, about_beta, n_z)), inverse_cosine
+
+    def _couple(self, k: int, speeds: Speeds) -> None:
+        """Rows of the joint's own psi; those of the joints behind are complete now and are eliminated."""
+        body = self.solved[k]
+        self.own[k] = own = self._psi(k, speeds)
+        for i, one in enumerate(own):
+            self.right[one.index] = dot(one.dual, body.dot) - one.drift
+            for other in own[i:]:
+                self.T[one.index, other.index] = dot(one.dual, other.answer)
+        behind = [psi for child in self.model.children(k) for psi in self.own[child]]
+        self.answers.update((psi.index, matvec(body.inverse, psi.reach)) for psi in behind)
+        for i, one in enumerate(behind):
+            self.right[one.index] = self.right[one.index] - dot(one.reach, body.dot)
+            for other in behind[i:]:
+                pair = one.index, other.index
+                self.T[pair] = self.T.get(pair, 0.0) + dot(one.reach, self.answers[other.index])
+            for mine in own:
+                self.T[mine.index, one.index] = -1.0 * dot(mine.dual, self.answers[one.index])
+        for i in range(len(behind) - 1, -1, -1):
+            self.rows[k].append(self._eliminate(behind[i], [psi.index for psi in (*own, *behind[:i])]))
+
+    def _psi(self, k: int, speeds: Speeds) -> list[_Psi]:
+        """The armatures of a joint, with the dual vectors of its angles."""
+        joint, body = self.joints[k], self.solved[k]
+        alpha, beta, gamma = joint.rotations
+        in_front, behind = self._drifts(k, speeds)
+        t, tangent = body.inverse_cosine, beta.sin * body.inverse_cosine
+        duals: tuple[Vec, ...] = ((t, 0.0, 0.0), (0.0, 1.0, 0.0), (-1.0 * tangent, 0.0, 1.0))  # axes behind beta
+        reaches: tuple[Vec, ...] = ((1.0, 0.0, -1.0 * tangent), (0.0, 1.0, 0.0), (0.0, 0.0, t))  # in front of beta
+        found = []
+        for turn, dual, reach in zip(joint.rotations, duals, reaches, strict=True):
+            armature = self.bound.armature[turn.index]
+            if not is_zero(armature):
+                drift = dot(dual, behind) + dot(reach, in_front)
+                in_parent = matvec(joint.turn, matvec(alpha.matrix, reach))
+                in_body = matvec(transpose(gamma.matrix), dual)
+                found.append(_Psi(turn.index, armature, in_body, in_parent, matvec(body.inverse, in_body), drift))
+        return found
+
+    def _eliminate(self, psi: _Psi, others: list[int], reach: Vec = ZERO) -> _Row:
+        """Take one psi out of the rows of the others."""
+        j = psi.index
+        factor = psi.armature / (1.0 + psi.armature * self.T[j, j])
+        row = _Row(j, factor, self.right[j], tuple((i, self.T[min(i, j), max(i, j)]) for i in others), reach)
+        for n, (i, coefficient) in enumerate(row.others):
+            scaled = factor * coefficient
+            self.right[i] = self.right[i] - scaled * row.right
+            for other, entry in row.others[n:]:
+                pair = min(i, other), max(i, other)
+                self.T[pair] = self.T[pair] - scaled * entry
+        return row
+
+    def _hand_on(self, k: int, wrench: Wrench) -> Articulated:
+        """The psi of a joint that hangs on a body of another kind, or on the base: what that feels of them."""
+        turn, passed, moment = transpose(self.joints[k].turn), NOTHING, wrench.moment
+        reaches = {psi.index: matvec(turn, psi.reach) for psi in self.own[k]}
+        for n in range(len(self.own[k]) - 1, -1, -1):
+            psi, others = self.own[k][n], [other.index for other in self.own[k][:n]]
+            reach = reaches[psi.index]
+            row = self._eliminate(psi, others, reach)
+            self.hanging[k].append(row)
+            for i, coefficient in row.others:
+                reaches[i] = add(reaches[i], scale(-1.0 * row.factor * coefficient, reach))
+            moment = add(moment, scale(-1.0 * row.factor * row.right, reach))
+            passed = symmetric(less(passed, scale(-1.0 * row.factor, reach), reach))
+        return Articulated(NOTHING, NOTHING, passed, Wrench(wrench.force, moment))
+
+    def _drifts(self, k: int, speeds: Speeds) -> tuple[Vec, Vec]:
+        """What velocities add to w_dot: turning about alpha in the axes behind it, the other two behind beta."""
+        alpha, beta, gamma = self.joints[k].rotations
+        _, front, behind, _ = speeds.behind
+        about_beta, about_gamma = unit(beta.axis, self.v[beta.index]), unit(gamma.axis, self.v[gamma.index])
+        return (
+            cross(front, unit(alpha.axis, self.v[alpha.index])),
+            add(cross(behind, about_gamma), cross(behind, about_beta)),
+        )
+
+    def release(self, k: int, parent: Acceleration, speeds: Speeds) -> tuple[Vec, Vec]:
+        """The joint's accelerations; that of the body's origin and w_dot, in body axes."""
+        joint, body, first = self.joints[k], self.solved[k], self.model.bodies[k].first
+        back = transpose(joint.turn)
+        turning = matvec(back, parent.dot)
+        for row in reversed((*self.rows[k], *self.hanging[k])):
+            rest = sum((c * self.psi[i] for i, c in row.others), dot(row.reach, turning))
+            self.psi[row.index] = row.factor * (row.right - rest)
+        d = body.dot
+        for psi in self.own[k]:
+            d = add(d, scale(-1.0 * self.psi[psi.index], psi.answer))
+        for child in self.model.children(k):
+            for psi in self.own[child]:
+                d = add(d, scale(self.psi[psi.index], self.answers[psi.index]))
+        a = add(body.specific, scale(-1.0, matvec(acceleration(speeds.behind[-1], d, ZERO).U, body.com)))
+        self._release_angles(k, d, turning, speeds)
+        along = a
+        for turn in reversed(joint.rotations):
+            along = matvec(turn.matrix, along)
+        carried = matvec(back, add(parent.origin, matvec(parent.U, joint.offset)))
+        for index, axis in joint.translations:
+            carried = add(carried, cross(scale(2.0, speeds.joint), unit(axis, self.v[index])))
+        self.accelerations[first : first + 3] = add(along, scale(-1.0, carried))
+        return a, d
+
+    def _release_angles(self, k: int, d: Vec, turning: Vec, speeds: Speeds) -> None:
+        """Accelerations of the angles from w_dot of the body, and of its parent in the joint's axes."""
+        alpha, beta, gamma = self.joints[k].rotations
+        in_front, behind = self._drifts(k, speeds)
+        carried = add(matvec(transpose(alpha.matrix), turning), in_front)
+        x, y, z = add(matvec(gamma.matrix, d), scale(-1.0, behind))
+        # cos(beta) (carried_x + alpha_ddot) = x + sin(beta) carried_z
+        t = self.solved[k].inverse_cosine
+        self.accelerations[alpha.index] = (x + beta.sin * carried[2]) * t - carried[0]
+        self.accelerations[beta.index] = y - carried[1]
+        self.accelerations[gamma.index] = z - (beta.sin * x + carried[2]) * t
+
+
+def about_com(H: PseudoInertia) -> tuple[Vec, Mat]:
+    """Centre of mass, and the second moments about it."""
+    com = scale(inverse_or_zero(H.mass), H.first)
+    return com, symmetric(less(H.second, com, H.first))
+
+
+def _free_bodies(model: Model, bound: Bound) -> list[bool]:
+    """Bodies behind six coordinates whose children, all of that kind too, hand on no mass."""
+    free, given = [False] * len(model.bodies), frozenset(model.prescribed)
+    for k in range(len(model.bodies) - 1, -1, -1):
+        body = model.bodies[k]
+        armature = bound.armature[body.first : body.first + len(body.active)]
+        light = body.active == COORDINATES and given.isdisjoint(body.indices) and all(is_zero(c) for c in armature[:3])
+        bare = all(is_zero(c) for c in armature[3:]) or not _flat(bound.bodies[k].inertia)
+        free[k] = light and bare and all(free[child] for child in model.children(k))
+    return free
+
+
+def _flat(H: PseudoInertia) -> bool:
+    """Whether plain numbers say that a body does not resist every turn about its centre of mass: a rod, a point."""
+    inertia = inertia_tensor(about_com(H)[1])
+    _, determinant = inverse3(inertia)
+    return isinstance(determinant, float) and determinant <= SINGULAR * diagonal_product(inertia)

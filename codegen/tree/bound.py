@@ -1,0 +1,328 @@
+"""Bind a model's numbers: bodies with placements and pseudo-inertias over any kind of scalar.
+
+The scalar is what ``value`` returns for a name: a float, a SymPy expression, or a node of a program.  All three know
+``+ - *``, and sine and cosine come from ``sincos``, so that one source serves the numerical reference, closed-form
+equations and generated code.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from eomgen.errors import InputError
+from eomgen.robot.geometry import IDENTITY, snap
+from eomgen.robot.model import FIXED_BODY, Model
+from eomgen.robot.value import ANGULAR, COORDINATES, INERTIA_KEYS, LINEAR, MOTOR, Coordinate, Joint, Placement
+
+from .spatial import (
+    Mat,
+    Pose,
+    PseudoInertia,
+    Scalar,
+    Vec,
+    _mat,
+    _vec,
+    add,
+    congruence,
+    matmul,
+    matvec,
+    scale,
+    transpose,
+)
+
+
+@dataclass(frozen=True)
+class BoundBody:
+    """A body with its numbers: placement of its joint frame in the parent body's frame, and its pseudo-inertia."""
+
+    placement: Pose
+    inertia: PseudoInertia
+
+
+@dataclass(frozen=True)
+class Transmission:
+    """The spring between a motor and the coordinate with the index ``principal``, in units of the joint's side.
+
+    ``inverse_ratio`` is 1 / ratio; ``law`` and ``knots`` are as in ``Bound``.
+    """
+
+    principal: int
+    inverse_ratio: Scalar
+    stiffness: Scalar
+    damping: Scalar
+    law: Mapping[str, Scalar]
+    knots: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class BoundSpring:
+    """A spring between two points: per end (body, point in its frame), the numbers of its law, and its elongations.
+
+    ``numbers``: ``Spring.law``; stiffness, damping and free_length are always there, 0 where none is given.
+    """
+
+    ends: tuple[tuple[int, Vec], tuple[int, Vec]]
+    numbers: Mapping[str, Scalar]
+    knots: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Bound:
+    """A model with its numbers, in the model's order; ``links`` and ``frames`` hold (body, pose in that body).
+
+    ``coms`` are the links' centres of mass in their bodies' frames, ``cuts`` per loop the cut frame on both links;
+    ``stiffness``, ``damping``, ``armature`` and ``angle_offsets`` (added to an angle before it turns, rad) are per
+    coordinate.  ``at_rest`` is the first moment (kg m, base frame) of mass that regrouping moved to the base: its
+    weight is a constant of the potential energy.
+    ``laws`` holds, by the index of a coordinate, the numbers of its force beyond stiffness and damping
+    (``Coordinate.law``, with "stiffness" where it is no linear spring's); ``knots`` the deviations of its curve.
+    ``transmissions`` holds, by the index of a motor's coordinate, what is between it and its joint; its inertia is an
+    armature.
+    ``springs`` are those between points of two bodies.
+    """
+
+    gravity: Vec
+    bodies: tuple[BoundBody, ...]
+    frames: dict[str, tuple[int, Pose]]
+    coms: dict[str, tuple[int, Vec]]
+    stiffness: tuple[Scalar, ...]
+    damping: tuple[Scalar, ...]
+    armature: tuple[Scalar, ...]
+    angle_offsets: tuple[Scalar, ...]
+    at_rest: Vec = (0.0, 0.0, 0.0)
+    cuts: tuple[tuple[tuple[int, Pose], tuple[int, Pose]], ...] = ()
+    laws: Mapping[int, Mapping[str, Scalar]] = field(default_factory=dict)
+    knots: Mapping[int, tuple[float, ...]] = field(default_factory=dict)
+    transmissions: Mapping[int, Transmission] = field(default_factory=dict)
+    springs: tuple[BoundSpring, ...] = ()
+
+
+def bind(
+    model: Model,
+    value: Callable[[str, float], Scalar],
+    sincos: Callable[[Scalar], tuple[Scalar, Scalar]],
+) -> Bound:
+    """Bodies of the model with every number passed through ``value(name, number)``.
+
+    Args:
+        model: the tree.
+        value: turns a named number into a scalar.
+        sincos: sine and cosine of a scalar (used for rotations whose angles are parameters).
+    """
+    binder = _Binder(model, value, sincos)
+    robot = model.robot
+    poses: dict[str, tuple[int, Pose]] = {robot.base: (FIXED_BODY, Pose(IDENTITY, (0.0, 0.0, 0.0)))}
+    placements: list[Pose] = []
+    for joint in robot.joints:
+        body, parent = poses[joint.parent]
+        placed = parent @ binder.placement(f"joints.{joint.name}", joint.placement)
+        axes, back = Pose(joint.axis_turn, (0.0, 0.0, 0.0)), Pose(transpose(joint.axis_turn), (0.0, 0.0, 0.0))
+        if joint.coordinates:
+            placements.append(placed @ axes @ binder.shift(joint))
+            poses[joint.child] = (len(placements) - 1, back)
+        elif binder.has_offset(joint):
+            poses[joint.child] = (body, placed @ axes @ binder.shift(joint) @ binder.turn(joint) @ back)
+        else:
+            poses[joint.child] = (body, placed)
+    zero = PseudoInertia(((0.0,) * 3,) * 3, (0.0,) * 3, 0.0)
+    inertias = [zero] * len(placements)
+    coms: dict[str, tuple[int, Vec]] = {}
+    for link in robot.links:
+        body, pose = poses[link.name]
+        if body != FIXED_BODY:
+            inertia, com = binder.pseudo_inertia(link.name)
+            inertias[body] = inertias[body] + congruence(pose, inertia)
+            coms[link.name] = (body, add(matvec(pose.rotation, com), pose.origin))
+    bodies = tuple(BoundBody(p, h) for p, h in zip(placements, inertias, strict=True))
+    laws, knots = binder.laws()
+    forces, offsets, cuts = binder.forces(), binder.angle_offsets(), binder.cuts(poses)
+    frames, between, springs = binder.frames(poses), binder.transmissions(), binder.springs(poses)
+    still = (0.0, 0.0, 0.0)
+    return Bound(binder.gravity(), bodies, frames, coms, *forces, offsets, still, cuts, laws, knots, between, springs)
+
+
+class _Binder:
+    """Reads named numbers of one model through ``value``."""
+
+    def __init__(self, model: Model, value: Callable[[str, float], Scalar], sincos: Callable[[Scalar], Any]) -> None:
+        self.model, self.value, self.sincos = model, value, sincos
+
+    def triple(self, prefix: str, numbers: Sequence[float], keys: Sequence[str] = "xyz") -> Vec:
+        return _vec(self.value(f"{prefix}.{key}", number) for key, number in zip(keys, numbers, strict=True))
+
+    def offset(self, joint: Joint, name: str) -> Scalar:
+        """The constant that is added to one of a joint's six coordinates."""
+        number = joint.offset[COORDINATES.index(name)] or 0.0
+        return self.value(f"joints.{joint.name}.offset.{name}", number)
+
+    def has_offset(self, joint: Joint) -> bool:
+        return any(f"joints.{joint.name}.offset.{name}" in self.model.parameters for name in COORDINATES)
+
+    def shift(self, joint: Joint) -> Pose:
+        """The offsets of x, y and z: they come first, so that they belong to the placement."""
+        return Pose(IDENTITY, _vec(self.offset(joint, name) for name in LINEAR))
+
+    def turn(self, joint: Joint) -> Pose:
+        """The offsets of the angles of a joint that does not move, Rx Ry Rz."""
+        (sa, ca), (sb, cb), (sc, cc) = (self._turn(self.offset(joint, name)) for name in ANGULAR)
+        about_x: Mat = ((1.0, 0.0, 0.0), (0.0, ca, -sa), (0.0, sa, ca))
+        about_y: Mat = ((cb, 0.0, sb), (0.0, 1.0, 0.0), (-sb, 0.0, cb))
+        about_z: Mat = ((cc, -sc, 0.0), (sc, cc, 0.0), (0.0, 0.0, 1.0))
+        return Pose(matmul(matmul(about_x, about_y), about_z), (0.0, 0.0, 0.0))
+
+    def angle_offsets(self) -> tuple[Scalar, ...]:
+        """What is added to every coordinate that is an angle, 0 for translations.
+
+        Raises:
+            InputError: a joint that moves has an offset in an angle that is no coordinate of this model.
+        """
+        for body in self.model.bodies:
+            for name in self.model.offset_angles(body.joint):
+                raise InputError(
+                    f"joints.{body.joint}.offset.{name}: the closed form and the textbook's algorithms know no offset"
+                    " of an angle that is not active; give the angle a table, or leave the offset out"
+                )
+        return tuple(
+            self.offset(joint, name) if name in ANGULAR else 0.0
+            for joint in self.model.robot.joints
+            for name in joint.all_coordinates
+        )
+
+    def gravity(self) -> Vec:
+        return self.triple("gravity", self.model.robot.gravity)
+
+    def placement(self, owner: str, given: Placement) -> Pose:
+        prefix = f"{owner}.placement"
+        rotation: Mat = given.rotation
+        if given.rpy is not None and any(f"{prefix}.rpy.{i}" in self.model.parameters for i in range(3)):
+            rotation = self._rotation(self.triple(f"{prefix}.rpy", given.rpy, "012"))
+        return Pose(rotation, self.triple(f"{prefix}.xyz", given.xyz, "012"))
+
+    def _rotation(self, rpy: Vec) -> Mat:
+        (sr, cr), (sp, cp), (sy, cy) = (self._turn(angle) for angle in rpy)
+        return (
+            (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
+            (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
+            (-sp, cp * sr, cp * cr),
+        )
+
+    def _turn(self, angle: Scalar) -> tuple[Scalar, Scalar]:
+        """Sine and cosine; of a number as the description reads it, so that right angles prune."""
+        return (snap(math.sin(angle)), snap(math.cos(angle))) if isinstance(angle, float) else self.sincos(angle)
+
+    def pseudo_inertia(self, name: str) -> tuple[PseudoInertia, Vec]:
+        """H of a link in its own frame, and its centre of mass: J = 1/2 tr(I) 1 - I about the origin."""
+        link = self.model.robot.link(name)
+        mass = self.value(f"links.{name}.mass", link.mass)
+        com = self.triple(f"links.{name}.com", link.com)
+        xx, yy, zz, xy, xz, yz = (
+            self.value(f"links.{name}.inertia.{key}", number)
+            for key, number in zip(INERTIA_KEYS, link.inertia, strict=True)
+        )
+        about_com = (
+            ((yy + zz - xx) * 0.5, -xy, -xz),
+            (-xy, (xx + zz - yy) * 0.5, -yz),
+            (-xz, -yz, (xx + yy - zz) * 0.5),
+        )
+        first = scale(mass, com)
+        second = _mat(tuple(about_com[i][j] + first[i] * com[j] for j in range(3)) for i in range(3))
+        return PseudoInertia(second, first, mass), com
+
+    def frames(self, poses: dict[str, tuple[int, Pose]]) -> dict[str, tuple[int, Pose]]:
+        found = dict(poses)
+        for frame in self.model.robot.frames:
+            body, pose = poses[frame.link]
+            found[frame.name] = (body, pose @ self.placement(f"frames.{frame.name}", frame.placement))
+        return {name: found[name] for name in self.model.frames}
+
+    def cuts(self, poses: dict[str, tuple[int, Pose]]) -> tuple[tuple[tuple[int, Pose], tuple[int, Pose]], ...]:
+        """Per loop the bodies of its links, with the cut frame in each."""
+        found = []
+        for loop in self.model.robot.loops:
+            sides = []
+            for i, (link, placement) in enumerate(zip(loop.links, loop.placements, strict=True)):
+                body, pose = poses[link]
+                sides.append((body, pose @ self.placement(f"loops.{loop.name}.{i}", placement)))
+            found.append((sides[0], sides[1]))
+        return tuple(found)
+
+    def springs(self, poses: dict[str, tuple[int, Pose]]) -> tuple[BoundSpring, ...]:
+        """The springs between points, each with its ends in the bodies' frames."""
+        found = []
+        for spring in self.model.robot.springs:
+            ends = []
+            for i, (link, point) in enumerate(zip(spring.links, spring.points, strict=True)):
+                body, pose = poses[link]
+                at = self.triple(f"springs.{spring.name}.points.{i}", point)
+                ends.append((body, add(matvec(pose.rotation, at), pose.origin)))
+            given = {**dict.fromkeys(("free_length", "stiffness", "damping"), 0.0), **spring.law()}
+            numbers = {key: self.value(f"springs.{spring.name}.{key}", number) for key, number in given.items()}
+            knots = tuple(elongation for elongation, _ in spring.curve or ())
+            found.append(BoundSpring((ends[0], ends[1]), numbers, knots))
+        return tuple(found)
+
+    def forces(self) -> tuple[tuple[Scalar, ...], tuple[Scalar, ...], tuple[Scalar, ...]]:
+        """Stiffness of linear springs, damping and armature of every coordinate."""
+        rows: tuple[list[Scalar], ...] = ([], [], [])
+        for name, prefix, given in self._coordinates():
+            if name == MOTOR:  # the stiffness and the damping of its table are its transmission's
+                numbers: list[Scalar] = [0.0, 0.0, self.value(f"{prefix}.inertia", given.armature or 0.0)]
+            else:
+                keys = ("stiffness", "damping", "armature")
+                numbers = [self.value(f"{prefix}.{key}", getattr(given, key) or 0.0) for key in keys]
+            for row, number in zip(rows, numbers, strict=True):
+                row.append(number)
+            if _is_bent(given):
+                rows[0][-1] = 0.0
+        return tuple(rows[0]), tuple(rows[1]), tuple(rows[2])
+
+    def laws(self) -> tuple[dict[int, dict[str, Scalar]], dict[int, tuple[float, ...]]]:
+        """Numbers of forces beyond stiffness and damping, and deviations of curves, by coordinate."""
+        laws: dict[int, dict[str, Scalar]] = {}
+        knots: dict[int, tuple[float, ...]] = {}
+        for index, (_, prefix, given) in enumerate(self._coordinates()):
+            law = self._law(prefix, given)
+            if law:
+                laws[index] = law
+            if given.curve is not None:
+                knots[index] = _knots(given)
+        return laws, knots
+
+    def transmissions(self) -> dict[int, Transmission]:
+        """What is between motors and joints, by the index of a motor's coordinate."""
+        found: dict[int, Transmission] = {}
+        for index, principal in self.model.motors.items():
+            name = self.model.coordinates[index]
+            motor = self.model.robot.joint(name.rpartition(".")[0]).motor
+            assert motor is not None
+            prefix, spring = f"joints.{name}", motor.transmission
+            stiffness = 0.0 if _is_bent(spring) else self.value(f"{prefix}.stiffness", spring.stiffness or 0.0)
+            damping = self.value(f"{prefix}.damping", spring.damping or 0.0)
+            inverse = 1.0 / self.value(f"{prefix}.ratio", motor.ratio)
+            law = self._law(prefix, spring)
+            found[index] = Transmission(principal, inverse, stiffness, damping, law, _knots(spring))
+        return found
+
+    def _law(self, prefix: str, given: Coordinate) -> dict[str, Scalar]:
+        law = {key: self.value(f"{prefix}.{key}", number) for key, number in given.law().items()}
+        if _is_bent(given):
+            law["stiffness"] = self.value(f"{prefix}.stiffness", given.stiffness or 0.0)
+        return law
+
+    def _coordinates(self) -> Iterator[tuple[str, str, Coordinate]]:
+        for joint in self.model.robot.joints:
+            for name, given in joint.all_coordinates.items():
+                yield name, f"joints.{joint.name}.{name}", given
+
+
+def _knots(given: Coordinate) -> tuple[float, ...]:
+    """Deviations of a coordinate's curve."""
+    return tuple(deviation for deviation, _ in given.curve or ())
+
+
+def _is_bent(given: Coordinate) -> bool:
+    """Whether the stiffness is not that of one straight line."""
+    return given.clearance is not None or given.stiffness_negative is not None

@@ -1,0 +1,352 @@
+"""Mass matrix and Coriolis matrix from composite pseudo-inertias, eqs. (11) and (12) contracted as they arise.
+
+M_sv = tr(D_s Hc D_v^T) and C_sv = tr(D_s (Hc N_v^T + Gc V_v^T)), with Hc = sum H_k and Gc = sum H_k W_k^T over the
+bodies that the deeper of the two coordinates moves, N_v = dV_v/dt the rate of the tangent V_v.  Both sums are carried
+from the tips to the base by the congruence X H X^T.  C is the Christoffel one: M_dot = C + C^T, C v = bias.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from eomgen.robot.model import FIXED_BODY, Model
+
+from .bound import Bound
+from .frozen_joints import JointGeometry, Rotation, unit
+from .recursion import Note, Velocity, Wrench, no_note, rotational_inertia, through_joint_back, velocities
+from .spatial import (
+    Mat,
+    Pose,
+    PseudoInertia,
+    Scalar,
+    Vec,
+    add,
+    congruence,
+    cross,
+    dot,
+    matmul,
+    matvec,
+    scale,
+    transpose,
+)
+
+Rows = dict[tuple[int, int], Scalar]
+
+
+def mass_matrix(model: Model, bound: Bound, joints: Sequence[JointGeometry], note: Note = no_note) -> Rows:
+    """Entries (i, j) with i <= j of M; an absent pair is identically zero."""
+    rows: Rows = {}
+    composite = [body.inertia for body in bound.bodies]
+    whole = _whole_rotations(model, joints)
+    for k in range(len(model.bodies) - 1, -1, -1):
+        note(f"{model.bodies[k].joint}: columns of M from the composite pseudo-inertia, eq. (11)")
+        columns, at_joint = _columns(composite[k], joints[k])
+        for index, wrench in columns:
+            _read_column(model, joints, whole, k, index, wrench, rows)
+        if len(joints[k].translations) > 1:
+            _read_translations(model, joints, k, at_joint, rows)
+        parent = model.bodies[k].parent
+        if parent != FIXED_BODY:
+            composite[parent] = composite[parent] + to_parent(at_joint, joints[k])
+    for index, c in enumerate(bound.armature):
+        rows[index, index] = rows.get((index, index), 0.0) + c
+    return rows
+
+
+def _columns(H: PseudoInertia, joint: JointGeometry) -> tuple[list[tuple[int, Wrench]], PseudoInertia]:
+    """Wrench of a unit acceleration of a coordinate, in the axes in front of it; H in the joint's axes.
+
+    A rotation leaves its own axis alone, so its column is read from H in front of it: one rotation less per column.
+    The moment of inertia about that axis is taken behind it, where the base joint needs nothing else.  Several
+    translations are left to ``_read_translations``.
+    """
+    columns = []
+    for turn in reversed(joint.rotations):
+        about_axis = rotational_inertia(H, unit(turn.axis))[turn.axis]
+        H = rotated(turn, H)
+        axis = unit(turn.axis)
+        moment = list(rotational_inertia(H, axis))
+        moment[turn.axis] = about_axis
+        columns.append((turn.index, Wrench(cross(axis, H.first), (moment[0], moment[1], moment[2]))))
+    if len(joint.translations) == 1:
+        ((index, number),) = joint.translations
+        columns.append((index, Wrench(scale(H.mass, unit(number)), cross(H.first, unit(number)))))
+    return columns, H
+
+
+def _read_column(
+    model: Model,
+    joints: Sequence[JointGeometry],
+    whole: Mapping[int, Mat],
+    k: int,
+    index: int,
+    wrench: Wrench,
+    rows: Rows,
+) -> None:
+    """All entries of one column: in its own joint from where it stands, then towards the base."""
+    read: list[Scalar] = [None] * model.size
+    wrench = through_joint_back(wrench, front(joints[k], index), read)
+    parent = model.bodies[k].parent
+    while parent != FIXED_BODY:
+        wrench = through_joint_back(wrench, joints[parent], read, whole.get(parent))
+        parent = model.bodies[parent].parent
+    for row, value in enumerate(read):
+        if value is not None and (row <= index):
+            rows[row, index] = value
+
+
+def _read_translations(model: Model, joints: Sequence[JointGeometry], k: int, H: PseudoInertia, rows: Rows) -> None:
+    """Columns of a joint's translations: force m e, moment mc x e, where e and mc alone move through the joints.
+
+    H is that in the joint's axes.
+    """
+    axes = [(index, unit(axis)) for index, axis in joints[k].translations]
+    first, body = H.first, k
+    for index, e in axes:
+        rows.update({(row, index): H.mass * e[axis] for row, axis in joints[k].translations if row <= index})
+    while axes and model.bodies[body].parent != FIXED_BODY:
+        turn, offset, body = joints[body].turn, joints[body].offset, model.bodies[body].parent
+        axes = [(index, matvec(turn, e)) for index, e in axes]
+        first = add(matvec(turn, first), scale(H.mass, offset))
+        for step in reversed(joints[body].rotations):
+            rows.update({(step.index, index): cross(first, e)[step.axis] for index, e in axes})
+            axes = [(index, matvec(step.matrix, e)) for index, e in axes]
+            first = matvec(step.matrix, first)
+        for index, e in axes:
+            rows.update({(row, index): H.mass * e[axis] for row, axis in joints[body].translations})
+
+
+def _whole_rotations(model: Model, joints: Sequence[JointGeometry]) -> dict[int, Mat]:
+    """The product of a joint's three rotations, where enough columns pass to make it worth its 14 products."""
+    behind = [0] * len(joints)
+    for k in range(len(joints) - 1, -1, -1):
+        parent = model.bodies[k].parent
+        if parent != FIXED_BODY:
+            behind[parent] += behind[k] + len(joints[k].rotations)
+    product: dict[int, Mat] = {}
+    for k, joint in enumerate(joints):
+        if len(joint.rotations) == 3 and behind[k] > 5:
+            one, two, three = (turn.matrix for turn in joint.rotations)
+            product[k] = matmul(matmul(one, two), three)
+    return product
+
+
+def front(joint: JointGeometry, index: int) -> JointGeometry:
+    """The joint's steps up to and with the coordinate, the coordinate's own rotation undone already."""
+    rotations = tuple(
+        Rotation(turn.index, turn.axis, 0.0, 1.0, _IDENTITY) if turn.index == index else turn
+        for turn in joint.rotations
+        if turn.index <= index
+    )
+    return JointGeometry(joint.turn, joint.offset, joint.translations, rotations)
+
+
+_IDENTITY: Mat = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+def rotated(turn: Rotation, H: PseudoInertia) -> PseudoInertia:
+    """X H X^T for one rotation about an axis."""
+    return PseudoInertia(rotated_block(turn, H.second), matvec(turn.matrix, H.first), H.mass)
+
+
+def rotated_block(turn: Rotation, S: Mat) -> Mat:
+    """R S R^T for one rotation about an axis: 8 products for a symmetric S, 12 for any, instead of 54."""
+    a, b, axis = (turn.axis + 1) % 3, (turn.axis + 2) % 3, turn.axis
+    s, c = turn.sin, turn.cos
+    # the difference of the diagonal and the sum beside it turn by twice the angle, all else is left alone
+    t = s * (S[a][a] - S[b][b]) + c * (S[a][b] + S[b][a])
+    entries: dict[tuple[int, int], Scalar] = {
+        (a, a): S[a][a] - s * t,
+        (b, b): S[b][b] + s * t,
+        (a, b): c * t - S[b][a],
+        (b, a): c * t - S[a][b],
+        (axis, axis): S[axis][axis],
+        (a, axis): c * S[a][axis] - s * S[b][axis],
+        (b, axis): s * S[a][axis] + c * S[b][axis],
+        (axis, a): c * S[axis][a] - s * S[axis][b],
+        (axis, b): s * S[axis][a] + c * S[axis][b],
+    }
+    rows = [(entries[i, 0], entries[i, 1], entries[i, 2]) for i in range(3)]
+    return (rows[0], rows[1], rows[2])
+
+
+def turned_block(R: Mat, S: Mat) -> Mat:
+    """R S R^T for a constant rotation, elementary where it is about one axis."""
+    for axis in range(3):
+        a, b = (axis + 1) % 3, (axis + 2) % 3
+        if all(R[axis][j] == (j == axis) and R[j][axis] == (j == axis) for j in range(3)):
+            return rotated_block(Rotation(-1, axis, R[b][a], R[a][a], R), S)
+    return matmul(matmul(R, S), transpose(R))
+
+
+def to_parent(H: PseudoInertia, joint: JointGeometry) -> PseudoInertia:
+    """X H X^T from the joint's axes (translations included) to the parent body."""
+    return shifted(turned(joint.turn, H), joint.offset)
+
+
+def turned(R: Mat, H: PseudoInertia) -> PseudoInertia:
+    """X H X^T for a constant rotation, elementary where it is about one axis."""
+    for axis in range(3):
+        a, b = (axis + 1) % 3, (axis + 2) % 3
+        if all(R[axis][j] == (j == axis) and R[j][axis] == (j == axis) for j in range(3)):
+            return rotated(Rotation(-1, axis, R[b][a], R[a][a], R), H)
+    return congruence(Pose(R, (0.0, 0.0, 0.0)), H)
+
+
+def shifted(H: PseudoInertia, p: Vec) -> PseudoInertia:
+    """X H X^T for a translation by p: J + p h^T + h' p^T with h' = h + m p."""
+    h, J = H.first, H.second
+    moved = add(h, scale(H.mass, p))
+    entries = {}
+    for i in range(3):
+        entries[i, i] = J[i][i] + p[i] * (h[i] + moved[i])
+        for j in range(i + 1, 3):
+            entries[i, j] = entries[j, i] = J[i][j] + p[i] * h[j] + moved[i] * p[j]
+    second = tuple(tuple(entries[i, j] for j in range(3)) for i in range(3))
+    return PseudoInertia(second, moved, H.mass)  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True)
+class Momentum:
+    """G = sum H W^T = [[block, 0], [linear^T, 0]]: the part of H W^T that does not vanish."""
+
+    block: Mat
+    linear: Vec
+
+    def __add__(self, other: Momentum) -> Momentum:
+        a, b, c = (add(x, y) for x, y in zip(self.block, other.block, strict=True))
+        return Momentum((a, b, c), add(self.linear, other.linear))
+
+
+def momentum(H: PseudoInertia, W: Velocity) -> Momentum:
+    """H W^T of one body: rows J_i x-skewed by w plus mc_i v, and the linear momentum."""
+    a, b, c = (add(cross(W.rate, H.second[i]), scale(H.first[i], W.origin)) for i in range(3))
+    return Momentum((a, b, c), add(cross(W.rate, H.first), scale(H.mass, W.origin)))
+
+
+def rotated_momentum(turn: Rotation, G: Momentum) -> Momentum:
+    """G in the axes in front of a rotation."""
+    return Momentum(rotated_block(turn, G.block), matvec(turn.matrix, G.linear))
+
+
+def momentum_to_parent(G: Momentum, joint: JointGeometry) -> Momentum:
+    """G from the joint's axes (translations included) to the parent body."""
+    R = joint.turn
+    return shifted_momentum(Momentum(turned_block(R, G.block), matvec(R, G.linear)), joint.offset)
+
+
+def shifted_momentum(G: Momentum, p: Vec) -> Momentum:
+    """G about an origin that is p away."""
+    a, b, c = (add(G.block[i], scale(p[i], G.linear)) for i in range(3))
+    return Momentum((a, b, c), G.linear)
+
+
+@dataclass(frozen=True)
+class _Coordinate:
+    """What coordinate v contributes to C, in the axes in front of it.
+
+    ``column`` is the wrench of Hc N_v^T + Gc D_v^T (read by rows above), ``row`` the wrench of D_v Hc and ``couple``
+    the moment of D_v Gc (read against tangents above).
+    """
+
+    column: Wrench
+    row: Wrench
+    couple: Vec
+
+
+def coriolis_matrix(
+    model: Model,
+    bound: Bound,
+    joints: Sequence[JointGeometry],
+    v: Sequence[Scalar],
+    note: Note = no_note,
+) -> Rows:
+    """Entries (i, j) of C; an absent pair is identically zero."""
+    entries: Rows = {}
+    speed = velocities(model, joints, v)
+    composite = [body.inertia for body in bound.bodies]
+    momenta = [momentum(H, W) for H, (_, W) in zip(composite, speed, strict=True)]
+    for k in range(len(model.bodies) - 1, -1, -1):
+        note(f"{model.bodies[k].joint}: columns and rows of C, eq. (12) contracted with the velocity")
+        found, H, G = _contributions(composite[k], momenta[k], joints[k], speed[k][0])
+        for index, contribution in found:
+            _read_coordinate(model, joints, speed, k, index, contribution, entries)
+        parent = model.bodies[k].parent
+        if parent != FIXED_BODY:
+            composite[parent] = composite[parent] + to_parent(H, joints[k])
+            momenta[parent] = momenta[parent] + momentum_to_parent(G, joints[k])
+    return entries
+
+
+def _contributions(
+    H: PseudoInertia, G: Momentum, joint: JointGeometry, before: Sequence[Velocity]
+) -> tuple[list[tuple[int, _Coordinate]], PseudoInertia, Momentum]:
+    found = []
+    for turn, W in reversed(list(zip(joint.rotations, before, strict=False))):
+        H, G = rotated(turn, H), rotated_momentum(turn, G)
+        e, trace = unit(turn.axis), G.block[0][0] + G.block[1][1] + G.block[2][2]
+        rate, shift = cross(W.rate, e), cross(W.origin, e)  # N_v = [W, D_v]
+        moment = add(rotational_inertia(H, rate), cross(H.first, shift))
+        moment = add(moment, add(scale(trace, e), scale(-1.0, _row_times(e, G.block))))
+        force = add(add(cross(rate, H.first), scale(H.mass, shift)), cross(e, G.linear))
+        row = Wrench(cross(e, H.first), rotational_inertia(H, e))
+        couple = add(scale(trace, e), scale(-1.0, matvec(G.block, e)))
+        found.append((turn.index, _Coordinate(Wrench(force, moment), row, couple)))
+    for index, axis in joint.translations:
+        e = unit(axis)
+        shift = cross(before[0].rate, e)
+        column = Wrench(scale(H.mass, shift), cross(H.first, shift))
+        row = Wrench(scale(H.mass, e), cross(H.first, e))
+        found.append((index, _Coordinate(column, row, cross(G.linear, e))))
+    return found, H, G
+
+
+def _row_times(e: Vec, block: Mat) -> Vec:
+    """block^T e."""
+    return matvec(transpose(block), e)
+
+
+def _read_coordinate(
+    model: Model,
+    joints: Sequence[JointGeometry],
+    speed: Sequence[tuple[tuple[Velocity, ...], Velocity]],
+    k: int,
+    index: int,
+    contribution: _Coordinate,
+    entries: Rows,
+) -> None:
+    """Column ``index`` of C at and above coordinate ``index``, and row ``index`` above it."""
+    read: list[Scalar] = [None] * model.size
+    column, row, couple = contribution.column, contribution.row, contribution.couple
+    joint, body = front(joints[k], index), k
+    while True:
+        couple, values = _read_against_rates(row, couple, joint, speed[body][0])
+        for other, value in values.items():
+            if other < index:
+                entries[index, other] = value
+        column = through_joint_back(column, joint, read)
+        row = through_joint_back(row, joint, [None] * model.size)
+        body = model.bodies[body].parent
+        if body == FIXED_BODY:
+            break
+        joint = joints[body]
+    for other, value in enumerate(read):
+        if value is not None and other <= index:
+            entries[other, index] = value
+
+
+def _read_against_rates(
+    row: Wrench, couple: Vec, joint: JointGeometry, before: Sequence[Velocity]
+) -> tuple[Vec, dict[int, Scalar]]:
+    """tr(D_s (Hc N_v^T + Gc V_v^T)) for every v of a joint above s; the couple in the parent's axes."""
+    values: dict[int, Scalar] = {}
+    force, moment = row.force, row.moment
+    for turn, W in reversed(list(zip(joint.rotations, before, strict=False))):
+        force, moment = matvec(turn.matrix, force), matvec(turn.matrix, moment)
+        couple = matvec(turn.matrix, couple)
+        e = unit(turn.axis)
+        values[turn.index] = dot(moment, cross(W.rate, e)) + dot(force, cross(W.origin, e)) + dot(couple, e)
+    for index, axis in joint.translations:
+        values[index] = dot(force, cross(before[0].rate, unit(axis)))
+    return matvec(joint.turn, couple), values

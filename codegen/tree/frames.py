@@ -1,0 +1,172 @@
+"""Choose body frames that leave fewer numbers: a frame may move along, and turn about, its own joint's axis.
+
+A shift along z changes nothing for a joint whose only coordinates are z and gamma.  A turn about z is a constant added
+to gamma, the last rotation of a joint: behind gamma it turns the body's frame (a leaf's first moment comes to lie along
+x, a child's axis into the y-z plane), in front of it the joint's frame, which takes the last of the angles
+Rz(a) Rx(b) Rz(c) out of a placement.  Placements that are run-time parameters stay as they are; an inertia that is one
+moves along, which costs the setup alone.  Kernels that report in body axes (reactions, poses) use the description's
+frames.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+from eomgen.robot.geometry import IDENTITY
+from eomgen.robot.model import Model
+
+from .bound import Bound, BoundBody, BoundSpring
+from .spatial import Mat, Pose, Scalar, Vec, add, congruence, dot, matvec, scale, transpose
+
+AXIS = 2  # the principal axis
+ROUND_OFF = 2e-15  # entries of a turned placement that miss 0, 1 or -1 by less are meant to be these
+VECTORS = 5  # so many are turned by a placement, so many products go with a component of an offset
+
+
+def choose_frames(model: Model, bound: Bound) -> Bound:
+    """The same robot with body frames shifted and turned where that leaves fewer non-zero numbers."""
+    bodies, offsets, springs = list(bound.bodies), list(bound.angle_offsets), bound.springs
+    for k, body in enumerate(model.bodies):
+        children = model.children(k)
+        plain = _plain(bodies, [k]) and set(body.active) <= {"z", "gamma"}
+        if plain and "gamma" in body.active:
+            angle = _last_angle(bodies[k].placement.rotation)
+            if angle:
+                bodies[k] = replace(bodies[k], placement=_turned(bodies[k].placement, -angle))
+                offsets[body.indices[-1]] += angle
+        if not _plain(bodies, children):
+            continue
+        if plain:
+            shift = _best_shift(bodies, k, children)
+            if shift:
+                by = Pose(IDENTITY, (0.0, 0.0, shift))
+                _move(bodies, k, children, by, placed=True)
+                springs = _points_moved(springs, k, by)
+        if "gamma" in body.active:
+            angle = _best_turn(bodies, children) if children else _turn_onto_x(bound, bodies, k)
+            if angle:
+                by = Pose(_about_z(angle), (0.0, 0.0, 0.0))
+                _move(bodies, k, children, by, placed=False)
+                springs = _points_moved(springs, k, by)
+                offsets[body.indices[-1]] += angle
+                if not children:
+                    x, _, z = bodies[k].inertia.first
+                    bodies[k] = replace(bodies[k], inertia=replace(bodies[k].inertia, first=(x, 0.0, z)))
+    return replace(bound, bodies=tuple(bodies), angle_offsets=tuple(offsets), springs=springs)
+
+
+def _about_z(angle: float) -> Mat:
+    s, c = math.sin(angle), math.cos(angle)
+    return ((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0))
+
+
+def _clean(x: float) -> float:
+    """The number, or 0, 1 or -1 where it is that but for round-off."""
+    nearest = float(round(x))
+    return nearest if abs(x - nearest) < ROUND_OFF and abs(nearest) <= 1.0 else x
+
+
+def _turned(pose: Pose, angle: float) -> Pose:
+    """The pose with its frame turned about its z."""
+    turned = (pose @ Pose(_about_z(angle), (0.0, 0.0, 0.0))).rotation
+    rows = [(_clean(a), _clean(b), _clean(c)) for a, b, c in turned]
+    return Pose((rows[0], rows[1], rows[2]), pose.origin)
+
+
+def _move(bodies: list[BoundBody], k: int, children: Sequence[int], by: Pose, *, placed: bool) -> None:
+    """Move body k's frame by a pose given in that frame; ``placed``: the joint's placement moves too."""
+    back_rotation = transpose(by.rotation)
+    back = Pose(back_rotation, scale(-1.0, tuple(dot(row, by.origin) for row in back_rotation)))
+    placement = bodies[k].placement @ by if placed else bodies[k].placement
+    bodies[k] = BoundBody(placement, congruence(back, bodies[k].inertia))
+    for child in children:
+        moved = back @ bodies[child].placement
+        if not placed:
+            x, y, z = moved.origin
+            size = ROUND_OFF * math.hypot(x, y)
+            x, y = (0.0 if abs(component) <= size else component for component in (x, y))
+            moved = Pose(_turned(moved, 0.0).rotation, (x, y, z))
+        bodies[child] = replace(bodies[child], placement=moved)
+
+
+def _points_moved(springs: tuple[BoundSpring, ...], k: int, by: Pose) -> tuple[BoundSpring, ...]:
+    """The springs with their ends on body k seen from its frame moved by a pose given in it."""
+    back = transpose(by.rotation)
+
+    def seen(end: tuple[int, Vec]) -> tuple[int, Vec]:
+        return (k, matvec(back, add(end[1], scale(-1.0, by.origin)))) if end[0] == k else end
+
+    return tuple(replace(spring, ends=(seen(spring.ends[0]), seen(spring.ends[1]))) for spring in springs)
+
+
+def _best_shift(bodies: list[BoundBody], k: int, children: Sequence[int]) -> float:
+    """The shift along z that leaves fewest non-zero components in the placements around body k; 0 in doubt."""
+    placement = bodies[k].placement
+    axis = transpose(placement.rotation)[AXIS]
+    origins = [bodies[child].placement.origin for child in children]
+    candidates = [0.0, -dot(axis, placement.origin), *(origin[AXIS] for origin in origins)]
+
+    def cost(shift: float) -> int:
+        moved = [add(placement.origin, scale(shift, axis))]
+        moved += [add(origin, (0.0, 0.0, -shift)) for origin in origins]
+        return sum(component != 0.0 for origin in moved for component in origin)
+
+    best: float = min(candidates, key=lambda shift: (cost(shift), shift != 0.0))
+    return best
+
+
+def _last_angle(R: Mat) -> float:
+    """c of R = Rz(a) Rx(b) Rz(c), less what right angles may stay (they cost nothing); 0 where nothing is gained."""
+    c = math.atan2(R[2][0], R[2][1]) if R[2][0] or R[2][1] else math.atan2(R[1][0], R[0][0])
+    c -= round(c / (math.pi / 2)) * (math.pi / 2)
+    turned = _turned(Pose(R, (0.0, 0.0, 0.0)), -c).rotation
+    return c if _entries(turned) < _entries(R) else 0.0
+
+
+def _entries(R: Mat) -> int:
+    """Entries that cost a product."""
+    return sum(x not in (-1.0, 0.0, 1.0) for row in R for x in row)
+
+
+def _best_turn(bodies: list[BoundBody], children: Sequence[int]) -> float:
+    """Turn that brings a child's axis into the y-z plane, or its origin onto x, where that leaves fewer products."""
+    poses = [bodies[child].placement for child in children]
+    candidates = [0.0]
+    for pose in poses:
+        x, y = pose.rotation[0][AXIS], pose.rotation[1][AXIS]
+        if x and y:
+            candidates.append(math.atan2(x, -y))
+        if pose.origin[0] and pose.origin[1]:
+            candidates.append(math.atan2(pose.origin[1], pose.origin[0]))
+
+    def cost(angle: float) -> float:
+        back, total = _about_z(-angle), 0.5 * (angle != 0.0)
+        for pose in poses:
+            R = _turned(Pose(back, (0.0, 0.0, 0.0)) @ pose, 0.0).rotation
+            R = _turned(Pose(R, (0.0, 0.0, 0.0)), -_last_angle(R)).rotation
+            x, y, _ = (dot(row, pose.origin) for row in back)
+            size = ROUND_OFF * math.hypot(x, y)
+            total += VECTORS * (_entries(R) + (abs(x) > size) + (abs(y) > size))
+        return total
+
+    return min(candidates, key=cost)
+
+
+def _turn_onto_x(bound: Bound, bodies: list[BoundBody], k: int) -> float:
+    """Angle that brings a first moment's part across z onto x; 0 where nothing is gained, or where masses decide."""
+    first = bodies[k].inertia.first
+    if not all(isinstance(x, float) for x in first):
+        coms = [com for body, com in bound.coms.values() if body == k]
+        first = coms[0] if len(coms) == 1 else (0.0, 0.0, 0.0)
+    x, y, _ = first
+    plain = isinstance(x, float) and isinstance(y, float)
+    return math.atan2(y, x) if plain and x != 0.0 and y != 0.0 else 0.0
+
+
+def _plain(bodies: list[BoundBody], chosen: Sequence[int]) -> bool:
+    """Whether placements are numbers."""
+    poses = [bodies[i].placement for i in chosen]
+    numbers: list[Scalar] = [x for pose in poses for row in (*pose.rotation, pose.origin) for x in row]
+    return all(isinstance(x, float) for x in numbers)

@@ -1,0 +1,106 @@
+"""The one place where SymPy ends and the program begins.
+
+``freeze`` turns a joint's SymPy step (``eomgen.codegen.joint``) into rows of plain factors of 1, sine and cosine, and
+``geometry`` evaluates these rows on any scalar along the tree.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import sympy
+
+from eomgen.robot.model import Model
+
+from ..joint.lemmas import step
+from .bound import Bound
+from .spatial import Mat, Scalar, Vec, add, matvec
+
+
+@dataclass(frozen=True)
+class FrozenStep:
+    """An elementary transform of eq. (3): along or about ``axis``; rotation[i][j] = (1, sine, cosine) factors."""
+
+    is_rotation: bool
+    axis: int
+    rotation: tuple[tuple[tuple[float, float, float], ...], ...]
+
+
+@cache
+def freeze(coordinate: str) -> FrozenStep:
+    """Step of one coordinate ("x" ... "gamma") without SymPy."""
+    source = step(coordinate)
+    sin, cos = sympy.sin(source.symbol), sympy.cos(source.symbol)
+    factors = []
+    for i in range(3):
+        row = []
+        for j in range(3):
+            entry = sympy.expand(source.rotation[i, j])
+            one = entry.subs({sin: 0, cos: 0})
+            row.append((float(one), float(entry.coeff(sin)), float(entry.coeff(cos))))
+            assert sympy.expand(entry - one - entry.coeff(sin) * sin - entry.coeff(cos) * cos) == 0
+        factors.append(tuple(row))
+    return FrozenStep(source.is_rotation, source.axis, tuple(factors))
+
+
+@dataclass(frozen=True)
+class Rotation:
+    """One rotation of a joint: index in q, axis, sine and cosine, and the 3x3 matrix R of eq. (3)."""
+
+    index: int
+    axis: int
+    sin: Scalar
+    cos: Scalar
+    matrix: Mat
+
+
+@dataclass(frozen=True)
+class JointGeometry:
+    """A joint at its q: ``turn`` is R_B, ``offset`` the origin after the translations, in the parent body's axes.
+
+    ``translations`` are (index in q, axis); ``rotations`` follow in the order alpha, beta, gamma.
+    """
+
+    turn: Mat
+    offset: Vec
+    translations: tuple[tuple[int, int], ...]
+    rotations: tuple[Rotation, ...]
+
+
+def unit(axis: int, length: Scalar = 1.0) -> Vec:
+    """Vector along an axis."""
+    entries: list[Scalar] = [0.0, 0.0, 0.0]
+    entries[axis] = length
+    return (entries[0], entries[1], entries[2])
+
+
+def geometry(
+    model: Model,
+    bound: Bound,
+    q: Sequence[Scalar],
+    sincos: Callable[[Scalar], tuple[Scalar, Scalar]],
+) -> list[JointGeometry]:
+    """Every joint's transform at q, elementary step by elementary step."""
+    joints = []
+    for body, numbers in zip(model.bodies, bound.bodies, strict=True):
+        steps = [(index, freeze(name)) for index, name in zip(body.indices, body.active, strict=True)]
+        shift: Vec = (0.0, 0.0, 0.0)
+        rotations = []
+        for index, frozen in steps:
+            if frozen.is_rotation:
+                sin, cos = sincos(q[index] + bound.angle_offsets[index])
+                rotations.append(Rotation(index, frozen.axis, sin, cos, _evaluate(frozen, sin, cos)))
+            else:
+                shift = add(shift, unit(frozen.axis, q[index]))
+        turn = numbers.placement.rotation
+        offset = add(matvec(turn, shift), numbers.placement.origin)
+        translations = tuple((index, frozen.axis) for index, frozen in steps if not frozen.is_rotation)
+        joints.append(JointGeometry(turn, offset, translations, tuple(rotations)))
+    return joints
+
+
+def _evaluate(frozen: FrozenStep, sin: Scalar, cos: Scalar) -> Mat:
+    a, b, c = (tuple(one + s * sin + co * cos for one, s, co in row) for row in frozen.rotation)
+    return ((a[0], a[1], a[2]), (b[0], b[1], b[2]), (c[0], c[1], c[2]))

@@ -1,0 +1,84 @@
+"""Poses of frames and axes of coordinates in the base, eqs. (1) to (3)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from eomgen.robot.model import FIXED_BODY, Model
+
+from .bound import Bound
+from .frozen_joints import JointGeometry
+from .recursion import Wrench, collect
+from .spatial import Pose, Scalar, Vec, add, cross, dot, matmul, matvec, transpose
+
+BASE_POSE = Pose(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), (0.0, 0.0, 0.0))
+
+
+def body_poses(model: Model, joints: Sequence[JointGeometry]) -> tuple[list[Pose], list[Vec]]:
+    """A_0k of every body, and the unit axis of every coordinate in base axes."""
+    poses: list[Pose] = []
+    axes: list[Vec] = [(0.0, 0.0, 0.0)] * model.size
+    for body, joint in zip(model.bodies, joints, strict=True):
+        pose, found = through_joint(BASE_POSE if body.parent == FIXED_BODY else poses[body.parent], joint)
+        poses.append(pose)
+        for index, axis in found.items():
+            axes[index] = axis
+    return poses, axes
+
+
+def through_joint(parent: Pose, joint: JointGeometry) -> tuple[Pose, dict[int, Vec]]:
+    """Pose of the body behind a joint, and its coordinates' unit axes, in the axes that ``parent`` is given in."""
+    axes: dict[int, Vec] = {}
+    origin = add(parent.origin, matvec(parent.rotation, joint.offset))
+    rotation = matmul(parent.rotation, joint.turn)
+    for index, axis in joint.translations:
+        axes[index] = transpose(rotation)[axis]
+    for turn in joint.rotations:
+        axes[turn.index] = transpose(rotation)[turn.axis]
+        rotation = matmul(rotation, turn.matrix)
+    return Pose(rotation, origin), axes
+
+
+def frame_poses(model: Model, bound: Bound, bodies: Sequence[Pose]) -> list[Pose]:
+    """Poses of all frames of the model in base axes."""
+    return [
+        (BASE_POSE if body == FIXED_BODY else bodies[body]) @ pose
+        for body, pose in (bound.frames[name] for name in model.frames)
+    ]
+
+
+def external_rows(
+    model: Model, bound: Bound, joints: Sequence[JointGeometry], wrenches: Sequence[Sequence[Scalar]]
+) -> tuple[list[Scalar], list[Wrench]]:
+    """Eq. (14) with its moment term corrected: generalized forces of a force and a moment at each link's com.
+
+    Args:
+        wrenches: per link of ``model.links`` six scalars, force (N) and moment (N m), base axes.
+
+    Returns:
+        n rows, and per body what is given to it and all that hangs on it, at its origin in its axes.
+    """
+    poses, _ = body_poses(model, joints)
+    at_bodies = [Wrench((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))] * len(model.bodies)
+    for link, given in zip(model.links, wrenches, strict=True):
+        body, com = bound.coms[link]
+        back = transpose(poses[body].rotation)
+        force = matvec(back, (given[0], given[1], given[2]))
+        moment = matvec(back, (given[3], given[4], given[5]))
+        arm = Wrench(force, add(moment, cross(com, force)))
+        at_bodies[body] = at_bodies[body] + arm
+    return collect(model, joints, at_bodies)
+
+
+def potential_energy(model: Model, bound: Bound, joints: Sequence[JointGeometry], q: Sequence[Scalar]) -> Scalar:
+    """Energy of gravity (zero with every body's mass at the base's origin) and of the springs, J."""
+    poses, _ = body_poses(model, joints)
+    energy: Scalar = -dot(bound.gravity, bound.at_rest)
+    for pose, body in zip(poses, bound.bodies, strict=True):
+        H = body.inertia
+        first = add(matvec(pose.rotation, H.first), tuple(H.mass * x for x in pose.origin))
+        for g, moment in zip(bound.gravity, first, strict=True):
+            energy = energy - g * moment
+    for stiffness, s in zip(bound.stiffness, q, strict=True):
+        energy = energy + 0.5 * stiffness * s * s
+    return energy

@@ -1,0 +1,50 @@
+"""Move to the parent what a joint's motion leaves unchanged (theory: mass on a joint's axis).
+
+For a revolute joint the block {z, 1} x {z, 1} of the pseudo-inertia (J_zz, mc_z, m) may be carried by either link; in
+general the block of those axes that every rotation of the joint leaves alone, without the row of 1 if the joint also
+translates.  Residual and mass matrix do not change, reactions do: kernels that report reactions use the original.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from eomgen.robot.model import FIXED_BODY, Model
+
+from .bound import Bound, BoundBody
+from .frozen_joints import freeze
+from .spatial import PseudoInertia, add, congruence
+
+
+def regroup(model: Model, bound: Bound) -> Bound:
+    """The same robot with every movable block of a pseudo-inertia moved towards the base."""
+    inertias = [body.inertia for body in bound.bodies]
+    at_rest = bound.at_rest
+    for k in range(len(inertias) - 1, -1, -1):
+        body = model.bodies[k]
+        moved, inertias[k] = split(inertias[k], body.active)
+        moved = congruence(bound.bodies[k].placement, moved)
+        if body.parent != FIXED_BODY:
+            inertias[body.parent] = inertias[body.parent] + moved
+        else:
+            at_rest = add(at_rest, moved.first)
+    bodies = tuple(BoundBody(b.placement, h) for b, h in zip(bound.bodies, inertias, strict=True))
+    return replace(bound, bodies=bodies, at_rest=at_rest)
+
+
+def split(H: PseudoInertia, active: tuple[str, ...]) -> tuple[PseudoInertia, PseudoInertia]:
+    """H as (what may move to the parent, what stays) for a joint with these active coordinates."""
+    steps = [freeze(name) for name in active]
+    axes = {0, 1, 2}
+    for turn in steps:
+        if turn.is_rotation:
+            axes &= {turn.axis}
+    with_mass = all(turn.is_rotation for turn in steps)
+
+    def parts(inside: bool) -> PseudoInertia:
+        second = tuple(tuple(H.second[i][j] if ({i, j} <= axes) == inside else 0.0 for j in range(3)) for i in range(3))
+        first = tuple(H.first[i] if (i in axes and with_mass) == inside else 0.0 for i in range(3))
+        mass = H.mass if with_mass == inside else 0.0
+        return PseudoInertia(second, first, mass)  # type: ignore[arg-type]
+
+    return parts(True), parts(False)

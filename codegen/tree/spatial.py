@@ -1,0 +1,102 @@
+"""Vectors, rotations, poses and pseudo-inertias over any scalar: a float, a SymPy expression, a node of a program."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+Scalar = Any  # float, sympy.Expr or ir.Node
+Vec = tuple[Scalar, Scalar, Scalar]
+Mat = tuple[Vec, Vec, Vec]
+
+
+@dataclass(frozen=True)
+class PseudoInertia:
+    """H = [[J, mc], [mc^T, m]], the integral of r r^T dm with r = (x, y, z, 1).
+
+    ``second`` is the symmetric 3x3 block J (kg m^2), ``first`` the first moment mc (kg m), ``mass`` m (kg).
+    """
+
+    second: Mat
+    first: Vec
+    mass: Scalar
+
+    def __add__(self, other: PseudoInertia) -> PseudoInertia:
+        second = tuple(
+            tuple(a + b for a, b in zip(r, s, strict=True)) for r, s in zip(self.second, other.second, strict=True)
+        )
+        first = tuple(a + b for a, b in zip(self.first, other.first, strict=True))
+        return PseudoInertia(_mat(second), _vec(first), self.mass + other.mass)
+
+
+@dataclass(frozen=True)
+class Pose:
+    """A pose: rotation (3x3) and origin (3) of a frame in another."""
+
+    rotation: Mat
+    origin: Vec
+
+    def __matmul__(self, other: Pose) -> Pose:
+        return Pose(matmul(self.rotation, other.rotation), add(matvec(self.rotation, other.origin), self.origin))
+
+
+def congruence(pose: Pose, inertia: PseudoInertia) -> PseudoInertia:
+    """X H X^T: the pseudo-inertia seen from the frame that ``pose`` is given in."""
+    R, p, m = pose.rotation, pose.origin, inertia.mass
+    h = matvec(R, inertia.first)
+    RJ = matmul(R, inertia.second)
+    J = matmul(RJ, transpose(R))
+    upper = [[J[i][j] + p[i] * h[j] + (h[i] + m * p[i]) * p[j] if j >= i else None for j in range(3)] for i in range(3)]
+    second = _mat(tuple(upper[min(i, j)][max(i, j)] for j in range(3)) for i in range(3))
+    return PseudoInertia(second, add(h, scale(m, p)), m)
+
+
+def _vec(items: Any) -> Vec:
+    a, b, c = items
+    return (a, b, c)
+
+
+def _mat(rows: Any) -> Mat:
+    a, b, c = rows
+    return (_vec(a), _vec(b), _vec(c))
+
+
+def add(a: Vec, b: Vec) -> Vec:
+    """a + b."""
+    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+
+
+def scale(factor: Scalar, a: Vec) -> Vec:
+    """factor a."""
+    return (factor * a[0], factor * a[1], factor * a[2])
+
+
+def dot(a: Vec, b: Vec) -> Scalar:
+    """a . b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def cross(a: Vec, b: Vec) -> Vec:
+    """a x b."""
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+def transpose(R: Mat) -> Mat:
+    """R^T."""
+    return _mat(zip(*R, strict=True))
+
+
+def matvec(R: Mat, a: Vec) -> Vec:
+    """R a."""
+    return (dot(R[0], a), dot(R[1], a), dot(R[2], a))
+
+
+def matmul(R: Mat, S: Mat) -> Mat:
+    """R S."""
+    columns = transpose(S)
+    return _mat(tuple(dot(row, column) for column in columns) for row in R)
+
+
+def is_zero(x: Scalar) -> bool:
+    """Whether a scalar is the plain number zero."""
+    return isinstance(x, float) and x == 0.0

@@ -1,0 +1,171 @@
+"""States of rest under gravity and dead wrenches, with contacts that close and loops; exact derivatives.
+
+Newton's method inside a pseudo-transient continuation: the steps are those of an overdamped motion, linearly implicit,
+whose time step grows without limit.  A coordinate in its clearance falls to the end that it rests on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import IntegrationError
+from ..loops.closed import CLOSED, ClosedLoops
+from ..runtime.kernel import Kernel
+from ..state.vectors import RANK
+from .holding import Hold, floating
+from .tangent_system import LinearSystem, Tangent, load_force, moving_basis, reduced, tangent
+
+Array = NDArray[np.float64]
+
+STEPS = 400
+LONGEST = 0.5  # m or rad, of a step
+FIRST, GROWTH, LAST, SHORTEST = (
+    1e-2,
+    5.0,
+    1e14,
+    1e-12,
+)  # s^2, pseudo-time: a force on a mass m moves it by force / m times this
+SMALL = 1e-11  # of a coordinate's size: round-off
+
+
+@dataclass(frozen=True)
+class Rest:
+    """A state of rest.
+
+    Attributes:
+        q: coordinates, (n,).
+        u: forces that hold it, (n,), N or N m: of drives, and of what is held.
+        multipliers: of the loops' constraint, (constraints,).
+        tangent: derivatives there, gains of drives not among them.
+        notes: what is remarkable: coordinates that float in their clearance, a state that is not stable.
+    """
+
+    q: Array
+    u: Array
+    multipliers: Array
+    tangent: Tangent
+    notes: tuple[str, ...]
+
+
+def rest(
+    kernel: Kernel,
+    q: Array,
+    hold: Hold,
+    loads: Mapping[str, Array] | None = None,
+    *,
+    sagging: bool = False,
+) -> Rest:
+    """The state of rest near q, (n,).
+
+    Args:
+        kernel: float64, with the kernels of ``linear.KERNELS`` (and LOOP_KERNELS).
+        q: where to begin; ``hold.still`` stays there.
+        hold: what stays.
+        loads: dead wrenches by frame, see ``linear.checked_loads``.
+        sagging: drives with gains hold their coordinates as springs about q, instead of exactly.
+
+    Raises:
+        IntegrationError: there is none near q; names the coordinate that stays out of balance.
+        LoopError: loops do not close near q.
+    """
+    loads, zero = loads or {}, np.zeros(kernel.n)
+    target, springs = q.copy(), hold.kp if sagging else zero
+    still = hold.still & ~(hold.driven & (springs > 0.0))
+    if kernel.loops:
+        names = [name for name, stays in zip(kernel.coordinates, still, strict=True) if stays]
+        q = ClosedLoops(kernel).consistent_positions(q, held=names)
+    else:
+        q = q.copy()
+    inertia = np.maximum(np.diagonal(kernel.residual_jacobian(q, zero, zero)[2]), 1e-12)
+    tau, before = FIRST, np.inf
+    for _ in range(STEPS):
+        force = kernel.inverse_dynamics(q, zero, zero) - load_force(kernel, q, loads) + springs * (q - target)
+        multipliers, closing = _constraint(kernel, q, force, still)
+        found = tangent(kernel, q, zero, zero, loads, multipliers)
+        basis, _ = moving_basis(kernel, q, ~still)
+        K = found.K + np.diag(springs)
+        change = closing
+        if basis.shape[1]:
+            left = basis.T @ (force + K @ closing)
+            matrix, tau = _stable(basis.T @ K @ basis, basis.T @ np.diag(inertia) @ basis, tau)
+            change = closing - basis @ _solve(matrix, left)
+        size = np.minimum(1.0, 10.0 * inertia / np.maximum(np.abs(np.diagonal(K)), 1e-300))
+        imbalance = float(np.linalg.norm((basis.T @ force) / np.sqrt(basis.T**2 @ inertia)))
+        if (np.abs(change) <= SMALL * size).all() and (tau > 1.0 or imbalance == before):
+            return _found(kernel, q + change, target, springs, still, loads)
+        q = q + change * min(1.0, LONGEST / max(float(np.abs(change).max()), 1e-300))
+        tau = min(tau * (GROWTH if imbalance <= before else 0.5), LAST)
+        before = imbalance
+    spread = np.where(still, 0.0, np.abs(change) / size)
+    worst = kernel.coordinates[int(np.argmax(spread))]
+    raise IntegrationError(
+        f"{kernel.name}: no state of rest near the pose: {worst} stays out of balance; give it a stiffness, or list it"
+        " in held"
+    )
+
+
+def _found(
+    kernel: Kernel, q: Array, target: Array, springs: Array, still: NDArray[np.bool_], loads: Mapping[str, Array]
+) -> Rest:
+    zero = np.zeros(kernel.n)
+    needed = kernel.inverse_dynamics(q, zero, zero) - load_force(kernel, q, loads)
+    multipliers, _ = _constraint(kernel, q, needed + springs * (q - target), still)
+    reaction = kernel.constraint_jacobian(q).T @ multipliers if kernel.loops else zero
+    u = np.where(still, needed - reaction, -springs * (q - target))
+    found = tangent(kernel, q, zero, zero, loads, multipliers)
+    notes = [f"{name} floats in its clearance: no stiffness there" for name in floating(kernel, q)]
+    basis, independent = moving_basis(kernel, q, ~still)
+    if independent:
+        K = basis.T @ (found.K + np.diag(springs)) @ basis
+        root = np.sqrt(np.maximum(np.abs(np.diagonal(K)), 1e-300))
+        values, vectors = np.linalg.eigh(0.5 * (K + K.T) / np.outer(root, root))
+        if values[0] < -1e-9:
+            name = kernel.coordinates[independent[int(np.argmax(np.abs(vectors[:, 0])))]]
+            notes.append(f"the state is not stable: it buckles along {name}")
+    return Rest(q, u, multipliers, found, tuple(notes))
+
+
+def _constraint(kernel: Kernel, q: Array, force: Array, still: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Multipliers of least norm that balance a force best, and the smallest change that closes the loops."""
+    change = np.zeros(kernel.n)
+    if not kernel.loops:
+        return np.zeros(0), change
+    J = kernel.constraint_jacobian(q)[:, ~still]
+    gap = kernel.constraint(q)
+    if np.abs(gap).max() > CLOSED:
+        change[~still] = -np.linalg.lstsq(J, gap, rcond=RANK)[0]
+    return np.linalg.lstsq(J.T, force[~still], rcond=RANK)[0], change
+
+
+def _stable(K: Array, M: Array, tau: float) -> tuple[Array, float]:
+    """M / tau + K and the longest time step, at most tau, with which it is positive definite: no way uphill."""
+    while tau > SHORTEST:
+        matrix = M / tau + K
+        scale = 1.0 / np.sqrt(np.maximum(np.abs(np.diagonal(matrix)), 1e-300))
+        scaled = 0.5 * (matrix + matrix.T) * np.outer(scale, scale)
+        if np.linalg.eigvalsh(scaled)[0] > -1e-12:
+            break
+        tau *= 0.3
+    return M / tau + K, tau
+
+
+def _solve(matrix: Array, right: Array) -> Array:
+    """Solve with rows and columns of the same size; least squares where that is singular."""
+    scale = 1.0 / np.sqrt(np.maximum(np.abs(np.diagonal(matrix)), 1e-300))
+    scaled = matrix * np.outer(scale, scale)
+    try:
+        return np.asarray(scale * np.linalg.solve(scaled, scale * right))
+    except np.linalg.LinAlgError:
+        return np.asarray(scale * np.linalg.lstsq(scaled, scale * right, rcond=None)[0])
+
+
+def system_at_rest(
+    kernel: Kernel, q: Array, hold: Hold, loads: Mapping[str, Array] | None = None
+) -> tuple[LinearSystem, Rest]:
+    """The linear system about the state of rest near q, and that state; arguments and errors as of ``rest``."""
+    state, zero = rest(kernel, q, hold, loads), np.zeros(kernel.n)
+    return reduced(kernel, state.q, zero, zero, state.u, state.tangent, hold, state.notes), state

@@ -1,0 +1,181 @@
+"""Compliance of a robot's tool over a plane of its workspace."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InputError, IntegrationError
+from ..files import write_atomically
+from ..motion.ends import principal_limits
+from ..motion.tool_path import CLOSE, reach, space_point, starting_points, within_limits
+from ..progress import Progress, no_progress
+from ..robot.model import build_model, tool_of
+from ..robot.value import Robot
+from ..runtime.kernel import Kernel
+from .holding import Gains, Pose, hold_of, pose_of
+from .statics import deflection_of, static_hold
+from .tangent_system import Loads, checked_loads, kernel_of
+
+Array = NDArray[np.float64]
+
+GUESSES = 12  # of coordinates, per point that a neighbour's do not lead to
+
+
+@dataclass(frozen=True)
+class ComplianceMap:
+    """Compliance over a grid of the tool's places; NaN where the tool cannot be.
+
+    Attributes:
+        robot, frame: names.
+        coordinates: names, n.
+        points: (A, B, 3), m, base axes: corner + a / (A - 1) first + b / (B - 1) second.
+        q: loaded states of rest, (A, B, n).
+        deflection: (A, B, 6), see ``deflection.Deflection``.
+        compliance: (A, B, 6, 6).
+        notes: lines about what was assumed.
+    """
+
+    robot: str
+    frame: str
+    coordinates: tuple[str, ...]
+    points: Array
+    q: Array
+    deflection: Array
+    compliance: Array
+    notes: tuple[str, ...]
+
+    @property
+    def softest(self) -> Array:
+        """Displacement per force in the direction where that is greatest, (A, B), m/N."""
+        found = np.full(self.points.shape[:2], np.nan)
+        known = np.isfinite(self.compliance).all(axis=(2, 3))
+        found[known] = np.linalg.norm(self.compliance[known][:, :3, :3], 2, axis=(1, 2))
+        return found
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON; None where the tool cannot be."""
+        softest = [[float(x) if np.isfinite(x) else None for x in row] for row in self.softest]
+        return {
+            "robot": self.robot,
+            "frame": self.frame,
+            "points": self.points.tolist(),
+            "softest": softest,
+            "notes": list(self.notes),
+        }
+
+    def lines(self) -> list[str]:
+        """What the map holds, for people."""
+        values = self.softest
+        known = np.isfinite(values)
+        lines = [f"{self.robot}: {self.frame} reaches {int(known.sum())} of {values.size} points"]
+        if known.any():
+            for word, flat in (("least", int(np.nanargmin(values))), ("most", int(np.nanargmax(values)))):
+                place = ", ".join(f"{x:.4g}" for x in self.points.reshape(-1, 3)[flat])
+                lines.append(f"  {word} compliance {1e6 * values.flat[flat]:.4g} um/N at ({place}) m")
+        return lines + [f"note: {note}" for note in self.notes]
+
+    def save(self, path: Path | str) -> Path:
+        """Write all arrays as .npz and return the path; InputError if it cannot be written."""
+        arrays = {name: getattr(self, name) for name in ("points", "q", "deflection", "compliance", "coordinates")}
+        return write_atomically(Path(path), lambda stream: np.savez_compressed(stream, **arrays))
+
+
+def compliance_map(
+    robot: Robot,
+    corner: ArrayLike,
+    first: ArrayLike,
+    second: ArrayLike,
+    points: tuple[int, int] = (21, 21),
+    *,
+    pose: Pose | None = None,
+    drives: str = "locked",
+    kp: Gains | None = None,
+    kd: Gains | None = None,
+    held: Iterable[str] | None = None,
+    loads: Loads | None = None,
+    frame: str | None = None,
+    parameters: Mapping[str, float] | None = None,
+    kernel: Kernel | None = None,
+    progress: Progress | None = None,
+) -> ComplianceMap:
+    """Compliance where the tool of the rigid robot is at the points of a parallelogram.
+
+    Principal coordinates by inverse kinematics within their limits, from one point to the next the nearest ones; how
+    the tool turns is left open.
+
+    Args:
+        robot: without loops.
+        corner, first, second: a corner and the two edges from it, (3,) each, m, base axes.
+        points: along the edges, 2 or more each.
+        pose: near which the first point is looked for.
+        drives, kp, kd, held, loads, frame, parameters, kernel: as of ``deflection.deflection``.
+        progress: called with a fraction from 0 to 1 and a line of text.
+
+    Raises:
+        InputError: an argument cannot be used.
+    """
+    if robot.loops:
+        raise InputError(f"compliance_map: {robot.name} has loops; allowed: robots without loops")
+    places = _grid(corner, first, second, points)
+    report = progress or no_progress
+    kernel = kernel_of(robot, kernel, parameters, lambda text: report(0.0, text))
+    hold = static_hold(hold_of(robot, kernel, drives, kp=kp, kd=kd, held=held), drives)
+    frame, dead = tool_of(robot, frame), checked_loads(kernel, loads)
+    q0 = pose_of(robot, kernel, pose)
+    driven = set(build_model(robot).driven)
+    limits = np.array(
+        [principal_limits(robot, name) if i in driven else (q0[i], q0[i]) for i, name in enumerate(kernel.coordinates)]
+    )
+    shape = places.shape[:2]
+    q, bent, matrix = (np.full((*shape, *size), np.nan) for size in ((kernel.n,), (6,), (6, 6)))
+    guess, notes, unbalanced = q0, dict[str, None](), 0
+    for count, (i, j) in enumerate(_serpentine(shape)):
+        report(count / (shape[0] * shape[1]), "compliance")
+        reached = _inverse_kinematics(kernel, frame, places[i, j], guess, q0, limits)
+        if reached is None:
+            continue
+        guess = reached
+        try:
+            found = deflection_of(kernel, reached, hold, dead, robot.name, frame)
+        except IntegrationError:
+            unbalanced += 1
+            continue
+        q[i, j], bent[i, j], matrix[i, j] = found.q, found.deflection, found.compliance
+        notes |= dict.fromkeys(found.notes)
+    if unbalanced:
+        notes[f"{unbalanced} points are reached, but have no state of rest"] = None
+    return ComplianceMap(robot.name, frame, kernel.coordinates, places, q, bent, matrix, tuple(notes))
+
+
+def _grid(corner: ArrayLike, first: ArrayLike, second: ArrayLike, points: tuple[int, int]) -> Array:
+    begin, along, across = (space_point(*pair) for pair in (("corner", corner), ("first", first), ("second", second)))
+    if np.linalg.norm(np.cross(along, across)) <= 1e-12 * np.linalg.norm(along) * np.linalg.norm(across):
+        raise InputError("first and second: the edges span no plane; allowed: two that are not parallel, nor zero")
+    if len(points) != 2 or not all(isinstance(n, (int, np.integer)) and n >= 2 for n in points):
+        raise InputError(f"points: {points!r}; allowed: two whole numbers from 2 on")
+    a, b = np.meshgrid(*(np.linspace(0.0, 1.0, n) for n in points), indexing="ij")
+    return np.asarray(begin + a[..., np.newaxis] * along + b[..., np.newaxis] * across)
+
+
+def _serpentine(shape: tuple[int, ...]) -> list[tuple[int, int]]:
+    """Every point beside the one before."""
+    return [(i, j if i % 2 == 0 else shape[1] - 1 - j) for i in range(shape[0]) for j in range(shape[1])]
+
+
+def _inverse_kinematics(
+    kernel: Kernel, frame: str, point: Array, guess: Array, first: Array, limits: Array
+) -> Array | None:
+    """Coordinates within the limits that put the frame there, from the guess or from others; None if there are none."""
+    close = CLOSE * max(1.0, float(np.abs(point).max()))
+    for trial in (guess, *islice(starting_points(first, limits), GUESSES)):
+        q, distance = reach(kernel, frame, point, trial, limits, close)
+        if distance <= close and within_limits(q, limits):
+            return q
+    return None

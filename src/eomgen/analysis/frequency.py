@@ -1,0 +1,238 @@
+"""Frequency response functions of a robot at rest: from drives and wrenches to what moves.
+
+H(w) = Y (-w^2 M + i w D + K)^-1 F about a state of rest, displacements per unit force; velocities and accelerations are
+i w and -w^2 times that.  ``h1`` estimates the same from signals over time.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import ArrayError, EomgenWarning, InputError
+from ..files import write_atomically
+from ..progress import StageReport
+from ..robot.value import Robot
+from ..runtime.kernel import Kernel
+from .at_rest import system_at_rest
+from .holding import Gains, Pose, hold_of, pose_of
+from .modal import ROUND_OFF
+from .ports import checked_kind, input_matrix, output_matrices, unit_of_input, unit_of_output
+from .tangent_system import LinearSystem, Loads, checked_loads, kernel_of
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class Response:
+    """Frequency responses about a state of rest.
+
+    Attributes:
+        robot: the robot's name.
+        frequencies: (F,), Hz.
+        H: complex, (F, outputs, inputs): output per input, e^(+i w t); units as of ``unit``.
+        inputs, outputs: names, see ``ports``.
+        kind: of the outputs: displacement, velocity or acceleration.
+        coordinates, q: names, and the state of rest, (n,).
+        notes: lines about what was assumed.
+    """
+
+    robot: str
+    frequencies: Array
+    H: Complex
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    kind: str
+    coordinates: tuple[str, ...]
+    q: Array
+    notes: tuple[str, ...]
+
+    def of(self, output: str, source: str) -> Complex:
+        """One response, (F,); InputError if there is none of these names."""
+        for label, name, known in (("output", output, self.outputs), ("input", source, self.inputs)):
+            if name not in known:
+                raise InputError(f"{label}: {name!r} is not in this response; it has {', '.join(known)}")
+        return self.H[:, self.outputs.index(output), self.inputs.index(source)]
+
+    def unit(self, output: str, source: str) -> str:
+        """Its unit, such as "m/s per N"."""
+        return f"{unit_of_output(output, self.kind)} per {unit_of_input(source)}"
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON; complex numbers as [real, imaginary]."""
+        pairs = [(y, x) for y in self.outputs for x in self.inputs]
+        return {
+            "robot": self.robot,
+            "kind": self.kind,
+            "frequencies": self.frequencies.tolist(),
+            "responses": [
+                {
+                    "output": y,
+                    "input": x,
+                    "unit": self.unit(y, x),
+                    "H": [[z.real, z.imag] for z in self.of(y, x).tolist()],
+                }
+                for y, x in pairs
+            ],
+            "notes": list(self.notes),
+        }
+
+    def lines(self) -> list[str]:
+        """The peak of every response, for people."""
+        low, high = self.frequencies[0], self.frequencies[-1]
+        lines = [f"{self.robot}: {self.kind}, {len(self.frequencies)} frequencies from {low:g} to {high:g} Hz", ""]
+        lines.append(f"{'output':<24}{'input':<24}{'peak':>12}{'at [Hz]':>12}  unit")
+        for y in self.outputs:
+            for x in self.inputs:
+                size = np.abs(self.of(y, x))
+                k = int(size.argmax())
+                lines.append(f"{y:<24}{x:<24}{size[k]:>12.4g}{self.frequencies[k]:>12.5g}  {self.unit(y, x)}")
+        return lines + [f"note: {note}" for note in self.notes]
+
+    def save(self, path: Path | str) -> Path:
+        """Write the responses as .npz (frequencies, H, names) or .csv (real and imaginary parts), and return the path.
+
+        Raises:
+            InputError: another ending, or the file cannot be written.
+        """
+        target = Path(path)
+        if target.suffix == ".npz":
+            names = ("frequencies", "H", "inputs", "outputs", "kind", "coordinates", "q")
+            arrays: dict[str, Any] = {name: getattr(self, name) for name in names}
+            return write_atomically(target, lambda stream: np.savez_compressed(stream, **arrays))
+        if target.suffix != ".csv":
+            raise InputError(f"output: {str(target)!r}; allowed: a path that ends in .csv or .npz")
+        columns = {"frequency": self.frequencies}
+        for y in self.outputs:
+            for x in self.inputs:
+                columns |= {f"{y}/{x}.real": self.of(y, x).real, f"{y}/{x}.imag": self.of(y, x).imag}
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(zip(*(map(repr, values.tolist()) for values in columns.values()), strict=True))
+        return write_atomically(target, lambda stream: stream.write(text.getvalue().encode("ascii")))
+
+
+def response(
+    robot: Robot,
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    frequencies: ArrayLike,
+    pose: Pose | None = None,
+    *,
+    kind: str = "displacement",
+    drives: str = "locked",
+    kp: Gains | None = None,
+    kd: Gains | None = None,
+    held: Iterable[str] | None = None,
+    loads: Loads | None = None,
+    parameters: Mapping[str, float] | None = None,
+    kernel: Kernel | None = None,
+    progress: StageReport | None = None,
+) -> Response:
+    """Frequency responses about the state of rest at a pose.
+
+    Args:
+        robot: any; prescribed coordinates stay.
+        inputs: drives ("joint1.gamma", that are not locked) and components of wrenches ("tcp.fz"); see ``ports``.
+        outputs: coordinates ("joint1.x") and components of a frame's motion ("tcp.x", "tcp.rz").
+        frequencies: (F,), Hz, at least 0.
+        pose, drives, kp, kd, held, loads, parameters, kernel, progress: as of ``modes.modes``.
+        kind: "displacement", "velocity" or "acceleration".
+
+    Raises:
+        InputError: an argument cannot be used, or the response is infinite at a frequency.
+        IntegrationError: there is no state of rest near the pose.
+    """
+    checked_kind(kind)
+    hertz = _frequencies(frequencies)
+    kernel = kernel_of(robot, kernel, parameters, progress)
+    hold = hold_of(robot, kernel, drives, kp=kp, kd=kd, held=held)
+    system, _ = system_at_rest(kernel, pose_of(robot, kernel, pose), hold, checked_loads(kernel, loads))
+    for note in system.notes:
+        warnings.warn(note, EomgenWarning, stacklevel=2)
+    forces = system.basis.T @ input_matrix(kernel, system.q, inputs, hold)
+    rows = output_matrices(kernel, system.q, system.v, outputs)[0] @ system.basis
+    names = tuple(inputs), tuple(outputs)
+    H = _solved(system, forces, rows, hertz)
+    H *= {"displacement": 1.0, "velocity": 2j * np.pi, "acceleration": -4.0 * np.pi**2}[kind] * np.power(
+        hertz, {"displacement": 0, "velocity": 1, "acceleration": 2}[kind]
+    )[:, np.newaxis, np.newaxis]
+    return Response(robot.name, hertz, H, *names, kind, kernel.coordinates, system.q, system.notes)
+
+
+def h1(
+    t: ArrayLike, force: ArrayLike, motion: ArrayLike, *, segment: int | None = None
+) -> tuple[Array, Complex, Array]:
+    """The estimator H1 = S_fx / S_ff of a response from signals, by Welch's method with a Hann window.
+
+    Noise in the motion does not bias it; noise in the force does.
+
+    Args:
+        t: times at equal distances, (T,), s.
+        force, motion: signals, (T,).
+        segment: samples of each averaged part, half of it overlapping; default a sixteenth of all.
+
+    Returns:
+        Frequencies (Hz), H1 (complex) and the coherence (0 to 1), all of one shape.
+
+    Raises:
+        ArrayError: signals of different lengths, or not finite.
+        InputError: times that are not equally far apart, a segment that does not fit, SciPy is not installed.
+    """
+    try:
+        from scipy import signal
+    except ImportError:
+        raise InputError('H1 of signals needs SciPy: pip install "eomgen[sim]"') from None
+    times, f, x = (np.asarray(values, dtype=np.float64) for values in (t, force, motion))
+    if not (times.ndim == 1 and times.shape == f.shape == x.shape and len(times) > 2):
+        raise ArrayError(f"t, force, motion: shapes {times.shape}, {f.shape}, {x.shape}; allowed: one shape (T,)")
+    if not all(np.isfinite(values).all() for values in (times, f, x)):
+        raise ArrayError("t, force, motion: hold NaN or infinity; numbers must be finite")
+    steps = np.diff(times)
+    step = float(steps.mean())
+    if not (step > 0.0 and np.abs(steps - step).max() <= 1e-6 * step):
+        raise InputError("t: times are not equally far apart; allowed: a constant step")
+    size = max(len(times) // 16, 8) if segment is None else segment
+    if not 2 <= size <= len(times):
+        raise InputError(f"segment: {segment!r}; allowed: from 2 to the {len(times)} samples")
+    options: dict[str, Any] = {"fs": 1.0 / step, "nperseg": size}
+    hertz, cross = signal.csd(f, x, **options)
+    _, power = signal.welch(f, **options)
+    _, coherence = signal.coherence(f, x, **options)
+    return hertz, cross / power, coherence
+
+
+def _frequencies(values: ArrayLike) -> Array:
+    try:
+        hertz = np.atleast_1d(np.array(values, dtype=np.float64))
+    except (TypeError, ValueError):
+        hertz = np.zeros(0)
+    if hertz.ndim != 1 or not hertz.size or not np.isfinite(hertz).all() or (hertz < 0.0).any():
+        raise ArrayError("frequencies: expected finite numbers of shape (F,), Hz, at least 0")
+    return hertz
+
+
+def _solved(system: LinearSystem, forces: Array, rows: Array, hertz: Array) -> Complex:
+    """rows Z^-1 forces at all frequencies, rows and columns of Z scaled to one size."""
+    size = 1.0 / np.sqrt(np.diagonal(system.M))
+    M, D, K = (part * np.outer(size, size) for part in (system.M, system.D, system.K))
+    result = np.empty((len(hertz), len(rows), forces.shape[1]), dtype=np.complex128)
+    for k, w in enumerate(2.0 * np.pi * hertz):
+        Z = K - w * w * M + 1j * w * D
+        values = np.linalg.svd(Z, compute_uv=False)
+        if values[-1] <= ROUND_OFF * len(Z) * max(values[0], float(np.linalg.norm(K, 2))):
+            raise InputError(
+                f"response: infinite at {hertz[k]:g} Hz (a rigid-body or undamped mode); allowed: other frequencies"
+            )
+        result[k] = (rows * size) @ np.linalg.solve(Z, size[:, np.newaxis] * forces)
+    return result

@@ -1,0 +1,198 @@
+"""Which coordinates stay where they are in an analysis about a state, and how drives hold them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import ArrayError, DescriptionError, InputError, UnknownNameError
+from ..motion.ends import default_motion
+from ..names import show
+from ..robot.model import build_model
+from ..robot.value import Robot
+from ..runtime.kernel import Kernel
+from ..state.motors import deflections, turn_motors
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Pose = Mapping[str, float] | Sequence[float] | Array
+Gains = float | Mapping[str, float]
+
+DRIVES = ("locked", "free", "pd")
+SPRINGS = ("stiffness", "stiffness_negative", "cubic", "curve.0")
+
+
+@dataclass(frozen=True)
+class Hold:
+    """What stays, and what drives add.
+
+    Attributes:
+        still: coordinates that stay at the given pose while the others come to rest, (n,).
+        locked: those that do not move about the state either, (n,).
+        driven: coordinates that drives move, (n,).
+        kp, kd: gains that drives add to K and D, (n,), N/m, N m/rad and per rate; 0 where there is none.
+        notes: lines about what was assumed.
+    """
+
+    still: Mask
+    locked: Mask
+    driven: Mask
+    kp: Array
+    kd: Array
+    notes: tuple[str, ...]
+
+
+def hold_of(
+    robot: Robot,
+    kernel: Kernel,
+    drives: str = "locked",
+    *,
+    kp: Gains | None = None,
+    kd: Gains | None = None,
+    held: Iterable[str] | None = None,
+) -> Hold:
+    """What stays in an analysis.
+
+    Prescribed coordinates always do.  About the state principal coordinates are locked, or free under constant
+    drives, or held by gains ("pd").  At the state itself they stay where they are put, and with them what nothing
+    holds: coordinates of free joints, and deviations without a spring.
+
+    Args:
+        robot, kernel: whose coordinates they are.
+        drives: "locked", "free" or "pd".
+        kp, kd: gains of "pd": a number for all driven coordinates, or by their names; kd is 0 if not given.
+        held: names of the coordinates that stay at the state and, if drives are "locked", about it; instead of the
+            above.  Needed for a robot with loops.
+
+    Raises:
+        InputError: an option is unknown, a gain missing or negative, held is needed.
+        UnknownNameError: a name is no coordinate.
+    """
+    if drives not in DRIVES:
+        raise InputError(f"drives: {drives!r} is unknown; allowed: {', '.join(DRIVES)}")
+    model, names = build_model(robot), kernel.coordinates
+    driven, given = _mask(names, model.driven), _mask(names, model.prescribed)
+    notes: list[str] = []
+    if held is not None:
+        chosen = list(held)
+        for name in chosen:
+            if name not in names:
+                raise UnknownNameError(f"held: {show(str(name))} is unknown; known: {', '.join(names)}")
+        still = given | np.array([name in chosen for name in names])
+        locked = still.copy()
+    elif robot.loops:
+        raise InputError(
+            f"held: {robot.name} has loops; name the coordinates that stay (an empty list lets all of them move)"
+        )
+    else:
+        loose = _loose(kernel) & ~driven & ~given
+        still, locked = driven | given | loose, driven | given
+        if loose.any():
+            found = ", ".join(np.array(names)[loose])
+            notes.append(f"nothing holds {found}: constant forces do at the state")
+    if drives == "pd":
+        gains = _gains("kp", kp, kernel, driven), _gains("kd", 0.0 if kd is None else kd, kernel, driven)
+    else:
+        if kp is not None or kd is not None:
+            raise InputError(f"kp and kd are gains of drives 'pd'; drives are {drives!r}")
+        gains = np.zeros(kernel.n), np.zeros(kernel.n)
+    if drives != "locked":
+        locked = given
+    return Hold(still, locked, driven, *gains, tuple(notes))
+
+
+def pose_of(robot: Robot, kernel: Kernel, pose: Pose | None) -> Array:
+    """Coordinates of a pose, (n,): deviations not given are zero, motors not given follow their joints.
+
+    Args:
+        robot, kernel: whose coordinates they are.
+        pose: a number for each principal coordinate, or for each coordinate, in their order; or numbers by name
+            ("joint2", "joint2.gamma").  By default where ``simulate`` would start.
+
+    Raises:
+        InputError: a wrong number of them, or one that is not finite.
+        UnknownNameError: a name is no coordinate.
+    """
+    model, names = build_model(robot), kernel.coordinates
+    q = np.zeros(kernel.n)
+    if pose is None or isinstance(pose, Mapping):
+        try:
+            rigid = build_model(robot.rigid()).coordinates
+        except DescriptionError:
+            rigid = ()  # nothing is driven
+        if rigid:
+            q[[names.index(name) for name in rigid]] = default_motion(robot, 1.0, rigid).start
+        places = {names[i].rpartition(".")[0]: i for i in model.principal} | {name: i for i, name in enumerate(names)}
+        for name, value in (pose or {}).items():
+            if name not in places:
+                raise UnknownNameError(f"pose: {show(str(name))} is unknown; known: {', '.join(names)}")
+            q[places[name]] = _number(f"pose: {name}", value)
+        turn_motors(kernel, q, pose or {})
+        return q
+    values = np.atleast_1d(np.asarray(pose, dtype=object))
+    where = model.principal if values.shape == (len(model.principal),) else range(kernel.n)
+    if values.shape != (len(where),):
+        raise ArrayError(
+            f"pose: expected {len(model.principal)} numbers ({', '.join(names[i] for i in model.principal)}) or one"
+            f" for each of the {kernel.n} coordinates, got {np.size(values)}"
+        )
+    for i, value in zip(where, values, strict=True):
+        q[i] = _number(f"pose: {names[i]}", value)
+    turn_motors(kernel, q, names if len(values) == kernel.n else ())
+    return q
+
+
+def floating(kernel: Kernel, q: Array) -> tuple[str, ...]:
+    """Names of the coordinates that touch no end of their clearance at q, (n,)."""
+    gaps = [kernel.parameters.get(f"joints.{name}.clearance", -1.0) for name in kernel.coordinates]
+    inside = np.abs(deflections(kernel) @ q) <= gaps
+    return tuple(name for name, floats in zip(kernel.coordinates, inside, strict=True) if floats)
+
+
+def _loose(kernel: Kernel) -> Mask:
+    """Coordinates that no spring of their own, no transmission and no spring between points holds, (n,)."""
+    own = [
+        name in kernel.knots or any(kernel.parameters.get(f"joints.{name}.{key}") for key in SPRINGS)
+        for name in kernel.coordinates
+    ]
+    held = np.array(own) | _mask(kernel.coordinates, map(kernel.coordinates.index, kernel.motors.values()))
+    if kernel.springs:
+        anywhere = 0.3 + 0.1 * np.arange(kernel.n)
+        held |= np.asarray(kernel.spring_jacobian(anywhere)).any(axis=0)
+    return ~held
+
+
+def _mask(names: tuple[str, ...], places: Iterable[int]) -> Mask:
+    mask = np.zeros(len(names), dtype=bool)
+    mask[list(places)] = True
+    return mask
+
+
+def _gains(label: str, value: Gains | None, kernel: Kernel, driven: Mask) -> Array:
+    """A gain for every driven coordinate, 0 for the others."""
+    names = [name for name, drives in zip(kernel.coordinates, driven, strict=True) if drives]
+    if value is None:
+        raise InputError(f"{label}: drives 'pd' need it; allowed: a number, or numbers by names of {', '.join(names)}")
+    table = value if isinstance(value, Mapping) else dict.fromkeys(names, value)
+    result = np.zeros(kernel.n)
+    for name, given in table.items():
+        if name not in names:
+            raise UnknownNameError(f"{label}: {show(str(name))} has no drive; known: {', '.join(names)}")
+        gain = _number(f"{label}: {name}", given)
+        if gain < 0.0:
+            raise InputError(f"{label}: {name} = {gain:g}; allowed: at least 0")
+        result[kernel.coordinates.index(name)] = gain
+    return result
+
+
+def _number(label: str, value: object) -> float:
+    try:
+        number = float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        raise InputError(f"{label} = {value!r} is not a number") from None
+    if not np.isfinite(number):
+        raise InputError(f"{label} = {number} is not finite")
+    return number

@@ -1,0 +1,226 @@
+"""The equations of motion about a state as matrices A, B, C, D, for controllers and for libraries of linear systems."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import EomgenWarning, InputError
+from ..files import write_atomically
+from ..progress import StageReport
+from ..robot.coordinates import MOTIONS
+from ..robot.model import tool_of
+from ..robot.value import Robot
+from ..runtime.kernel import Kernel
+from ..state.vectors import state_vector
+from .at_rest import system_at_rest
+from .holding import Gains, Hold, Pose, floating, hold_of, pose_of
+from .ports import checked_kind, input_matrix, output_matrices
+from .tangent_system import LinearSystem, Loads, checked_loads, kernel_of, load_force, reduced, tangent
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class StateSpace:
+    """x' = A x + B w, y = C x + D w: small changes about a state of rest, or about a motion at one time.
+
+    Attributes:
+        robot: the robot's name.
+        A, B, C, D: (2m, 2m), (2m, inputs), (outputs, 2m), (outputs, inputs); SI units, rad.
+        states: names, 2m: the m independent coordinates, then their rates ("joint1.gamma.rate").
+        inputs, outputs: names, see ``ports``.
+        kind: of the outputs: displacement, velocity or acceleration.
+        coordinates: names of all coordinates, n.
+        q, v, a, u: the state about which it is, (n,) each.
+        notes: lines about what was assumed.
+    """
+
+    robot: str
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    kind: str
+    coordinates: tuple[str, ...]
+    q: Array
+    v: Array
+    a: Array
+    u: Array
+    notes: tuple[str, ...]
+
+    @property
+    def matrices(self) -> tuple[Array, Array, Array, Array]:
+        """(A, B, C, D), as scipy.signal.StateSpace(*...) and control.ss(*...) take them."""
+        return self.A, self.B, self.C, self.D
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        state = {name: dict(zip(self.coordinates, getattr(self, name).tolist(), strict=True)) for name in "qvau"}
+        return {
+            "robot": self.robot,
+            **{name: getattr(self, name).tolist() for name in "ABCD"},
+            **{name: list(getattr(self, name)) for name in ("states", "inputs", "outputs", "notes")},
+            "kind": self.kind,
+            "state": state,
+        }
+
+    def lines(self) -> list[str]:
+        """Sizes, names and eigenvalues for people."""
+        roots = np.linalg.eigvals(self.A)
+        worst = roots[int(np.argmax(roots.real))]
+        lines = [
+            f"{self.robot}: {len(self.states)} states, {len(self.inputs)} inputs, {len(self.outputs)} outputs",
+            f"  states: {', '.join(self.states[: len(self.states) // 2])}, and their rates",
+            f"  inputs: {', '.join(self.inputs)}",
+            f"  outputs: {', '.join(self.outputs)} ({self.kind})",
+            f"  eigenvalue furthest to the right: {worst.real:.5g} {worst.imag:+.5g}i 1/s",
+        ]
+        return lines + [f"note: {note}" for note in self.notes]
+
+    def save(self, path: Path | str) -> Path:
+        """Write all arrays and names as .npz and return the path; InputError if it cannot be written."""
+        target = Path(path)
+        if target.suffix != ".npz":
+            raise InputError(f"output: {str(path)!r}; allowed: a path that ends in .npz")
+        names = ("A", "B", "C", "D", "states", "inputs", "outputs", "kind", "coordinates", "q", "v", "a", "u")
+        arrays: dict[str, Any] = {name: getattr(self, name) for name in names}
+        return write_atomically(target, lambda stream: np.savez_compressed(stream, **arrays))
+
+
+def linearize(
+    robot: Robot,
+    pose: Pose | None = None,
+    *,
+    v: ArrayLike | None = None,
+    a: ArrayLike | None = None,
+    u: ArrayLike | None = None,
+    inputs: Sequence[str] | None = None,
+    outputs: Sequence[str] | None = None,
+    kind: str = "displacement",
+    drives: str = "free",
+    kp: Gains | None = None,
+    kd: Gains | None = None,
+    held: Iterable[str] | None = None,
+    loads: Loads | None = None,
+    frame: str | None = None,
+    parameters: Mapping[str, float] | None = None,
+    kernel: Kernel | None = None,
+    progress: StageReport | None = None,
+) -> StateSpace:
+    """A, B, C and D about the state of rest at a pose, or about a motion where v and a, or v and u, are given.
+
+    Args:
+        robot: any; prescribed coordinates do not change.
+        pose: see ``holding.pose_of``; with v it is the state itself, nothing is brought to rest.
+        v: rates, (n,).  With it the robot must have no loops.
+        a: accelerations, (n,), or
+        u: drives, (n,), from which they follow (of prescribed coordinates, and of locked ones, the acceleration is 0).
+        inputs: see ``ports.input_matrix``; default: the drives that can move something.
+        outputs: see ``ports.output_matrices``; default: the frame's six components.
+        kind: of the outputs: "displacement", "velocity" or, at rest, "acceleration".
+        drives, kp, kd, held, loads, frame, parameters, kernel, progress: as of ``modes.modes``; drives are free here.
+
+    Raises:
+        InputError: an argument cannot be used.
+        IntegrationError: there is no state of rest near the pose.
+    """
+    checked_kind(kind)
+    kernel = kernel_of(robot, kernel, parameters, progress)
+    hold = hold_of(robot, kernel, drives, kp=kp, kd=kd, held=held)
+    frame, dead = tool_of(robot, frame), checked_loads(kernel, loads)
+    q = pose_of(robot, kernel, pose)
+    if v is None:
+        if a is not None or u is not None:
+            raise InputError("a and u belong to a motion; allowed: with v")
+        system, _ = system_at_rest(kernel, q, hold, dead)
+    else:
+        system = _moving_system(kernel, q, v, a, u, hold, dead)
+    for note in system.notes:
+        warnings.warn(note, EomgenWarning, stacklevel=2)
+    if inputs is None:
+        inputs = [name for i, name in enumerate(kernel.coordinates) if hold.driven[i] and not hold.locked[i]]
+    if outputs is None:
+        outputs = [f"{frame}.{part}" for part in MOTIONS]
+    return state_space(system, hold, robot.name, inputs, outputs, kind)
+
+
+def state_space(
+    system: LinearSystem, hold: Hold, robot: str, inputs: Sequence[str], outputs: Sequence[str], kind: str
+) -> StateSpace:
+    """The matrices of a linear system with these inputs and outputs; ``robot`` is the robot's name.
+
+    Raises:
+        InputError: a name is unknown, or accelerations are asked for about a motion.
+    """
+    kernel, m, moving = system.kernel, len(system.independent), bool(system.v.any() or system.a.any())
+    forces = np.linalg.solve(system.M, system.basis.T @ input_matrix(kernel, system.q, inputs, hold))
+    lower = -np.linalg.solve(system.M, np.hstack([system.K, system.D]))
+    A = np.vstack([np.hstack([np.zeros((m, m)), np.eye(m)]), lower])
+    B = np.vstack([np.zeros_like(forces), forces])
+    rows, rates = (part @ system.basis for part in output_matrices(kernel, system.q, system.v, outputs))
+    D = np.zeros((len(outputs), len(inputs)))
+    if kind == "displacement":
+        C = np.hstack([rows, np.zeros_like(rows)])
+    elif kind == "velocity":
+        C = np.hstack([rates, rows])
+    elif moving:
+        raise InputError("kind: 'acceleration' about a motion; allowed: displacement, velocity (accelerations at rest)")
+    else:
+        C, D = rows @ lower, rows @ forces
+    return StateSpace(
+        robot,
+        A,
+        B,
+        C,
+        D,
+        (*system.independent, *(f"{name}.rate" for name in system.independent)),
+        tuple(inputs),
+        tuple(outputs),
+        kind,
+        kernel.coordinates,
+        system.q,
+        system.v,
+        system.a,
+        system.u,
+        system.notes,
+    )
+
+
+def _moving_system(
+    kernel: Kernel,
+    q: Array,
+    v: ArrayLike,
+    a: ArrayLike | None,
+    u: ArrayLike | None,
+    hold: Hold,
+    loads: Mapping[str, Array],
+) -> LinearSystem:
+    """The system about a motion at one time: drives are constant, or gains about the motion."""
+    if kernel.loops:
+        raise InputError(f"v: {kernel.name} has loops; allowed: their state of rest, without v")
+    given = a if u is None else u
+    if given is None or (a is not None and u is not None):
+        raise InputError("a and u: a motion is given by one of them; allowed: v and a, or v and u")
+    rates = state_vector("v", v, kernel.coordinates)
+    dead = load_force(kernel, q, loads)
+    if a is not None:
+        acceleration = state_vector("a", given, kernel.coordinates)
+    else:
+        missing = state_vector("u", given, kernel.coordinates) + dead - kernel.inverse_dynamics(q, rates, 0 * q)
+        M, free = kernel.residual_jacobian(q, rates, 0 * q)[2], ~hold.locked
+        acceleration = np.zeros(kernel.n)
+        acceleration[free] = np.linalg.solve(M[np.ix_(free, free)], missing[free])
+    forces = kernel.inverse_dynamics(q, rates, acceleration) - dead
+    found = tangent(kernel, q, rates, acceleration, loads)
+    notes = tuple(f"{name} floats in its clearance: no stiffness there" for name in floating(kernel, q))
+    return reduced(kernel, q, rates, acceleration, forces, found, replace(hold, notes=()), notes)

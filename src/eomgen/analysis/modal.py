@@ -1,0 +1,196 @@
+"""Eigenfrequencies, damping ratios and mode shapes of a robot at rest, at a pose and along a path.
+
+About a state of rest small motions obey M e'' + D e' + K e = 0 with the exact derivatives of the residual.  With
+e = phi exp(s t) that is a quadratic eigenproblem, solved in the scaled state (L^T e, L^T e'), M = L L^T.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import EomgenWarning, InputError
+from ..progress import StageReport
+from ..robot.model import tool_of
+from ..robot.value import Robot
+from ..runtime.kernel import Kernel
+from .at_rest import system_at_rest
+from .holding import Gains, Pose, hold_of, pose_of
+from .modal_result import Modes, TrackedModes
+from .tangent_system import LinearSystem, Loads, checked_loads, kernel_of
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+__all__ = ["Modes", "TrackedModes", "modes", "modes_along", "modes_of"]
+
+ROUND_OFF = 1e-14  # of the greatest stiffness over mass: what is taken to be zero
+
+
+def modes(
+    robot: Robot,
+    pose: Pose | None = None,
+    *,
+    drives: str = "locked",
+    kp: Gains | None = None,
+    kd: Gains | None = None,
+    held: Iterable[str] | None = None,
+    loads: Loads | None = None,
+    frame: str | None = None,
+    parameters: Mapping[str, float] | None = None,
+    kernel: Kernel | None = None,
+    progress: StageReport | None = None,
+) -> Modes:
+    """Modes about the state of rest at a pose.
+
+    Args:
+        robot: any; prescribed coordinates stay.
+        pose: see ``holding.pose_of``.
+        drives: "locked" (principal coordinates do not move), "free" (they move under the constant forces that hold the
+            pose) or "pd" (gains ``kp`` and ``kd`` hold them).
+        kp, kd, held: see ``holding.hold_of``; held is needed for a robot with loops.
+        loads: dead wrenches by frame or link, (6,) each: force (N), moment (N m) at its origin, base axes.
+        frame: to look at; default as in ``simulate``.
+        parameters: values that differ from the description's, {"gravity.z": 0.0} say.
+        kernel: of the robot, float64, with ``linear.KERNELS``; built if not given.  Its parameters count.
+        progress: called with a line of text when a stage of building begins.
+
+    Raises:
+        InputError: an argument cannot be used.
+        IntegrationError: there is no state of rest near the pose.
+    """
+    kernel = kernel_of(robot, kernel, parameters, progress)
+    hold = hold_of(robot, kernel, drives, kp=kp, kd=kd, held=held)
+    frame, found = tool_of(robot, frame), checked_loads(kernel, loads)
+    system, _ = system_at_rest(kernel, pose_of(robot, kernel, pose), hold, found)
+    for note in system.notes:
+        warnings.warn(note, EomgenWarning, stacklevel=2)
+    return modes_of(system, robot.name, frame)
+
+
+def modes_along(
+    robot: Robot,
+    poses: Sequence[Pose] | Array,
+    *,
+    drives: str = "locked",
+    kp: Gains | None = None,
+    kd: Gains | None = None,
+    held: Iterable[str] | None = None,
+    loads: Loads | None = None,
+    frame: str | None = None,
+    parameters: Mapping[str, float] | None = None,
+    kernel: Kernel | None = None,
+    progress: StageReport | None = None,
+) -> TrackedModes:
+    """Modes at poses along a path, each mode followed by its shape; arguments and errors as of ``modes``.
+
+    A mode goes on as the one whose shape is most like its own (modal assurance criterion in the metric of M), as far
+    as all can have one of their own.
+
+    Raises:
+        InputError: no pose, or SciPy is not installed.
+    """
+    if not len(poses):
+        raise InputError("poses: none given; allowed: one or more")
+    kernel = kernel_of(robot, kernel, parameters, progress)
+    hold = hold_of(robot, kernel, drives, kp=kp, kd=kd, held=held)
+    frame, dead = tool_of(robot, frame), checked_loads(kernel, loads)
+    found, metrics = [], []
+    for pose in poses:
+        system, _ = system_at_rest(kernel, pose_of(robot, kernel, pose), hold, dead)
+        found.append(modes_of(system, robot.name, frame))
+        metrics.append(system.kernel.residual_jacobian(system.q, system.v, system.a)[2])
+    for note in dict.fromkeys(note for entry in found for note in entry.notes):
+        warnings.warn(note, EomgenWarning, stacklevel=2)
+    return TrackedModes(tuple(found), _tracked(found, metrics))
+
+
+def modes_of(system: LinearSystem, robot: str, frame: str) -> Modes:
+    """The modes of a linear system; ``robot`` is the robot's name, ``frame`` a frame's."""
+    m = len(system.independent)
+    L: Array = np.asarray(np.linalg.cholesky(system.M))
+    S, B = (np.linalg.solve(L, np.linalg.solve(L, part).T).T for part in (system.K, system.D))
+    state = np.block([[np.zeros((m, m)), np.eye(m)], [-S, -B]])
+    # states of one size: a rate is a frequency times a deflection
+    weight = float(np.sqrt(np.linalg.norm(S, 2))) or 1.0
+    scale = np.concatenate([np.full(m, weight), np.ones(m)])
+    s, vectors = np.linalg.eig(state * np.outer(scale, 1.0 / scale))
+    rigid, zeros = _rigid(system, L)
+    s[np.argsort(np.abs(s), kind="stable")[:zeros]] = 0.0
+    chosen = np.flatnonzero((s.imag >= 0.0) & (s != 0.0))
+    chosen = chosen[np.lexsort((s[chosen].real, s[chosen].imag, np.abs(s[chosen])))]
+    scaled = vectors[:m, chosen] / np.linalg.norm(vectors[:m, chosen], axis=0)
+    scaled = np.concatenate([rigid.astype(np.complex128), scaled], axis=1)
+    shapes = np.linalg.solve(L.T, _turned(scaled)).T @ system.basis.T
+    values = np.linalg.eigvalsh(0.5 * (S + S.T))
+    values[np.argsort(np.abs(values), kind="stable")[: rigid.shape[1]]] = 0.0
+    J = system.kernel.frame_jacobian(system.q, frame)
+    return Modes(
+        robot,
+        system.kernel.coordinates,
+        system.q,
+        np.concatenate([np.zeros(rigid.shape[1]), s[chosen]]),
+        shapes,
+        frame,
+        shapes @ J.T,
+        np.sign(values) * np.sqrt(np.abs(values)) / (2.0 * np.pi),
+        float(np.sqrt(ROUND_OFF * m) * weight / (2.0 * np.pi)),
+        system.notes,
+    )
+
+
+def _rigid(system: LinearSystem, L: Array) -> tuple[Array, int]:
+    """Rigid-body modes, columns of an orthonormal basis of the null space of S, and the number of eigenvalues of 0.
+
+    A mode that dampers brake has one eigenvalue of 0 and one that is negative; one that nothing brakes has two of 0.
+    """
+    size = 1.0 / np.sqrt(np.diagonal(system.M))
+    U, values, Vt = np.linalg.svd(system.K * np.outer(size, size))
+    null = values <= ROUND_OFF * len(values) * values[0]
+    left, right = U[:, null], Vt[null].T
+    braked = left.T @ (system.D * np.outer(size, size)) @ right
+    brakes = np.linalg.svd(braked, compute_uv=False)
+    rank = int(np.count_nonzero(brakes > ROUND_OFF * max(float(np.abs(system.D).max() * size.max() ** 2), 1e-300)))
+    basis = np.linalg.qr(L.T @ (size[:, np.newaxis] * right))[0]
+    return np.asarray(basis, dtype=np.float64), 2 * right.shape[1] - rank
+
+
+def _turned(scaled: Complex) -> Complex:
+    """Columns with the phase that makes them most real, the largest entry positive."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        square = (scaled**2).sum(axis=0)
+        turned = scaled * np.exp(-0.5j * np.angle(square))
+    largest = np.take_along_axis(turned, np.abs(turned).argmax(axis=0)[np.newaxis], axis=0)[0]
+    return np.asarray(turned * np.where(largest.real < 0.0, -1.0, 1.0))
+
+
+def _tracked(found: Sequence[Modes], metrics: Sequence[Array]) -> NDArray[np.intp]:
+    try:
+        from scipy.optimize import linear_sum_assignment
+    except ImportError:
+        raise InputError('modes along a path need SciPy: pip install "eomgen[sim]"') from None
+    tracks = [[k] for k in range(len(found[0].eigenvalues))]
+    last = [(0, k) for k in range(len(tracks))]  # pose and mode where a track was seen
+    for i in range(1, len(found)):
+        now, metric = found[i], metrics[i]
+        shapes = np.array([found[p].shapes[k] for p, k in last])
+        values = np.array([found[p].eigenvalues[k] for p, k in last])
+        overlap = np.abs(shapes.conj() @ metric @ now.shapes.T) ** 2
+        own = np.abs(np.einsum("ki,ij,kj->k", shapes.conj(), metric, shapes))
+        likeness = overlap / own[:, np.newaxis]
+        # of shapes that are alike the nearer eigenvalue: an overdamped pair has one shape
+        apart = np.abs(values[:, np.newaxis] - now.eigenvalues)
+        size = np.maximum(np.abs(values)[:, np.newaxis] + np.abs(now.eigenvalues), 1e-300)
+        rows, columns = linear_sum_assignment(likeness - 0.1 * apart / size, maximize=True)
+        pairs = dict(zip(rows.tolist(), columns.tolist(), strict=True))
+        for row, track in enumerate(tracks):
+            track.append(pairs.get(row, -1))
+            if row in pairs:
+                last[row] = (i, pairs[row])
+        for column in sorted(set(range(len(now.eigenvalues))) - set(pairs.values())):
+            tracks.append([-1] * i + [column])
+            last.append((i, column))
+    return np.array(list(zip(*tracks, strict=True)), dtype=np.intp)

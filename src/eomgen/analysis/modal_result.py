@@ -1,0 +1,158 @@
+"""What an analysis of modes yields, at a pose and along a path."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..robot.coordinates import unit_of
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+FRAME_PARTS = ("x", "y", "z", "rx", "ry", "rz")
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Modes of small motions about a state of rest, by rising natural frequency; m of them.
+
+    A pair of conjugate eigenvalues s is one mode, a real eigenvalue is one, too (overdamped, or divergent).
+
+    Attributes:
+        robot: the robot's name.
+        coordinates: names, n.
+        q: the state of rest, (n,), m or rad.
+        eigenvalues: s, (m,), 1/s, with imaginary parts at least 0.
+        shapes: motion of all coordinates, (m, n), complex, m or rad: phi^H M phi = 1, the phase such that phi is as
+            real as can be and its largest inertial part is positive.
+        frame: name of the frame that is looked at.
+        frame_shapes: its displacement and rotation, (m, 6), base axes, m and rad, in the scale of ``shapes``.
+        undamped: natural frequencies without dampers, Hz, of the symmetric part of K; negative where it is unstable.
+        resolution: Hz; slower oscillations cannot be told from rigid-body modes, whose frequency is 0.
+        notes: lines about what was assumed.
+    """
+
+    robot: str
+    coordinates: tuple[str, ...]
+    q: Array
+    eigenvalues: Complex
+    shapes: Complex
+    frame: str
+    frame_shapes: Complex
+    undamped: Array
+    resolution: float
+    notes: tuple[str, ...]
+
+    @property
+    def frequencies(self) -> Array:
+        """Natural frequencies abs(s) / 2 pi, (m,), Hz."""
+        return np.asarray(np.abs(self.eigenvalues) / (2.0 * np.pi))
+
+    @property
+    def damped_frequencies(self) -> Array:
+        """Frequencies of the oscillation, Im(s) / 2 pi, (m,), Hz."""
+        return np.asarray(self.eigenvalues.imag / (2.0 * np.pi))
+
+    @property
+    def damping_ratios(self) -> Array:
+        """-Re(s) / abs(s), (m,); NaN for rigid-body modes."""
+        size = np.abs(self.eigenvalues)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.asarray(-self.eigenvalues.real / np.where(size > 0.0, size, np.nan))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON; complex numbers as [real, imaginary]."""
+        rows = []
+        for k, s in enumerate(self.eigenvalues):
+            ratio = float(self.damping_ratios[k])
+            rows.append(
+                {
+                    "frequency": float(self.frequencies[k]),
+                    "damped_frequency": float(self.damped_frequencies[k]),
+                    "damping_ratio": ratio if np.isfinite(ratio) else None,
+                    "eigenvalue": [s.real, s.imag],
+                    "shape": dict(zip(self.coordinates, _pairs(self.shapes[k]), strict=True)),
+                    "frame_shape": dict(zip(FRAME_PARTS, _pairs(self.frame_shapes[k]), strict=True)),
+                }
+            )
+        return {
+            "robot": self.robot,
+            "q": dict(zip(self.coordinates, self.q.tolist(), strict=True)),
+            "frame": self.frame,
+            "modes": rows,
+            "undamped": self.undamped.tolist(),
+            "resolution": self.resolution,
+            "notes": list(self.notes),
+        }
+
+    def lines(self, largest: int = 3) -> list[str]:
+        """A table for people: each mode with the coordinates that take the largest part in it."""
+        lines = [f"{self.robot}: {len(self.eigenvalues)} modes; {self.frame} moves by this per unit of modal mass", ""]
+        lines.append(f"{'mode':>4}{'f [Hz]':>12}{'damping':>10}  {f'{self.frame} [mm, mrad]':<26}coordinates")
+        size = np.abs(self.shapes)
+        for k, f in enumerate(self.frequencies):
+            ratio = self.damping_ratios[k]
+            moved = f"{1e3 * np.linalg.norm(self.frame_shapes[k][:3]):.3g}, "
+            moved += f"{1e3 * np.linalg.norm(self.frame_shapes[k][3:]):.3g}"
+            scaled = size[k] / max(float(size[k].max()), 1e-300)
+            first = [i for i in np.argsort(-scaled, kind="stable")[:largest] if scaled[i] > 0.02]
+            shape = ", ".join(f"{self.coordinates[i]} {size[k, i]:.3g} {unit_of(self.coordinates[i])}" for i in first)
+            text = "rigid" if not np.isfinite(ratio) else f"{round(ratio, 12) + 0.0:.3g}"
+            lines.append(f"{k + 1:>4}{f:>12.5g}{text:>10}  {moved:<26}{shape}")
+        return lines + [f"note: {note}" for note in self.notes]
+
+
+@dataclass(frozen=True)
+class TrackedModes:
+    """Modes along a path: track k is one mode that is followed from pose to pose.
+
+    Attributes:
+        modes: at each of the P poses.
+        tracks: which mode of each pose it is, (P, tracks); -1 where it is none of them.
+    """
+
+    modes: tuple[Modes, ...]
+    tracks: NDArray[np.intp]
+
+    def values(self, name: str) -> Array:
+        """``frequencies``, ``damped_frequencies`` or ``damping_ratios`` of all tracks, (P, tracks); NaN where none."""
+        found = np.full(self.tracks.shape, np.nan)
+        for row, modes, index in zip(found, self.modes, self.tracks, strict=True):
+            row[index >= 0] = getattr(modes, name)[index[index >= 0]]
+        return found
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+
+        def plain(name: str) -> list[list[float | None]]:
+            return [[float(x) if np.isfinite(x) else None for x in row] for row in self.values(name)]
+
+        first = self.modes[0]
+        return {
+            "robot": first.robot,
+            "coordinates": list(first.coordinates),
+            "q": [modes.q.tolist() for modes in self.modes],
+            "frequencies": plain("frequencies"),
+            "damping_ratios": plain("damping_ratios"),
+            "notes": list(dict.fromkeys(note for modes in self.modes for note in modes.notes)),
+        }
+
+    def lines(self) -> list[str]:
+        """Range of every track for people."""
+        first = self.modes[0]
+        lines = [f"{first.robot}: modes over {len(self.modes)} poses", ""]
+        lines.append(f"{'track':>5}{'first [Hz]':>12}{'least':>12}{'most':>12}{'last':>12}{'damping':>18}")
+        for k, (f, ratio) in enumerate(zip(self.values("frequencies").T, self.values("damping_ratios").T, strict=True)):
+            seen = ratio[np.isfinite(ratio)]
+            text = f"{seen.min():.3g} to {seen.max():.3g}" if seen.size else "rigid"
+            ends = f"{f[0]:>12.5g}{np.nanmin(f):>12.5g}{np.nanmax(f):>12.5g}{f[-1]:>12.5g}"
+            lines.append(f"{k + 1:>5}{ends}{text:>18}")
+        return lines + [f"note: {note}" for note in dict.fromkeys(n for modes in self.modes for n in modes.notes)]
+
+
+def _pairs(values: Complex) -> list[list[float]]:
+    return [[float(z.real), float(z.imag)] for z in values]

@@ -1,0 +1,97 @@
+"""What goes into a linear system and what is seen of it: drives and wrenches, coordinates and frames, by name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError, UnknownNameError
+from ..names import show
+from ..robot.coordinates import FORCES, MOTIONS, unit_of
+from ..runtime.kernel import Kernel
+from .holding import Hold
+from .tangent_system import frame_hessian
+
+Array = NDArray[np.float64]
+
+KINDS = ("displacement", "velocity", "acceleration")
+
+
+def input_matrix(kernel: Kernel, q: Array, names: Sequence[str], hold: Hold) -> Array:
+    """Generalized forces per unit of each input, (n, inputs).
+
+    An input is a coordinate's name (its drive, or a force like one; N or N m), or a frame or link with a component of a
+    wrench at its origin, base axes: "tcp.fx", "link3.mz".
+
+    Raises:
+        UnknownNameError: a name is neither.
+        InputError: a coordinate is locked, and its drive cannot move it.
+    """
+    columns = []
+    for name in names:
+        if name in kernel.coordinates:
+            i = kernel.coordinates.index(name)
+            if hold.locked[i]:
+                raise InputError(f"input: {name} does not move; allowed: drives that are free or pd, or another input")
+            columns.append(np.eye(kernel.n)[i])
+            continue
+        frame, part = _component("input", name, kernel, FORCES)
+        columns.append(kernel.frame_jacobian(q, frame)[part])
+    return np.asarray(np.array(columns).reshape(-1, kernel.n).T)
+
+
+def output_matrices(kernel: Kernel, q: Array, v: Array, names: Sequence[str]) -> tuple[Array, Array]:
+    """Displacements of the outputs per change of the coordinates, (outputs, n), and the rate of that along the motion.
+
+    An output is a coordinate's name, or a frame or link with a component of its motion, base axes: "tcp.x", "tcp.rz".
+    With J the first matrix and J' the second, velocities change by J dv + J' dq.
+
+    Raises:
+        UnknownNameError: a name is neither.
+    """
+    rows, rates = [], []
+    for name in names:
+        if name in kernel.coordinates:
+            rows.append(np.eye(kernel.n)[kernel.coordinates.index(name)])
+            rates.append(np.zeros(kernel.n))
+            continue
+        frame, part = _component("output", name, kernel, MOTIONS)
+        J = kernel.frame_jacobian(q, frame)
+        rows.append(J[part])
+        rates.append(v @ frame_hessian(J)[part])
+    shape = (-1, kernel.n)
+    return np.array(rows).reshape(shape), np.array(rates).reshape(shape)
+
+
+def checked_kind(kind: str) -> str:
+    """The kind of an output; InputError if it is none of KINDS."""
+    if kind not in KINDS:
+        raise InputError(f"kind: {kind!r} is unknown; allowed: {', '.join(KINDS)}")
+    return kind
+
+
+def unit_of_input(name: str) -> str:
+    """ "N" or "N m" by an input's name."""
+    last = name.rpartition(".")[2]
+    if last in FORCES:
+        return "N" if last.startswith("f") else "N m"
+    return "N" if unit_of(name) == "m" else "N m"
+
+
+def unit_of_output(name: str, kind: str) -> str:
+    """Unit of an output by its name and kind: "m", "rad/s", "m/s^2", ..."""
+    last = name.rpartition(".")[2]
+    unit = "rad" if last in MOTIONS[3:] else unit_of(name)
+    return unit + {"displacement": "", "velocity": "/s", "acceleration": "/s^2"}[kind]
+
+
+def _component(label: str, name: str, kernel: Kernel, parts: Sequence[str]) -> tuple[str, int]:
+    frame, _, part = str(name).rpartition(".")
+    if part in parts and frame in kernel.frames:
+        return frame, parts.index(part)
+    raise UnknownNameError(
+        f"{label}: {show(str(name))} is unknown; allowed: a coordinate ({', '.join(kernel.coordinates)}), or one of"
+        f" {', '.join(kernel.frames)} with .{', .'.join(parts)}"
+    )

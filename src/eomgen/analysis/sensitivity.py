@@ -1,0 +1,57 @@
+"""How the pose of a tool answers to deviations of the geometry: exact first derivatives, no differences."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import ArrayError
+from ..pipeline.stages import build
+from ..robot.model import build_model
+from ..robot.value import COORDINATES, Coordinate, Robot
+
+Array = NDArray[np.float64]
+
+
+def offset_sensitivity(
+    robot: Robot, q: ArrayLike, frame: str, *, parameters: Mapping[str, float] | None = None
+) -> tuple[tuple[str, ...], Array]:
+    """Motion of a frame per unit of every joint's six constant offsets, active coordinates or not.
+
+    An offset moves what hangs on it as its coordinate would, so these are the columns of the frame's Jacobian in the
+    same robot with six coordinates in each joint, fixed ones included; the primary deviations of the paper's section 1.
+
+    Args:
+        robot: any.
+        q: coordinates of ``robot``, (n,) or (N, n), m or rad.
+        frame: name of a frame or link.
+        parameters: values that differ from the description's, such as ``kernel.parameters`` (other names are ignored).
+
+    Returns:
+        Names ("joints.joint1.offset.x", ...), and (6, names) or (N, 6, names): displacement of the frame's origin and
+        small rotation in base axes, m or rad per m or rad.
+
+    Raises:
+        UnknownNameError: no frame or link of that name.
+        ArrayError: q has a wrong shape or is not finite.
+    """
+    every = {joint.name: {name: Coordinate() for name in COORDINATES} for joint in robot.joints}
+    whole = robot.with_coordinates(every)
+    joints = tuple(replace(joint, motor=None) for joint in whole.joints)  # motors move no frame
+    whole = replace(whole, name=robot.name[:44] + "_six", joints=joints, tunable=())
+    kernel = build(whole, kernels=("kinematics",))
+    own = build_model(robot).coordinates
+    for name, value in (parameters or {}).items():
+        if name in kernel.parameters:
+            kernel.parameters[name] = value
+    given = np.asarray(q, dtype=np.float64)
+    if given.shape[-1:] != (len(own),) or given.ndim > 2:
+        raise ArrayError(f"q: expected shape ({len(own)},) or (N, {len(own)}), got {given.shape}")
+    full = np.zeros((*given.shape[:-1], kernel.n))
+    moving = [i for i, name in enumerate(own) if name in kernel.coordinates]
+    full[..., [kernel.coordinates.index(own[i]) for i in moving]] = given[..., moving]
+    names = tuple(f"joints.{name.replace('.', '.offset.')}" for name in kernel.coordinates)
+    return names, np.asarray(kernel.frame_jacobian(full, frame))

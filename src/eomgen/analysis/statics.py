@@ -1,0 +1,205 @@
+"""Static deflection and stiffness of a frame under gravity and wrenches."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import EomgenWarning, InputError
+from ..loops.closed import ClosedLoops
+from ..progress import StageReport
+from ..robot.model import tool_of
+from ..robot.value import Robot
+from ..runtime.kernel import Kernel
+from .at_rest import rest
+from .holding import Gains, Hold, Pose, floating, hold_of, pose_of
+from .tangent_system import Loads, checked_loads, kernel_of, moving_basis
+
+Array = NDArray[np.float64]
+
+PARTS = ("x", "y", "z", "rx", "ry", "rz")
+RANK = 1e-9  # of the greatest principal compliance: what is taken to be zero
+SOFT = 1e-13  # of the greatest stiffness, scaled: nothing holds what has less
+
+
+@dataclass(frozen=True)
+class Deflection:
+    """A frame under load, beside the rigid robot.
+
+    Attributes:
+        robot, frame: names.
+        coordinates: names, n.
+        q: the loaded state of rest, (n,), m or rad.
+        u: forces that hold it, (n,), N or N m.
+        rigid_pose, pose: of the frame without and with all deviations, (4, 4), base axes, m.
+        deflection: displacement (m) and rotation vector (rad) from the one to the other, (6,), base axes.
+        by_loads: what the wrenches add to gravity's deflection, (6,).
+        compliance: change of displacement and rotation per change of a wrench at the frame, (6, 6), base axes: m/N,
+            rad/N, m/(N m), rad/(N m); the derivative at the loaded state.
+        stiffness: its inverse, (6, 6), or None where there is none.
+        rank: of the compliance, in units that make both of its diagonal blocks one size.
+        notes: lines about what was assumed.
+    """
+
+    robot: str
+    frame: str
+    coordinates: tuple[str, ...]
+    q: Array
+    u: Array
+    rigid_pose: Array
+    pose: Array
+    deflection: Array
+    by_loads: Array
+    compliance: Array
+    stiffness: Array | None
+    rank: int
+    notes: tuple[str, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        return {
+            "robot": self.robot,
+            "frame": self.frame,
+            "q": dict(zip(self.coordinates, self.q.tolist(), strict=True)),
+            "u": dict(zip(self.coordinates, self.u.tolist(), strict=True)),
+            "deflection": dict(zip(PARTS, self.deflection.tolist(), strict=True)),
+            "by_loads": dict(zip(PARTS, self.by_loads.tolist(), strict=True)),
+            "compliance": self.compliance.tolist(),
+            "stiffness": None if self.stiffness is None else self.stiffness.tolist(),
+            "rank": self.rank,
+            "notes": list(self.notes),
+        }
+
+    def lines(self) -> list[str]:
+        """Deflection and stiffness for people."""
+        lines = [f"{self.robot}: {self.frame} beside that of the rigid robot, base axes", ""]
+        lines.append(f"{'':<10}{'deflection':>14}{'of it by loads':>16}")
+        for k, part in enumerate(PARTS):
+            unit = "um" if k < 3 else "urad"
+            lines.append(
+                f"{part + ' [' + unit + ']':<10}{1e6 * self.deflection[k]:>14.5g}{1e6 * self.by_loads[k]:>16.5g}"
+            )
+        matrix, title = (
+            self.compliance,
+            f"compliance [m, rad per N, N m], of rank {self.rank} of 6: no stiffness matrix",
+        )
+        if self.stiffness is not None:
+            matrix, title = self.stiffness, "stiffness [N, N m per m, rad]"
+        lines += ["", title]
+        lines += ["".join(f"{value:>13.4g}" for value in row) for row in matrix]
+        return lines + [f"note: {note}" for note in self.notes]
+
+
+def deflection(
+    robot: Robot,
+    pose: Pose | None = None,
+    *,
+    drives: str = "locked",
+    kp: Gains | None = None,
+    kd: Gains | None = None,
+    held: Iterable[str] | None = None,
+    loads: Loads | None = None,
+    frame: str | None = None,
+    parameters: Mapping[str, float] | None = None,
+    kernel: Kernel | None = None,
+    progress: StageReport | None = None,
+) -> Deflection:
+    """Deflection and stiffness of a frame in the state of rest at a pose; arguments as of ``modes.modes``.
+
+    Drives are "locked", or "pd": springs kp (target - q) about the pose, which sag under gravity, too.  The rigid
+    robot is the pose itself; of a robot with loops the pose with its loops closed.
+
+    Raises:
+        InputError: an argument cannot be used, drives are free, or nothing holds a coordinate.
+        IntegrationError: there is no state of rest near the pose.
+    """
+    kernel = kernel_of(robot, kernel, parameters, progress)
+    hold = hold_of(robot, kernel, drives, kp=kp, kd=kd, held=held)
+    frame, dead = tool_of(robot, frame), checked_loads(kernel, loads)
+    found = deflection_of(kernel, pose_of(robot, kernel, pose), static_hold(hold, drives), dead, robot.name, frame)
+    for note in found.notes:
+        warnings.warn(note, EomgenWarning, stacklevel=2)
+    return found
+
+
+def static_hold(hold: Hold, drives: str) -> Hold:
+    """The same with everything locked that stays at the state; InputError if drives are free."""
+    if drives == "free":
+        raise InputError("drives: 'free' drives hold nothing in place; allowed: locked, pd")
+    return replace(hold, locked=hold.still & ~(hold.driven & (hold.kp > 0.0)))
+
+
+def deflection_of(
+    kernel: Kernel, q: Array, hold: Hold, loads: Mapping[str, Array], robot: str, frame: str
+) -> Deflection:
+    """As ``deflection``, of a kernel at coordinates, (n,)."""
+    if kernel.loops:
+        names = [name for name, stays in zip(kernel.coordinates, hold.locked, strict=True) if stays]
+        q = ClosedLoops(kernel).consistent_positions(q, held=names)
+    state = rest(kernel, q, hold, loads, sagging=True)
+    unloaded = rest(kernel, q, hold, {}, sagging=True).q if loads else state.q
+    rigid_pose, pose, before = (np.asarray(kernel.frame_pose(x, frame)) for x in (q, state.q, unloaded))
+    compliance = _compliance(kernel, state.q, state.tangent.K + np.diag(hold.kp), hold, frame)
+    rank, stiffness = _inverse(compliance)
+    return Deflection(
+        robot,
+        frame,
+        kernel.coordinates,
+        state.q,
+        state.u,
+        rigid_pose,
+        pose,
+        motion_between(rigid_pose, pose),
+        motion_between(rigid_pose, pose) - motion_between(rigid_pose, before),
+        compliance,
+        stiffness,
+        rank,
+        (*hold.notes, *state.notes),
+    )
+
+
+def motion_between(first: Array, second: Array) -> Array:
+    """Displacement of the origin and rotation vector from one pose, (4, 4), to another, (6,), in base axes."""
+    turn = second[:3, :3] @ first[:3, :3].T
+    skew = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+    sine, cosine = float(np.linalg.norm(skew)), 0.5 * (np.trace(turn) - 1.0)
+    if cosine < -0.999:  # near half a turn the axis is that of the symmetric part
+        values, axes = np.linalg.eigh(0.5 * (turn + turn.T))
+        axis = axes[:, int(np.argmax(values))]
+        skew = axis * np.arctan2(sine, cosine) * (1.0 if axis @ skew >= 0.0 else -1.0)
+    elif sine > 0.0:
+        skew = skew * (np.arctan2(sine, cosine) / sine)
+    return np.concatenate([second[:3, 3] - first[:3, 3], skew])
+
+
+def _compliance(kernel: Kernel, q: Array, K: Array, hold: Hold, frame: str) -> Array:
+    """J K^-1 J^T over what may move; coordinates that float in their clearance stay."""
+    stuck = np.isin(kernel.coordinates, floating(kernel, q))
+    basis, independent = moving_basis(kernel, q, ~(hold.locked | stuck))
+    J = kernel.frame_jacobian(q, frame) @ basis
+    if not independent:
+        return np.zeros((6, 6))
+    matrix = basis.T @ K @ basis
+    root = np.sqrt(np.maximum(np.abs(np.diagonal(matrix)), 1e-300))
+    scaled = matrix / np.outer(root, root)
+    _, values, directions = np.linalg.svd(scaled)
+    if values[-1] <= SOFT * values[0]:
+        name = kernel.coordinates[independent[int(np.argmax(np.abs(directions[-1])))]]
+        raise InputError(f"{kernel.name}: nothing holds {name}: its compliance is infinite; list it in held")
+    return np.asarray((J / root) @ np.linalg.solve(scaled, (J / root).T))
+
+
+def _inverse(compliance: Array) -> tuple[int, Array | None]:
+    """Rank and, if that is 6, the inverse; lengths are measured so that both diagonal blocks have one size."""
+    linear, angular = (float(np.linalg.norm(part)) for part in (compliance[:3, :3], compliance[3:, 3:]))
+    length = np.sqrt(linear / angular) if linear > 0.0 and angular > 0.0 else 1.0
+    size = np.repeat([1.0, length], 3)
+    scaled = compliance * np.outer(size, size)
+    values = np.linalg.svd(scaled, compute_uv=False)
+    rank = int((values > RANK * values[0]).sum()) if values[0] > 0.0 else 0
+    return rank, np.asarray(np.linalg.inv(scaled) * np.outer(size, size)) if rank == 6 else None

@@ -1,0 +1,211 @@
+"""Alternative structures for one task: what the same motion costs each of them.
+
+The search for a kinematic structure of the paper's section 7: drives, support reactions and tool deviations of several
+robots that do the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InputError
+from ..motion.ends import default_motion, principal_limits
+from ..motion.tool_path import ToolLine
+from ..pipeline.stages import build
+from ..progress import Progress
+from ..robot.coordinates import index_of, unit_of
+from ..robot.model import build_model, tool_of
+from ..robot.value import PRINCIPAL, Robot
+from ..simulation.assembly import RIGID_KERNELS
+from ..simulation.controls import actuators
+from ..simulation.programs import MOVING_PART
+from ..simulation.result import SimulationResult
+from ..simulation.run import simulate
+
+Array = NDArray[np.float64]
+Line = tuple[ArrayLike, ArrayLike]
+
+COUNTED = ("inverse_dynamics", "forward_dynamics", "mass_matrix")
+WIDTH = 34
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One robot's figures; peaks are the largest sizes over time.
+
+    drives: by driven coordinate, a motor's at its shaft, N or N m.  reactions: by joint, (force N, moment N m) on its
+    child link.  tool_deviation: m, largest and at the end, or None for a robot without deviations.  tool_travel: length
+    of the programmed path of the tool, m.  operations: by kernel, of the C: multiplications and additions.  mass: kg
+    moving.
+    """
+
+    robot: str
+    coordinates: int
+    mass: float
+    operations: dict[str, tuple[int, int]]
+    drives: dict[str, float]
+    reactions: dict[str, tuple[float, float]]
+    tool: str
+    tool_travel: float
+    tool_deviation: tuple[float, float] | None
+
+    def rows(self) -> dict[str, str]:
+        """Texts by what they are."""
+        rows = {"coordinates": str(self.coordinates), "moving mass [kg]": f"{self.mass:.4g}"}
+        for name, (mul, add) in self.operations.items():
+            rows[f"{name}, mul/add"] = f"{mul}/{add}"
+        for name, value in self.drives.items():
+            rows[f"drive {name} [{'N' if unit_of(name) == 'm' else 'N m'}]"] = f"{value:.4g}"
+        for name, (force, moment) in self.reactions.items():
+            rows[f"support force {name} [N]"] = f"{force:.4g}"
+            rows[f"support moment {name} [N m]"] = f"{moment:.4g}"
+        rows["tool"] = self.tool
+        rows["tool travel [m]"] = f"{self.tool_travel:.4g}"
+        if self.tool_deviation is not None:
+            rows["tool deviation, largest [um]"] = f"{1e6 * self.tool_deviation[0]:.4g}"
+            rows["tool deviation, end [um]"] = f"{1e6 * self.tool_deviation[1]:.4g}"
+        return rows
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Robots side by side; ``task`` says in words what they all do."""
+
+    task: str
+    entries: tuple[Entry, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        return {"task": self.task, "robots": [dict(vars(entry)) for entry in self.entries]}
+
+    def lines(self) -> list[str]:
+        """A table: a column per robot."""
+        columns = [entry.rows() for entry in self.entries]
+        width = max(14, *(len(entry.robot) + 2 for entry in self.entries))
+        labels = sorted(dict.fromkeys(label for column in columns for label in column), key=_order)
+        size = max(WIDTH, *(len(label) for label in labels))
+        lines = [self.task, "", " " * size + "".join(f"{entry.robot:>{width}}" for entry in self.entries)]
+        return lines + [
+            f"{label:<{size}}" + "".join(f"{c.get(label, '-'):>{width}}" for c in columns) for label in labels
+        ]
+
+
+def compare(
+    robots: Sequence[Robot],
+    *,
+    duration: float = 2.0,
+    goal: Sequence[float] | None = None,
+    line: Line | None = None,
+    tool: str | None = None,
+    method: str = "auto",
+    progress: Progress | None = None,
+) -> Comparison:
+    """Let robots do the same and compare what it takes; each moves with all its coordinates, as ``simulate`` has it.
+
+    Args:
+        robots: two or more, with different names.
+        duration: s; the motion takes 80 percent of it.
+        goal: of the principal coordinates, rad or m, the same numbers for every robot: they start where the first
+            robot would (``default_motion``), which also says the goal if none is given.
+        line: two points, (3,), m, base axes: the tool of every robot moves along that line instead (``ToolLine``).
+        tool: frame or link, known to all; each robot's own as in ``simulate`` if not given.
+        method: of the integration, see ``integrate``.
+        progress: called with a fraction from 0 to 1 and a line of text.
+
+    Raises:
+        InputError: fewer than two robots, names that are equal, principal coordinates that do not match, a line that a
+            tool cannot follow.
+        IntegrationError: a motion could not be integrated.
+    """
+    names = [robot.name for robot in robots]
+    if len(robots) < 2:
+        raise InputError(f"robots: {len(robots)} given; allowed: two or more")
+    if len(set(names)) < len(names):
+        raise InputError(f"robots: {', '.join(names)}; allowed: robots with different names")
+    if line is not None and goal is not None:
+        raise InputError("goal and line are both given; allowed: one of them")
+    motion = None if line is not None else _common_motion(robots, duration, goal)
+    entries = []
+    for robot in robots:
+        options: dict[str, Any] = {"start": motion[0], "goal": motion[1]} if motion is not None else {}
+        if line is not None:
+            options["motion"] = _line_motion(robot, line, MOVING_PART * duration, tool)
+        result = simulate(robot, duration=duration, tool=tool, method=method, progress=progress, **options)
+        entries.append(_entry(robot, result))
+    if line is not None:
+        task = f"tool along the line {_numbers(line[0])} to {_numbers(line[1])} m"
+    else:
+        assert motion is not None
+        task = f"principal coordinates from {_numbers(motion[0])} to {_numbers(motion[1])}"
+    return Comparison(f"{task} in {MOVING_PART * duration:g} of {duration:g} s", tuple(entries))
+
+
+def _movable(robot: Robot) -> list[str]:
+    """Names of the principal coordinates (of free joints there are none)."""
+    names = build_model(robot.rigid()).coordinates
+    kinds = {joint.name: PRINCIPAL.get(joint.type) for joint in robot.joints}
+    return [name for name in names if kinds[name.rpartition(".")[0]] == name.rpartition(".")[2]]
+
+
+def _common_motion(robots: Sequence[Robot], duration: float, goal: Sequence[float] | None) -> tuple[Array, Array]:
+    """Start and goal of all principal coordinates: the first robot's."""
+    first = robots[0]
+    kinds = [[unit_of(name) for name in _movable(robot)] for robot in robots]
+    for robot, kind in zip(robots, kinds, strict=True):
+        if kind != kinds[0]:
+            raise InputError(
+                f"{robot.name} has principal coordinates in {', '.join(kind)}, {first.name} in {', '.join(kinds[0])};"
+                " allowed: the same, or a line of the tool"
+            )
+    driven = build_model(first.rigid()).coordinates
+    motion = default_motion(first, duration, driven, goal=goal)
+    index = index_of(driven, _movable(first))
+    return motion.start[index], motion.goal[index]
+
+
+def _line_motion(robot: Robot, line: Line, duration: float, tool: str | None) -> ToolLine:
+    rigid = build(robot.rigid(), kernels=RIGID_KERNELS)
+    limits = np.array([principal_limits(robot, name) for name in rigid.coordinates])
+    guess = default_motion(robot, duration, rigid.coordinates)
+    return ToolLine(rigid, tool_of(robot, tool), *line, duration, (guess.start + guess.goal) / 2, limits)
+
+
+def _entry(robot: Robot, result: SimulationResult) -> Entry:
+    kernel = build(robot, kernels=(*COUNTED, "reactions"))
+    motion = result.trajectory
+    a = kernel.forward_dynamics(motion.q, motion.v, motion.u)
+    reactions = np.asarray(kernel.reactions(motion.q, motion.v, a))
+    index = actuators(kernel, result.program_coordinates).index
+    deviation = np.linalg.norm(result.tool_deviation, axis=1)
+    model = build_model(robot)
+    path = np.diff(result.program_pose[:, :3, 3], axis=0)
+    return Entry(
+        robot.name,
+        kernel.n,
+        float(sum(robot.link(name).mass for name in model.links)),
+        {name: (kernel.operations[name]["mul"], kernel.operations[name]["add"]) for name in COUNTED},
+        {motion.coordinates[i]: float(np.abs(motion.u[:, i]).max()) for i in index},
+        {name: (_largest(reactions[:, k, :3]), _largest(reactions[:, k, 3:])) for k, name in enumerate(kernel.joints)},
+        result.tool,
+        float(np.linalg.norm(path, axis=1).sum()),
+        (float(deviation.max()), float(deviation[-1])) if result.deviation_coordinates else None,
+    )
+
+
+def _largest(vectors: Array) -> float:
+    return float(np.linalg.norm(vectors, axis=1).max())
+
+
+def _order(label: str) -> int:
+    """Rows that not all robots have stand with those of their kind."""
+    kinds = ("coordinates", "moving mass", *COUNTED, "drive", "support", "tool")
+    return next(place for place, kind in enumerate(kinds) if label.startswith(kind))
+
+
+def _numbers(values: ArrayLike) -> str:
+    return "(" + ", ".join(f"{value:.4g}" for value in np.asarray(values, dtype=np.float64)) + ")"

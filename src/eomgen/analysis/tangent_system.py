@@ -1,0 +1,224 @@
+"""First-order changes of the equations of motion about a state, exact: what modes, responses and deflections need.
+
+With r = M a + bias - Q the residual without drives, J the Jacobian of a frame under the dead wrench w, and g the
+constraint of cut joints,
+
+    r(q, v, a) = u + J^T w + (dg/dq)^T lambda
+
+changes by M da + (dr/dv) dv + K dq with K = dr/dq - d(J^T w)/dq - d((dg/dq)^T lambda)/dq.  All parts are derivatives
+in closed form; the last two are the geometric stiffness.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import ArrayError, InputError, SingularError
+from ..pipeline.stages import build
+from ..progress import StageReport
+from ..robot.model import build_model
+from ..robot.value import Robot
+from ..runtime.kernel import Kernel
+from ..state.vectors import RANK
+from .holding import Hold
+
+Array = NDArray[np.float64]
+Loads = Mapping[str, ArrayLike]
+
+KERNELS = ("inverse_dynamics", "residual_jacobian", "kinematics")
+LOOP_KERNELS = ("mass_matrix", "constraint", "constraint_jacobian", "constraint_bias", "cut_poses")
+
+
+def kernel_of(
+    robot: Robot,
+    kernel: Kernel | None = None,
+    parameters: Mapping[str, float] | None = None,
+    progress: StageReport | None = None,
+) -> Kernel:
+    """The kernel of an analysis: the one given, or one that is built, with these parameters.
+
+    Raises:
+        InputError: the kernel is of another robot or not float64, or parameters are given beside a kernel.
+    """
+    if kernel is None:
+        names = (*KERNELS, *(LOOP_KERNELS if robot.loops else ()))
+        kernel = build(robot, kernels=names, progress=progress or (lambda _: None))
+        for name, value in (parameters or {}).items():
+            kernel.parameters[name] = value
+        return kernel
+    if parameters:
+        raise InputError("parameters and kernel are both given; allowed: one of them (a kernel has its own parameters)")
+    if kernel.coordinates != build_model(robot).coordinates:
+        raise InputError(f"kernel: {kernel.name} has not the coordinates of {robot.name}; allowed: its own kernel")
+    if kernel.dtype != np.float64:
+        raise InputError(f"kernel: {kernel.name} is {kernel.dtype}; allowed: float64")
+    return kernel
+
+
+def frame_hessian(J: Array) -> Array:
+    """Second derivatives of a frame's motion from its Jacobian, (6, n, n): entry [:, i, j] is dJ_i/dq_j.
+
+    Along the path to a frame coordinate order is the order of the elementary transforms.  What is upstream turns a
+    column as a whole; downstream it moves the point that a rotation's column refers to.  Columns of coordinates
+    off the path are zero.
+    """
+    n = J.shape[1]
+    linear, axes = J[:3].T, J[3:].T
+    order = np.arange(n)
+    first, last = np.minimum.outer(order, order), np.maximum.outer(order, order)
+    result = np.zeros((6, n, n))
+    result[:3] = np.moveaxis(np.cross(axes[first], linear[last]), -1, 0)
+    turned = np.cross(axes[np.newaxis, :], axes[:, np.newaxis])  # [i, j] = w_j x w_i
+    turned[order[:, np.newaxis] <= order] = 0.0
+    result[3:] = np.moveaxis(turned, -1, 0)
+    return result
+
+
+def constraint_hessian(kernel: Kernel, q: Array) -> Array:
+    """Second derivatives of the loops' constraint, (constraints, n, n): its bias is v^T H v, polarised."""
+    n = kernel.n
+    row, column = np.triu_indices(n)
+    unit = np.eye(n)
+    both = kernel.constraint_bias(q, unit[row] + unit[column])
+    single = kernel.constraint_bias(q, unit)
+    half = 0.5 * (both - single[row] - single[column])
+    result = np.empty((both.shape[1], n, n))
+    result[:, row, column] = result[:, column, row] = half.T
+    return result
+
+
+def checked_loads(kernel: Kernel, loads: Loads | None) -> dict[str, Array]:
+    """Dead wrenches by frame, (6,) each, force (N) and moment (N m) at its origin in base axes.
+
+    Raises:
+        UnknownNameError: no frame or link of that name.
+        ArrayError: a wrench that is not six finite numbers.
+    """
+    found = {}
+    for frame, value in (loads or {}).items():
+        kernel._frame(frame)
+        try:
+            wrench = np.array(value, dtype=np.float64)
+        except (TypeError, ValueError):
+            wrench = np.zeros(0)
+        if wrench.shape != (6,) or not np.isfinite(wrench).all():
+            raise ArrayError(f"wrench at {frame}: {value!r}; allowed: six finite numbers, N and N m")
+        found[frame] = wrench
+    return found
+
+
+def load_force(kernel: Kernel, q: Array, loads: Mapping[str, Array]) -> Array:
+    """Generalized forces J^T w of dead wrenches at frames, (n,)."""
+    return sum((kernel.frame_jacobian(q, frame).T @ w for frame, w in loads.items()), np.zeros(kernel.n))
+
+
+@dataclass(frozen=True)
+class Tangent:
+    """Derivatives of the left sides at a state, (n, n) each: by q (with geometric stiffness), v and a."""
+
+    K: Array
+    D: Array
+    M: Array
+
+
+def tangent(
+    kernel: Kernel, q: Array, v: Array, a: Array, loads: Mapping[str, Array], multipliers: Array | None = None
+) -> Tangent:
+    """The derivatives at a state, drives constant."""
+    by_q, by_v, by_a = kernel.residual_jacobian(q, v, a)
+    K = by_q.copy()
+    for frame, w in loads.items():
+        K -= np.einsum("k,kij->ij", w, frame_hessian(kernel.frame_jacobian(q, frame)))
+    if multipliers is not None and multipliers.any():
+        K -= np.einsum("k,kij->ij", multipliers, constraint_hessian(kernel, q))
+    return Tangent(K, by_v, by_a)
+
+
+def moving_basis(kernel: Kernel, q: Array, moving: NDArray[np.bool_]) -> tuple[Array, tuple[int, ...]]:
+    """Changes of all coordinates per change of the independent ones, (n, m), and which those are.
+
+    Without loops all that may move is independent.  With loops the null space of the constraint's Jacobian, in those
+    coordinates that describe it best.
+    """
+    index = np.flatnonzero(moving)
+    if not kernel.loops:
+        return np.eye(kernel.n)[:, index], tuple(int(i) for i in index)
+    J = kernel.constraint_jacobian(q)[:, index]
+    _, S, Vt = np.linalg.svd(J)
+    rank = int((S / max(S.max(initial=0.0), 1e-300) > RANK).sum())
+    null = Vt[rank:].T
+    chosen: list[int] = []
+    rest = null.copy()
+    for _ in range(null.shape[1]):
+        best = int(np.argmax(np.linalg.norm(rest, axis=1)))
+        unit = rest[best] / np.linalg.norm(rest[best])
+        rest = rest - np.outer(rest @ unit, unit)
+        chosen.append(best)
+    chosen.sort()
+    basis = np.zeros((kernel.n, len(chosen)))
+    basis[index] = null @ np.linalg.inv(null[chosen])
+    return basis, tuple(int(index[i]) for i in chosen)
+
+
+@dataclass(frozen=True)
+class LinearSystem:
+    """M e'' + D e' + K e = basis^T f about a state; e the change of m independent coordinates, f generalized forces.
+
+    Attributes:
+        kernel: of the robot.
+        q, v, a: the state, (n,) each.
+        u: drives and held forces there, (n,), N or N m.
+        independent: names of the independent coordinates, m.
+        basis: change of all coordinates per independent one, (n, m).
+        M, D, K: (m, m).
+        notes: lines about what was assumed.
+    """
+
+    kernel: Kernel
+    q: Array
+    v: Array
+    a: Array
+    u: Array
+    independent: tuple[str, ...]
+    basis: Array
+    M: Array
+    D: Array
+    K: Array
+    notes: tuple[str, ...]
+
+    def frame_motion(self, frame: str) -> Array:
+        """Motion of a frame per change of the independent coordinates, (6, m): displacement, rotation; base axes."""
+        return np.asarray(self.kernel.frame_jacobian(self.q, frame) @ self.basis)
+
+
+def reduced(
+    kernel: Kernel,
+    q: Array,
+    v: Array,
+    a: Array,
+    u: Array,
+    found: Tangent,
+    hold: Hold,
+    notes: tuple[str, ...] = (),
+) -> LinearSystem:
+    """The system in independent coordinates, what is locked left out, gains of the drives added.
+
+    Raises:
+        InputError: nothing can move.
+        SingularError: a coordinate moves no inertia.
+    """
+    basis, independent = moving_basis(kernel, q, ~hold.locked)
+    if not independent:
+        raise InputError(f"{kernel.name}: nothing can move; allowed: fewer held coordinates, or drives that are free")
+    names = tuple(kernel.coordinates[i] for i in independent)
+    M, D, K = (basis.T @ part @ basis for part in (found.M, found.D + np.diag(hold.kd), found.K + np.diag(hold.kp)))
+    size = np.sqrt(np.maximum(np.diagonal(M), max(1e-14 * np.diagonal(M).max(), 1e-300)))
+    values, vectors = np.linalg.eigh(M / np.outer(size, size))
+    if values[0] <= 1e-13:
+        worst = names[int(np.argmax(np.abs(vectors[:, 0])))]
+        raise SingularError(f"{kernel.name}: the mass matrix cannot be inverted at {worst}: it moves no inertia there")
+    return LinearSystem(kernel, q, v, a, u, names, basis, M, D, K, (*hold.notes, *notes))

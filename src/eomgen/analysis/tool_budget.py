@@ -1,0 +1,169 @@
+"""What each coordinate of each joint contributes to a tool's deviation over a simulated motion.
+
+To first order the tool moves by J_s s for every deviation s and for every error of a drive, J the Jacobian at the
+program; what that leaves is of second order, and is stated.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..pipeline.stages import build
+from ..robot.coordinates import index_of
+from ..robot.model import build_model, tool_of
+from ..robot.value import Robot
+from ..runtime.kernel import Kernel
+from ..simulation.result import SimulationResult
+from .statics import motion_between
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Row:
+    """One coordinate's part, or the remainder: rms and peak size over time (m or rad), when, and its share.
+
+    The share is the part of the deviation that points along it, integral(c . d) / integral(d . d): shares add up to
+    1, and one that is negative makes the deviation smaller.
+    """
+
+    name: str
+    rms: float
+    peak: float
+    peak_at: float
+    share: float
+
+
+@dataclass(frozen=True)
+class Budget:
+    """The deviation of a frame over time, taken apart.
+
+    Attributes:
+        robot, frame: names.
+        coordinates: names, n: deviations, and drives with their tracking errors.
+        t: times, (T,), s.
+        deviation: displacement (m) and rotation vector (rad) of the frame from its program, (T, 6), base axes.
+        contributions: of every coordinate to first order, (T, n, 6).
+        notes: lines about what was assumed.
+    """
+
+    robot: str
+    frame: str
+    coordinates: tuple[str, ...]
+    t: Array
+    deviation: Array
+    contributions: Array
+    notes: tuple[str, ...]
+
+    @property
+    def remainder(self) -> Array:
+        """The deviation less all contributions, (T, 6): of second order in the coordinates' deviations."""
+        return np.asarray(self.deviation - self.contributions.sum(axis=1))
+
+    def table(self, part: str = "displacement", by: str = "coordinate") -> tuple[Row, ...]:
+        """Rows of all coordinates, or joints, by falling rms, the remainder last.
+
+        Args:
+            part: "displacement" (m) or "rotation" (rad).
+            by: "coordinate" or "joint".
+
+        Raises:
+            InputError: another part, or by something else.
+        """
+        if by not in ("coordinate", "joint"):
+            raise InputError(f"by: {by!r} is unknown; allowed: coordinate, joint")
+        if part not in ("displacement", "rotation"):
+            raise InputError(f"part: {part!r} is unknown; allowed: displacement, rotation")
+        columns = slice(0, 3) if part == "displacement" else slice(3, 6)
+        whole = self.deviation[:, columns]
+        parts = self.joints() if by == "joint" else dict(zip(self.coordinates, self._columns(), strict=True))
+        rows = [self._row(name, values[:, columns], whole) for name, values in parts.items()]
+        rows.sort(key=lambda row: -row.rms)
+        return (*rows, self._row("remainder", self.remainder[:, columns], whole))
+
+    def _columns(self) -> Array:
+        return np.swapaxes(self.contributions, 0, 1)
+
+    def _row(self, name: str, values: Array, whole: Array) -> Row:
+        size = np.linalg.norm(values, axis=1)
+        peak = int(size.argmax())
+        power = float(self._mean((whole * whole).sum(axis=1)))
+        share = float(self._mean((values * whole).sum(axis=1))) / power if power > 0.0 else 0.0
+        rms = float(np.sqrt(self._mean(size**2)))
+        return Row(name, rms, float(size[peak]), float(self.t[peak]), share)
+
+    def _mean(self, values: Array) -> Any:
+        """Over time, by trapezia."""
+        if len(self.t) < 2:
+            return values[0]
+        return (0.5 * (values[1:] + values[:-1]) * np.diff(self.t)).sum() / (self.t[-1] - self.t[0])
+
+    def joints(self) -> dict[str, Array]:
+        """Contributions summed over each joint's coordinates, (T, 6) by joint."""
+        found: dict[str, Array] = {}
+        for name, values in zip(self.coordinates, self._columns(), strict=True):
+            joint = name.rpartition(".")[0]
+            found[joint] = found.get(joint, np.zeros_like(self.deviation)) + values
+        return found
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        tables = {
+            part: {by: [dict(vars(row)) for row in self.table(part, by)] for by in ("coordinate", "joint")}
+            for part in ("displacement", "rotation")
+        }
+        return {"robot": self.robot, "frame": self.frame, "samples": len(self.t), **tables, "notes": list(self.notes)}
+
+    def lines(self, most: int = 15) -> list[str]:
+        """Ranked tables for people, of the ``most`` largest coordinates, then of the joints."""
+        lines = [f"{self.robot}: what {self.frame} is off its program by, to first order in each coordinate"]
+        for part, columns, unit in (("displacement", slice(0, 3), "um"), ("rotation", slice(3, 6), "urad")):
+            size = np.linalg.norm(self.deviation[:, columns], axis=1)
+            rms = float(np.sqrt(self._mean(size**2)))
+            lines += ["", f"{part}: rms {1e6 * rms:.4g} {unit}, peak {1e6 * size.max():.4g} {unit}"]
+            lines.append(
+                f"{'coordinate, joint':<28}{f'rms [{unit}]':>12}{f'peak [{unit}]':>12}{'at [s]':>10}{'share':>9}"
+            )
+            rows = self.table(part)
+            for row in (*rows[:-1][:most], rows[-1], *self.table(part, "joint")[:-1]):
+                numbers = f"{1e6 * row.rms:>12.4g}{1e6 * row.peak:>12.4g}{row.peak_at:>10.3f}{100 * row.share:>8.1f}%"
+                lines.append(f"{row.name:<28}{numbers}")
+        return lines + [f"note: {note}" for note in self.notes]
+
+
+def budget(result: SimulationResult, robot: Robot, *, frame: str | None = None, kernel: Kernel | None = None) -> Budget:
+    """Take the deviation of a frame in a simulation apart.
+
+    Args:
+        result: of ``simulate``.
+        robot: the one that was simulated.
+        frame: frame or link; that of the result if not given.
+        kernel: of the robot, float64, with kinematics; built if not given.
+
+    Raises:
+        InputError: the result is of another robot, or holds values that are not finite.
+        UnknownNameError: no frame or link of that name.
+    """
+    motion = result.trajectory
+    if build_model(robot).coordinates != motion.coordinates:
+        raise InputError(
+            f"result: {result.robot} has not the coordinates of {robot.name}; allowed: the robot simulated"
+        )
+    frame = tool_of(robot, frame or result.tool)
+    kernel = kernel or build(robot, kernels=("kinematics",))
+    program = np.zeros_like(motion.q)
+    program[:, index_of(motion.coordinates, result.program_coordinates)] = result.program_q
+    before, after = (np.asarray(kernel.frame_pose(q, frame)) for q in (program, np.ascontiguousarray(motion.q)))
+    J = np.asarray(kernel.frame_jacobian(program, frame))
+    contributions = np.swapaxes(J * (motion.q - program)[:, np.newaxis, :], 1, 2)
+    notes = []
+    if frame == result.tool and np.abs(before - result.program_pose).max() > 1e-6:
+        notes.append("the program's poses in the result are not those of this robot: its numbers have changed since")
+    notes.append(f"of {', '.join(result.program_coordinates)}: the errors of the drives")
+    deviation = np.array([motion_between(*pair) for pair in zip(before, after, strict=True)])
+    return Budget(robot.name, frame, motion.coordinates, motion.t, deviation, contributions, tuple(notes))

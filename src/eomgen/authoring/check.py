@@ -1,0 +1,93 @@
+"""Files that somebody has written, checked without generating anything; what ``eomgen check`` says of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..description.load import SUFFIXES, load_robot
+from ..errors import DescriptionError, InputError
+from ..forms.structure import faults
+from ..forms.toml_place import locate
+from ..forms.toml_text import parse_toml, read_text
+from ..scenario.load import load_scenario
+from ..sweep.plan import load_plan
+from .schemas import FORMATS
+
+
+@dataclass(frozen=True)
+class Checked:
+    """A file: of which of ``json_schema.FORMATS`` it is, what it has in it, and all that is wrong with it.
+
+    summary: by what it counts, such as links and coordinates; empty where something is wrong.
+    """
+
+    file: str
+    kind: str
+    summary: Mapping[str, float]
+    errors: tuple[InputError, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def lines(self) -> list[str]:
+        """What is printed."""
+        if self.errors:
+            return [str(error) for error in self.errors]
+        counts = ", ".join(f"{value:g} {name}" for name, value in self.summary.items())
+        return [f"{self.file}: ok: {counts}", *(f"{self.file}: note: {note}" for note in self.notes)]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Values that JSON holds."""
+        about = {"file": self.file, "kind": self.kind, "ok": not self.errors, **self.summary}
+        return {**about, "errors": [_facts(error) for error in self.errors], "notes": list(self.notes)}
+
+
+def check_file(path: str | Path) -> Checked:
+    """Read a description (.toml, .urdf, .xml), a scenario or a plan; which of them a .toml file is, its keys say."""
+    name = str(path)
+    kind = "robot"
+    try:
+        if Path(path).suffix not in SUFFIXES:
+            message = f"cannot be checked; allowed: a path that ends in {', '.join(SUFFIXES)}"
+            raise DescriptionError(message, source=name if name.isascii() and name.isprintable() else ascii(name))
+        if Path(path).suffix == ".toml":
+            text = read_text(Path(path), name, ".toml file")
+            values = parse_toml(text, name)
+            kind = kind_of(values)
+            found = faults(FORMATS[kind][0], values, name)
+            for error in found:
+                locate(error, text, values)
+            if found:
+                found.sort(key=lambda error: (error.line or 0, error.column or 0))
+                return Checked(name, kind, {}, tuple(found))
+        return _read(Path(path), name, kind)
+    except InputError as error:
+        return Checked(name, kind, {}, (error,))
+
+
+def kind_of(values: Mapping[str, object]) -> str:
+    """The format, of FORMATS, that has most of the keys; a robot where that does not tell."""
+    return max(FORMATS, key=lambda kind: len(FORMATS[kind][0].keys.keys() & values.keys()))
+
+
+def _read(path: Path, name: str, kind: str) -> Checked:
+    if kind == "scenario":
+        scenario = load_scenario(path)
+        counts = {"s": scenario.duration, "wrenches": len(scenario.wrenches), "payloads": len(scenario.payloads)}
+        return Checked(name, kind, counts)
+    if kind == "plan":
+        plan = load_plan(path)
+        return Checked(name, kind, {"samples": plan.samples, "numbers varied": len(plan.vary)})
+    robot = load_robot(path)
+    coordinates = sum(len(joint.all_coordinates) for joint in robot.joints)
+    return Checked(name, kind, {"links": len(robot.links), "coordinates": coordinates}, (), robot.notes)
+
+
+def _facts(error: InputError) -> dict[str, Any]:
+    """The parts of a message."""
+    if not isinstance(error, DescriptionError):
+        return {"message": str(error)}
+    place = {"file": error.source, "line": error.line, "column": error.column, "place": error.where}
+    return {**place, "message": error.message}

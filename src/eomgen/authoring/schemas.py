@@ -1,0 +1,57 @@
+"""JSON Schemas of our TOML files, made of the forms that the readers use; what ``eomgen schema`` prints.
+
+Draft 7, without references: what editors of TOML (taplo, Even Better TOML, Tombi) complete, explain and check with.
+What a schema refuses the reader refuses, too; not the other way round: that keys go together, that names exist, that
+the joints form a tree, that an inertia is one of a body, are the reader's alone.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from ..description.keys import ROBOT
+from ..errors import InputError
+from ..forms.keys import Json
+from ..forms.tables import Entries, Form
+from ..names import show
+from ..scenario.keys import SCENARIO
+from ..sweep.keys import PLAN
+
+FORMATS: dict[str, tuple[Form, str]] = {
+    "robot": (ROBOT, "Robot description of eomgen, SI units and radians"),
+    "scenario": (SCENARIO, "Scenario of eomgen, SI units and radians"),
+    "plan": (PLAN, "Plan of a sweep of eomgen"),
+}
+_DRAFT = "http://json-schema.org/draft-07/schema#"
+_FOLDER = Path(__file__).parents[1] / "schemas"
+
+
+def schema_of(name: str) -> Json:
+    """The JSON Schema of one of FORMATS.
+
+    Raises:
+        InputError: there is no such format.
+    """
+    if name not in FORMATS:
+        raise InputError(f"there is no format {show(name)}; allowed: {', '.join(FORMATS)}")
+    form, title = FORMATS[name]
+    schema = form.json()
+    if form.refines:  # an URDF may bring in what is needed otherwise
+        inner = {
+            key: {"items": {"required": kind.inner.needed}}
+            for key, kind in form.keys.items()
+            if isinstance(kind, Entries) and isinstance(kind.inner, Form) and kind.inner.refines
+        }
+        schema["anyOf"] = [{"required": ["urdf"]}, {"required": schema.pop("required"), "properties": inner}]
+    return {"$schema": _DRAFT, "title": title, **schema}
+
+
+def schema_text(name: str) -> str:
+    """The schema as JSON, ended by a newline; errors as ``schema_of``."""
+    return json.dumps(schema_of(name), indent=1) + "\n"
+
+
+def schema_path(name: str) -> Path:
+    """The file of the schema in the package, which an editor can be pointed to."""
+    return _FOLDER / f"{name}.schema.json"

@@ -1,0 +1,306 @@
+"""Time a robot's kernels beside a textbook Newton-Euler algorithm in C, compiled with the same compiler and flags.
+
+    stage               input    output
+    build               Robot    Kernel       the generated C, from the cache where it is there
+    compile_yardstick   Model    Yardstick    the textbook algorithms and a stopwatch in C
+    compare             both     error        refused if they differ
+    _measure            both     Row          alternately, in rounds, in one process, the loop in C
+
+Single times move with the machine's load; the ratio of two that took turns moves much less.
+"""
+
+from __future__ import annotations
+
+import re
+import statistics
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError, InternalError
+from ..pipeline.stages import Options, build
+from ..progress import StageReport, no_report
+from ..robot.model import build_model
+from ..robot.value import PRINCIPAL, Robot
+from ..runtime.kernel import Kernel
+from .clock import FRAME, Timed
+from .textbook import Yardstick, compile_yardstick
+
+Array = NDArray[np.float64]
+
+COUNTERPARTS = {
+    "inverse_dynamics": "recursive Newton-Euler",
+    "mass_matrix": "composite bodies",
+    "forward_dynamics": "articulated bodies",
+}
+STATES = 16  # random states that every sample cycles through: enough to defeat a lucky one, all in the first cache
+CALLS = 200  # from Python, of a sample
+TOLERANCE = 1e-9  # greatest relative difference between contenders that are timed
+
+
+@dataclass(frozen=True)
+class Contender:
+    """One way of computing something: its operations, and nanoseconds per call (least and median of the rounds)."""
+
+    name: str
+    operations: Mapping[str, int]
+    least: float
+    median: float
+
+
+@dataclass(frozen=True)
+class Row:
+    """A kernel and, where there is one, its textbook counterpart.
+
+    ``ratio`` is the median over the rounds of counterpart's time by kernel's time, ``ratio_quartiles`` its spread,
+    ``ratio_of_least`` the ratio of the least times.  ``note`` says why a kernel was not timed.
+    """
+
+    kernel: Contender
+    counterpart: Contender | None = None
+    ratio: float | None = None
+    ratio_quartiles: tuple[float, float] | None = None
+    ratio_of_least: float | None = None
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class BenchResult:
+    """What ``bench`` measured: one row per kernel, and what has to be said beside a time.
+
+    ``error`` is the greatest relative difference (max-norm) between a kernel and its counterpart.  ``call`` is the
+    median time of one call of the kernel ``called`` from Python (ns), with ``Kernel.checks`` and without.
+    """
+
+    robot: str
+    coordinates: int
+    compiler: str
+    flags: tuple[str, ...]
+    processor: str
+    rounds: int
+    states: int
+    error: float
+    rows: tuple[Row, ...] = field(default_factory=tuple)
+    called: str = ""
+    call: tuple[float, float] = (0.0, 0.0)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values for JSON; times in ns per call."""
+        return asdict(self)
+
+    def lines(self) -> list[str]:
+        """A table for the terminal: a counterpart stands under its kernel, with the ratio of times."""
+        lines = [
+            f"{self.robot}: {self.coordinates} coordinates; times in ns per call, {self.rounds} rounds in turns over"
+            f" {self.states} states",
+            f"{self.processor}; {self.compiler}; {' '.join(self.flags)}",
+            f"kernel and textbook agree to {self.error:.1e} (relative)",
+            "",
+            f"{'':26}{'mul':>8}{'add':>8}{'div':>6}{'sincos':>8}{'median':>11}{'least':>11}{'ratio':>8}",
+        ]
+        for row in self.rows:
+            lines.append(_line(row.kernel.name, row.kernel, row.note))
+            if row.counterpart is not None:
+                ratio = "" if row.ratio is None else f"{row.ratio:8.2f}"
+                lines.append(_line("  " + row.counterpart.name, row.counterpart, ratio))
+        if self.called:
+            with_checks, without = (ns / 1e3 for ns in self.call)
+            lines += [
+                "",
+                f"{self.called} called from Python with one state: {with_checks:.2f} us, of which looking for NaN and"
+                f" infinity takes {with_checks - without:.2f} us (kernel.checks = False leaves it out)",
+            ]
+        return [line.rstrip() for line in lines]
+
+
+def _line(name: str, contender: Contender, end: str) -> str:
+    counts = contender.operations
+    count = f"{counts['mul']:8d}{counts['add']:8d}{counts['div']:6d}{counts['sincos']:8d}"
+    times = f"{contender.median:11.1f}{contender.least:11.1f}" if contender.median else f"{'-':>11}{'-':>11} "
+    return f"{name:26}{count}{times}{end}"
+
+
+def bench(
+    robot: Robot,
+    *,
+    repeat: int = 100,
+    kernels: Sequence[str] = (),
+    native: bool = False,
+    flags: Sequence[str] = (),
+    progress: StageReport = no_report,
+) -> BenchResult:
+    """Operation counts and time per call of every kernel, beside Newton-Euler in C, alternately in this process.
+
+    Args:
+        robot: from ``load_robot``.
+        repeat: number of rounds; each times every contender of a row once, for at least 0.3 ms.
+        kernels: names as in ``Options``; all of them if empty.
+        native, flags: how both are compiled, see ``Options``.
+        progress: called with a line of text when a stage begins.
+
+    Raises:
+        InputError: repeat is less than 1, or an option is unknown.
+        BuildError: a compilation failed.
+        InternalError: a kernel and its counterpart give different results; nothing is timed then.
+    """
+    if isinstance(repeat, bool) or not isinstance(repeat, int) or repeat < 1:
+        raise InputError(f"repeat: {repeat!r} is not a number of rounds; a whole number from 1 on is allowed")
+    from ..codegen.package.compile import compile_flags, find_compiler
+
+    options = Options(tuple(kernels), native=native, flags=tuple(flags))
+    kernel = build(robot, kernels=options.kernels, native=native, flags=options.flags, progress=progress)
+    used = compile_flags(find_compiler(), native, options.flags)
+    progress("compiling the Newton-Euler algorithm")
+    yardstick = compile_yardstick(build_model(robot), used)
+    inputs = _inputs(robot, kernel)
+    progress("comparing results")
+    error = compare(kernel, yardstick, inputs)
+    rows = []
+    for name in kernel._functions:
+        progress(f"timing {name}")
+        rows.append(_measure(kernel, yardstick, name, inputs, repeat))
+    version = find_compiler().version.splitlines()[0]
+    about = (robot.name, kernel.n, version, used, processor_name(), repeat, STATES, error)
+    names = sorted((row.kernel.name for row in rows if not row.note), key=lambda name: name != "inverse_dynamics")
+    called = names[0] if names else ""
+    call = _call_from_python(kernel, called, inputs, repeat) if called else (0.0, 0.0)
+    return BenchResult(*about, tuple(rows), called, call)
+
+
+def _call_from_python(kernel: Kernel, name: str, inputs: Mapping[str, Array], rounds: int) -> tuple[float, float]:
+    """Median times of a call with one state through ``Kernel``, ns, with its checks and without, in turns."""
+    reads = kernel._functions[name][0]
+    arrays = [np.ascontiguousarray(inputs[label][0]).reshape(kernel._shapes[label]) for label in reads]
+    extra = (0,) if name.startswith("frame_") else ()
+    out, times = np.zeros(kernel._shapes[kernel._functions[name][1]]), np.zeros((rounds, 2))
+    kinds = [kernel.with_parameters(), kernel.with_parameters()]
+    for kind, wanted in zip(kinds, (True, False), strict=True):
+        kind.checks = wanted
+    for turn in times:
+        for i, kind in enumerate(kinds):
+            begin = time.perf_counter_ns()
+            for _ in range(CALLS):
+                kind._run(name, out, arrays, extra)
+            turn[i] = (time.perf_counter_ns() - begin) / CALLS
+    with_checks, without = (float(x) for x in np.median(times, axis=0))
+    return with_checks, without
+
+
+def processor_name() -> str:
+    """What the machine says its processor is."""
+    info = Path("/proc/cpuinfo")
+    if info.exists():
+        found = re.search(r"^model name\s*:\s*(.+)$", info.read_text(encoding="utf-8", errors="replace"), re.MULTILINE)
+        if found:
+            return found.group(1).strip()
+    import platform
+
+    return platform.processor() or platform.machine()
+
+
+def _inputs(robot: Robot, kernel: Kernel) -> dict[str, Array]:
+    """Random states, the same on every run, by the name of the array: shape (STATES, size).
+
+    Principal coordinates over their whole range, deviations and rates small where a spring or damper is stiff, so
+    that its force does not drown the others in the comparison.
+    """
+    rng = np.random.default_rng(1)
+    q, v = [], []
+    for joint in robot.joints:
+        for name, given in joint.coordinates.items():
+            wide = name == PRINCIPAL.get(joint.type) or joint.type == "free"
+            reach = min({"beta": 1.2}.get(name, 3.0) if wide else 0.3, 100.0 / max(given.stiffness or 0.0, 1e-9))
+            rate = min(2.0, 100.0 / max(given.damping or 0.0, 1e-9))
+            q.append(rng.uniform(-reach, reach, STATES))
+            v.append(rng.uniform(-rate, rate, STATES))
+    n = kernel.n
+    return {
+        "q": np.ascontiguousarray(np.transpose(q)),
+        "v": np.ascontiguousarray(np.transpose(v)),
+        "a": rng.uniform(-2.0, 2.0, (STATES, n)),
+        "u": rng.uniform(-20.0, 20.0, (STATES, n)),
+        "wrench": rng.uniform(-20.0, 20.0, (STATES, 6 * len(kernel.links))),
+    }
+
+
+def counterparts(kernel: Kernel) -> tuple[str, ...]:
+    """Kernels beside which there is a textbook's algorithm; articulated bodies know no prescribed coordinate."""
+    known = (name for name in COUNTERPARTS if name in kernel._functions)
+    return tuple(name for name in known if name != "forward_dynamics" or not kernel.prescribed)
+
+
+def compare(kernel: Kernel, yardstick: Yardstick, inputs: Mapping[str, Array]) -> float:
+    """Greatest relative difference (max-norm) between kernels and their counterparts over the states.
+
+    Raises:
+        InternalError: it is more than 1e-9 (forward dynamics: more than 100 condition numbers of round-off, too).
+    """
+    worst = 0.0
+    for name in counterparts(kernel):
+        for state in range(STATES):
+            arrays = [np.ascontiguousarray(inputs[label][state]) for label in kernel._functions[name][0]]
+            shape = (kernel.n, kernel.n) if name == "mass_matrix" else (kernel.n,)
+            ours, textbook = np.zeros(shape), np.zeros(shape)
+            failed = _call(kernel, name, arrays, ours), yardstick.run(name, arrays, textbook)
+            if any(failed):
+                continue  # singular: said in the row
+            error = float(np.max(np.abs(ours - textbook)) / max(np.max(np.abs(textbook)), 1e-300))
+            allowed = TOLERANCE
+            if name == "forward_dynamics":
+                matrix = np.zeros((kernel.n, kernel.n))
+                yardstick.run("mass_matrix", arrays[:1], matrix)
+                allowed = max(allowed, 100.0 * float(np.linalg.cond(matrix)) * float(np.finfo(np.float64).eps))
+            if not error <= allowed:
+                raise InternalError(
+                    f"{kernel.name}: {name} differs from the {COUNTERPARTS[name]} by {error:.1e} (relative, at most"
+                    f" {allowed:.0e} is allowed) in state {state}; nothing was timed"
+                )
+            worst = max(worst, error)
+    return worst
+
+
+def _call(kernel: Kernel, name: str, arrays: Sequence[Array], out: Array) -> int:
+    """Call a kernel for one state through C alone, so that a status comes back instead of an exception."""
+    ffi = kernel._ffi
+    pointers = [ffi.from_buffer("double[]", array) for array in arrays]
+    extra = (0,) if name.startswith("frame_") else ()
+    function = getattr(kernel._lib, f"{kernel.name}_{name}")
+    return int(function(kernel.parameters._setup.pointer, *pointers, *extra, ffi.from_buffer("double[]", out)))
+
+
+def _measure(kernel: Kernel, yardstick: Yardstick, name: str, inputs: Mapping[str, Array], rounds: int) -> Row:
+    """Time a kernel and its counterpart in turns."""
+    reads = kernel._functions[name][0]
+    arrays = [inputs[label] for label in reads]
+    out = np.zeros(int(np.prod(kernel._shapes[kernel._functions[name][1]])))
+    counts = dict(kernel.operations["kinematics" if name.startswith("frame_") else name])
+    names, operations = [name], [counts]
+    ffi, target = kernel._ffi, int(out.ctypes.data)
+    h = int(ffi.cast("intptr_t", kernel.parameters._setup.pointer))
+    code = int(ffi.cast("intptr_t", ffi.addressof(kernel._lib, f"{kernel.name}_{name}")))
+    timed = [Timed(code, h, target)]
+    if name in counterparts(kernel):
+        names.append(COUNTERPARTS[name])
+        timed.append(Timed(yardstick.address(name), 0, target))
+        operations.append(yardstick.operations(name, [np.ascontiguousarray(array[0]) for array in arrays], out))
+    for state in range(STATES):
+        failed = _call(kernel, name, [np.ascontiguousarray(array[state]) for array in arrays], out)
+        if failed:
+            note = f"not timed: no inertia along {kernel.coordinates[failed - 1]} in state {state}"
+            return Row(Contender(name, counts, 0.0, 0.0), note=note)
+    ns = yardstick.stopwatch.time(timed, FRAME if name.startswith("frame_") else len(reads), arrays, rounds)
+    contenders = [
+        Contender(label, count, float(min(column)), statistics.median(column.tolist()))
+        for label, count, column in zip(names, operations, ns.T, strict=True)
+    ]
+    if len(contenders) == 1:
+        return Row(contenders[0])
+    ratios = ns[:, 1] / ns[:, 0]
+    low, middle, high = (float(x) for x in np.quantile(ratios, (0.25, 0.5, 0.75)))
+    ours, textbook = contenders
+    return Row(ours, textbook, middle, (low, high), textbook.least / ours.least)

@@ -1,0 +1,8 @@
+"""The command line: one module per group of commands, each with its own parser.
+
+Uses all rooms; no module of it imports another but ``shared`` and the table of ``entry``.
+"""
+
+from .entry import main
+
+__all__ = ["main"]

@@ -1,0 +1,8 @@
+"""Text -> Robot: TOML, URDF and MJCF, each read into a Draft that is checked once.
+
+Uses robot and forms.
+"""
+
+from .load import builtin_robots, load_robot, robot_from_toml
+
+__all__ = ["builtin_robots", "load_robot", "robot_from_toml"]

@@ -1,0 +1,108 @@
+"""A description while it is read (Draft), and the check that its joints and links form one tree."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import NoReturn
+
+from ..errors import DescriptionError
+from ..names import listed, nearest, show
+from ..robot.geometry import Vector
+from ..robot.value import BASE, Frame, Joint, Link, Loop, Spring
+
+GRAVITY: Vector = (0.0, 0.0, -9.81)
+
+
+@dataclass
+class Draft:
+    """What has been read so far, by name and in the order of the description.
+
+    links holds the root link of an URDF as well; joints has the order in which a parent's children follow each other;
+    inherited names the links and joints that an URDF brought in; place_of gives line and column of a place in an URDF.
+    """
+
+    source: str
+    name: str = ""
+    base: str = BASE
+    gravity: Vector = GRAVITY
+    links: dict[str, Link] = field(default_factory=dict)
+    joints: dict[str, Joint] = field(default_factory=dict)
+    frames: dict[str, Frame] = field(default_factory=dict)
+    loops: dict[str, Loop] = field(default_factory=dict)
+    springs: dict[str, Spring] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    inherited: tuple[str, ...] = ()
+    place_of: Callable[[str], tuple[int, int] | None] = lambda _: None
+
+    def fail(self, where: str, message: str) -> NoReturn:
+        """Raise the DescriptionError of this description."""
+        raise DescriptionError(message, where=where, source=self.source)
+
+    def check_link(self, name: str, where: str) -> None:
+        """DescriptionError unless ``name`` is the base or a link."""
+        if name != self.base and name not in self.links:
+            known = [self.base, *(link for link in self.links if link != self.base)]
+            allowed = "the base or a link: " + listed(known)
+            self.fail(where, f"there is no link {show(name)}{nearest(name, known)} (allowed: {allowed})")
+
+
+def ordered_joints(draft: Draft) -> list[Joint]:
+    """The joints in depth-first order from the base, children in the order of the description.
+
+    Raises:
+        DescriptionError: a link that does not exist, has two parents or none, or is part of a cycle.
+    """
+    carrier = _carriers(draft)
+    children: dict[str, list[Joint]] = {}
+    for joint in draft.joints.values():
+        children.setdefault(joint.parent, []).append(joint)
+    result: list[Joint] = []
+    stack = children.get(draft.base, [])[::-1]
+    while stack:  # a stack, not recursion: chains may be longer than Python's recursion limit
+        joint = stack.pop()
+        result.append(joint)
+        stack += children.get(joint.child, [])[::-1]
+    loose = [name for name in draft.links if name != draft.base and name not in carrier]
+    if loose:
+        draft.fail(
+            f"links.{loose[0]}",
+            f"no joint has this link as its child (there are {len(loose)} such links: "
+            f"{listed(loose)}); allowed: every link but the base {show(draft.base)} is the child of one joint",
+        )
+    if len(result) < len(draft.joints):
+        reached = {joint.name for joint in result}
+        _fail_cycle(draft, carrier, next(joint for name, joint in draft.joints.items() if name not in reached))
+    return result
+
+
+def _carriers(draft: Draft) -> dict[str, Joint]:
+    """The joint that carries each link, by the link's name."""
+    carrier: dict[str, Joint] = {}
+    for joint in draft.joints.values():
+        where = f"joints.{joint.name}"
+        draft.check_link(joint.parent, f"{where}.parent")
+        if joint.child == draft.base:
+            draft.fail(f"{where}.child", f"{show(joint.child)} is the base and is carried by no joint; allowed: a link")
+        draft.check_link(joint.child, f"{where}.child")
+        if joint.child in carrier:
+            other = carrier[joint.child].name
+            draft.fail(
+                f"{where}.child",
+                f"link {show(joint.child)} is already the child of joint {show(other)}; allowed: one parent per link",
+            )
+        carrier[joint.child] = joint
+    return carrier
+
+
+def _fail_cycle(draft: Draft, carrier: dict[str, Joint], joint: Joint) -> NoReturn:
+    seen: dict[str, None] = {}
+    while joint.name not in seen:  # every parent on this way is a carried link, or the base would have been reached
+        seen[joint.name] = None
+        joint = carrier[joint.parent]
+    names = list(seen)
+    cycle = names[names.index(joint.name) :]
+    draft.fail(
+        f"joints.{joint.name}",
+        f"the joints {listed(cycle)} form a cycle; allowed: a tree that grows from the base {show(draft.base)}",
+    )

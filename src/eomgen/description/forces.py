@@ -1,0 +1,98 @@
+"""Forces of one coordinate as a description gives them: which numbers go together, and the reading of their table."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from ..forms.keys import Number
+from ..forms.tables import Table
+from ..names import show
+from ..robot.rules import conflict
+from ..robot.value import Coordinate, Curve, Friction, Motor
+from .keys import COORDINATE
+
+_ROTOR = "role", "friction"  # of the motor's own coordinate; the rest of its table is the transmission's
+
+_NUMBERS = tuple(key for key, kind in COORDINATE.keys.items() if isinstance(kind, Number))
+
+ReadText = Callable[[str], str]  # the text of a file beside the description
+
+
+def read_coordinate(table: Table, old: Coordinate, read_text: ReadText) -> Coordinate:
+    """The coordinate ``old`` with what its table overrides.
+
+    Args:
+        table: of the keys ``robot_keys.COORDINATE``.
+        old: what an URDF says of the coordinate, or Coordinate().
+        read_text: gives the text of the file that a curve names.
+
+    Raises:
+        DescriptionError: a number out of range, a curve that does not rise, or numbers that do not go together.
+    """
+    given: dict[str, object] = {key: table.number(key) for key in _NUMBERS if key in table.values}
+    friction, curve = _friction(table), read_curve(table, read_text)
+    if friction is not None:
+        given["friction"] = friction
+    if curve is not None:
+        given["curve"] = curve
+    role = table.choice("role")
+    if role == "locked" and given:
+        table.fail(f"the coordinate is locked, so that its {', '.join(given)} would do nothing; leave it out", "role")
+    merged = {**vars(old), **given, "prescribed": old.prescribed if role is None else role == "prescribed"}
+    if "clearance" in given and "smoothing" not in given:
+        merged["smoothing"] = None  # that of the new clearance
+    made = Coordinate(**merged)
+    found = conflict(made)
+    if found is not None:
+        key, message = found
+        table.fail(message, key)
+    return made
+
+
+def read_motor(table: Table, read_text: ReadText) -> Motor:
+    """The motor of a table of the keys ``robot_keys.MOTOR_FORM``; ``read_text`` and errors as ``read_coordinate``."""
+    inertia, ratio = table.number("inertia"), table.number("ratio")
+    assert inertia is not None
+    assert ratio is not None
+    if table.choice("role") == "locked":
+        table.fail("a motor cannot be locked; leave its table out, and the drive acts on the joint itself", "role")
+    spring = {key: value for key, value in table.values.items() if key in COORDINATE.keys and key not in _ROTOR}
+    inner = COORDINATE.read(spring, table.where, table.source, table.path)
+    transmission = read_coordinate(inner, Coordinate(), read_text)
+    return Motor(inertia, ratio, transmission, _friction(table), table.text("role") == "prescribed")
+
+
+def _friction(table: Table) -> Friction | None:
+    inner = table.table("friction")
+    if inner is None:
+        return None
+    coulomb = inner.number("coulomb")
+    assert coulomb is not None
+    return Friction(coulomb, **{key: inner.number(key) for key in ("static", "stribeck", "viscous", "smoothing")})
+
+
+def read_curve(table: Table, read_text: ReadText, what: str = "deviation") -> Curve | None:
+    """Points of the key ``curve``: an array, or the path of a CSV file of two columns, ``what`` and force."""
+    if "curve" not in table:
+        return None
+    if not isinstance(table.values["curve"], str):
+        return tuple((x, y) for x, y in table.rows("curve", 2))
+    value: str = table.value("curve")
+    rows: list[list[float]] = []
+    named = False
+    for number, line in enumerate(read_text(value).splitlines(), 1):
+        cells = [cell.strip() for cell in line.split(",")]
+        if line.strip().startswith("#") or not line.strip():
+            continue
+        try:
+            row = [float(cell) for cell in cells]
+        except ValueError:
+            if not rows and not named and len(cells) == 2:
+                named = True  # the columns' names
+                continue
+            row = []
+        if len(row) != 2:
+            table.fail(f"{value}, line {number}: got {show(line)}; allowed: {what},force", "curve")
+        rows.append(row)
+    checked = Table({"curve": rows}, table.where, table.source, table.keys)
+    return tuple((x, y) for x, y in checked.rows("curve", 2))

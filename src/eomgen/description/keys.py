@@ -1,0 +1,209 @@
+"""The keys of robot descriptions: what each takes, its unit, and a line about it."""
+
+from __future__ import annotations
+
+from ..forms.keys import Choice, Either, FileName, Flag, Key, Listed, Name, Number, Numbers, RobotName, Strings, Text
+from ..forms.tables import Entries, Form, Pair, Sub
+from ..names import IDENTIFIER_RULE, ROBOT_RULE
+from ..robot.cuts import CUTS
+from ..robot.inertia_policy import POLICIES
+from ..robot.rules import POINTS
+from ..robot.value import COORDINATES, INERTIA_KEYS, JOINT_TYPES, LINEAR, MOTOR, SMALLEST
+
+ROLES = ("free", "locked", "prescribed")
+_LINKS = "two names, each 'base' or a link"
+_MOMENTS = {
+    **{key: f"moment of inertia about the axis {key[0]}" for key in INERTIA_KEYS[:3]},
+    **{key: f"product of inertia, the entry {key} of the tensor" for key in INERTIA_KEYS[3:]},
+}
+
+
+def vector(about: str, unit: str, needed: str = "") -> Numbers:
+    """Three numbers."""
+    return Numbers(about, unit, needed, count=3)
+
+
+def inertia(needed: str) -> Form:
+    """The six numbers of an inertia tensor; what the first three say where they are missing."""
+    return Form(
+        {key: Number(about, "kg m^2", needed if key in INERTIA_KEYS[:3] else "") for key, about in _MOMENTS.items()}
+    )
+
+
+def _curve(what: str, unit: str) -> Either:
+    return Either(
+        f"measured points [[{what}, force], ...], or a CSV file of two columns; in the place of stiffness",
+        options=(
+            Listed(
+                f"{POINTS[0]} to {POINTS[1]} points, {what} rising",
+                unit,
+                item=Numbers("", count=2),
+                fewest=POINTS[0],
+                most=POINTS[1],
+                rule=f"an array of {POINTS[0]} to {POINTS[1]} points [{what}, force]",
+            ),
+            FileName("path of a CSV file beside this one", suffixes=(".csv",)),
+        ),
+    )
+
+
+FRICTION = Form(
+    {
+        "coulomb": Number("force that resists any motion", "N or N m", "a force in N or N m", minimum=0.0),
+        "static": Number("force from rest, at least coulomb; with stribeck", "N or N m", minimum=0.0),
+        "stribeck": Number(
+            "rate over which static friction falls to coulomb; with static", "m/s or rad/s", minimum=SMALLEST
+        ),
+        "viscous": Number("force per rate", "N s/m or N m s/rad", minimum=0.0),
+        "smoothing": Number(
+            "rate over which friction turns round; default stribeck / 10, or 1e-3", "m/s or rad/s", minimum=SMALLEST
+        ),
+    }
+)
+_LAW: dict[str, Key] = {
+    "stiffness": Number("linear spring", "N/m or N m/rad", minimum=0.0),
+    "damping": Number("linear damper", "N s/m or N m s/rad", minimum=0.0),
+    "armature": Number("inertia of a drive, added to the diagonal of the mass matrix", "kg or kg m^2", minimum=0.0),
+    "preload": Number("constant force; a positive one pushes towards negative values", "N or N m"),
+    "cubic": Number("cubic spring, times the third power of the deviation", "N/m^3 or N m/rad^3", minimum=0.0),
+    "stiffness_negative": Number("in the place of stiffness at negative values", "N/m or N m/rad", minimum=0.0),
+    "clearance": Number("half the gap in which no spring acts; with stiffness", "m or rad", minimum=0.0),
+    "restitution_damping": Number(
+        "multiplies a contact's force by 1 + restitution_damping * rate; with clearance", "s/m or s/rad", minimum=0.0
+    ),
+    "smoothing": Number(
+        "over which a contact sets in; with clearance, default clearance / 20", "m or rad", minimum=SMALLEST
+    ),
+    "friction": Sub("dry friction: coulomb, static, stribeck, viscous, smoothing", inner=FRICTION),
+    "curve": _curve("deviation", "m or rad, N or N m"),
+}
+COORDINATE = Form(
+    {**_LAW, "role": Choice("free (moves), locked (does not), prescribed (its motion is given)", words=ROLES)}
+)
+MOTOR_FORM = Form(
+    {
+        "inertia": Number(
+            "of the rotor about its own axis",
+            "kg m^2",
+            "the rotor's moment of inertia about its own axis in kg m^2, greater than 0",
+            above=0.0,
+        ),
+        "ratio": Number(
+            "turns of the motor per turn of the joint, negative where the sense is reversed; not 0",
+            "1, or rad/m",
+            "the gear's ratio, rad of the motor per rad or m of the joint, not 0",
+        ),
+        **{key: kind for key, kind in _LAW.items() if key != "armature"},
+        "role": Choice("free, or prescribed: a motor that keeps to its angle", words=ROLES),
+    }
+)
+PLACEMENT = Form(
+    {
+        "xyz": vector("origin", "m"),
+        "rpy": vector("roll, pitch, yaw: Rz(yaw) Ry(pitch) Rx(roll)", "rad"),
+    }
+)
+DH = Form(
+    {
+        "a": Number("along x of the parent", "m"),
+        "alpha": Number("about x of the parent", "rad"),
+        "d": Number("along z of the joint", "m"),
+        "theta": Number("about z of the joint", "rad"),
+    }
+)
+LINK = Form(
+    {
+        "name": Name("of the link, unique", needed=IDENTIFIER_RULE),
+        "mass": Number("mass of the body", "kg", "a mass in kg", minimum=0.0),
+        "com": vector("centre of mass in the link's frame; default its origin", "m"),
+        "inertia": Sub(
+            "inertia tensor about the centre of mass, link axes",
+            "kg m^2",
+            inner=inertia("a moment of inertia in kg m^2 about the centre of mass"),
+        ),
+    },
+    refines=True,
+)
+_AXES = {
+    key: f"along {key}" if key in LINEAR else f"about {axis}" for key, axis in zip(COORDINATES, "xyzxyz", strict=True)
+}
+JOINT = Form(
+    {
+        "name": Name("of the joint, unique", needed=IDENTIFIER_RULE),
+        "parent": Text("'base' or the link that carries the joint", needed="'base' or a link"),
+        "child": Text("the link that the joint carries", needed="a link"),
+        "type": Choice(
+            "revolute (principal coordinate gamma), prismatic (z), fixed (none), free (all six)",
+            needed=", ".join(JOINT_TYPES),
+            words=JOINT_TYPES,
+        ),
+        "dh": Sub("modified Denavit-Hartenberg: Rx(alpha) Tx(a) Rz(theta) Tz(d)", "m, rad", inner=DH),
+        "placement": Sub("pose of the joint's frame in the parent link's", "m, rad", inner=PLACEMENT),
+        **{
+            key: Sub(
+                f"coordinate {key}, {axis} of the joint: it moves where this table is, also an empty one",
+                inner=COORDINATE,
+            )
+            for key, axis in _AXES.items()
+        },
+        MOTOR: Sub("a motor behind an elastic gear drives the principal coordinate", inner=MOTOR_FORM),
+        "limits": Numbers("lower and upper limit of the principal coordinate", "m or rad", count=2),
+        "prescribed": Strings("coordinates whose motion is given", words=(*COORDINATES, MOTOR)),
+        "offset": Sub(
+            "constants that are added to the coordinates, whether they move or not",
+            "m, rad",
+            inner=Form({key: Number(axis, "m" if key in LINEAR else "rad") for key, axis in _AXES.items()}),
+        ),
+    },
+    refines=True,
+)
+FRAME = Form(
+    {
+        "name": Name("of the frame, unique", needed=IDENTIFIER_RULE),
+        "link": Text("'base' or the link that it stands on", needed="'base' or a link"),
+        "placement": Sub("pose in the link's frame", "m, rad", inner=PLACEMENT),
+    }
+)
+LOOP = Form(
+    {
+        "name": Name("of the cut joint, unique", needed=IDENTIFIER_RULE),
+        "links": Strings("the two links that it joins, either may be 'base'", needed=_LINKS, count=2, rule=_LINKS),
+        "type": Choice("of the cut joint", needed=", ".join(CUTS), words=tuple(CUTS)),
+        "placements": Pair("the cut joint's frame on both links; default their frames", "m, rad", inner=PLACEMENT),
+    }
+)
+SPRING = Form(
+    {
+        "name": Name("of the spring, unique", needed=IDENTIFIER_RULE),
+        "links": Strings("the two links that it joins, either may be 'base'", needed=_LINKS, count=2, rule=_LINKS),
+        "points": Listed(
+            "its ends in the links' frames; default their origins",
+            "m",
+            item=vector("", ""),
+            fewest=2,
+            most=2,
+            rule="two points, one on each link",
+        ),
+        "free_length": Number("length without force; default 0", "m", minimum=0.0),
+        "stiffness": Number("force per elongation", "N/m", minimum=0.0),
+        "damping": Number("force per rate of the length", "N s/m", minimum=0.0),
+        "tension_only": Flag("true: a cable, which never pushes"),
+        "smoothing": Number("over which a cable's tension sets in; default free_length / 10000", "m", minimum=SMALLEST),
+        "curve": _curve("elongation", "m, N"),
+    }
+)
+ROBOT = Form(
+    {
+        "name": RobotName("of the robot: file, module and C prefix", needed=ROBOT_RULE),
+        "gravity": vector("in the base frame; default [0, 0, -9.81]", "m/s^2"),
+        "urdf": FileName("path of an URDF beside this file; entries refine it by name", suffixes=(".urdf",)),
+        "inertia": Choice("what to do with an inertia that no body can have; default error", words=POLICIES),
+        "tunable": Strings("names of numbers that stay run-time parameters; * stands for one component"),
+        "links": Entries("rigid bodies", inner=LINK),
+        "joints": Entries("joints with one to six coordinates", inner=JOINT),
+        "frames": Entries("points whose pose and Jacobian can be asked for", inner=FRAME),
+        "loops": Entries("joints that are cut, so that the rest is a tree", inner=LOOP),
+        "springs": Entries("springs, dampers and cables between points of two links", inner=SPRING),
+    },
+    refines=True,
+)

@@ -1,0 +1,332 @@
+"""A robot description in, a validated, immutable Robot out.
+
+    source -> text -> Draft (TOML, URDF, an URDF refined by TOML, or MJCF) -> inertia policy -> tree order -> Robot
+
+TOML syntax and keys: docs and the built-in robots in ``robots/``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from ..errors import DescriptionError
+from ..forms.tables import Table
+from ..forms.toml_place import located
+from ..forms.toml_text import parse_toml, read_text
+from ..names import nearest, show, show_path
+from ..robot.geometry import ZERO
+from ..robot.inertia_policy import apply_inertia_policy
+from ..robot.parameter_names import expand_tunable
+from ..robot.rules import motor_conflict
+from ..robot.value import (
+    BASE,
+    COORDINATES,
+    INERTIA_KEYS,
+    MOTOR,
+    PRINCIPAL,
+    Coordinate,
+    Frame,
+    Joint,
+    Link,
+    Motor,
+    Placement,
+    Robot,
+)
+from .draft import Draft, ordered_joints
+from .forces import read_coordinate, read_motor
+from .keys import ROBOT
+from .loops import check_loops, read_loop, read_placement
+from .springs import check_springs, read_spring
+
+SUFFIXES = (".toml", ".urdf", ".xml", ".mjcf")
+_BUILTIN = Path(__file__).parents[1] / "robots"
+
+_WORLD = (BASE, "world")  # what the ground may be called when the root link of an URDF is put on a joint
+
+
+def builtin_robots() -> tuple[str, ...]:
+    """Names of the built-in robots, sorted."""
+    return tuple(sorted(path.stem for path in _BUILTIN.glob("*.toml")))
+
+
+def load_robot(source: str | Path, *, inertia: str | None = None, urdf_damping: bool = False) -> Robot:
+    """Read a robot.
+
+    Args:
+        source: name of a built-in robot, or path of a ``.toml``, ``.urdf`` or ``.xml`` file (``.xml``: MJCF, or URDF,
+            whatever its root element says).
+        inertia: what to do with a link whose inertia no body can have: "error", "warn" (take it as it is) or "project"
+            (take the nearest possible body).  None: what the description says, or "error".
+        urdf_damping: read ``<dynamics damping>`` of an URDF; otherwise a note says that it is left out.
+
+    Returns:
+        The robot in SI units; ``notes`` says what was changed or left out.
+
+    Raises:
+        DescriptionError: with the file, the place, what came and what is allowed.
+    """
+    if isinstance(source, str) and source in builtin_robots():
+        return robot_from_toml(read_text(_BUILTIN / f"{source}.toml", source), source=source, inertia=inertia)
+    if not isinstance(source, (str, Path)):
+        raise DescriptionError(f"a robot cannot be loaded from {type(source).__name__}; allowed: a name or a path")
+    path = Path(source)
+    if path.suffix not in SUFFIXES:
+        known, name = builtin_robots(), str(source)
+        allowed = f"a path that ends in {', '.join(SUFFIXES)}, or one of {', '.join(known)}"
+        raise DescriptionError(f"there is no robot {show_path(name)}{nearest(name, known)} (allowed: {allowed})")
+    text = read_text(path, str(path))
+    if path.suffix in (".xml", ".mjcf"):
+        from .mjcf.read import root_tag
+
+        if path.suffix == ".mjcf" or root_tag(text) != "robot":
+            return robot_from_mjcf(text, source=str(path), inertia=inertia)
+    if path.suffix != ".toml":
+        return robot_from_urdf(text, source=str(path), inertia=inertia, urdf_damping=urdf_damping)
+    return robot_from_toml(text, source=str(path), folder=path.parent, inertia=inertia, urdf_damping=urdf_damping)
+
+
+def robot_from_urdf(text: str, *, source: str = "", inertia: str | None = None, urdf_damping: bool = False) -> Robot:
+    """The robot that an URDF text describes; arguments and errors as load_robot."""
+    from .urdf import draft_from_urdf
+
+    return _finish_xml(draft_from_urdf(text, source, damping=urdf_damping), inertia)
+
+
+def robot_from_mjcf(text: str, *, source: str = "", inertia: str | None = None) -> Robot:
+    """The robot that a MJCF text describes; arguments and errors as load_robot."""
+    from .mjcf.read import draft_from_mjcf
+
+    return _finish_xml(draft_from_mjcf(text, source), inertia)
+
+
+def _finish_xml(draft: Draft, inertia: str | None) -> Robot:
+    try:
+        return _finish(draft, inertia or "error", [])
+    except DescriptionError as error:
+        error.line, error.column = draft.place_of(error.where) or (None, None)
+        raise
+
+
+def robot_from_toml(
+    text: str,
+    *,
+    source: str = "",
+    folder: Path | None = None,
+    inertia: str | None = None,
+    urdf_damping: bool = False,
+) -> Robot:
+    """The robot that a TOML text describes; ``folder`` is where its ``urdf`` is looked for, the rest as load_robot."""
+    values = parse_toml(text, source)
+    with located(text, values, source):
+        return _robot_from_values(values, source, folder, inertia, urdf_damping)
+
+
+def _robot_from_values(
+    values: dict[str, object], source: str, folder: Path | None, inertia: str | None, urdf_damping: bool
+) -> Robot:
+    top = ROBOT.read(values, "", source, ())
+    draft = _start(top, source, folder, urdf_damping)
+    draft.gravity = top.vector("gravity") or draft.gravity
+    for name, entry in top.entries("links"):
+        draft.links[name] = _link(name, entry, draft)
+    for name, entry in top.entries("joints"):
+        draft.joints[name] = _joint(name, entry, draft, folder)
+    for name, entry in top.entries("frames"):
+        draft.frames[name] = _frame(name, entry)
+    for name, entry in top.entries("loops"):
+        draft.loops[name] = read_loop(name, entry)
+    for name, entry in top.entries("springs"):
+        draft.springs[name] = read_spring(name, entry, _beside(entry, folder))
+    _settle_base(draft)
+    policy = top.choice("inertia") or "error"
+    return _finish(draft, inertia or policy, top.strings("tunable"))
+
+
+def _start(top: Table, source: str, folder: Path | None, urdf_damping: bool) -> Draft:
+    """The draft to fill: that of the URDF, or an empty one; with its name."""
+    draft = Draft(source)
+    urdf = top.text("urdf")
+    if urdf is not None:
+        if folder is None:
+            top.fail(f"got {show(urdf)}; allowed: the path of an .urdf file, relative to this file", "urdf")
+        from .urdf import draft_from_urdf
+
+        path = folder / urdf
+        draft = draft_from_urdf(read_text(path, str(path)), str(path), damping=urdf_damping)
+        draft.source = source
+        draft.inherited = (*draft.links, *draft.joints)
+    else:
+        top.require()
+    draft.name = top.text("name") or draft.name
+    return draft
+
+
+def _hint(name: str, draft: Draft) -> str:
+    """What a new entry was perhaps meant to be: one that refines the URDF."""
+    return f" (the URDF has no {name!r}{nearest(name, draft.inherited)})" if draft.inherited else ""
+
+
+def _link(name: str, entry: Table, draft: Draft) -> Link:
+    """A new link, or one of the URDF with what the entry overrides."""
+    old = draft.links.get(name)
+    if old is None:
+        if name == BASE:
+            entry.fail("the name 'base' is that of the ground; allowed: another name", "name")
+        entry.require(_hint(name, draft))
+    mass, com = entry.number("mass"), entry.vector("com")
+    table = entry.table("inertia")
+    inertia = None
+    if table is not None:
+        xx, yy, zz, xy, xz, yz = (table.number(key) or 0.0 for key in INERTIA_KEYS)
+        inertia = xx, yy, zz, xy, xz, yz
+    start = old or Link(name, 0.0, ZERO, (0.0,) * 6)
+    return Link(
+        name,
+        start.mass if mass is None else mass,
+        start.com if com is None else com,
+        start.inertia if inertia is None else inertia,
+    )
+
+
+def _joint(name: str, entry: Table, draft: Draft, folder: Path | None) -> Joint:
+    """A new joint, or one of the URDF with what the entry overrides and the coordinates it activates."""
+    old = draft.joints.get(name)
+    if old is None:
+        entry.require(_hint(name, draft))
+        old = Joint(name, "", "", "fixed")
+    parent, child = entry.text("parent") or old.parent, entry.text("child") or old.child
+    kind = entry.choice("type") or old.type
+    coordinates = dict(old.coordinates) if kind == old.type else {}
+    for key in COORDINATES if kind == "free" else filter(None, [PRINCIPAL.get(kind)]):
+        coordinates.setdefault(key, Coordinate())
+    for key in COORDINATES:
+        table = entry.table(key)
+        if table is not None:
+            old_one = coordinates.get(key, Coordinate())
+            coordinates[key] = read_coordinate(table, old_one, _beside(table, folder))
+            if table.text("role") == "locked":
+                del coordinates[key]
+    motor = _motor(entry, kind, coordinates, folder)
+    for key in entry.strings("prescribed"):
+        known = COORDINATES if motor is None else (*COORDINATES, MOTOR)
+        if key not in known:
+            entry.fail(f"got {show(key)}{nearest(key, known)}; allowed: {', '.join(known)}", "prescribed")
+        if key in entry and entry.values[key].get("role", "prescribed") != "prescribed":
+            entry.fail(f"{key} is prescribed here and {entry.values[key]['role']} in its own table", "prescribed")
+        if motor is not None and key == MOTOR:
+            motor = replace(motor, prescribed=True)
+        else:
+            coordinates[key] = replace(coordinates.get(key, Coordinate()), prescribed=True)
+    placement = _placement(entry, old.placement)
+    limits, offset = _limits(entry, kind, old), _offset(entry, old)
+    return Joint(name, parent, child, kind, placement, old.axis_turn, coordinates, limits, offset, motor)
+
+
+def _motor(entry: Table, kind: str, coordinates: dict[str, Coordinate], folder: Path | None) -> Motor | None:
+    """The motor behind the joint's principal coordinate."""
+    table = entry.table(MOTOR)
+    if table is None:
+        return None
+    motor = read_motor(table, _beside(table, folder))
+    found = motor_conflict(motor, kind, coordinates)
+    if found is not None:
+        table.fail(found[1], found[0])
+    return motor
+
+
+def _offset(entry: Table, old: Joint) -> tuple[float | None, ...]:
+    table = entry.table("offset")
+    if table is None:
+        return old.offset
+    given = (table.number(key) if key in table else None for key in COORDINATES)
+    return tuple(before if new is None else new for before, new in zip(old.offset, given, strict=True))
+
+
+def _beside(table: Table, folder: Path | None) -> Callable[[str], str]:
+    """Reads the CSV file of a curve, which stands beside the description."""
+
+    def read(name: str) -> str:
+        if folder is None:
+            table.fail(f"got {show(name)}; allowed: the path of a .csv file, relative to this file", "curve")
+        return read_text(folder / name, str(folder / name), "file of deviation,force lines")
+
+    return read
+
+
+def _limits(entry: Table, kind: str, old: Joint) -> tuple[float, float] | None:
+    limits = entry.numbers("limits")
+    if limits is None:
+        return old.limits if kind == old.type else None
+    if kind not in PRINCIPAL:
+        entry.fail(f"a {kind} joint has no principal coordinate; allowed for: {', '.join(PRINCIPAL)}", "limits")
+    if limits[0] > limits[1]:
+        entry.fail(f"got {show(entry.values['limits'])}; allowed: [lower, upper] with lower <= upper", "limits")
+    return limits[0], limits[1]
+
+
+def _placement(entry: Table, old: Placement) -> Placement:
+    dh, placement = entry.table("dh") if "dh" in entry else None, entry.table("placement")
+    if dh is not None and placement is not None:
+        entry.fail("both dh and placement are given; allowed: one of them")
+    if dh is not None:
+        a, alpha, d, theta = (dh.number(key) or 0.0 for key in ("a", "alpha", "d", "theta"))
+        return Placement.from_dh(a, alpha, d, theta)
+    return old if placement is None else read_placement(placement)
+
+
+def _frame(name: str, entry: Table) -> Frame:
+    entry.require()
+    return Frame(name, entry.text("link") or "", _placement(entry, Placement()))
+
+
+def _settle_base(draft: Draft) -> None:
+    """Say what the ground is called where TOML refines an URDF.
+
+    'base' means the URDF's root link.  But if a joint of the TOML carries that root (a floating base, say), the root
+    is a link like others, and that joint's parent, 'base' or 'world', is the ground.
+    """
+    root = draft.base
+    parents = [joint.parent for joint in draft.joints.values() if joint.child == root]
+    if parents and parents[0] in _WORLD and parents[0] not in draft.links:
+        draft.base = parents[0]
+    elif BASE not in draft.links and root != BASE:
+        for name, joint in draft.joints.items():
+            if joint.parent == BASE:
+                draft.joints[name] = Joint(**{**vars(joint), "parent": root})
+        for name, frame in draft.frames.items():
+            if frame.link == BASE:
+                draft.frames[name] = Frame(name, root, frame.placement)
+        for name, loop in draft.loops.items():
+            first, second = (root if link == BASE else link for link in loop.links)
+            draft.loops[name] = replace(loop, links=(first, second))
+        for name, spring in draft.springs.items():
+            first, second = (root if link == BASE else link for link in spring.links)
+            draft.springs[name] = replace(spring, links=(first, second))
+
+
+def _finish(draft: Draft, policy: str, tunable: list[str]) -> Robot:
+    """Draft -> Robot: the checks that need the whole description."""
+    joints = ordered_joints(draft)
+    for frame in draft.frames.values():
+        draft.check_link(frame.link, f"frames.{frame.name}.link")
+    check_loops(draft)
+    check_springs(draft)
+    if not any(joint.coordinates for joint in joints):
+        draft.fail("joints", "no joint has a coordinate, so nothing moves; allowed: at least one joint that moves")
+    links, notes = apply_inertia_policy(list(draft.links.values()), policy, base=draft.base, source=draft.source)
+    bodies = {link.name: link for link in links}
+    robot = Robot(
+        name=draft.name,
+        gravity=draft.gravity,
+        links=tuple(bodies[joint.child] for joint in joints),
+        joints=tuple(joints),
+        frames=tuple(draft.frames.values()),
+        base=draft.base,
+        source=draft.source,
+        notes=(*draft.notes, *notes),
+        loops=tuple(draft.loops.values()),
+        springs=tuple(draft.springs.values()),
+    )
+    return Robot(**{**vars(robot), "tunable": expand_tunable(robot, tunable)})

@@ -1,0 +1,307 @@
+"""Bodies of MJCF with what is in them: links, joints and frames of a Draft."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from eomgen.limits import LARGEST
+from eomgen.names import NAME_LENGTH, listed, nearest, show, to_identifier, unique_identifiers
+from eomgen.robot.geometry import ZERO
+from eomgen.robot.value import COORDINATES, PRINCIPAL, Frame, Joint, Link
+
+from .defaults import Defaults
+from .elements import BODY_KEYS, FRAME_KEYS, GEOM_KEYS, INERTIAL_KEYS, SITE_KEYS, JointReader
+from .geoms import NOTHING, Mass, Rules, bounded, geom_mass, given_mass, together
+from .joints import Group, Moving, groups
+from .values import HERE, Array, Item, Pose, Reading, triple
+
+if TYPE_CHECKING:
+    from xml.etree.ElementTree import Element
+
+_INSIDE = ("inertial", "joint", "freejoint", "geom", "site", "camera", "light", "body", "frame")
+_REFUSED = {
+    "attach": "another model is attached",
+    "replicate": "bodies are replicated",
+    "composite": "bodies are made by a rule",
+    "flexcomp": "a body that deforms is not supported",
+    "plugin": "plugins are not read",
+}
+
+
+class Names:
+    """Identifiers of what the file names, and new ones that clash with none of them."""
+
+    def __init__(self, texts: Sequence[str], reserved: Collection[str] = ()) -> None:
+        kept = unique_identifiers(list(dict.fromkeys([*reserved, *texts])))
+        self._taken = set(kept.values())
+        self._count: dict[str, int] = {}
+        self.of = {text: self.fresh(text) if text in reserved else kept[text] for text in texts}
+
+    def reserve(self, names: Iterable[str]) -> None:
+        """No new identifier is one of these."""
+        self._taken.update(names)
+
+    def fresh(self, text: str) -> str:
+        """The text as an identifier that is not taken."""
+        stem = to_identifier(text)[: NAME_LENGTH - 9]
+        name = stem
+        while name in self._taken:
+            self._count[stem] = self._count.get(stem, 1) + 1
+            name = f"{stem}_{self._count[stem]}"
+        self._taken.add(name)
+        return name
+
+
+@dataclass(frozen=True)
+class Place:
+    """A body: its link, the last link before it that moves by itself, and where it is while joint springs rest."""
+
+    link: str
+    carrier: str
+    world: Pose
+
+
+@dataclass(frozen=True)
+class Site:
+    """A point of a link (m, its frame), with the body that it is on."""
+
+    body: Place
+    xyz: Array
+
+
+@dataclass
+class Bodies:
+    """Reads bodies into the draft.  ``sites`` are those with names, by these."""
+
+    reading: Reading
+    defaults: Defaults
+    rules: Rules
+    flags: Mapping[str, bool]
+    written: dict[str, Element]
+    sites: dict[str, Site] = field(default_factory=dict)
+    notes: dict[str, list[str]] = field(default_factory=dict)
+
+    def note(self, text: str, name: str) -> None:
+        """Remark the same of several things in one line."""
+        self.notes.setdefault(text, []).append(name)
+
+    def read(self, root: Element) -> None:
+        """All bodies, depth first as MuJoCo orders them."""
+        trees = list(root.iterfind("worldbody"))
+        self._name(trees)
+        world = Place(self.reading.draft.base, self.reading.draft.base, HERE)
+        self.joint_reader = JointReader(self.reading, self.defaults, self.flags, self.note)
+        stack: list[tuple[Element, Pose, str | None, Place]] = []
+        for tree in reversed(trees):
+            stack += self._fill(tree, world, None, "worldbody")[::-1]
+        while stack:  # a stack, not recursion: chains may be longer than Python's recursion limit
+            element, frame, childclass, parent = stack.pop()
+            stack += self._body(element, frame, childclass, parent)[::-1]
+        changed = [
+            f"{show(text)} -> {name}"
+            for names in (self.links, self.joints)
+            for text, name in names.of.items()
+            if text != name and "." not in text
+        ]
+        if changed:
+            more = f" and {len(changed) - 8} more" if len(changed) > 8 else ""
+            self.reading.draft.notes.append(f"names turned into identifiers: {', '.join(changed[:8])}{more}")
+        self.reading.draft.notes += [f"{text}: {listed(names)}" for text, names in self.notes.items()]
+
+    def _name(self, trees: Sequence[Element]) -> None:
+        """Identifiers of bodies, joints and sites, before any is made up."""
+        found: dict[str, list[str]] = {}
+        for tag, others in (("body", ()), ("joint", ("freejoint",)), ("site", ())):
+            seen: dict[str, None] = {}
+            for tree in trees:
+                for element in tree.iter():
+                    name = element.get("name") if element.tag in (tag, *others) else None
+                    if not name:
+                        continue
+                    if name in seen or (tag == "body" and name == "world"):
+                        what = "this is MuJoCo's name of the ground" if name == "world" else "the name is taken"
+                        Item(self.reading, element, f"{tag} {show(name)}").fail(f"{what}; allowed: unique names")
+                    seen[name] = None
+            found[tag] = list(seen)
+        self.links = Names(found["body"], {self.reading.draft.base})
+        self.joints = Names(found["joint"])
+        self.site_names = Names(found["site"], set(self.links.of.values()))  # one asks for poses of both by name
+        self.links.reserve(self.site_names.of.values())
+
+    def _contents(
+        self, element: Element, childclass: str | None, where: str
+    ) -> Iterator[tuple[Element, Pose, str | None]]:
+        """What is in a body, with the place and the default class that frames around it give it."""
+        stack = [(child, HERE, childclass) for child in reversed(element)]
+        while stack:
+            child, pose, inherited = stack.pop()
+            if child.tag == "frame":
+                item = Item(self.reading, child, f"{where}, <frame>", FRAME_KEYS)
+                inner = pose @ item.pose()
+                stack += [(found, inner, child.get("childclass") or inherited) for found in reversed(child)]
+            elif child.tag in _INSIDE:
+                yield child, pose, inherited
+            else:
+                item = Item(self.reading, child, where)
+                if child.tag in _REFUSED:
+                    item.fail(f"{_REFUSED[child.tag]} (<{child.tag}>); allowed: bodies that are written out")
+                known = f"{nearest(str(child.tag), _INSIDE)} (allowed: {', '.join(_INSIDE)})"
+                item.fail(f"unknown element <{show(child.tag)[1:-1]}>{known}")
+
+    def _fill(
+        self, element: Element, body: Place, childclass: str | None, where: str
+    ) -> list[tuple[Element, Pose, str | None, Place]]:
+        """Sites of a body into the draft; the bodies in it."""
+        inner = []
+        for child, pose, inherited in self._contents(element, childclass, where):
+            if child.tag == "body":
+                inner.append((child, pose, inherited, body))
+            elif child.tag == "site" and child.get("name"):
+                self._site(child, pose, inherited, body, where)
+            elif child.tag in ("joint", "freejoint") and where == "worldbody":
+                Item(self.reading, child, where).fail(f"<{child.tag}> is in the world; allowed: inside of a body")
+        return inner
+
+    def _site(self, element: Element, frame: Pose, childclass: str | None, body: Place, where: str) -> None:
+        name = element.get("name", "")
+        where = f"site {show(name)}"
+        values = self.defaults.values(element, "site", where, childclass)
+        item = Item(self.reading, element, where, SITE_KEYS, values)
+        pose = frame @ (item.line()[0] if "fromto" in item else item.pose())
+        made = self.site_names.of[name]
+        if made != name:
+            self.note("sites that are called otherwise here", f"{name} -> {made}")
+        self.reading.draft.frames[made] = Frame(made, body.link, pose.placement())
+        self.sites[name] = Site(body, pose.xyz)
+
+    def _body(
+        self, element: Element, frame: Pose, childclass: str | None, parent: Place
+    ) -> list[tuple[Element, Pose, str | None, Place]]:
+        """A body into the draft; the bodies in it."""
+        text = element.get("name", "")
+        link = self.links.of[text] if text else self.links.fresh("body")
+        where = f"body {show(text or link)}"
+        item = Item(self.reading, element, where, BODY_KEYS)
+        self.written[f"links.{link}"] = element
+        if item.number("gravcomp") != 0.0:
+            item.fail(f"gravcomp is {show(item.values['gravcomp'])}: a force that carries it; allowed: 0")
+        if item.flag("mocap"):
+            self.note("mocap bodies stay where they are", text or link)
+        childclass = element.get("childclass") or childclass
+        inside = list(self._contents(element, childclass, where))
+        joints = [
+            self.joint_reader.joint(child, pose, inherited, where)
+            for child, pose, inherited in inside
+            if child.tag in ("joint", "freejoint")
+        ]
+        base = self.reading.draft.base
+        if any(joint.kind == "free" for joint in joints) and (len(joints) > 1 or parent.link != base):
+            item.fail("a free joint is not the only one, or not in a body of the world; allowed: alone, in such a body")
+        place = frame @ item.pose()
+        moves = bool(joints) or parent.carrier != base
+        world = parent.world @ place
+        for joint in joints:
+            world = world @ joint.at_rest
+        body = Place(link, link if joints else parent.carrier, world)
+        self._joints(element, joints, place, parent.link, link)
+        self.reading.draft.links[link] = self._link(link, inside, where, moves)
+        return self._fill(element, body, childclass, where)
+
+    def _joints(self, element: Element, joints: Sequence[Moving], place: Pose, parent: str, link: str) -> None:
+        """The body's joints, with links without mass between them; the last carries the body's link."""
+        before, anchor = place, np.zeros(3)
+        found = list(groups(joints))
+        for group in found:
+            name = self._joint_name(group, link)
+            anchor = group.anchor
+            child = link if group is found[-1] and not anchor.any() else self.links.fresh(f"{link}_{name}")
+            at = Pose(before.rotation, before.point(anchor))
+            self._add(element, _joint(name, parent, child, group, at))
+            if child != link:
+                self.reading.draft.links[child] = Link(child, 0.0, ZERO, (0.0,) * 6)
+            parent, before = child, Pose(HERE.rotation, -anchor)
+        if parent != link or not found:
+            name = self.joints.fresh(f"{link}_frame" if found else f"{link}_fixed")
+            self._add(element, Joint(name, parent, link, "fixed", before.placement()))
+
+    def _add(self, element: Element, joint: Joint) -> None:
+        self.written[f"joints.{joint.name}"] = element
+        self.reading.draft.joints[joint.name] = joint
+
+    def _joint_name(self, group: Group, link: str) -> str:
+        if group.stem:
+            return self.joints.fresh(group.stem)
+        first = group.joints[0]
+        if len(group.joints) == 1:
+            if first.kind in ("ball", "free"):
+                what = "angles alpha, beta, gamma, which are singular at beta = +-pi/2"
+                self.note(f"{first.kind} joints are read with {what}", first.name or link)
+            return self.joints.of[first.name] if first.name else self.joints.fresh(f"{link}_joint")
+        name = self.joints.fresh(f"{link}_joint")
+        for coordinate, joint in group.by_coordinate.items():
+            self.note("joints of one body that became one", f"{joint.name or joint.kind} -> {name}.{coordinate}")
+        return name
+
+    def _link(self, name: str, inside: Sequence[tuple[Element, Pose, str | None]], where: str, moves: bool) -> Link:
+        """Mass and inertia: given, or those of the geoms; what hangs on the world without a joint needs none."""
+        found = [(child, pose) for child, pose, _ in inside if child.tag == "inertial"]
+        if len(found) > 1:
+            Item(self.reading, found[1][0], where).fail("there are two <inertial>; allowed: one")
+        body = NOTHING
+        for child, pose in found:
+            item = Item(self.reading, child, f"{where}, <inertial>", INERTIAL_KEYS)
+            if pose is not HERE:
+                item.fail("it is inside of a <frame>; allowed: in the body itself")
+            body = given_mass(item)
+        wanted = {"auto": not found, "true": True, "false": False}[self.rules.from_geoms]
+        if moves and wanted:
+            parts = [
+                self._geom(child, pose, inherited, where) for child, pose, inherited in inside if child.tag == "geom"
+            ]
+            body = together([part for part in parts if part.mass > 0.0] or [body])
+        if moves:
+            body = bounded(body, self.rules)
+        i = body.inertia
+        xx, yy, zz, xy, xz, yz = i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2]
+        xx, yy, zz, xy, xz, yz = (float(value) + 0.0 for value in (xx, yy, zz, xy, xz, yz))
+        link = Link(name, body.mass, triple(body.com), (xx, yy, zz, xy, xz, yz))
+        for what, value in (("mass", link.mass), ("inertia", float(np.abs(i).max()))):
+            if not value <= LARGEST:
+                self.reading.draft.fail(where, f"its {what} is {value:g}; allowed: up to {LARGEST:g}")
+        return link
+
+    def _geom(self, element: Element, frame: Pose, childclass: str | None, where: str) -> Mass:
+        name = element.get("name")
+        where = f"{where}, geom {show(name)}" if name else f"{where}, <geom>"
+        values = self.defaults.values(element, "geom", where, childclass)
+        return geom_mass(Item(self.reading, element, where, GEOM_KEYS, values), frame, self.rules)
+
+
+def _joint(name: str, parent: str, child: str, group: Group, place: Pose) -> Joint:
+    """A group of the file's joints as one of a Robot."""
+    a, b, c = group.turn
+    moving = group.by_coordinate
+    given = {coordinate: joint.coordinate for coordinate, joint in moving.items()}
+    offset = tuple(moving[key].offset if key in moving else None for key in COORDINATES)
+    principal = PRINCIPAL.get(group.type)
+    limits = moving[principal].limits if principal is not None else None
+    turn = triple(a), triple(b), triple(c)
+    return Joint(name, parent, child, group.type, place.placement(), turn, given, limits, offset)
+
+
+def read_bodies(
+    root: Element,
+    reading: Reading,
+    defaults: Defaults,
+    rules: Rules,
+    flags: Mapping[str, bool],
+    written: dict[str, Element],
+) -> Bodies:
+    """All bodies of the file into the draft; ``written`` gets the element of each link and joint."""
+    made = Bodies(reading, defaults, rules, flags, written)
+    made.read(root)
+    return made

@@ -1,0 +1,70 @@
+"""Default classes of MJCF: what an element inherits by its class, or by the childclass around it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from eomgen.names import listed, nearest, show
+
+from .values import TURNS, Item, Reading
+
+if TYPE_CHECKING:
+    from xml.etree.ElementTree import Element
+
+_TAGS = ("joint", "geom", "site", "tendon", "equality")
+Values = dict[str, str]
+
+
+class Defaults:
+    """All <default> elements of a file; a class has what its parents have, with its own attributes in their place.
+
+    Raises:
+        DescriptionError: a class without a name, or two of one name.
+    """
+
+    def __init__(self, reading: Reading, root: Element) -> None:
+        self._reading = reading
+        self._main = "main"
+        self._classes: dict[str, dict[str, Values]] = {"main": {tag: {} for tag in _TAGS}}
+        for top in root.iterfind("default"):
+            self._read(top)
+
+    def _read(self, top: Element) -> None:
+        name = top.get("class")
+        if name and name != self._main:  # the outermost class may have any name
+            self._classes[name] = self._classes["main"]
+        self._fill(self._classes["main"], top)
+        stack = [(child, self._classes["main"]) for child in reversed(top.findall("default"))]
+        while stack:
+            element, parent = stack.pop()
+            item = Item(self._reading, element, "default", ("class",))
+            name = element.get("class")
+            if not name:
+                item.fail("the attribute class is missing; allowed: a name, for a <default> inside of another")
+            if name in self._classes:
+                item.fail(f"there are two classes {show(name)}; allowed: unique names")
+            made = {tag: dict(values) for tag, values in parent.items()}
+            self._fill(made, element)
+            self._classes[name] = made
+            stack += [(child, made) for child in reversed(element.findall("default"))]
+
+    @staticmethod
+    def _fill(target: dict[str, Values], element: Element) -> None:
+        for child in element:
+            if child.tag in target:
+                target[child.tag] = merged(target[child.tag], child.attrib)
+
+    def values(self, element: Element, tag: str, where: str, childclass: str | None) -> Values:
+        """The attributes of an element with those of its class; ``tag``: under which defaults have them."""
+        name = element.get("class") or childclass or "main"
+        if name not in self._classes:
+            known = list(self._classes)
+            message = f"there is no default class {show(name)}{nearest(name, known)} (allowed: {listed(known)})"
+            Item(self._reading, element, where).fail(message)
+        return merged(self._classes[name][tag], element.attrib)
+
+
+def merged(inherited: Values, own: Values) -> Values:
+    """Attributes with what they inherit; of orientations but quat, the last alone."""
+    gone = TURNS if any(key in own for key in TURNS) else ()
+    return {**{key: value for key, value in inherited.items() if key not in gone}, **own}

@@ -1,0 +1,129 @@
+"""Joints of MJCF one by one, and the attributes that elements of bodies have."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from eomgen.names import show
+from eomgen.robot.value import Coordinate, Friction
+
+from .defaults import Defaults
+from .joints import Moving
+from .values import ORIENTATIONS, Array, Item, Pose, Reading
+
+if TYPE_CHECKING:
+    from xml.etree.ElementTree import Element
+
+_POSE = ("pos", *ORIENTATIONS)
+_SHOWN = ("name", "class", "group", "material", "rgba", "user")
+_SOLVER = ("solref", "solimp", "margin", "gap", "friction", "condim", "priority", "solmix", "contype", "conaffinity")
+BODY_KEYS = ("name", "childclass", *_POSE, "mocap", "gravcomp", "user", "sleep", "simple", "fuse")
+FRAME_KEYS = ("name", "childclass", *_POSE)
+INERTIAL_KEYS = (*_POSE, "mass", "diaginertia", "fullinertia")
+SITE_KEYS = (*_SHOWN, *_POSE, "type", "size", "fromto")
+GEOM_KEYS = (
+    *(*_SHOWN, *_POSE, *_SOLVER, "type", "size", "fromto", "mass", "density", "shellinertia", "mesh", "hfield"),
+    *("fitscale", "fluidshape", "fluidcoef", "adhesion", "surfacevel", "castshadow"),
+)
+JOINT_KEYS = (
+    *("name", "class", "group", "user", "type", "pos", "axis", "ref", "springref", "stiffness", "damping", "armature"),
+    *("frictionloss", "range", "limited", "margin", "springdamper", "springyield", "solreflimit", "solimplimit"),
+    *("solreffriction", "solimpfriction", "actuatorfrcrange", "actuatorfrclimited", "actuatorgravcomp", "align"),
+)
+FREE_KEYS = ("name", "group", "align")
+_FORCES = ("stiffness", "damping", "armature", "frictionloss")
+
+
+@dataclass(frozen=True)
+class JointReader:
+    """Reads <joint> and <freejoint>; ``note`` takes a remark and the name of what it is about."""
+
+    reading: Reading
+    defaults: Defaults
+    flags: Mapping[str, bool]
+    note: Callable[[str, str], None]
+
+    def joint(self, element: Element, frame: Pose, childclass: str | None, body: str) -> Moving:
+        """A joint of a body, in the axes of this; ``frame``: those in which its pos and axis are given."""
+        name = element.get("name", "")
+        where = f"joint {show(name)}" if name else f"{body}, <{element.tag}>"
+        if element.tag == "freejoint":
+            Item(self.reading, element, where, FREE_KEYS)
+            return Moving(name, "free", np.array([0.0, 0.0, 1.0]), np.zeros(3))
+        values = self.defaults.values(element, "joint", where, childclass)
+        item = Item(self.reading, element, where, JOINT_KEYS, values)
+        kind = item.choice("type", ("hinge", "slide", "ball", "free"), "hinge")
+        axis = np.asarray(frame.rotation @ item.direction("axis", (0.0, 0.0, 1.0)))
+        for key in ("springdamper", "springyield"):
+            if any(item.numbers(key, 1, 2)):
+                item.fail(f"{key} is {show(item.values[key])}, which is not supported; allowed: stiffness and damping")
+        anchor = frame.point(item.vector("pos"))
+        if kind in ("ball", "free"):
+            return self._quaternion(item, name, kind, anchor)
+        unit = self.reading.angle if kind == "hinge" else 1.0
+        ref, springref = item.number("ref") * unit, item.number("springref") * unit
+        return Moving(
+            *(name, kind, axis, anchor, self._coordinate(item, springref, name or body)),
+            offset=-ref if ref else None,
+            limits=self._limits(item, unit, name or body),
+            rest=springref - ref,
+        )
+
+    def _quaternion(self, item: Item, name: str, kind: str, anchor: Array) -> Moving:
+        """A ball or free joint: forces on its quaternion are others than those on angles."""
+        for key in _FORCES:
+            if any(item.numbers(key, 1, 3)):
+                message = f"{key} is {show(item.values[key])}, which acts otherwise on the angles of eomgen"
+                way = "<freejoint/>" if kind == "free" else "three hinges about x, y and z"
+                item.fail(f"{message}; allowed: 0 (or {way})")
+        return Moving(name, kind, np.array([0.0, 0.0, 1.0]), np.zeros(3) if kind == "free" else anchor)
+
+    def _coordinate(self, item: Item, springref: float, name: str) -> Coordinate:
+        stiffness, quadratic, cubic = _polynomial(item, "stiffness")
+        damping, *others = _polynomial(item, "damping")
+        if quadratic or any(others):
+            key = "stiffness" if quadratic else "damping"
+            terms = "a linear and a cubic term" if quadratic else "a linear term"
+            item.fail(f"{key} is {show(item.values[key])}; allowed: {terms}")
+        if cubic and springref:
+            item.fail(f"springref is {item.values['springref']} beside a cubic stiffness; allowed: springref 0")
+        armature, friction = item.number("armature", minimum=0.0), item.number("frictionloss", minimum=0.0)
+        if not self.flags["spring"]:
+            stiffness = cubic = 0.0
+        if friction and self.flags["frictionloss"]:
+            self.note("frictionloss is read as dry friction that turns round smoothly", name)
+        return Coordinate(
+            stiffness=stiffness or None,
+            damping=(damping or None) if self.flags["damper"] else None,
+            armature=armature or None,
+            preload=-stiffness * springref or None,
+            cubic=cubic or None,
+            friction=Friction(friction) if friction and self.flags["frictionloss"] else None,
+        )
+
+    def _limits(self, item: Item, unit: float, name: str) -> tuple[float, float] | None:
+        """The range, rad or m; nothing stops at it."""
+        limited = item.choice("limited", ("auto", "true", "false"), "auto")
+        found = item.numbers("range", 2)
+        if not found:
+            return None
+        lower, upper = (value * unit for value in found)
+        if lower > upper or not (math.isfinite(lower) and math.isfinite(upper)):
+            item.fail(f"range is {show(item.values['range'])}; allowed: lower <= upper")
+        if limited != "false":
+            self.note("nothing stops at the limits of joints", name)
+        return lower, upper
+
+
+def _polynomial(item: Item, key: str) -> tuple[float, float, float]:
+    """Coefficients of a force of up to three powers."""
+    found = item.numbers(key, 1, 3)
+    if any(value < 0.0 for value in found):
+        item.fail(f"{key} is {show(item.values[key])}; allowed: numbers that are at least 0")
+    first, second, third = (*found, 0.0, 0.0, 0.0)[:3]
+    return first, second, third

@@ -1,0 +1,195 @@
+"""MJCF in, Draft out: MuJoCo's models of hinges, slides, balls and free joints, with springs, dampers and armature.
+
+A body is a link of its name and frame; its joints become joints of up to six coordinates (``mjcf_joints``).  What acts
+on the motion and has no equal here is refused; contacts, limits and actuators are left out, with notes.
+
+Source: MuJoCo documentation, XML reference and modeling.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from typing import TYPE_CHECKING
+
+from eomgen.errors import DescriptionError
+from eomgen.limits import MOST_ENTRIES
+from eomgen.names import is_robot_name, listed, nearest, show, to_robot_name
+from eomgen.robot.geometry import ZERO
+
+from ..draft import Draft
+from ..xml_text import parse_urdf_text, place_of
+from .bodies import read_bodies
+from .defaults import Defaults
+from .geoms import Rules
+from .tendons import read_tendons
+from .values import Item, Reading, triple
+
+if TYPE_CHECKING:
+    from xml.etree.ElementTree import Element
+
+_IGNORED = ("asset", "contact", "custom", "keyframe", "sensor", "size", "statistic", "visual")
+_READ = ("compiler", "option", "default", "worldbody", "tendon", "equality", "actuator", "deformable", "extension")
+_NO_EFFECT = ("skin",)  # of <deformable>
+_FLAGS = ("gravity", "spring", "damper", "frictionloss")  # of <flag>: those that count here
+_EXPANDED = (
+    "one file without it, as MuJoCo writes it: python -c \"import mujoco; mujoco.mj_saveLastXML('whole.xml',"
+    " mujoco.MjModel.from_xml_path('model.xml'))\""
+)
+
+
+def root_tag(text: str) -> str:
+    """The name of the first element of an XML text, "" where there is none; nothing is parsed."""
+    at = text.find("<")
+    while at >= 0:
+        if text.startswith("<!--", at):
+            at = text.find("-->", at)
+        elif text[at + 1 : at + 2] not in ("!", "?"):
+            rest = text[at + 1 : at + 80].replace("/", " ").replace(">", " ")
+            return (rest.split() or [""])[0]
+        at = text.find("<", at + 1) if at >= 0 else -1
+    return ""
+
+
+def draft_from_mjcf(text: str, source: str) -> Draft:
+    """Read a MJCF model.
+
+    Args:
+        text: the XML.
+        source: the file's name, for messages.
+
+    Raises:
+        DescriptionError: anything that is no model, or that acts on the motion and has no equal here; with the element
+            and its line.
+    """
+    root = parse_urdf_text(text, source, "mujoco")
+    reading = Reading(Draft(source, base="world"), root)
+    written: dict[str, Element] = {}
+    try:
+        _read(root, reading, written)
+    except DescriptionError as error:
+        error.line, error.column = place_of(text, root, reading.at) or (None, None)
+        raise
+    reading.draft.place_of = lambda where: place_of(text, root, written.get(".".join(where.split(".")[:2])))
+    return reading.draft
+
+
+def _read(root: Element, reading: Reading, written: dict[str, Element]) -> None:
+    draft = reading.draft
+    if root.tag != "mujoco":
+        draft.fail("", f"the root element is {show(root.tag)}; allowed: 'mujoco'")
+    _refuse_many(root, reading)
+    for element in root.iter("include"):
+        Item(reading, element, "include").fail(f"includes are not read; allowed: {_EXPANDED}")
+    for child in root:
+        if child.tag not in (*_READ, *_IGNORED):
+            known = (*_READ, *_IGNORED)
+            message = f"unknown element <{show(child.tag)[1:-1]}>{nearest(str(child.tag), known)}"
+            Item(reading, child, "mujoco").fail(f"{message} (allowed: {', '.join(known)})")
+    _name(root, reading)
+    rules = _compiler(root, reading)
+    flags = _option(root, reading)
+    _refuse(root, reading)
+    defaults = Defaults(reading, root)
+    bodies = read_bodies(root, reading, defaults, rules, flags, written)
+    read_tendons(root, reading, defaults, bodies, flags)
+    _remarks(root, reading)
+
+
+def _refuse_many(root: Element, reading: Reading) -> None:
+    seen: Counter[str] = Counter()
+    for element in root.iter():
+        seen[element.tag] += 1
+        if seen[element.tag] > MOST_ENTRIES:
+            count, tag = sum(1 for _ in root.iter(element.tag)), show(element.tag)[1:-1]
+            where = f"{tag} number {seen[element.tag]}"
+            Item(reading, element, where).fail(f"there are {count} <{tag}>; allowed: up to {MOST_ENTRIES}")
+
+
+def _name(root: Element, reading: Reading) -> None:
+    name = root.get("model") or "mujoco_model"
+    reading.draft.name = name if is_robot_name(name) else to_robot_name(name)
+    if reading.draft.name != name:
+        reading.draft.notes.append(f"model {show(name)} is called {reading.draft.name} here")
+
+
+def _compiler(root: Element, reading: Reading) -> Rules:
+    """How angles and inertias are written; a later <compiler> overrides an earlier one."""
+    values: dict[str, str] = {}
+    rules = Rules()
+    for element in root.iterfind("compiler"):
+        values.update(element.attrib)
+        item = Item(reading, element, "compiler", values=values)
+        radian = item.choice("angle", ("degree", "radian"), "degree") == "radian"
+        reading.angle = 1.0 if radian else math.pi / 180.0
+        reading.eulerseq = item.values.get("eulerseq", "xyz")
+        if len(reading.eulerseq) != 3 or set(reading.eulerseq) - set("xyzXYZ"):
+            item.fail(f"eulerseq is {show(reading.eulerseq)}; allowed: three of the letters x y z X Y Z")
+        if item.choice("coordinate", ("local", "global"), "local") == "global":
+            item.fail("coordinate is 'global'; allowed: 'local'")
+        if item.number("settotalmass", -1.0) > 0.0:
+            item.fail("settotalmass is given, which scales all masses; allowed: masses as they are to be")
+        groups = item.numbers("inertiagrouprange", 2) or [0.0, 5.0]
+        rules = Rules(
+            item.choice("inertiafromgeom", ("auto", "true", "false"), "auto"),
+            (int(groups[0]), int(groups[1])),
+            item.number("boundmass", minimum=0.0),
+            item.number("boundinertia", minimum=0.0),
+            item.flag("balanceinertia"),
+        )
+        if item.flag("alignfree"):
+            reading.draft.notes.append("alignfree is left out: frames of free bodies stay as they are written")
+    return rules
+
+
+def _option(root: Element, reading: Reading) -> dict[str, bool]:
+    """Gravity into the draft; what of _FLAGS is on."""
+    on = dict.fromkeys(_FLAGS, True)
+    for element in root.iterfind("option"):
+        item = Item(reading, element, "option")
+        if "gravity" in item:
+            reading.draft.gravity = triple(item.vector("gravity"))
+        for key in ("density", "viscosity"):
+            if item.number(key) != 0.0:
+                message = f"{key} is {item.number(key):g}: forces of a fluid are not supported"
+                item.fail(f"{message}; allowed: 0")
+        for flag in element.iterfind("flag"):
+            inner = Item(reading, flag, "option, <flag>")
+            for key in _FLAGS:
+                on[key] = inner.choice(key, ("enable", "disable"), "enable" if on[key] else "disable") == "enable"
+            if inner.choice("passive", ("enable", "disable"), "enable") == "disable":
+                on["spring"] = on["damper"] = False
+    if not on["gravity"]:
+        reading.draft.gravity = ZERO
+    return on
+
+
+def _refuse(root: Element, reading: Reading) -> None:
+    """What acts on the motion and is not supported, outside of bodies."""
+    for part in root.iterfind("equality"):
+        for element in part:
+            item = Item(reading, element, f"equality {show(element.get('name') or element.tag)}")
+            if item.flag("active", True):
+                item.fail(
+                    f"<{show(element.tag)[1:-1]}> constrains the motion softly, which has no equal here; allowed: "
+                    "without it, or with active='false' (TOML has [[loops]])"
+                )
+    for part in root.iterfind("deformable"):
+        for element in part:
+            if element.tag not in _NO_EFFECT:
+                Item(reading, element, "deformable").fail("a body that deforms is not supported; allowed: without it")
+    for part in root.iterfind("extension"):
+        Item(reading, part, "extension").fail("plugins are not read; allowed: a model without them")
+
+
+def _remarks(root: Element, reading: Reading) -> None:
+    """What is left out on purpose."""
+    names = [
+        element.get("name") or f"<{show(element.tag)[1:-1]}>" for part in root.iterfind("actuator") for element in part
+    ]
+    if names:
+        what = "actuators are left out with their gains, damping and armature (drives are u)"
+        reading.draft.notes.append(f"{what}: {listed(names)}")
+    bodies = [geom for body in root.iter("body") for geom in body.iterfind("geom")]
+    if bodies or root.find("contact") is not None:
+        reading.draft.notes.append("contacts between geoms are left out")

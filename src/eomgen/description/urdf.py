@@ -1,0 +1,270 @@
+"""URDF in, Draft out: a small reader that trusts nothing it reads.
+
+The joint frame is placement . axis_turn, so that its z is the joint's axis; the child link's frame is the URDF's.
+Ignored: visual, collision, transmission and everything else that is neither link nor joint of the robot.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NoReturn
+
+from ..errors import DescriptionError
+from ..limits import LARGEST, MOST_ENTRIES
+from ..names import is_robot_name, listed, nearest, show, to_robot_name, unique_identifiers
+from ..robot.geometry import IDENTITY, ZERO, Matrix, Vector, axis_turn, turn_inertia
+from ..robot.geometry import rotation_from_rpy as rpy_matrix
+from ..robot.value import COORDINATES, PRINCIPAL, Coordinate, Joint, Link, Placement
+from .draft import Draft
+from .xml_text import NUMBER, parse_urdf_text, place_of
+
+if TYPE_CHECKING:
+    from xml.etree.ElementTree import Element
+
+TYPES = {
+    "revolute": "revolute",
+    "continuous": "revolute",
+    "prismatic": "prismatic",
+    "fixed": "fixed",
+    "floating": "free",
+}
+_MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+
+
+def draft_from_urdf(text: str, source: str, *, damping: bool = False) -> Draft:
+    """Read an URDF.
+
+    Args:
+        text: the XML.
+        source: the file's name, for messages.
+        damping: put <dynamics damping> into the principal coordinates; otherwise a note says that it is left out.
+
+    Raises:
+        DescriptionError: anything that is not a robot, with the element and the name it belongs to.
+    """
+    root = parse_urdf_text(text, source)
+    reader = _Reader(source, damping, root)
+    try:
+        draft = reader.read()
+    except DescriptionError as error:
+        error.line, error.column = place_of(text, root, reader.at) or (None, None)
+        raise
+    draft.place_of = lambda where: place_of(text, root, reader.element(where))
+    return draft
+
+
+class _Reader:
+    """One URDF being read; ``where`` of a message is the element's kind and name, ``at`` the element being read."""
+
+    def __init__(self, source: str, damping: bool, root: Element) -> None:
+        self.draft = Draft(source)
+        self.root = self.at = root
+        self.written: dict[str, Element] = {}  # by what messages about the whole robot say: links.NAME
+        self.damping = damping
+        self.damped: list[str] = []
+        self.rubbing: list[str] = []
+        self.mimics: list[str] = []
+
+    def fail(self, where: str, message: str) -> NoReturn:
+        self.draft.fail(where, message)
+
+    def element(self, where: str) -> Element | None:
+        """The element of the link or joint that a message about the whole robot names, as in joints.NAME.child."""
+        return self.written.get(".".join(where.split(".")[:2]))
+
+    def read(self) -> Draft:
+        root = self.root
+        if root.tag != "robot":
+            self.fail("", f"the root element is {show(root.tag)}; allowed: 'robot'")
+        foreign = [child.tag for child in root if "xacro" in str(child.tag)]
+        if foreign:
+            self.fail("robot", f"{show(foreign[0])} is a xacro macro; allowed: an URDF that xacro has expanded")
+        links, joints = self._named(root, "link"), self._named(root, "joint")
+        if not links:
+            self.fail("robot", "there is no <link>; allowed: at least one link and one joint that moves")
+        self._name_robot(root)
+        link_names = self._identifiers("link", list(links))
+        joint_names = self._identifiers("joint", list(joints))
+        for name, element in links.items():
+            self.written[f"links.{link_names[name]}"] = self.at = element
+            self.draft.links[link_names[name]] = self._link(link_names[name], element, f"link {show(name)}")
+        for name in sorted(joints):  # the order in which urdfdom, and so Pinocchio, visits the children of a link
+            self.written[f"joints.{joint_names[name]}"] = self.at = joints[name]
+            joint = self._joint(joint_names[name], joints[name], f"joint {show(name)}", link_names)
+            self.draft.joints[joint.name] = joint
+        self.at = root
+        self.draft.base = self._root()
+        self._remarks()
+        return self.draft
+
+    def _named(self, root: Element, tag: str) -> dict[str, Element]:
+        """The robot's links or joints by their name as written."""
+        found: dict[str, Element] = {}
+        for element in root.iterfind(tag):
+            self.at = element
+            name = element.get("name")
+            if not name:
+                self.fail(f"{tag} number {len(found) + 1}", "the attribute name is missing; allowed: a unique name")
+            if name in found:
+                self.fail(f"{tag} {show(name)}", f"there are two {tag}s of this name; allowed: unique names")
+            if len(found) == MOST_ENTRIES:
+                count = len(root.findall(tag))
+                self.fail(f"{tag} {show(name)}", f"there are {count} {tag}s; allowed: up to {MOST_ENTRIES}")
+            found[name] = element
+        return found
+
+    def _name_robot(self, root: Element) -> None:
+        self.at = root
+        name = root.get("name")
+        if not name:
+            self.fail("robot", "the attribute name is missing; allowed: a name")
+        self.draft.name = name if is_robot_name(name) else to_robot_name(name)
+        if self.draft.name != name:
+            self.draft.notes.append(f"robot {show(name)} is called {self.draft.name} here")
+
+    def _identifiers(self, tag: str, names: list[str]) -> dict[str, str]:
+        result = unique_identifiers(names)
+        changed = [f"{show(name)} -> {new}" for name, new in result.items() if name != new]
+        if changed:
+            more = f" and {len(changed) - 8} more" if len(changed) > 8 else ""
+            self.draft.notes.append(f"{tag} names turned into identifiers: {', '.join(changed[:8])}{more}")
+        return result
+
+    def _link(self, name: str, element: Element, where: str) -> Link:
+        inertial = self._only(element, "inertial", where)
+        if inertial is None:
+            return Link(name, 0.0, ZERO, (0.0,) * 6)
+        where += ", <inertial>"
+        origin = self._origin(inertial, where)
+        mass_element = self._only(inertial, "mass", where)
+        if mass_element is None:
+            self.fail(where, "there is no <mass>; allowed: <mass value='...'/> in kg")
+        mass = self._number(mass_element, "value", f"{where}, <mass>")
+        if mass < 0.0:
+            self.fail(f"{where}, <mass>", f"value is {mass:g}; allowed: a mass of at least 0 kg")
+        moments = self._only(inertial, "inertia", where)
+        if moments is None:
+            return Link(name, mass, origin.xyz, (0.0,) * 6)
+        xx, yy, zz, xy, xz, yz = (self._number(moments, key, f"{where}, <inertia>") for key in _MOMENTS)
+        return Link(name, mass, origin.xyz, turn_inertia((xx, yy, zz, xy, xz, yz), origin.rotation))
+
+    def _joint(self, name: str, element: Element, where: str, links: dict[str, str]) -> Joint:
+        kind = element.get("type", "")
+        if kind not in TYPES:
+            got = f"type is {show(kind)}" if "type" in element.attrib else "the attribute type is missing"
+            self.fail(where, f"{got}; allowed: {', '.join(TYPES)}")
+        parent, child = (links[self._end(element, end, where, links)] for end in ("parent", "child"))
+        turn, coordinates, limits = IDENTITY, {}, None
+        if TYPES[kind] in PRINCIPAL:
+            turn = self._axis(element, where)
+            damping = self._dynamics(element, where, name)
+            coordinates = {PRINCIPAL[TYPES[kind]]: Coordinate(damping=damping)}
+            limits = self._limits(element, where) if kind != "continuous" else None
+        elif kind == "floating":
+            coordinates = {key: Coordinate() for key in COORDINATES}
+        if self._only(element, "mimic", where) is not None:
+            self.mimics.append(name)
+        return Joint(name, parent, child, TYPES[kind], self._origin(element, where), turn, coordinates, limits)
+
+    def _end(self, element: Element, end: str, where: str, links: dict[str, str]) -> str:
+        found = self._only(element, end, where)
+        name = None if found is None else found.get("link")
+        if not name:
+            self.fail(where, f"there is no <{end} link='...'/>; allowed: the name of a link")
+        if name not in links:
+            message = f"there is no link {show(name)}{nearest(name, links)} (allowed: {listed(links)})"
+            self.fail(f"{where}, <{end}>", message)
+        return name
+
+    def _axis(self, element: Element, where: str) -> Matrix:
+        found = self._only(element, "axis", where)
+        axis = (1.0, 0.0, 0.0) if found is None else self._vector(found, "xyz", f"{where}, <axis>", (1.0, 0.0, 0.0))
+        if math.hypot(*axis) < 1e-12:
+            self.fail(f"{where}, <axis>", f"xyz is {show(list(axis))}; allowed: a vector with a direction")
+        return axis_turn(axis)
+
+    def _limits(self, element: Element, where: str) -> tuple[float, float] | None:
+        limit = self._only(element, "limit", where)
+        if limit is None or not {"lower", "upper"} & set(limit.attrib):
+            return None
+        lower, upper = (self._number(limit, key, f"{where}, <limit>", 0.0) for key in ("lower", "upper"))
+        if lower > upper:
+            self.fail(f"{where}, <limit>", f"lower is {lower:g} and upper is {upper:g}; allowed: lower <= upper")
+        return lower, upper
+
+    def _dynamics(self, element: Element, where: str, name: str) -> float | None:
+        dynamics = self._only(element, "dynamics", where)
+        if dynamics is None:
+            return None
+        where += ", <dynamics>"
+        damping, friction = (self._number(dynamics, key, where, 0.0) for key in ("damping", "friction"))
+        if damping < 0.0:
+            self.fail(where, f"damping is {damping:g}; allowed: at least 0")
+        if friction != 0.0:
+            self.rubbing.append(name)
+        if damping == 0.0:
+            return None
+        self.damped.append(name)
+        return damping if self.damping else None
+
+    def _origin(self, element: Element, where: str) -> Placement:
+        origin = self._only(element, "origin", where)
+        if origin is None:
+            return Placement()
+        where += ", <origin>"
+        xyz = self._vector(origin, "xyz", where, ZERO)
+        if "rpy" not in origin.attrib:
+            return Placement(xyz)
+        rpy = self._vector(origin, "rpy", where, ZERO)
+        return Placement(xyz, rpy_matrix(rpy), rpy)
+
+    def _only(self, element: Element, tag: str, where: str) -> Element | None:
+        """The child element of that tag; None if there is none."""
+        found = element.findall(tag)
+        self.at = found[-1] if found else element
+        if len(found) > 1:
+            self.fail(where, f"there are {len(found)} elements <{tag}>; allowed: one")
+        return found[0] if found else None
+
+    def _number(self, element: Element, key: str, where: str, default: float | None = None) -> float:
+        text = element.get(key)
+        if text is None:
+            if default is None:
+                self.fail(where, f"the attribute {key} is missing; allowed: a finite number")
+            return default
+        return self._float(text.strip(), key, where)
+
+    def _vector(self, element: Element, key: str, where: str, default: Vector) -> Vector:
+        text = element.get(key)
+        if text is None:
+            return default
+        parts = text.split()
+        if len(parts) != 3:
+            self.fail(where, f"{key} is {show(text)}; allowed: three numbers")
+        x, y, z = (self._float(part, key, where) for part in parts)
+        return x, y, z
+
+    def _float(self, text: str, key: str, where: str) -> float:
+        value = float(text) if NUMBER.fullmatch(text) else math.nan
+        if not abs(value) <= LARGEST:
+            self.fail(where, f"{key} is {show(text)}; allowed: a finite number of magnitude up to {LARGEST:g}")
+        return value + 0.0  # turns -0.0 into 0.0
+
+    def _root(self) -> str:
+        """The one link without a parent."""
+        children = {joint.child for joint in self.draft.joints.values()}
+        roots = [name for name in self.draft.links if name not in children]
+        if len(roots) != 1:
+            what = f"there are {len(roots)} links without a parent joint: {listed(roots)}"
+            what = what if roots else "every link is the child of a joint, so the joints form a cycle"
+            self.fail("robot", f"{what}; allowed: a tree with one root link")
+        return roots[0]
+
+    def _remarks(self) -> None:
+        notes = self.draft.notes
+        if self.mimics:
+            notes.append(f"mimic joints are read as independent: {listed(self.mimics)}")
+        if self.damped and not self.damping:
+            notes.append(f"<dynamics damping> is left out (urdf_damping=True reads it): {listed(self.damped)}")
+        if self.rubbing:
+            notes.append(f"<dynamics friction> is left out (not supported): {listed(self.rubbing)}")

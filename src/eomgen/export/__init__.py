@@ -1,0 +1,9 @@
+"""Robots for other tools: functional mock-up units, MJCF.
+
+Uses runtime, robot, description, codegen.c, codegen.package and pipeline.
+"""
+
+from .fmu import export_fmu
+from .mujoco import export_mjcf
+
+__all__ = ["export_fmu", "export_mjcf"]

@@ -1,0 +1,196 @@
+"""Functional mock-up units: a robot as a block of other tools' simulations, in C, without Python.
+
+See docs/fmu.md for variables, modes and what is computed how.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import platform
+import sys
+import tempfile
+import uuid
+import zipfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import IO, TYPE_CHECKING
+
+import numpy as np
+
+from eomgen._version import __version__
+from eomgen.errors import InputError
+from eomgen.files import write_atomically
+from eomgen.pipeline.stages import Options, make_source
+from eomgen.progress import StageReport, no_report
+from eomgen.robot.model import build_model
+from eomgen.robot.value import Robot
+
+from ..step import default_step
+
+if TYPE_CHECKING:
+    from .variables import Layout
+
+VERSIONS = (2, 3)
+METHODS = ("rk4", "implicit")
+TANGENTS = ("external_force_tangent", "energy_tangent", "reactions_tangent", "external_reactions_tangent")
+KERNELS = (
+    *("forward_dynamics", "forward_dynamics_jacobian", "external_force", "kinematics", "energy", "reactions"),
+    *("external_reactions", *TANGENTS),
+)
+
+
+def export_fmu(
+    robot: Robot,
+    path: Path | str,
+    version: int = 3,
+    *,
+    method: str = "rk4",
+    step: float | None = None,
+    flags: Sequence[str] = (),
+    progress: StageReport = no_report,
+) -> Path:
+    """Write a functional mock-up unit for model exchange and co-simulation, and return its path.
+
+    It has the binary of this machine and the C sources.
+
+    Args:
+        robot: from ``load_robot``; a tree.
+        path: file to write, usually with the suffix .fmu.
+        version: of the Functional Mock-up Interface, 2 or 3.
+        method: of co-simulation, "rk4" or "implicit", as of ``Kernel.rollout``.
+        step: the greatest step of co-simulation at first, s; by default 1e-3, or what "rk4" needs if that is less.
+        flags: further flags of the compiler, behind those of $CFLAGS; none that give up IEEE arithmetic.
+        progress: called with a line of text when a stage begins.
+
+    Raises:
+        InputError: the robot has loops, an argument is none of these, or the file cannot be written.
+        BuildError: no compiler, or a compiler that fails.
+    """
+    _check(robot, version, method, step)
+    made = default_step(robot, method, progress) if step is None else float(step)
+    options = Options((*KERNELS, *(("rollout",) if method == "implicit" else ())), batches=False)
+    files = _files(robot, options, version, method, made, progress)
+    with tempfile.TemporaryDirectory() as work:
+        progress("compiling the unit")
+        binary, content = _compiled(robot.name, files, version, Path(work), flags)
+    target = Path(path)
+    packed = {**files, binary: content}
+    return write_atomically(target, lambda stream: _pack(packed, stream))
+
+
+def _check(robot: Robot, version: int, method: str, step: float | None) -> None:
+    if version not in VERSIONS or isinstance(version, bool):
+        raise InputError(f"fmi: version {version!r} is unknown; allowed: {', '.join(map(str, VERSIONS))}")
+    if method not in METHODS:
+        raise InputError(f"method: {method!r} is unknown; allowed: {', '.join(METHODS)}")
+    number = isinstance(step, (int, float, np.number)) and not isinstance(step, bool)
+    if step is not None and not (number and 1e-9 <= step < math.inf):
+        raise InputError(f"step: {step!r} is no length of a step; allowed: a finite number of at least 1e-9 s")
+    if robot.loops:
+        names = ", ".join(loop.name for loop in robot.loops)
+        raise InputError(
+            f"{robot.name} has loops ({names}); allowed in a functional mock-up unit: trees, without [[loops]]"
+        )
+
+
+def _files(
+    robot: Robot, options: Options, version: int, method: str, step: float, progress: StageReport
+) -> dict[str, bytes]:
+    """All files of the unit but its binary, by their paths."""
+    from .variables import make_layout
+    from .xml import Unit, build_description, model_description
+
+    model, source = build_model(robot), make_source(robot, options, progress)
+    layout = make_layout(model, step)
+    name, meta = robot.name, json.loads(source.meta)
+    context = {
+        **_numbers(layout),
+        "name": name,
+        "guard": f"EOMGEN_{name.upper()}_H",
+        "version": __version__,
+        "n": model.size,
+        "hoisted": meta["hoisted"],
+        "prescribed": model.prescribed,
+        "method": method,
+    }
+    kinds = {f"unit.{end}": f"fmu_unit.{end}" for end in "hc"} | {
+        f"fmi{version}.{end}": f"fmi{version}.{end}" for end in "hc"
+    }
+    texts = _rendered(kinds, {**context, "token": ""})
+    token = _token([source.header, source.code, *texts.values()])
+    texts = _rendered(kinds, {**context, "token": token})
+    code = {f"{name}.h": source.header, f"{name}.c": source.code}
+    code |= {f"{name}_{key}": text for key, text in texts.items()}
+    unit = Unit(name, token, layout, sorted(file for file in code if file.endswith(".c")))
+    files = {f"sources/{file}": text.encode("ascii") for file, text in code.items()}
+    files["modelDescription.xml"] = model_description(unit, version)
+    if version == 3:
+        files["sources/buildDescription.xml"] = build_description(unit)
+    return files
+
+
+def _numbers(layout: Layout) -> dict[str, object]:
+    return {
+        "at": layout.at,
+        "variables": layout.variables,
+        "frames": layout.frames,
+        "literal": lambda x: repr(float(x)),
+    }
+
+
+def _rendered(templates: Mapping[str, str], context: Mapping[str, object]) -> dict[str, str]:
+    from eomgen.codegen.c.source import environment
+
+    return {key: environment().get_template(f"{name}.jinja").render(context) for key, name in templates.items()}
+
+
+def _token(texts: Sequence[str]) -> str:
+    """A GUID that the same sources have again, and no others."""
+    digest = hashlib.sha256(json.dumps(list(texts)).encode()).digest()
+    return f"{{{uuid.UUID(bytes=digest[:16])}}}"
+
+
+def binary_path(name: str, version: int, system: str, machine: str) -> str:
+    """Where the binary of a platform is in a unit.
+
+    Args:
+        system: "linux", "darwin" or "win32", as ``sys.platform``.
+        machine: "x86_64", "arm64", ..., as ``platform.machine()``.
+    """
+    processor = {"amd64": "x86_64", "arm64": "aarch64"}.get(machine.lower(), machine.lower())
+    ending = {"darwin": "dylib", "win32": "dll"}.get(system, "so")
+    folder = f"{processor}-{'windows' if system == 'win32' else system}"
+    if version == 2 and processor == "x86_64":
+        folder = {"darwin": "darwin64", "win32": "win64"}.get(system, "linux64")
+    return f"binaries/{folder}/{name}.{ending}"
+
+
+def _compiled(
+    name: str, files: Mapping[str, bytes], version: int, work: Path, flags: Sequence[str]
+) -> tuple[str, bytes]:
+    """Path and content of this machine's binary."""
+    from eomgen.codegen.package.compile import WARNINGS, compile_flags, find_compiler, link_shared, run_all
+
+    compiler = find_compiler()
+    for path, content in files.items():
+        if path.startswith("sources/"):
+            (work / Path(path).name).write_bytes(content)
+    include = ("-iquote", str(work), "-DFMI3_OVERRIDE_FUNCTION_PREFIX", "-fPIC", "-fvisibility=hidden")
+    codes = sorted(work.glob("*.c"))
+    objects = [code.with_suffix(".o") for code in codes]
+    compile_c = [*compiler.command, "-c", *WARNINGS, *include, *compile_flags(compiler, False, flags)]
+    run_all([[*compile_c, str(code), "-o", str(made)] for code, made in zip(codes, objects, strict=True)])
+    library = work / "binary"
+    link_shared(compiler, objects, library, flags)
+    return binary_path(name, version, sys.platform, platform.machine()), library.read_bytes()
+
+
+def _pack(files: Mapping[str, bytes], stream: IO[bytes]) -> None:
+    """A ZIP file, the same bytes for the same files."""
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as packed:
+        for path, content in sorted(files.items()):
+            entry = zipfile.ZipInfo(path, (1980, 1, 1, 0, 0, 0))
+            entry.compress_type, entry.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
+            packed.writestr(entry, content)

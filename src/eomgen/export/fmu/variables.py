@@ -1,0 +1,216 @@
+"""Variables of a robot's functional mock-up unit: names, units, start values, and what each depends on.
+
+A variable's value reference is its place in the list: time, parameters, coordinates q, rates v, drives u, wrenches, and
+then what is computed: der(q), accelerations a, poses of frames, reactions of joints, energies.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from eomgen.robot.coordinates import FORCES, unit_of
+from eomgen.robot.model import FIXED_BODY, Model
+from eomgen.robot.value import LINEAR, MOTOR, PRINCIPAL, Robot
+from eomgen.runtime.parameters import DIVISORS, NOT_NEGATIVE, SMALLEST
+
+UNITS: Mapping[str, Mapping[str, int]] = {  # exponents of SI base units, and of rad
+    "1": {},
+    "s": {"s": 1},
+    "m": {"m": 1},
+    "rad": {"rad": 1},
+    "m/s": {"m": 1, "s": -1},
+    "rad/s": {"rad": 1, "s": -1},
+    "m/s2": {"m": 1, "s": -2},
+    "rad/s2": {"rad": 1, "s": -2},
+    "kg": {"kg": 1},
+    "kg.m2": {"kg": 1, "m": 2},
+    "N": {"kg": 1, "m": 1, "s": -2},
+    "N.m": {"kg": 1, "m": 2, "s": -2},
+    "J": {"kg": 1, "m": 2, "s": -2},
+    "N/m": {"kg": 1, "s": -2},
+    "N.m/rad": {"kg": 1, "m": 2, "s": -2, "rad": -1},
+    "N.s/m": {"kg": 1, "s": -1},
+    "N.m.s/rad": {"kg": 1, "m": 2, "s": -1, "rad": -1},
+    "N/m3": {"kg": 1, "m": -2, "s": -2},
+    "N.m/rad3": {"kg": 1, "m": 2, "s": -2, "rad": -3},
+    "s/m": {"s": 1, "m": -1},
+    "s/rad": {"s": 1, "rad": -1},
+    "rad/m": {"rad": 1, "m": -1},
+}
+STEP = "solver.step"
+SHORTEST = 1e-9  # s, of a step
+SMALL = 1e-3  # m or rad, the usual size of a deviation
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A variable of the unit.
+
+    start: its value at first, of what can be set and of states.  nominal: the size of a state.  derivative: the
+    value reference of the state that it is the derivative of.  depends: value references of the states and inputs that
+    it depends on; None for all.
+    """
+
+    name: str
+    causality: str
+    unit: str
+    text: str
+    start: float | None = None
+    minimum: float | None = None
+    nominal: float | None = None
+    derivative: int | None = None
+    depends: tuple[int, ...] | None = None
+
+
+@dataclass(frozen=True)
+class Layout:
+    """All variables; ``at`` has the value references where each kind begins, ``frames`` the frames whose pose is there.
+
+    ``frames`` are their numbers among the model's.
+    """
+
+    variables: tuple[Variable, ...]
+    at: Mapping[str, int]
+    frames: tuple[int, ...]
+
+
+def make_layout(model: Model, step: float) -> Layout:
+    """The variables of a robot's unit; ``step`` is the greatest one of co-simulation, s."""
+    found: list[Variable] = [Variable("time", "independent", "s", "Time")]
+    at: dict[str, int] = {}
+    frames = tuple(i for i, name in enumerate(model.frames) if name != model.robot.base)
+
+    def add(kind: str, variables: Iterator[Variable]) -> None:
+        at[kind] = len(found)
+        found.extend(variables)
+
+    add("parameters", _parameters(model))
+    add("step", iter([Variable(STEP, "parameter", "s", "Greatest step of co-simulation", step, SHORTEST)]))
+    add("q", _states(model, "q", "Coordinate", "", len(found)))
+    add("v", _states(model, "v", "Rate", "/s", len(found)))
+    add("u", _drives(model))
+    add("wrench", _wrenches("wrench", "input", model.links, "on link", "about its centre of mass, base axes", 0.0))
+    add("rates", _rates(model, at))
+    add("a", _accelerations(model, at))
+    add("poses", _poses(model, frames, at["q"]))
+    joints = [body.joint for body in model.bodies]
+    add(
+        "reactions", _wrenches("reaction", "output", joints, "on the child of joint", "at the joint, in its axes", None)
+    )
+    add("energy", _energies(tuple(range(at["q"], at["u"]))))
+    at["end"] = len(found)
+    return Layout(tuple(found), at, frames)
+
+
+def _parameters(model: Model) -> Iterator[Variable]:
+    for name, value in model.parameters.items():
+        key = name.rpartition(".")[2]
+        least = 0.0 if key in NOT_NEGATIVE else SMALLEST if key in DIVISORS else None
+        yield Variable(name, "parameter", parameter_unit(model.robot, name), "Parameter", value, least)
+
+
+def _states(model: Model, kind: str, text: str, per: str, first: int) -> Iterator[Variable]:
+    whole = {*model.principal, *model.motors}
+    for i, name in enumerate(model.coordinates):
+        unit, size = unit_of(name) + per, 1.0 if i in whole or i in model.prescribed else SMALL
+        yield Variable(f"{kind}.{name}", "output", unit, text, 0.0, nominal=size, depends=(first + i,))
+
+
+def _drives(model: Model) -> Iterator[Variable]:
+    for i, name in enumerate(model.coordinates):
+        unit = unit_of(name)
+        if i in model.prescribed:
+            yield Variable(f"u.{name}", "input", f"{unit}/s2", "Given acceleration", 0.0)
+        else:
+            yield Variable(f"u.{name}", "input", "N" if unit == "m" else "N.m", "Drive", 0.0)
+
+
+def _wrenches(
+    kind: str, causality: str, names: Sequence[str], on: str, where: str, start: float | None
+) -> Iterator[Variable]:
+    for name in names:
+        for part in FORCES:
+            what, unit = ("Force", "N") if part.startswith("f") else ("Moment", "N.m")
+            yield Variable(f"{kind}.{name}.{part}", causality, unit, f"{what} {on} {name}, {where}", start)
+
+
+def _rates(model: Model, at: Mapping[str, int]) -> Iterator[Variable]:
+    for i, name in enumerate(model.coordinates):
+        unit = f"{unit_of(name)}/s"
+        yield Variable(f"der(q.{name})", "local", unit, "Rate", derivative=at["q"] + i, depends=(at["v"] + i,))
+
+
+def _accelerations(model: Model, at: Mapping[str, int]) -> Iterator[Variable]:
+    for i, name in enumerate(model.coordinates):
+        given = (at["u"] + i,) if i in model.prescribed else None
+        yield Variable(
+            f"a.{name}", "output", f"{unit_of(name)}/s2", "Acceleration", derivative=at["v"] + i, depends=given
+        )
+
+
+def _poses(model: Model, frames: Sequence[int], first: int) -> Iterator[Variable]:
+    links = {frame.name: frame.link for frame in model.robot.frames}
+    for name in (model.frames[i] for i in frames):
+        depends = tuple(first + i for i in _moving(model, model.body_of[links.get(name, name)]))
+        for axis in LINEAR:
+            yield Variable(f"pose.{name}.{axis}", "output", "m", f"Origin of {name} in the base", depends=depends)
+        for row in "123":
+            for column in "123":
+                text = f"Rotation matrix of {name} in the base, row {row}, column {column}"
+                yield Variable(f"pose.{name}.r{row}{column}", "output", "1", text, depends=depends)
+
+
+def _moving(model: Model, body: int) -> list[int]:
+    """Indices of the coordinates that move a body."""
+    found: list[int] = []
+    while body != FIXED_BODY:
+        found = [*model.bodies[body].indices, *found]
+        body = model.bodies[body].parent
+    return found
+
+
+def _energies(states: tuple[int, ...]) -> Iterator[Variable]:
+    yield Variable("energy.kinetic", "output", "J", "Kinetic energy", depends=states)
+    half = states[: len(states) // 2]
+    yield Variable("energy.potential", "output", "J", "Energy of gravity and springs", depends=half)
+
+
+def parameter_unit(robot: Robot, name: str) -> str:
+    """A name of UNITS: that of a run-time parameter."""
+    parts = name.split(".")
+    if parts[0] == "gravity":
+        return "m/s2"
+    if parts[0] == "links":
+        return {"mass": "kg", "com": "m", "inertia": "kg.m2"}[parts[2]]
+    if parts[0] == "springs":
+        return "m" if parts[2] == "points" else _law_unit(parts[2:], linear=True)
+    if parts[2] == "placement":
+        return "m" if parts[3] == "xyz" else "rad"
+    if parts[2] == "offset":
+        return "m" if parts[3] in LINEAR else "rad"
+    if parts[2] != MOTOR:
+        return _law_unit(parts[3:], linear=parts[2] in LINEAR)
+    linear = PRINCIPAL[robot.joint(parts[1]).type] in LINEAR
+    if parts[3] == "inertia":
+        return "kg.m2"
+    if parts[3] == "ratio":
+        return "rad/m" if linear else "1"
+    return _law_unit(parts[3:], linear=linear and parts[3] != "friction")
+
+
+def _law_unit(key: Sequence[str], *, linear: bool) -> str:
+    """Unit of a number of a force law, by what follows its coordinate in its name."""
+    length, force, rate = ("m", "N", "N.s/m") if linear else ("rad", "N.m", "N.m.s/rad")
+    if key[0] == "friction":
+        return {"coulomb": force, "static": force, "viscous": rate}.get(key[1], f"{length}/s")
+    return {
+        "stiffness": f"{force}/{length}",
+        "stiffness_negative": f"{force}/{length}",
+        "damping": rate,
+        "armature": "kg" if linear else "kg.m2",
+        "preload": force,
+        "cubic": f"{force}/{length}3",
+        "restitution_damping": f"s/{length}",
+        "curve": force,
+    }.get(key[0], length)  # clearance, smoothing, free_length

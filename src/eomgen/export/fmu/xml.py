@@ -1,0 +1,165 @@
+"""Model descriptions and the build description of a functional mock-up unit, by the Functional Mock-up Interface.
+
+Source: Functional Mock-up Interface for Model Exchange and Co-Simulation 2.0.4, Functional Mock-up Interface
+Specification 3.0.1 (fmi-standard.org).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, SubElement
+
+from eomgen._version import __version__
+
+from .variables import UNITS, Layout, Variable
+
+COMMUNICATION_STEP = 0.01  # s, proposed to who simulates
+LOG_CATEGORY = ("logStatusError", "What went wrong")
+
+
+@dataclass(frozen=True)
+class Unit:
+    """What descriptions tell of a unit: its name, which is the model identifier, its token, variables and C sources."""
+
+    name: str
+    token: str
+    layout: Layout
+    sources: Sequence[str]
+
+
+def model_description(unit: Unit, version: int) -> bytes:
+    """modelDescription.xml of version 2 or 3."""
+    return _bytes(_version_2(unit) if version == 2 else _version_3(unit))
+
+
+def build_description(unit: Unit) -> bytes:
+    """sources/buildDescription.xml of version 3."""
+    root = Element("fmiBuildDescription", fmiVersion="3.0")
+    configuration = SubElement(root, "BuildConfiguration", modelIdentifier=unit.name)
+    files = SubElement(configuration, "SourceFileSet", language="C99")
+    for name in unit.sources:
+        SubElement(files, "SourceFile", name=name)
+    text = "functions without the model identifier in front of their names, as shared libraries have them"
+    SubElement(files, "PreprocessorDefinition", name="FMI3_OVERRIDE_FUNCTION_PREFIX", value="1", description=text)
+    SubElement(configuration, "Library", name="m", external="true", description="mathematics of C, where it is apart")
+    return _bytes(root)
+
+
+def _bytes(root: Element) -> bytes:
+    ElementTree.indent(root)
+    text: bytes = ElementTree.tostring(root, encoding="UTF-8", xml_declaration=True)
+    return text + b"\n"
+
+
+def _about(unit: Unit) -> dict[str, str]:
+    return {
+        "modelName": unit.name,
+        "description": f"Equations of motion of the robot {unit.name}",
+        "generationTool": f"eomgen {__version__}",
+        "variableNamingConvention": "flat",
+    }
+
+
+def _version_2(unit: Unit) -> Element:
+    about = {"fmiVersion": "2.0", "guid": unit.token, "numberOfEventIndicators": "0"}
+    root = Element("fmiModelDescription", about | _about(unit))
+    common = {
+        "modelIdentifier": unit.name,
+        "canNotUseMemoryManagementFunctions": "true",
+        "canGetAndSetFMUstate": "true",
+        "canSerializeFMUstate": "true",
+        "providesDirectionalDerivative": "true",
+    }
+    exchange = SubElement(root, "ModelExchange", common, completedIntegratorStepNotNeeded="true")
+    stepping = SubElement(root, "CoSimulation", common, canHandleVariableCommunicationStepSize="true")
+    for interface in (exchange, stepping):
+        files = SubElement(interface, "SourceFiles")
+        for name in unit.sources:
+            SubElement(files, "File", name=name)
+    _common(root, unit.layout.variables)
+    variables = SubElement(root, "ModelVariables")
+    for reference, variable in enumerate(unit.layout.variables):
+        said, numbers = _attributes(reference, variable)
+        if variable.derivative is not None:
+            numbers["derivative"] = str(variable.derivative + 1)
+        SubElement(SubElement(variables, "ScalarVariable", said), "Real", numbers)
+    structure = SubElement(root, "ModelStructure")
+    for kind, references in _structure(unit.layout).items():
+        group = SubElement(structure, kind)
+        for reference in references:
+            found = {} if kind == "InitialUnknowns" else _dependencies(unit.layout, reference, 1)
+            SubElement(group, "Unknown", {"index": str(reference + 1), **found})
+    return root
+
+
+def _version_3(unit: Unit) -> Element:
+    root = Element("fmiModelDescription", {"fmiVersion": "3.0", "instantiationToken": unit.token} | _about(unit))
+    common = {
+        "modelIdentifier": unit.name,
+        "canGetAndSetFMUState": "true",
+        "canSerializeFMUState": "true",
+        "providesDirectionalDerivatives": "true",
+    }
+    SubElement(root, "ModelExchange", common)
+    SubElement(root, "CoSimulation", common, canHandleVariableCommunicationStepSize="true")
+    _common(root, unit.layout.variables)
+    variables = SubElement(root, "ModelVariables")
+    for reference, variable in enumerate(unit.layout.variables):
+        about, numbers = _attributes(reference, variable)
+        if variable.derivative is not None:
+            numbers["derivative"] = str(variable.derivative)
+        SubElement(variables, "Float64", {**about, **numbers})
+    structure = SubElement(root, "ModelStructure")
+    names = {"Outputs": "Output", "Derivatives": "ContinuousStateDerivative", "InitialUnknowns": "InitialUnknown"}
+    for kind, references in _structure(unit.layout).items():
+        for reference in references:
+            found = {} if kind == "InitialUnknowns" else _dependencies(unit.layout, reference, 0)
+            SubElement(structure, names[kind], {"valueReference": str(reference), **found})
+    return root
+
+
+def _common(root: Element, variables: Sequence[Variable]) -> None:
+    """What both versions have between interface types and variables."""
+    used = {variable.unit for variable in variables}
+    units = SubElement(root, "UnitDefinitions")
+    for name, exponents in UNITS.items():
+        if name in used:
+            SubElement(SubElement(units, "Unit", name=name), "BaseUnit", {k: str(n) for k, n in exponents.items()})
+    category, text = LOG_CATEGORY
+    SubElement(SubElement(root, "LogCategories"), "Category", name=category, description=text)
+    SubElement(root, "DefaultExperiment", startTime="0.0", stopTime="1.0", stepSize=repr(COMMUNICATION_STEP))
+
+
+def _attributes(reference: int, variable: Variable) -> tuple[dict[str, str], dict[str, str]]:
+    """What a variable is, and its numbers."""
+    about = {
+        "name": variable.name,
+        "valueReference": str(reference),
+        "description": variable.text,
+        "causality": variable.causality,
+        "variability": "tunable" if variable.causality == "parameter" else "continuous",
+    }
+    if variable.causality in ("output", "local"):
+        about["initial"] = "calculated" if variable.start is None else "exact"
+    elif variable.causality == "parameter":
+        about["initial"] = "exact"
+    given = {"start": variable.start, "min": variable.minimum, "nominal": variable.nominal}
+    numbers = {key: repr(float(value)) for key, value in given.items() if value is not None}
+    return about, {"unit": variable.unit, **numbers}
+
+
+def _structure(layout: Layout) -> Mapping[str, list[int]]:
+    """Value references of outputs, of derivatives of states, and of what is computed at first."""
+    numbered = list(enumerate(layout.variables))
+    derivatives = [i for i, x in numbered if x.derivative is not None]
+    outputs = [i for i, x in numbered if x.causality == "output"]
+    unknown = {i for i in outputs if layout.variables[i].start is None} | set(derivatives)
+    return {"Outputs": outputs, "Derivatives": derivatives, "InitialUnknowns": sorted(unknown)}
+
+
+def _dependencies(layout: Layout, reference: int, first: int) -> dict[str, str]:
+    """States and inputs that a variable depends on, counted from ``first``; nothing where it may be all of them."""
+    depends = layout.variables[reference].depends
+    return {} if depends is None else {"dependencies": " ".join(str(i + first) for i in depends)}

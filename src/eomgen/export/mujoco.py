@@ -1,0 +1,286 @@
+"""A robot as a model of MuJoCo (MJCF).
+
+MuJoCo applies the joints of one body in their order, each about the axes that the ones before it have turned: three
+slides along x, y, z and three hinges about x, y, z are eq. (3).  A motor behind a gear is a rotor of its own on its
+joint's link, of which its armature alone counts, and a tendon whose length is the transmission's deflection.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..description.mjcf.values import about, matrix, triple
+from ..errors import EomgenWarning, InputError
+from ..files import write_atomically
+from ..names import show
+from ..robot.geometry import IDENTITY
+from ..robot.inertia_policy import second_moments
+from ..robot.value import (
+    ANGULAR,
+    COORDINATES,
+    MOTOR,
+    PRINCIPAL,
+    Coordinate,
+    Friction,
+    Joint,
+    Link,
+    Placement,
+    Robot,
+    Spring,
+)
+
+Array = NDArray[np.float64]
+Bodies = Mapping[str, ElementTree.Element]
+INTEGRATORS = ("RK4", "Euler", "implicit", "implicitfast")
+LEAST = 1e-14  # mass (kg) and principal moments (kg m^2) of what has none: MuJoCo takes no less than 1e-15
+_GROUND = "world"  # MuJoCo's name of the base
+
+
+def export_mjcf(
+    robot: Robot, path: str | Path, *, step: float | None = None, integrator: str = "RK4", approximate: bool = False
+) -> Path:
+    """Write a robot as a model of MuJoCo: the same coordinates in the same order and with the same names.
+
+    Drives are motors of the coordinates' names, frames are sites.  Contacts are off; limits are written, but switched
+    off, as nothing stops at them here.  Links without mass and thin rods get ``LEAST`` in its place.
+
+    Args:
+        robot: from ``load_robot``.
+        path: file to write, usually with the suffix .xml.
+        step: of MuJoCo's integrator, s; by default 1e-3, or what "RK4" needs if that is less.
+        integrator: "RK4", "Euler", "implicit" or "implicitfast".
+        approximate: write the robot without what MuJoCo has no equal for, with an ``EomgenWarning`` for each.
+
+    Returns:
+        The path.
+
+    Raises:
+        InputError: MuJoCo has no equal for something, and ``approximate`` is False; an argument is none of these; or
+            the file cannot be written.
+    """
+    from .step import default_step
+
+    _check(robot, integrator, approximate)
+    if step is None:
+        step = 1e-3 if robot.loops else default_step(robot, integrator.lower())
+    text = mjcf(robot, step, integrator, approximate=approximate, actuators=True)
+    for what in left_out(robot):
+        warnings.warn(f"{robot.name}: {what}", EomgenWarning, stacklevel=2)
+    return write_atomically(Path(path), lambda stream: stream.write(text.encode("ascii")))
+
+
+def mjcf(
+    robot: Robot, step: float, integrator: str = "RK4", *, approximate: bool = False, actuators: bool = False
+) -> str:
+    """The robot as MJCF text; ``actuators``: with a motor per coordinate.  Arguments and errors as ``export_mjcf``."""
+    _check(robot, integrator, approximate)
+    if isinstance(step, bool) or not (isinstance(step, (int, float)) and 1e-9 <= step < 1e9):
+        raise InputError(f"step: {step!r} is no length of a step; allowed: a finite number of at least 1e-9 s")
+    root = ElementTree.Element("mujoco", model=robot.name)
+    ElementTree.SubElement(root, "compiler", angle="radian", autolimits="false")
+    values = {"timestep": repr(float(step)), "gravity": _text(robot.gravity), "integrator": integrator}
+    option = ElementTree.SubElement(root, "option", values)
+    ElementTree.SubElement(option, "flag", contact="disable")
+    bodies = {robot.base: ElementTree.SubElement(root, "worldbody")}
+    for joint in robot.joints:
+        bodies[joint.child] = _add_body(bodies[joint.parent], joint, robot.link(joint.child))
+    for frame in robot.frames:
+        ElementTree.SubElement(bodies[frame.link], "site", {"name": frame.name, **_place(frame.placement)})
+    _add_tendons(root, robot, bodies)
+    if actuators:
+        part = ElementTree.SubElement(root, "actuator")
+        for name in (f"{joint.name}.{key}" for joint in robot.joints for key in joint.all_coordinates):
+            ElementTree.SubElement(part, "motor", name=name, joint=name)
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+def _check(robot: Robot, integrator: str, approximate: bool) -> None:
+    """InputError for what cannot be written."""
+    if integrator not in INTEGRATORS:
+        raise InputError(f"integrator: {integrator!r} is unknown; allowed: {', '.join(INTEGRATORS)}")
+    if any(link.name == _GROUND for link in robot.links):
+        raise InputError(f"{robot.name}: the link {_GROUND!r} has MuJoCo's name of the ground; allowed: another name")
+    missing = [] if approximate else left_out(robot)
+    if missing:
+        more = f" (and {len(missing) - 4} more)" if len(missing) > 4 else ""
+        way = "allowed: without, or approximate=True (--approximate), which writes the rest"
+        raise InputError(f"{robot.name}: MuJoCo has no equal for {'; '.join(missing[:4])}{more}; {way}")
+
+
+def left_out(robot: Robot) -> list[str]:
+    """What MuJoCo has no equal for, each with its name and what becomes of it."""
+    found = [f"loops.{loop.name}: left open (MuJoCo's equality constraints are soft)" for loop in robot.loops]
+    for joint in robot.joints:
+        for name, given in joint.coordinates.items():
+            found += [f"joints.{joint.name}.{name}.{what}" for what in _unknown(given)]
+        if joint.motor is not None:
+            where = f"joints.{joint.name}.{MOTOR}"
+            found += [f"{where}.{what}" for what in (*_unknown(joint.motor.transmission), *_unknown(joint.motor.rotor))]
+            if joint.motor.transmission.preload:
+                found.append(f"{where}.preload: left out")
+    for spring in robot.springs:
+        where = f"springs.{spring.name}"
+        if spring.curve is not None:
+            found.append(f"{where}.curve: left out")
+        if spring.tension_only:
+            found.append(f"{where}.smoothing: a tendon gets taut with a kink, in the middle of it")
+            if spring.damping:
+                found.append(f"{where}.damping: left out (it would act on a slack tendon, too)")
+    return found
+
+
+def _unknown(given: Coordinate) -> Iterator[str]:
+    """Numbers of a coordinate's forces that joints and tendons lack."""
+    if given.prescribed:
+        yield "prescribed: free to move"
+    if given.clearance is not None:
+        yield "clearance: a spring without play"
+    if given.stiffness_negative is not None:
+        yield "stiffness_negative: stiffness on both sides"
+    if given.curve is not None:
+        yield "curve: left out"
+    if given.preload and (given.cubic or not given.stiffness):
+        yield "preload: left out (springref shifts a linear spring alone)"
+    if given.friction is not None and (given.friction.coulomb or given.friction.static):
+        yield "friction: frictionloss, a soft constraint, without smoothing and Stribeck part"
+
+
+def _add_body(parent: ElementTree.Element, joint: Joint, link: Link) -> ElementTree.Element:
+    """The link as a body in its own axes, with its joints.
+
+    Offsets of angles that do not move are moved to the front, past the motions before them, whose axes they turn.
+    """
+    turn, behind = np.array(joint.axis_turn), np.eye(3)
+    offset = dict(zip(COORDINATES, (value or 0.0 for value in joint.offset), strict=True))
+    motions = []
+    for name in reversed(COORDINATES):
+        axis = np.eye(3)[COORDINATES.index(name) % 3]
+        if name in joint.coordinates:
+            motions.append((name, turn @ behind.T @ axis))
+        elif name in ANGULAR and offset[name]:
+            behind = about(axis, offset[name]) @ behind
+    outer = np.array(joint.placement.rotation)
+    still = np.array([0.0 if name in joint.coordinates else offset[name] for name in COORDINATES[:3]])
+    placed = Placement(
+        triple(np.array(joint.placement.xyz) + outer @ turn @ still),
+        joint.placement.rotation if np.array_equal(behind, np.eye(3)) else matrix(outer @ turn @ behind @ turn.T),
+    )
+    body = ElementTree.SubElement(parent, "body", {"name": joint.child, **_place(placed)})
+    if joint.coordinates or link.mass > 0.0:
+        ElementTree.SubElement(body, "inertial", _inertial(link))
+    for name, axis in reversed(motions):
+        _add_joint(body, joint, name, axis, offset[name])
+    if joint.motor is not None:
+        rotor = ElementTree.SubElement(body, "body", name=f"{joint.name}.{MOTOR}", pos=_text(link.com))
+        least = {"mass": repr(LEAST), "pos": "0 0 0", "diaginertia": _text([LEAST] * 3)}
+        ElementTree.SubElement(rotor, "inertial", least)
+        name = f"{joint.name}.{MOTOR}"
+        armature = max(joint.motor.inertia - LEAST, 0.0)  # the rest is the body's
+        given = {"name": name, "type": "hinge", "axis": _text(turn[:, 2]), "armature": repr(armature)}
+        ElementTree.SubElement(rotor, "joint", given | _friction(joint.motor.friction))
+    return body
+
+
+def _add_joint(body: ElementTree.Element, joint: Joint, name: str, axis: Array, offset: float) -> None:
+    given = joint.coordinates[name]
+    values = {"name": f"{joint.name}.{name}", "type": "hinge" if name in ANGULAR else "slide", "axis": _text(axis)}
+    values |= _spring_of(given)
+    if given.preload and given.stiffness and not given.cubic:
+        values["springref"] = repr(-given.preload / given.stiffness)
+    if given.armature:
+        values["armature"] = repr(given.armature)
+    if offset:
+        values["ref"] = repr(-offset)
+    if joint.limits is not None and name == PRINCIPAL.get(joint.type):
+        values |= {"range": _text(joint.limits), "limited": "false"}
+    friction = _friction(given.friction)
+    if "damping" in friction:
+        friction["damping"] = repr(float(friction["damping"]) + (given.damping or 0.0))
+    ElementTree.SubElement(body, "joint", values | friction)
+
+
+def _spring_of(given: Coordinate) -> dict[str, str]:
+    """Stiffness, with its cubic term where there is one, and damping."""
+    values = {"stiffness": repr(given.stiffness or 0.0), "damping": repr(given.damping or 0.0)}
+    if given.cubic:
+        values["stiffness"] = _text([given.stiffness or 0.0, 0.0, given.cubic])
+    return values
+
+
+def _friction(given: Friction | None) -> dict[str, str]:
+    """The viscous part as damping, the dry one as frictionloss."""
+    if given is None:
+        return {}
+    viscous = {"damping": repr(given.viscous)} if given.viscous else {}
+    return viscous | ({"frictionloss": repr(given.coulomb)} if given.coulomb else {})
+
+
+def _inertial(link: Link) -> dict[str, str]:
+    """Mass and inertia; principal moments of second moments of at least LEAST where one would be less."""
+    xx, yy, zz, xy, xz, yz = link.inertia
+    values = {"mass": repr(max(link.mass, LEAST)), "pos": _text(link.com)}
+    moments, axes = np.linalg.eigh(second_moments([link])[0])
+    least = max(LEAST, 1e-13 * float(moments[2]))
+    if moments[0] >= least:
+        return {**values, "fullinertia": _text([xx, yy, zz, xy, xz, yz])}
+    if moments[0] < -1e-9 * float(np.abs(moments).max()):
+        raise InputError(
+            f"links.{link.name}.inertia: no body can have {show(list(link.inertia))}, and MuJoCo takes none; "
+            "allowed: a body's, as inertia = 'project' (--inertia project) makes it"
+        )
+    axes[:, 2] *= np.sign(np.linalg.det(axes))
+    a, b, c = np.maximum(moments, least)
+    if link.inertia[3:] == (0.0, 0.0, 0.0):  # no round-off where the axes are the link's
+        axes, (a, b, c) = np.eye(3), np.maximum(np.diag(second_moments([link])[0]), least)
+    return {**values, "diaginertia": _text([b + c, a + c, a + b]), "xyaxes": _axes(axes)}
+
+
+def _add_tendons(root: ElementTree.Element, robot: Robot, bodies: Bodies) -> None:
+    """Springs between points as straight tendons, transmissions as fixed ones."""
+    motors = [joint for joint in robot.joints if joint.motor is not None]
+    springs = [spring for spring in robot.springs if spring.curve is None]
+    if not motors and not springs:
+        return
+    tendons = ElementTree.SubElement(root, "tendon")
+    for joint in motors:
+        assert joint.motor is not None
+        given = joint.motor.transmission
+        values = {"name": f"{joint.name}.transmission", "springlength": "0", **_spring_of(given)}
+        tendon = ElementTree.SubElement(tendons, "fixed", values)
+        ends = ((MOTOR, 1.0 / joint.motor.ratio), (PRINCIPAL[joint.type], -1.0))
+        for name, coefficient in ends:
+            ElementTree.SubElement(tendon, "joint", joint=f"{joint.name}.{name}", coef=repr(coefficient))
+    for spring in springs:
+        _add_spring(tendons, bodies, spring)
+
+
+def _add_spring(tendons: ElementTree.Element, bodies: Bodies, spring: Spring) -> None:
+    rest = spring.free_length or 0.0
+    slack = (0.0, rest + 0.5 * (spring.smoothing or 0.0)) if spring.tension_only else (rest,)
+    damping = 0.0 if spring.tension_only else spring.damping or 0.0
+    values = {"name": spring.name, "springlength": _text(slack), "stiffness": repr(spring.stiffness or 0.0)}
+    tendon = ElementTree.SubElement(tendons, "spatial", values | {"damping": repr(damping)})
+    for end, (link, point) in enumerate(zip(spring.links, spring.points, strict=True)):
+        ElementTree.SubElement(bodies[link], "site", name=f"{spring.name}.{end}", pos=_text(point))
+        ElementTree.SubElement(tendon, "site", site=f"{spring.name}.{end}")
+
+
+def _place(placement: Placement) -> dict[str, str]:
+    """pos, and the axes where they are turned."""
+    place = {"pos": _text(placement.xyz)}
+    return place if placement.rotation == IDENTITY else place | {"xyaxes": _axes(np.array(placement.rotation))}
+
+
+def _axes(rotation: Array) -> str:
+    return _text(np.concatenate([rotation[:, 0], rotation[:, 1]]))
+
+
+def _text(values: Array | Sequence[float]) -> str:
+    return " ".join(repr(float(value) + 0.0) for value in values)

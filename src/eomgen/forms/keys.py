@@ -1,0 +1,357 @@
+"""What the keys of our TOML files take: how a value is read, what its refusal says, and its JSON Schema, side by side.
+
+A form lists the keys of one table.  ``robot_keys``, ``scenario_keys`` and ``plan_keys`` hold those of our files: the
+readers, their messages, the JSON Schemas and ``eomgen check`` use these, and there is no second list.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, NoReturn, Protocol
+
+from ..limits import LARGEST
+from ..names import (
+    IDENTIFIER,
+    IDENTIFIER_RULE,
+    NAME_LENGTH,
+    ROBOT_LENGTH,
+    ROBOT_NAME,
+    ROBOT_RULE,
+    is_identifier,
+    is_robot_name,
+    nearest,
+    show,
+    to_identifier,
+    to_robot_name,
+)
+
+SYNONYMS = {"continuous": "revolute", "hinge": "revolute", "slide": "prismatic", "floating": "free"}
+Json = dict[str, Any]
+
+
+class Place(Protocol):
+    """The table that a value stands in."""
+
+    def fail(self, message: str, key: str = "") -> NoReturn:
+        """Raise the DescriptionError of the key."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Key:
+    """One key of a table.
+
+    about: a line for who writes the file; editors show it.  unit: of its numbers.  needed: what the message says is
+    allowed where the key is missing; "" where it may be.
+    """
+
+    about: str
+    unit: str = ""
+    needed: str = ""
+    form: ClassVar[type | tuple[type, ...]] = object  # what Python makes of TOML that can be meant
+
+    def take(self, table: Place, key: str, value: Any) -> Any:
+        """The value as the reader goes on with it; DescriptionError if it is not what the key takes."""
+        raise NotImplementedError
+
+    def json(self) -> Json:
+        """The JSON Schema of the value."""
+        raise NotImplementedError
+
+    def schema(self) -> Json:
+        """The JSON Schema with what editors show."""
+        about = f"{self.about} [{self.unit}]" if self.unit else self.about
+        return {**({"description": about} if about else {}), **self.json()}
+
+    def refuse(self, table: Place, key: str, value: Any, allowed: str) -> NoReturn:
+        """Raise the DescriptionError of the value."""
+        table.fail(f"got {show(value)}; allowed: {allowed}", key)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Number(Key):
+    """A finite number, given as float; at least ``minimum``, greater than ``above``, less than ``below``."""
+
+    minimum: float | None = None
+    above: float | None = None
+    below: float | None = None
+    form = (int, float)
+
+    @property
+    def rule(self) -> str:
+        """What is allowed."""
+        if self.below is not None:
+            return f"from {self.minimum:g} to less than {self.below:g}"
+        if self.above is not None:
+            return f"a number greater than {self.above:g}"
+        return "a finite number" if self.minimum is None else f"a number that is at least {self.minimum:g}"
+
+    def take(self, table: Place, key: str, value: Any) -> float:
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            self.refuse(table, key, value, self.rule)
+        if not math.isfinite(value) if isinstance(value, float) else False:
+            self.refuse(table, key, value, self.rule)
+        if abs(value) > LARGEST:
+            self.refuse(table, key, value, f"{self.rule} of magnitude up to {LARGEST:g}")
+        low = (self.minimum is not None and value < self.minimum) or (self.above is not None and value <= self.above)
+        if low or (self.below is not None and value >= self.below):
+            self.refuse(table, key, value, self.rule)
+        return float(value) + 0.0  # turns -0.0 into 0.0
+
+    def json(self) -> Json:
+        bounds: Json = {"type": "number"}
+        if self.above is not None:
+            bounds["exclusiveMinimum"] = self.above
+        else:
+            bounds["minimum"] = -LARGEST if self.minimum is None else self.minimum
+        bounds["maximum" if self.below is None else "exclusiveMaximum"] = LARGEST if self.below is None else self.below
+        return bounds
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Whole(Key):
+    """A whole number from ``least`` to ``most``."""
+
+    least: int = 0
+    most: int = 2**63 - 1
+    form = int
+
+    def take(self, table: Place, key: str, value: Any) -> int:
+        if isinstance(value, bool) or not isinstance(value, int) or not self.least <= value <= self.most:
+            self.refuse(table, key, value, f"a whole number from {self.least} to {self.most}")
+        return value
+
+    def json(self) -> Json:
+        return {"type": "integer", "minimum": self.least, "maximum": self.most}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Flag(Key):
+    """True or false."""
+
+    form = bool
+
+    def take(self, table: Place, key: str, value: Any) -> bool:
+        if not isinstance(value, bool):
+            self.refuse(table, key, value, "true or false")
+        return value
+
+    def json(self) -> Json:
+        return {"type": "boolean"}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Text(Key):
+    """A string."""
+
+    form = str
+
+    def take(self, table: Place, key: str, value: Any) -> str:
+        if not isinstance(value, str):
+            self.refuse(table, key, value, "a string")
+        return value
+
+    def json(self) -> Json:
+        return {"type": "string"}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Name(Text):
+    """An identifier."""
+
+    def take(self, table: Place, key: str, value: Any) -> str:
+        name = super().take(table, key, value)
+        if not is_identifier(name):
+            self.refuse(table, key, name, IDENTIFIER_RULE + (f", such as {to_identifier(name)!r}" if name else ""))
+        return name
+
+    def json(self) -> Json:
+        return {"type": "string", "pattern": f"^{IDENTIFIER.pattern}$", "maxLength": NAME_LENGTH}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RobotName(Text):
+    """The name of a robot."""
+
+    def take(self, table: Place, key: str, value: Any) -> str:
+        name = super().take(table, key, value)
+        if not is_robot_name(name):
+            self.refuse(table, key, name, ROBOT_RULE + (f", such as {to_robot_name(name)!r}" if name else ""))
+        return name
+
+    def json(self) -> Json:
+        return {"type": "string", "pattern": f"^{ROBOT_NAME.pattern}$", "maxLength": ROBOT_LENGTH}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FileName(Text):
+    """The path of a file with one of a few suffixes."""
+
+    suffixes: tuple[str, ...] = ()
+
+    def take(self, table: Place, key: str, value: Any) -> str:
+        name = super().take(table, key, value)
+        if not name.endswith(self.suffixes):
+            self.refuse(table, key, name, self.rule)
+        return name
+
+    @property
+    def rule(self) -> str:
+        """What is allowed."""
+        an = "an" if self.suffixes[0][1] in "aeiou" else "a"
+        return f"the path of {an} {' or '.join(self.suffixes)} file, relative to this file"
+
+    def json(self) -> Json:
+        return {"type": "string", "pattern": f"({'|'.join(map(re.escape, self.suffixes))})$"}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Choice(Text):
+    """One of a few words."""
+
+    words: Sequence[str] = ()
+
+    def take(self, table: Place, key: str, value: Any) -> str:
+        word = super().take(table, key, value)
+        if word not in self.words:
+            near = SYNONYMS.get(word)
+            hint = f"; did you mean {near!r}?" if near in self.words else nearest(word, self.words)
+            table.fail(f"got {show(word)}{hint} (allowed: {', '.join(self.words)})", key)
+        return word
+
+    def json(self) -> Json:
+        return {"type": "string", "enum": list(self.words)}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Strings(Key):
+    """An array of strings: any, ``count`` of them (``rule`` says which), or one or more different ``words``."""
+
+    count: int | None = None
+    rule: str = "an array of strings"
+    words: Sequence[str] = ()
+    some: bool = False  # one or more, each once
+    form = list
+
+    def take(self, table: Place, key: str, value: Any) -> list[str]:
+        if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
+            self.refuse(table, key, value, "an array of strings")
+        if self.count is not None and len(value) != self.count:
+            self.refuse(table, key, value, self.rule)
+        if self.some and (not value or len(set(value)) < len(value)):
+            self.refuse(table, key, value, self.rule)
+        for word in value if self.words else ():
+            if word not in self.words:
+                hint = nearest(word, self.words)
+                table.fail(f"got {show(word)}{hint} (allowed: {', '.join(self.words)})", key)
+        return value
+
+    def json(self) -> Json:
+        words = {"enum": list(self.words)} if self.words else {}
+        lengths = {} if self.count is None else {"minItems": self.count, "maxItems": self.count}
+        some = {"minItems": 1, "uniqueItems": True} if self.some else {}
+        return {"type": "array", "items": {"type": "string", **words}, **lengths, **some}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Numbers(Key):
+    """An array of numbers: ``count`` of them, or some; ``item`` is what each of them is."""
+
+    count: int | None = None
+    item: Number = Number("")
+    form = list
+
+    def take(self, table: Place, key: str, value: Any, count: int | None = None) -> tuple[float, ...]:
+        """As of every key; ``count`` where it follows from others."""
+        count = self.count if count is None else count
+        if not isinstance(value, list) or (count is not None and len(value) != count):
+            self.refuse(table, key, value, f"an array of {'' if count is None else f'{count} '}numbers")
+        return tuple(self.item.take(table, f"{key}.{index}", item) for index, item in enumerate(value))
+
+    def json(self) -> Json:
+        lengths = {} if self.count is None else {"minItems": self.count, "maxItems": self.count}
+        return {"type": "array", "items": self.item.json(), **lengths}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Listed(Key):
+    """An array of values of one kind; from ``fewest`` to ``most`` of them."""
+
+    item: Key = Number("")
+    fewest: int = 0
+    most: int | None = None
+    rule: str = "an array"
+    form = list
+
+    def take(self, table: Place, key: str, value: Any) -> list[Any]:
+        if not isinstance(value, list):
+            self.refuse(table, key, value, self.rule)
+        found = [self.item.take(table, f"{key}.{index}", item) for index, item in enumerate(value)]
+        if len(value) < self.fewest or (self.most is not None and len(value) > self.most):
+            self.refuse(table, key, value, self.rule)
+        return found
+
+    def json(self) -> Json:
+        lengths = {"minItems": self.fewest} if self.fewest else {}
+        return {"type": "array", "items": self.item.json(), **lengths, **({"maxItems": self.most} if self.most else {})}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ByName(Key):
+    """Numbers by the names of joints or coordinates; ``joint1.x = 1`` and ``joint1 = { x = 1 }`` are the same TOML."""
+
+    item: Number = Number("")
+    form = dict
+    _DEPTH: ClassVar[int] = 3  # of tables in tables
+
+    def take(self, table: Place, key: str, value: Any) -> dict[str, float]:
+        found: dict[str, float] = {}
+
+        def walk(inner: object, path: tuple[str, ...]) -> None:
+            where = ".".join((key, *path))
+            if isinstance(inner, dict) and len(path) < self._DEPTH:
+                for name, value in inner.items():
+                    if not all(is_identifier(part) for part in name.split(".")):
+                        table.fail(f"got the name {show(name)}; allowed: names of joints or coordinates", where)
+                    walk(value, (*path, *name.split(".")))
+            elif path:
+                name = ".".join(path)
+                if name in found:
+                    table.fail(f"{show(name)} is given twice; allowed: once", key)
+                found[name] = self.item.take(table, where, inner)
+            else:
+                self.refuse(table, key, inner, "a table of numbers by joint or coordinate")
+
+        walk(value, ())
+        return found
+
+    def json(self) -> Json:
+        name = IDENTIFIER.pattern
+        schema: Json = self.item.json()
+        for _ in range(self._DEPTH):
+            inner = schema if schema.get("type") == "number" else {"anyOf": [self.item.json(), schema]}
+            names = {"pattern": rf"^{name}(\.{name})*$"}
+            schema = {"type": "object", "propertyNames": names, "additionalProperties": inner}
+        return schema
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Either(Key):
+    """One of several kinds, told apart by their TOML types; what is none of them is refused as the first."""
+
+    options: tuple[Key, ...] = ()
+
+    def take(self, table: Place, key: str, value: Any) -> Any:
+        return self.option(value).take(table, key, value)
+
+    def option(self, value: object) -> Key:
+        """What the value is meant to be."""
+        return next((option for option in self.options if isinstance(value, option.form)), self.options[0])
+
+    def json(self) -> Json:
+        return {"anyOf": [option.schema() for option in self.options]}
+
+
+Keys = Mapping[str, Key]

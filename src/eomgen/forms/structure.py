@@ -1,0 +1,80 @@
+"""All that is wrong with the structure of a file, not the first of it: types, unknown and missing keys, ranges, words.
+
+The readers stop at the first error; ``eomgen check`` says them all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from ..errors import DescriptionError
+from ..limits import MOST_ENTRIES
+from .tables import Entries, Form, Kinds, Pair, Sub, Table
+
+MOST_ERRORS = 50  # of a file
+
+Path = tuple[str, ...]
+
+
+def faults(form: Form, values: dict[str, object], source: str) -> list[DescriptionError]:
+    """What a reader of the form would refuse in these values by the kinds of its keys, at most MOST_ERRORS."""
+    walk = _Walk(source, refining=form.refines and "urdf" in values)
+    walk.table(form, values, "", ())
+    return walk.found[:MOST_ERRORS]
+
+
+class _Walk:
+    """refining: an URDF brings in what is needed otherwise."""
+
+    def __init__(self, source: str, refining: bool) -> None:
+        self.source, self.refining = source, refining
+        self.found: list[DescriptionError] = []
+
+    def tried(self, read: Callable[..., Any], *arguments: Any) -> DescriptionError | None:
+        """The error of a reading, which is noted; None if there is none."""
+        try:
+            read(*arguments)
+        except DescriptionError as error:
+            self.found.append(error)
+            return error
+        return None
+
+    def table(self, form: Form | Kinds, value: Any, where: str, path: Path) -> None:
+        """Note what is wrong inside of a table."""
+        while len(self.found) < MOST_ERRORS:
+            error = self.tried(form.read, value, where, self.source, path)
+            if error is None:
+                break
+            if not error.at_key:
+                return
+            value = {key: inner for key, inner in value.items() if key != error.path[-1]}
+        else:
+            return
+        table = form.read(value, where, self.source, path)
+        refined = self.refining and isinstance(form, Form) and form.refines
+        for key, kind in table.keys.items():
+            if kind.needed and (not refined or (where and key == "name")):
+                self.tried(table.require_one, key, kind.needed)
+        for key in value:
+            self.key(table, key)
+
+    def key(self, table: Table, key: str) -> None:
+        """Note what is wrong with the value of a key."""
+        kind, value, before = table.keys[key], table.values[key], len(self.found)
+        where, path = ".".join(filter(None, (table.where, key))), (*table.path, key)
+        if isinstance(kind, Sub):
+            self.table(kind.inner, value, where, path)
+        elif isinstance(kind, Entries) and isinstance(value, list) and len(value) <= MOST_ENTRIES:
+            for index, item in enumerate(value):
+                if len(self.found) < MOST_ERRORS:
+                    self.table(kind.inner, item, kind.where(key, index, item), (*path, str(index)))
+            if len(self.found) == before:
+                self.tried(list, table.entries(key))
+        elif isinstance(kind, Entries):
+            self.tried(list, table.entries(key))
+        elif isinstance(kind, Pair) and isinstance(value, list) and len(value) == 2:
+            for index, item in enumerate(value):
+                self.table(kind.inner, item, f"{where}.{index}", (*path, str(index)))
+        else:
+            self.tried(kind.take, table, key, value)

@@ -1,0 +1,268 @@
+"""Reading of TOML tables by their forms: types, ranges and unknown keys, each refusal with its place.
+
+Written by hand because a validation library costs 0.1 s of import, a third of what loading a compiled robot may take.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, NoReturn
+
+from ..errors import DescriptionError
+from ..limits import LARGEST, MOST_ENTRIES
+from ..names import is_identifier, listed, nearest, show
+from ..robot.geometry import Vector
+from .keys import Choice, Either, Flag, Json, Key, Keys, Listed, Number, Numbers, Strings, Text, Whole
+
+__all__ = ["LARGEST", "MOST_ENTRIES", "Entries", "Form", "Kinds", "Pair", "Sub", "Table"]
+
+
+class Table:
+    """One TOML table.  Every reader method returns None (or an empty list) where the key is absent.
+
+    where: of it, for messages.  path: keys from the top of the file; () where they are not known.
+    """
+
+    def __init__(self, value: object, where: str, source: str, keys: Keys, path: tuple[str, ...] = ()) -> None:
+        self.where, self.source, self.keys, self.path = where, source, keys, path
+        if not isinstance(value, dict):
+            self.fail(f"got {show(value)}; allowed: a table with the keys {listed(keys, 20)}")
+        self.values: dict[str, Any] = value
+        for key in value:
+            if key not in keys:
+                message = f"unknown key {show(key)}{nearest(key, keys)} (allowed: {', '.join(keys)})"
+                raise DescriptionError(message, where=where, source=source, path=self._below(key), at_key=True)
+
+    def fail(self, message: str, key: str = "") -> NoReturn:
+        """Raise the DescriptionError of this table, or of one of its keys."""
+        where = ".".join(filter(None, (self.where, key)))
+        path = self._below(*key.replace("[", ".").replace("]", "").split(".")) if key else self.path
+        raise DescriptionError(message, where=where, source=self.source, path=path)
+
+    def _below(self, *keys: str) -> tuple[str, ...]:
+        """The path of what is inside this table, () where the table's own is not known."""
+        return (*self.path, *keys) if self.path or not self.where else ()
+
+    def __contains__(self, key: str) -> bool:
+        return key in self.values
+
+    def require(self, hint: str = "") -> None:
+        """DescriptionError if a key that is needed is absent; the hint is said behind what is allowed."""
+        for key, kind in self.keys.items():
+            if kind.needed and key not in self.values:
+                self.fail(f"the key {key!r} is missing; allowed: {kind.needed}{hint}")
+
+    def require_one(self, key: str, what: str) -> None:
+        """DescriptionError if the key, which other keys make necessary, is absent."""
+        if key not in self.values:
+            self.fail(f"the key {key!r} is missing; allowed: {what}")
+
+    def value(self, key: str, *kinds: type[Key]) -> Any:
+        """What the key takes, which is of one of these kinds; None where it is absent."""
+        kind = self.keys[key]
+        assert isinstance(kind, kinds or Key), f"{self.where}.{key} takes {type(kind).__name__}"
+        return kind.take(self, key, self.values[key]) if key in self.values else None
+
+    def text(self, key: str) -> str | None:
+        """A string, which may have to be a name or one of a few words."""
+        found: str | None = self.value(key, Text)
+        return found
+
+    def name(self) -> str:
+        """The identifier of an entry under the key ``name``."""
+        if "name" not in self.values:
+            self.fail(f"the key 'name' is missing; allowed: {self.keys['name'].needed}")
+        name: str = self.value("name", Text)
+        return name
+
+    def choice(self, key: str) -> str | None:
+        """One of a few strings."""
+        word: str | None = self.value(key, Choice)
+        return word
+
+    def number(self, key: str) -> float | None:
+        """A finite number, as float."""
+        number: float | None = self.value(key, Number)
+        return number
+
+    def whole(self, key: str, default: int) -> int:
+        """A whole number."""
+        number: int | None = self.value(key, Whole)
+        return default if number is None else number
+
+    def boolean(self, key: str) -> bool | None:
+        """true or false."""
+        flag: bool | None = self.value(key, Flag)
+        return flag
+
+    def numbers(self, key: str, count: int | None = None) -> tuple[float, ...] | None:
+        """An array of finite numbers; ``count`` of them where that follows from other keys."""
+        if key not in self.values:
+            return None
+        kind = self.keys[key]
+        kind = kind.option([]) if isinstance(kind, Either) else kind
+        assert isinstance(kind, Numbers)
+        return kind.take(self, key, self.values[key], count)
+
+    def rows(self, key: str, count: int) -> list[tuple[float, ...]]:
+        """An array of arrays of ``count`` finite numbers each."""
+        if key not in self.values:
+            return []
+        kind = self.keys[key]
+        kind = kind.option([]) if isinstance(kind, Either) else kind
+        assert isinstance(kind, Listed)
+        row, value = kind.item, self.values[key]
+        assert isinstance(row, Numbers)
+        if not isinstance(value, list):
+            self.fail(f"got {show(value)}; allowed: an array of arrays of {count} numbers", key)
+        return [row.take(self, f"{key}.{index}", item, count) for index, item in enumerate(value)]
+
+    def vector(self, key: str) -> Vector | None:
+        """An array of three finite numbers."""
+        value = self.numbers(key)
+        return None if value is None else (value[0], value[1], value[2])
+
+    def strings(self, key: str) -> list[str]:
+        """An array of strings."""
+        return self.value(key, Strings) or []
+
+    def table(self, key: str) -> Table | None:
+        """A table inside this one."""
+        table: Table | None = self.value(key, Sub)
+        return table
+
+    def entries(self, key: str) -> Iterator[tuple[str, Table]]:
+        """Name ("" where they have none) and table of each entry of an array of tables; names are unique."""
+        kind = self.keys[key]
+        assert isinstance(kind, Entries)
+        if key in self.values:
+            yield from kind.read(self, key, self.values[key])
+
+    def inside(self, key: str, value: object, form: Form | Kinds, where: str = "", *steps: str) -> Table:
+        """The table of a form below a key."""
+        where = where or ".".join(filter(None, (self.where, key)))
+        return form.read(value, where, self.source, self._below(key, *steps))
+
+
+@dataclass(frozen=True, eq=False)
+class Form:
+    """The keys of a table.  refines: an entry that refines one of an URDF need not have the keys that are needed."""
+
+    keys: Keys
+    refines: bool = False
+
+    def read(self, value: object, where: str, source: str, path: tuple[str, ...]) -> Table:
+        """The table; its keys' values are looked at when they are asked for."""
+        return Table(value, where, source, self.keys, path)
+
+    @property
+    def needed(self) -> list[str]:
+        """Keys that must be there."""
+        return [key for key, kind in self.keys.items() if kind.needed]
+
+    def json(self) -> Json:
+        """The JSON Schema of the table."""
+        needed = [key for key in self.needed if key == "name" or not self.refines]
+        properties = {key: kind.schema() for key, kind in self.keys.items()}
+        required = {"required": needed} if needed else {}
+        return {"type": "object", "properties": properties, **required, "additionalProperties": False}
+
+
+@dataclass(frozen=True, eq=False)
+class Kinds:
+    """Tables whose key ``type`` says which keys they have; ``about`` is what editors show of it."""
+
+    about: str
+    kinds: Mapping[str, Keys]
+
+    def read(self, value: object, where: str, source: str, path: tuple[str, ...]) -> Table:
+        """The table, with the keys of its type."""
+        kind = Choice(self.about, needed=", ".join(self.kinds), words=tuple(self.kinds))
+        union = {"type": kind, **{key: inner for keys in self.kinds.values() for key, inner in keys.items()}}
+        table = Table(value, where, source, union, path)
+        table.require_one("type", kind.needed)
+        return Table(value, where, source, {"type": kind, **self.kinds[table.choice("type") or ""]}, path)
+
+    def json(self) -> Json:
+        """The JSON Schema of the table: one object for each type."""
+        forms = {
+            word: Form({"type": Choice(self.about, needed=word, words=(word,)), **keys})
+            for word, keys in self.kinds.items()
+        }
+        return {"oneOf": [{"title": word, **form.json()} for word, form in forms.items()]}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Sub(Key):
+    """A table."""
+
+    inner: Form | Kinds = Form({})
+    form: ClassVar[type] = dict
+
+    def take(self, table: Table, key: str, value: Any) -> Table:  # type: ignore[override]
+        found = table.inside(key, value, self.inner)
+        found.require()
+        return found
+
+    def json(self) -> Json:
+        return self.inner.json()
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Pair(Key):
+    """An array of two tables."""
+
+    inner: Form = Form({})
+    form: ClassVar[type] = list
+
+    def take(self, table: Table, key: str, value: Any) -> list[Table]:  # type: ignore[override]
+        if not isinstance(value, list) or len(value) != 2:
+            names = ", ".join(self.inner.keys)
+            self.refuse(table, key, value, f"two tables, [{{ {names} }}, {{ {names} }}]")
+        return [
+            table.inside(key, item, self.inner, f"{table.where}.{key}.{index}", str(index))
+            for index, item in enumerate(value)
+        ]
+
+    def json(self) -> Json:
+        return {"type": "array", "items": self.inner.json(), "minItems": 2, "maxItems": 2}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Entries(Key):
+    """An array of tables; where they have a ``name``, it is unique.  some: one or more."""
+
+    inner: Form | Kinds = Form({})
+    some: bool = False
+    form: ClassVar[type] = list
+
+    @property
+    def named(self) -> bool:
+        """Whether entries have names."""
+        return isinstance(self.inner, Form) and "name" in self.inner.keys
+
+    def where(self, key: str, index: int, item: object) -> str:
+        """What messages call an entry: by its name, if that is one."""
+        given = item.get("name") if self.named and isinstance(item, dict) else None
+        return f"{key}.{given}" if isinstance(given, str) and is_identifier(given) else f"{key}[{index}]"
+
+    def read(self, table: Table, key: str, value: Any) -> Iterator[tuple[str, Table]]:
+        """Name and table of each entry; what is needed in them is not looked at."""
+        if not isinstance(value, list) or (self.some and not value):
+            what = "one or more tables" if self.some else "an array of tables"
+            self.refuse(table, key, value, f"{what}, written [[{key}]]")
+        if len(value) > MOST_ENTRIES:
+            table.fail(f"there are {len(value)} [[{key}]]; allowed: up to {MOST_ENTRIES}", f"{key}[{MOST_ENTRIES}]")
+        seen = set()
+        for index, item in enumerate(value):
+            entry = table.inside(key, item, self.inner, self.where(key, index, item), str(index))
+            name = entry.name() if self.named else ""
+            if self.named and name in seen:
+                entry.fail(f"the name {name!r} is taken by an earlier entry of [[{key}]]; allowed: unique names")
+            seen.add(name)
+            yield name, entry
+
+    def json(self) -> Json:
+        least = {"minItems": 1} if self.some else {}
+        return {"type": "array", "items": self.inner.json(), **least, "maxItems": MOST_ENTRIES}

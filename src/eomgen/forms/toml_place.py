@@ -1,0 +1,209 @@
+"""Where a key stands in a TOML text: asked only when an error is reported, so that reading pays nothing for it."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+
+from ..errors import DescriptionError
+from .toml_text import line_and_column
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+Path = tuple[str, ...]  # keys from the top of the text; the index of an array's element as a key of digits
+
+_BETWEEN = re.compile(r"(?:[ \t\r\n]+|#[^\n]*)*")
+_BLANK = re.compile(r"[ \t]*")
+_BARE = re.compile(r"[A-Za-z0-9_-]+")
+_SCALAR = re.compile(r"[^,\]}#\n]+")  # numbers, booleans, and dates, which may have a space inside
+_STRINGS = (  # longest delimiter first
+    re.compile(r'"""[^"\\]*(?:(?:\\.|"{1,2}(?!"))[^"\\]*)*"{3,5}', re.DOTALL),
+    re.compile(r"'''[^']*(?:'{1,2}(?!')[^']*)*'{3,5}"),
+    re.compile(r'"[^"\\\n]*(?:\\.[^"\\\n]*)*"'),
+    re.compile(r"'[^'\n]*'"),
+)
+_PART = re.compile(r"([^.\[\]]+)|\[([0-9]+)\]")  # of a place in a message: joints.joint1.x, links[0].name
+_OWN = 2  # components that make a place an entry's own: a file that refines an URDF does not have all of its joints
+
+
+def line_of(text: str, path: Sequence[str], value: bool = False) -> tuple[int, int] | None:
+    """Line and column, from 1, of the deepest key or element of the path that the text has.
+
+    Args:
+        text: valid TOML.
+        path: keys from the top of the text; of an array, the element's index as digits.
+        value: of the value behind the key, where all of the path is there and ends with a key that has one.
+
+    Returns:
+        None where not even the first key is there.
+    """
+    scan = _Scan(text, tuple(path))
+    try:
+        scan.statements()
+    except (RecursionError, IndexError):  # too deep, or no TOML after all
+        return None
+    if scan.depth == 0:
+        return None
+    offset = scan.offset if scan.value is None or not value else scan.value
+    return line_and_column(text, offset)
+
+
+@contextmanager
+def located(text: str, values: Mapping[str, object], source: str) -> Iterator[None]:
+    """Errors of the values of a text, read from that source, are given line and column of what they speak about."""
+    try:
+        yield
+    except DescriptionError as error:
+        if error.source == source:
+            locate(error, text, values)
+        raise
+
+
+def locate(error: DescriptionError, text: str, values: Mapping[str, object]) -> None:
+    """Give the error, which has no line yet, line and column of what it speaks about in the text of these values."""
+    if error.line is None:
+        path = error.path or _path_of(values, error.where)
+        place = line_of(text, path, not error.at_key) if path else None if error.where else (1, 1)
+        error.line, error.column = place or (None, None)
+
+
+def refusal(message: str, where: str, source: str, text: str) -> DescriptionError:
+    """The error of a place in a text that has been read; without line and column where the text is empty."""
+    error = DescriptionError(message, where=where, source=source)
+    if text:
+        locate(error, text, tomllib.loads(text))
+    return error
+
+
+def _path_of(values: object, where: str) -> Path:
+    """The path of a place as messages write it, entries by name; () where the values have no entry of this name."""
+    path: list[str] = []
+    parts = [key or index for key, index in _PART.findall(where)]
+    for part in parts:
+        if isinstance(values, list):
+            names = [item.get("name") if isinstance(item, dict) else None for item in values]
+            index = names.index(part) if part in names else int(part) if part.isdigit() else len(values)
+            part = str(index)
+            values = values[index] if index < len(values) else None
+        else:
+            values = values.get(part) if isinstance(values, dict) else None
+        if values is None:
+            break
+        path.append(part)
+    return tuple(path) if len(path) >= min(_OWN, len(parts)) else ()
+
+
+class _Scan:
+    """One pass over a text; ``depth`` parts of the path were found, the last at ``offset``, its value at ``value``."""
+
+    def __init__(self, text: str, wanted: Path) -> None:
+        self.text, self.wanted = text, wanted
+        self.depth = self.offset = self.at = 0
+        self.value: int | None = None
+        self.last: dict[Path, int] = {}  # index of the last entry of every array of tables
+
+    def statements(self) -> None:
+        """Scan until the end, or until all of the path is found."""
+        prefix: Path = ()
+        while self.depth < len(self.wanted):
+            self._skip(_BETWEEN)
+            if self.at >= len(self.text):
+                return
+            if self.text[self.at] == "[":
+                prefix = self._header()
+            else:
+                self._pair(prefix)
+
+    def _skip(self, *patterns: re.Pattern[str]) -> str:
+        """What the first pattern that matches has matched; IndexError where none does, as at the text's end."""
+        for pattern in patterns:
+            found = pattern.match(self.text, self.at)
+            if found is not None:
+                self.at = found.end()
+                return found.group()
+        raise IndexError
+
+    def _note(self, path: Path, offset: int) -> None:
+        if len(path) > self.depth and self.wanted[: len(path)] == path:
+            self.depth, self.offset = len(path), offset
+
+    def _keys(self) -> list[tuple[str, int]]:
+        """A dotted key's parts with their offsets."""
+        keys = []
+        while True:
+            self._skip(_BLANK)
+            offset = self.at
+            keys.append((self._key(), offset))
+            self._skip(_BLANK)
+            if self.text[self.at] != ".":
+                return keys
+            self.at += 1
+
+    def _key(self) -> str:
+        if self.text[self.at] == '"':
+            value: str = tomllib.loads("key = " + self._string())["key"]
+            return value
+        return self._string()[1:-1] if self.text[self.at] == "'" else self._skip(_BARE)
+
+    def _string(self) -> str:
+        return self._skip(*_STRINGS)
+
+    def _header(self) -> Path:
+        """[a.b] or [[a.b]]: the path of what follows."""
+        many = self.text.startswith("[[", self.at)
+        self.at += 2 if many else 1
+        path: Path = ()
+        keys = self._keys()
+        for place, (key, offset) in enumerate(keys, 1):
+            path = (*path, key)
+            self._note(path, offset)
+            if many and place == len(keys):
+                self.last[path] = self.last.get(path, -1) + 1
+            if path in self.last:
+                path = (*path, str(self.last[path]))
+                self._note(path, offset)
+        self.at += 2 if many else 1
+        return path
+
+    def _pair(self, path: Path) -> None:
+        for key, offset in self._keys():
+            path = (*path, key)
+            self._note(path, offset)
+        self.at += 1  # the equals sign
+        self._skip(_BLANK)
+        if path == self.wanted and self.value is None:
+            self.value = self.at
+        self._value(path)
+
+    def _value(self, path: Path) -> None:
+        first = self.text[self.at]
+        if first in "\"'":
+            self._string()
+        elif first not in "[{":
+            self._skip(_SCALAR)
+        else:
+            self._inner(path, "]" if first == "[" else "}")
+
+    def _inner(self, path: Path, end: str) -> None:
+        """An array's elements, or an inline table's pairs."""
+        self.at += 1
+        index = 0
+        while True:
+            self._skip(_BETWEEN)
+            if self.text[self.at] == end:
+                self.at += 1
+                return
+            if self.text[self.at] == ",":
+                self.at += 1
+                continue
+            if end == "}":
+                self._pair(path)
+            else:
+                self._note((*path, str(index)), self.at)
+                self._value((*path, str(index)))
+                index += 1

@@ -1,0 +1,121 @@
+"""Text of a file, and TOML of a text: what a description, a scenario and a plan begin with."""
+
+from __future__ import annotations
+
+import gc
+import re
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from ..errors import DescriptionError
+from ..limits import LARGEST
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+_MOST_BYTES = 1 << 20  # what takes a second to read, if it is the slowest of its kind
+_MOST_XML = 1 << 22  # so does this of XML
+_XML = (".urdf", ".xml", ".mjcf")
+_MOST_PARTS = 8  # of a dotted key: the parser's time and memory grow with the square of it
+_WORD = r"""(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')"""
+_DEEP_KEY = re.compile(rf"(?<![A-Za-z0-9_-]){_WORD}(?:[ \t]*\.[ \t]*{_WORD}){{{_MOST_PARTS}}}")
+_MOST_DIGITS = 4300  # of a number: where Python's integers stop
+_MANY_DIGITS = re.compile(rf"(?<![0-9_])[0-9](?:_?[0-9]){{{_MOST_DIGITS}}}")
+_SAID_PLACE = re.compile(r" \(at (?:line ([0-9]+), column ([0-9]+)|end of document)\)$")
+_REMEDIES = {  # what the parser says, and what to write instead
+    "Cannot overwrite": "each key once in its table",
+    "Duplicate inline table key": "each key once in its table",
+    "Cannot declare": "each [table] once; [[name]] begins one more entry of an array",
+    "Cannot mutate": "a table in braces is whole; further keys belong inside them",
+    "Cannot redefine": "each key once in its table",
+    "Expected '='": "key = value",
+    "Expected newline": "one key = value a line",
+    "Expected ']": "a table's name in [brackets], an array's in [[double ones]]",
+    "Invalid value": 'a number, true, false, "text", [an array] or { a = 1 }',
+    "Invalid statement": "key = value, [table] or [[table]]",
+    "Invalid initial character": "a key of letters, digits, _ and -, or in quotes",
+    "Invalid date": "a number; a description has no dates",
+    "Unclosed array": "], the array's end",
+    "Unclosed inline table": "}, the table's end, on the same line",
+    "Unterminated string": "the closing quotes",
+    "Unescaped": r"'...' where \ stands for itself, or \\",
+    "Illegal character": "text without control characters",
+    "Invalid hex": r"\u and four hexadecimal digits",
+    "Escaped character": r"\u and the digits of a character that there is",
+}
+
+
+def read_text(path: Path, source: str, kind: str = ".toml, .urdf or .xml file") -> str:
+    """The text of a file, UTF-8; DescriptionError with the source if there is none."""
+    source = source if source.isascii() and source.isprintable() else ascii(source)
+    try:
+        if not path.is_file():
+            raise DescriptionError(f"there is no such file; allowed: an existing {kind}", source=source)
+        size, most = path.stat().st_size, _MOST_XML if path.suffix in _XML else _MOST_BYTES
+        if size > most:
+            raise DescriptionError(f"the file has {size} bytes; allowed: up to {most}", source=source)
+        return path.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        message = f"byte {error.start} is no UTF-8; allowed: UTF-8 text"
+        refusal = DescriptionError(message, source=source)
+        refusal.line = error.object.count(b"\n", 0, error.start) + 1
+        raise refusal from None
+    except (OSError, ValueError) as error:  # ValueError: a path with a NUL
+        reason = getattr(error, "strerror", None) or str(error)
+        raise DescriptionError(f"cannot be read: {reason}; allowed: an existing {kind}", source=source) from None
+
+
+def parse_toml(text: str, source: str) -> dict[str, object]:
+    """The values of a TOML text; DescriptionError with the source if it is none."""
+    for pattern, what in (
+        (_DEEP_KEY, f"a key has more than {_MOST_PARTS} parts; allowed: the few that a key of this file has"),
+        (_MANY_DIGITS, f"a number has more than {_MOST_DIGITS} digits; allowed: magnitudes up to {LARGEST:g}"),
+    ):
+        found = pattern.search(text)
+        if found is not None:
+            error = DescriptionError(f"not valid TOML: {what}", source=source)
+            error.line, error.column = line_and_column(text, found.start())
+            raise error
+    try:
+        with _no_collection():
+            values: dict[str, object] = tomllib.loads(text)
+    except RecursionError:
+        message = "not TOML that can be read: it is nested too deeply; allowed: tables and arrays a few levels deep"
+        raise DescriptionError(message, source=source) from None
+    except ValueError as error:  # TOMLDecodeError, or what Python says of an integer or a date
+        raise _refusal(text, str(error), source) from None
+    return values
+
+
+@contextmanager
+def _no_collection() -> Iterator[None]:
+    """No search for cycles meanwhile: there are none, and it takes four times as long as reading many tables."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
+
+
+def _refusal(text: str, said: str, source: str) -> DescriptionError:
+    """What the parser said, as printable ASCII, with what to write instead; its place as that of the error."""
+    found = _SAID_PLACE.search(said)
+    reason = ascii(said[: found.start()] if found is not None and found[1] else said)[1:-1][:300]
+    remedy = next((what for begin, what in _REMEDIES.items() if said.startswith(begin)), "TOML 1.0, see toml.io")
+    error = DescriptionError(f"not valid TOML: {reason}; allowed: {remedy}", source=source)
+    if found is not None and found[1]:
+        error.line, error.column = int(found[1]), int(found[2])
+    elif found is not None:
+        error.line, error.column = line_and_column(text, len(text.rstrip()))
+    return error
+
+
+def line_and_column(text: str, offset: int) -> tuple[int, int]:
+    """Of a place in a text, from 1."""
+    return text.count("\n", 0, offset) + 1, offset - text.rfind("\n", 0, offset)

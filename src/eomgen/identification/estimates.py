@@ -1,0 +1,89 @@
+"""What a fit of stiffness and damping yields: values with intervals, warnings, and their table."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from ..errors import UnknownNameError
+
+KEYS = ("stiffness", "damping")
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A fitted value with its standard error and confidence interval.
+
+    described: what the description says.  width: of the filter, s.  unexplained: rms of the residual over rms of y,
+    both behind that filter.
+    """
+
+    value: float
+    standard_error: float
+    low: float
+    high: float
+    described: float
+    width: float
+    unexplained: float
+
+
+@dataclass(frozen=True)
+class FittedCoordinate:
+    """What was found for one coordinate: None where a parameter is not determined.
+
+    stiffness: N/m or N m/rad; damping: N s/m or N m s/rad.  noise: standard deviation of white noise on the
+    coordinate, m or rad, as its samples show it.
+    """
+
+    coordinate: str
+    stiffness: Estimate | None
+    damping: Estimate | None
+    noise: float
+
+
+@dataclass(frozen=True)
+class FitResult:
+    """Fitted coordinates, warnings about what could not be found, and notes about the method."""
+
+    robot: str
+    confidence: float
+    fitted: tuple[FittedCoordinate, ...]
+    warnings: tuple[str, ...]
+    notes: tuple[str, ...]
+
+    def __getitem__(self, coordinate: str) -> FittedCoordinate:
+        """The result of one coordinate; UnknownNameError if it was not fitted."""
+        names = [entry.coordinate for entry in self.fitted]
+        if coordinate not in names:
+            raise UnknownNameError(f"fit: {coordinate!r} was not fitted; fitted: {', '.join(names) or 'none'}")
+        return self.fitted[names.index(coordinate)]
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Fitted values that a kernel takes, by parameter name: those that are not negative."""
+        found = {}
+        for entry in self.fitted:
+            for key in KEYS:
+                estimate = getattr(entry, key)
+                if estimate is not None and estimate.value >= 0.0:
+                    found[f"joints.{entry.coordinate}.{key}"] = estimate.value
+        return found
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        return asdict(self)
+
+    def lines(self) -> list[str]:
+        """A table for people."""
+        interval = f"{100 * self.confidence:g} % interval"
+        lines = [f"{self.robot}: stiffness and damping by least squares", ""]
+        lines.append(f"{'parameter':<34}{'value':>12}{'std. error':>12}{interval:>26}{'described':>12}")
+        for entry in self.fitted:
+            for key in KEYS:
+                found = getattr(entry, key)
+                if found is not None:
+                    span = f"{found.low:.5g} .. {found.high:.5g}"
+                    row = f"{found.value:>12.5g}{found.standard_error:>12.2g}{span:>26}{found.described:>12.5g}"
+                    lines.append(f"{entry.coordinate + '.' + key:<34}{row}")
+        lines += ["", *(f"warning: {text}" for text in self.warnings), *(f"note: {text}" for text in self.notes)]
+        return lines

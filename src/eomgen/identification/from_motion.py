@@ -1,0 +1,276 @@
+"""From measured motion to forces: drives, springs, dampers and support reactions; and to stiffness and damping.
+
+The paper's inverse use of its model: from what the variations in the joints are, the forces and moments that belong to
+them.  ``forces`` evaluates the equations of motion; ``fit`` finds parameters (``fitting``).
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..files import write_atomically
+from ..motion.files import Motion, motion_from_columns, motion_of, read_motion
+from ..motion.smoothing import local_polynomials
+from ..pipeline.stages import build
+from ..progress import StageReport
+from ..robot.coordinates import unit_of
+from ..robot.value import Robot
+from ..runtime.kernel import Kernel
+from ..state.motors import deflections
+from ..state.springs import coordinate_numbers
+from .estimates import KEYS, Estimate, FitResult, FittedCoordinate
+from .least_squares import fit
+
+Array = NDArray[np.float64]
+WINDOW, DEGREE = 11, 4
+WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
+
+__all__ = [
+    "Estimate",
+    "FitResult",
+    "FittedCoordinate",
+    "ForcesResult",
+    "Motion",
+    "fit",
+    "forces",
+    "motion_from_columns",
+    "read_motion",
+]
+
+
+@dataclass(frozen=True)
+class ForcesResult:
+    """Forces of a measured motion.
+
+    In every coordinate required = drive + spring + damper + line: what accelerates the links against gravity, and what
+    exerts it.  Where nothing drives a coordinate, ``drive`` is what the springs and dampers leave unexplained.
+
+    Attributes:
+        robot: the robot's name.
+        t: times, (T,), s.
+        coordinates, joints: names, n and j of them.
+        measured: names of the coordinates that were measured; the others are held at zero.
+        q, v, a: the motion that was used, (T, n).
+        required: M a + bias - Q_G, (T, n), N or N m.
+        drive: u of inverse dynamics, (T, n), N or N m.
+        spring, damper: -a s and -b s_dot of eq. (13), (T, n), N or N m.
+        line: of springs and dampers between two points, (T, n), N or N m.
+        springs: names of those, s of them.
+        lengths, tensions: of each, (T, s), m and N; tension is positive where it pulls.
+        reactions: what each joint exerts on its child link, (T, j, 6): force, moment, moved joint's axes; N, N m.
+        notes: lines about the method and about what was assumed.
+    """
+
+    robot: str
+    t: Array
+    coordinates: tuple[str, ...]
+    joints: tuple[str, ...]
+    measured: tuple[str, ...]
+    q: Array
+    v: Array
+    a: Array
+    required: Array
+    drive: Array
+    spring: Array
+    damper: Array
+    line: Array
+    springs: tuple[str, ...]
+    lengths: Array
+    tensions: Array
+    reactions: Array
+    notes: tuple[str, ...]
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """Names of the forces of a coordinate: "line" where there are springs between points."""
+        return ("required", "drive", "spring", "damper", *(("line",) if self.springs else ()))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Largest values with their signs and times, plain values, for JSON."""
+        parts = self.parts
+        between = {
+            name: {"length": self._peak(self.lengths[:, i]), "tension": self._peak(self.tensions[:, i])}
+            for i, name in enumerate(self.springs)
+        }
+        return {
+            "robot": self.robot,
+            "samples": len(self.t),
+            "duration": float(self.t[-1] - self.t[0]),
+            "coordinates": {
+                name: {part: self._peak(getattr(self, part)[:, i]) for part in parts}
+                for i, name in enumerate(self.coordinates)
+            },
+            **({"springs": between} if between else {}),
+            "reactions": {
+                name: {
+                    "force": self._peak(np.linalg.norm(self.reactions[:, k, :3], axis=1)),
+                    "moment": self._peak(np.linalg.norm(self.reactions[:, k, 3:], axis=1)),
+                }
+                for k, name in enumerate(self.joints)
+            },
+            "notes": list(self.notes),
+        }
+
+    def lines(self) -> list[str]:
+        """A table of the largest values for people."""
+        facts = self.as_dict()
+        lines = [f"{self.robot}: {len(self.t)} samples, {facts['duration']:g} s; largest values over time", ""]
+        lines.append(f"{'coordinate':<28}" + "".join(f"{part:>12}" for part in self.parts))
+        for name, row in facts["coordinates"].items():
+            label = f"{name} [{'N' if unit_of(name) == 'm' else 'N m'}]"
+            lines.append(f"{label:<28}" + "".join(f"{entry['value']:>12.4g}" for entry in row.values()))
+        lines += self._spring_lines(facts.get("springs", {}))
+        lines += ["", f"{'support reaction':<28}{'force [N]':>12}{'at [s]':>10}{'moment [N m]':>14}{'at [s]':>10}"]
+        for name, row in facts["reactions"].items():
+            force, moment = row["force"], row["moment"]
+            lines.append(
+                f"{name:<28}{force['value']:>12.4g}{force['at']:>10.4g}{moment['value']:>14.4g}{moment['at']:>10.4g}"
+            )
+        return lines + ["", *(f"note: {note}" for note in self.notes)]
+
+    def _spring_lines(self, facts: dict[str, Any]) -> list[str]:
+        if not facts:
+            return []
+        lines = ["", f"{'spring between points':<28}{'tension [N]':>12}{'at [s]':>10}{'length [m]':>14}{'at [s]':>10}"]
+        for name, row in facts.items():
+            pull, length = row["tension"], row["length"]
+            lines.append(
+                f"{name:<28}{pull['value']:>12.4g}{pull['at']:>10.4g}{length['value']:>14.4g}{length['at']:>10.4g}"
+            )
+        return lines
+
+    def columns(self) -> dict[str, Array]:
+        """All forces over time by name, (T,) each: t, NAME.required, NAME.drive, ..., JOINT.reaction.fx, ...
+
+        Springs between two points: SPRING.length, SPRING.tension.
+        """
+        found = {"t": self.t}
+        for i, name in enumerate(self.coordinates):
+            for part in self.parts:
+                found[f"{name}.{part}"] = getattr(self, part)[:, i]
+        for i, name in enumerate(self.springs):
+            found |= {f"{name}.length": self.lengths[:, i], f"{name}.tension": self.tensions[:, i]}
+        for k, name in enumerate(self.joints):
+            found |= {f"{name}.reaction.{axis}": self.reactions[:, k, i] for i, axis in enumerate(WRENCH)}
+        return found
+
+    def save(self, path: Path | str) -> Path:
+        """Write ``columns`` as .csv (numbers round-trip) or .npz, and return the path.
+
+        Raises:
+            InputError: another ending, or the file cannot be written.
+        """
+        target, columns = Path(path), self.columns()
+        if target.suffix == ".npz":
+            arrays: dict[str, Any] = dict(columns)
+            return write_atomically(target, lambda stream: np.savez_compressed(stream, **arrays))
+        if target.suffix != ".csv":
+            raise InputError(f"output: {str(target)!r}; allowed: a path that ends in .csv or .npz")
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(zip(*(map(repr, values.tolist()) for values in columns.values()), strict=True))
+        return write_atomically(target, lambda stream: stream.write(text.getvalue().encode("ascii")))
+
+    def _peak(self, values: Array) -> dict[str, float]:
+        place = int(np.abs(values).argmax())
+        return {"value": float(values[place]), "at": float(self.t[place])}
+
+
+def forces(
+    robot: Robot,
+    motion: Motion | Path | str,
+    *,
+    window: int = WINDOW,
+    degree: int = DEGREE,
+    kernel: Kernel | None = None,
+    progress: StageReport | None = None,
+) -> ForcesResult:
+    """Forces and moments that belong to a measured motion.
+
+    Rates and accelerations that the motion does not have come from local polynomials (``smoothing``), and so do then
+    the coordinates: a longer window smooths more, and bends motions that are fast beside it.
+
+    Args:
+        robot: whose coordinates the motion has; what is not measured is held at zero.
+        motion: from ``read_motion`` or ``motion_from_columns``, or the path of a file.
+        window, degree: samples and degree of the local polynomials.
+        kernel: of that robot, float64, with inverse_dynamics and reactions; built if not given.  Its parameters count.
+
+    Raises:
+        InputError: the file or an argument cannot be used.
+    """
+    if kernel is None:
+        kernel = build(robot, kernels=("inverse_dynamics", "reactions"), progress=progress or (lambda _: None))
+    motion = motion_of(robot.name, motion, kernel.coordinates)
+    _refuse_transmissions(kernel, motion)
+    q, v, a, notes = _derivatives(motion, window, degree)
+    drive = np.asarray(kernel.inverse_dynamics(q, v, a))
+    rows = deflections(kernel)
+    numbers = (coordinate_numbers(kernel, key) for key in KEYS)
+    spring, damper = (-(x @ rows.T * k) @ rows for x, k in zip((q, v), numbers, strict=True))
+    line, pairs = np.zeros_like(q), np.zeros((len(q), 0, 2))
+    if kernel.springs:
+        pairs = np.asarray(kernel.spring_forces(q, v))
+        line = -np.einsum("tsn,ts->tn", kernel.spring_jacobian(q), pairs[..., 1])
+    held = [name for name in motion.coordinates if name not in motion.measured]
+    if held:
+        notes.append(f"not in the file, held at zero: {', '.join(held)}")
+    return ForcesResult(
+        robot.name,
+        motion.t,
+        kernel.coordinates,
+        kernel.joints,
+        motion.measured,
+        q,
+        v,
+        a,
+        drive + spring + damper + line,
+        drive,
+        spring,
+        damper,
+        line,
+        kernel.springs,
+        pairs[..., 0],
+        pairs[..., 1],
+        np.asarray(kernel.reactions(q, v, a)),
+        tuple(notes),
+    )
+
+
+def _refuse_transmissions(kernel: Kernel, motion: Motion) -> None:
+    """InputError where the force of a motor's transmission is not known from what was measured, or not linear."""
+    for motor, principal in kernel.motors.items():
+        for name in (motor, principal):
+            if name not in motion.measured:
+                raise InputError(
+                    f"forces: {name} was not measured; allowed: both ends of the transmission in the motion"
+                )
+        laws = [name for name in kernel.parameters if name.startswith(f"joints.{motor}.") and not _is_plain(name)]
+        if laws:
+            raise InputError(f"forces: {laws[0]}: allowed: transmissions of stiffness and damping alone")
+
+
+def _is_plain(name: str) -> bool:
+    return ".friction." in name or name.endswith((*(f".{key}" for key in KEYS), ".inertia", ".ratio"))
+
+
+def _derivatives(motion: Motion, window: int, degree: int) -> tuple[Array, Array, Array, list[str]]:
+    """Coordinates, rates and accelerations, and how they were found."""
+    if motion.v is not None and motion.a is not None:
+        return motion.q, motion.v, motion.a, ["rates and accelerations: from the file"]
+    span = float(np.median(np.diff(motion.t))) * (window - 1) if len(motion.t) > 1 else 0.0
+    method = f"local polynomials of degree {degree} through {window} samples ({span:.4g} s), Savitzky and Golay"
+    if motion.v is not None:
+        v, a, _ = local_polynomials(motion.t, motion.v, window, degree)
+        return motion.q, v, a, [f"rates: from the file, smoothed; accelerations: their derivatives; {method}"]
+    q, v, a = local_polynomials(motion.t, motion.q, window, degree)
+    return q, v, a, [f"coordinates smoothed, rates and accelerations: derivatives of {method}"]

@@ -1,0 +1,9 @@
+"""A kernel over time: the system of equations, steps, solvers, contacts, closed loops.
+
+Uses runtime, state and loops; never the generator or the pipeline, so that it builds nothing behind your back.
+"""
+
+from .solve import METHODS, integrate
+from .trajectory import Trajectory
+
+__all__ = ["METHODS", "Trajectory", "integrate"]

@@ -1,0 +1,134 @@
+"""Numerical integration of a compiled kernel's equations of motion, explicit and implicit.
+
+SciPy and SUNDIALS are imported when an integration with one of their methods begins, not with this file.
+"""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InputError, IntegrationStopped
+from ..progress import Progress
+from ..runtime.kernel import Kernel
+from ..state.springs import stiffnesses
+from ..state.vectors import Drive, Prescribed, Wrench, state_vector
+from . import sundials
+from .contacts import ContactWatch
+from .steps import (
+    IMPLICIT,
+    Record,
+    Samples,
+    checked_times,
+    fixed_step,
+    output_times,
+    reporter,
+    rk4,
+    sampled,
+    start_solver,
+    tolerances,
+)
+from .system import System
+from .trajectory import Motion, Trajectory, trajectory_of
+
+Array = NDArray[np.float64]
+
+EXPLICIT = ("DOP853", "RK45", "rk4")
+METHODS = ("auto", *IMPLICIT, *sundials.METHODS, *EXPLICIT)
+
+__all__ = ["EXPLICIT", "METHODS", "IntegrationStopped", "Trajectory", "choose_method", "integrate"]
+
+
+def integrate(
+    kernel: Kernel,
+    q0: ArrayLike,
+    v0: ArrayLike,
+    duration: float,
+    *,
+    drive: Drive | None = None,
+    wrench: Wrench | ArrayLike | None = None,
+    prescribed: Prescribed | None = None,
+    method: str = "auto",
+    rtol: float = 1e-6,
+    atol: ArrayLike | None = None,
+    step: float | None = None,
+    output_step: float | None = None,
+    times: ArrayLike | None = None,
+    progress: Progress | None = None,
+    record: Record | None = None,
+) -> Trajectory:
+    """Integrate M(q) a + bias = generalized force + u from a state.
+
+    Args:
+        kernel: float64, with forward_dynamics and energy; implicit methods and ``atol=None`` need mass_matrix, and
+            implicit ones inverse_dynamics.
+        q0, v0: the state at t = 0, (n,).
+        duration: s.
+        drive: (t, q, v) -> u, (n,), N or N m; none if not given.  With an attribute ``batched`` that is true it is
+            called with q and v of shape (N, n), too, and returns (N, n).  With a method ``slopes``, (t, q, v) ->
+            (du/dq, du/dv), (n, n) each, implicit methods take these instead of finite differences of it.
+        wrench: (links, 6) as in the kernel's methods, or (t, q, v) -> that.
+        prescribed: t -> (q, v, a) of the prescribed coordinates, (m,) each, in the order of ``kernel.prescribed``
+            (``eomgen.motion.Harmonic``, say); v and a must be the derivatives of q.  What q0, v0 and drive say of them
+            does not count.  The trajectory's u is there the force that the motion needs, so that the kernel must have
+            inverse_dynamics.
+        method: "auto" (Radau if any coordinate or spring has a stiffness, else DOP853), "Radau", "BDF", "LSODA",
+            "DOP853", "RK45" (all SciPy's), "CVODE", "IDA" (SUNDIALS'), or "rk4" with a fixed step.
+        rtol, atol: tolerances; atol is a number or (2n,), first of q, then of v.  By default rtol times the size of
+            each coordinate: ``coordinate_sizes``.
+        step: of rk4, s; shortened so that it divides ``output_step``.  Default: half the time in which the fastest
+            spring turns by 1 rad, or a damper between two points slows down by a factor e.
+        output_step: distance of the samples, s, shortened so that it divides the duration; default duration / 1000.
+        times: of the samples, s, (T,), increasing; instead of ``output_step``.  The state given is that at the first,
+            which need not be 0; the last must be the duration.
+        progress: called with a fraction from 0 to 1 and a line of text.
+        record: called with times of samples (k,) and states (k, 2n) as they are reached, the first one not among them.
+
+    Raises:
+        IntegrationStopped: the state diverges, the step becomes too small, M singular, or a drive, wrench or
+            acceleration NaN or infinite, whatever ``kernel.checks`` says; an IntegrationError that names coordinate
+            and time and has the last good state and the trajectory up to it.
+        InputError: an argument is wrong, a prescribed coordinate has no motion, or SciPy is not installed.
+    """
+    system = System(kernel, drive, wrench, prescribed)
+    q0, v0 = (state_vector(label, x, kernel.coordinates) for label, x in (("q0", q0), ("v0", v0)))
+    times = output_times(duration, output_step) if times is None else checked_times(times, duration, output_step)
+    method = choose_method(kernel, method)
+    began = time.perf_counter()
+    report = reporter(progress, float(times[-1]))
+    y0 = np.concatenate([q0, v0])
+    watch = ContactWatch(kernel)
+    samples = Samples(times, y0, record)
+
+    def run() -> None:
+        if method == "rk4":
+            rk4(system, samples, fixed_step(kernel, q0, step, times), report, watch=watch)
+            return
+        absolute = tolerances(system, y0, rtol, atol)
+        if method in sundials.METHODS:
+            sundials.sundials_states(system, samples, method, rtol, absolute, report, watch)
+        else:
+            sampled(start_solver(system, y0, times, method, rtol, absolute), system, samples, report, watch)
+
+    def info(_motion: Motion) -> dict[str, float]:
+        return {**system.counts, "wall_s": time.perf_counter() - began}
+
+    return trajectory_of(system, samples, run, method, watch, info)
+
+
+def choose_method(kernel: Kernel, method: str = "auto") -> str:
+    """The method that ``integrate`` takes: "auto" becomes Radau if anything has a stiffness, else DOP853.
+
+    Raises:
+        InputError: the method is unknown.
+    """
+    if method not in METHODS:
+        raise InputError(f"method: {method!r} is unknown; allowed: {', '.join(METHODS)}")
+    if method != "auto":
+        return method
+    stiff = bool(stiffnesses(kernel).any()) or any(
+        kernel.parameters.get(f"springs.{name}.stiffness", 0.0) or name in kernel.knots for name in kernel.springs
+    )
+    return "Radau" if stiff else "DOP853"

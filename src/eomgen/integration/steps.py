@@ -1,0 +1,212 @@
+"""From sample to sample: RK4 with a fixed step, and SciPy's methods, with progress, records and contacts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import ArrayError, EomgenError, InputError, IntegrationStopped
+from ..progress import Progress
+from ..runtime.kernel import Kernel
+from ..state.springs import coordinate_sizes, line_rates, stiffness_matrix
+from .contacts import ContactWatch
+from .system import System
+
+Array = NDArray[np.float64]
+Record = Callable[[Array, Array], None]
+
+IMPLICIT = ("Radau", "BDF", "LSODA")  # SciPy's
+
+
+def output_times(duration: float, output_step: float | None) -> Array:
+    """Times of the samples, s, the duration at the end; InputError if one of both is no time."""
+    if not (np.isfinite(duration) and duration > 0.0):
+        raise InputError(f"duration: {duration!r} s; an integration takes a finite time greater than 0")
+    if output_step is None:
+        output_step = duration / 1000.0
+    if not (np.isfinite(output_step) and output_step > 0.0):
+        raise InputError(f"output_step: {output_step!r} s; samples are a finite time greater than 0 apart")
+    return np.linspace(0.0, duration, max(1, int(np.ceil(duration / output_step - 1e-9))) + 1)
+
+
+def checked_times(times: ArrayLike, duration: float, output_step: float | None) -> Array:
+    found = np.array(times, dtype=np.float64)
+    if output_step is not None:
+        raise InputError("times and output_step are both given; allowed: one of them")
+    if found.ndim != 1 or found.size < 2 or not np.isfinite(found).all() or not (np.diff(found) > 0.0).all():
+        raise InputError("times: allowed: two or more finite times, increasing")
+    if found[-1] != duration:
+        raise InputError(f"times: end at {found[-1]:g} s; allowed: at the duration, {duration:g} s")
+    return found
+
+
+def reporter(progress: Progress | None, duration: float) -> Progress:
+    """A report of the time reached, at most one per percent."""
+    last = -1.0
+
+    def report(t: float, text: str) -> None:
+        nonlocal last
+        fraction = min(1.0, t / duration)
+        if progress is not None and (fraction - last >= 0.01 or (fraction == 1.0 and last < 1.0)):
+            last = fraction
+            progress(fraction, text)
+
+    return report
+
+
+def fixed_step(kernel: Kernel, q0: Array, step: float | None, times: Array) -> float:
+    """The step of rk4, s: as given, or half the time of the fastest spring or line damper, at most 1 ms.
+
+    That is the time in which a spring turns by 1 rad, or a damper between two points takes 1 - 1 / e of a rate.
+    """
+    if step is not None:
+        if not (np.isfinite(step) and step > 0.0):
+            raise InputError(f"step: {step!r} s; a step is a finite time greater than 0")
+        return step
+    between, damping = line_rates(kernel, q0)
+    stiffness = stiffness_matrix(kernel) + between
+    fastest = 0.0
+    if stiffness.any():
+        fastest = float(np.sqrt(np.abs(np.linalg.eigvals(np.linalg.solve(kernel.mass_matrix(q0), stiffness))).max()))
+    if damping.any():
+        slowing = np.abs(np.linalg.eigvals(np.linalg.solve(kernel.mass_matrix(q0), damping))).max()
+        fastest = max(fastest, float(slowing))
+    return min(1e-3, 0.5 / fastest if fastest else np.inf, float(np.diff(times).max()))
+
+
+class Samples:
+    """States of a motion at given times, as they are reached.
+
+    Attributes:
+        times: (T,), s.
+        states: q and v there, (T, 2n).
+        done: how many are there; the first one is at the beginning.
+    """
+
+    def __init__(self, times: Array, y0: Array, record: Record | None = None) -> None:
+        self.times, self.states, self.done, self._record = times, np.empty((times.size, y0.size)), 1, record
+        self.states[0] = y0
+
+    def take(self, states: Array) -> None:
+        """The next ones, (k, 2n); they are passed on to ``record``."""
+        rows = slice(self.done, self.done + len(states))
+        self.states[rows] = states
+        self.done = rows.stop
+        if self._record is not None:
+            self._record(self.times[rows], self.states[rows])
+
+    def until(self, stop: IntegrationStopped) -> tuple[Array, Array]:
+        """Times and states of what is there, and the last good state behind them."""
+        times, states = self.times[: self.done], self.states[: self.done]
+        if stop.t > times[-1]:
+            times, states = np.append(times, stop.t), np.vstack([states, np.concatenate([stop.q, stop.v])])
+        return times, states
+
+
+def rk4(
+    system: System,
+    samples: Samples,
+    step: float,
+    report: Progress,
+    settle: Callable[[float, float, Array, Array], Array] | None = None,
+    watch: ContactWatch | None = None,
+) -> None:
+    """Fill the samples by the classical Runge-Kutta method of order 4.
+
+    ``settle(t, h, y, good)`` corrects y, the state after a step of h from ``good`` at t.
+    """
+    y, f = samples.states[0], system.derivative
+    for t0, t1 in pairwise(samples.times):
+        count = max(1, int(np.ceil((t1 - t0) / step - 1e-9)))
+        h = (t1 - t0) / count
+        for j in range(count):
+            t = float(t0 + j * h)
+            good = y
+            try:
+                with np.errstate(over="ignore", invalid="ignore"):
+                    k1 = f(t, y)
+                    k2 = f(t + 0.5 * h, y + 0.5 * h * k1)
+                    k3 = f(t + 0.5 * h, y + 0.5 * h * k2)
+                    k4 = f(t + h, y + h * k3)
+                    y = y + (h / 6.0) * (k1 + 2.0 * (k2 + k3) + k4)
+            except (ValueError, ArithmeticError) as error:
+                system.trouble = error
+                raise system.stopped(f"rk4 cannot go on with a step of {h:.3g} s", t, good) from error
+            if not np.isfinite(y).all():
+                raise system.stopped(f"rk4 diverged with a step of {h:.3g} s", t, good, y)
+            if settle is not None:
+                y = settle(t, h, y, good)
+            if watch is not None:
+                watch.step(t, good, t + h, y)
+            system.counts["steps"] += 1
+        samples.take(y[np.newaxis])
+        report(float(t1), f"t = {t1:.3f} s, rk4, {system.counts['steps']} steps")
+
+
+def start_solver(system: System, y0: Array, times: Array, method: str, rtol: float, atol: Array) -> Any:
+    """SciPy's solver at the first time: the classes that solve_ivp drives, stepped here to show progress."""
+    try:
+        from scipy import integrate as scipy_integrate
+    except ImportError:
+        raise InputError(f'method {method} needs SciPy: pip install "eomgen[sim]"; "rk4" works without') from None
+    system.derivative(float(times[0]), y0)  # a state that cannot move is the caller's: its error comes as it is
+    options: dict[str, Any] = {"rtol": rtol, "atol": atol}
+    if method in IMPLICIT:
+        options["jac"] = system.jacobian
+    function = system.derivative if method == "LSODA" else system.trial
+    return getattr(scipy_integrate, method)(function, times[0], y0, times[-1], **options)
+
+
+def sampled(
+    solver: Any,
+    system: System,
+    samples: Samples,
+    report: Progress,
+    watch: ContactWatch,
+) -> None:
+    """Step SciPy's solver to the end, and fill the samples."""
+    times, name = samples.times, type(solver).__name__
+    while solver.status == "running":
+        t, y = solver.t, solver.y
+        try:
+            with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+                message = solver.step()
+        except EomgenError as error:
+            system.trouble = error
+            raise system.stopped(f"{name} cannot go on", t, y) from error
+        except (ValueError, ArithmeticError) as error:  # LU of a Jacobian that is not finite, say
+            system.trouble = system.trouble or error
+            raise system.stopped(f"{name} cannot go on", t, y) from error
+        if solver.status == "failed":
+            raise system.stopped(f"{name} cannot go on: {str(message).rstrip('.').lower()}", t, y)
+        if not np.isfinite(solver.y).all():
+            raise system.stopped(f"{name} diverged", t, y, solver.y)
+        system.counts["steps"] += 1
+        system.trouble = None  # it was overcome
+        end = int(np.searchsorted(times, solver.t, side="right"))
+        if end > samples.done or len(watch):
+            between = solver.dense_output()
+            watch.step(t, y, solver.t, solver.y, between)
+            if end > samples.done:
+                samples.take(between(times[samples.done : end]).T)
+        report(solver.t, f"t = {solver.t:.3f} s, {name}, {system.counts['steps']} steps")
+
+
+def tolerances(system: System, y0: Array, rtol: float, atol: ArrayLike | None) -> Array:
+    """Absolute ones of (q, v), (2n,)."""
+    n = system.n
+    if not (np.isfinite(rtol) and 1e-13 <= rtol < 1.0):
+        raise InputError(f"rtol: {rtol!r}; allowed: from 1e-13 to less than 1")
+    if atol is None:
+        return rtol * np.concatenate(coordinate_sizes(system.kernel, y0[:n]))
+    try:
+        tolerance = np.broadcast_to(np.asarray(atol, dtype=np.float64), (2 * n,))
+    except (TypeError, ValueError):
+        raise ArrayError(f"atol: expected a number or shape ({2 * n},), got shape {np.shape(atol)}") from None
+    if not (np.isfinite(tolerance).all() and (tolerance >= 0.0).all()):
+        raise InputError("atol: tolerances are finite and at least 0")
+    return tolerance

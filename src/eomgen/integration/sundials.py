@@ -1,0 +1,139 @@
+"""CVODE and IDA of SUNDIALS, through scikit-sundae, on a kernel's equations of motion.
+
+CVODE takes y' = f(t, y), that is forward dynamics; IDA takes F(t, y, y') = 0, that is the residual, in which no mass
+matrix is inverted.  Both have the exact Jacobian.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import EomgenError, InputError, IntegrationError
+from ..progress import Progress
+from .contacts import ContactWatch
+
+if TYPE_CHECKING:
+    from .steps import Samples
+    from .system import System
+
+Array = NDArray[np.float64]
+
+METHODS = ("CVODE", "IDA")
+MOST_STEPS = 1_000_000  # between two samples
+MOST_FAILURES = 30  # calls without a result at nearly the same time: SUNDIALS would halve its step for ever
+NEAR = 1e-9  # of a time
+
+
+def sundials_states(
+    system: System,
+    samples: Samples,
+    method: str,
+    rtol: float,
+    atol: Array,
+    report: Progress,
+    watch: ContactWatch,
+) -> None:
+    """Fill the samples.
+
+    Args:
+        system: the equations; its counts grow.
+        samples: with the state at the first time.
+        method: "CVODE" or "IDA".
+        rtol, atol: tolerances, (2n,) the second.
+        report: called with the time reached and a line of text.
+        watch: is told of the contacts.
+
+    Raises:
+        IntegrationStopped: it cannot go on, with the last good state.
+        InputError: scikit-sundae is not installed.
+    """
+    good, reached = samples.states[0], float(samples.times[0])
+    solver = _start(system, good, reached, method, rtol, atol, watch)
+    for t in samples.times[1:]:
+        while reached < t:
+            try:
+                found = solver.step(float(t))
+            except EomgenError as error:
+                system.trouble = error
+                raise system.stopped(f"{method} cannot go on", reached, good) from error
+            if not (found.success and np.isfinite(found.y).all()):
+                reason = str(found.message).rstrip(".").lower()
+                raise system.stopped(f"{method} cannot go on: {reason}", reached, good)
+            reached, good = float(found.t), np.array(found.y)
+            system.trouble = None  # it was overcome
+            if reached < t:  # an event stopped it
+                for end in np.flatnonzero(found.i_events[-1]):
+                    watch.note(int(end), reached, good, bool(found.i_events[-1][end] > 0))
+        samples.take(good[np.newaxis])
+        report(reached, f"t = {reached:.3f} s, {method}, {system.counts['evaluations']} calls")
+
+
+def _start(system: System, y0: Array, t0: float, method: str, rtol: float, atol: Array, watch: ContactWatch) -> Any:
+    try:
+        from sksundae.cvode import CVODE
+        from sksundae.ida import IDA
+    except ImportError:
+        raise InputError(f'method {method} needs scikit-sundae: pip install "eomgen[sim]"') from None
+    functions = _ida(system, watch) if method == "IDA" else _cvode(system, watch)
+    options: dict[str, Any] = {"rtol": rtol, "atol": atol, "max_num_steps": MOST_STEPS, "jacfn": functions[1]}
+    if len(watch):
+        options |= {"eventsfn": functions[2], "num_events": len(watch)}
+    slopes = system.derivative(t0, y0)  # a state that cannot move is the caller's: its error comes as it is
+    solver = (IDA if method == "IDA" else CVODE)(functions[0], **options)
+    solver.init_step(t0, y0, *([slopes] if method == "IDA" else []))
+    return solver
+
+
+class _Patience:
+    """Fills arrays, with NaN where that is impossible, so that the solver takes a shorter step; but not for ever."""
+
+    def __init__(self, system: System) -> None:
+        self.system, self.failures, self.failed_at = system, 0, -np.inf
+
+    def __call__(self, t: float, y: Array, compute: Callable[[], Array], out: Array) -> None:
+        try:
+            out[...] = compute()
+            if np.isfinite(out).all():
+                return
+        except (ValueError, ArithmeticError) as error:
+            self.system.note(error, y)
+            out[...] = np.nan
+        near = abs(t - self.failed_at) <= NEAR * max(abs(t), 1e-3)
+        self.failures, self.failed_at = self.failures + 1 if near else 1, t
+        if self.failures > MOST_FAILURES:
+            trouble = self.system.trouble
+            raise trouble if isinstance(trouble, EomgenError) else IntegrationError("forces are not finite there")
+
+
+def _cvode(system: System, watch: ContactWatch) -> tuple[Any, Any, Any]:
+    fill = _Patience(system)
+
+    def right_side(t: float, y: Array, out: Array) -> None:
+        fill(t, y, lambda: system.derivative(t, y), out)
+
+    def jacobian(t: float, y: Array, _slopes: Array, out: Array) -> None:
+        fill(t, y, lambda: system.jacobian(t, y), out)
+
+    def events(_t: float, y: Array, out: Array) -> None:
+        out[:] = watch.gaps(y)
+
+    return right_side, jacobian, events
+
+
+def _ida(system: System, watch: ContactWatch) -> tuple[Any, Any, Any]:
+    fill = _Patience(system)
+
+    def residual(t: float, y: Array, slopes: Array, out: Array) -> None:
+        fill(t, y, lambda: system.residual(t, y, slopes), out)
+
+    def jacobian(t: float, y: Array, slopes: Array, _residual: Array, c: float, out: Array) -> None:
+        fill(t, y, lambda: system.residual_jacobian(t, y, slopes, c), out)
+
+    def events(_t: float, y: Array, _slopes: Array, out: Array) -> None:
+        out[:] = watch.gaps(y)
+
+    return residual, jacobian, events

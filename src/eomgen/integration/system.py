@@ -1,0 +1,228 @@
+"""A kernel's equations of motion as a system of first order, with drives, wrenches and prescribed motions."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import ArrayError, InputError, IntegrationStopped
+from ..runtime.kernel import Kernel
+from ..state.springs import coordinate_sizes
+from ..state.vectors import Q_STEP, V_STEP, Drive, Prescribed, Wrench, state_vector
+
+Array = NDArray[np.float64]
+
+
+__all__ = ["Drive", "IntegrationStopped", "Prescribed", "System", "Wrench", "state_vector"]
+
+
+class System:
+    """The equations of motion as y' = f(t, y), y = (q, v), with their Jacobian; counts its calls.
+
+    Whatever ``kernel.checks`` says, a drive, wrench, prescribed motion, state or acceleration that is not finite is an
+    ArrayError that names it.
+    """
+
+    def __init__(
+        self,
+        kernel: Kernel,
+        drive: Drive | None,
+        wrench: Wrench | ArrayLike | None,
+        prescribed: Prescribed | None = None,
+    ) -> None:
+        if kernel.dtype != np.float64:
+            raise InputError(f"integration needs a float64 kernel; {kernel.name} is {kernel.dtype}")
+        self.kernel, self.n = kernel, kernel.n
+        self._drive = drive
+        self._prescribed = prescribed
+        self._given = [kernel.coordinates.index(name) for name in kernel.prescribed]
+        self._free = np.array([name not in kernel.prescribed for name in kernel.coordinates])
+        if self._given and prescribed is None:
+            raise InputError(f"prescribed: the motion of {', '.join(kernel.prescribed)} is not given")
+        if prescribed is not None and not self._given:
+            raise InputError(f"prescribed: {kernel.name} has no prescribed coordinate")
+        self._batched = bool(getattr(drive, "batched", False))
+        self._wrench = wrench
+        if wrench is not None and not callable(wrench) and np.shape(wrench) == (len(kernel.links), 6):
+            kernel.refuse_not_finite("wrench", np.asarray(wrench, dtype=np.float64), (len(kernel.links), 6))
+        self._no_drive = np.zeros(self.n)
+        self.counts = {"steps": 0, "evaluations": 0, "jacobians": 0}
+        self.trouble: Exception | None = None
+
+    def prescribe(self, t: float, q: Array, v: Array) -> Array:
+        """Put q and v of prescribed coordinates into a state's arrays; their accelerations."""
+        if self._prescribed is None:
+            return np.zeros(0)
+        found = [np.asarray(x, dtype=np.float64) for x in self._prescribed(t)]
+        if [x.shape for x in found] != [(len(self._given),)] * 3 or not np.isfinite(found).all():
+            bad = np.argwhere(~np.isfinite(found)) if len({x.shape for x in found}) == 1 else np.zeros((0, 2), int)
+            raise ArrayError(
+                f"prescribed: expected three arrays of {len(self._given)} finite numbers at t = {t:.6g} s, got"
+                f" {', '.join(str(x) for x in found)}",
+                self.kernel.prescribed[bad[0][-1] % len(self._given)] if bad.size else "",
+            )
+        q[self._given], v[self._given] = found[:2]
+        return found[2]
+
+    def forces(self, t: float, q: Array, v: Array) -> Array:
+        """u in a state: the drives, and what the motion of prescribed coordinates needs."""
+        u = np.array(self.drives(t, q, v))
+        if self._given:
+            u[self._given] = self.prescribe(t, q, v)
+            wrench = self.wrench(t, q, v)
+            a = self.kernel.forward_dynamics(q, v, u, wrench=wrench)
+            u[self._given] = self.kernel.inverse_dynamics(q, v, a, wrench=wrench)[self._given]
+        return u
+
+    def drives(self, t: float, q: Array, v: Array) -> Array:
+        """u of one state, (n,), or of a batch, (N, n)."""
+        if self._drive is None:
+            return self._no_drive if q.ndim == 1 else np.zeros_like(q)
+        if q.ndim == 2 and not self._batched:
+            return np.array([self.drives(t, *state) for state in zip(q, v, strict=True)])
+        u = np.asarray(self._drive(t, q, v), dtype=np.float64)
+        if u.shape != q.shape:
+            raise ArrayError(f"drive: expected forces of shape {q.shape}, got shape {u.shape} at t = {t:.6g} s")
+        self._refuse_not_finite("drive", u, t)
+        return u
+
+    def wrench(self, t: float, q: Array, v: Array) -> ArrayLike | None:
+        """External wrenches in one state, (links, 6)."""
+        if not callable(self._wrench):
+            return self._wrench
+        wrench = self._wrench(t, q, v)
+        if np.shape(wrench)[-2:] == (len(self.kernel.links), 6):  # another shape is the kernel's to refuse
+            self._refuse_not_finite("wrench", np.asarray(wrench, dtype=np.float64), t)
+        return wrench
+
+    def _refuse_not_finite(self, label: str, values: Array, t: float) -> None:
+        """ArrayError where one of the values, (n,), (N, n) or wrenches, is not finite."""
+        if not np.isfinite(values).all():
+            shape = (len(self.kernel.links), 6) if label == "wrench" else (self.n,)
+            self.kernel.refuse_not_finite(label, values, shape, f" at t = {t:.6g} s")
+
+    def derivative(self, t: float, y: Array) -> Array:
+        """y' of one state."""
+        self.counts["evaluations"] += 1
+        q, v = y[: self.n], y[self.n :]
+        result = np.empty_like(y)
+        self._refuse_not_finite("q", q, t)
+        self._refuse_not_finite("v", v, t)
+        if self._given:
+            q, v = q.copy(), v.copy()
+            a = self.prescribe(t, q, v)
+        u, wrench = self.drives(t, q, v), self.wrench(t, q, v)
+        if self._given:
+            u = np.array(u)
+            u[self._given] = a
+        result[: self.n] = v
+        self.kernel.forward_dynamics(q, v, u, wrench=wrench, out=result[self.n :])
+        self._refuse_not_finite("acceleration", result[self.n :], t)
+        return result
+
+    def trial(self, t: float, y: Array) -> Array:
+        """As ``derivative``, but NaN where that is impossible: a method with step control then takes a shorter step."""
+        try:
+            return self.derivative(t, y)
+        except (ValueError, ArithmeticError) as error:  # a state that is not finite, or M is singular there
+            self.note(error, y)
+            return np.full_like(y, np.nan)
+
+    def note(self, error: Exception, y: Array) -> None:
+        """Keep what went wrong at y; where y is not finite itself, what made it so remains to blame."""
+        if self.trouble is None or np.isfinite(y).all():
+            self.trouble = error
+
+    def jacobian(self, t: float, y: Array) -> Array:
+        """dy'/dy, (2n, 2n): M da = -d(residual) at constant a."""
+        self.counts["jacobians"] += 1
+        n, y = self.n, y.copy()
+        self.prescribe(t, y[:n], y[n:])
+        by_q, by_v, M = self._slopes(t, y[:n], y[n:], self.derivative(t, y)[n:])
+        result = np.zeros((2 * n, 2 * n))
+        result[:n, n:] = np.eye(n)
+        free = self._free
+        result[n:][free] = -np.linalg.solve(M[np.ix_(free, free)], np.hstack([by_q, by_v])[free])
+        result[:, np.tile(~free, 2)] = 0.0  # what is prescribed depends on time alone
+        return result
+
+    def residual(self, t: float, y: Array, slopes: Array) -> Array:
+        """F(t, y, y'), (2n,): q' - v, and the residual of the equations of motion at a = v'."""
+        self.counts["evaluations"] += 1
+        n, y = self.n, y.copy()
+        q, v, a = y[:n], y[n:], slopes[n:].copy()
+        given = self.prescribe(t, q, v)
+        wrench = self.wrench(t, q, v)
+        result = np.concatenate([slopes[:n] - v, self.kernel.inverse_dynamics(q, v, a, wrench=wrench)])
+        result[n:] -= self.drives(t, q, v)
+        if self._given:
+            result[n:][self._given] = a[self._given] - given
+        self._refuse_not_finite("rate less v", result[:n], t)
+        self._refuse_not_finite("residual", result[n:], t)
+        return result
+
+    def residual_jacobian(self, t: float, y: Array, slopes: Array, c: float) -> Array:
+        """dF/dy + c dF/dy', (2n, 2n)."""
+        self.counts["jacobians"] += 1
+        n, y = self.n, y.copy()
+        self.prescribe(t, y[:n], y[n:])
+        by_q, by_v, M = self._slopes(t, y[:n], y[n:], slopes[n:].copy())
+        unit = np.eye(n)
+        result = np.block([[c * unit, -unit], [by_q, by_v + c * M]])
+        fixed = np.flatnonzero(~self._free)
+        result[:, np.concatenate([fixed, n + fixed])] = 0.0
+        result[n + fixed] = 0.0
+        result[fixed, fixed] = result[n + fixed, n + fixed] = c
+        result[n:, n + fixed] += np.where(self._free[:, None], c * M[:, fixed], 0.0)
+        return result
+
+    def _slopes(self, t: float, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
+        """Derivatives of inverse dynamics less drives by q and v at constant a, and M, (n, n) each.
+
+        The kernel's exact ones where it has them, else finite differences of a batch of inverse dynamics; those of
+        drives and wrenches are finite differences unless the drive has a method ``slopes``.
+        """
+        n, kernel, wrench = self.n, self.kernel, self.wrench(t, q, v)
+        steps = np.concatenate([Q_STEP * np.maximum(1.0, np.abs(q)), V_STEP * np.maximum(1.0, np.abs(v))])
+        states = np.tile(np.concatenate([q, v]), (2 * n + 1, 1))
+        states[np.arange(1, 2 * n + 1), np.arange(2 * n)] += steps
+        qs, vs = np.ascontiguousarray(states[:, :n]), np.ascontiguousarray(states[:, n:])
+        if "residual_jacobian" in kernel.operations:
+            *exact, M = kernel.residual_jacobian(q, v, a)
+            result = np.hstack(exact)
+            if wrench is not None:
+                forces = kernel.external_force(qs[: n + 1], wrench)
+                result[:, :n] -= (forces[1:] - forces[0]).T / steps[:n]
+        else:
+            forces = kernel.inverse_dynamics(qs, vs, a, wrench=wrench)
+            result, M = (forces[1:] - forces[0]).T / steps, kernel.mass_matrix(q)
+        if self._drive is not None:
+            result -= self._drive_slopes(t, qs, vs, steps)
+        return result[:, :n], result[:, n:], M
+
+    def _drive_slopes(self, t: float, qs: Array, vs: Array, steps: Array) -> Array:
+        """Derivatives of the drives by (q, v), (n, 2n), about the first of the states, which differ by the steps."""
+        exact = getattr(self._drive, "slopes", None)
+        if exact is not None:
+            return np.hstack(exact(t, qs[0], vs[0]))
+        drives = self.drives(t, qs, vs)
+        slopes: Array = (drives[1:] - drives[0]).T / steps
+        return slopes
+
+    def stopped(self, reason: str, t: float, y: Array, blame: Array | None = None) -> IntegrationStopped:
+        """The error that says where a motion could not go on; ``blame`` is the state that shows it, if not y."""
+        q, v = y[: self.n].copy(), y[self.n :].copy()
+        seen = y if blame is None else blame
+        bad = np.flatnonzero(~np.isfinite(seen))
+        name, where = getattr(self.trouble, "coordinate", ""), f"{self.kernel.name}, t = {t:.6g} s"
+        if bad.size:
+            name = self.kernel.coordinates[int(bad[0]) % self.n]
+            what = f"{name} is not finite"
+        elif name:  # the trouble says it
+            return IntegrationStopped(f"{where}: {reason}; {self.trouble}", t, q, v, name)
+        else:
+            worst = int(np.argmax(np.abs(seen[self.n :]) / coordinate_sizes(self.kernel, q)[1]))
+            name = self.kernel.coordinates[worst]
+            what = f"{name} moves fastest for its size, at {seen[self.n + worst]:.3g} per second"
+        detail = f"; {self.trouble}" if self.trouble else ""
+        return IntegrationStopped(f"{where}: {reason}; {what}{detail}", t, q, v, name)

@@ -1,0 +1,117 @@
+"""TODO."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import ArrayError, InputError, IntegrationStopped
+from .contacts import Contact, ContactWatch
+from .steps import Samples
+from .system import System
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A motion, sampled at equal distances in time (where it was stopped, the last sample may be nearer).
+
+    Attributes:
+        t: times, (T,), s.
+        q, v: coordinates and rates, (T, n).
+        u: drives, (T, n), N or N m.
+        energy: kinetic and potential energy, (T, 2), J.
+        coordinates: names, (n,).
+        method: the method that was used.
+        info: numbers of steps (0: not known), evaluations (of forward or inverse dynamics) and jacobians; wall_s, s.
+        contacts: when clearances closed and opened, by time.
+    """
+
+    t: Array
+    q: Array
+    v: Array
+    u: Array
+    energy: Array
+    coordinates: tuple[str, ...]
+    method: str
+    info: Mapping[str, float] = field(default_factory=dict)
+    contacts: tuple[Contact, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "info", MappingProxyType(dict(self.info)))
+
+    def of(self, coordinate: str) -> Array:
+        """One coordinate over time, (T,), m or rad; InputError if there is none of that name."""
+        if coordinate not in self.coordinates:
+            raise InputError(f"coordinate: {coordinate!r} is unknown; known: {', '.join(self.coordinates)}")
+        return self.q[:, self.coordinates.index(coordinate)]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What of a motion is finite: t (T,), q, v and u (T, n)."""
+
+    t: Array
+    q: Array
+    v: Array
+    u: Array
+
+
+def trajectory_of(
+    system: System,
+    samples: Samples,
+    run: Callable[[], None],
+    method: str,
+    watch: ContactWatch,
+    info: Callable[[Motion], dict[str, float]],
+) -> Trajectory:
+    """The trajectory of the samples that ``run`` fills; ``info`` is what is said of it.
+
+    Raises:
+        IntegrationStopped: from ``run``, or because forces at a sample are not finite; with the trajectory until then.
+    """
+    stop: IntegrationStopped | None = None
+    try:
+        run()
+        times, states = samples.times, samples.states
+    except IntegrationStopped as error:
+        stop = error
+        times, states = samples.until(error)
+    motion, trouble = _with_forces(system, times, states)
+    last = motion.t.size - 1
+    if trouble is not None and stop is None:
+        if last < 0:
+            raise trouble
+        system.trouble = trouble
+        stop = system.stopped("the forces cannot be evaluated at the next sample", float(times[last]), states[last])
+    trajectory = None
+    if last >= 0:
+        energy = np.asarray(system.kernel.energy(motion.q, motion.v))
+        about, contacts = info(motion), tuple(watch.found)
+        names = system.kernel.coordinates
+        trajectory = Trajectory(motion.t, motion.q, motion.v, motion.u, energy, names, method, about, contacts)
+    if stop is not None:
+        stop.trajectory = trajectory
+        raise stop from (stop.__cause__ or trouble)
+    assert trajectory is not None  # nothing stopped, so that there are all samples
+    return trajectory
+
+
+def _with_forces(system: System, times: Array, states: Array) -> tuple[Motion, ArrayError | None]:
+    """The motion with drives and forces of prescribed coordinates, as far as they are finite, and why no further."""
+    n, trouble = system.n, None
+    q, v = np.ascontiguousarray(states[:, :n]), np.ascontiguousarray(states[:, n:])
+    u, end = np.empty_like(q), times.size
+    for i, t in enumerate(times.tolist()):
+        try:
+            system.prescribe(t, q[i], v[i])
+            u[i] = system.forces(t, q[i], v[i])
+        except ArrayError as error:
+            end, trouble = i, error
+            break
+    return Motion(times[:end], q[:end], v[:end], u[:end]), trouble

@@ -1,0 +1,8 @@
+"""Closing a mechanism in one state: consistent positions and rates, constraint forces, redundancy.
+
+Uses runtime, robot and state.
+"""
+
+from .closed import ClosedLoops
+
+__all__ = ["ClosedLoops"]

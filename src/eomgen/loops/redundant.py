@@ -1,0 +1,96 @@
+"""The linear algebra of constraints that may be redundant."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..state.vectors import RANK
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Redundancy:
+    """How many of the constraints count in a state, and which do not.
+
+    Attributes:
+        rank: number of independent constraints.
+        mobility: degrees of freedom that are left: coordinates that are not prescribed, less rank.
+        redundant: names of constraints that follow from the others, as many as there are too many; which ones is a
+            choice, made by pivoting.
+        undetermined: names of constraints whose multipliers are not unique: rigid bodies do not determine them.
+    """
+
+    rank: int
+    mobility: int
+    redundant: tuple[str, ...]
+    undetermined: tuple[str, ...]
+
+
+class Factors:
+    """J L^-T = U S V^T without its singular values that are zero; M = L L^T.
+
+    Where loops are closed up to a gap only, redundant constraints have singular values of the size of the gap; so the
+    rank may be given, as that of a closed state nearby.  ``found_rank`` is the one that is seen here.
+    """
+
+    def __init__(self, J: Array, M: Array, L: Array | None = None, rank: int | None = None) -> None:
+        self.J = J
+        self.L = np.linalg.cholesky(M) if L is None else L
+        self.scaled = np.linalg.solve(self.L, J.T).T
+        U, S, Vt = np.linalg.svd(self.scaled, full_matrices=False)
+        self.found_rank = int(np.count_nonzero(S / max(S.max(initial=0.0), 1e-300) > RANK))
+        self.rank = self.found_rank if rank is None else rank
+        self.U, self.S, self.Vt = U[:, : self.rank], S[: self.rank], Vt[: self.rank]
+
+    def back(self, y: Array) -> Array:
+        """L^-T y."""
+        return np.linalg.solve(self.L.T, y)
+
+    def smallest(self, b: Array) -> Array:
+        """The x with J x = b (in the least-squares sense) and the least x^T M x."""
+        return self.back(self.Vt.T @ ((self.U.T @ b) / self.S))
+
+    def multipliers(self, b: Array) -> Array:
+        """The lambda of least norm with J M^-1 J^T lambda = b."""
+        return np.asarray(self.U @ ((self.U.T @ b) / self.S**2))
+
+    def dependent_rows(self) -> list[int]:
+        """Rows of J that follow from the others: what Gram-Schmidt with pivoting leaves when the rank is reached."""
+        rest, left = self.scaled.copy(), list(range(len(self.J)))
+        for _ in range(self.rank):
+            best = max(left, key=lambda i: float(np.linalg.norm(rest[i])))
+            left.remove(best)
+            unit = rest[best] / np.linalg.norm(rest[best])
+            rest -= np.outer(rest @ unit, unit)
+        return left
+
+    def undetermined_rows(self) -> list[int]:
+        """Rows that take part in a dependence between rows: their part in the range of J is not all of them."""
+        inside = np.einsum("ij,ij->i", self.U, self.U)
+        return [i for i, part in enumerate(inside) if part < 1.0 - 1e-8]
+
+
+def least_drives(J: Array, needed: Array, places: list[int]) -> tuple[Array, Array, float]:
+    """u + J^T lambda = needed with drives at some places alone, of least sums of squares.
+
+    Args:
+        J: (m, n).
+        needed: (n,).
+        places: indices of the drives.
+
+    Returns:
+        u, (n,), lambda, (m,), and the greatest part of ``needed`` that no drive can take.
+    """
+    U, S, Vt = np.linalg.svd(J)
+    rank = int(np.count_nonzero(S / max(S.max(initial=0.0), 1e-300) > RANK))
+    ways = Vt[rank:]  # rates that keep the loops closed: lambda does no work on them
+    u = np.zeros(needed.size)
+    if places:
+        u[places] = np.linalg.lstsq(ways[:, places], ways @ needed, rcond=RANK)[0]
+    left = float(np.abs(ways @ (needed - u)).max(initial=0.0))
+    return u, U[:, :rank] @ ((Vt[:rank] @ (needed - u)) / S[:rank]), left

@@ -1,0 +1,119 @@
+"""Points of the driven coordinates: their limits, what a user gives, and where a default motion goes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError, UnknownNameError
+from ..robot.coordinates import unit_of
+from ..robot.value import PRINCIPAL, Robot
+from .point_to_point import PointToPoint
+
+Array = NDArray[np.float64]
+Point = Mapping[str, float] | Sequence[float] | Array
+
+SPAN_ANGULAR, SPAN_LINEAR = np.pi / 4, 0.2  # rad, m: default motion of a joint, if its limits leave room for it
+
+
+def principal_limits(robot: Robot, coordinate: str) -> tuple[float, float]:
+    """Limits of a driven coordinate, m or rad; infinite if there are none, zero where it is held: of a free joint."""
+    limits, held = _limits(robot, coordinate)
+    return (0.0, 0.0) if held else limits
+
+
+def _limits(robot: Robot, coordinate: str) -> tuple[tuple[float, float], bool]:
+    """Limits of a driven coordinate (infinite if there are none), and whether it is held: one of a free joint."""
+    joint_name, _, name = coordinate.rpartition(".")
+    joint = robot.joint(joint_name)
+    if PRINCIPAL.get(joint.type) != name:
+        return (-np.inf, np.inf), True
+    return joint.limits or (-np.inf, np.inf), False
+
+
+def default_ends(robot: Robot, coordinates: Sequence[str]) -> tuple[Array, Array]:
+    """Start and goal of a default motion, (n,) each."""
+    ends = []
+    for name in coordinates:
+        limits, held = _limits(robot, name)
+        ends.append((0.0, 0.0) if held else _default_span(limits, unit_of(name)))
+    start, goal = np.array(ends).reshape(-1, 2).T
+    return start, goal
+
+
+def _default_span(limits: tuple[float, float], unit: str) -> tuple[float, float]:
+    """Start near zero, well inside the limits, and a goal on the side where there is more room."""
+    low, high = limits
+    span = SPAN_ANGULAR if unit == "rad" else SPAN_LINEAR
+    if not (np.isfinite(low) and np.isfinite(high)):
+        low, high = max(low, -4.0 * span), min(high, 4.0 * span)
+        if low >= high:  # one limit, beyond the default span
+            low, high = (low, low + 4.0 * span) if np.isfinite(limits[0]) else (high - 4.0 * span, high)
+    margin = 0.1 * (high - low)
+    start = min(max(0.0, low + margin), high - margin)
+    length = min(span, 0.4 * (high - low))
+    return start, start + length if high - start >= start - low else start - length
+
+
+def default_motion(
+    robot: Robot,
+    duration: float,
+    coordinates: Sequence[str],
+    *,
+    start: Point | None = None,
+    goal: Point | None = None,
+) -> PointToPoint:
+    """Point-to-point motion of these coordinates (those of ``robot.rigid()``); see ``simulate`` for start and goal.
+
+    Raises:
+        InputError: a value outside the joint's limits, a wrong number of them.
+        UnknownNameError: a name that is no principal coordinate.
+    """
+    if not (np.isfinite(duration) and duration > 0.0):
+        raise InputError(f"duration: {duration!r} s; a motion takes a finite time greater than 0")
+    default_start, default_goal = default_ends(robot, coordinates)
+    first = point_of(robot, coordinates, "start", start, default_start)
+    last = point_of(robot, coordinates, "goal", goal, default_goal)
+    return PointToPoint(first, last, duration, names=tuple(coordinates))
+
+
+def point_of(robot: Robot, coordinates: Sequence[str], label: str, given: Point | None, default: Array) -> Array:
+    """The point of all driven coordinates, from what the user gave, inside the limits."""
+    if given is None:
+        return default
+    point: Array = default.copy()
+    movable = [i for i, name in enumerate(coordinates) if not _limits(robot, name)[1]]
+    if isinstance(given, Mapping):
+        places = {coordinates[i]: i for i in movable} | {coordinates[i].rpartition(".")[0]: i for i in movable}
+        for name, value in given.items():
+            if name not in places:
+                known = ", ".join(coordinates[i] for i in movable)
+                raise UnknownNameError(f"{label}: {name!r} is no principal coordinate; known: {known}")
+            point[places[name]] = _number(f"{label}: {name}", value)
+    else:
+        values = list(given) if np.ndim(given) == 1 else []
+        if len(values) != len(movable):
+            names = ", ".join(coordinates[i] for i in movable)
+            raise InputError(f"{label}: expected {len(movable)} numbers ({names}), got {np.size(given)}")
+        point[movable] = [_number(f"{label}: {coordinates[i]}", v) for i, v in zip(movable, values, strict=True)]
+    for i in movable:
+        low, high = _limits(robot, coordinates[i])[0]
+        if not low - 1e-9 <= point[i] <= high + 1e-9:
+            unit = unit_of(coordinates[i])
+            raise InputError(
+                f"{label}: {coordinates[i]} = {point[i]:g} {unit}; its limits are {low:g} to {high:g} {unit}"
+            )
+    return point
+
+
+def _number(label: str, value: Any) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise InputError(f"{label} = {value!r} is not a number") from None
+    if not np.isfinite(number):
+        raise InputError(f"{label} = {number} is not finite")
+    return number

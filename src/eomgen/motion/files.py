@@ -1,0 +1,234 @@
+"""Measured motions: files of sampled coordinates, checked value by value."""
+
+from __future__ import annotations
+
+import csv
+import math
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..names import listed, nearest, show
+
+Array = NDArray[np.float64]
+
+SUFFIXES = {"": "q", ".rate": "v", ".acceleration": "a", ".drive": "u"}  # of a coordinate's columns
+_RULE = "t, coordinates such as joint1.x, and with .rate, .acceleration or .drive behind them"
+_MOST_BYTES = 1 << 30
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A motion that was measured, sampled at T times.
+
+    Attributes:
+        coordinates: names of all n coordinates of the robot.
+        t: times, (T,), s, increasing.
+        q: coordinates, (T, n), m or rad; zero where not measured.
+        v, a: rates and accelerations, (T, n), or None where the file does not have them.
+        u: drives, (T, n), N or N m; zero where not known.
+        measured, driven: names of the coordinates that q has, and of those whose drive is known.
+        source: the file.
+    """
+
+    coordinates: tuple[str, ...]
+    t: Array
+    q: Array
+    v: Array | None
+    a: Array | None
+    u: Array
+    measured: tuple[str, ...]
+    driven: tuple[str, ...]
+    source: str = ""
+
+
+def read_motion(path: Path | str, coordinates: Sequence[str]) -> Motion:
+    """Read a motion of a robot with these coordinates from a .csv or .npz.
+
+    A .csv has a header with the columns t (s), then names of coordinates (m, rad); NAME.rate, NAME.acceleration and
+    NAME.drive are optional.  Lines that begin with # are comments.  A .npz has arrays of these names, or, as
+    ``eomgen simulate`` writes it, t, q (T, k) and coordinates (k names), optionally v, a and u.  Coordinates that the
+    file does not have are zero.  Rates (accelerations) are given for all measured coordinates or for none.
+
+    Raises:
+        InputError: with the file, line and column (or array and element), the value and what is allowed.
+    """
+    source = Path(path)
+    if source.suffix not in (".csv", ".npz"):
+        raise InputError(f"motion: {show(str(path))}; allowed: a path that ends in .csv or .npz")
+    columns, lines = read_columns(source)
+    return _motion(columns, tuple(coordinates), str(source), lines)
+
+
+def read_columns(path: Path) -> tuple[dict[str, Array], list[int] | None]:
+    """Columns (T,) of a .csv or .npz by name, and the line of each row of a .csv; errors as ``read_motion``."""
+    try:
+        if path.stat().st_size > _MOST_BYTES:
+            raise InputError(f"{path}: the file has more than {_MOST_BYTES} bytes")
+        return _read_csv(path) if path.suffix == ".csv" else _read_npz(path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+
+
+def motion_of(robot: str, motion: Motion | Path | str, coordinates: tuple[str, ...]) -> Motion:
+    """The motion, read if it is a file's path.
+
+    Raises:
+        InputError: it cannot be read, or is of other coordinates than that robot's.
+    """
+    found = motion if isinstance(motion, Motion) else read_motion(motion, coordinates)
+    if found.coordinates != coordinates:
+        raise InputError(f"motion: is of other coordinates than {robot}'s: {', '.join(found.coordinates[:6])}, ...")
+    return found
+
+
+def motion_from_columns(columns: Mapping[str, Array], coordinates: Sequence[str], source: str = "motion") -> Motion:
+    """A motion from arrays (T,) by the names that a file's columns have; errors as ``read_motion``."""
+    arrays = {name: np.asarray(values, dtype=np.float64) for name, values in columns.items()}
+    for name, values in arrays.items():
+        if values.ndim != 1 or values.shape != arrays[next(iter(arrays))].shape:
+            raise InputError(f"{source}: {name} has shape {values.shape}; allowed: one length for all columns")
+    return _motion(arrays, tuple(coordinates), source, None)
+
+
+def _read_csv(path: Path) -> tuple[dict[str, Array], list[int]]:
+    """Columns by name, and the line that each row stands on."""
+    header: list[str] | None = None
+    rows: list[list[float]] = []
+    lines: list[int] = []
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as stream:
+            reader = csv.reader(stream)
+            for record in reader:
+                if not record or record[0].lstrip().startswith("#"):
+                    continue
+                place = f"{path}: line {reader.line_num}"
+                if header is None:
+                    header = _header(place, record)
+                    continue
+                if len(record) != len(header):
+                    raise InputError(f"{place}: {len(record)} values; allowed: {len(header)}, one for each column")
+                rows.append([_number(place, name, text) for name, text in zip(header, record, strict=True)])
+                lines.append(reader.line_num)
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: byte {error.start} is no UTF-8; allowed: UTF-8 text") from None
+    except csv.Error as error:
+        raise InputError(f"{path}: is no CSV: {error}") from None
+    if header is None or not rows:
+        raise InputError(f"{path}: has no values; allowed: a header ({_RULE}), then a line for each time")
+    table = np.array(rows)
+    return {name: table[:, i].copy() for i, name in enumerate(header)}, lines
+
+
+def _header(place: str, record: Sequence[str]) -> list[str]:
+    names = [name.strip() for name in record]
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            raise InputError(f"{place}: column {i + 1}: {show(name)} is there twice; allowed: once")
+    return names
+
+
+def _number(place: str, name: str, text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError(f"{place}: column {show(name)}: {show(text.strip())}; allowed: a finite number")
+    return value
+
+
+def _read_npz(path: Path) -> tuple[dict[str, Array], None]:
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            arrays = {name: np.array(data[name]) for name in data.files}
+    except (ValueError, zipfile.BadZipFile, EOFError, KeyError) as error:
+        raise InputError(f"{path}: is no .npz of arrays ({error})") from None
+    if "t" not in arrays:
+        raise InputError(f"{path}: has no array t; allowed: {_RULE}")
+    size = arrays["t"].shape
+    if "q" in arrays and "coordinates" in arrays:
+        names = [str(name) for name in np.atleast_1d(arrays["coordinates"])]
+        chosen = {"t": arrays["t"]}
+        for suffix, key in SUFFIXES.items():
+            if key in arrays:
+                if arrays[key].shape != (*size, len(names)):
+                    expected = f"({size[0] if size else 0}, {len(names)})"
+                    raise InputError(f"{path}: array {key} has shape {arrays[key].shape}; allowed: {expected}")
+                chosen |= {name + suffix: arrays[key][:, i] for i, name in enumerate(names)}
+        arrays = chosen
+    for name, array in arrays.items():
+        if array.dtype.kind not in "fiu" or array.ndim != 1 or array.shape != size:
+            raise InputError(
+                f"{path}: array {show(name)} has dtype {array.dtype} and shape {array.shape};"
+                f" allowed: numbers of the shape of t, {size}"
+            )
+    return {name: array.astype(np.float64) for name, array in arrays.items()}, None
+
+
+def _motion(columns: Mapping[str, Array], coordinates: tuple[str, ...], source: str, lines: list[int] | None) -> Motion:
+    def place(row: int) -> str:
+        return f"{source}: line {lines[row]}" if lines else f"{source}: sample {row}"
+
+    if "t" not in columns:
+        raise InputError(f"{source}: there is no column t; allowed: {_RULE}")
+    parts: dict[str, dict[int, Array]] = {key: {} for key in SUFFIXES.values()}
+    for name, values in columns.items():
+        bad = np.flatnonzero(~np.isfinite(values))
+        if bad.size:
+            raise InputError(f"{place(bad[0])}: column {show(name)}: {values[bad[0]]}; allowed: a finite number")
+        if name != "t":
+            key, index = _which(name, coordinates, source)
+            parts[key][index] = values
+    t = columns["t"]
+    back = np.flatnonzero(np.diff(t) <= 0.0)
+    if back.size:
+        late = int(back[0]) + 1
+        raise InputError(f"{place(late)}: column 't': {t[late]:g} after {t[late - 1]:g}; allowed: increasing times")
+    measured = sorted(parts["q"])
+    if not measured:
+        raise InputError(f"{source}: no column is a coordinate; allowed: {listed(coordinates)}")
+    for suffix, key in ((".rate", "v"), (".acceleration", "a")):
+        missing = [i for i in measured if i not in parts[key]] if parts[key] else []
+        foreign = [i for i in parts[key] if i not in parts["q"]]
+        if missing or foreign:
+            name = coordinates[(missing or foreign)[0]]
+            lack = name + suffix if missing else name
+            raise InputError(
+                f"{source}: the column {lack} is missing; allowed: {suffix} of all coordinates given, or none"
+            )
+    if parts["a"] and not parts["v"]:
+        raise InputError(f"{source}: accelerations without rates; allowed: columns .rate as well")
+    filled = {key: _filled(part, len(t), len(coordinates)) for key, part in parts.items()}
+    return Motion(
+        coordinates,
+        t,
+        filled["q"],
+        filled["v"] if parts["v"] else None,
+        filled["a"] if parts["a"] else None,
+        filled["u"],
+        tuple(coordinates[i] for i in measured),
+        tuple(coordinates[i] for i in sorted(parts["u"])),
+        source,
+    )
+
+
+def _which(name: str, coordinates: Sequence[str], source: str) -> tuple[str, int]:
+    """What a column holds, and of which coordinate."""
+    for suffix, key in SUFFIXES.items():
+        stem = name.removesuffix(suffix) if suffix else name
+        if name.endswith(suffix) and stem in coordinates:
+            return key, coordinates.index(stem)
+    raise InputError(f"{source}: column {show(name)} is unknown{nearest(name, coordinates)}; allowed: {_RULE}")
+
+
+def _filled(part: Mapping[int, Array], samples: int, n: int) -> Array:
+    whole = np.zeros((samples, n))
+    for i, values in part.items():
+        whole[:, i] = values
+    return whole

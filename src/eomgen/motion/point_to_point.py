@@ -1,0 +1,142 @@
+"""Programmed motions of the principal coordinates: from one point to another without a jerk at either end."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import ArrayError, InputError
+
+Array = NDArray[np.float64]
+
+
+class Program(Protocol):
+    """What drives are to follow: a motion that can be asked for at any time."""
+
+    @property
+    def start(self) -> Array:
+        """Coordinates at the beginning, (n,), m or rad."""
+
+    def at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
+        """Coordinates, rates and accelerations at times t; each of shape (*t.shape, n)."""
+
+
+@dataclass(frozen=True, eq=False)  # arrays have no one truth
+class Harmonic:
+    """A shake: q = amplitude sin(2 pi frequency t + phase), as ``integrate`` takes it for prescribed coordinates.
+
+    Attributes:
+        amplitude: (m,), m or rad, in the order of ``kernel.prescribed``.
+        frequency: Hz, one number or (m,).
+        phase: rad, one number or (m,).
+
+    Raises:
+        ArrayError: an array of wrong shape, or with NaN or infinity.
+    """
+
+    amplitude: ArrayLike
+    frequency: ArrayLike
+    phase: ArrayLike = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "amplitude", _vector("amplitude", self.amplitude, ()))
+        for name in ("frequency", "phase"):
+            given = np.asarray(getattr(self, name), dtype=np.float64)
+            if given.shape not in ((), np.shape(self.amplitude)) or not np.isfinite(given).all():
+                raise ArrayError(
+                    f"{name}: expected a finite number, or one for each of the {np.size(self.amplitude)} amplitudes"
+                )
+            object.__setattr__(self, name, given)
+
+    def __call__(self, t: float) -> tuple[Array, Array, Array]:
+        """q, v and a at a time (s), (m,) each."""
+        rate = 2.0 * np.pi * np.asarray(self.frequency)
+        angle = rate * t + np.asarray(self.phase)
+        amplitude = np.asarray(self.amplitude)
+        q = amplitude * np.sin(angle)
+        return q, amplitude * rate * np.cos(angle), -(rate**2) * q
+
+
+@dataclass(frozen=True)
+class PointToPoint:
+    """A straight line in joint space with the quintic profile s = 10 r^3 - 15 r^4 + 6 r^5, r = (t - begin) / duration.
+
+    Velocity and acceleration are zero at both ends; before ``begin`` the motion rests at ``start``, after
+    ``begin + duration`` at ``goal``.
+
+    Attributes:
+        start, goal: coordinates, (n,), m or rad; read-only.
+        duration: s, greater than 0.
+        begin: s.
+        names: names of the coordinates for messages, (n,) or empty.
+
+    Raises:
+        ArrayError: an array of wrong shape, or with NaN or infinity.
+        InputError: a duration that is not positive and finite, or a begin that is not finite.
+    """
+
+    start: Array
+    goal: Array
+    duration: float
+    begin: float = 0.0
+    names: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in ("start", "goal"):
+            object.__setattr__(self, name, _vector(name, getattr(self, name), self.names))
+        if self.start.shape != self.goal.shape:
+            raise ArrayError(f"goal: expected {self.start.size} values as in start, got {self.goal.size}")
+        if not (np.isfinite(self.duration) and self.duration > 0.0):
+            raise InputError(f"duration: {self.duration!r} s; a motion takes a finite time greater than 0")
+        if not np.isfinite(self.begin):
+            raise InputError(f"begin: {self.begin!r} s is not finite")
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, PointToPoint):
+            return NotImplemented
+        mine, theirs = ((m.duration, m.begin, m.names, m.start.tolist(), m.goal.tolist()) for m in (self, other))
+        return mine == theirs
+
+    def __hash__(self) -> int:
+        return hash((self.duration, self.begin, self.names, *self.start.tolist(), *self.goal.tolist()))
+
+    @property
+    def end(self) -> float:
+        """The time from which the motion rests at its goal, s."""
+        return self.begin + self.duration
+
+    def at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
+        """Coordinates, rates and accelerations at times t of any shape; each of shape (*t.shape, n); m, rad, s.
+
+        Raises:
+            ArrayError: a time that is NaN.
+        """
+        times = np.asarray(t, dtype=np.float64)
+        if np.isnan(times).any():
+            raise ArrayError("t: holds NaN; times must be numbers")
+        r = np.clip((times - self.begin) / self.duration, 0.0, 1.0)[..., np.newaxis]
+        span, rate = self.goal - self.start, 1.0 / self.duration
+        s = r**3 * (10.0 + r * (6.0 * r - 15.0))
+        ds = 30.0 * (r * (1.0 - r)) ** 2 * rate
+        dds = 60.0 * r * (1.0 - r) * (1.0 - 2.0 * r) * rate**2
+        return self.start + s * span, ds * span, dds * span
+
+
+def _vector(label: str, value: Any, names: tuple[str, ...]) -> Array:
+    """A read-only copy of a vector of finite numbers."""
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ArrayError(f"{label}: expected numbers of shape (n,), got {type(value).__name__} ({error})") from None
+    if array.ndim != 1 or array.size == 0 or (names and array.size != len(names)):
+        expected = f"({len(names)},)" if names else "(n,)"
+        raise ArrayError(f"{label}: expected numbers of shape {expected}, got shape {array.shape}")
+    bad = np.flatnonzero(~np.isfinite(array))
+    if bad.size:
+        place = names[bad[0]] if names else f"element {bad[0]}"
+        raise ArrayError(f"{label}: {place} is {array[bad[0]]}; numbers must be finite")
+    array.flags.writeable = False
+    return array

@@ -1,0 +1,88 @@
+"""TODO."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InputError
+from .point_to_point import Program
+
+Array = NDArray[np.float64]
+
+
+DEGREE = 5  # of splines: accelerations, and their rates too, are continuous
+
+
+@dataclass(frozen=True, eq=False)  # arrays have no one truth
+class Rest:
+    """A program that stays at ``start``, (n,)."""
+
+    start: Array
+
+    def at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
+        """Coordinates, rates and accelerations; see ``Program``."""
+        q = np.broadcast_to(self.start, (*np.shape(t), self.start.size)).copy()
+        return q, np.zeros_like(q), np.zeros_like(q)
+
+
+class Spline:
+    """A spline of degree 5 through points (or less, if there are fewer); it rests before and after them.
+
+    Args:
+        t: times, (T,), s.
+        points: (T, n), m or rad.
+        at_rest: whether rates and accelerations are zero at both ends; else the points alone say what they are.
+
+    Raises:
+        InputError: SciPy is not installed.
+    """
+
+    def __init__(self, t: ArrayLike, points: ArrayLike, *, at_rest: bool) -> None:
+        try:
+            from scipy.interpolate import make_interp_spline
+        except ImportError:
+            raise InputError('splines need SciPy: pip install "eomgen[sim]"') from None
+        self.t, points = np.asarray(t, dtype=np.float64), np.asarray(points, dtype=np.float64)
+        zero = np.zeros(points.shape[1])
+        ends = [(1, zero), (2, zero)]
+        degree = DEGREE if at_rest else min(DEGREE, self.t.size - 1)
+        ending: Any = (ends, ends) if at_rest else None
+        spline = make_interp_spline(self.t, points, k=degree, bc_type=ending)
+        self._splines = (
+            (spline, spline.derivative(1), spline.derivative(2)) if degree > 1 else (spline, spline.derivative(1))
+        )
+
+    @property
+    def start(self) -> Array:
+        """Coordinates at the first time, (n,)."""
+        return self.at(self.t[0])[0]
+
+    def at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
+        """Coordinates, rates and accelerations; see ``Program``."""
+        times = np.asarray(t, dtype=np.float64)
+        inside = ((times >= self.t[0]) & (times <= self.t[-1]))[..., np.newaxis]
+        times = np.clip(times, self.t[0], self.t[-1])
+        q, v, *a = (spline(times) for spline in self._splines)
+        return q, np.where(inside, v, 0.0), np.where(inside, a[0], 0.0) if a else np.zeros_like(q)
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Some coordinates of a program: those at ``index``."""
+
+    program: Program
+    index: NDArray[np.intp]
+
+    @property
+    def start(self) -> Array:
+        """Coordinates at the beginning."""
+        return self.program.start[self.index]
+
+    def at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
+        """Coordinates, rates and accelerations; see ``Program``."""
+        q, v, a = (x[..., self.index] for x in self.program.at(t))
+        return q, v, a

@@ -1,0 +1,84 @@
+"""Numbers over time: rows of a scenario, or a file's, between which they are straight or constant."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..forms.tables import Table
+from ..names import listed, show
+from .files import read_columns
+
+Array = NDArray[np.float64]
+
+LINEAR, HOLD = "linear", "hold"
+INTERPOLATIONS = (LINEAR, HOLD)
+
+
+@dataclass(frozen=True, eq=False)  # arrays have no one truth
+class TimeTable:
+    """Columns over time; before the first and after the last time they are what they are there.
+
+    Attributes:
+        columns: names, (k,).
+        t: times, (T,), s, increasing.
+        values: (T, k).
+        hold: whether a row holds until the next (from its time on), instead of straight lines between them.
+    """
+
+    columns: tuple[str, ...]
+    t: Array
+    values: Array
+    hold: bool = False
+
+    def at(self, t: float) -> Array:
+        """The columns at a time, (k,)."""
+        i = int(np.searchsorted(self.t, t, side="right")) - 1
+        if i < 0 or i + 1 >= self.t.size or self.hold:
+            row: Array = self.values[max(i, 0)]
+            return row
+        part = (t - self.t[i]) / (self.t[i + 1] - self.t[i])
+        between: Array = self.values[i] + part * (self.values[i + 1] - self.values[i])
+        return between
+
+
+def inline_table(table: Table, key: str, columns: tuple[str, ...], hold: bool) -> TimeTable:
+    """The table of rows [t, ...] under a key; DescriptionError if they are none, or not in order of time."""
+    rows = table.rows(key, len(columns) + 1)
+    if not rows:
+        table.fail(f"got no rows; allowed: one or more rows of t and {listed(columns)}", key)
+    values = np.array(rows)
+    late = np.flatnonzero(np.diff(values[:, 0]) <= 0.0)
+    if late.size:
+        i = int(late[0]) + 1
+        table.fail(f"got the time {values[i, 0]:g} after {values[i - 1, 0]:g}; allowed: increasing times", f"{key}.{i}")
+    return TimeTable(columns, values[:, 0].copy(), values[:, 1:].copy(), hold)
+
+
+def read_table(path: Path, columns: Sequence[str] | None, hold: bool) -> TimeTable:
+    """The table of a .csv file: a header with t and the columns' names, in any order; all of ``columns`` if given.
+
+    Raises:
+        InputError: with the file, line and column, the value and what is allowed.
+    """
+    found, lines = read_columns(path)
+    if "t" not in found:
+        raise InputError(f"{path}: there is no column t; allowed: t (s) and {listed(columns or ['coordinates'])}")
+    t = found.pop("t")
+    names = tuple(found) if columns is None else tuple(columns)
+    missing = [name for name in names if name not in found]
+    foreign = [name for name in found if name not in names]
+    if missing or foreign or not names:
+        what = f"column {show(foreign[0])} is unknown" if foreign else f"the columns {listed(missing)} are missing"
+        raise InputError(f"{path}: {what}; allowed: t, {listed(names) or 'and coordinates'}")
+    back = np.flatnonzero(np.diff(t) <= 0.0)
+    if back.size:
+        i = int(back[0]) + 1
+        place = f"line {lines[i]}" if lines else f"sample {i}"
+        raise InputError(f"{path}: {place}: column 't': {t[i]:g} after {t[i - 1]:g}; allowed: increasing times")
+    return TimeTable(names, t, np.stack([found[name] for name in names], axis=1), hold)

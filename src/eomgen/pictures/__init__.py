@@ -1,0 +1,4 @@
+"""Figures, pages and views of robots and results.
+
+Uses runtime, robot, description, codegen.joint, pipeline, simulation, analysis and sweep.
+"""

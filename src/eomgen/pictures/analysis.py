@@ -1,0 +1,110 @@
+"""Figures of the analyses about a state; vector graphics by the file's ending, in the style of ``plots``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..analysis.compliance import ComplianceMap
+from ..analysis.frequency import Response
+from ..analysis.modal_result import TrackedModes
+from ..analysis.tool_budget import Budget
+from .simulation import COLORS, PROGRAM_COLOR, TOOL_COLOR, literal, title_of
+from .simulation import canvas as _canvas
+
+CYCLE = tuple(color for colors in COLORS.values() for color in colors.values())
+
+
+def plot_tracks(
+    tracked: TrackedModes, path: Path | str, *, most: int = 12, times: NDArray[np.float64] | None = None
+) -> Path:
+    """Natural frequencies and damping ratios of the lowest tracks over the poses, or over their times (P,), s; returns
+    the path.
+
+    Raises:
+        InputError: Matplotlib is not installed, the ending is none of ENDINGS, or the file cannot be written.
+    """
+    with _canvas(6.4, 4.8, path) as figure:
+        upper, lower = figure.subplots(2, 1, sharex=True, gridspec_kw={"top": 0.9, "bottom": 0.1, "left": 0.11})
+        frequencies, ratios = tracked.values("frequencies"), tracked.values("damping_ratios")
+        over = np.arange(len(frequencies)) if times is None else times
+        for k in range(min(most, frequencies.shape[1])):
+            color = CYCLE[k % len(CYCLE)]
+            upper.plot(over, frequencies[:, k], color=color)
+            lower.plot(over, 100.0 * ratios[:, k], color=color)
+        upper.set_ylabel("natural frequency, Hz")
+        lower.set_ylabel("damping ratio, %")
+        lower.set_xlabel("pose along the path" if times is None else "time, s")
+        title_of(figure, f"{tracked.modes[0].robot}: the lowest modes along the path")
+    return Path(path)
+
+
+def plot_response(found: Response, path: Path | str, *, most: int = len(CYCLE)) -> Path:
+    """Size and phase of the largest responses over frequency; returns the path, errors as of ``plot_tracks``."""
+    pairs = [(y, x) for y in found.outputs for x in found.inputs if np.abs(found.of(y, x)).max() > 0.0]
+    pairs = sorted(pairs, key=lambda pair: -float(np.abs(found.of(*pair)).max()))[:most]
+    with _canvas(6.4, 4.8, path) as figure:
+        upper, lower = figure.subplots(2, 1, sharex=True, gridspec_kw={"top": 0.9, "bottom": 0.1, "left": 0.13})
+        for k, (y, x) in enumerate(pairs):
+            H, color = found.of(y, x), CYCLE[k % len(CYCLE)]
+            upper.plot(found.frequencies, np.abs(H), color=color, label=literal(f"{y} from {x}, {found.unit(y, x)}"))
+            lower.plot(found.frequencies, np.degrees(np.angle(H)), color=color)
+        if pairs:
+            upper.set_yscale("log")
+            upper.legend(fontsize=7.0, loc="lower left")
+        if (found.frequencies > 0.0).all():
+            lower.set_xscale("log")
+        upper.set_ylabel(found.kind + " per input")
+        lower.set_ylabel("phase, deg")
+        lower.set_yticks([-180, -90, 0, 90, 180])
+        lower.set_xlabel("frequency, Hz")
+        title_of(figure, f"{found.robot}: frequency response")
+    return Path(path)
+
+
+def plot_budget(found: Budget, path: Path | str, *, most: int = 6) -> Path:
+    """The largest contributions to the displacement over time; returns the path, errors as of ``plot_tracks``."""
+    rows = found.table()[:-1][:most]
+    with _canvas(6.4, 3.8, path) as figure:
+        axes = figure.add_axes((0.11, 0.13, 0.86, 0.74))
+        axes.plot(
+            found.t, 1e6 * np.linalg.norm(found.deviation[:, :3], axis=1), color=TOOL_COLOR, label=literal(found.frame)
+        )
+        for k, row in enumerate(rows):
+            part = found.contributions[:, found.coordinates.index(row.name), :3]
+            axes.plot(found.t, 1e6 * np.linalg.norm(part, axis=1), color=CYCLE[k % len(CYCLE)], label=literal(row.name))
+        rest = 1e6 * np.linalg.norm(found.remainder[:, :3], axis=1)
+        axes.plot(found.t, rest, color=PROGRAM_COLOR, linestyle="--", label="remainder of second order")
+        axes.set_xlabel("time, s")
+        axes.set_ylabel("displacement, um")
+        axes.legend(fontsize=7.0, ncols=2)
+        title_of(figure, f"{found.robot}: contributions to the displacement of {found.frame}")
+    return Path(path)
+
+
+def plot_compliance(found: ComplianceMap, path: Path | str) -> Path:
+    """The compliance in the softest direction over the plane; returns the path, errors as of ``plot_tracks``."""
+    with _canvas(5.6, 4.4, path) as figure:
+        axes = figure.add_axes((0.12, 0.12, 0.74, 0.76))
+        corner, last = found.points[0, 0], found.points[-1, -1]
+        edges = found.points[-1, 0] - corner, found.points[0, -1] - corner
+        first = edges[0] / np.linalg.norm(edges[0])
+        second = edges[1] - (edges[1] @ first) * first  # square axes in the plane
+        second /= np.linalg.norm(second)
+        across = (found.points - corner) @ np.stack([first, second], axis=1)
+        drawn = axes.pcolormesh(
+            across[..., 0], across[..., 1], 1e6 * found.softest, shading="nearest", cmap="viridis", rasterized=True
+        )
+        axes.set_aspect("equal")
+        axes.set_xlabel(f"from {_place(corner)} along {_place(edges[0])}, m")
+        axes.set_ylabel(f"towards {_place(last)}, m")
+        figure.colorbar(drawn, ax=axes, label="compliance in the softest direction, um/N")
+        title_of(figure, f"{found.robot}: static compliance of {found.frame}")
+    return Path(path)
+
+
+def _place(point: Any) -> str:
+    return "(" + ", ".join(f"{x:.3g}" for x in point) + ")"

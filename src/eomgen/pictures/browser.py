@@ -1,0 +1,282 @@
+"""A result in space, in the browser: reality beside its program, deviations exaggerated.
+
+viser draws what ``scene`` computes; it is imported when a view is opened.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import BuildError, InputError
+from ..pipeline.stages import build
+from ..robot.value import Robot
+from ..simulation.archive import simulated_robot
+from ..simulation.result import SimulationResult
+from .scene import (
+    capsule_mesh,
+    capsules,
+    exaggerated,
+    extent,
+    largest_factor,
+    link_poses,
+    program_positions,
+    quaternions,
+    reaction_forces,
+    spring_lines,
+)
+from .shapes import urdf_shapes
+
+Array = NDArray[np.float64]
+
+REAL_COLOR, PROGRAM_COLOR, FORCE_COLOR, SPRING_COLOR = (70, 120, 170), (150, 150, 150), (204, 51, 17), (0, 158, 115)
+PROGRAM_OPACITY = 0.35
+PATH_POINTS = 300
+RATE = 30.0  # pictures per s
+ARROW = 0.35  # length of the largest reaction, of the robot's size
+SPEEDS = ("0.1", "0.25", "0.5", "1", "2")
+KERNELS = ("residual", "mass_matrix", "reactions", "external_reactions", "external_force")
+
+
+class View:
+    """A server on this machine that shows a result.
+
+    Attributes:
+        address: where the browser finds it.
+        notes: lines about what could not be drawn.
+    """
+
+    def __init__(self, result: SimulationResult, robot: Robot | None = None, *, port: int = 8080) -> None:
+        """Open the server.
+
+        Args:
+            result: with its robot in it, or of ``robot``.
+            robot: that was simulated; by default the one that the result keeps.
+            port: to listen at; the next one that is free where it is taken.
+
+        Raises:
+            InputError: viser is not installed, the robot is missing or another one, or the port is none.
+        """
+        viser = _viser()
+        if not 1 <= port <= 65535:
+            raise InputError(f"port: {port}; allowed: a whole number from 1 to 65535")
+        self._result, self._robot = result, simulated_robot(result, robot)
+        self._size, self._program = extent(self._robot), program_positions(result)
+        self._off = result.trajectory.q - self._program
+        shapes, notes = urdf_shapes(self._robot)
+        self.notes = notes
+        self._forces, self._carriers = self._reactions()
+        self._server: Any = viser.ViserServer(
+            host="127.0.0.1", port=port, label=f"eomgen: {result.robot}", verbose=False
+        )
+        self.address = f"http://127.0.0.1:{self._server.get_port()}"
+        self._closed = threading.Event()
+        self._set_stage()
+        self._frames = {kind: self._add_robot(kind, shapes) for kind in ("reality", "program")}
+        self._add_lines()
+        self._add_controls()
+        self.show()
+        threading.Thread(target=self._run, daemon=True).start()
+
+    def show(self) -> None:
+        """Draw the time and the exaggeration that the controls have."""
+        k = int(np.abs(self._result.trajectory.t - self._time.value).argmin())
+        names, factor = self._result.trajectory.coordinates, self.factor
+        q = {"reality": self._program[k] + factor * self._off[k], "program": self._program[k]}
+        with self._server.atomic():
+            for kind, frames in self._frames.items():
+                poses = link_poses(self._robot, names, q[kind])
+                for link, handle in frames.items():
+                    handle.position, handle.wxyz = poses[link][:3, 3], quaternions(poses[link])
+                if kind == "reality":
+                    self._move_lines(k, poses)
+
+    @property
+    def factor(self) -> float:
+        """How many times as large as they are deviations are shown."""
+        return float(10.0**self._power.value)
+
+    def wait(self) -> None:
+        """Until the view is closed."""
+        self._closed.wait()
+
+    def close(self) -> None:
+        """Stop the server."""
+        self._closed.set()
+        self._server.stop()
+
+    def _reactions(self) -> tuple[Array | None, list[str]]:
+        """Forces of joints, (T, joints, 3), N, and their child links; None and a note where there are none."""
+        if self._result.scenario.get("payloads"):
+            self.notes.append("joint reactions are not drawn: links carry payloads, whose mass changes them")
+            return None, []
+        try:
+            kernel = build(self._robot, kernels=KERNELS)
+        except BuildError as error:
+            self.notes.append(f"joint reactions are not drawn: {error}")
+            return None, []
+        forces = reaction_forces(kernel, self._robot, self._result)
+        return forces, [self._robot.joint(name).child for name in kernel.joints]
+
+    def _set_stage(self) -> None:
+        scene, gravity, size = self._server.scene, np.array(self._robot.gravity), self._size
+        up = -gravity / np.linalg.norm(gravity) if gravity.any() else np.array([0.0, 0.0, 1.0])
+        scene.set_up_direction(tuple(up))
+        aside = np.cross(up, np.eye(3)[int(np.abs(up).argmin())])
+        aside /= np.linalg.norm(aside)
+        poses = link_poses(self._robot, self._result.trajectory.coordinates, self._program[:: self._stride])
+        places = np.concatenate([pose[..., :3, 3].reshape(-1, 3) for pose in poses.values()])
+        low, high = places.min(axis=0), places.max(axis=0)
+        middle, far = 0.5 * (low + high), max(float(np.linalg.norm(high - low)), size)
+        direction = aside + 0.9 * np.cross(up, aside) + 0.6 * up
+        camera = self._server.initial_camera
+        camera.look_at, camera.position = tuple(middle), tuple(middle + 0.85 * far * direction)
+        floor = np.eye(4)
+        floor[:3, :3] = np.stack([aside, np.cross(up, aside), up], axis=1)
+        below = float((places @ up).min()) - 0.05 * size  # under everything, so that no link lies in it
+        cell = 10.0 ** math.floor(math.log10(size))
+        scene.add_grid(
+            "/floor",
+            4.0 * size,
+            4.0 * size,
+            cell_size=0.5 * cell,
+            section_size=cell,
+            wxyz=quaternions(floor),
+            position=tuple(below * up),
+            cell_color=(225, 225, 225),
+            section_color=(200, 200, 200),
+        )
+        scene.add_frame("/base", axes_length=0.12 * size, axes_radius=0.004 * size)
+
+    def _add_robot(self, kind: str, shapes: list[Any]) -> dict[str, Any]:
+        """A frame for every link with its shapes in it."""
+        scene = self._server.scene
+        links = [self._robot.base, *(link.name for link in self._robot.links)]
+        frames = {link: scene.add_frame(f"/{kind}/{link}", show_axes=False) for link in dict.fromkeys(links)}
+        look = {"color": REAL_COLOR} if kind == "reality" else {"color": PROGRAM_COLOR, "opacity": PROGRAM_OPACITY}
+        meshed = {shape.link for shape in shapes}
+        heavy = {link.name for link in self._robot.links if link.mass > 0.0}
+        bodies = [(shape.link, shape.vertices, shape.faces) for shape in shapes]
+        # beside meshes only what has a mass: an URDF has empty links, too
+        bare = [c for c in capsules(self._robot) if c.link not in meshed and (not meshed or c.link in heavy)]
+        bodies += [(c.link, *capsule_mesh(c.begin, c.end, c.radius)) for c in bare]
+        for i, (link, vertices, faces) in enumerate(bodies):
+            scene.add_mesh_simple(f"/{kind}/{link}/body{i}", vertices, faces, **look)
+        return frames
+
+    def _add_lines(self) -> None:
+        scene, size = self._server.scene, self._size
+        path = self._result.program_pose[:: self._stride, :3, 3]
+        self._program_path = scene.add_line_segments(
+            "/program/path", _segments(path), PROGRAM_COLOR, thickness=0.004 * size
+        )
+        self._path = scene.add_line_segments("/reality/path", _segments(path), FORCE_COLOR, thickness=0.004 * size)
+        self._springs, self._arrows = None, None
+        if self._robot.springs:
+            ends = np.zeros((len(self._robot.springs), 2, 3))
+            self._springs = scene.add_line_segments("/springs", ends, SPRING_COLOR, thickness=0.008 * size)
+        if self._forces is not None and self._forces.any():
+            thick = {"shaft_radius": 0.007 * size, "head_radius": 0.016 * size, "head_length": 0.035 * size}
+            ends = np.zeros((self._forces.shape[1], 2, 3))
+            self._arrows = scene.add_arrows("/reactions", ends, FORCE_COLOR, **thick)
+
+    @property
+    def _stride(self) -> int:
+        return max(1, self._result.trajectory.t.size // PATH_POINTS)
+
+    def _move_lines(self, k: int, poses: dict[str, Array]) -> None:
+        if self._springs is not None:
+            self._springs.points = spring_lines(self._robot, poses)
+        if self._arrows is not None and self._forces is not None:
+            scale = ARROW * self._size / float(np.linalg.norm(self._forces, axis=2).max())
+            begin = np.array([poses[link][:3, 3] for link in self._carriers])
+            self._arrows.points = np.stack([begin, begin + scale * self._forces[k]], axis=1)
+
+    def _move_path(self) -> None:
+        """The tool's path with its deviation as it is exaggerated."""
+        rows = exaggerated(self._result, self.factor)[:: self._stride]
+        poses = link_poses(self._robot, self._result.trajectory.coordinates, rows)
+        self._path.points = _segments(poses[self._result.tool][:, :3, 3])
+
+    def _magnify(self) -> None:
+        self._move_path()
+        self.show()
+
+    def _add_controls(self) -> None:
+        gui, t = self._server.gui, self._result.trajectory.t
+        gui.configure_theme(show_logo=False, show_share_button=False)
+        end = float(t[-1])
+        self._time = gui.add_slider("time, s", 0.0, end, step=max(end / 1000.0, 1e-9), initial_value=0.0)
+        self._play = gui.add_button("play")
+        self._speed = gui.add_dropdown("speed", SPEEDS, initial_value="1")
+        most = math.log10(largest_factor(self._result, self._robot))
+        self._power = gui.add_slider(
+            "deviations x 10^",
+            0.0,
+            max(most, 1.0),
+            step=0.05,
+            initial_value=most,
+            hint="exaggeration; 0 is as they are",
+        )
+        self._playing = False
+        self._play.on_click(lambda _: self._toggle())
+        self._time.on_update(lambda _: self.show())
+        self._power.on_update(lambda _: self._magnify())
+        parts: dict[str, list[Any]] = {
+            "reality": [*self._frames["reality"].values(), self._path],
+            "program": [*self._frames["program"].values(), self._program_path],
+            "springs": [self._springs] if self._springs is not None else [],
+            "joint reactions": [self._arrows] if self._arrows is not None else [],
+        }
+        for name, handles in parts.items():
+            if handles:
+                self._add_switch(name, handles)
+        summary = "  \n".join(_plain(line) for line in (*self._result.summary_lines()[:1], *self.notes))
+        gui.add_markdown(summary)
+        self._move_path()
+
+    def _add_switch(self, name: str, handles: list[Any]) -> None:
+        box = self._server.gui.add_checkbox(name, True)
+
+        def switch(_: object) -> None:
+            for handle in handles:
+                handle.visible = box.value
+
+        box.on_update(switch)
+
+    def _toggle(self) -> None:
+        self._playing = not self._playing
+        self._play.label = "pause" if self._playing else "play"
+
+    def _run(self) -> None:
+        """Advance the time while it plays."""
+        end, last = float(self._result.trajectory.t[-1]), time.monotonic()
+        while not self._closed.wait(1.0 / RATE):
+            now = time.monotonic()
+            if self._playing:
+                ahead = self._time.value + (now - last) * float(self._speed.value)
+                self._time.value = 0.0 if ahead > end else ahead  # its listeners draw
+            last = now
+
+
+def _segments(path: Array) -> Array:
+    """A line through points (K, 3) as segments (K - 1, 2, 3)."""
+    return np.stack([path[:-1], path[1:]], axis=1)
+
+
+def _plain(text: str) -> str:
+    """A text that Markdown and HTML leave as it is."""
+    return "".join(letter if letter.isalnum() or letter in " .,:;+-=/" else f"&#{ord(letter)};" for letter in text)
+
+
+def _viser() -> Any:
+    try:
+        import viser
+    except ImportError:
+        raise InputError('the view needs viser: pip install "eomgen[view]"') from None
+    return viser

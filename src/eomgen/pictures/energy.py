@@ -1,0 +1,117 @@
+"""Figures of a simulation: driven coordinates against their program, and where energy comes from and goes to."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..robot.coordinates import index_of, unit_of
+from ..simulation.balance import TERMS
+from ..simulation.result import SimulationResult
+from .simulation import COLORS, PROGRAM_COLOR, TOOL_COLOR, canvas, literal, mark_end, scale_of, ticker, title_of
+
+Array = NDArray[np.float64]
+
+ACROSS = 3
+WORK_COLORS = dict(
+    zip(
+        TERMS,
+        (COLORS["m"]["x"], COLORS["rad"]["alpha"], COLORS["m"]["z"], COLORS["rad"]["beta"], TOOL_COLOR),
+        strict=True,
+    )
+)
+
+
+def plot_tracking(result: SimulationResult, path: Path | str) -> Path:
+    """Every driven coordinate over time, as programmed and as it was, and below what it is off by; returns the path.
+
+    Raises:
+        InputError: nothing was programmed; or see ``plots.canvas``.
+    """
+    names = result.program_coordinates
+    if not (result.programmed and names):
+        raise InputError(f"{result.robot} had no program that reality could be drawn against")
+    across = min(ACROSS, len(names))
+    rows = 2 * -(-len(names) // across)
+    width, height = max(4.4, 2.45 * across), 1.3 * rows + 0.75
+    reality = result.trajectory.q[:, index_of(result.trajectory.coordinates, names)]
+    with canvas(width, height, path) as figure:
+        place = {"left": 0.62 / width, "right": 1.0 - 0.2 / width, "top": 1.0 - 0.72 / height, "bottom": 0.4 / height}
+        panels = figure.subplots(
+            rows, across, sharex=True, squeeze=False, gridspec_kw={**place, "hspace": 0.36, "wspace": 0.34}
+        )
+        for k in range(rows // 2 * across):
+            upper, lower = panels[k // across * 2, k % across], panels[k // across * 2 + 1, k % across]
+            if k >= len(names):
+                upper.set_visible(False)
+                lower.set_visible(False)
+                continue
+            _draw_coordinate(upper, lower, result, names[k], result.program_q[:, k], reality[:, k])
+            last = k + across >= len(names)
+            lower.tick_params(labelbottom=last)
+            lower.set_xlabel("time, s" if last else "")
+        title_of(figure, f"{result.robot}: driven coordinates against their program")
+        handles = panels[0, 0].get_lines()[:2]
+        figure.legend(
+            handles,
+            ["program", "reality"],
+            loc="upper left",
+            ncols=2,
+            bbox_to_anchor=(0.12 / width, 1.0 - 0.24 / height),
+        )
+    return Path(path)
+
+
+def _draw_coordinate(
+    upper: Any, lower: Any, result: SimulationResult, name: str, program: Array, reality: Array
+) -> None:
+    t, unit = result.trajectory.t, unit_of(name)
+    upper.plot(t, program, color=PROGRAM_COLOR, linestyle="--", linewidth=1.6)
+    upper.plot(t, reality, color=COLORS["m"]["x"], linewidth=0.9)
+    upper.set_title(literal(f"{name}, {unit}"), loc="left", pad=3.0)
+    upper.tick_params(labelbottom=False)
+    factor, small = scale_of(reality - program, unit)
+    lower.plot(t, factor * (reality - program), color=TOOL_COLOR)
+    lower.set_title(f"less program, {small}", loc="left", pad=3.0)
+    for panel in (upper, lower):
+        panel.set_xlim(t[0], t[-1])
+        panel.margins(y=0.12)
+        panel.yaxis.set_major_locator(ticker().MaxNLocator(4, steps=[1, 2, 5, 10]))
+        mark_end(panel, result)
+
+
+def plot_energy(result: SimulationResult, path: Path | str) -> Path:
+    """Changes of energy and works over time, and below what their balance leaves; returns the path.
+
+    Raises:
+        InputError: the result has no balance; or see ``plots.canvas``.
+    """
+    balance, t = result.balance, result.trajectory.t
+    if balance is None:
+        raise InputError(f"the result of {result.robot} was written by an eomgen without an energy balance")
+    with canvas(6.4, 4.4, path) as figure:
+        place = {"left": 0.11, "right": 0.76, "top": 0.9, "bottom": 0.11, "height_ratios": (2.6, 1.0), "hspace": 0.22}
+        upper, lower = figure.subplots(2, 1, sharex=True, gridspec_kw=place)
+        factor, unit = scale_of(np.concatenate([balance.work, balance.energy - balance.energy[0]], axis=1), "J")
+        for name, values, style in zip(("kinetic", "potential"), balance.energy.T, ("-", "--"), strict=True):
+            upper.plot(t, factor * (values - values[0]), color="#000000", linestyle=style, label=f"{name} energy")
+        for term in TERMS:
+            if balance.of(term).any():
+                label = "dissipated" if term == "dissipated" else f"work of {term}"
+                upper.plot(t, factor * balance.of(term), color=WORK_COLORS[term], label=label)
+        upper.set_ylabel(f"since the start, {unit}")
+        upper.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), handlelength=1.6)
+        factor, unit = scale_of(balance.residue, "J")
+        lower.plot(t, factor * balance.residue, color=PROGRAM_COLOR)
+        lower.set_ylabel(f"residue, {unit}")
+        lower.set_xlabel("time, s")
+        lower.set_xlim(t[0], t[-1])
+        share = f"at most {balance.relative_residue:.1g}\nof the largest term"
+        lower.text(1.03, 0.95, share, transform=lower.transAxes, va="top")
+        figure.align_ylabels()
+        title_of(figure, f"{result.robot}: energy and work")
+    return Path(path)

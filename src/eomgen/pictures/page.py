@@ -1,0 +1,255 @@
+"""One page about a simulation: figures, the robot, the scenario, what was counted and what is to be minded."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import EomgenError
+from ..files import write_atomically
+from ..pipeline.costs import RobotInfo, robot_info
+from ..progress import Progress, no_progress
+from ..robot.coordinates import UNITS
+from ..robot.model import build_model
+from ..robot.value import MOTOR, PRINCIPAL, Coordinate, Robot
+from ..simulation.archive import simulated_robot
+from ..simulation.balance import TERMS
+from ..simulation.result import SimulationResult
+from .page_figures import Figure, figures_of
+
+ROWS = 12  # of a table that a scenario shows of a long one
+TEMPLATE = "report.html.jinja"
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of a page: texts; the first column names the row."""
+
+    title: str
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True)
+class Report:
+    """What the page says.
+
+    Attributes:
+        title: its heading.
+        summary: lines about what came out.
+        warnings: what is to be minded.
+        missing: what the page should have and has not, each with its reason.
+        figures: in the order of the page.
+        tables: in the order of the page.
+    """
+
+    title: str
+    summary: tuple[str, ...]
+    warnings: tuple[str, ...]
+    missing: tuple[str, ...]
+    figures: tuple[Figure, ...]
+    tables: tuple[Table, ...]
+
+    def html(self) -> str:
+        """One page that refers to nothing outside of it."""
+        import jinja2
+
+        environment = jinja2.Environment(
+            loader=jinja2.PackageLoader("eomgen.templates", ""),
+            undefined=jinja2.StrictUndefined,
+            autoescape=True,
+            trim_blocks=True,
+            lstrip_blocks=True,
+        )
+        return environment.get_template(TEMPLATE).render(report=self)
+
+    def save(self, path: Path | str) -> Path:
+        """Write the page and return its path; InputError if it cannot be written."""
+        text = self.html().encode("utf-8", "replace")  # a lone surrogate of a name
+        return write_atomically(Path(path), lambda stream: stream.write(text))
+
+
+def report_of(
+    result: SimulationResult,
+    robot: Robot | None = None,
+    *,
+    modes: bool = True,
+    progress: Progress = no_progress,
+) -> Report:
+    """The report of a simulation.
+
+    Args:
+        result: from ``simulate``, ``run_scenario`` or ``load_result``.
+        robot: that was simulated; by default the one that the result keeps.  Without either the page is made of what
+            the result has, and says what is missing.
+        modes: whether frequencies along the program are computed, which compiles further kernels.
+        progress: called with a fraction from 0 to 1 and a line of text.
+
+    Raises:
+        InputError: the robot given is not that of the result, or Matplotlib is not installed.
+    """
+    missing: list[str] = []
+    found, info = _robot(result, robot, missing)
+    figures = figures_of(result, found, missing, modes=modes, progress=progress)
+    tables = [_coordinate_table(found), *_body_tables(found)] if found else [_motion_table(result)]
+    tables += _scenario_tables(result.scenario)
+    if result.balance is not None:
+        tables.append(_balance_table(result))
+    else:
+        missing.append("the energy balance: the result was written by an eomgen without one")
+    if info is not None:
+        tables.append(_operation_table(info))
+    tables.append(_origin_table(result))
+    notes = [*result.notes, *(found.notes if found else ())]
+    if result.stopped:
+        notes.insert(0, f"stopped too early: {result.stopped['reason']}")
+    title = f"{result.robot}: {result.trajectory.t[-1]:g} s of simulated motion"
+    lines = [line.strip() for line in result.summary_lines() if line.strip() not in notes]
+    return Report(title, tuple(lines), tuple(notes), tuple(missing), tuple(figures), tuple(t for t in tables if t.rows))
+
+
+def _robot(result: SimulationResult, given: Robot | None, missing: list[str]) -> tuple[Robot | None, RobotInfo | None]:
+    """The robot and what its equations cost, as far as there is one."""
+    if given is None and not result.description:
+        what = "the robot's joints, links and springs, operation counts, zeros, frequencies"
+        why = f"the result does not keep its robot ({result.robot}); give its description: --robot"
+        missing.append(f"{what}: {why}")
+        return None, None
+    robot = simulated_robot(result, given)
+    try:
+        return robot, robot_info(robot)
+    except EomgenError as error:
+        missing.append(f"operation counts: {error}")
+        return robot, None
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.6g}"
+
+
+def _law(coordinate: Coordinate) -> str:
+    """What acts in a coordinate beyond stiffness and damping."""
+    parts = [f"{key} {value:.4g}" for key, value in coordinate.law().items() if not key.startswith("curve.")]
+    if coordinate.armature is not None:
+        parts.insert(0, f"armature {coordinate.armature:.4g}")
+    if coordinate.curve is not None:
+        parts.append(f"curve of {len(coordinate.curve)} points")
+    return ", ".join(parts)
+
+
+def _coordinate_table(robot: Robot) -> Table:
+    rows = []
+    for joint in robot.joints:
+        ends = f"{joint.parent} to {joint.child}"
+        if not joint.all_coordinates:
+            rows.append((joint.name, joint.type, ends, "", "", "", "rigid", ""))
+        for name, given in joint.all_coordinates.items():
+            motor = joint.motor if name == MOTOR else None
+            spring = motor.transmission if motor else given
+            role = "principal" if name == PRINCIPAL.get(joint.type) else "motor" if motor else "deviation"
+            role = "prescribed" if given.prescribed else "free" if joint.type == "free" else role
+            law = _law(given) if motor is None else f"ratio {motor.ratio:.6g}, rotor {_law(given)}"
+            label = f"{joint.name}.{name}"
+            unit = UNITS[name]
+            rows.append((label, joint.type, ends, unit, _number(spring.stiffness), _number(spring.damping), role, law))
+    head = ("coordinate", "joint", "links", "unit", "stiffness", "damping", "role", "further")
+    return Table("Joints and coordinates", head, tuple(rows))
+
+
+def _body_tables(robot: Robot) -> Iterator[Table]:
+    moving = set(build_model(robot).links)
+    links = [
+        (
+            link.name,
+            _number(link.mass),
+            _vector(link.com),
+            _vector(link.inertia),
+            "" if link.name in moving else "fixed",
+        )
+        for link in robot.links
+    ]
+    yield Table("Links", ("link", "mass, kg", "centre of mass, m", "xx, yy, zz, xy, xz, yz, kg m^2", ""), tuple(links))
+    springs = []
+    for spring in robot.springs:
+        kind = "cable" if spring.tension_only else "spring"
+        law = [f"{key} {value:.4g}" for key, value in spring.law().items() if not key.startswith("curve.")]
+        law += [f"curve of {len(spring.curve)} points"] if spring.curve is not None else []
+        ends = [f"{link} at {_vector(point)}" for link, point in zip(spring.links, spring.points, strict=True)]
+        springs.append((spring.name, kind, *ends, ", ".join(law)))
+    yield Table("Springs between points", ("name", "kind", "from, m", "to, m", "law, SI units"), tuple(springs))
+    frames = [(frame.name, frame.link, _vector(frame.placement.xyz)) for frame in robot.frames]
+    yield Table("Frames", ("frame", "link", "origin, m"), tuple(frames))
+
+
+def _vector(values: Any) -> str:
+    return ", ".join(f"{x:.5g}" for x in values)
+
+
+def _motion_table(result: SimulationResult) -> Table:
+    """Coordinates as the motion alone has them."""
+    motion = result.trajectory
+    rows = []
+    for name, unit, q in zip(motion.coordinates, result.units, motion.q.T, strict=True):
+        role = "driven" if name in result.program_coordinates else "prescribed" if name in result.prescribed else ""
+        rows.append((name, unit, _number(q.min()), _number(q.max()), role))
+    return Table("Coordinates", ("coordinate", "unit", "least", "most", "role"), tuple(rows))
+
+
+def _scenario_tables(scenario: Mapping[str, Any]) -> Iterator[Table]:
+    rows = tuple(_entries("", scenario))
+    yield Table("Scenario, SI units", ("key", "value"), rows)
+
+
+def _entries(where: str, value: Any) -> Iterator[tuple[str, str]]:
+    """Keys with dots and their values; of long arrays the size and the first and last entry."""
+    if isinstance(value, Mapping):
+        for key, inner in value.items():
+            yield from _entries(f"{where}.{key}" if where else str(key), inner)
+    elif isinstance(value, list) and any(isinstance(x, (Mapping, list)) for x in value) and len(value) <= ROWS:
+        for i, inner in enumerate(value):
+            yield from _entries(f"{where}[{i}]", inner)
+    elif isinstance(value, list) and len(value) > ROWS:
+        yield where, f"{len(value)} entries, from {_text(value[0])} to {_text(value[-1])}"
+    else:
+        yield where, _text(value)
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_text, value)) + "]"
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _balance_table(result: SimulationResult) -> Table:
+    balance = result.balance
+    assert balance is not None
+    facts = balance.summary()
+    names = {term: "dissipated" if term == "dissipated" else f"work of {term}" for term in TERMS}
+    rows = [(names[term], _number(facts[term]), _number(float(np.abs(balance.of(term)).max()))) for term in TERMS]
+    energies = zip(("kinetic", "potential"), balance.energy.T, strict=True)
+    rows += [(f"{name} energy", _number(facts[name]), _number(float(np.abs(e - e[0]).max()))) for name, e in energies]
+    residue = balance.residue
+    rows.append(("residue", _number(float(residue[-1])), _number(float(np.abs(residue).max()))))
+    rows.append(("largest residue over the largest term", "", f"{facts['relative_residue']:.2g}"))
+    return Table("Energy balance since the start", ("term", "at the end, J", "largest, J"), tuple(rows))
+
+
+def _operation_table(info: RobotInfo) -> Table:
+    rows = tuple(
+        (name, *(str(count[key]) for key in ("mul", "add", "div", "sincos")), info.choices.get(name, ""))
+        for name, count in info.operations.items()
+    )
+    head = ("kernel", "multiplications", "additions", "divisions", "sine-cosine pairs", "computed by")
+    return Table("Operations of the generated C", head, rows)
+
+
+def _origin_table(result: SimulationResult) -> Table:
+    motion = result.trajectory
+    rows = [("robot", result.robot), ("description, SHA-256", result.robot_hash), ("method", motion.method)]
+    rows += [(key, f"{value:.4g}" if isinstance(value, float) else str(value)) for key, value in motion.info.items()]
+    rows += [("samples", str(motion.t.size)), *((f"{key} version", text) for key, text in result.versions.items())]
+    return Table("Origin", ("", ""), tuple(rows))

@@ -1,0 +1,99 @@
+"""The figures of a report, as elements of its page."""
+
+from __future__ import annotations
+
+import tempfile
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import EomgenError, EomgenWarning, InputError
+from ..progress import Progress
+from ..robot.coordinates import index_of
+from ..robot.model import build_model
+from ..robot.value import Robot
+from ..simulation.result import SimulationResult
+from .analysis import plot_tracks
+from .simulation import plot_result
+from .svg import inline_svg
+from .zeros import plot_zeros
+
+POSES = 21  # along the program, of frequencies
+CAPTIONS = {
+    "tool": "The tool's path, its deviation from the program magnified, and that deviation over time.",
+    "deviations": "Deviations in the joints, the coordinates that no program moves.",
+    "tracking": "Driven coordinates and their program, and what they are off by.",
+    "energy": "Changes of energy, works, and what their balance leaves.",
+    "modes": "Natural frequencies and damping ratios of small motions about the program, drives locked.",
+    "zeros": "What vanishes identically in the mass matrix and in the tensor C of eqs. (11) and (12).",
+}
+
+
+@dataclass(frozen=True)
+class Figure:
+    """name; caption; svg: an element, safe to put into a page as it is."""
+
+    name: str
+    caption: str
+    svg: Any
+
+
+def figures_of(
+    result: SimulationResult, robot: Robot | None, missing: list[str], *, modes: bool, progress: Progress
+) -> list[Figure]:
+    """All figures that can be made; what cannot is said in ``missing``.
+
+    Raises:
+        InputError: Matplotlib is not installed.
+    """
+    with tempfile.TemporaryDirectory(prefix="eomgen-") as folder:
+        progress(0.0, "figures")
+        paths = plot_result(result, folder, ".svg")
+        if not result.programmed:
+            missing.append("driven coordinates against their program: nothing was programmed")
+        if robot is not None:
+            if modes:
+                paths += _attempt("frequencies along the program", missing, lambda: _modes(result, robot, folder))
+            paths += _attempt("zeros", missing, lambda: [plot_zeros(build_model(robot), Path(folder) / "zeros.svg")])
+        return [_figure(path) for path in paths]
+
+
+def _figure(path: Path) -> Figure:
+    from markupsafe import Markup, escape
+
+    caption = CAPTIONS[path.stem]
+    text = inline_svg(path.read_text(encoding="utf-8"), path.stem, str(escape(caption)))
+    return Figure(path.stem, caption, Markup(text))  # Matplotlib has escaped what is in it
+
+
+def _attempt(what: str, missing: list[str], draw: Callable[[], list[Path]]) -> list[Path]:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", EomgenWarning)
+            return draw()
+    except EomgenError as error:
+        missing.append(f"{what}: {error}")
+        return []
+
+
+def _modes(result: SimulationResult, robot: Robot, folder: str) -> list[Path]:
+    from ..analysis.modal import modes_along
+
+    springs = {
+        f"{joint.name}.{name}"
+        for joint in robot.joints
+        for name, given in joint.coordinates.items()
+        if given.stiffness or given.curve
+    }
+    if not springs & set(result.deviation_coordinates):
+        raise InputError("no deviation has a stiffness")
+    samples = np.unique(np.linspace(0, result.trajectory.t.size - 1, POSES).astype(int))
+    moved = (*result.program_coordinates, *result.prescribed)
+    q = result.trajectory.q[:, index_of(result.trajectory.coordinates, result.prescribed)]
+    values = np.concatenate([result.program_q, q], axis=1)[samples]
+    tracked = modes_along(robot, [dict(zip(moved, row.tolist(), strict=True)) for row in values], drives="locked")
+    return [plot_tracks(tracked, Path(folder) / "modes.svg", times=result.trajectory.t[samples])]

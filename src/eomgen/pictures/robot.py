@@ -1,0 +1,118 @@
+"""Figure of a robot in one pose: capsules along its links, axes of its joints, springs between points."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import UnknownNameError
+from ..names import nearest, show
+from ..robot.model import build_model
+from ..robot.value import Robot
+from .scene import Array, capsule_mesh, capsules, extent, link_poses, spring_lines
+from .simulation import PROGRAM_COLOR, TOOL_COLOR, canvas, literal, title_of
+
+LINK_COLORS = ("#999999", "#0072b2", "#d55e00", "#009e73", "#e69f00", "#cc79a7", "#56b4e9")  # the base, then in turn
+SPRING_COLOR = "#117733"
+LIGHT = np.array([0.3, -0.5, 0.8])  # from where faces are lit, base axes
+FLAT = 0.3  # height by width below which a robot is one in a plane
+AXIS_LENGTH = 0.09  # of a joint's axis, of the robot's size
+
+
+def plot_robot(robot: Robot, path: Path | str, pose: Mapping[str, float] | None = None) -> Path:
+    """Draw the robot at rest in one pose, in base axes, m; returns the path.
+
+    Links are capsules from their origin to whatever is on them, or lines to the joints that are cut; dashes are the z
+    axes of joints that move, dots frames, broken lines springs between points.  A robot in a plane is seen from above.
+
+    Args:
+        robot: loops are closed only where the pose closes them.
+        path: .png, .svg or .pdf.
+        pose: coordinates by name, m or rad; the others are 0.
+
+    Raises:
+        UnknownNameError: the robot has no such coordinate.
+        InputError: see ``plots.canvas``.
+    """
+    names = build_model(robot).coordinates
+    for name in pose or {}:
+        if name not in names:
+            raise UnknownNameError(f"pose: {show(name)} is unknown{nearest(name, names)}; allowed: {', '.join(names)}")
+    q = np.array([(pose or {}).get(name, 0.0) for name in names])
+    poses = link_poses(robot, names, q)
+    with canvas(4.2, 4.0, path) as figure:
+        axes = figure.add_axes((0.0, 0.02, 0.96, 0.9), projection="3d")
+        points = [_draw_links(axes, robot, poses), _draw_joints(axes, robot, poses), *_draw_cuts(axes, robot, poses)]
+        for ends in spring_lines(robot, poses):
+            axes.plot(*ends.T, color=SPRING_COLOR, linewidth=1.4, linestyle=(0, (2, 1)))
+            points.append(ends)
+        for frame in robot.frames:
+            axes.scatter(*poses[frame.name][:3, 3], color=TOOL_COLOR, s=18, depthshade=False, zorder=20)
+        _frame_axes(axes, np.concatenate(points))
+        title_of(figure, literal(robot.name))
+    return Path(path)
+
+
+def _draw_links(axes: Any, robot: Robot, poses: Mapping[str, Array]) -> Array:
+    """Shaded capsules; returns their vertices (V, 3), m."""
+    from matplotlib.colors import to_rgb
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    light, found = LIGHT / np.linalg.norm(LIGHT), []
+    for capsule in capsules(robot):
+        color = np.array(to_rgb(_color(robot, capsule.link)))
+        vertices, faces = capsule_mesh(capsule.begin, capsule.end, capsule.radius)
+        vertices = vertices @ poses[capsule.link][:3, :3].T + poses[capsule.link][:3, 3]
+        corners = vertices[faces]
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+        shade = 0.62 + 0.38 * np.clip(normals / np.maximum(lengths, 1e-300) @ light, -1.0, 1.0)
+        mesh = Poly3DCollection(corners, facecolors=np.clip(color * shade[:, np.newaxis], 0.0, 1.0), rasterized=True)
+        axes.add_collection3d(mesh)
+        found.append(vertices)
+    return np.concatenate(found)
+
+
+def _color(robot: Robot, link: str) -> str:
+    names = [body.name for body in robot.links]
+    return LINK_COLORS[0] if link == robot.base else LINK_COLORS[1 + names.index(link) % (len(LINK_COLORS) - 1)]
+
+
+def _draw_cuts(axes: Any, robot: Robot, poses: Mapping[str, Array]) -> list[Array]:
+    """Lines from the links' origins to their cut joints; returns their ends, (2, 3) each, m."""
+    found = []
+    for loop in robot.loops:
+        for link, placement in zip(loop.links, loop.placements, strict=True):
+            ends = np.array([[0.0, 0.0, 0.0, 1.0], [*placement.xyz, 1.0]]) @ poses[link].T
+            axes.plot(*ends[:, :3].T, color=_color(robot, link), linewidth=2.4, solid_capstyle="round")
+            found.append(ends[:, :3])
+    return found
+
+
+def _draw_joints(axes: Any, robot: Robot, poses: Mapping[str, Array]) -> Array:
+    """The z axis of every joint with coordinates, through its origin; returns the ends (2 joints, 3), m."""
+    half, ends = AXIS_LENGTH * extent(robot), []
+    for joint in robot.joints:
+        if joint.coordinates:
+            pose = poses[joint.child]
+            along = half * (pose[:3, :3] @ np.array(joint.axis_turn))[:, 2]
+            line = np.stack([pose[:3, 3] - along, pose[:3, 3] + along])
+            axes.plot(*line.T, color=PROGRAM_COLOR, linewidth=0.9, zorder=5)
+            ends.append(line)
+    return np.concatenate(ends)
+
+
+def _frame_axes(axes: Any, points: Array) -> None:
+    """Equal scales around all points, labels in m."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle, half = 0.5 * (low + high), 0.52 * float((high - low).max())
+    for name, center in zip("xyz", middle, strict=True):
+        getattr(axes, f"set_{name}lim")(center - half, center + half)
+        getattr(axes, f"set_{name}label")(f"{name}, m", labelpad=-4.0)
+    axes.tick_params(pad=-2.0, labelsize=6.5)
+    axes.set_box_aspect((1.0, 1.0, 1.0), zoom=0.95)
+    plane = float(high[2] - low[2]) < FLAT * float((high - low).max())
+    axes.view_init(elev=62.0 if plane else 22.0, azim=-75.0 if plane else -58.0)

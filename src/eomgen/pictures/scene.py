@@ -1,0 +1,234 @@
+"""Geometry of a result in space: where links, springs and reactions are at each time; nothing is drawn here.
+
+Poses follow eqs. (1) to (3) in NumPy, so that no kernel is needed for them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..robot.coordinates import index_of
+from ..robot.value import ANGULAR, COORDINATES, LINEAR, MOTOR, Joint, Placement, Robot
+from ..runtime.kernel import Kernel
+from ..simulation.result import SimulationResult
+
+Array = NDArray[np.float64]
+Faces = NDArray[np.int32]
+
+SLENDER = 0.022  # radius of capsules, of the robot's size
+RINGS, SECTORS = 6, 20  # of a capsule's mesh: rings of each cap, and around
+
+
+@dataclass(frozen=True)
+class Capsule:
+    """The points within ``radius`` (m) of the line from ``begin`` to ``end`` (3,), m, in its link's frame."""
+
+    link: str
+    begin: Array
+    end: Array
+    radius: float
+
+
+def link_poses(robot: Robot, coordinates: Sequence[str], q: ArrayLike) -> dict[str, Array]:
+    """Poses of the base, all links and frames in the base, (..., 4, 4), m, by name.
+
+    Args:
+        robot: whose offsets count; loops do not.
+        coordinates: n names; those of the robot that are not among them are zero.
+        q: their values, (..., n), m or rad.
+    """
+    values = np.asarray(q, dtype=np.float64)
+    column = {name: values[..., i] for i, name in enumerate(coordinates)}
+    poses: dict[str, Array] = {robot.base: np.broadcast_to(np.eye(4), (*values.shape[:-1], 4, 4))}
+    for joint in robot.joints:
+        turn = _pose(np.array(joint.axis_turn))
+        moved = _motion(joint, column, values.shape[:-1])
+        poses[joint.child] = poses[joint.parent] @ _placed(joint.placement) @ turn @ moved @ turn.T
+    for frame in robot.frames:
+        poses[frame.name] = poses[frame.link] @ _placed(frame.placement)
+    return poses
+
+
+def _pose(rotation: Array) -> Array:
+    pose = np.eye(4)
+    pose[:3, :3] = rotation
+    return pose
+
+
+def _placed(placement: Placement) -> Array:
+    pose = _pose(np.array(placement.rotation))
+    pose[:3, 3] = placement.xyz
+    return pose
+
+
+def _motion(joint: Joint, column: Mapping[str, Array], shape: tuple[int, ...]) -> Array:
+    """T(x, y, z) Rx(alpha) Ry(beta) Rz(gamma) of eq. (3), (*shape, 4, 4)."""
+    s = {
+        name: (offset or 0.0) + (column.get(f"{joint.name}.{name}", 0.0) if name in joint.coordinates else 0.0)
+        for name, offset in zip(COORDINATES, joint.offset, strict=True)
+    }
+    pose = np.zeros((*shape, 4, 4))
+    pose[..., range(4), range(4)] = 1.0
+    for axis, name in enumerate(LINEAR):
+        pose[..., axis, 3] = s[name]
+    for axis, name in enumerate(ANGULAR):
+        turn = np.zeros((*shape, 4, 4))
+        turn[..., range(4), range(4)] = 1.0
+        i, j = (axis + 1) % 3, (axis + 2) % 3
+        turn[..., i, i] = turn[..., j, j] = np.cos(s[name])
+        turn[..., j, i] = np.sin(s[name])
+        turn[..., i, j] = -turn[..., j, i]
+        pose = pose @ turn
+    return pose
+
+
+def program_positions(result: SimulationResult) -> Array:
+    """All coordinates of the rigid robot on its program, (T, n), m or rad: deviations and motors are zero."""
+    motion = result.trajectory
+    q = np.zeros_like(motion.q)
+    driven, given = (index_of(motion.coordinates, names) for names in (result.program_coordinates, result.prescribed))
+    q[:, driven], q[:, given] = result.program_q, motion.q[:, given]
+    return q
+
+
+def exaggerated(result: SimulationResult, factor: float) -> Array:
+    """The program plus ``factor`` times what reality is off by, (T, n), m or rad; 1 is reality, 0 the program."""
+    program = program_positions(result)
+    found: Array = program + factor * (result.trajectory.q - program)
+    return found
+
+
+def largest_factor(result: SimulationResult, robot: Robot) -> float:
+    """The power of ten up to which deviations can be exaggerated to a third of the robot's size, or 0.5 rad.
+
+    At least 1, at most 1e9; motors do not count.
+    """
+    names = result.trajectory.coordinates
+    off = np.abs(result.trajectory.q - program_positions(result)).max(axis=0)
+    size = extent(robot)
+    share = 0.0
+    for name, value in zip(names, off, strict=True):
+        kind = name.rpartition(".")[2]
+        if kind != MOTOR:
+            share = max(share, float(value) / (size / 3.0 if kind in LINEAR else 0.5))
+    return float(10.0 ** np.clip(np.floor(-np.log10(max(share, 1e-300))), 0.0, 9.0))
+
+
+def extent(robot: Robot) -> float:
+    """The robot's size, m: the largest distance between any two of its origins and attachments at q = 0."""
+    poses = link_poses(robot, (), np.zeros(0))
+    places = [pose[:3, 3] for pose in poses.values()]
+    places += [(poses[c.link] @ np.append(end, 1.0))[:3] for c in _lines(robot) for end in (c.begin, c.end)]
+    spread = np.ptp(np.array(places), axis=0)
+    return float(np.linalg.norm(spread)) or 1.0
+
+
+def capsules(robot: Robot) -> tuple[Capsule, ...]:
+    """What stands for links without meshes, the base among them: a capsule from each link's origin to each thing on it.
+
+    Things are joints, frames, ends of springs; a link without any gets one to its centre of mass.  Where begin and end
+    are the same a capsule is a ball.
+    """
+    radius = SLENDER * extent(robot)
+    return tuple(Capsule(c.link, c.begin, c.end, radius) for c in _lines(robot))
+
+
+def _lines(robot: Robot) -> list[Capsule]:
+    ends: dict[str, list[tuple[float, ...]]] = {name: [] for name in (robot.base, *(link.name for link in robot.links))}
+    for joint in robot.joints:
+        ends[joint.parent].append(joint.placement.xyz)
+    for frame in robot.frames:
+        ends[frame.link].append(frame.placement.xyz)
+    for spring in robot.springs:
+        for link, point in zip(spring.links, spring.points, strict=True):
+            ends[link].append(point)
+    for body in robot.links:
+        ends[body.name] = ends[body.name] or [body.com]
+    return [
+        Capsule(name, np.zeros(3), np.array(end), 0.0) for name, given in ends.items() for end in dict.fromkeys(given)
+    ]
+
+
+def capsule_mesh(begin: ArrayLike, end: ArrayLike, radius: float) -> tuple[Array, Faces]:
+    """Vertices (V, 3), m, and triangles (F, 3), anticlockwise seen from outside, of a capsule."""
+    first, last = np.asarray(begin, dtype=np.float64), np.asarray(end, dtype=np.float64)
+    length = float(np.linalg.norm(last - first))
+    axis = (last - first) / length if length > 1e-12 else np.array([0.0, 0.0, 1.0])
+    side = np.cross(axis, np.eye(3)[int(np.abs(axis).argmin())])
+    side /= np.linalg.norm(side)
+    other = np.cross(axis, side)
+    up = np.linspace(0.0, 0.5 * np.pi, RINGS + 1)
+    around = np.arange(SECTORS) * 2.0 * np.pi / SECTORS
+    circle = np.cos(around)[:, np.newaxis] * side + np.sin(around)[:, np.newaxis] * other
+    rings = [first + radius * (np.cos(t) * circle - np.sin(t) * axis) for t in up[-2::-1]]
+    rings += [last + radius * (np.cos(t) * circle + np.sin(t) * axis) for t in up[:-1]]
+    vertices = np.concatenate([*rings, [first - radius * axis], [last + radius * axis]])
+    k, ahead = np.arange(SECTORS), (np.arange(SECTORS) + 1) % SECTORS
+    faces = []
+    for ring in range(len(rings) - 1):
+        low, high = ring * SECTORS, (ring + 1) * SECTORS
+        faces.append(np.stack([low + k, low + ahead, high + ahead], axis=1))
+        faces.append(np.stack([low + k, high + ahead, high + k], axis=1))
+    bottom, top = len(vertices) - 2, len(vertices) - 1
+    faces.append(np.stack([np.full(SECTORS, bottom), ahead, k], axis=1))
+    last_ring = (len(rings) - 1) * SECTORS
+    faces.append(np.stack([np.full(SECTORS, top), last_ring + k, last_ring + ahead], axis=1))
+    return vertices, np.concatenate(faces).astype(np.int32)
+
+
+def spring_lines(robot: Robot, poses: Mapping[str, Array]) -> Array:
+    """Ends of the springs between points in the base, (..., springs, 2, 3), m."""
+    some = poses[robot.base]
+    found = np.zeros((*some.shape[:-2], len(robot.springs), 2, 3))
+    for i, spring in enumerate(robot.springs):
+        for j, (link, point) in enumerate(zip(spring.links, spring.points, strict=True)):
+            found[..., i, j, :] = (poses[link] @ np.append(point, 1.0))[..., :3]
+    return found
+
+
+def quaternions(poses: Array) -> Array:
+    """Unit quaternions (w, x, y, z) of the rotations of poses (..., 4, 4), (..., 4), w at least 0."""
+    R = poses[..., :3, :3]
+    trace = np.trace(R, axis1=-2, axis2=-1)
+    diagonal = np.diagonal(R, axis1=-2, axis2=-1)
+    # of w, x, y, z the largest is found from a root, the others from it
+    squares = np.concatenate([(1.0 + trace)[..., np.newaxis], 1.0 + 2.0 * diagonal - trace[..., np.newaxis]], axis=-1)
+    k = np.zeros((*R.shape[:-2], 4, 4))
+    k[..., range(4), range(4)] = squares
+    for a, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
+        k[..., 0, a + 1] = k[..., a + 1, 0] = R[..., j, i] - R[..., i, j]
+        k[..., i + 1, j + 1] = k[..., j + 1, i + 1] = R[..., i, j] + R[..., j, i]
+    row = np.take_along_axis(k, squares.argmax(axis=-1)[..., np.newaxis, np.newaxis], axis=-2)[..., 0, :]
+    found: Array = row / np.linalg.norm(row, axis=-1, keepdims=True)
+    return np.where(found[..., :1] < 0.0, -found, found)
+
+
+def accelerations(kernel: Kernel, result: SimulationResult) -> Array:
+    """Of all coordinates, (T, n), m/s^2 or rad/s^2, from drives and wrenches; ``u`` has what moves prescribed ones.
+
+    The kernel has ``residual`` and ``mass_matrix``.
+    """
+    motion = result.trajectory
+    left = kernel.residual(motion.q, motion.v, np.zeros_like(motion.q), motion.u, wrench=result.wrench)
+    found: Array = -np.linalg.solve(kernel.mass_matrix(motion.q), left[..., np.newaxis])[..., 0]
+    return found
+
+
+def reaction_forces(kernel: Kernel, robot: Robot, result: SimulationResult) -> Array:
+    """Force of each moving joint on its child link in base axes, (T, joints, 3), N; with a payload as without it.
+
+    The kernel has ``residual``, ``mass_matrix``, ``reactions`` and ``external_reactions``.
+    """
+    motion = result.trajectory
+    wrenches = kernel.reactions(motion.q, motion.v, accelerations(kernel, result), wrench=result.wrench)
+    poses = link_poses(robot, motion.coordinates, motion.q)
+    found = np.zeros((motion.t.size, len(kernel.joints), 3))
+    for i, name in enumerate(kernel.joints):
+        joint = robot.joint(name)
+        axes = poses[joint.child][:, :3, :3] @ np.array(joint.axis_turn)
+        found[:, i] = (axes @ wrenches[:, i, :3, np.newaxis])[..., 0]
+    return found

@@ -1,0 +1,281 @@
+"""Figures of a simulation: the tool against its program (Figure 1 of the paper), and every joint's deviations.
+
+The style of all figures is here: for print, in vectors or in pixels by the file's ending, labelled with units.
+
+Matplotlib is imported when a plot is made, not with this file; figures are drawn without a display.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..files import write_atomically
+from ..robot.coordinates import unit_of
+from ..simulation.result import SimulationResult
+
+COLORS = {  # Okabe and Ito: told apart by colour-blind readers
+    "m": {"x": "#0072b2", "y": "#d55e00", "z": "#009e73"},
+    "rad": {"alpha": "#56b4e9", "beta": "#e69f00", "gamma": "#cc79a7"},
+}
+PROGRAM_COLOR, TOOL_COLOR, GRID_COLOR = "#777777", "#cc3311", "#dddddd"
+SHOWN_PART = 0.25  # a magnified deviation is about this part of the path's extent
+WHISKERS = 25
+DPI = 200
+MICRO = 1e6
+RC = {
+    "font.size": 8.0,
+    "axes.titlesize": 8.5,
+    "axes.labelsize": 8.0,
+    "axes.grid": True,
+    "grid.color": GRID_COLOR,
+    "grid.linewidth": 0.5,
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "lines.linewidth": 1.1,
+    "legend.frameon": False,
+    "svg.fonttype": "none",  # text that can be searched and edited
+    "pdf.fonttype": 42,
+    "svg.hashsalt": "eomgen",  # the same figure is the same bytes
+}
+ENDINGS = (".svg", ".pdf", ".png")
+UNDATED = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}, ".png": {}}
+PREFIXES = ((1.0, ""), (1e3, "m"), (1e6, "u"), (1e9, "n"), (1e12, "p"))
+
+
+def plot_result(result: SimulationResult, folder: Path | str, ending: str = ".png") -> list[Path]:
+    """Write the figures of a result: ``tool``, ``deviations`` where the robot has some, ``tracking`` where there is a
+    program, ``energy`` where there is a balance; returns their paths.
+
+    Args:
+        result: of a simulation.
+        folder: to write to; made where it does not exist.
+        ending: one of ENDINGS.
+
+    Raises:
+        InputError: Matplotlib is not installed, the ending is another one, or a file cannot be written.
+    """
+    from .energy import plot_energy, plot_tracking
+
+    target = Path(folder)
+    written = [plot_tool(result, target / f"tool{ending}")]
+    if result.deviation_coordinates:
+        written.append(plot_deviations(result, target / f"deviations{ending}"))
+    if result.programmed and result.program_coordinates:
+        written.append(plot_tracking(result, target / f"tracking{ending}"))
+    if result.balance is not None:
+        written.append(plot_energy(result, target / f"energy{ending}"))
+    return written
+
+
+def plot_tool(result: SimulationResult, path: Path | str) -> Path:
+    """The tool's path with its deviation magnified, beside the deviation over time; returns the path.
+
+    Raises:
+        InputError: see ``plot_result``.
+    """
+    with canvas(7.4, 3.8, path) as figure:
+        grid = figure.add_gridspec(2, 2, width_ratios=(1.1, 1.0), left=0.01, right=0.975, top=0.87, bottom=0.115)
+        grid.update(wspace=0.24, hspace=0.16)
+        _draw_path(figure.add_subplot(grid[:, 0], projection="3d"), result)
+        upper = figure.add_subplot(grid[0, 1])
+        _draw_tool_deviation(upper, figure.add_subplot(grid[1, 1], sharex=upper), result)
+        figure.align_ylabels()
+        title_of(figure, f"{result.robot}: {result.tool} against its program")
+    return Path(path)
+
+
+def plot_deviations(result: SimulationResult, path: Path | str) -> Path:
+    """Every joint's deviations over time: linear in micrometres and, below, angular in microradians; returns the path.
+
+    Each panel has a scale of its own; three joints stand side by side.
+
+    Raises:
+        InputError: see ``plot_result``, or the robot has no deviations.
+    """
+    joints = list(dict.fromkeys(name.rpartition(".")[0] for name in result.deviation_coordinates))
+    units = [unit for unit in COLORS if any(unit_of(name) == unit for name in result.deviation_coordinates)]
+    if not joints:
+        raise InputError(f"{result.robot} has no deviations to plot")
+    across = min(3, len(joints))
+    rows = -(-len(joints) // across) * len(units)
+    width, height = max(4.4, 2.45 * across), 1.35 * rows + 0.75
+    with canvas(width, height, path) as figure:
+        grid = {"left": 0.62 / width, "right": 1.0 - 0.2 / width, "top": 1.0 - 0.72 / height, "bottom": 0.4 / height}
+        panels = figure.subplots(
+            rows, across, sharex=True, squeeze=False, gridspec_kw={**grid, "hspace": 0.32, "wspace": 0.3}
+        )
+        for place in range(rows // len(units) * across):
+            for line, unit in enumerate(units):
+                panel = panels[place // across * len(units) + line, place % across]
+                if place < len(joints):
+                    _draw_joint(panel, result, joints[place], unit)
+                    last = place + across >= len(joints) and line == len(units) - 1
+                    panel.tick_params(labelbottom=last)
+                    panel.set_xlabel("time, s" if last else "")
+                else:
+                    panel.set_visible(False)
+        title_of(figure, f"{result.robot}: deviations in the joints")
+        _legend(figure, result)
+    return Path(path)
+
+
+def _draw_path(axes: Any, result: SimulationResult) -> None:
+    """Program and tool in space; the deviation is drawn magnified, as whiskers from the one to the other."""
+    program, deviation = result.program_pose[:, :3, 3], result.tool_deviation
+    half = max(0.5 * float(np.ptp(program, axis=0).max()), 1e-3)
+    factor = _round_factor(2.0 * half * SHOWN_PART / max(float(np.linalg.norm(deviation, axis=1).max()), 1e-15))
+    shown = program + factor * deviation
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(program, axis=0), axis=1))])
+    for at in np.unique(np.searchsorted(along, np.linspace(0.0, along[-1], WHISKERS))):
+        axes.plot(*np.stack([program[at], shown[at]]).T, color=TOOL_COLOR, linewidth=0.5, alpha=0.6)
+    axes.plot(*program.T, color=PROGRAM_COLOR, linestyle="--", label="program (rigid robot)")
+    axes.plot(*shown.T, color=TOOL_COLOR, label=f"tool, deviation x {factor:g}")
+    axes.scatter(*program[0], color=PROGRAM_COLOR, s=14, marker="o", label="start", depthshade=False)
+    axes.scatter(*program[-1], color=PROGRAM_COLOR, s=18, marker="s", label="goal", depthshade=False)
+    both = np.concatenate([program, shown])
+    middle, half = 0.5 * (both.min(axis=0) + both.max(axis=0)), 0.52 * float(np.ptp(both, axis=0).max())
+    for name, center in zip("xyz", middle, strict=True):
+        getattr(axes, f"set_{name}lim")(center - half, center + half)
+        getattr(axes, f"set_{name}label")(f"{name}, m", labelpad=-3.0)
+        getattr(axes, f"{name}axis").set_major_locator(ticker().MaxNLocator(4, steps=[1, 2, 5, 10], prune="both"))
+    axes.tick_params(pad=-2.0, labelsize=7.0)
+    axes.set_box_aspect((1.0, 1.0, 1.0), zoom=0.98)
+    axes.view_init(elev=24.0, azim=-52.0)
+    axes.legend(loc="upper left", bbox_to_anchor=(0.02, 1.06), ncols=2, fontsize=7.0, handlelength=1.8)
+
+
+def _draw_tool_deviation(upper: Any, lower: Any, result: SimulationResult) -> None:
+    """Components and length of the tool's deviation over time."""
+    t, deviation = result.trajectory.t, result.tool_deviation
+    factor, unit = scale_of(deviation, "m")
+    deviation = factor * deviation
+    for axis, column in zip("xyz", deviation.T, strict=True):
+        upper.plot(t, column, color=COLORS["m"][axis], label=axis)
+    upper.set_ylabel(f"deviation, {unit}")
+    upper.tick_params(labelbottom=False)
+    upper.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=3, handlelength=1.4, borderaxespad=0.0)
+    upper.set_title("components, base axes", loc="left")
+    length = np.linalg.norm(deviation, axis=1)
+    lower.plot(t, length, color=TOOL_COLOR)
+    lower.fill_between(t, length, color=TOOL_COLOR, alpha=0.12, linewidth=0.0)
+    lower.set_ylim(0.0, 1.12 * max(float(length.max()), 1e-12))
+    lower.set_ylabel(f"distance, {unit}")
+    lower.set_xlabel("time, s")
+    lower.set_xlim(t[0], t[-1])
+    for panel in (upper, lower):
+        mark_end(panel, result)
+
+
+def _draw_joint(panel: Any, result: SimulationResult, joint: str, unit: str) -> None:
+    """The deviations of one joint that have this unit; a panel without any says so."""
+    t, values = result.trajectory.t, MICRO * result.deviations
+    drawn = False
+    for name, color in COLORS[unit].items():
+        full = f"{joint}.{name}"
+        if full in result.deviation_coordinates:
+            panel.plot(t, values[:, result.deviation_coordinates.index(full)], color=color)
+            drawn = True
+    if not drawn:
+        panel.text(0.5, 0.5, "rigid", transform=panel.transAxes, ha="center", va="center", color=PROGRAM_COLOR)
+        panel.set_yticks([])
+    panel.set_title(literal(f"{joint}, u{unit}"), loc="left", pad=3.0)
+    panel.set_xlim(t[0], t[-1])
+    panel.yaxis.set_major_locator(ticker().MaxNLocator(4, steps=[1, 2, 5, 10]))
+    panel.margins(y=0.12)
+    mark_end(panel, result)
+
+
+def mark_end(panel: Any, result: SimulationResult) -> None:
+    """A dotted line where the program comes to rest."""
+    moving = np.flatnonzero(np.any(result.program_q != result.program_q[-1], axis=1))
+    if moving.size and moving[-1] + 1 < result.trajectory.t.size:
+        panel.axvline(result.trajectory.t[moving[-1] + 1], color=PROGRAM_COLOR, linestyle=":", linewidth=0.9)
+
+
+def _legend(figure: Any, result: SimulationResult) -> None:
+    """One legend of all panels, of the coordinates that occur."""
+    from matplotlib.lines import Line2D
+
+    present = {name.rpartition(".")[2] for name in result.deviation_coordinates}
+    names = {name: color for colors in COLORS.values() for name, color in colors.items() if name in present}
+    lines: list[Any] = [Line2D([], [], color=color) for color in names.values()]
+    labels = [f"{name}, {'um' if name in COLORS['m'] else 'urad'}" for name in names]
+    lines.append(Line2D([], [], color=PROGRAM_COLOR, linestyle=":", linewidth=0.9))
+    place = (0.12 / figure.get_figwidth(), 1.0 - 0.24 / figure.get_figheight())
+    columns = len(lines) if figure.get_figwidth() > 6.0 else 3
+    figure.legend(
+        lines, [*labels, "program at rest"], loc="upper left", bbox_to_anchor=place, ncols=columns, handlelength=1.4
+    )
+
+
+def title_of(figure: Any, text: str) -> None:
+    left, top = 0.12 / figure.get_figwidth(), 1.0 - 0.08 / figure.get_figheight()
+    figure.text(left, top, literal(text), fontsize=9.5, fontweight="bold", ha="left", va="top")
+
+
+def _round_factor(value: float) -> float:
+    """The greatest of 1, 2, 5, 10, 20, ... that is not above the value; at least 1."""
+    if value < 1.0:
+        return 1.0
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(power * max(digit for digit in (1.0, 2.0, 5.0) if digit * power <= value * (1.0 + 1e-12)))
+
+
+def ticker() -> Any:
+    from matplotlib import ticker
+
+    return ticker
+
+
+def _figure(width: float, height: float) -> tuple[Any, Any]:
+    """Matplotlib, and a figure of that size in inches that needs no display and leaves pyplot's state alone."""
+    try:
+        import matplotlib
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise InputError('plots need Matplotlib: pip install "eomgen[sim]"') from None
+    figure = Figure(figsize=(width, height), dpi=DPI)
+    FigureCanvasAgg(figure)
+    return matplotlib, figure
+
+
+@contextmanager
+def canvas(width: float, height: float, path: Path | str) -> Iterator[Any]:
+    """A figure of that size in inches, in the style of all figures, that is written when all is drawn.
+
+    Raises:
+        InputError: Matplotlib is not installed, the ending is none of ENDINGS, or the file cannot be written.
+    """
+    target = Path(path)
+    if target.suffix not in ENDINGS:
+        raise InputError(f"output: {str(path)!r}; allowed: a path that ends in {', '.join(ENDINGS)}")
+    mpl, figure = _figure(width, height)
+    with mpl.rc_context(RC):
+        yield figure
+        about = UNDATED[target.suffix]
+        write_atomically(
+            target, lambda stream: figure.savefig(stream, format=target.suffix[1:], dpi=DPI, metadata=about)
+        )
+
+
+def literal(text: str) -> str:
+    """A text that Matplotlib does not read as mathematics."""
+    return text.replace("$", r"\$")
+
+
+def scale_of(values: Any, unit: str) -> tuple[float, str]:
+    """Factor and name of the unit in which the largest of the values is at least 1: (1e6, "um")."""
+    largest = float(np.abs(values).max(initial=0.0))
+    for factor, prefix in PREFIXES:
+        if factor * largest >= 1.0 or largest == 0.0:
+            return factor, prefix + unit
+    factor, prefix = PREFIXES[-1]
+    return factor, prefix + unit

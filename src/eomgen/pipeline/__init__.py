@@ -1,0 +1,8 @@
+"""Robot -> Kernel: stages, the cache of sources and packages, loading, costs.
+
+Uses runtime, robot and codegen.
+"""
+
+from .stages import KERNEL_NAMES, Options, build, generate, make_source
+
+__all__ = ["KERNEL_NAMES", "Options", "build", "generate", "make_source"]

@@ -1,0 +1,310 @@
+"""Content-addressed cache of sources and compiled packages, safe between processes.
+
+An entry is a folder whose name is a hash of all that it depends on.  It is written under a private name and renamed
+into place, under a lock that a killed process releases.  Its files are read once: what is used are the very bytes whose
+hashes were checked, so that nothing that happens to the folder later matters.  An entry that does not match is made
+again; one that a crash of the machine left half written is one of these, so nothing waits for the disk.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import stat
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+from ..errors import BuildError
+
+MANIFEST = "manifest.json"
+VARIABLE = "EOMGEN_CACHE_DIR"
+KINDS, LOCKS = ("sources", "packages", "objects", "externals"), "locks"
+PASSING = ("making-", "damaged-", "loading-")  # folders that live for one call
+PATIENCE = 900.0  # s, after which a process that holds a lock is no longer waited for
+DAY = 86400.0
+
+Files = Mapping[str, bytes]
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What is in the cache under a key: files by name ("runtime/kernel.py"), whose hashes were checked."""
+
+    kind: str
+    key: str
+    files: Files
+
+    @property
+    def folder(self) -> Path:
+        """Where it was read from."""
+        return cache_folder() / self.kind / self.key
+
+
+def cache_folder() -> Path:
+    """The cache's root: $EOMGEN_CACHE_DIR, or "eomgen" in the user's cache folder."""
+    chosen = os.environ.get(VARIABLE, "")
+    if chosen:
+        return Path(chosen)
+    import platformdirs
+
+    return Path(platformdirs.user_cache_dir("eomgen"))
+
+
+def entry(kind: str, key: str, make: Callable[[Path], None]) -> Entry:
+    """An entry, made by ``make(private folder)`` if it is missing or damaged.
+
+    Args:
+        kind: "sources", "packages", "objects" or "externals".
+        key: hexadecimal hash of what the entry depends on.
+
+    Raises:
+        BuildError: the cache cannot be written, or is not a folder of this user's alone.
+    """
+    root = cache_folder()
+    with _reported(root):
+        found = _read(root, kind, key)
+        if found is None:
+            _make_folders(root, kind)
+            found = _make_locked(root, kind, key, make)
+        return Entry(kind, key, found)
+
+
+def find(kind: str, key: str) -> Entry | None:
+    """An entry that is there and whole, or None.
+
+    Raises:
+        BuildError: the cache is not a folder of this user's alone.
+    """
+    root = cache_folder()
+    with _reported(root):
+        found = _read(root, kind, key)
+    return None if found is None else Entry(kind, key, found)
+
+
+def write_files(folder: Path, files: Files) -> None:
+    """Write an entry's files into a folder; ValueError for a name that leads out of it."""
+    for name, data in files.items():
+        place = PurePosixPath(name)
+        if place.is_absolute() or ".." in place.parts:
+            raise ValueError(f"{name!r} leads out of the entry")
+        target = folder.joinpath(*place.parts)
+        target.parent.mkdir(exist_ok=True)
+        target.write_bytes(data)
+
+
+def is_whole(folder: Path) -> bool:
+    """Whether the entry in ``folder`` (root / kind / key) is there, and every file as it was written."""
+    return _read(folder.parents[1], folder.parent.name, folder.name) is not None
+
+
+def contents() -> list[tuple[str, str, int]]:
+    """Kind, key and size in bytes of what is in the cache, whole or not."""
+    found = []
+    for kind in KINDS:
+        place = cache_folder() / kind
+        for folder in sorted(place.iterdir()) if place.is_dir() else ():
+            files = [path.lstat() for path in folder.rglob("*")] if folder.is_dir() else []
+            found.append((kind, folder.name, sum(file.st_size for file in files if stat.S_ISREG(file.st_mode))))
+    return found
+
+
+def clear() -> int:
+    """Remove all entries and leftovers; the number of entries that were removed.
+
+    Kernels that are loaded go on; a build that is under way is waited for.
+
+    Raises:
+        BuildError: the cache cannot be written, or is not a folder of this user's alone.
+    """
+    root, found = cache_folder(), contents()
+    with _reported(root):
+        _check_folders(root, *KINDS, LOCKS)
+        for kind, key, _ in found:
+            (root / LOCKS).mkdir(exist_ok=True, mode=0o700)
+            with _locked(root, key):
+                _put_away(root, kind, key)
+        _sweep(root, 0.0)
+    return len(found)
+
+
+@contextmanager
+def _reported(root: Path) -> Iterator[None]:
+    """BuildError for what the system says about the cache."""
+    try:
+        yield
+    except OSError as error:
+        raise BuildError(
+            f"the cache folder {root} cannot be written: {error.strerror or error}; make it writable and see that the"
+            f" disk has room, or set {VARIABLE} to another folder"
+        ) from None
+
+
+def _make_folders(root: Path, kind: str) -> None:
+    root.mkdir(parents=True, exist_ok=True, mode=0o700)
+    for name in (kind, LOCKS):
+        (root / name).mkdir(exist_ok=True, mode=0o700)
+    _check_folders(root, kind, LOCKS)  # somebody may have been faster
+
+
+def _make_locked(root: Path, kind: str, key: str, make: Callable[[Path], None]) -> Files:
+    with _locked(root, key) as alone:
+        found = _read(root, kind, key)
+        if found is not None:  # another process was faster
+            return found
+        if alone:  # then whatever passes for this key is a killed process's
+            _remove(path for mark in PASSING for path in root.glob(f"{mark}{key}-*"))
+        _sweep(root, DAY)
+        private = Path(tempfile.mkdtemp(prefix=f"making-{key}-", dir=root))
+        try:
+            make(private)
+            files = _seal(private, kind, key)
+            _put_away(root, kind, key)
+            try:
+                os.replace(private, root / kind / key)
+            except OSError:  # without a lock somebody else may have been faster; the files are right all the same
+                if _read(root, kind, key) is None:
+                    raise
+        finally:
+            shutil.rmtree(private, ignore_errors=True)
+    return files
+
+
+@contextmanager
+def _locked(root: Path, key: str) -> Iterator[bool]:
+    """Hold the lock of a key; the value is False where that is not possible.
+
+    The lock spares work and nothing depends on it: a process that was stopped, or a file system without locks, must
+    not keep others from their kernels.
+    """
+    from filelock import FileLock, Timeout
+
+    lock = FileLock(str(root / LOCKS / f"{key}.lock"))
+    with suppress(Timeout, NotImplementedError):
+        lock.acquire(timeout=PATIENCE)
+    try:
+        yield lock.is_locked
+    finally:
+        lock.release()
+
+
+def _put_away(root: Path, kind: str, key: str) -> None:
+    """Remove an entry: out of the way in one step, so that nobody sees half of it."""
+    folder = root / kind / key
+    if not os.path.lexists(folder):
+        return
+    doomed = Path(tempfile.mkdtemp(prefix=f"damaged-{key}-", dir=root))
+    with suppress(FileNotFoundError):  # somebody else did
+        os.replace(folder, doomed / "entry")
+    shutil.rmtree(doomed, ignore_errors=True)
+
+
+def _sweep(root: Path, age: float) -> None:
+    """Remove what processes left that were killed more than ``age`` seconds ago."""
+    before, old = time.time() - age, []
+    for path in root.iterdir() if root.is_dir() else ():
+        try:
+            if path.name.startswith(PASSING) and path.lstat().st_mtime <= before:
+                old.append(path)
+        except OSError:  # gone
+            continue
+    _remove(old)
+
+
+def _remove(folders: Iterator[Path] | list[Path]) -> None:
+    for folder in folders:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _seal(folder: Path, kind: str, key: str) -> Files:
+    """Write the hashes of a new entry's files into it."""
+    files = {}
+    for path in sorted(folder.rglob("*")):
+        if path.is_file():
+            if _modes_matter():
+                path.chmod(stat.S_IMODE(path.stat().st_mode) & ~0o022)  # whatever the umask is
+            files[path.relative_to(folder).as_posix()] = path.read_bytes()
+    manifest = {"of": f"{kind}/{key}", "files": {name: _hash(data) for name, data in files.items()}}
+    text = json.dumps({**manifest, "sha256": _hash(json.dumps(manifest).encode())}, indent=1)
+    target = folder / MANIFEST
+    target.write_text(text, encoding="ascii")
+    if _modes_matter():
+        target.chmod(0o600)
+    return files
+
+
+def _read(root: Path, kind: str, key: str) -> Files | None:
+    """The files of an entry that is there and whole, or None.
+
+    Raises:
+        BuildError: the cache is not a folder of this user's alone.
+    """
+    _check_folders(root, kind, f"{kind}/{key}")
+    folder = root / kind / key
+    try:
+        manifest = json.loads(_bytes(folder / MANIFEST))
+        recorded = manifest.pop("sha256")
+        if recorded != _hash(json.dumps(manifest).encode()) or manifest["of"] != f"{kind}/{key}":
+            return None
+        files = {name: _bytes(folder / name) for name in manifest["files"]}
+        whole = bool(files) and all(_hash(files[name]) == digest for name, digest in manifest["files"].items())
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return None
+    return files if whole else None
+
+
+def _bytes(path: Path) -> bytes:
+    """The content of a file that nobody else may write; OSError where it is none, or a link."""
+    flags = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+    with open(os.open(path, flags), "rb") as stream:
+        found = os.fstat(stream.fileno())
+        if not stat.S_ISREG(found.st_mode) or (_modes_matter() and (_is_foreign(found) or _is_open(found))):
+            raise OSError(f"{path} is not a file of this user's alone")
+        return stream.read()
+
+
+def _check_folders(root: Path, *names: str) -> None:
+    """Refuse a cache that somebody else could put a binary into; what is above its root is not looked at."""
+    for folder in (root, *(root / name for name in names)):
+        try:
+            found = folder.lstat()
+        except (FileNotFoundError, NotADirectoryError):
+            continue
+        if stat.S_ISLNK(found.st_mode):
+            raise BuildError(
+                f"the cache folder {folder} is a link to {os.readlink(folder)}; remove it, or set {VARIABLE} to a"
+                " folder that is none"
+            )
+        if not _modes_matter():
+            continue
+        if _is_foreign(found):
+            raise BuildError(f"the cache folder {folder} belongs to another user; set {VARIABLE} to a folder of yours")
+        if _is_open(found):
+            raise BuildError(
+                f"the cache folder {folder} may be written by others (mode {stat.S_IMODE(found.st_mode):o});"
+                f" run chmod go-w on it, or set {VARIABLE} to a folder of your own"
+            )
+
+
+def _modes_matter() -> bool:
+    """Whether the system has owners and modes as POSIX has them."""
+    return hasattr(os, "getuid")
+
+
+def _is_foreign(found: os.stat_result) -> bool:
+    """Whether a file belongs to neither this user nor root."""
+    return found.st_uid not in (os.getuid(), 0)
+
+
+def _is_open(found: os.stat_result) -> bool:
+    """Whether others may write to a file."""
+    return bool(found.st_mode & (stat.S_IWGRP | stat.S_IWOTH))
+
+
+def _hash(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()

@@ -1,0 +1,133 @@
+"""What a robot is made of, which terms of its equations vanish, and what the rest costs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ..progress import StageReport, no_report
+from ..robot.coordinates import UNITS
+from ..robot.model import Model, build_model
+from ..robot.value import MOTOR, PRINCIPAL, Robot
+
+
+@dataclass(frozen=True)
+class RobotInfo:
+    """A model with its zero map's text and the operations of its kernels.
+
+    ``choices`` says how a kernel is computed where there are several ways.
+    """
+
+    model: Model
+    zeros: Mapping[str, Any]
+    zero_lines: tuple[str, ...]
+    operations: Mapping[str, Mapping[str, int]]
+    choices: Mapping[str, str]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        model = self.model
+        return {
+            "name": model.name,
+            "source": model.robot.source,
+            "notes": list(model.robot.notes),
+            "coordinates": list(model.coordinates),
+            "driven": [model.coordinates[i] for i in model.driven],
+            "motors": {model.coordinates[i]: model.coordinates[p] for i, p in model.motors.items()},
+            "joints": [body.joint for body in model.bodies],
+            "links": list(model.links),
+            "frames": list(model.frames),
+            "loops": {loop.name: loop.type for loop in model.robot.loops},
+            "constraints": list(model.constraints),
+            "mass": self._mass(),
+            "springs": [
+                {"name": x.name, "links": list(x.links), "tension_only": x.tension_only, **x.law()}
+                for x in model.robot.springs
+            ],
+            "parameters": dict(model.parameters),
+            "zeros": dict(self.zeros),
+            "operations": {name: dict(count) for name, count in self.operations.items()},
+            "choices": dict(self.choices),
+        }
+
+    def lines(self) -> list[str]:
+        """A page of text."""
+        model = self.model
+        count = f"{model.size} coordinates, {len(model.bodies)} joints that move, {self._mass():.6g} kg moving"
+        lines = [
+            f"{model.name}: {count}",
+            "",
+            *self._joint_lines(),
+            "",
+            *self._loop_lines(),
+            *self._spring_lines(),
+            *self.zero_lines,
+            "",
+            *self._operation_lines(),
+        ]
+        parameters = len(model.parameters)
+        lines += ["", f"run-time parameters: {parameters} (kernel.parameters; list more under `tunable`)"]
+        lines += [f"frames: {', '.join(model.frames)}"]
+        return lines
+
+    def _mass(self) -> float:
+        robot = self.model.robot
+        return float(sum(robot.link(name).mass for name in self.model.links))
+
+    def _joint_lines(self) -> list[str]:
+        lines = ["coordinate                        stiffness     damping    armature"]
+        for body in self.model.bodies:
+            joint = self.model.robot.joint(body.joint)
+            for name, given in joint.all_coordinates.items():
+                motor = joint.motor if name == MOTOR else None
+                spring = motor.transmission if motor else given
+                numbers = (spring.stiffness, spring.damping, given.armature)
+                texts = ["-" if number is None else f"{number:.4g}" for number in numbers]
+                label = f"{body.joint}.{name} [{UNITS[name]}]"
+                role = "  prescribed" if given.prescribed else ""
+                lines.append(f"{label:<30} {texts[0]:>12}{texts[1]:>12}{texts[2]:>12}{role}")
+                law = {**(spring.law() if motor else {}), **given.law()}
+                further = [f"{key} {number:.4g}" for key, number in law.items() if not key.startswith("curve.")]
+                if spring.curve is not None:
+                    further.append(f"curve of {len(spring.curve)} points")
+                if motor is not None:
+                    further.insert(0, f"drives {body.joint}.{PRINCIPAL[joint.type]}, ratio {motor.ratio:.6g}")
+                lines += [f"  {', '.join(further)}"] if further else []
+        return lines
+
+    def _loop_lines(self) -> list[str]:
+        """The cut joints, where there are some, with an empty line after them."""
+        loops, count = self.model.robot.loops, len(self.model.constraints)
+        lines = [f"loop {x.name}: {x.type} joint between {x.links[0]} and {x.links[1]}, cut" for x in loops]
+        return [*lines, f"{count} constraints; all else is that of the open tree", ""] if loops else []
+
+    def _spring_lines(self) -> list[str]:
+        """The springs between points, where there are some, with an empty line after them."""
+        lines = []
+        for spring in self.model.robot.springs:
+            kind = "cable" if spring.tension_only else "spring"
+            numbers = [f"{key} {number:.4g}" for key, number in spring.law().items() if not key.startswith("curve.")]
+            numbers += [f"curve of {len(spring.curve)} points"] if spring.curve is not None else []
+            lines.append(f"{kind} {spring.name} from {spring.links[0]} to {spring.links[1]}: {', '.join(numbers)}")
+        return [*lines, ""] if lines else []
+
+    def _operation_lines(self) -> list[str]:
+        lines = ["operations of the C           mul      add    div  sincos"]
+        for name, count in self.operations.items():
+            row = f"{count['mul']:>9}{count['add']:>9}{count['div']:>7}{count['sincos']:>8}"
+            lines.append(f"{name:<24}{row}" + (f"  {self.choices[name]}" if name in self.choices else ""))
+        return lines
+
+
+def robot_info(robot: Robot, *, progress: StageReport = no_report) -> RobotInfo:
+    """Derive the robot's equations and say what came out; nothing is compiled."""
+    from ..codegen.c.metadata import operations
+    from ..codegen.joint.zeros import zero_map
+    from ..codegen.kernels.equations import derive_equations
+
+    model = build_model(robot)
+    progress(f"deriving the equations of {model.size} coordinates")
+    equations = derive_equations(model)
+    zeros = zero_map(model)
+    return RobotInfo(model, zeros.as_dict(), tuple(zeros.lines()), operations(equations), equations.choices)

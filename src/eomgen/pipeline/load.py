@@ -1,0 +1,94 @@
+"""From the bytes of a compiled package to a loaded module.
+
+The dynamic linker opens files by name.  It is given a copy of its own, which nobody else knows and which is gone as
+soon as it is loaded: so the code that runs is that whose hash was checked, and stays so, whatever happens to the cache.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import sys
+import tempfile
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from importlib.machinery import ExtensionFileLoader
+from pathlib import Path
+from typing import Any
+
+from ..errors import BuildError
+from . import cache as store
+
+_guard = threading.Lock()
+
+
+def load_module(package: store.Entry, name: str) -> Any:
+    """What has ``ffi`` and ``lib`` of a compiled package of the cache; loaded once in a process.
+
+    Raises:
+        BuildError: it does not load.
+    """
+    here = f"_eomgen_{package.key}._{name}"
+    with _guard:
+        module = sys.modules.get(here)
+        if module is None:
+            try:
+                abi = f"_{name}_types.py" in package.files
+                module = _load_abi(package, name) if abi else _load_api(package, here)
+            except (ImportError, OSError, StopIteration) as error:
+                raise BuildError(f"the compiled module in {package.folder} does not load: {error}") from None
+            sys.modules[here] = module
+    return module
+
+
+def _load_api(package: store.Entry, here: str) -> Any:
+    """cffi's API mode: an extension module."""
+    stem = here.rpartition(".")[2]
+    file = next(name for name in package.files if name.startswith(f"{stem}.") and name.endswith((".so", ".pyd")))
+
+    def load(path: str) -> Any:
+        loader = ExtensionFileLoader(here, path)
+        spec = importlib.util.spec_from_file_location(here, path, loader=loader)
+        if spec is None:
+            raise ImportError(f"{file} is no extension module")
+        module = importlib.util.module_from_spec(spec)
+        loader.exec_module(module)
+        return module
+
+    return linked(package, file, load)
+
+
+def _load_abi(package: store.Entry, name: str) -> Any:
+    """cffi's ABI mode: declarations in Python, and a plain shared library."""
+    from types import ModuleType
+
+    file = f"_{name}_types.py"
+    module = ModuleType(f"_{name}")
+    exec(compile(package.files[file], file, "exec"), module.__dict__)  # its hash was checked as that of any binary
+    library = next(name for name in package.files if name.startswith("lib"))
+    module.lib = linked(package, library, module.ffi.dlopen)  # type: ignore[attr-defined]
+    return module
+
+
+def linked(package: store.Entry, file: str, load: Callable[[str], Any]) -> Any:
+    """``load(path)`` of a copy of the file; from its place if no copy can be had, or where files in use stay.
+
+    ImportError and OSError of ``load`` say that it cannot be had there.
+    """
+    root = store.cache_folder()
+    for place in (str(root), None) if os.name == "posix" else ():  # libraries can be loaded from where the cache is
+        try:
+            with _copy(package.files[file], file, place) as path:
+                return load(path)
+        except (ImportError, OSError):  # no room, nothing may be written or run there
+            continue
+    return load(str(package.folder / file))
+
+
+@contextmanager
+def _copy(data: bytes, name: str, place: str | None) -> Iterator[str]:
+    with tempfile.TemporaryDirectory(prefix="loading-", dir=place, ignore_cleanup_errors=True) as folder:
+        path = Path(folder, name)
+        path.write_bytes(data)
+        yield str(path)

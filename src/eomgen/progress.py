@@ -1,0 +1,16 @@
+"""How long work says where it is: functions that callers hand in."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+Progress = Callable[[float, str], None]  # called with the fraction that is done, from 0 to 1, and a line of text
+StageReport = Callable[[str], None]  # called with a line of text when a stage begins
+
+
+def no_progress(_fraction: float, _text: str) -> None:
+    """A Progress that says nothing."""
+
+
+def no_report(_text: str) -> None:
+    """A StageReport that says nothing."""

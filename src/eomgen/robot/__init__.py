@@ -1,0 +1,60 @@
+"""A robot as a value: its parts, its rules, the model that equations are derived for.
+
+Uses the root alone.
+"""
+
+from .geometry import IDENTITY, ZERO, Matrix, Vector, rotation_from_rpy, snap
+from .model import Model, build_model
+from .record import record_of, robot_hash, robot_of
+from .value import (
+    ANGULAR,
+    BASE,
+    COORDINATES,
+    INERTIA_KEYS,
+    LINEAR,
+    MOTOR,
+    PRINCIPAL,
+    Coordinate,
+    Curve,
+    Frame,
+    Friction,
+    Joint,
+    Link,
+    Loop,
+    Motor,
+    Placement,
+    Robot,
+    Spring,
+)
+
+__all__ = [
+    "ANGULAR",
+    "BASE",
+    "COORDINATES",
+    "IDENTITY",
+    "INERTIA_KEYS",
+    "LINEAR",
+    "MOTOR",
+    "PRINCIPAL",
+    "ZERO",
+    "Coordinate",
+    "Curve",
+    "Frame",
+    "Friction",
+    "Joint",
+    "Link",
+    "Loop",
+    "Matrix",
+    "Model",
+    "Motor",
+    "Placement",
+    "Robot",
+    "Spring",
+    "Vector",
+    "build_model",
+    "record_of",
+    "robot_hash",
+    "robot_of",
+    "rotation_from_rpy",
+    "snap",
+]

@@ -1,0 +1,79 @@
+"""TODO."""
+
+from __future__ import annotations
+
+import math
+
+Vector = tuple[float, float, float]
+
+
+Matrix = tuple[Vector, Vector, Vector]
+
+
+IDENTITY: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+ZERO: Vector = (0.0, 0.0, 0.0)
+
+
+# Columns are the joint's x, y and z axes; for the axes along +-x, +-y and +-z only 0 and +-1 appear.
+_TURNS: dict[Vector, Matrix] = {
+    (0.0, 0.0, 1.0): IDENTITY,
+    (1.0, 0.0, 0.0): ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)),
+    (0.0, 1.0, 0.0): ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)),
+    (0.0, 0.0, -1.0): ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0)),
+    (-1.0, 0.0, 0.0): ((0.0, 0.0, -1.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0)),
+    (0.0, -1.0, 0.0): ((1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0)),
+}
+
+
+def snap(value: float) -> float:
+    """The value, with a sine or cosine that misses -1, 0 or 1 by round-off of a right angle put there."""
+    for exact in (-1.0, 0.0, 1.0):
+        if abs(value - exact) < 4e-16:
+            return exact
+    return value
+
+
+def rotation_from_rpy(rpy: Vector) -> Matrix:
+    """Rotation matrix Rz(yaw) Ry(pitch) Rx(roll) of URDF's roll, pitch, yaw, rad."""
+    (cr, sr), (cp, sp), (cy, sy) = ((snap(math.cos(t)), snap(math.sin(t))) for t in rpy)
+    return (
+        (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
+        (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
+        (-sp, cp * sr, cp * cr),
+    )
+
+
+def axis_turn(axis: Vector) -> Matrix:
+    """A rotation whose third column is the direction of ``axis``, with as many entries 0, 1, -1 as possible."""
+    length = math.hypot(*axis)
+    x, y, z = (snap(component / length) + 0.0 for component in axis)
+    if (x, y, z) in _TURNS:
+        return _TURNS[x, y, z]
+    if z == 0.0:  # z itself is orthogonal to the axis
+        first = (0.0, 0.0, 1.0)
+    elif y == 0.0:
+        first = (0.0, 1.0, 0.0)
+    elif x == 0.0:
+        first = (1.0, 0.0, 0.0)
+    else:
+        side = math.hypot(x, y)
+        first = (-y / side, x / side, 0.0)
+    second = (y * first[2] - z * first[1], z * first[0] - x * first[2], x * first[1] - y * first[0])
+    return ((first[0], second[0], x), (first[1], second[1], y), (first[2], second[2], z))
+
+
+def turn_inertia(
+    inertia: tuple[float, float, float, float, float, float], rotation: Matrix
+) -> tuple[float, float, float, float, float, float]:
+    """R I R^T of an inertia tensor (INERTIA_KEYS order): from the axes of a placed frame to those it is placed in."""
+    if rotation == IDENTITY:
+        return inertia
+    xx, yy, zz, xy, xz, yz = inertia
+    tensor = ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))
+
+    def entry(i: int, j: int) -> float:
+        return sum(rotation[i][k] * tensor[k][m] * rotation[j][m] for k in range(3) for m in range(3))
+
+    return entry(0, 0), entry(1, 1), entry(2, 2), entry(0, 1), entry(0, 2), entry(1, 2)

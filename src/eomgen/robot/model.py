@@ -1,0 +1,356 @@
+"""Robot -> Model: the ordered tree of moving bodies, their coordinates, and what is a run-time parameter.
+
+A body is a set of links that fixed joints hold together; its frame is its joint's frame after the motion, so the
+principal axis is its z axis.  Numbers stay in the Robot: the generator binds them (``eomgen.codegen.bodies``) as
+constants or, for the names in ``Model.parameters``, as run-time parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+from ..errors import DescriptionError, InputError, UnknownNameError
+from ..names import IDENTIFIER_RULE, ROBOT_RULE, is_identifier, is_robot_name, show
+from .cuts import CUTS
+from .rules import conflict, motor_conflict, spring_conflict
+from .value import (
+    ANGULAR,
+    COORDINATE_NUMBERS,
+    COORDINATES,
+    INERTIA_KEYS,
+    MOTOR,
+    PRINCIPAL,
+    Coordinate,
+    Joint,
+    Placement,
+    Robot,
+    Spring,
+)
+
+FIXED_BODY = -1  # what hangs on the base without a moving joint
+
+
+@dataclass(frozen=True)
+class Body:
+    """A moving body: ``parent`` is a body's index or FIXED_BODY, ``first`` the index of its first coordinate.
+
+    ``active`` names the active coordinates of its joint in canonical order; ``links`` the links it is made of, the
+    joint's child first.  A joint's motor moves no body: its coordinate follows behind these (``Model.motors``).
+    """
+
+    joint: str
+    parent: int
+    first: int
+    active: tuple[str, ...]
+    links: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """Name of the joint's child link."""
+        return self.links[0]
+
+    @property
+    def indices(self) -> range:
+        """Indices of the joint's coordinates in q, without its motor's."""
+        return range(self.first, self.first + len(self.active))
+
+
+@dataclass(frozen=True)
+class Model:
+    """The tree that equations are derived for.
+
+    ``bodies`` are in depth-first order; ``coordinates`` are the names ("joint1.x", ...) in the order of q;
+    ``links`` are the links that move; ``points`` are links and frames whose pose can be asked for, with the link that
+    each is on; ``parameters`` maps the run-time parameters to their values in the description.
+    """
+
+    robot: Robot
+    bodies: tuple[Body, ...]
+    coordinates: tuple[str, ...]
+    links: tuple[str, ...]
+    body_of: Mapping[str, int]
+    parameters: Mapping[str, float]
+
+    @property
+    def name(self) -> str:
+        """The robot's name."""
+        return self.robot.name
+
+    @property
+    def size(self) -> int:
+        """n, the number of degrees of freedom."""
+        return len(self.coordinates)
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Names whose pose can be asked for: the description's frames, then all links, the base first."""
+        names = [frame.name for frame in self.robot.frames]
+        links = [self.robot.base, *(link.name for link in self.robot.links)]
+        return tuple(names + [name for name in links if name not in names])
+
+    @property
+    def constraints(self) -> tuple[str, ...]:
+        """Names of the components of the loops' constraint g(q) = 0 ("loop1.x", ...), in their order."""
+        return tuple(f"{loop.name}.{part.name}" for loop in self.robot.loops for part in CUTS[loop.type])
+
+    @property
+    def principal(self) -> tuple[int, ...]:
+        """Indices of the coordinates that are their joints' principal ones."""
+        kinds = {joint.name: PRINCIPAL.get(joint.type) for joint in self.robot.joints}
+        return tuple(
+            body.first + place
+            for body in self.bodies
+            for place, name in enumerate(body.active)
+            if name == kinds[body.joint]
+        )
+
+    @property
+    def motors(self) -> dict[int, int]:
+        """Index of every motor's coordinate, and that of the principal coordinate that it drives."""
+        principal = {self._joint_of(index): index for index in self.principal}
+        return {
+            index: principal[self._joint_of(index)]
+            for index, name in enumerate(self.coordinates)
+            if name.rpartition(".")[2] == MOTOR
+        }
+
+    def _joint_of(self, index: int) -> str:
+        return self.coordinates[index].rpartition(".")[0]
+
+    @property
+    def driven(self) -> tuple[int, ...]:
+        """Indices of the coordinates that have a drive: motors, and principal ones without; none that is prescribed."""
+        behind = self.motors.values()
+        driving = sorted({*self.principal, *self.motors}.difference(behind))
+        return tuple(index for index in driving if index not in self.prescribed)
+
+    @property
+    def prescribed(self) -> tuple[int, ...]:
+        """Indices of the coordinates whose motion is given."""
+        given = (coordinate for joint in self.robot.joints for coordinate in joint.all_coordinates.values())
+        return tuple(index for index, coordinate in enumerate(given) if coordinate.prescribed)
+
+    def offset_angles(self, joint: str) -> tuple[str, ...]:
+        """Angles of a joint that are not active but turned by an offset."""
+        active = self.robot.joint(joint).coordinates
+        return tuple(
+            name for name in ANGULAR if name not in active and f"joints.{joint}.offset.{name}" in self.parameters
+        )
+
+    def ancestors(self, body: int) -> Iterator[int]:
+        """The body and the bodies it hangs on, towards the base."""
+        while body != FIXED_BODY:
+            yield body
+            body = self.bodies[body].parent
+
+    def children(self, body: int) -> list[int]:
+        """Bodies that hang on the body directly."""
+        return [k for k, other in enumerate(self.bodies) if other.parent == body]
+
+
+def build_model(robot: Robot) -> Model:
+    """Order the tree, merge what fixed joints hold together, and list the parameters.
+
+    Raises:
+        DescriptionError: no coordinate is active, so there is nothing to move; or a name is no identifier (the reader
+            lets none through, but a Robot can be made without it), or forces that do not go together.
+    """
+    _check_names(robot)
+    _check_forces(robot)
+    bodies: list[Body] = []
+    coordinates: list[str] = []
+    body_of = {robot.base: FIXED_BODY}
+    links: list[list[str]] = []
+    for joint in robot.joints:  # depth first: a parent comes before its children
+        parent = body_of[joint.parent]
+        if joint.coordinates:
+            body_of[joint.child] = len(bodies)
+            bodies.append(Body(joint.name, parent, len(coordinates), tuple(joint.coordinates), (joint.child,)))
+            links.append([joint.child])
+            coordinates.extend(f"{joint.name}.{name}" for name in joint.all_coordinates)
+        else:
+            body_of[joint.child] = parent
+            if parent != FIXED_BODY:
+                links[parent].append(joint.child)
+    if not bodies:
+        raise DescriptionError(
+            "the robot has no active coordinate; give at least one joint a type other than fixed, or a deviation",
+            where="joints",
+            source=robot.source or robot.name,
+        )
+    _check_loops(robot, body_of)
+    _check_springs(robot, body_of)
+    merged = tuple(
+        Body(body.joint, body.parent, body.first, body.active, tuple(names))
+        for body, names in zip(bodies, links, strict=True)
+    )
+    moving = tuple(link.name for link in robot.links if body_of[link.name] != FIXED_BODY)
+    return Model(robot, merged, tuple(coordinates), moving, body_of, _parameters(robot))
+
+
+def with_offset_angles(model: Model) -> tuple[Model, tuple[int, ...]]:
+    """The model with every angle that an offset turns as a coordinate, prescribed; where the model's own are in it."""
+    joints = []
+    for joint in model.robot.joints:
+        extra = model.offset_angles(joint.name) if joint.coordinates else ()
+        more = {name: Coordinate(prescribed=True) for name in extra}
+        joints.append(replace(joint, coordinates={**joint.coordinates, **more}))
+    whole = build_model(replace(model.robot, joints=tuple(joints)))
+    return whole, tuple(whole.coordinates.index(name) for name in model.coordinates)
+
+
+def _check_names(robot: Robot) -> None:
+    """Names go into C and Python: the last look at them."""
+    named = [("links", robot.base, is_identifier), ("name", robot.name, is_robot_name)]
+    for key in ("links", "joints", "frames", "loops", "springs"):
+        named += [(key, item.name, is_identifier) for item in getattr(robot, key)]
+    for where, name, is_allowed in named:
+        if not is_allowed(name):
+            rule = ROBOT_RULE if where == "name" else IDENTIFIER_RULE
+            raise DescriptionError(f"got {show(name)}; allowed: {rule}", where=where, source=robot.source)
+
+
+def _check_loops(robot: Robot, body_of: Mapping[str, int]) -> None:
+    """Refuse a loop that nothing can open or close, and what no reader has seen."""
+    for loop in robot.loops:
+        if loop.type not in CUTS:
+            raise DescriptionError(
+                f"got {show(loop.type)}; allowed: {', '.join(CUTS)}",
+                where=f"loops.{loop.name}.type",
+                source=robot.source or robot.name,
+            )
+        _check_pair(robot, body_of, loop.links, f"loops.{loop.name}.links")
+
+
+def _check_springs(robot: Robot, body_of: Mapping[str, int]) -> None:
+    """Refuse a spring that nothing stretches, and what no reader has seen."""
+    for spring in robot.springs:
+        _check_pair(robot, body_of, spring.links, f"springs.{spring.name}.links")
+        found = spring_conflict(spring)
+        if found is not None:
+            where = ".".join(filter(None, ("springs", spring.name, found[0])))
+            raise DescriptionError(found[1], where=where, source=robot.source or robot.name)
+
+
+def _check_pair(robot: Robot, body_of: Mapping[str, int], links: tuple[str, str], where: str) -> None:
+    """Refuse links that there are not, or that do not move against each other."""
+    first, second = links
+    for name in links:
+        if name not in body_of:
+            raise DescriptionError(
+                f"got {show(name)}; allowed: {', '.join(body_of)}",
+                where=where,
+                source=robot.source or robot.name,
+            )
+    if body_of[first] == body_of[second]:
+        raise DescriptionError(
+            f"the links {show(first)} and {show(second)} do not move against each other; allowed: links with a"
+            " moving joint between them",
+            where=where,
+            source=robot.source or robot.name,
+        )
+
+
+def _check_forces(robot: Robot) -> None:
+    """Numbers of force laws go together, whoever made the Robot."""
+    for joint in robot.joints:
+        found = {name: conflict(given) for name, given in joint.coordinates.items()}
+        if joint.motor is not None:
+            found[MOTOR] = motor_conflict(joint.motor, joint.type, joint.coordinates)
+        for name, refused in found.items():
+            if refused is not None:
+                where = ".".join(filter(None, ("joints", joint.name, name, refused[0])))
+                raise DescriptionError(refused[1], where=where, source=robot.source or robot.name)
+
+
+def _parameters(robot: Robot) -> dict[str, float]:
+    """Run-time parameters: gravity, every stiffness, damping and offset that is given, and what ``tunable`` lists."""
+    values = dict(parameter_values(robot))
+
+    def always(name: str) -> bool:
+        path = name.split(".")
+        return path[0] == "gravity" or (
+            path[0] == "joints" and (path[-1] in ("stiffness", "damping") or path[2] == "offset")
+        )
+
+    chosen = {name for name, value in values.items() if value is not None and always(name)}
+    for joint in robot.joints:
+        for name, given in joint.coordinates.items():
+            chosen.update(f"joints.{joint.name}.{name}.{key}" for key in given.law())
+        if joint.motor is not None:
+            laws = (*joint.motor.transmission.law(), *joint.motor.rotor.law())
+            chosen.update(f"joints.{joint.name}.{MOTOR}.{key}" for key in laws)
+    for spring in robot.springs:
+        chosen.update(f"springs.{spring.name}.{key}" for key in spring.law())
+    chosen.update(robot.tunable)
+    return {name: value or 0.0 for name, value in values.items() if name in chosen}
+
+
+def parameter_values(robot: Robot) -> Iterator[tuple[str, float | None]]:
+    """Every number of the description that may be a parameter, by its name; None where none is given."""
+    for axis, value in zip("xyz", robot.gravity, strict=True):
+        yield f"gravity.{axis}", value
+    for link in robot.links:
+        yield f"links.{link.name}.mass", link.mass
+        for axis, value in zip("xyz", link.com, strict=True):
+            yield f"links.{link.name}.com.{axis}", value
+        for key, value in zip(INERTIA_KEYS, link.inertia, strict=True):
+            yield f"links.{link.name}.inertia.{key}", value
+    for joint in robot.joints:
+        yield from _joint_values(joint)
+    for frame in robot.frames:
+        yield from _placement_values(f"frames.{frame.name}", frame.placement)
+    for spring in robot.springs:
+        yield from _spring_values(spring)
+
+
+def _joint_values(joint: Joint) -> Iterator[tuple[str, float | None]]:
+    for name in COORDINATES:
+        if name in joint.coordinates:
+            for key in COORDINATE_NUMBERS:
+                yield f"joints.{joint.name}.{name}.{key}", getattr(joint.coordinates[name], key)
+            for key, value in joint.coordinates[name].law().items():
+                yield f"joints.{joint.name}.{name}.{key}", value
+    if joint.motor is not None:
+        for key, number in joint.motor.numbers().items():
+            yield f"joints.{joint.name}.{MOTOR}.{key}", number
+    for name, offset in zip(COORDINATES, joint.offset, strict=True):
+        yield f"joints.{joint.name}.offset.{name}", offset
+    yield from _placement_values(f"joints.{joint.name}", joint.placement)
+
+
+def _spring_values(spring: Spring) -> Iterator[tuple[str, float | None]]:
+    given = spring.law()
+    for key in dict.fromkeys((*spring.optional, *given)):
+        yield f"springs.{spring.name}.{key}", given.get(key)
+    for place, point in enumerate(spring.points):
+        for axis, value in zip("xyz", point, strict=True):
+            yield f"springs.{spring.name}.points.{place}.{axis}", value
+
+
+def _placement_values(owner: str, placement: Placement) -> Iterator[tuple[str, float | None]]:
+    for i, value in enumerate(placement.xyz):
+        yield f"{owner}.placement.xyz.{i}", value
+    for i, value in enumerate(placement.rpy or ()):
+        yield f"{owner}.placement.rpy.{i}", value
+
+
+def refuse_loops(robot: Robot) -> None:
+    """InputError for a robot whose motion scenarios cannot integrate."""
+    if robot.loops:
+        loops = ", ".join(loop.name for loop in robot.loops)
+        raise InputError(f"simulate: {robot.name} has loops ({loops}); eomgen.loops integrates mechanisms with loops")
+
+
+def tool_of(robot: Robot, tool: str | None, label: str = "tool") -> str:
+    """The frame to look at; by default "tcp", the first frame, a link called so, or the end of the longest chain."""
+    known = build_model(robot).frames
+    if tool is not None and tool not in known:
+        raise UnknownNameError(f"{label}: {tool!r} is unknown; known: {', '.join(known)}")
+    depth = {robot.base: 0}
+    for joint in robot.joints:
+        depth[joint.child] = depth[joint.parent] + bool(joint.coordinates)
+    candidates = ["tcp"] if "tcp" in known else [frame.name for frame in robot.frames]
+    candidates += [name for name in known if name.endswith(("tcp", "tool0"))]
+    return tool or (candidates[0] if candidates else max(depth, key=lambda name: depth[name]))

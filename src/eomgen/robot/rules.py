@@ -1,0 +1,98 @@
+"""TODO."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from ..limits import LARGEST
+from .value import MOTOR, PRINCIPAL, SMALLEST, Coordinate, Curve, Friction, Motor, Spring
+
+POINTS = (2, 64)  # fewest and most points of a curve
+
+
+def motor_conflict(given: Motor, kind: str, active: Mapping[str, Coordinate]) -> tuple[str, str] | None:
+    """The key ("" for the table) and the message of what is wrong with a motor in a joint; None if nothing is.
+
+    Args:
+        kind: the joint's type.
+        active: the joint's coordinates.
+    """
+    if kind not in PRINCIPAL:
+        return "", f"a {kind} joint has no principal coordinate to drive; allowed for: {', '.join(PRINCIPAL)}"
+    if PRINCIPAL[kind] not in active:
+        return "", f"{PRINCIPAL[kind]} is locked, so that the motor would drive nothing; leave one of the two out"
+    if not 0.0 < given.inertia <= LARGEST:
+        return "inertia", f"got {given.inertia!r}; allowed: a finite number greater than 0, kg m^2"
+    if not 1.0 / LARGEST <= abs(given.ratio) <= LARGEST:
+        return "ratio", f"got {given.ratio!r}; allowed: a finite number that is not 0"
+    spring = given.transmission
+    if spring.stiffness is None and spring.curve is None:
+        return "stiffness", "there is no spring between motor and joint; allowed: with a stiffness or a curve"
+    if spring.friction is not None or spring.armature is not None or spring.prescribed:
+        return "", f"friction and role belong to the {MOTOR} itself, and a transmission has no armature"
+    return conflict(replace(spring, friction=given.friction))
+
+
+def conflict(given: Coordinate) -> tuple[str, str] | None:
+    """The key and the message of numbers that do not go together; None if all do."""
+    springs = (given.stiffness, given.stiffness_negative)
+    if given.clearance is not None:
+        if given.stiffness is None or not any(springs):
+            return "clearance", "there is no stiffness at the end of it; allowed: with stiffness > 0"
+        if given.smoothing is None:
+            return "clearance", f"got 0 and no smoothing; allowed: 0 with a smoothing of at least {SMALLEST:g}"
+    for key in ("restitution_damping", "smoothing"):
+        if given.clearance is None and getattr(given, key) is not None:
+            return key, f"there is no clearance; allowed: {key} with clearance"
+    if given.stiffness_negative is not None and given.stiffness is None:
+        return "stiffness_negative", "there is no stiffness for positive values; allowed: with stiffness"
+    if given.curve is not None:
+        others = ("stiffness", "stiffness_negative", "cubic", "clearance")
+        taken = [key for key in others if getattr(given, key) is not None]
+        if taken:
+            return "curve", f"{taken[0]} is given, too; allowed: a curve instead of {', '.join(others)}"
+        found = curve_conflict(given.curve)
+        if found is not None:
+            return found
+    return None if given.friction is None else _friction_conflict(given.friction)
+
+
+def curve_conflict(curve: Curve, what: str = "deviation") -> tuple[str, str] | None:
+    """The key and the message of what is wrong with a curve's points; None if nothing is.  ``what``: its abscissa."""
+    fewest, most = POINTS
+    if not fewest <= len(curve) <= most:
+        return "curve", f"got {len(curve)} points; allowed: {fewest} to {most}"
+    for i in range(1, len(curve)):
+        if curve[i][0] - curve[i - 1][0] < SMALLEST:
+            return "curve", (
+                f"point {i} has the {what} {curve[i][0]!r} after {curve[i - 1][0]!r}; "
+                f"allowed: {what}s that rise by at least {SMALLEST:g}"
+            )
+    return None
+
+
+def _friction_conflict(given: Friction) -> tuple[str, str] | None:
+    if (given.static is None) != (given.stribeck is None):
+        return "friction", "static and stribeck belong together; allowed: both or none"
+    if given.static is not None and given.static < given.coulomb:
+        return "friction.static", f"got {given.static!r}; allowed: at least coulomb, {given.coulomb!r}"
+    return None
+
+
+def spring_conflict(given: Spring) -> tuple[str, str] | None:
+    """The key and the message of what does not go together in a spring; None if all does."""
+    if given.stiffness is None and given.damping is None and given.curve is None:
+        return "", "it has no force; allowed: with stiffness, damping or curve"
+    if given.curve is not None:
+        for key, taken in (("stiffness", given.stiffness is not None), ("tension_only", given.tension_only)):
+            if taken:
+                return "curve", f"{key} is given, too; allowed: a curve alone says which force each elongation has"
+        found = curve_conflict(given.curve, "elongation")
+        if found is not None:
+            return found
+    if given.smoothing is not None and not given.tension_only:
+        return "smoothing", "nothing sets in; allowed: smoothing with tension_only = true"
+    if given.tension_only and given.smoothing is None:
+        return "tension_only", f"there is no free_length and no smoothing; allowed: with one of them above {SMALLEST:g}"
+    return None

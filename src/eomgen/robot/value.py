@@ -1,0 +1,320 @@
+"""The immutable robot value: what a description says, checked, and nothing that is derived from it.
+
+A joint's transform from its parent link to its child link is, with eq. (3) of the paper in the middle,
+
+    A = placement . axis_turn . T(x, y, z) . Rx(alpha) . Ry(beta) . Rz(gamma) . axis_turn^T
+
+where ``axis_turn`` is the identity unless the description is an URDF, whose joint axes have any direction.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+
+from .geometry import IDENTITY, ZERO, Matrix, Vector, rotation_from_rpy, snap
+
+LINEAR = ("x", "y", "z")
+ANGULAR = ("alpha", "beta", "gamma")
+COORDINATES = LINEAR + ANGULAR
+JOINT_TYPES = ("revolute", "prismatic", "fixed", "free")
+PRINCIPAL = {"revolute": "gamma", "prismatic": "z"}
+MOTOR = "motor"  # the coordinate of a joint's motor, behind the six
+COORDINATE_NUMBERS = ("stiffness", "damping", "armature")  # of a coordinate; any may be a run-time parameter
+INERTIA_KEYS = ("xx", "yy", "zz", "xy", "xz", "yz")
+BASE = "base"
+Curve = tuple[tuple[float, float], ...]  # (deviation, force)
+SMALLEST = 1e-12  # least smoothing and Stribeck rate, m, rad or per s: what is divided by
+SHARE = 0.05  # of a clearance over which contact sets in
+TAUT = 1e-4  # of a cable's free length over which its tension sets in: a tenth of steel's strain at 200 MPa
+SMOOTHING = 1e-3  # m/s or rad/s in which friction turns round
+
+
+@dataclass(frozen=True)
+class Placement:
+    """A constant pose: origin ``xyz`` (m) and ``rotation`` (3x3, axes of the placed frame as columns).
+
+    ``rpy`` (rad) is kept where the description gave it, so that it can be a run-time parameter.
+    """
+
+    xyz: Vector = ZERO
+    rotation: Matrix = IDENTITY
+    rpy: Vector | None = None
+
+    @classmethod
+    def from_rpy(cls, xyz: Vector, rpy: Vector) -> Placement:
+        """Pose of an URDF origin: translation, then Rz(yaw) Ry(pitch) Rx(roll)."""
+        return cls(xyz, rotation_from_rpy(rpy), rpy)
+
+    @classmethod
+    def from_dh(cls, a: float, alpha: float, d: float, theta: float) -> Placement:
+        """Pose of modified Denavit-Hartenberg parameters: Rx(alpha) Tx(a) Rz(theta) Tz(d); m, rad."""
+        ca, sa, ct, st = (snap(t) for t in (math.cos(alpha), math.sin(alpha), math.cos(theta), math.sin(theta)))
+        rotation = ((ct, -st, 0.0), (ca * st, ca * ct, -sa), (sa * st, sa * ct, ca))
+        return cls((a, -sa * d, ca * d), rotation)
+
+
+@dataclass(frozen=True)
+class Friction:
+    """Dry friction at the rate v: sgn(v) (coulomb + (static - coulomb) / (1 + (v / stribeck)^2)) + viscous v.
+
+    coulomb, static: N or N m; stribeck: m/s or rad/s; viscous: N s/m or N m s/rad.  sgn(v) is v / sqrt(v^2 +
+    smoothing^2); smoothing (m/s or rad/s) becomes a tenth of stribeck, or SMOOTHING, where it is None.
+    """
+
+    coulomb: float
+    static: float | None = None
+    stribeck: float | None = None
+    viscous: float | None = None
+    smoothing: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.smoothing is None:
+            smoothing = SMOOTHING if self.stribeck is None else max(0.1 * self.stribeck, SMALLEST)
+            object.__setattr__(self, "smoothing", smoothing)
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """Properties of one active coordinate; None means that the description does not give the value.
+
+    stiffness: N/m or N m/rad, damping: N s/m or N m s/rad (eq. 13), armature: kg or kg m^2, added to the
+    diagonal of the mass matrix.  prescribed: its motion is given, and its row is the force that this takes.
+
+    The others make further forces that resist a deviation s, N or N m: ``preload`` at s = 0; ``cubic`` (N/m^3 or
+    N m/rad^3) times s^3; ``stiffness_negative`` in the place of stiffness where s < 0; ``friction``; ``curve``,
+    measured points (s, force) in the place of springs.  With a ``clearance`` (half the gap, m or rad) springs act on
+    the penetration d of its ends alone, times 1 + ``restitution_damping`` (s/m or s/rad) d_dot, never pulling, and set
+    in over ``smoothing`` (m or rad), which becomes SHARE of the clearance where it is None.
+    """
+
+    stiffness: float | None = None
+    damping: float | None = None
+    armature: float | None = None
+    preload: float | None = None
+    cubic: float | None = None
+    stiffness_negative: float | None = None
+    clearance: float | None = None
+    restitution_damping: float | None = None
+    smoothing: float | None = None
+    friction: Friction | None = None
+    curve: Curve | None = None
+    prescribed: bool = False
+
+    def __post_init__(self) -> None:
+        if self.clearance and self.smoothing is None:
+            object.__setattr__(self, "smoothing", max(SHARE * self.clearance, SMALLEST))
+
+    def law(self) -> dict[str, float]:
+        """What is given beyond stiffness, damping and armature, by its name: "cubic", "friction.coulomb", "curve.0"."""
+        keys = ("preload", "cubic", "stiffness_negative", "clearance", "restitution_damping", "smoothing")
+        given = {key: getattr(self, key) for key in keys}
+        if self.friction is not None:
+            given |= {f"friction.{key}": value for key, value in vars(self.friction).items()}
+        given |= {f"curve.{i}": force for i, (_, force) in enumerate(self.curve or ())}
+        return {key: value for key, value in given.items() if value is not None}
+
+
+@dataclass(frozen=True)
+class Motor:
+    """A motor behind a gear and a spring: one more coordinate of its joint, the rotor's angle, rad at its shaft.
+
+    inertia: of the rotor about its own axis, kg m^2.  ratio: of the gear, rad of the motor per rad (or m) of the
+    joint's principal coordinate; negative where the sense is reversed.  transmission: the force in the deflection phi =
+    motor / ratio - principal coordinate, which pulls the joint after the motor; in units of the joint's side, without
+    friction, armature and role.  friction: of the rotor's own bearings, N m and rad/s at the shaft.  prescribed: the
+    rotor's motion is given, as that of a position-controlled motor.
+
+    Source: M. W. Spong, "Modeling and Control of Elastic Joint Robots", Journal of Dynamic Systems, Measurement, and
+    Control 109 (1987): of a rotor, the energy of its own spin alone counts.
+    """
+
+    inertia: float
+    ratio: float
+    transmission: Coordinate
+    friction: Friction | None = None
+    prescribed: bool = False
+
+    @property
+    def rotor(self) -> Coordinate:
+        """What acts on the motor's coordinate alone; its inertia as an armature."""
+        return Coordinate(armature=self.inertia, friction=self.friction, prescribed=self.prescribed)
+
+    def numbers(self) -> dict[str, float | None]:
+        """All numbers by the names of parameters: "inertia", "stiffness", "friction.coulomb"; None where not given."""
+        spring = self.transmission
+        own = {"inertia": self.inertia, "ratio": self.ratio, "stiffness": spring.stiffness, "damping": spring.damping}
+        return {**own, **spring.law(), **self.rotor.law()}
+
+
+@dataclass(frozen=True)
+class Link:
+    """A rigid body: mass (kg), com (m, link frame), inertia (kg m^2, INERTIA_KEYS, about com, link axes)."""
+
+    name: str
+    mass: float
+    com: Vector
+    inertia: tuple[float, float, float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint: where it is, which of its six coordinates are active (canonical order), and their properties.
+
+    offset: constants in the order of COORDINATES (m, rad) that are added to the six coordinates, active or not, before
+    they move anything: what manufacturing, wear or warmth leave; None where the description gives none.
+    motor: what drives the principal coordinate through an elastic transmission; None where the drive acts on it itself.
+    """
+
+    name: str
+    parent: str
+    child: str
+    type: str
+    placement: Placement = field(default_factory=Placement)
+    axis_turn: Matrix = IDENTITY
+    coordinates: Mapping[str, Coordinate] = field(default_factory=dict)
+    limits: tuple[float, float] | None = None
+    offset: tuple[float | None, ...] = (None,) * 6
+    motor: Motor | None = None
+
+    def __post_init__(self) -> None:
+        ordered = {name: self.coordinates[name] for name in COORDINATES if name in self.coordinates}
+        object.__setattr__(self, "coordinates", MappingProxyType(ordered))
+
+    def __reduce__(self) -> tuple[object, ...]:
+        values = (dict(value) if name == "coordinates" else value for name, value in vars(self).items())
+        return (Joint, tuple(values))  # a mapping proxy cannot be pickled
+
+    @property
+    def all_coordinates(self) -> dict[str, Coordinate]:
+        """Active coordinates and, behind them, the motor's: those of q, in its order."""
+        return {**self.coordinates, **({MOTOR: self.motor.rotor} if self.motor else {})}
+
+    def rigid(self) -> Joint:
+        """The joint with every deviation locked, and with its motor's inertia as an armature of inertia ratio^2."""
+        keep = COORDINATES if self.type == "free" else (PRINCIPAL.get(self.type),)
+        kept = {k: v for k, v in self.coordinates.items() if k in keep or v.prescribed}
+        if self.motor is not None:
+            name = PRINCIPAL[self.type]
+            given = kept[name]
+            armature = (given.armature or 0.0) + self.motor.inertia * self.motor.ratio**2
+            kept[name] = replace(given, armature=armature, prescribed=given.prescribed or self.motor.prescribed)
+        return replace(self, coordinates=kept, motor=None)
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A point of interest on a link (or on the base)."""
+
+    name: str
+    link: str
+    placement: Placement = field(default_factory=Placement)
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A joint that is cut: its type (``cuts.CUTS``) and its frame on each of the two links that it joins."""
+
+    name: str
+    links: tuple[str, str]
+    type: str
+    placements: tuple[Placement, Placement] = (Placement(), Placement())
+
+
+@dataclass(frozen=True)
+class Spring:
+    """A spring, damper or cable along the line between two points of two links.
+
+    links: either may be the base; points: its ends (m) in the links' frames.  Its tension T (N), which pulls the points
+    together where it is positive, is that of the elongation e = length - ``free_length`` (m; 0 where it is None) and of
+    its rate: stiffness (N/m) times e plus damping (N s/m) times e_dot.  ``curve``: measured points (e, T) in the place
+    of stiffness.  ``tension_only``: a cable; T acts on max(e, 0), which sets in over ``smoothing`` (m), TAUT of the
+    free length where it is None, and is never negative.
+    """
+
+    name: str
+    links: tuple[str, str]
+    points: tuple[Vector, Vector] = (ZERO, ZERO)
+    free_length: float | None = None
+    stiffness: float | None = None
+    damping: float | None = None
+    tension_only: bool = False
+    smoothing: float | None = None
+    curve: Curve | None = None
+
+    def __post_init__(self) -> None:
+        if self.tension_only and self.smoothing is None and self.free_length:
+            object.__setattr__(self, "smoothing", max(TAUT * self.free_length, SMALLEST))
+
+    @property
+    def optional(self) -> tuple[str, ...]:
+        """Names of the numbers that may be given beside each other; a parameter may stand for one that is not."""
+        return ("free_length", "damping") if self.curve is not None else ("free_length", "stiffness", "damping")
+
+    def law(self) -> dict[str, float]:
+        """The numbers that are given, by their names: "stiffness", "free_length", "curve.0"."""
+        given = {key: getattr(self, key) for key in ("free_length", "stiffness", "damping", "smoothing")}
+        given |= {f"curve.{i}": force for i, (_, force) in enumerate(self.curve or ())}
+        return {key: value for key, value in given.items() if value is not None}
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A validated robot.  Links exclude the base; ``base`` is the base link's name in the description.
+
+    joints are in depth-first order; ``loops`` are the joints that close it, cut; ``springs`` act between points of
+    links; ``tunable`` names parameters that stay run-time values; ``notes`` are one-line remarks about the reading (an
+    inertia that was projected, say), for the user to see.
+    """
+
+    name: str
+    gravity: Vector
+    links: tuple[Link, ...]
+    joints: tuple[Joint, ...]
+    frames: tuple[Frame, ...] = ()
+    tunable: tuple[str, ...] = ()
+    base: str = BASE
+    source: str = ""
+    notes: tuple[str, ...] = ()
+    loops: tuple[Loop, ...] = ()
+    springs: tuple[Spring, ...] = ()
+
+    def link(self, name: str) -> Link:
+        """The link of that name; KeyError if there is none."""
+        return {link.name: link for link in self.links}[name]
+
+    def joint(self, name: str) -> Joint:
+        """The joint of that name; KeyError if there is none."""
+        return {joint.name: joint for joint in self.joints}[name]
+
+    def rigid(self) -> Robot:
+        """The same robot with every deviation locked: principal and prescribed coordinates and free joints move.
+
+        Transmissions are rigid: a motor counts as an armature, and the motion of one that is prescribed as its joint's.
+        Springs between links that then do not move against each other are left out.
+        """
+        joints = [joint.rigid() for joint in self.joints]
+        carrier = {self.base: self.base}
+        for joint in joints:
+            carrier[joint.child] = joint.child if joint.coordinates else carrier[joint.parent]
+        springs = tuple(s for s in self.springs if carrier[s.links[0]] != carrier[s.links[1]])
+        active = {f"joints.{j.name}.{c}." for j in joints for c in j.coordinates}
+        active |= {f"springs.{spring.name}." for spring in springs}
+        gone = tuple(
+            name
+            for name in self.tunable
+            if (name.startswith("springs.") or name.split(".")[2:3] in [[key] for key in (*COORDINATES, MOTOR)])
+            and not any(name.startswith(prefix) for prefix in active)
+        )
+        tunable = tuple(name for name in self.tunable if name not in gone)
+        return replace(self, name=self.name[:42] + "_rigid", joints=tuple(joints), tunable=tunable, springs=springs)
+
+    def with_coordinates(self, coordinates: Mapping[str, Mapping[str, Coordinate]]) -> Robot:
+        """The same robot with these coordinates (by joint, then by name) added to the active ones."""
+        joints = tuple(
+            replace(joint, coordinates={**joint.coordinates, **coordinates.get(joint.name, {})})
+            for joint in self.joints
+        )
+        return replace(self, joints=joints)

@@ -1,0 +1,478 @@
+"""The NumPy face of a compiled module.
+
+A generated package carries a copy of this file, which imports NumPy and its neighbours and nothing else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import ArrayError, BuildError, InputError, UnknownNameError
+from .by_name import Blocks, make_blocks
+from .calls import Calls
+from .many_steps import rollout
+from .parameters import Parameters, nearest
+
+Array = NDArray[Any]
+
+
+class Kernel(Calls):
+    """Compiled equations of motion of one robot.
+
+    Arrays are (n,) for one state or (N, n) for N states, and the result gains the same leading axis; a single state
+    beside a batch stands for all of it.  SI units, radians; frames are the description's.  Coordinates are in the
+    order of ``coordinates``.  Calls are re-entrant and release the GIL.
+
+    Attributes:
+        name: the robot's name.
+        coordinates: n names such as "joint1.x".
+        joints: names of the joints that move, in the order of ``reactions``.
+        links: names of the links that move, in the order of ``wrench``.
+        frames: names that ``frame_pose`` knows: frames, then links.
+        loops: mapping from the names of the loops to the types of their cut joints.  Where there are loops, every
+            kernel but the four of the constraint is that of the tree that is left when they are cut; ``eomgen.loops``
+            puts both together.
+        constraints: names of the constraint's components, such as "loop1.x".
+        springs: names of the springs between two points, in the order of ``spring_forces``.
+        prescribed: names of the coordinates whose motion is given, in their order.
+        motors: mapping from the names of motors' coordinates to those of the principal coordinates that they drive.
+        parameters: mapping from name to value; an assignment takes effect without recompiling.
+        knots: deviations (m, rad) of measured curves by coordinate, elongations (m) by spring; the forces there are
+            parameters.
+        operations: per kernel the multiplications, additions, divisions and sine-cosine pairs of its C.
+        dtype: the dtype of all arrays.
+
+    Raises (all methods):
+        ArrayError: an array of wrong shape, of a dtype that is not converted exactly, or with NaN or infinity (see
+            ``checks``).
+    """
+
+    def __init__(self, ffi: Any, lib: Any, meta: Mapping[str, Any], read: Callable[[str], str] | None = None) -> None:
+        super().__init__(ffi, lib, meta)
+        self.joints: tuple[str, ...] = tuple(meta["joints"])
+        self.loops: dict[str, str] = dict(meta.get("loops", {}))
+        self.constraints: tuple[str, ...] = tuple(meta.get("constraints", ()))
+        self.springs: tuple[str, ...] = tuple(meta.get("springs", ()))
+        self.prescribed: tuple[str, ...] = tuple(meta["prescribed"])
+        self.motors: dict[str, str] = {name: drives for name, (drives, _) in meta.get("motors", {}).items()}
+        self.operations: dict[str, dict[str, int]] = {k: dict(v) for k, v in meta["operations"].items()}
+        self._read = read  # text of a file of its package
+        self._driven = tuple(meta["driven"])
+        self._given = [self.coordinates.index(name) for name in self.prescribed]
+        self._survivors = meta["survivors"]
+        self._rolls = "rollout" in meta["kernels"]
+        self._ratios: dict[str, float] = {name: ratio for name, (_, ratio) in meta.get("motors", {}).items()}
+        self.knots: dict[str, tuple[float, ...]] = {k: tuple(x) for k, x in meta["knots"].items()}
+        self.parameters = Parameters(self, meta["parameters"], meta["hoisted"])
+
+    def __repr__(self) -> str:
+        return f"<Kernel {self.name}: {len(self.coordinates)} coordinates, {self.dtype}>"
+
+    @property
+    def n(self) -> int:
+        """Number of coordinates."""
+        return len(self.coordinates)
+
+    def source(self, ending: str) -> str:
+        """The C that it was compiled from: "h", the header, or "c".
+
+        Raises:
+            BuildError: its package is not there any more.
+        """
+        file = f"{self.name}.{ending}"
+        try:
+            if self._read is None:
+                raise FileNotFoundError(file)
+            return self._read(file)
+        except (OSError, KeyError):
+            raise BuildError(f"{file} is not in the kernel's package any more; build the kernel again") from None
+
+    def ratio(self, motor: str) -> float:
+        """Ratio of the gear behind a motor's coordinate ("joint1.motor") as the kernel has it now, 1 or rad/m.
+
+        Raises:
+            UnknownNameError: no motor of that name.
+        """
+        if motor not in self._ratios:
+            raise UnknownNameError(f"motor: {motor!r} is unknown; known: {', '.join(self._ratios)}")
+        return float(self.parameters.get(f"joints.{motor}.ratio", self._ratios[motor]))
+
+    def with_parameters(self, values: Mapping[str, float] | None = None) -> Kernel:
+        """The same compiled code with parameters of its own: those of this kernel now, and ``values`` by name.
+
+        It costs microseconds; the code is shared, so that many threads may each work with other parameters.
+
+        Raises:
+            UnknownNameError, InputError: as for an assignment to ``parameters``.
+        """
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__)
+        other.parameters = self.parameters.copy_for(other)
+        if values:
+            other.parameters.update(values)
+        return other
+
+    @property
+    def threads(self) -> int:
+        """Threads that share a batch, 1 at first; results do not depend on it.
+
+        Raises:
+            InputError: on assignment of anything but a whole number from 1 on.
+        """
+        return self._threads
+
+    @threads.setter
+    def threads(self, number: int) -> None:
+        if isinstance(number, bool) or not isinstance(number, (int, np.integer)) or number < 1:
+            raise InputError(f"threads: {number!r} is not a number of threads; a whole number from 1 on is allowed")
+        self._threads = int(number)
+
+    @property
+    def checks(self) -> bool:
+        """Whether arrays with NaN or infinity are refused by the name of the coordinate, True at first.
+
+        With False such numbers go through the C, and what depends on them is not finite, or of no use where a law
+        compares them; a call costs less (``eomgen bench`` says how much).  Shapes and dtypes are checked all the same,
+        integrators look for such numbers in any case, and where a mass matrix cannot be inverted because of one, it is
+        still named.  ``with_parameters`` copies the choice.
+
+        Raises:
+            InputError: on assignment of anything but True or False.
+        """
+        return self._checks
+
+    @checks.setter
+    def checks(self, wanted: bool) -> None:
+        if not isinstance(wanted, (bool, np.bool_)):
+            raise InputError(f"checks: {wanted!r} is neither True nor False")
+        self._checks = bool(wanted)
+
+    def mass_matrix(self, q: ArrayLike, *, out: Array | None = None) -> Array:
+        """M(q), (n, n), symmetric; eq. (11).  Entry units: kg, kg m or kg m^2 by the kinds of its coordinates."""
+        return self._run("mass_matrix", out, (q,))
+
+    def bias_force(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
+        """Coriolis and centrifugal terms, (n,), N or N m: sum_vw C^svw v w of eq. (12)."""
+        return self._run("bias_force", out, (q, v))
+
+    def generalized_force(
+        self, q: ArrayLike, v: ArrayLike, *, wrench: ArrayLike | None = None, out: Array | None = None
+    ) -> Array:
+        """Q_P + Q_G, eqs. (13) and (14), (n,), N or N m; with Q_F where wrenches are given.
+
+        Args:
+            q, v: coordinates and their rates, (n,).
+            wrench: (links, 6), per link force (N) then moment (N m) about its centre of mass, base axes.
+            out: array to write to.
+        """
+        return self._run_with("generalized_force", out, (q, v), wrench, 1.0)
+
+    def residual(
+        self,
+        q: ArrayLike,
+        v: ArrayLike,
+        a: ArrayLike,
+        u: ArrayLike,
+        *,
+        wrench: ArrayLike | None = None,
+        out: Array | None = None,
+    ) -> Array:
+        """M a + bias - generalized_force - u, (n,), N or N m; zero on a motion."""
+        return self._run_with("residual", out, (q, v, a, u), wrench, -1.0)
+
+    def inverse_dynamics(
+        self,
+        q: ArrayLike,
+        v: ArrayLike,
+        a: ArrayLike,
+        *,
+        wrench: ArrayLike | None = None,
+        out: Array | None = None,
+    ) -> Array:
+        """The drives u, (n,), N or N m, that make the residual zero."""
+        return self._run_with("inverse_dynamics", out, (q, v, a), wrench, -1.0)
+
+    def forward_dynamics(
+        self,
+        q: ArrayLike,
+        v: ArrayLike,
+        u: ArrayLike,
+        *,
+        wrench: ArrayLike | None = None,
+        out: Array | None = None,
+        cut: bool = False,
+    ) -> Array:
+        """Accelerations, (n,), m/s^2 or rad/s^2, under the drives u.
+
+        In ``u`` a prescribed coordinate has its acceleration, m/s^2 or rad/s^2, which the result repeats; the force
+        that this takes is ``inverse_dynamics`` at the result.
+
+        Args:
+            q, v, u: (n,).
+            wrench: (links, 6) as in ``generalized_force``.
+            out: array to write to.
+            cut: of a robot with loops, that its loops are meant to be open.
+
+        Raises:
+            SingularError: M cannot be inverted in this state.
+            InputError: the robot has loops, and they are not to be open: see ``eomgen.loops``.
+        """
+        self.refuse_loops("forward_dynamics", cut=cut)
+        if wrench is not None:
+            drives, states = self._array("u", u, self._shapes["u"])
+            external = self.external_force(q, wrench)
+            if states is not None and external.ndim > 1 and len(external) != states:
+                raise ArrayError(f"wrench: {len(external)} states, but {states} in u")
+            external[..., self._given] = 0  # where u is an acceleration
+            u = drives + external
+        return self._run("forward_dynamics", out, (q, v, u))
+
+    def residual_jacobian(
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, u: ArrayLike | None = None, *, out: Array | None = None
+    ) -> tuple[Array, Array, Array]:
+        """Exact derivatives of the residual, three (n, n): dr/dq, dr/dv and dr/da (the mass matrix).
+
+        Row i belongs to the residual's coordinate i, column j to the coordinate that changes.  Without external
+        wrenches.  The residual is linear in the drives with -1, so that ``u`` changes nothing; it may be left out.
+
+        Args:
+            q, v, a, u: (n,).
+            out: array (3, n, n) to write to; the result are views of it.
+        """
+        if u is not None:
+            self._array("u", u, self._shapes["u"])
+        return _three(self._run("residual_jacobian", out, (q, v, a)))
+
+    def forward_dynamics_jacobian(
+        self, q: ArrayLike, v: ArrayLike, u: ArrayLike, *, out: Array | None = None, cut: bool = False
+    ) -> tuple[Array, Array, Array]:
+        """Exact derivatives of the accelerations, three (n, n): da/dq, da/dv and da/du (the inverse mass matrix).
+
+        The acceleration of a prescribed coordinate stands in ``u`` and depends on nothing else.
+        Without external wrenches; where some are constant generalized forces, add them to ``u``.
+
+        Args:
+            q, v, u: (n,).
+            out: array (3, n, n) to write to; the result are views of it.
+            cut: of a robot with loops, that its loops are meant to be open.
+
+        Raises:
+            SingularError: M cannot be inverted in this state.
+            InputError: the robot has loops, and they are not to be open.
+        """
+        self.refuse_loops("forward_dynamics_jacobian", cut=cut)
+        return _three(self._run("forward_dynamics_jacobian", out, (q, v, u)))
+
+    def euler_cosines(self, q: ArrayLike, *, out: Array | None = None) -> Array:
+        """Per joint with three angles the cosine of beta, (joints,); 1 for other joints.
+
+        At 0 the Euler angles are singular (beta = +-pi/2) and forward dynamics has no solution; near it,
+        accelerations of alpha and gamma lose as many digits as the cosine has zeros.
+        """
+        return self._run("euler_cosines", out, (q,))
+
+    def external_force(self, q: ArrayLike, wrench: ArrayLike, *, out: Array | None = None) -> Array:
+        """Q_F of eq. (14), its moment term corrected, (n,), N or N m, of wrenches (links, 6) in base axes."""
+        return self._run("external_force", out, (q, wrench))
+
+    def coriolis_matrix(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
+        """C(q, v), (n, n), the Christoffel one: C v = bias, M_dot = C + C^T."""
+        return self._run("coriolis_matrix", out, (q, v))
+
+    def christoffel(self, q: ArrayLike, *, out: Array | None = None) -> Array:
+        """Christoffel symbols of the first kind, (n, n, n): C^svw of eq. (12), symmetric in the last two indices."""
+        return self._run("christoffel", out, (q,))
+
+    def blocks(self, q: ArrayLike) -> Blocks:
+        """M and C of eqs. (10)-(12) by names, for one state or a batch; needs mass_matrix and christoffel.
+
+        ``blocks.mass["joint1", "joint2"]`` is a joint's block, ``blocks.christoffel["joint1.x", "joint2.gamma",
+        "joint2.gamma"]`` an entry; blocks that vanish identically are absent.  ``blocks.row`` and ``blocks.matrix``
+        are the paper's M_i^sv and C_i^svw over all joints.
+        """
+        return make_blocks(self.mass_matrix(q), self.christoffel(q), self._survivors, self.coordinates)
+
+    def frame_pose(self, q: ArrayLike, frame: str, *, out: Array | None = None) -> Array:
+        """A_0k of a frame or link in the base, (4, 4), m; eqs. (1) and (2).
+
+        Raises:
+            UnknownNameError: no frame or link of that name.
+        """
+        return self._run("frame_pose", out, (q,), self._frame(frame))
+
+    def frame_jacobian(self, q: ArrayLike, frame: str, *, out: Array | None = None) -> Array:
+        """Velocity of a frame's origin and angular velocity per coordinate rate, (6, n): linear, angular, base axes.
+
+        Raises:
+            UnknownNameError: no frame or link of that name.
+        """
+        return self._run("frame_jacobian", out, (q,), self._frame(frame))
+
+    def energy(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
+        """(kinetic, potential) energy, (2,), J: eq. (4); gravity (zero at the base's origin) and springs."""
+        return self._run("energy", out, (q, v))
+
+    def reactions(
+        self,
+        q: ArrayLike,
+        v: ArrayLike,
+        a: ArrayLike,
+        *,
+        wrench: ArrayLike | None = None,
+        out: Array | None = None,
+        cut: bool = False,
+    ) -> Array:
+        """What each joint exerts on its child link, (joints, 6): force (N), moment (N m) at the joint.
+
+        In the axes of the joint's frame after its motion (z is the principal axis), at that frame's origin.  The
+        joint's own springs, dampers and drives are part of it.  Springs between points act on the links, so that what
+        they carry passes the joints by.
+
+        Args:
+            q, v, a: (n,).
+            wrench: external wrenches, (links, 6), as in ``generalized_force``.
+            out: array to write to.
+            cut: of a robot with loops, that no force passes through them.
+
+        Raises:
+            InputError: the robot has loops, and forces pass through them.
+        """
+        self.refuse_loops("reactions", cut=cut)
+        return self._run_with("reactions", out, (q, v, a), wrench, 1.0, "external_reactions")
+
+    def tangent(self, name: str, *arrays: ArrayLike, out: Array | None = None) -> Array:
+        """The exact directional derivative of another kernel's result, by rates of what that kernel reads.
+
+        For kernels built with ``kernels=("energy_tangent", ...)`` by name; those that are not here have Jacobians.
+
+        Args:
+            name: "external_force" or "external_reactions", with q, wrench, dq, dwrench; "energy", with q, v, dq, dv;
+                "reactions", with q, v, a, dq, dv, da.  Without the wrenches' part in "reactions".
+            arrays: those, shapes as of the kernel itself.
+            out: array to write to.
+
+        Raises:
+            UnknownNameError: the kernel was built without this tangent.
+        """
+        known = [kernel.removesuffix("_tangent") for kernel in self._functions if kernel.endswith("_tangent")]
+        if name not in known:
+            raise UnknownNameError(
+                f"tangent: {self.name} was built without that of {name!r}{nearest(str(name), known)}"
+            )
+        reads = self._functions[f"{name}_tangent"][0]
+        if len(arrays) != len(reads):
+            raise InputError(f"tangent: {name} got {len(arrays)} arrays; allowed: {', '.join(reads)}")
+        return self._run(f"{name}_tangent", out, arrays)
+
+    def constraint(self, q: ArrayLike, *, out: Array | None = None) -> Array:
+        """g(q), (constraints,): zero where the loops are closed.
+
+        Of frame b on a loop's second link, seen from frame a on its first: x, y, z (m) of its origin, and sines of its
+        turns alpha, beta, gamma about x, y, z, as far as the cut joint blocks them (``eomgen.cuts``).
+        """
+        return self._run("constraint", out, (q,))
+
+    def constraint_jacobian(self, q: ArrayLike, *, out: Array | None = None) -> Array:
+        """J = dg/dq, (constraints, n), exact; J v is the rate of g."""
+        return self._run("constraint_jacobian", out, (q,))
+
+    def constraint_bias(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
+        """J_dot v, (constraints,): the second derivative of g is J a + J_dot v."""
+        return self._run("constraint_bias", out, (q, v))
+
+    def cut_poses(self, q: ArrayLike, *, out: Array | None = None) -> Array:
+        """Per loop the pose of frame b seen from frame a, (loops, 4, 4), m: what the cut joint does."""
+        return self._run("cut_poses", out, (q,))
+
+    def spring_forces(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
+        """Length (m) and tension (N) of every spring between two points, (springs, 2), in the order of ``springs``.
+
+        Tension is positive where the spring pulls its points together; dampers are part of it.
+        """
+        return self._run("spring_forces", out, (q, v))
+
+    def spring_jacobian(self, q: ArrayLike, *, out: Array | None = None) -> Array:
+        """Derivatives of the springs' lengths by q, (springs, n), m or m/rad: the tensions' moment arms.
+
+        The springs' generalized force is minus its transpose times the tensions.
+        """
+        return self._run("spring_jacobian", out, (q,))
+
+    def spring_stiffness(self, q: ArrayLike, *, out: Array | None = None) -> Array:
+        """What the springs between points stiffen at most, (n, n), N/m, N or N m/rad; at least semidefinite.
+
+        The sum of k D^T D, D the derivative by q of the vector between a spring's points, seen from the last link that
+        moves both, k its stiffness in all directions: of a curve that of its steepest piece, of a cable as if taut.
+        """
+        return self._run("spring_stiffness", out, (q,))
+
+    def rollout(
+        self,
+        q0: ArrayLike,
+        v0: ArrayLike,
+        u: ArrayLike,
+        dt: float,
+        steps: int,
+        *,
+        method: str = "rk4",
+        every: int = 1,
+        kp: ArrayLike | None = None,
+        kd: ArrayLike | None = None,
+        target: ArrayLike | None = None,
+    ) -> tuple[Array, Array]:
+        """Integrate with fixed steps in C, one state or many at a time; no external wrenches.
+
+        "rk4" is the classical Runge-Kutta method: fourth order, stable while dt is below about 2.8 over the fastest
+        eigenfrequency.  "implicit" takes springs, dampers and the controller at the end of a step: first order, and
+        stable whatever their stiffness; theory section "Stiff joints without small steps".  Springs between points are
+        taken so along their lines, and across them as they are at a step's beginning.
+
+        Args:
+            q0, v0: states, (n,) or (N, n).
+            u: drives, N or N m (of prescribed coordinates accelerations, as in ``forward_dynamics``), held over a
+                step: (n,); for one state (steps, n); for many (N, n), (N, steps, n) or (1, steps, n).
+            dt: length of a step, s.
+            steps: their number.
+            method: "rk4" or "implicit".
+            every: one of so many steps is stored.
+            kp, kd: gains of a joint controller that adds kp (target - q) - kd v: a number for all principal
+                coordinates (for the motor where one has a motor), or (n,) with 0 at deviations, at principal
+                coordinates behind a motor, and at what is prescribed.
+            target: coordinates that the controller aims at, shapes as for ``u``.
+
+        Returns:
+            q and v, (steps // every + 1, n) or (N, steps // every + 1, n), the states at the beginning first.
+
+        Raises:
+            SingularError: M cannot be inverted in a state that is reached.
+            IntegrationStopped: a state is not finite any more, or its accelerations, whatever ``checks`` says; it names
+                the coordinate and the step, and keeps what was stored.
+            InputError: another argument is wrong, or the robot has loops (``eomgen.loops`` integrates them).
+        """
+        self.refuse_loops("rollout")
+        return rollout(self, q0, v0, u, dt, steps, method=method, every=every, kp=kp, kd=kd, target=target)
+
+    def refuse_loops(self, name: str, *, cut: bool | None = None) -> None:
+        """Refuse what would be wrong without the forces in the loops.
+
+        Args:
+            name: what is computed.
+            cut: whether the loops are meant to be open; None where that cannot be said.
+
+        Raises:
+            InputError: the robot has loops, and they are not to be open.
+        """
+        if self.loops and not cut:
+            hint = "" if cut is None else "; cut=True takes the loops as open"
+            raise InputError(
+                f"{name}: {self.name} has loops ({', '.join(self.loops)}), and forces in them are not known here; see"
+                f" eomgen.loops{hint}"
+            )
+
+
+def _three(blocks: Array) -> tuple[Array, Array, Array]:
+    return blocks[..., 0, :, :], blocks[..., 1, :, :], blocks[..., 2, :, :]

@@ -1,0 +1,177 @@
+"""The keys of scenarios: what each takes, its unit, and a line about it."""
+
+from __future__ import annotations
+
+from ..description.keys import inertia, vector
+from ..forms.keys import ByName, Choice, Either, FileName, Flag, Key, Keys, Listed, Number, Numbers, Strings, Text
+from ..forms.tables import Entries, Form, Kinds, Sub
+from ..integration.solve import METHODS
+from ..motion.timetable import INTERPOLATIONS
+from ..names import IDENTIFIER_RULE
+
+LEAST_TIME = 1e-9  # s
+_BY = "rad or m, by coordinates"
+_FRAME = Text("frame or link whose origin moves; default that of the scenario")
+_BEGIN = Number("when it sets in; default 0", "s", minimum=0.0)
+_INTERPOLATION = Choice("of rows: linear, or hold until the next; default linear", words=INTERPOLATIONS)
+
+
+def time(about: str, needed: str = "") -> Number:
+    """A time that is not 0."""
+    return Number(about, "s", needed, minimum=LEAST_TIME)
+
+
+def _sampled(about: str) -> FileName:
+    return FileName(about, "", "the path of a .csv or .npz file, relative to this file", suffixes=(".csv", ".npz"))
+
+
+def _point(about: str) -> Either:
+    return Either(
+        about,
+        _BY,
+        options=(
+            ByName("by joint; what is left out stays where it was"),
+            Numbers("of all principal coordinates"),
+        ),
+    )
+
+
+def _rows(columns: str) -> Listed:
+    return Listed(f"[[t, {columns}], ...], t rising", item=Numbers(""), fewest=1, rule="one or more rows of numbers")
+
+
+def _gain(about: str, unit: str) -> Either:
+    number = Number("of all joints", minimum=0.0)
+    needed = "a number, or a table of numbers by joint"
+    return Either(about, unit, needed, options=(number, ByName("by joint; others have none", item=number)))
+
+
+_SPEED = Number("of all pieces", above=0.0)
+MOTIONS: dict[str, Keys] = {
+    "point_to_point": {
+        "start": _point("where it begins; default the initial pose"),
+        "goal": _point("where it ends"),
+        "begin": _BEGIN,
+        "duration": time("how long it takes; default 80 percent of the scenario's"),
+    },
+    "via": {
+        "points": Listed(
+            "poses on the way",
+            _BY,
+            "an array of two or more points, each an array of numbers or a table by joint",
+            item=_point(""),
+            fewest=2,
+            rule="an array of two or more points",
+        ),
+        "times": Numbers("of the points, rising; or speed", "s"),
+        "speed": Either(
+            "mean rate of the fastest coordinate between two points, one or one for each piece; or times",
+            "rad/s or m/s",
+            options=(_SPEED, Numbers("of each piece", item=_SPEED)),
+        ),
+        "begin": _BEGIN,
+    },
+    "sampled": {"file": _sampled("measured motion beside this file")},
+    "line": {
+        "frame": _FRAME,
+        "from": vector("where the line begins, base axes", "m", "a point, three numbers in m, base axes"),
+        "to": vector("where the line ends, base axes", "m", "a point, three numbers in m, base axes"),
+        "begin": _BEGIN,
+        "duration": time("how long it takes; default 80 percent of the scenario's"),
+    },
+    "circle": {
+        "frame": _FRAME,
+        "center": vector("of the circle, base axes", "m", "three numbers, base axes"),
+        "normal": vector("of its plane, base axes; any length but 0", "", "three numbers, base axes"),
+        "from": vector("where it begins, base axes, in the plane", "m", "three numbers, base axes"),
+        "angle": Number("right-handed about the normal, not 0; default 2 pi", "rad"),
+        "begin": _BEGIN,
+        "duration": time("how long it takes; default 80 percent of the scenario's"),
+    },
+}
+CONTROLS: dict[str, Keys] = {
+    "none": {},
+    "torque": {
+        "file": FileName("CSV file with columns t and coordinates; or coordinates and rows", suffixes=(".csv",)),
+        "coordinates": Strings("names of the columns behind the time", some=True, rule="one or more different names"),
+        "rows": _rows("drives in N or N m"),
+        "interpolation": _INTERPOLATION,
+    },
+    "pd": {
+        "kp": _gain("drive per distance from the program", "N/m or N m/rad"),
+        "kd": _gain("drive per difference of rates", "N s/m or N m s/rad"),
+        "gravity": Flag("true adds what holds the rigid robot where it is"),
+    },
+    "computed_torque": {"bandwidth": Number("w of the error's dynamics; default 30", "rad/s", above=0.0)},
+}
+PRESCRIBED: dict[str, Keys] = {
+    "harmonic": {
+        "coordinate": Text("a prescribed coordinate", needed="a name such as joint1.x"),
+        "amplitude": Number("of the sine", "m or rad", "m or rad"),
+        "frequency": Number("of the sine", "Hz", "Hz", minimum=0.0),
+        "phase": Number("at t = 0; default 0", "rad"),
+        "offset": Number("what the sine is added to; default 0", "m or rad"),
+    },
+    "sampled": {"file": _sampled("measured motion beside this file, columns are prescribed coordinates")},
+}
+_SPAN: dict[str, Key] = {
+    "t0": Number("acts from then on; default 0", "s", minimum=0.0),
+    "t1": Number("acts until then; default the end", "s", minimum=0.0),
+}
+_LINK = Text("a link of the robot", needed="a link; " + IDENTIFIER_RULE)
+WRENCH = Form(
+    {
+        "link": _LINK,
+        "force": vector("constant force", "N"),
+        "moment": vector("constant moment", "N m"),
+        "axes": Choice(
+            "of force and moment: base, or link, with which they turn; default base", words=("base", "link")
+        ),
+        "point": vector("where the force acts, link frame; default the centre of mass", "m"),
+        **_SPAN,
+        "file": FileName("CSV file with columns t, fx, fy, fz, mx, my, mz", suffixes=(".csv",)),
+        "rows": _rows("fx, fy, fz, mx, my, mz"),
+        "interpolation": _INTERPOLATION,
+    }
+)
+PAYLOAD = Form(
+    {
+        "link": _LINK,
+        "mass": Number("of the body", "kg", "a mass in kg greater than 0", above=0.0),
+        "point": vector("its centre of mass, link frame", "m", "its centre of mass, link frame, m"),
+        "inertia": Sub("about its centre of mass, link axes; default a point mass", "kg m^2", inner=inertia("")),
+        **_SPAN,
+    }
+)
+INITIAL = Form(
+    {
+        "q": ByName("coordinates at t = 0", "m or rad"),
+        "v": ByName("rates at t = 0", "m/s or rad/s"),
+        "equilibrium": Flag("true looks for the state of rest near q"),
+        "held": Strings("coordinates that stay where they are; with equilibrium = true"),
+    }
+)
+INTEGRATOR = Form(
+    {
+        "method": Choice("of integration; default auto", words=METHODS),
+        "rtol": Number("relative tolerance; default 1e-6", minimum=1e-13, below=1.0),
+        "atol": Number("absolute tolerance; default by the sizes of coordinates", "m or rad", minimum=0.0),
+        "step": time("of rk4; default by the fastest spring"),
+    }
+)
+SCENARIO = Form(
+    {
+        "duration": time("of the simulation", "a time in s that is greater than 0"),
+        "output_step": time("distance of the samples; default duration / 1000"),
+        "frame": Text("frame or link to look at; default tcp, the first frame, or the end of the longest chain"),
+        "initial": Sub("state at t = 0", inner=INITIAL),
+        "motion": Sub("what is programmed", inner=Kinds("of the motion", MOTIONS)),
+        "control": Sub("what drives the joints", inner=Kinds("of the control", CONTROLS)),
+        "prescribed": Entries(
+            "motions of the robot's prescribed coordinates", inner=Kinds("of the prescribed motion", PRESCRIBED)
+        ),
+        "wrenches": Entries("forces and moments on links", inner=WRENCH),
+        "payloads": Entries("bodies that links pick up", inner=PAYLOAD),
+        "integrator": Sub("how it is integrated", inner=INTEGRATOR),
+    }
+)

@@ -1,0 +1,164 @@
+"""Reading of scenarios: a TOML file in, a Scenario out.  Keys: docs/scenario.md."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from ..errors import DescriptionError
+from ..forms.tables import Table
+from ..forms.toml_place import located
+from ..forms.toml_text import parse_toml, read_text
+from ..motion.timetable import TimeTable
+from ..names import nearest, show, show_path
+from ..robot.geometry import ZERO
+from ..robot.inertia_policy import second_moments
+from ..robot.value import INERTIA_KEYS, Link
+from .keys import SCENARIO
+from .tables import CONTROL_READERS, MOTION_READERS, read_sampled, time_table
+from .value import COMPONENTS, Initial, Integrator, Payload, Scenario, Section, Wrench
+
+_BUILTIN = Path(__file__).parents[1] / "scenarios"
+
+
+def builtin_scenarios() -> tuple[str, ...]:
+    """Names of the built-in scenarios, sorted."""
+    return tuple(sorted(path.stem for path in _BUILTIN.glob("*.toml")))
+
+
+def load_scenario(source: str | Path) -> Scenario:
+    """Read a scenario: the name of a built-in one, or the path of a .toml file.
+
+    Raises:
+        DescriptionError: with the file, the key, what came and what is allowed.
+        InputError: a table's file cannot be used.
+    """
+    text, name, folder = read_scenario(source)
+    return scenario_from_toml(text, source=name, folder=folder)
+
+
+def read_scenario(source: str | Path) -> tuple[str, str, Path]:
+    """The text of a scenario, what messages call it, and the folder of the files that it names; errors as above."""
+    if isinstance(source, str) and source in builtin_scenarios():
+        return read_text(_BUILTIN / f"{source}.toml", source), source, _BUILTIN
+    path = Path(source)
+    if path.suffix != ".toml":
+        known = builtin_scenarios()
+        allowed = f"a path that ends in .toml, or one of {', '.join(known)}"
+        raise DescriptionError(
+            f"there is no scenario {show_path(str(source))}{nearest(str(source), known)}; allowed: {allowed}"
+        )
+    return read_text(path, str(path), ".toml file"), str(path), path.parent
+
+
+def scenario_from_toml(text: str, *, source: str = "scenario", folder: Path | None = None) -> Scenario:
+    """The scenario that a TOML text describes; files that it names are looked for in the folder; errors as above."""
+    values = parse_toml(text, source)
+    with located(text, values, source):
+        return replace(scenario_from_values(values, source=source, folder=folder), text=text)
+
+
+def scenario_from_values(
+    values: Mapping[str, object], *, source: str = "scenario", folder: Path | None = None
+) -> Scenario:
+    """The scenario of a TOML file's values; errors as above."""
+    top = SCENARIO.read(values, "", source, ())
+    top.require()
+    duration = top.number("duration")
+    assert duration is not None
+    motion = _section(top, "motion", MOTION_READERS, folder)
+    control = _section(top, "control", CONTROL_READERS, folder)
+    return Scenario(
+        duration,
+        top.number("output_step"),
+        top.text("frame"),
+        _initial(top.table("initial")),
+        motion,
+        control,
+        tuple(_prescribed(entry, folder) for _, entry in top.entries("prescribed")),
+        tuple(_wrench(entry, folder) for _, entry in top.entries("wrenches")),
+        tuple(_payload(entry) for _, entry in top.entries("payloads")),
+        _integrator(top.table("integrator")),
+        source,
+        folder,
+    )
+
+
+def _section(top: Table, key: str, readers: Mapping[str, Any], folder: Path | None) -> Section | None:
+    table = top.table(key)
+    if table is None:
+        return None
+    kind = table.text("type") or ""
+    return Section(kind, {k: x for k, x in readers[kind](table, folder).items() if x is not None})
+
+
+def _initial(table: Table | None) -> Initial | None:
+    if table is None:
+        return None
+    equilibrium, v, q = table.boolean("equilibrium"), table.value("v") or {}, table.value("q") or {}
+    if equilibrium and v:
+        table.fail(
+            "rates are given together with equilibrium = true, which is a state of rest; allowed: one of both", "v"
+        )
+    if "held" in table and not equilibrium:
+        table.fail("allowed: with equilibrium = true only", "held")
+    return Initial(MappingProxyType(q), MappingProxyType(v), equilibrium, tuple(table.strings("held")))
+
+
+def _prescribed(entry: Table, folder: Path | None) -> Section:
+    entry.require()
+    kind = entry.text("type") or ""
+    if kind == "sampled":
+        return Section(kind, read_sampled(entry, folder))
+    numbers = {key: entry.number(key) or 0.0 for key in ("amplitude", "phase", "offset", "frequency")}
+    return Section(kind, {"coordinate": entry.text("coordinate"), **numbers})
+
+
+def _times(entry: Table) -> tuple[float, float | None]:
+    t0, t1 = entry.number("t0") or 0.0, entry.number("t1")
+    if t1 is not None and t1 <= t0:
+        entry.fail(f"got {t1:g}; allowed: a time in s after t0, {t0:g}", "t1")
+    return t0, t1
+
+
+def _wrench(entry: Table, folder: Path | None) -> Wrench:
+    entry.require()
+    constant = {key: entry.vector(key) for key in ("force", "moment") if key in entry}
+    if bool(constant) == ("rows" in entry or "file" in entry):
+        entry.fail("needs force and/or moment, or rows, or file; allowed: one of these")
+    if constant:
+        if "interpolation" in entry:
+            entry.fail("allowed: with rows or file only", "interpolation")
+        zero = (0.0, 0.0, 0.0)
+        row = [*(constant.get("force") or zero), *(constant.get("moment") or zero)]
+        table = TimeTable(COMPONENTS, np.zeros(1), np.array([row]), True)
+    else:
+        table = time_table(entry, folder, COMPONENTS)
+    axes = entry.choice("axes") or "base"
+    return Wrench(entry.text("link") or "", table, axes, entry.vector("point"), *_times(entry))
+
+
+def _payload(entry: Table) -> Payload:
+    entry.require()
+    mass, point = entry.number("mass"), entry.vector("point")
+    assert mass is not None
+    table = entry.table("inertia")
+    xx, yy, zz, xy, xz, yz = (0.0 if table is None else table.number(key) or 0.0 for key in INERTIA_KEYS)
+    inertia = (xx, yy, zz, xy, xz, yz)
+    if np.linalg.eigvalsh(second_moments([Link("payload", mass, ZERO, inertia)])[0])[0] < -1e-9 * max(xx, yy, zz, 0.0):
+        rule = "each principal moment of inertia is at most the sum of the others, none is below zero"
+        entry.fail(f"got {show(list(inertia))}, which no body can have; allowed: {rule}", "inertia")
+    assert point is not None
+    return Payload(entry.text("link") or "", mass, point, inertia, *_times(entry))
+
+
+def _integrator(table: Table | None) -> Integrator:
+    if table is None:
+        return Integrator()
+    method, rtol = table.choice("method") or "auto", table.number("rtol")
+    return Integrator(method, 1e-6 if rtol is None else rtol, table.number("atol"), table.number("step"))

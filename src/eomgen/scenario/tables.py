@@ -1,0 +1,125 @@
+"""Tables of a scenario that have a type, and values that occur in several of its tables."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..forms.tables import Table
+from ..motion.timetable import HOLD, TimeTable, inline_table, read_table
+from ..names import show
+from .keys import LEAST_TIME
+
+
+def _point_to_point(table: Table, _: Path | None) -> dict[str, Any]:
+    return {"start": table.value("start"), "goal": table.value("goal"), **_span(table)}
+
+
+def _span(table: Table) -> dict[str, Any]:
+    return {"begin": table.number("begin"), "duration": table.number("duration")}
+
+
+def _via(table: Table, _: Path | None) -> dict[str, Any]:
+    points = table.value("points")
+    if ("times" in table) == ("speed" in table):
+        table.fail("needs times or speed; allowed: one of them")
+    times = table.numbers("times", len(points))
+    if times is not None and any(b - a < LEAST_TIME for a, b in pairwise(times)):
+        table.fail(f"got {show(list(times))}; allowed: increasing times", "times")
+    if times is not None and (times[0] < 0.0 or "begin" in table):
+        table.fail("allowed: from 0 on, and without begin", "times")
+    if isinstance(table.values.get("speed"), list):
+        speed = table.numbers("speed", len(points) - 1)
+    else:
+        speed = (table.value("speed"),) * (len(points) - 1) if "speed" in table else None
+    return {"points": points, "times": times, "speed": speed, "begin": table.number("begin")}
+
+
+def _file(table: Table, folder: Path | None) -> str:
+    name = table.text("file") or ""
+    if folder is None:
+        table.fail(f"got {show(name)}; allowed: the path of a file, relative to this file", "file")
+    if not _is_file(folder / name):
+        table.fail(f"got {show(name)}, which does not exist in {str(folder)!a}; allowed: an existing file", "file")
+    return str(folder / name)
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except (OSError, ValueError):  # a name that is too long, or has a NUL
+        return False
+
+
+def read_sampled(table: Table, folder: Path | None) -> dict[str, Any]:
+    """The path of a sampled motion's file."""
+    return {"file": _file(table, folder)}
+
+
+def _line(table: Table, _: Path | None) -> dict[str, Any]:
+    ends = {key: table.vector(key) for key in ("from", "to")}
+    if ends["from"] == ends["to"]:
+        table.fail(f"got {show(table.values['to'])}, where the line begins; allowed: another point", "to")
+    return {"frame": table.text("frame"), **ends, **_span(table)}
+
+
+def _circle(table: Table, _: Path | None) -> dict[str, Any]:
+    center, normal, start = (np.array(table.vector(key)) for key in ("center", "normal", "from"))
+    radius = np.linalg.norm(start - center)
+    if not np.linalg.norm(normal) > 1e-9:
+        table.fail(f"got {show(table.values['normal'])}; allowed: a direction, not zero", "normal")
+    if not radius > 1e-9:
+        table.fail(f"got {show(table.values['from'])}, the center; allowed: a point of the circle", "from")
+    if abs(normal @ (start - center)) > 1e-6 * radius * np.linalg.norm(normal):
+        table.fail(
+            f"got {show(table.values['from'])}; allowed: a point in the plane through center, across normal", "from"
+        )
+    angle = table.number("angle")
+    if angle == 0.0:
+        table.fail("got 0; allowed: an angle in rad other than 0", "angle")
+    ends = {"center": tuple(center), "normal": tuple(normal), "from": tuple(start)}
+    return {"frame": table.text("frame"), **ends, "angle": angle, **_span(table)}
+
+
+def _nothing(_: Table, __: Path | None) -> dict[str, Any]:
+    return {}
+
+
+def time_table(table: Table, folder: Path | None, columns: Sequence[str] | None) -> TimeTable:
+    """Rows or a file's; ``columns`` are the names to have, any where they are None."""
+    hold = table.choice("interpolation") == HOLD
+    if ("rows" in table) == ("file" in table):
+        table.fail("needs rows or file; allowed: one of them")
+    if "file" in table:
+        return read_table(Path(_file(table, folder)), columns, hold)
+    assert columns is not None
+    return inline_table(table, "rows", tuple(columns), hold)
+
+
+def _torque(table: Table, folder: Path | None) -> dict[str, Any]:
+    if ("coordinates" in table) == ("file" in table):
+        table.fail("needs coordinates with rows, or a file whose columns are called so; allowed: one of them")
+    names = table.strings("coordinates") if "coordinates" in table else None
+    return {"table": time_table(table, folder, names)}
+
+
+def _pd(table: Table, _: Path | None) -> dict[str, Any]:
+    return {"kp": table.value("kp"), "kd": table.value("kd"), "gravity": table.boolean("gravity")}
+
+
+def _computed(table: Table, _: Path | None) -> dict[str, Any]:
+    return {"bandwidth": table.number("bandwidth")}
+
+
+MOTION_READERS = {
+    "point_to_point": _point_to_point,
+    "via": _via,
+    "sampled": read_sampled,
+    "line": _line,
+    "circle": _circle,
+}
+CONTROL_READERS = {"none": _nothing, "torque": _torque, "pd": _pd, "computed_torque": _computed}

@@ -1,0 +1,154 @@
+"""A scenario: what a simulation does, whatever the robot; an immutable value.
+
+What it says about joints, links and frames is checked when it meets a robot (``eomgen.simulate.run_scenario``).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, NoReturn
+
+import numpy as np
+
+from ..errors import InputError
+from ..forms.toml_place import refusal
+from ..motion.timetable import TimeTable
+from ..robot.geometry import Vector
+
+COMPONENTS = ("fx", "fy", "fz", "mx", "my", "mz")
+
+
+@dataclass(frozen=True)
+class Section:
+    """A table of a scenario with a ``type``: its values by key, as they were given, numbers as float."""
+
+    type: str
+    values: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "values", MappingProxyType(dict(self.values)))
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return (Section, (self.type, dict(self.values)))  # a mapping proxy cannot be pickled
+
+    def get(self, key: str, default: Any = None) -> Any:
+        """The value, or the default where the key is absent."""
+        return self.values.get(key, default)
+
+
+@dataclass(frozen=True)
+class Initial:
+    """The state at t = 0.
+
+    q, v: by coordinate or joint, m, rad, per s.  equilibrium: rest in balance near q; None where it is not said.
+    held: coordinates that stay at their q whatever that takes.
+    """
+
+    q: Mapping[str, float] = field(default_factory=dict)
+    v: Mapping[str, float] = field(default_factory=dict)
+    equilibrium: bool | None = None
+    held: tuple[str, ...] = ()
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return (Initial, (dict(self.q), dict(self.v), self.equilibrium, self.held))
+
+
+@dataclass(frozen=True)
+class Wrench:
+    """Force (N) and moment (N m) on a link, from t0 to t1 (s).
+
+    axes: "base" or "link".  point: where the force acts, link frame, m; None is the centre of mass.  table: of
+    COMPONENTS over time; one row where they are constant.
+    """
+
+    link: str
+    table: TimeTable
+    axes: str = "base"
+    point: Vector | None = None
+    t0: float = 0.0
+    t1: float | None = None
+
+
+@dataclass(frozen=True)
+class Payload:
+    """A rigid body that belongs to a link from t0 on, until t1 (s).
+
+    mass: kg.  point: its centre of mass, link frame, m.  inertia: kg m^2, INERTIA_KEYS, about that, link axes.
+    """
+
+    link: str
+    mass: float
+    point: Vector = (0.0, 0.0, 0.0)
+    inertia: tuple[float, float, float, float, float, float] = (0.0,) * 6
+    t0: float = 0.0
+    t1: float | None = None
+
+
+@dataclass(frozen=True)
+class Integrator:
+    """Method and tolerances of ``eomgen.simulate.integrate``; None is its default."""
+
+    method: str = "auto"
+    rtol: float = 1e-6
+    atol: float | None = None
+    step: float | None = None
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """What a simulation does; times in s.
+
+    ``motion`` and ``control`` are None where nothing is programmed or driven.  ``source`` is the file, ``folder`` where
+    it and the files that it names stand; ``text`` is what the file says, for the lines of messages.
+    """
+
+    duration: float
+    output_step: float | None = None
+    frame: str | None = None
+    initial: Initial | None = None
+    motion: Section | None = None
+    control: Section | None = None
+    prescribed: tuple[Section, ...] = ()
+    wrenches: tuple[Wrench, ...] = ()
+    payloads: tuple[Payload, ...] = ()
+    integrator: Integrator = Integrator()
+    source: str = ""
+    folder: Path | None = None
+    text: str = field(default="", repr=False, compare=False)
+
+    def label(self, key: str) -> str:
+        """How messages call a key: with file and tables, or as the argument of a function."""
+        return f"{self.source}: {key}" if self.source else key.rpartition(".")[2]
+
+    def fail(self, key: str, message: str) -> NoReturn:
+        """Raise the error of a key: DescriptionError with the file, line and column."""
+        if not self.source:
+            raise InputError(f"{self.label(key)}: {message}")
+        raise refusal(message, key, self.source, self.text)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Everything but where the file stands, as values that JSON holds; tables of files are in it."""
+        return {
+            item.name: _plain(getattr(self, item.name))
+            for item in dataclasses.fields(self)
+            if item.name not in ("source", "folder", "text") and getattr(self, item.name) not in (None, ())
+        }
+
+
+def _plain(value: object) -> Any:
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        given = ((item.name, getattr(value, item.name)) for item in dataclasses.fields(value))
+        return {name: _plain(x) for name, x in given if x is not None}
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): _plain(x) for key, x in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(x) for x in value]
+    if isinstance(value, np.generic):
+        return value.item()
+    return value if isinstance(value, (str, float, int, bool, type(None))) else type(value).__name__

@@ -1,0 +1,11 @@
+"""Robot and Scenario -> SimulationResult: programs, drives, loads, segments, energy balance, files of results.
+
+Uses runtime, robot, state, motion, integration, scenario and pipeline.
+"""
+
+from .archive import load_result
+from .result import SimulationResult
+from .run import run_scenario, simulate
+from .stream import load_stream
+
+__all__ = ["SimulationResult", "load_result", "load_stream", "run_scenario", "simulate"]

@@ -1,0 +1,228 @@
+"""A scenario meets a robot: kernels are built, names are found, drives and motions made."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import DescriptionError, InputError
+from ..integration.solve import EXPLICIT
+from ..motion.point_to_point import Program
+from ..motion.splines import Rest
+from ..motion.timetable import TimeTable
+from ..names import nearest, show
+from ..pipeline.stages import build
+from ..progress import Progress
+from ..robot.coordinates import index_of
+from ..robot.model import build_model
+from ..robot.value import PRINCIPAL, Robot
+from ..runtime.kernel import Kernel
+from ..scenario.value import Scenario, Section
+from ..state.motors import shafts
+from .controls import ComputedTorque, Control, JointPD, NoControl, TableTorque, actuators
+from .loads import Wrenches, check_loads, with_payload_parameters
+from .programs import PrescribedMotion, make_program
+
+Array = NDArray[np.float64]
+Motion = tuple[Array, Array, Array]
+
+# What a simulation calls; the larger kernels would take longer to compile than to simulate.
+RIGID_KERNELS = ("inverse_dynamics", "kinematics")
+KERNELS = (*RIGID_KERNELS, "forward_dynamics", "mass_matrix", "external_force", "energy", "generalized_force")
+IMPLICIT_KERNELS = (*KERNELS, "residual_jacobian")
+BANDWIDTH = 30.0  # rad/s, of drives by computed torque
+
+
+@dataclass(frozen=True)
+class Setup:
+    """A scenario for one robot: kernel, names of the driven coordinates, program, drives, wrenches, prescribed motion.
+
+    given: initial positions by coordinate, as the scenario has them.
+    """
+
+    kernel: Kernel
+    driven: tuple[str, ...]
+    given: Mapping[str, float]
+    program: Program | None
+    drive: Control
+    wrenches: Wrenches | None
+    prescribed: PrescribedMotion | None
+
+
+def set_up(
+    robot: Robot, scenario: Scenario, tool: str, report: Progress, kernels: tuple[str, ...] | None = None
+) -> Setup:
+    """Scenario -> Setup; DescriptionError or another InputError where they do not fit.
+
+    ``tool`` is that of paths; ``kernels`` are built, by default those that the scenario's integrator calls.
+    """
+    model = build_model(robot)
+    names = [model.coordinates[i] for i in model.prescribed]
+    check_loads(scenario, robot)
+    prescribed = PrescribedMotion(scenario, model.coordinates, names) if names or scenario.prescribed else None
+    control = scenario.control or Section("none" if scenario.motion is None else "computed_torque")
+    driven = _driven(robot, needed=control.type in ("pd", "computed_torque"))
+    if scenario.motion is not None and control.type in ("none", "torque"):
+        scenario.fail(
+            "motion", f"nothing follows it under control.type = {control.type!r}; allowed: pd, computed_torque"
+        )
+    given = by_coordinate(robot, scenario, "q", scenario.initial.q if scenario.initial else {})
+    changing = with_payload_parameters(robot, scenario)
+    if kernels is None:
+        kernels = kernels_of(robot, scenario)
+    kernel = build(changing, kernels=kernels, progress=lambda text: report(0.0, text))
+
+    @cache
+    def rigid() -> Kernel:
+        if robot.rigid().joints == robot.joints and not scenario.payloads:  # drives do not know of payloads
+            return kernel
+        return build(robot.rigid(), kernels=RIGID_KERNELS, progress=lambda text: report(0.0, f"rigid model: {text}"))
+
+    start = dict(given)
+    if prescribed is not None:
+        start |= dict(zip(names, prescribed(0.0)[0].tolist(), strict=True))
+    program: Program | None = None
+    if scenario.motion is not None and scenario.motion.type == "program":
+        program = scenario.motion.get("program")
+    elif scenario.motion is not None:
+        program = make_program(scenario, robot, driven, rigid, tool, start)
+    elif control.type in ("pd", "computed_torque"):
+        program = Rest(np.array([given.get(name, 0.0) for name in driven]))
+    drive = _drive(robot, scenario, control, kernel, driven, program, rigid, prescribed)
+    wrenches = Wrenches(scenario, robot, kernel) if scenario.wrenches else None
+    return Setup(kernel, driven, given, program, drive, wrenches, prescribed)
+
+
+def kernels_of(robot: Robot, scenario: Scenario) -> tuple[str, ...]:
+    """Names of the kernels that the scenario's integrator calls."""
+    return IMPLICIT_KERNELS if _is_implicit(scenario.integrator.method, robot) else KERNELS
+
+
+def with_kernel(setup: Setup, robot: Robot, scenario: Scenario, kernel: Kernel) -> Setup:
+    """The same setup for a kernel of other parameters; program and drives stay, with the model that they know."""
+    wrenches = Wrenches(scenario, robot, kernel) if scenario.wrenches else None
+    return replace(setup, kernel=kernel, wrenches=wrenches)
+
+
+def _is_implicit(method: str, robot: Robot) -> bool:
+    """Whether the integrator asks for Jacobians; the default does where there is any spring."""
+    if method != "auto":
+        return method not in EXPLICIT
+    tables = [c for joint in robot.joints for c in joint.all_coordinates.values()]
+    return (
+        bool(robot.springs) or any(joint.motor for joint in robot.joints) or any(c.stiffness or c.curve for c in tables)
+    )
+
+
+def _driven(robot: Robot, needed: bool) -> tuple[str, ...]:
+    """Names of the coordinates of the rigid model that are not prescribed."""
+    try:
+        model = build_model(robot.rigid())
+    except DescriptionError:
+        model = None
+    driven = () if model is None else tuple(x for i, x in enumerate(model.coordinates) if i not in model.prescribed)
+    if needed and not driven:
+        raise InputError(
+            f"{robot.name}: no joint has a principal coordinate, so there is nothing to drive; "
+            "eomgen.simulate.integrate integrates free motions"
+        )
+    return driven
+
+
+def by_coordinate(robot: Robot, scenario: Scenario, key: str, given: Mapping[str, float]) -> dict[str, float]:
+    """Numbers of ``[initial]`` by the full names of coordinates that are not prescribed."""
+    places = coordinate_names(robot)
+    found: dict[str, float] = {}
+    for name, value in given.items():
+        where = f"initial.{key}.{name}"
+        if name not in places:
+            scenario.fail(where, f"no coordinate of that name{nearest(name, places)}; allowed: {', '.join(places)}")
+        full = places[name]
+        if full in found:
+            scenario.fail(where, f"{full} is given twice; allowed: once")
+        joint, _, coordinate = full.rpartition(".")
+        if robot.joint(joint).all_coordinates[coordinate].prescribed:
+            scenario.fail(where, f"{full} is prescribed, and [[prescribed]] says where it begins; allowed: others")
+        found[full] = value
+    return found
+
+
+def coordinate_names(robot: Robot) -> dict[str, str]:
+    """Full names of coordinates by what a scenario may call them: by their joint alone if they are principal."""
+    names = {}
+    for joint in robot.joints:
+        for name in joint.all_coordinates:
+            names[f"{joint.name}.{name}"] = f"{joint.name}.{name}"
+            if PRINCIPAL.get(joint.type) == name:
+                names[joint.name] = f"{joint.name}.{name}"
+    return names
+
+
+def _drive(
+    robot: Robot,
+    scenario: Scenario,
+    control: Section,
+    kernel: Kernel,
+    driven: tuple[str, ...],
+    program: Program | None,
+    rigid: Callable[[], Kernel],
+    prescribed: PrescribedMotion | None,
+) -> Control:
+    if control.type == "torque":
+        return _torque(robot, scenario, control.get("table"), kernel)
+    if program is None:
+        return NoControl()
+    if control.type == "pd":
+        kp, kd = (_gains(robot, scenario, key, control.get(key), driven) for key in ("kp", "kd"))
+        if not control.get("gravity", False):
+            return JointPD(program, actuators(kernel, driven), kp, kd)
+        whole = actuators(kernel, rigid().coordinates)
+        return JointPD(program, actuators(kernel, driven), kp, kd, rigid(), whole)
+    given = None if prescribed is None else _at_joints(kernel, rigid(), prescribed)
+    whole = actuators(kernel, rigid().coordinates)
+    return ComputedTorque(rigid(), program, whole, control.get("bandwidth", BANDWIDTH), given)
+
+
+def _torque(robot: Robot, scenario: Scenario, table: TimeTable, kernel: Kernel) -> TableTorque:
+    """Columns by the coordinates that they drive; a joint's name alone stands for its motor, if there is one."""
+    places = coordinate_names(robot)
+    places |= {motor.rpartition(".")[0]: motor for motor in kernel.motors}
+    for name in table.columns:
+        if name not in places or places[name] in kernel.prescribed:
+            known = ", ".join(x for x in places if places[x] not in kernel.prescribed)
+            scenario.fail("control", f"{show(name)}{nearest(name, places)} cannot be driven; allowed: {known}")
+    return TableTorque(table, index_of(kernel.coordinates, [places[name] for name in table.columns]))
+
+
+def _at_joints(kernel: Kernel, rigid: Kernel, prescribed: PrescribedMotion) -> Callable[[float], Motion]:
+    """The motion of the rigid robot's prescribed coordinates; that of a prescribed motor over its ratio."""
+    motors = shafts(kernel)
+    names = [name if name in kernel.prescribed else motors[name] for name in rigid.prescribed]
+    index = [kernel.prescribed.index(name) for name in names]
+    ratio = np.array([kernel.ratio(name) if name in kernel.motors else 1.0 for name in names])
+
+    def motion(t: float) -> Motion:
+        q, v, a = (x[index] / ratio for x in prescribed(t))
+        return q, v, a
+
+    return motion
+
+
+def _gains(
+    robot: Robot, scenario: Scenario, key: str, given: Mapping[str, float] | float, driven: tuple[str, ...]
+) -> Array:
+    """A gain of every driven coordinate; those that a table does not name have none."""
+    if not isinstance(given, Mapping):
+        return np.full(len(driven), float(given))
+    gains, places = np.zeros(len(driven)), coordinate_names(robot)
+    for name, value in given.items():
+        if places.get(name) not in driven:
+            scenario.fail(
+                f"control.{key}.{name}", f"is not driven{nearest(name, driven)}; allowed: {', '.join(driven)}"
+            )
+        gains[driven.index(places[name])] = value
+    return gains

@@ -1,0 +1,106 @@
+"""Where the energy of a simulated motion comes from and goes to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..runtime.kernel import Kernel
+
+Array = NDArray[np.float64]
+
+CLOSED = 1e-3  # relative residue from which a balance is said not to close
+TERMS = ("drives", "prescribed", "wrenches", "payloads", "dissipated")
+# Lobatto's rule on [0, 1]: exact for polynomials of degree 7, and its ends are samples
+NODES = np.array([0.0, (1.0 - np.sqrt(3.0 / 7.0)) / 2.0, 0.5, (1.0 + np.sqrt(3.0 / 7.0)) / 2.0, 1.0])
+WEIGHTS = np.array([9.0, 49.0, 64.0, 49.0, 9.0]) / 180.0
+
+
+@dataclass(frozen=True)
+class EnergyBalance:
+    """Work and energy over time; kinetic + potential = what they were + works - dissipated + residue.
+
+    Attributes:
+        work: (T, 5), J, from the beginning on: TERMS.  Work of the drives, of what moves prescribed coordinates, of
+            external wrenches, the energy that payloads bring when they are picked up (less what they take away), and
+            what dampers and friction took.
+        energy: kinetic and potential, (T, 2), J.
+    """
+
+    work: Array
+    energy: Array
+
+    def of(self, term: str) -> Array:
+        """One of TERMS over time, (T,), J."""
+        return self.work[:, TERMS.index(term)]
+
+    @property
+    def residue(self) -> Array:
+        """What does not balance, (T,), J: the error of integration and of quadrature."""
+        total = self.energy.sum(axis=1)
+        found: Array = total - total[0] - self.work[:, :4].sum(axis=1) + self.work[:, 4]
+        return found
+
+    @property
+    def size(self) -> float:
+        """What the residue is compared with, J: the largest of the works, and the ranges of both energies."""
+        return float(max(np.abs(self.work).max(), np.ptp(self.energy, axis=0).max()))
+
+    @property
+    def relative_residue(self) -> float:
+        """The largest residue over ``size``; 0 where nothing moves."""
+        size = self.size
+        return float(np.abs(self.residue).max()) / size if size > 0.0 else 0.0
+
+    def summary(self) -> dict[str, float]:
+        """Works and changes of energy at the end, J, and the relative residue."""
+        change = self.energy[-1] - self.energy[0]
+        found = {term: float(self.of(term)[-1]) for term in TERMS}
+        return {
+            **found,
+            "kinetic": float(change[0]),
+            "potential": float(change[1]),
+            "relative_residue": self.relative_residue,
+        }
+
+    def line(self) -> str:
+        """The summary for a reader."""
+        facts = self.summary()
+        terms = ", ".join(f"{name} {facts[name]:.4g} J" for name in TERMS if facts[name])
+        return (
+            f"energy: {terms or 'no work'}; kinetic {facts['kinetic']:+.4g} J, potential {facts['potential']:+.4g} J;"
+            f" residue {facts['relative_residue']:.1g} of it"
+        )
+
+    def note(self) -> str | None:
+        """A line where the balance does not close."""
+        if self.relative_residue <= CLOSED:
+            return None
+        return (
+            f"warning: the energy balance does not close: {self.relative_residue:.2g} of {self.size:.3g} J is"
+            " left over; a smaller rtol or output_step may help"
+        )
+
+
+def with_nodes(edges: Array) -> Array:
+    """Times of quadrature on all intervals between the edges, (4 (E - 1) + 1,), the edges among them."""
+    inner = edges[:-1, np.newaxis] + np.diff(edges)[:, np.newaxis] * NODES[:-1]  # at NODES[0] = 0 the edge to the bit
+    return np.append(inner.ravel(), edges[-1])
+
+
+def works(kernel: Kernel, t: Array, q: Array, v: Array, u: Array, wrench: ArrayLike | None) -> Array:
+    """Work between the edges of ``with_nodes``, (E - 1, 5), J: TERMS; t, q, v, u and wrench at all of its times."""
+    given = np.array([name in kernel.prescribed for name in kernel.coordinates])
+    power = np.zeros((t.size, len(TERMS)))
+    by_drive = u * v
+    power[:, 0], power[:, 1] = by_drive[:, ~given].sum(axis=1), by_drive[:, given].sum(axis=1)
+    if wrench is not None:
+        power[:, 2] = (kernel.external_force(q, wrench) * v).sum(axis=1)
+    passive = kernel.generalized_force(q, np.zeros_like(q)) - kernel.generalized_force(q, v)
+    power[:, 4] = (passive * v).sum(axis=1)
+    spans = t[4::4] - t[:-1:4]
+    rows = np.arange(spans.size)[:, np.newaxis] * 4 + np.arange(5)
+    found: Array = np.einsum("ikw,k,i->iw", power[rows], WEIGHTS, spans)
+    return found

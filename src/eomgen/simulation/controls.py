@@ -1,0 +1,184 @@
+"""Drives of a scenario: each is a callable (t, q, v) -> u for ``integrate``; q and v may be (n,) or (N, n)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..motion.point_to_point import Program
+from ..motion.splines import Rest
+from ..motion.timetable import TimeTable
+from ..robot.coordinates import index_of
+from ..runtime.kernel import Kernel
+from ..state.motors import shafts
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+
+class Control(Protocol):
+    """Drives over time and state."""
+
+    batched: bool
+
+    def __call__(self, t: float, q: Array, v: Array) -> Array:
+        """u, N or N m, of the shape of q."""
+
+    def resting(self) -> Control:
+        """The drives whose program stays where it begins: those of the equilibrium at the start."""
+
+
+@dataclass(frozen=True, eq=False)
+class NoControl:
+    """No drives."""
+
+    batched = True
+
+    def __call__(self, t: float, q: Array, v: Array) -> Array:
+        return np.zeros_like(q)
+
+    def resting(self) -> Control:
+        return self
+
+
+@dataclass(frozen=True, eq=False)
+class TableTorque:
+    """Forces or torques of a table over time, of the coordinates at ``index``, (k,)."""
+
+    table: TimeTable
+    index: Index
+    batched = True
+
+    def __call__(self, t: float, q: Array, v: Array) -> Array:
+        u = np.zeros_like(q)
+        u[..., self.index] = self.table.at(t)
+        return u
+
+    def resting(self) -> Control:
+        return self
+
+
+@dataclass(frozen=True, eq=False)
+class Actuators:
+    """Where drives act and what they measure: coordinates themselves, or the motors in front of them.
+
+    Attributes:
+        index: places of those among the robot's coordinates, (m,).
+        ratio: of the gears in between, (m,), or 1.
+    """
+
+    index: Index
+    ratio: Array | float = 1.0
+
+    def measured(self, x: Array) -> Array:
+        """Coordinates or rates of (n,) or (N, n) as seen at the joints, (m,) or (N, m)."""
+        return np.ascontiguousarray(x[..., self.index] / self.ratio)
+
+    def torques(self, joint: Array, like: Array) -> Array:
+        """Drives of the shape ``like`` that do at the joints what ``joint``, (m,) or (N, m), says."""
+        u = np.zeros_like(like)
+        u[..., self.index] = joint / self.ratio
+        return u
+
+
+def actuators(kernel: Kernel, names: Sequence[str]) -> Actuators:
+    """Those of principal coordinates, in the order of their names."""
+    motors = shafts(kernel)
+    index = index_of(kernel.coordinates, [motors.get(name, name) for name in names])
+    ratios = [kernel.ratio(motors[name]) if name in motors else 1.0 for name in names]
+    return Actuators(index, np.array(ratios) if motors else 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class ComputedTorque:
+    """Drives of the principal coordinates: u = ID_rigid(q, v, a + w^2 (q_d - q) + 2 w (v_d - v)); else 0.
+
+    Of one behind a motor q and v are the motor's over the ratio, and so is the motor's u.
+
+    Attributes:
+        rigid: kernel of the rigid robot; its coordinates are the driven and the prescribed ones.
+        motion: program of the driven coordinates.
+        actuators: where the rigid robot's coordinates are measured and driven.
+        bandwidth: w, rad/s; the error of a rigid robot dies out as exp(-w t), critically damped.
+        prescribed: t -> (q, v, a) of the rigid robot's prescribed coordinates, whose accelerations the drives know;
+            None without any.
+    """
+
+    rigid: Kernel
+    motion: Program
+    actuators: Actuators
+    bandwidth: float
+    prescribed: Callable[[float], tuple[Array, Array, Array]] | None = None
+    batched = True
+
+    @property
+    def _driven(self) -> NDArray[np.bool_]:
+        return np.array([name not in self.rigid.prescribed for name in self.rigid.coordinates])
+
+    def __call__(self, t: float, q: Array, v: Array) -> Array:
+        q_d, v_d, a_d = self.motion.at(t)
+        q_m, v_m = self.actuators.measured(q), self.actuators.measured(v)
+        if self.prescribed is None:
+            a = a_d + self.bandwidth * (self.bandwidth * (q_d - q_m) + 2.0 * (v_d - v_m))
+            return self.actuators.torques(self.rigid.inverse_dynamics(q_m, v_m, a), q)
+        driven = self._driven
+        a = np.empty_like(q_m)
+        error, rate = q_d - q_m[..., driven], v_d - v_m[..., driven]
+        a[..., driven] = a_d + self.bandwidth * (self.bandwidth * error + 2.0 * rate)
+        a[..., ~driven] = self.prescribed(t)[2]
+        return self.actuators.torques(np.where(driven, self.rigid.inverse_dynamics(q_m, v_m, a), 0.0), q)
+
+    def resting(self) -> Control:
+        still = None if self.prescribed is None else _stopped(self.prescribed)
+        return replace(self, motion=Rest(self.motion.start), prescribed=still)
+
+
+def _stopped(
+    prescribed: Callable[[float], tuple[Array, Array, Array]],
+) -> Callable[[float], tuple[Array, Array, Array]]:
+    def still(t: float) -> tuple[Array, Array, Array]:
+        q = prescribed(t)[0]
+        return q, np.zeros_like(q), np.zeros_like(q)
+
+    return still
+
+
+@dataclass(frozen=True, eq=False)
+class JointPD:
+    """Drives u = kp (q_d - q) + kd (v_d - v), on request with what holds the rigid robot against gravity where it is.
+
+    Of a joint behind a motor q and v are the motor's over the ratio, and so is the motor's u.
+
+    Attributes:
+        motion: program of the driven coordinates, m of them.
+        actuators: where they are measured and driven.
+        kp, kd: (m,), N/m and N s/m, or N m/rad and N m s/rad, at the joint.
+        rigid: kernel of the rigid robot; None without the feed-forward.
+        rigid_actuators: where its coordinates are measured and driven.
+    """
+
+    motion: Program
+    actuators: Actuators
+    kp: Array
+    kd: Array
+    rigid: Kernel | None = None
+    rigid_actuators: Actuators | None = None
+    batched = True
+
+    def __call__(self, t: float, q: Array, v: Array) -> Array:
+        q_d, v_d, _ = self.motion.at(t)
+        error, rate = q_d - self.actuators.measured(q), v_d - self.actuators.measured(v)
+        u = self.actuators.torques(self.kp * error + self.kd * rate, q)
+        if self.rigid is not None and self.rigid_actuators is not None:
+            q_m = self.rigid_actuators.measured(q)
+            zero = np.zeros_like(q_m)
+            free = [name not in self.rigid.prescribed for name in self.rigid.coordinates]
+            u += self.rigid_actuators.torques(np.where(free, self.rigid.inverse_dynamics(q_m, zero, zero), 0.0), q)
+        return u
+
+    def resting(self) -> Control:
+        return replace(self, motion=Rest(self.motion.start))

@@ -1,0 +1,193 @@
+"""Motions that a scenario programs for the driven coordinates of a robot, and motions that it prescribes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..motion.ends import default_ends, point_of, principal_limits
+from ..motion.files import Motion, read_motion
+from ..motion.point_to_point import PointToPoint, Program
+from ..motion.splines import Columns, Spline
+from ..motion.tool_path import ToolCircle, ToolLine
+from ..names import nearest, show
+from ..robot.value import Robot
+from ..runtime.kernel import Kernel
+from ..scenario.value import Scenario, Section
+
+Array = NDArray[np.float64]
+
+MOVING_PART = 0.8  # of the duration; the rest shows what rings after the motion
+
+
+class PrescribedMotion:
+    """Motions of prescribed coordinates, each harmonic or a spline; t -> (q, v, a), (m,) each."""
+
+    def __init__(self, scenario: Scenario, coordinates: Sequence[str], given: Sequence[str]) -> None:
+        numbers = np.zeros((4, len(given)))  # amplitude, frequency, phase, offset
+        seen: dict[str, str] = {}
+        self._splines: list[tuple[Spline, list[int], list[int]]] = []
+
+        def take(name: str, key: str) -> int:
+            if name not in given:
+                known = ", ".join(given) or "none"
+                scenario.fail(key, f"{show(name)}{nearest(name, given)} is no prescribed coordinate; allowed: {known}")
+            if name in seen:
+                scenario.fail(key, f"the motion of {name} is given before, by {seen[name]}; allowed: once")
+            seen[name] = key
+            return given.index(name)
+
+        for place, section in enumerate(scenario.prescribed):
+            key = f"prescribed[{place}]"
+            if section.type == "harmonic":
+                i = take(section.get("coordinate"), f"{key}.coordinate")
+                numbers[:, i] = [section.get(name, 0.0) for name in ("amplitude", "frequency", "phase", "offset")]
+                continue
+            motion = read_motion(section.get("file"), coordinates)
+            _check_covers(scenario, f"{key}.file", motion)
+            here = [take(name, f"{key}.file") for name in motion.measured]
+            columns = [coordinates.index(name) for name in motion.measured]
+            self._splines.append((Spline(motion.t, motion.q[:, columns], at_rest=False), here, columns))
+        missing = [name for name in given if name not in seen]
+        if missing:
+            scenario.fail(
+                "prescribed",
+                f"the motion of {', '.join(missing)} is not given; allowed: one [[prescribed]] entry for each",
+            )
+        self._numbers = numbers
+
+    def __call__(self, t: float) -> tuple[Array, Array, Array]:
+        amplitude, frequency, phase, offset = self._numbers
+        rate = 2.0 * np.pi * frequency
+        wave = amplitude * np.sin(rate * t + phase)
+        q, v, a = offset + wave, amplitude * rate * np.cos(rate * t + phase), -(rate**2) * wave
+        for spline, here, _ in self._splines:
+            q[here], v[here], a[here] = spline.at(t)
+        return q, v, a
+
+
+def _check_covers(scenario: Scenario, key: str, motion: Motion) -> None:
+    if motion.t.size < 2 or motion.t[0] > 0.0 or motion.t[-1] < scenario.duration:
+        span = f"{motion.t[0]:g} to {motion.t[-1]:g} s"
+        scenario.fail(
+            key, f"{motion.source} has {span}; allowed: samples from 0 to the duration, {scenario.duration:g} s"
+        )
+
+
+def make_program(
+    scenario: Scenario,
+    robot: Robot,
+    driven: Sequence[str],
+    rigid: Callable[[], Kernel],
+    tool: str,
+    given: Mapping[str, float],
+) -> Program:
+    """The motion that a scenario programs.
+
+    Args:
+        scenario: with a motion.
+        robot: whose limits hold.
+        driven: names of the driven coordinates, the columns of the program.
+        rigid: gives the kernel of the rigid robot, with kinematics; its coordinates are the driven and the prescribed.
+        tool: frame of lines and circles if they name none.
+        given: initial positions by coordinate: of driven ones where the program may begin, of prescribed ones where
+            they are.
+
+    Raises:
+        InputError: a name or number does not fit the robot, or the tool cannot follow.
+    """
+    section = scenario.motion
+    assert section is not None
+    start, goal = default_ends(robot, driven)
+    start = np.array([given.get(name, x) for name, x in zip(driven, start, strict=True)])
+    begin = section.get("begin", 0.0)
+    duration = section.get("duration", MOVING_PART * (scenario.duration - begin))
+    if duration <= 0.0:
+        scenario.fail("motion.begin", f"got {begin:g}; allowed: before the end, {scenario.duration:g} s")
+
+    def label(key: str) -> str:
+        return scenario.label(f"motion.{key}")
+
+    if section.type == "point_to_point":
+        first = point_of(robot, driven, label("start"), section.get("start"), start)
+        last = point_of(robot, driven, label("goal"), section.get("goal"), goal)
+        return PointToPoint(first, last, duration, begin, tuple(driven))
+    if section.type == "via":
+        return _via(section, robot, driven, label, start)
+    if section.type == "sampled":
+        motion = read_motion(section.get("file"), build_names(robot))
+        names = [name for name in motion.measured if name in driven]
+        if not names or motion.t.size < 2:
+            scenario.fail(
+                "motion.file", f"{motion.source} has no motion of a driven coordinate; allowed: {', '.join(driven)}"
+            )
+        points = np.tile(start, (motion.t.size, 1))
+        points[:, [driven.index(name) for name in names]] = motion.q[:, [motion.coordinates.index(n) for n in names]]
+        return Spline(motion.t, points, at_rest=False)
+    return _tool_program(scenario, section, robot, driven, rigid(), tool, given, (start + goal) / 2, (begin, duration))
+
+
+def build_names(robot: Robot) -> tuple[str, ...]:
+    """Names of all coordinates."""
+    return tuple(f"{joint.name}.{name}" for joint in robot.joints for name in joint.coordinates)
+
+
+def _via(section: Section, robot: Robot, driven: Sequence[str], label: Callable[[str], str], start: Array) -> Spline:
+    points = [start]
+    for i, given in enumerate(section.get("points")):
+        points.append(point_of(robot, driven, label(f"points.{i}"), given, points[-1]))
+    path = np.array(points[1:])
+    times = section.get("times")
+    if times is None:
+        spans = [float(np.abs(b - a).max()) / v for (a, b), v in zip(pairwise(path), section.get("speed"), strict=True)]
+        if min(spans) <= 0.0:
+            place = label(f"points.{int(np.argmin(spans)) + 1}")
+            raise InputError(
+                f"{place}: is where the point before is; allowed: another point, or times instead of speed"
+            )
+        times = section.get("begin", 0.0) + np.concatenate([[0.0], np.cumsum(spans)])
+    return Spline(times, path, at_rest=True)
+
+
+def _tool_program(
+    scenario: Scenario,
+    section: Section,
+    robot: Robot,
+    driven: Sequence[str],
+    rigid: Kernel,
+    tool: str,
+    given: Mapping[str, float],
+    guess: Array,
+    span: tuple[float, float],
+) -> Program:
+    frame = section.get("frame", tool)
+    if frame not in rigid.frames:
+        scenario.fail(
+            "motion.frame",
+            f"{show(frame)}{nearest(frame, rigid.frames)} is unknown; allowed: {', '.join(rigid.frames)}",
+        )
+    guesses = dict(zip(driven, guess, strict=True)) | {
+        name: x for name, x in given.items() if name in rigid.coordinates
+    }
+    where = np.array([guesses.get(name, 0.0) for name in rigid.coordinates])
+    limits = np.array(
+        [
+            principal_limits(robot, name) if name in driven else (x, x)
+            for name, x in zip(rigid.coordinates, where, strict=True)
+        ]
+    )
+    index = np.array([rigid.coordinates.index(name) for name in driven], dtype=np.intp)
+    begin, duration = span
+    try:
+        if section.type == "line":
+            ends = (section.get("from"), section.get("to"))
+            return Columns(ToolLine(rigid, frame, *ends, duration, where, limits, begin), index)
+        center, normal, start = (section.get(key) for key in ("center", "normal", "from"))
+        angle = section.get("angle", 2.0 * np.pi)
+        return Columns(ToolCircle(rigid, frame, center, normal, start, angle, duration, where, limits, begin), index)
+    except InputError as error:
+        raise InputError(f"{scenario.label('motion')}: {error}") from None

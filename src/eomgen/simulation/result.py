@@ -1,0 +1,235 @@
+"""What a simulation yields: a trajectory beside its program, its summary, and its file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import UnknownNameError
+from ..integration.trajectory import Trajectory
+from ..names import listed, nearest, show
+from ..robot.coordinates import index_of, unit_of
+from ..robot.value import MOTOR
+from .balance import TERMS, EnergyBalance
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Series:
+    """Values of a name over time: t (T,), s; values (T,) or (T, k), in their unit."""
+
+    name: str
+    unit: str
+    t: Array
+    values: Array
+
+
+@dataclass(frozen=True)
+class SimulationResult:
+    """A simulated motion beside its program.
+
+    Attributes:
+        robot: the robot's name.
+        trajectory: all n coordinates over T times.
+        program_coordinates, program_q: names of the coordinates that are driven, themselves or by a motor, (p,), and
+            their program, (T, p), m or rad.
+        tool: name of the frame that is looked at.
+        pose, program_pose: its pose, and that of the rigid robot on its program, (T, 4, 4), base axes, m.
+        notes: lines about the method and about what was assumed.
+        versions: of eomgen, NumPy and Python.
+        programmed: whether there was a program; if not, ``program_q`` is what the principal coordinates did, and
+            ``program_pose`` leaves out the deviations alone.
+        prescribed: names of the coordinates whose motion was given.
+        robot_hash: of what the description says, as ``robot_hash`` makes it.
+        scenario: what was simulated, as ``Scenario.as_dict`` has it.
+        links: names of the links of ``wrench``, (T, links, 6), N, N m, as kernels take it; None without wrenches.
+        balance: where the energy came from and went to; None in files of eomgen 0.1 before it was there.
+        description: the robot that was simulated, as ``robot_record.record_of`` has it; empty in older files.
+        stopped: empty where the motion came to its end; else its ``reason`` (text), the ``coordinate`` to blame, and
+            the last good state: ``t`` (s), ``q`` and ``v`` (n numbers each).
+    """
+
+    robot: str
+    trajectory: Trajectory
+    program_coordinates: tuple[str, ...]
+    program_q: Array
+    tool: str
+    pose: Array
+    program_pose: Array
+    notes: tuple[str, ...]
+    versions: Mapping[str, str]
+    programmed: bool = True
+    prescribed: tuple[str, ...] = ()
+    robot_hash: str = ""
+    scenario: Mapping[str, Any] = field(default_factory=dict)
+    links: tuple[str, ...] = ()
+    wrench: Array | None = None
+    balance: EnergyBalance | None = None
+    description: Mapping[str, Any] = field(default_factory=dict)
+    stopped: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def deviation_coordinates(self) -> tuple[str, ...]:
+        """Names of the coordinates that no program or prescribed motion moves; motors follow their joints'."""
+        others = (*self.program_coordinates, *self.prescribed)
+        names = self.trajectory.coordinates
+        return tuple(name for name in names if name not in others and name.rpartition(".")[2] != MOTOR)
+
+    @property
+    def deviations(self) -> Array:
+        """Those coordinates over time, (T, n - p), m or rad."""
+        return self.trajectory.q[:, index_of(self.trajectory.coordinates, self.deviation_coordinates)]
+
+    @property
+    def tracking_error(self) -> Array:
+        """Driven coordinates less their program, (T, p), m or rad."""
+        return self.trajectory.q[:, index_of(self.trajectory.coordinates, self.program_coordinates)] - self.program_q
+
+    @property
+    def tool_deviation(self) -> Array:
+        """The tool's place less its program, (T, 3), m, base axes."""
+        return self.pose[:, :3, 3] - self.program_pose[:, :3, 3]
+
+    @property
+    def tool_rotation(self) -> Array:
+        """Angle between the tool's axes and their program, (T,), rad."""
+        turn = np.swapaxes(self.program_pose[:, :3, :3], 1, 2) @ self.pose[:, :3, :3]
+        skew = np.stack([turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0], turn[:, 1, 0] - turn[:, 0, 1]])
+        angle: Array = np.arctan2(np.linalg.norm(skew, axis=0), np.trace(turn, axis1=1, axis2=2) - 1.0)
+        return angle
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Unit of every coordinate, "m" or "rad", (n,)."""
+        return tuple(unit_of(name) for name in self.trajectory.coordinates)
+
+    def summary(self) -> dict[str, Any]:
+        """What came out, as plain numbers and texts that JSON can hold; SI units, rad."""
+        motion, tool = self.trajectory, np.linalg.norm(self.tool_deviation, axis=1)
+        return {
+            "robot": self.robot,
+            "coordinates": len(motion.coordinates),
+            "driven": list(self.program_coordinates) if self.programmed else [],
+            "duration": float(motion.t[-1]),
+            "method": motion.method,
+            **{key: float(value) if key == "wall_s" else int(value) for key, value in motion.info.items()},
+            "tool": self.tool,
+            "tool_deviation_max": float(tool.max()),
+            "tool_deviation_max_at": float(motion.t[int(tool.argmax())]),
+            "tool_deviation_end": float(tool[-1]),
+            "tool_rotation_max": float(self.tool_rotation.max()),
+            "linear_max": _largest(self.deviation_coordinates, self.deviations, "m"),
+            "angular_max": _largest(self.deviation_coordinates, self.deviations, "rad"),
+            "tracking_max": {
+                unit: _largest(self.program_coordinates, self.tracking_error, unit) if self.programmed else None
+                for unit in ("m", "rad")
+            },
+            "energy": None if self.balance is None else self.balance.summary(),
+            "notes": list(self.notes),
+            "stopped": dict(self.stopped) or None,
+            "versions": dict(self.versions),
+        }
+
+    def summary_lines(self) -> list[str]:
+        """The summary for a reader, lengths in micrometres and angles in microradians."""
+        facts, against = self.summary(), "its program" if self.programmed else "the rigid robot"
+        steps = f"{facts['steps']} steps, " if facts["steps"] else ""
+        lines = [
+            f"{self.robot}: {facts['coordinates']} coordinates, "
+            f"{f'{len(self.program_coordinates)} of them driven' if self.programmed else 'no program'}, "
+            f"{facts['duration']:g} s of motion",
+            *([f"  stopped too early: {self.stopped['reason']}"] if self.stopped else []),
+            f"  {facts['method']}: {steps}{facts['evaluations']} evaluations, {facts['jacobians']} Jacobians, "
+            f"{facts['wall_s']:.2f} s",
+            f"  tool {self.tool}: off {against} by at most {facts['tool_deviation_max'] * 1e6:.3g} um "
+            f"(at {facts['tool_deviation_max_at']:.3f} s) and {facts['tool_rotation_max'] * 1e6:.3g} urad; "
+            f"{facts['tool_deviation_end'] * 1e6:.3g} um at the end",
+        ]
+        found = [("largest deviation", facts["linear_max"]), ("largest deviation", facts["angular_max"])]
+        found += [("largest error of a drive", entry) for entry in facts["tracking_max"].values()]
+        for text, entry in found:
+            if entry:
+                unit = "um" if entry["unit"] == "m" else "urad"
+                lines.append(f"  {text}: {entry['coordinate']} {entry['value'] * 1e6:+.3g} {unit}")
+        if self.balance is not None:
+            lines.append(f"  {self.balance.line()}")
+        lines += self._contact_lines()
+        return lines + [f"  {note}" for note in self.notes]
+
+    def _contact_lines(self) -> list[str]:
+        """How often clearances closed, and the first time of each."""
+        lines = []
+        for name in dict.fromkeys(contact.coordinate for contact in self.trajectory.contacts):
+            times = [c.t for c in self.trajectory.contacts if c.coordinate == name and c.closes]
+            if times:
+                lines.append(f"  clearance of {name}: closed {len(times)} times, first at {times[0]:.4f} s")
+        return lines
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What ``series`` knows."""
+        return tuple(self._series())
+
+    def series(self, name: str) -> Series:
+        """Values over time by name, with their unit.
+
+        Names are those of coordinates ("joint1.x"), with .rate, .drive or .program behind them; TOOL.position (base
+        axes) and TOOL.program; LINK.force and LINK.moment of wrenches (about the centre of mass, base axes);
+        energy.kinetic, energy.potential, energy.residue, and work.TERM with the terms of ``EnergyBalance``.
+
+        Raises:
+            UnknownNameError: there is nothing of that name; ``names`` has all.
+        """
+        known = self._series()
+        if name not in known:
+            raise UnknownNameError(f"series: {show(name)}{nearest(name, known)} is unknown; known: {listed(known)}")
+        unit, values = known[name]
+        return Series(name, unit, self.trajectory.t, values)
+
+    def _series(self) -> dict[str, tuple[str, Array]]:
+        motion = self.trajectory
+        found: dict[str, tuple[str, Array]] = {}
+        for i, name in enumerate(motion.coordinates):
+            unit = unit_of(name)
+            found[name], found[f"{name}.rate"] = (unit, motion.q[:, i]), (f"{unit}/s", motion.v[:, i])
+            found[f"{name}.drive"] = ("N" if unit == "m" else "N m", motion.u[:, i])
+        for i, name in enumerate(self.program_coordinates if self.programmed else ()):
+            found[f"{name}.program"] = (unit_of(name), self.program_q[:, i])
+        found[f"{self.tool}.position"] = ("m", self.pose[:, :3, 3])
+        found[f"{self.tool}.program"] = ("m", self.program_pose[:, :3, 3])
+        for i, link in enumerate(self.links if self.wrench is not None else ()):
+            assert self.wrench is not None
+            found[f"{link}.force"], found[f"{link}.moment"] = (
+                ("N", self.wrench[:, i, :3]),
+                ("N m", self.wrench[:, i, 3:]),
+            )
+        found["energy.kinetic"], found["energy.potential"] = (("J", column) for column in motion.energy.T)
+        if self.balance is not None:
+            found |= {f"work.{term}": ("J", self.balance.of(term)) for term in TERMS}
+            found["energy.residue"] = ("J", self.balance.residue)
+        return found
+
+    def save(self, path: Path | str) -> Path:
+        """Write the result as .npz, to a temporary name first, and return the path; folders are made.
+
+        Raises:
+            InputError: the file cannot be written.
+        """
+        from .archive import save_result
+
+        return save_result(self, path)
+
+
+def _largest(names: Sequence[str], values: Array, unit: str) -> dict[str, Any] | None:
+    """The largest value of that unit over time, with its sign and its coordinate; None if there is none."""
+    columns = [i for i, name in enumerate(names) if unit_of(name) == unit]
+    if not columns:
+        return None
+    row, column = np.unravel_index(int(np.abs(values[:, columns]).argmax()), (values.shape[0], len(columns)))
+    return {"coordinate": names[columns[column]], "value": float(values[row, columns[column]]), "unit": unit}

@@ -1,0 +1,241 @@
+"""Simulations of a robot with all its coordinates: a scenario, or a programmed motion of the joints.
+
+``simulate`` moves the principal coordinates from point to point.  Their drives are computed torque on the rigid model,
+with a PD law on what is measured: u = ID_rigid(q, v, a_program + w^2 e + 2 w e').  Deviations have no drive.  The robot
+starts at rest, in balance under these drives.  Where a motor drives a principal coordinate through a transmission, its
+angle over the ratio is measured, its program is the ratio times the joint's, and it gets the drive over the ratio.
+``run_scenario`` does what a scenario says (docs/scenario.md).
+"""
+
+from __future__ import annotations
+
+import platform
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from .._version import __version__
+from ..errors import InputError, IntegrationStopped
+from ..integration.solve import METHODS, choose_method, integrate
+from ..integration.steps import output_times
+from ..integration.trajectory import Trajectory
+from ..motion.ends import Point, default_motion, principal_limits
+from ..motion.point_to_point import Program
+from ..motion.splines import Spline
+from ..progress import Progress, no_progress
+from ..robot.coordinates import index_of
+from ..robot.model import refuse_loops, tool_of
+from ..robot.record import record_of, robot_hash
+from ..robot.value import MOTOR, Robot
+from ..runtime.kernel import Kernel
+from ..scenario.load import load_scenario, scenario_from_toml
+from ..scenario.value import Integrator, Scenario, Section
+from ..state.equilibrium import static_equilibrium
+from .archive import load_result
+from .assembly import BANDWIDTH, KERNELS, RIGID_KERNELS, Setup, set_up
+from .controls import ComputedTorque
+from .initial import initial_state
+from .programs import MOVING_PART
+from .result import SimulationResult
+from .segments import Loads, run_segments
+from .stream import MotionStream
+
+__all__ = [
+    "KERNELS",
+    "METHODS",
+    "MOVING_PART",
+    "RIGID_KERNELS",
+    "ComputedTorque",
+    "IntegrationStopped",
+    "SimulationResult",
+    "Trajectory",
+    "default_motion",
+    "integrate",
+    "load_result",
+    "load_scenario",
+    "principal_limits",
+    "run_scenario",
+    "scenario_from_toml",
+    "simulate",
+    "static_equilibrium",
+]
+
+
+def simulate(
+    robot: Robot,
+    *,
+    duration: float = 2.0,
+    start: Point | None = None,
+    goal: Point | None = None,
+    motion: Program | None = None,
+    bandwidth: float = BANDWIDTH,
+    tool: str | None = None,
+    method: str = "auto",
+    rtol: float = 1e-6,
+    step: float | None = None,
+    output_step: float | None = None,
+    progress: Progress | None = None,
+) -> SimulationResult:
+    """Move the robot from start to goal and integrate all its coordinates: a scenario of these values.
+
+    The motion takes 80 percent of the duration, then its goal is held.  A free joint is held where it is.
+
+    Args:
+        robot: with at least one principal coordinate.
+        duration: s.
+        start, goal: of the principal coordinates, rad or m: a value for each, in their order, or a mapping from names
+            ("joint2", "joint2.gamma") to values.  By default from zero (or the nearest pose that is well inside the
+            limits) by 45 degrees or 0.2 m to where there is more room, by less if the limits demand it.
+        motion: of all driven coordinates of ``robot.rigid()``, instead of start and goal.
+        bandwidth: of the drives' PD law, rad/s.
+        tool: frame or link to look at; default "tcp", else the first frame, else a link
+            whose name ends with "tcp" or "tool0", else the end of the longest chain.
+        method, rtol, step, output_step: see ``integrate``.
+        progress: called with a fraction from 0 to 1 and a line of text.
+
+    Raises:
+        InputError: an argument is wrong, nothing can be driven, the robot has loops, SciPy is not installed.
+        IntegrationStopped: the motion could not be integrated to its end; see ``integrate``.  What there is of it is in
+            the error's ``result``.
+    """
+    if not (np.isfinite(bandwidth) and bandwidth > 0.0):
+        raise InputError(f"bandwidth: {bandwidth!r} rad/s; a finite number greater than 0 is allowed")
+    if not (np.isfinite(duration) and duration > 0.0):
+        raise InputError(f"duration: {duration!r} s; a finite time greater than 0 is allowed")
+    if method not in METHODS:
+        raise InputError(f"method: {method!r} is unknown; allowed: {', '.join(METHODS)}")
+    if motion is not None and (start is not None or goal is not None):
+        raise InputError("motion is given together with start or goal; allowed: one of them")
+    ends = {key: value for key, value in (("start", start), ("goal", goal)) if value is not None}
+    scenario = Scenario(
+        duration,
+        output_step,
+        tool,
+        motion=Section("point_to_point", ends) if motion is None else Section("program", {"program": motion}),
+        control=Section("computed_torque", {"bandwidth": float(bandwidth)}),
+        integrator=Integrator(method, rtol, None, step),
+    )
+    return run_scenario(robot, scenario, progress=progress)
+
+
+def run_scenario(
+    robot: Robot, scenario: Scenario, *, progress: Progress | None = None, stream: Path | str | None = None
+) -> SimulationResult:
+    """Do what a scenario says with a robot, and integrate all its coordinates.
+
+    Args:
+        robot: without loops.
+        scenario: from ``load_scenario``.
+        progress: called with a fraction from 0 to 1 and a line of text.
+        stream: a new folder to which q and v are written while they are integrated, see ``eomgen.load_stream``.
+
+    Raises:
+        InputError: the scenario does not fit the robot (file, key, value and what is allowed are named), the robot has
+            loops, SciPy is not installed.
+        IntegrationError: there is no equilibrium at the start, or the motion could not be integrated to its end: as
+            IntegrationStopped, whose ``result`` has what there is of it.
+    """
+    report: Progress = progress or no_progress
+    refuse_loops(robot)
+    tool = tool_of(robot, scenario.frame, scenario.label("frame") if scenario.source else "tool")
+    return run_setup(robot, scenario, set_up(robot, scenario, tool, report), tool, report, stream)
+
+
+def run_setup(
+    robot: Robot,
+    scenario: Scenario,
+    setup: Setup,
+    tool: str,
+    report: Progress,
+    stream: Path | str | None = None,
+) -> SimulationResult:
+    """``run_scenario`` once kernels are built, names found, drives and motions made."""
+    kernel = setup.kernel
+    report(0.0, "static equilibrium at the start")
+    q0, v0, loose = initial_state(robot, scenario, setup)
+    ends = (float(setup.program.t[0]), float(setup.program.t[-1])) if isinstance(setup.program, Spline) else ()
+    loads = Loads(setup.drive, setup.wrenches, setup.prescribed, ends)
+    versions = {"eomgen": __version__, "numpy": np.__version__, "python": platform.python_version()}
+    about: dict[str, Any] = {
+        "robot": robot.name,
+        "robot_hash": robot_hash(robot),
+        "scenario": scenario.as_dict(),
+        "versions": versions,
+    }
+    samples = output_times(scenario.duration, scenario.output_step).size
+    opened = None if stream is None else MotionStream(stream, kernel.coordinates, samples, about)
+    found = run_segments(kernel, robot, scenario, loads, q0, v0, report, opened)
+    t, q = found.trajectory.t, found.trajectory.q
+    driven = index_of(kernel.coordinates, setup.driven)
+    program_q = q[:, driven] if setup.program is None else setup.program.at(t)[0]
+    rigid_q = np.zeros_like(q)
+    given = index_of(kernel.coordinates, kernel.prescribed)
+    rigid_q[:, driven], rigid_q[:, given] = program_q, q[:, given]
+    notes = [
+        *_method_note(kernel, scenario.integrator.method, found.trajectory.method),
+        *_assumptions(robot, loose, scenario, setup.program is not None),
+        found.balance.note(),
+    ]
+    result = SimulationResult(
+        robot.name,
+        found.trajectory,
+        setup.driven,
+        program_q,
+        tool,
+        np.asarray(kernel.frame_pose(q, tool)),
+        np.asarray(kernel.frame_pose(rigid_q, tool)),
+        tuple(note for note in notes if note),
+        MappingProxyType(versions),
+        setup.program is not None,
+        kernel.prescribed,
+        about["robot_hash"],
+        MappingProxyType(about["scenario"]),
+        kernel.links,
+        found.wrench,
+        found.balance,
+        MappingProxyType(record_of(robot)),
+        MappingProxyType({} if found.stop is None else _stop_record(found.stop)),
+    )
+    if found.stop is not None:
+        found.stop.trajectory, found.stop.result = result.trajectory, result
+        raise found.stop
+    return result
+
+
+def _stop_record(stop: IntegrationStopped) -> dict[str, Any]:
+    """What a result keeps of the reason why it ends too early: values that JSON holds."""
+    state = {name: getattr(stop, name).tolist() for name in ("q", "v")}
+    return {"reason": str(stop), "t": stop.t, "coordinate": stop.coordinate, **state}
+
+
+def _method_note(kernel: Kernel, asked: str, taken: str) -> tuple[str, ...]:
+    if asked != "auto":
+        return ()
+    if choose_method(kernel) == "DOP853":
+        return (f"method: {taken} (explicit), because nothing has a stiffness",)
+    return (
+        f"method: {taken} (implicit), because there are springs; its steps follow the motion, not the fastest spring",
+    )
+
+
+def _assumptions(robot: Robot, loose: tuple[str, ...], scenario: Scenario, programmed: bool) -> tuple[str, ...]:
+    notes = []
+    undisturbed = programmed and not scenario.wrenches and not scenario.payloads and _computed(scenario)
+    if undisturbed and robot.rigid().joints == robot.joints:
+        notes.append("no joint has a deviation: what the tool is off by is the integration's error")
+    free = [joint.name for joint in robot.joints if joint.type == "free"]
+    if free and programmed:
+        notes.append(f"free joint {', '.join(free)}: held where it is by drives on all its six coordinates")
+    motors = [f"{joint.name}.{MOTOR}" for joint in robot.joints if joint.motor]
+    if motors and programmed:
+        notes.append(f"drives act at {', '.join(motors)} and know their angles alone, not their joints'")
+    if loose:
+        why = "without a stiffness of its own or a drive, or inside a clearance"
+        notes.append(f"{why}, so not in balance at the start: {', '.join(loose)}")
+    return tuple(notes)
+
+
+def _computed(scenario: Scenario) -> bool:
+    return scenario.control is None or scenario.control.type == "computed_torque"

@@ -1,0 +1,227 @@
+"""Integration of a scenario in pieces, between the times at which something sets in, jumps or ends.
+
+No step of an integrator crosses such a time, and none is missed.  Within a piece the trajectory is sampled at the nodes
+of a quadrature, too, which the energy balance takes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import EomgenError, IntegrationStopped
+from ..integration.contacts import Contact
+from ..integration.solve import integrate
+from ..integration.steps import Record, output_times
+from ..integration.trajectory import Trajectory
+from ..progress import Progress
+from ..robot.value import Robot
+from ..runtime.kernel import Kernel
+from ..scenario.value import Scenario
+from ..state.vectors import Prescribed
+from .balance import TERMS, EnergyBalance, with_nodes, works
+from .loads import loaded_parameters
+from .stream import MotionStream
+
+Array = NDArray[np.float64]
+Function = Callable[[float, Array, Array], Array]
+
+SHARPNESS = 1e-9  # of the duration: how far from a time that separates two pieces both are told apart
+MOST_KNOTS = 200  # of a table without jumps at which a piece ends; of more, some
+
+
+@dataclass(frozen=True)
+class Loads:
+    """What acts: drives and wrenches (t, q, v) -> (n,), (links, 6), and the motion of prescribed coordinates.
+
+    ends: times at which the drives' program may jump, s.
+    """
+
+    drive: Function
+    wrench: Function | None
+    prescribed: Prescribed | None
+    ends: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Found:
+    """A trajectory, its energy balance, and the wrenches, (T, links, 6), or None without any.
+
+    ``stop`` is why it ends before the duration does, if it does.
+    """
+
+    trajectory: Trajectory
+    balance: EnergyBalance
+    wrench: Array | None
+    stop: IntegrationStopped | None = None
+
+
+@dataclass(frozen=True)
+class _Between:
+    """A function of time and state that sees times between two bounds only, so that it does not see a jump there."""
+
+    function: Function
+    first: float
+    last: float
+    batched: bool = field(default=False)
+
+    def __call__(self, t: float, q: Array, v: Array) -> Array:
+        return self.function(min(max(t, self.first), self.last), q, v)
+
+
+def run_segments(
+    kernel: Kernel,
+    robot: Robot,
+    scenario: Scenario,
+    loads: Loads,
+    q: Array,
+    v: Array,
+    progress: Progress,
+    stream: MotionStream | None = None,
+) -> Found:
+    """Integrate from q and v at t = 0 to the scenario's duration, samples into the stream; errors as ``integrate``.
+
+    A motion that cannot go on is returned as far as whole output steps were reached; it is raised where there are none.
+    """
+    grid = output_times(scenario.duration, scenario.output_step)
+    record = None if stream is None else _recorder(kernel, loads, grid, stream)
+    if stream is not None:
+        stream.append(grid[:1], q[np.newaxis], v[np.newaxis])
+    pieces: list[dict[str, Array]] = []
+    done, method = np.zeros(len(TERMS)), ""
+    info: dict[str, float] = {}
+    energy: float | None = None
+    contacts: list[Contact] = []
+    stop: IntegrationStopped | None = None
+    for begin, end in pairwise(_bounds(scenario, loads, grid)):
+        kernel.parameters.update(loaded_parameters(robot, scenario, begin))
+        try:
+            piece, part, stop = _piece(kernel, scenario, loads, (q, v), (begin, end), grid, progress, record)
+        except EomgenError as error:
+            if stream is not None:
+                stream.flush()  # nothing is lost
+            if not (isinstance(error, IntegrationStopped) and pieces):
+                raise
+            stop = error
+            break
+        if energy is not None and scenario.payloads:
+            done[TERMS.index("payloads")] += float(kernel.energy(q, v).sum()) - energy
+        piece["work"] = np.concatenate([[done], done + np.cumsum(piece["work"], axis=0)])
+        done = piece["work"][-1].copy()
+        q, v, energy = part.q[-1].copy(), part.v[-1].copy(), float(part.energy[-1].sum())
+        keep = np.isin(piece["t"], grid)
+        keep[-1] &= end == scenario.duration or stop is not None  # else it is the first sample of the next piece
+        pieces.append({name: values[keep] for name, values in piece.items()})
+        info = {key: info.get(key, 0) + value for key, value in part.info.items()}
+        method = part.method
+        contacts += part.contacts
+        if stop is not None:
+            break
+    if stream is not None:
+        stream.flush()
+    whole: dict[str, Any] = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
+    work, wrench = whole.pop("work"), whole.pop("wrench", None)
+    about: dict[str, Any] = {"method": method, "info": info, "contacts": tuple(contacts)}
+    trajectory = Trajectory(**whole, coordinates=kernel.coordinates, **about)
+    return Found(trajectory, EnergyBalance(work, trajectory.energy), wrench, stop)
+
+
+def _recorder(kernel: Kernel, loads: Loads, grid: Array, stream: MotionStream) -> Record:
+    """Passes the samples of the grid on; those of prescribed coordinates as they are prescribed."""
+    given = [kernel.coordinates.index(name) for name in kernel.prescribed]
+
+    def record(times: Array, states: Array) -> None:
+        chosen = grid[np.minimum(np.searchsorted(grid, times), grid.size - 1)] == times
+        t, q, v = times[chosen], states[chosen, : kernel.n].copy(), states[chosen, kernel.n :].copy()
+        if loads.prescribed is not None:
+            for i, at in enumerate(t.tolist()):
+                q[i, given], v[i, given], _ = loads.prescribed(at)
+        if t.size:
+            stream.append(t, q, v)
+
+    return record
+
+
+def _piece(
+    kernel: Kernel,
+    scenario: Scenario,
+    loads: Loads,
+    state: tuple[Array, Array],
+    span: tuple[float, float],
+    grid: Array,
+    progress: Progress,
+    record: Record | None,
+) -> tuple[dict[str, Array], Trajectory, IntegrationStopped | None]:
+    """Samples at the ends of a piece and on the grid in between, work from each to the next, and what stopped it.
+
+    Raises:
+        IntegrationStopped: not even the first sample is there.
+    """
+    begin, end = span
+    edges = np.concatenate([[begin], grid[(grid > begin) & (grid < end)], [end]])
+    times = with_nodes(edges)
+    sharp = SHARPNESS * scenario.duration
+    bounds = (begin + sharp if begin > 0.0 else begin, end - sharp if end < scenario.duration else end)
+    drive = _Between(loads.drive, *bounds, batched=True)
+    wrench = None if loads.wrench is None else _Between(loads.wrench, *bounds)
+    how = scenario.integrator
+    stop: IntegrationStopped | None = None
+    try:
+        part = integrate(
+            kernel,
+            *state,
+            end,
+            drive=drive,
+            wrench=wrench,
+            prescribed=loads.prescribed,
+            method=how.method,
+            rtol=how.rtol,
+            atol=how.atol,
+            step=how.step,
+            times=times,
+            progress=lambda fraction, text: progress(fraction * end / scenario.duration, text),
+            record=record,
+        )
+    except IntegrationStopped as error:
+        if error.trajectory is None:
+            raise
+        stop, found = error, error.trajectory
+        reached = int((found.t == times[: found.t.size]).sum())  # the last good state comes behind them
+        edges = edges[: (reached - 1) // 4 + 1]
+        times = times[: 4 * (edges.size - 1) + 1]
+        rows = {name: getattr(found, name)[: times.size] for name in ("t", "q", "v", "u", "energy")}
+        part = replace(found, **rows)
+    wrenches = None
+    if wrench is not None:
+        wrenches = np.array([wrench(t, x, y) for t, x, y in zip(times.tolist(), part.q, part.v, strict=True)])
+    samples = {name: getattr(part, name)[::4] for name in ("t", "q", "v", "u", "energy")}
+    samples["t"] = edges
+    if wrenches is not None:
+        samples["wrench"] = wrenches[::4]
+    samples["work"] = works(kernel, times, part.q, part.v, part.u, wrenches)
+    return samples, part, stop
+
+
+def _bounds(scenario: Scenario, loads: Loads, grid: Array) -> list[float]:
+    """Times between the pieces, with 0 and the duration; those beside a time of the grid are put on it."""
+    inner = list(loads.ends)
+    spans = [(load.t0, load.t1) for load in scenario.wrenches] + [(load.t0, load.t1) for load in scenario.payloads]
+    inner += [t for span in spans for t in span if t is not None]
+    tables = [wrench.table for wrench in scenario.wrenches]
+    if scenario.control is not None and scenario.control.type == "torque":
+        tables.append(scenario.control.get("table"))
+    for table in tables:
+        thinned = 1 if table.hold else -(-table.t.size // MOST_KNOTS)
+        inner += table.t[::thinned].tolist()
+    bounds = [0.0]
+    for t in sorted(inner):
+        near = float(grid[np.abs(grid - t).argmin()])
+        t = near if abs(near - t) <= 10.0 * SHARPNESS * scenario.duration else t
+        if bounds[-1] + 10.0 * SHARPNESS * scenario.duration < t < scenario.duration:
+            bounds.append(t)
+    return [*bounds, scenario.duration]

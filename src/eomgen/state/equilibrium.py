@@ -1,0 +1,106 @@
+"""Static equilibrium of a compiled kernel's equations of motion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import ArrayError, IntegrationError, UnknownNameError
+from ..runtime.kernel import Kernel
+from .springs import coordinate_sizes
+from .vectors import Q_STEP, state_vector
+
+Array = NDArray[np.float64]
+
+
+def static_equilibrium(
+    kernel: Kernel,
+    q_guess: ArrayLike,
+    *,
+    u: ArrayLike | Callable[[Array], ArrayLike] | None = None,
+    held: Iterable[str] = (),
+    wrench: ArrayLike | None = None,
+) -> tuple[Array, Array]:
+    """The state of rest near a guess: springs, gravity, drives and wrenches in balance; Newton's method.
+
+    Args:
+        kernel: float64, with inverse_dynamics and mass_matrix.
+        q_guess: coordinates, (n,).
+        u: drives, (n,), N or N m, or a function of q, (n,) or (N, n), to the same shape; none if not given.
+        held: names of coordinates that stay at their guess, whatever drive that takes; prescribed ones do.
+        wrench: external wrenches, (links, 6).
+
+    Returns:
+        q, (n,), and the drives that hold it, (n,): u, and in held coordinates what is needed.
+
+    Raises:
+        IntegrationError: there is no such state near the guess: a coordinate that nothing holds is named.
+        UnknownNameError, ArrayError: a name or an array is wrong.
+        InputError: the robot has loops.
+    """
+    kernel.refuse_loops("static_equilibrium")
+    q = state_vector("q_guess", q_guess, kernel.coordinates)
+    constant = np.zeros(kernel.n) if u is None or callable(u) else state_vector("u", u, kernel.coordinates)
+    kept = known_coordinates(held, kernel) | set(kernel.prescribed)
+    free = np.array([name not in kept for name in kernel.coordinates])
+    zero = np.zeros(kernel.n)
+
+    def given(qs: Array) -> Array:
+        forces = np.asarray(u(qs), dtype=np.float64) if callable(u) else np.broadcast_to(constant, qs.shape)
+        if forces.shape != qs.shape:
+            raise ArrayError(f"u: expected forces of shape {qs.shape}, got shape {forces.shape}")
+        return forces
+
+    def needed(qs: Array) -> Array:
+        return np.asarray(kernel.inverse_dynamics(qs, zero, zero, wrench=wrench))
+
+    q = _newton(kernel, q, free, lambda qs: needed(qs) - given(qs))
+    return q, np.where(free, given(q), needed(q))
+
+
+def known_coordinates(names: Iterable[str], kernel: Kernel) -> set[str]:
+    """The names of held coordinates, once each; UnknownNameError if one is none."""
+    known = set(names)
+    for name in known:
+        if name not in kernel.coordinates:
+            raise UnknownNameError(f"held: {name!r} is unknown; known: {', '.join(kernel.coordinates)}")
+    return known
+
+
+def _newton(kernel: Kernel, q: Array, free: NDArray[np.bool_], residual: Callable[[Array], Array]) -> Array:
+    """Root of the residual's free rows in the free coordinates; scaled by sizes, with backtracking."""
+    size = coordinate_sizes(kernel, q)[0][free]
+    inertia = np.maximum(np.diagonal(kernel.mass_matrix(q))[free], 1e-12)
+    index = np.flatnonzero(free)
+    if not index.size:
+        return q
+    for _ in range(60):
+        states = np.tile(q, (index.size + 1, 1))
+        states[np.arange(1, index.size + 1), index] += Q_STEP
+        r = residual(states)[:, free] / inertia  # as accelerations
+        slopes = (r[1:] - r[0]).T / Q_STEP * size
+        _refuse_singular(slopes, [kernel.coordinates[i] for i in index], kernel.name)
+        change = -np.linalg.solve(slopes, r[0]) * size
+        change *= min(1.0, 0.5 / np.abs(change).max(initial=0.0)) if change.any() else 1.0
+        for factor in 0.5 ** np.arange(12):
+            trial = q.copy()
+            trial[free] += factor * change
+            if np.linalg.norm(residual(trial)[free] / inertia) <= (1.0 - 1e-4 * factor) * np.linalg.norm(r[0]):
+                break
+        q = trial
+        # the slopes are good to 1e-7: what is left is round-off, of springs between points that of q itself
+        if (np.abs(change) <= 1e-9 * size + 1e-13 * np.abs(q[free])).all():
+            return q
+    worst = kernel.coordinates[index[int(np.argmax(np.abs(r[0])))]]
+    raise IntegrationError(f"{kernel.name}: no static equilibrium near the guess; {worst} stays out of balance")
+
+
+def _refuse_singular(slopes: Array, names: list[str], robot: str) -> None:
+    _, values, directions = np.linalg.svd(slopes)
+    if values[-1] <= 1e-12 * values[0]:
+        loose = names[int(np.argmax(np.abs(directions[-1])))]
+        raise IntegrationError(
+            f"{robot}: no static equilibrium: nothing holds {loose}; give it a stiffness or a drive, or list it in held"
+        )

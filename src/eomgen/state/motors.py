@@ -1,0 +1,33 @@
+"""Motors of a kernel and the joints behind them: angles, and what their transmissions act on."""
+
+from __future__ import annotations
+
+from collections.abc import Container
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..runtime.kernel import Kernel
+
+Array = NDArray[np.float64]
+
+
+def shafts(kernel: Kernel) -> dict[str, str]:
+    """Names of the motors by the names of the principal coordinates that they drive."""
+    return {principal: motor for motor, principal in kernel.motors.items()}
+
+
+def deflections(kernel: Kernel) -> Array:
+    """What each coordinate's own law acts on, per coordinate: itself, or a transmission's deflection; (n, n)."""
+    rows = np.eye(kernel.n)
+    for motor, principal in kernel.motors.items():
+        m, p = kernel.coordinates.index(motor), kernel.coordinates.index(principal)
+        rows[m, m], rows[m, p] = 1.0 / kernel.ratio(motor), -1.0
+    return rows
+
+
+def turn_motors(kernel: Kernel, x: Array, given: Container[str]) -> None:
+    """Let motors that are not given turn with their joints, in coordinates or rates x, (n,)."""
+    for motor, principal in kernel.motors.items():
+        if motor not in given:
+            x[kernel.coordinates.index(motor)] = kernel.ratio(motor) * x[kernel.coordinates.index(principal)]

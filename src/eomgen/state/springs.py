@@ -1,0 +1,68 @@
+"""Stiffness of coordinates, springs and transmissions as a kernel has it now, and the sizes that follow from it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..runtime.kernel import Kernel
+from .motors import deflections
+
+Array = NDArray[np.float64]
+
+REFERENCE_ACCELERATION = 10.0  # m/s^2, rad/s^2: about 1 g; what it does to a spring is the size of its deviation
+
+
+def stiffnesses(kernel: Kernel) -> Array:
+    """Stiffness of every coordinate as the kernel has it now, (n,), N/m or N m/rad; 0 where there is no spring.
+
+    Of two sides the stiffer one, of a clearance that of its end, of a curve that of its steepest piece.  A transmission
+    holds its motor with stiffness / ratio^2 and its joint with the stiffness, each as if the other stood still.
+    """
+    return np.array(np.diagonal(stiffness_matrix(kernel)))
+
+
+def stiffness_matrix(kernel: Kernel) -> Array:
+    """``stiffnesses`` with what transmissions have beside the diagonal, (n, n)."""
+    rows = deflections(kernel)
+    return np.asarray(rows.T @ (_own_stiffnesses(kernel)[:, None] * rows))
+
+
+def _own_stiffnesses(kernel: Kernel) -> Array:
+    """Stiffness of every coordinate's own table, (n,); of a motor's that of its transmission."""
+    found = np.maximum(coordinate_numbers(kernel, "stiffness"), coordinate_numbers(kernel, "stiffness_negative"))
+    for i, coordinate in enumerate(kernel.coordinates):
+        if coordinate in kernel.knots:
+            knots = kernel.knots[coordinate]
+            forces = [kernel.parameters[f"joints.{coordinate}.curve.{j}"] for j in range(len(knots))]
+            found[i] = max(0.0, float(np.max(np.diff(forces) / np.diff(knots))))
+    return found
+
+
+def line_rates(kernel: Kernel, q: Array) -> tuple[Array, Array]:
+    """Stiffness and damping by springs between points at q, (n, n) each; cables count as taut."""
+    if not kernel.springs:
+        return np.zeros((kernel.n, kernel.n)), np.zeros((kernel.n, kernel.n))
+    arms = kernel.spring_jacobian(q)
+    damping = np.array([kernel.parameters.get(f"springs.{name}.damping", 0.0) for name in kernel.springs])
+    return np.asarray(kernel.spring_stiffness(q)), np.asarray(arms.T @ (damping[:, None] * arms))
+
+
+def coordinate_numbers(kernel: Kernel, key: str) -> Array:
+    """A parameter of every coordinate, such as "damping", (n,); 0 where there is none."""
+    names = (f"joints.{coordinate}.{key}" for coordinate in kernel.coordinates)
+    return np.array([kernel.parameters.get(name, 0.0) for name in names])
+
+
+def coordinate_sizes(kernel: Kernel, q: Array) -> tuple[Array, Array]:
+    """Sizes of coordinates and rates that tolerances refer to, (n,) each; m, rad, s.
+
+    A coordinate with stiffness k, its own and that of springs between points, and inertia m, the diagonal entry of
+    M(q), has w^2 = k / m; at 10 m/s^2 or rad/s^2 it gives way by 10 / w^2, often micrometres, and swings with rates of
+    10 / w.  Without a spring, or with a soft one, the size is 1.
+    """
+    stiffness = stiffnesses(kernel) + np.diagonal(line_rates(kernel, q)[0])
+    inertia = np.diagonal(kernel.mass_matrix(q))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        period = np.where((stiffness > 0.0) & (inertia > 0.0), np.sqrt(inertia / stiffness), np.inf)
+    return np.minimum(1.0, REFERENCE_ACCELERATION * period**2), np.minimum(1.0, REFERENCE_ACCELERATION * period)

@@ -1,0 +1,47 @@
+"""TODO."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import ArrayError
+
+Array = NDArray[np.float64]
+
+
+RANK = 1e-7  # singular values below this part of the greatest one belong to redundant constraints
+
+
+Drive = Callable[[float, Array, Array], ArrayLike]
+
+
+Wrench = Callable[[float, Array, Array], ArrayLike]
+
+
+Prescribed = Callable[[float], tuple[ArrayLike, ArrayLike, ArrayLike]]
+
+
+Q_STEP, V_STEP = 1e-7, 1e-6  # finite differences: small beside 1 rad, 1e9 times the round-off of a force
+
+
+def state_vector(label: str, value: ArrayLike, coordinates: tuple[str, ...]) -> Array:
+    """The value as a vector of one finite number per coordinate, a copy.
+
+    Raises:
+        ArrayError: it is none; the message begins with the label.
+    """
+    n = len(coordinates)
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ArrayError(f"{label}: expected {n} numbers, got {type(value).__name__} ({error})") from None
+    if array.shape != (n,):
+        raise ArrayError(f"{label}: expected float64 of shape ({n},), got shape {array.shape}")
+    bad = np.flatnonzero(~np.isfinite(array))
+    if bad.size:
+        name = coordinates[bad[0]]
+        raise ArrayError(f"{label}: {name} is {array[bad[0]]}; numbers must be finite", name)
+    return array

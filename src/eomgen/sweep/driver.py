@@ -1,0 +1,316 @@
+"""Sweeps: one scenario of one robot for many values of their numbers, on all cores or many machines.
+
+    plan, robot, scenario -> Job          what every sample has in common, checked; it travels by content
+    plan                  -> Design       the numbers of sample i, from i alone
+    Job, numbers          -> rows         in threads here, or by any executor of concurrent.futures
+    rows                  -> SweepResult  placed by index, so that nothing depends on who did what when
+
+docs/sweep.md says what plans are made of.
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .._version import __version__
+from ..errors import EomgenError, InputError
+from ..forms.toml_text import parse_toml
+from ..names import show
+from ..progress import Progress, no_progress
+from ..robot.model import refuse_loops, tool_of
+from ..robot.parameter_names import expand_tunable
+from ..robot.value import Robot
+from ..scenario.load import read_scenario, scenario_from_values
+from ..scenario.value import Scenario
+from ..simulation.initial import initial_state
+from .design import Design
+from .job import Dimension, Job, Row, Workshop, look
+from .measures import check_record
+from .pace import PERIOD, choose_pace, why_not
+from .plan import Distribution, Plan, load_plan, plan_from_toml
+from .result import SweepResult
+from .shipping import Builds, Content, builds_of, check_same, lacks, pack, source_keys, unpack
+from .store import SweepStore, opened
+
+CHUNK = 16  # samples that are done together
+FIRST, AHEAD = 8, 512  # chunks that wait at an executor: at first, at most
+
+__all__ = ["SweepResult", "load_plan", "plan_from_toml", "run"]
+
+
+def run(
+    robot: Robot,
+    scenario: str | Path | Mapping[str, Any],
+    plan: Plan,
+    output: Path | str,
+    *,
+    threads: int | None = None,
+    executor: Executor | None = None,
+    progress: Progress | None = None,
+) -> SweepResult:
+    """Do all samples of a plan that the output folder does not have yet.
+
+    Args:
+        robot: without loops.
+        scenario: built-in name or path of a .toml file, or the values of one.
+        plan: from ``load_plan``.
+        output: a new folder, or that of the same sweep, which goes on where it ended.
+        threads: of this process; default: one per core.
+        executor: of ``concurrent.futures`` (processes, Dask's ``client.get_executor()``, MPI's, joblib's loky) instead
+            of threads; its workers have eomgen of the same version and a C compiler.
+        progress: called with a fraction from 0 to 1 and a line of text with rate and time left.
+
+    Raises:
+        InputError: plan, scenario and robot do not fit, or the folder is of something else.  Samples that fail do not
+            raise; their rows have the error.
+    """
+    if threads is not None and executor is not None:
+        raise InputError("threads and executor are both given; allowed: one of them")
+    if threads is not None and (isinstance(threads, bool) or not isinstance(threads, int) or threads < 1):
+        raise InputError(f"threads: {threads!r} is not a number of threads; a whole number from 1 on is allowed")
+    report: Progress = progress or no_progress
+    report(0.0, "preparing")
+    job, design, notes = prepare(robot, scenario, plan)
+    manifest = {"key": job.key, "eomgen": __version__, **_about(job, design, notes)}
+    with opened(Path(output), manifest) as store:
+        missing = [i for i in range(len(design)) if i not in store.rows]
+        if executor is not None:
+            source = _by_executor(job, design, missing, executor)
+        else:
+            source = _by_threads(job, design, missing, threads or os.cpu_count() or 1)
+        _collect(store, source, len(missing), report)
+    return SweepResult.load(output)
+
+
+def prepare(robot: Robot, scenario: str | Path | Mapping[str, Any], plan: Plan) -> tuple[Job, Design, tuple[str, ...]]:
+    """Check a plan against robot and scenario: the job, its samples, and notes about how it is done."""
+    refuse_loops(robot)
+    if isinstance(scenario, Mapping):
+        values, source, folder = dict(scenario), "scenario", Path()
+    else:
+        text, source, folder = read_scenario(scenario)
+        values = dict(parse_toml(text, source))
+    base = scenario_from_values(values, source=source, folder=folder)
+    pairs = _dimensions(robot, values, base, plan)
+    names = tuple(dimension.name for dimension, _ in pairs if dimension.kind == "parameter")
+    swept = replace(robot, tunable=tuple(dict.fromkeys((*robot.tunable, *names))))
+    tool = tool_of(robot, base.frame, base.label("frame"))
+    reason = why_not(robot)
+    if reason and plan.engine.type == "rollout":
+        plan.fail("engine.type", f'"rollout": {reason}; allowed: "auto", "integrate"')
+    rolls = plan.engine.type != "integrate" and not reason
+    dimensions = tuple(dimension for dimension, _ in pairs)
+    pace = (plan.engine.method, PERIOD, PERIOD) if rolls else None
+    job = Job(swept, values, source, folder.resolve(), plan, dimensions, tool, pace)
+    shop = Workshop(job)
+    _, setup = shop.nominal(())
+    check_record(plan, base, setup.program is not None, rolls)
+    job = replace(job, dimensions=tuple(_scaled(plan, values, setup.kernel.parameters, x) for x in pairs))
+    if rolls:
+        q, _, _ = initial_state(swept, base, setup)
+        chosen = choose_pace(setup, q, base.duration, plan.engine.method, plan.engine.step, plan.engine.period)
+        job = replace(job, pace=(chosen.method, chosen.step, base.duration / chosen.periods))
+    nominal = replace(job, dimensions=())
+    outcome = Workshop(nominal).outcomes([()])[0]
+    if isinstance(outcome, EomgenError):
+        raise outcome
+    job, nominal = replace(job, columns=outcome[0]), replace(nominal, columns=outcome[0])
+    design = Design([entry for _, entry in pairs], plan.samples, plan.seed, plan.design)
+    return job, design, (*_notes(nominal, outcome[1], reason),)
+
+
+def _dimensions(
+    robot: Robot, values: Mapping[str, Any], scenario: Scenario, plan: Plan
+) -> list[tuple[Dimension, Distribution]]:
+    """The numbers that change, each with its distribution; a pattern stands for all that it means."""
+    found: list[tuple[Dimension, Distribution]] = []
+    carrying = {load.link for load in scenario.payloads}
+    for i, entry in enumerate(plan.vary):
+        unit = 1.0 if entry.relative else None
+        if entry.scenario is not None:
+            try:
+                look(values, entry.scenario)
+            except InputError as error:
+                plan.fail(f"vary[{i}].scenario", str(error))
+            found.append((Dimension("scenario", entry.scenario, unit), entry.distribution))
+            continue
+        try:
+            names = expand_tunable(robot, [entry.parameter or ""])
+        except InputError as error:
+            plan.fail(f"vary[{i}].parameter", getattr(error, "message", str(error)))
+        for name in names:
+            if name.startswith("links.") and name.split(".")[1] in carrying:
+                plan.fail(
+                    f"vary[{i}].parameter",
+                    f"{name}: the scenario has a payload on this link; allowed: others, or payloads.0.mass as scenario",
+                )
+            found.append((Dimension("parameter", name, unit), entry.distribution))
+    twins = [name for name, many in _counts(x.name for x, _ in found).items() if many > 1]
+    if twins:
+        plan.fail("vary", f"{twins[0]} is varied by more than one entry; allowed: by one")
+    return found
+
+
+def _counts(names: Iterator[str]) -> dict[str, int]:
+    found: dict[str, int] = {}
+    for name in names:
+        found[name] = found.get(name, 0) + 1
+    return found
+
+
+def _scaled(
+    plan: Plan, values: Mapping[str, Any], parameters: Mapping[str, float], pair: tuple[Dimension, Distribution]
+) -> Dimension:
+    """The dimension with what its relative numbers are multiples of."""
+    dimension, _ = pair
+    if dimension.unit is None:
+        return dimension
+    given = parameters[dimension.name] if dimension.kind == "parameter" else look(values, dimension.name)
+    if isinstance(given, bool) or not isinstance(given, (int, float)) or given == 0:
+        plan.fail(
+            "vary",
+            f"{dimension.name} is {show(given)}, and relative numbers are multiples of it; allowed: not relative",
+        )
+    return replace(dimension, unit=float(given))
+
+
+def _notes(nominal: Job, record: np.ndarray[Any, Any], reason: str | None) -> list[str]:
+    """How samples are integrated, and what steps of half the length change in the nominal one."""
+    if nominal.pace is None:
+        return [
+            "each sample by the integrator of the scenario" + (f", because rollouts cannot: {reason}" if reason else "")
+        ]
+    method, step, period = nominal.pace
+    text = f"rollouts in C: {method} steps of {step:.3g} s, drives held for {period:.3g} s"
+    outcome = Workshop(nominal).outcomes([()], finer=2)[0]
+    if isinstance(outcome, EomgenError):
+        return [text]
+    wanted = [i for i, column in enumerate(nominal.columns) if column.name.startswith("tool_deviation")] or [0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        change = np.nanmax(np.abs(outcome[1] / record - 1.0)[wanted], initial=0.0)
+    return [
+        text,
+        f"half of both changes {nominal.columns[wanted[0]].name} of the nominal robot by {change:.2g} of it",
+    ]
+
+
+def _about(job: Job, design: Design, notes: Sequence[str]) -> dict[str, Any]:
+    return {
+        "robot": job.robot.name,
+        "tool": job.tool,
+        "samples": len(design),
+        "seed": job.plan.seed,
+        "design": job.plan.design,
+        "varied": [{"kind": x.kind, "name": x.name, "relative_to": x.unit} for x in job.dimensions],
+        "columns": [{"name": x.name, "unit": x.unit} for x in job.columns],
+        "scenario": job.values,
+        "notes": list(notes),
+    }
+
+
+def _chunks(indices: Sequence[int], design: Design) -> Iterator[tuple[list[int], list[tuple[float, ...]]]]:
+    for first in range(0, len(indices), CHUNK):
+        chosen = list(indices[first : first + CHUNK])
+        yield chosen, [design.values(i) for i in chosen]
+
+
+def _by_threads(job: Job, design: Design, missing: Sequence[int], threads: int) -> Iterator[list[Row]]:
+    shop, chunks = Workshop(job), _chunks(missing, design)
+    pool = ThreadPoolExecutor(threads, "eomgen-sweep")
+    waiting: set[Future[list[Row]]] = set()
+    try:
+        while True:
+            waiting |= {
+                pool.submit(shop.rows, *chunk) for chunk in itertools.islice(chunks, 2 * threads - len(waiting))
+            }
+            if not waiting:
+                return
+            finished, waiting = wait(waiting, return_when=FIRST_COMPLETED)
+            for future in finished:
+                yield future.result()
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _by_executor(job: Job, design: Design, missing: Sequence[int], executor: Executor) -> Iterator[list[Row]]:
+    """Work at an executor; a worker that lacks the kernels says so once, and gets them with its next chunk."""
+    builds = builds_of(job.robot, job.scenario(), job.kernels(job.scenario()))
+    parcel = Parcel(job, builds, source_keys(builds))
+    content: Content | None = None
+    chunks, done = _chunks(missing, design), 0
+    waiting: set[Future[Any]] = set()
+    try:
+        while True:
+            # few at first, so that what is sent with a worker's first chunk is not sent with hundreds
+            fresh = itertools.islice(chunks, max(0, min(AHEAD, FIRST + done) - len(waiting)))
+            waiting |= {executor.submit(work, parcel, None, *chunk) for chunk in fresh}
+            if not waiting:
+                return
+            finished, waiting = wait(waiting, return_when=FIRST_COMPLETED)
+            for future in finished:
+                outcome = future.result()
+                if isinstance(outcome, Lacking):
+                    content = content or pack(builds)
+                    waiting.add(executor.submit(work, parcel, content, outcome.indices, outcome.samples))
+                else:
+                    done += 1
+                    yield outcome
+    finally:
+        for future in waiting:
+            future.cancel()
+
+
+class Parcel:
+    """A job for workers, with what it builds."""
+
+    def __init__(self, job: Job, builds: Builds, keys: tuple[str, ...]) -> None:
+        self.job, self.builds, self.keys = job, builds, keys
+
+
+class Lacking:
+    """What a worker answers that has no kernel for the samples."""
+
+    def __init__(self, indices: list[int], samples: list[tuple[float, ...]]) -> None:
+        self.indices, self.samples = indices, samples
+
+
+_shops: dict[str, Workshop] = {}
+
+
+def work(
+    parcel: Parcel, content: Content | None, indices: list[int], samples: list[tuple[float, ...]]
+) -> list[Row] | Lacking:
+    """Rows of samples in a worker's process."""
+    key = parcel.job.key
+    if key not in _shops:
+        if lacks(parcel.keys):
+            if content is None:
+                check_same(parcel.builds, parcel.keys)
+                return Lacking(indices, samples)
+            unpack(content, parcel.builds, parcel.keys)
+        _shops.clear()  # of an earlier sweep
+        _shops[key] = Workshop(parcel.job)
+    return _shops[key].rows(indices, samples)
+
+
+def _collect(store: SweepStore, source: Iterator[list[Row]], missing: int, report: Progress) -> None:
+    """Append rows as they come; what has come is kept whatever ends the work."""
+    done, failed, began = 0, 0, time.monotonic()
+    had = len(store.rows)
+    report(had / max(had + missing, 1), f"{had} samples are there, {missing} to do")
+    for rows in source:
+        store.append(rows)
+        done, failed = done + len(rows), failed + sum(bool(row.error) for row in rows)
+        rate = done / max(time.monotonic() - began, 1e-9)
+        left = (missing - done) / rate
+        text = f"{had + done} of {had + missing} samples, {rate:.3g} per s, {left:.0f} s left"
+        report((had + done) / (had + missing), text + (f", {failed} failed" if failed else ""))

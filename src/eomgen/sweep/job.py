@@ -1,0 +1,278 @@
+"""One sweep as a value that travels: what a sample of given numbers yields, on whichever machine."""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import json
+import threading
+from collections import OrderedDict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import EomgenError, InputError
+from ..names import listed, nearest, show
+from ..progress import no_progress
+from ..robot.model import tool_of
+from ..robot.value import Robot
+from ..scenario.load import scenario_from_values
+from ..scenario.value import Scenario
+from ..simulation.assembly import Setup, kernels_of, set_up, with_kernel
+from ..simulation.result import SimulationResult
+from ..simulation.run import run_setup
+from .measures import NEEDS, Column, measure, rigid_pose
+from .pace import Pace, Rolled, roll
+from .plan import Plan
+
+Array = NDArray[np.float64]
+
+KEPT = 64  # setups that a process remembers, one for each scenario
+
+
+@dataclass(frozen=True)
+class Dimension:
+    """A number that changes: its name, and where it is: "parameter" or "scenario"; ``unit`` of relative numbers."""
+
+    kind: str
+    name: str
+    unit: float | None = None
+
+
+@dataclass(frozen=True)
+class Job:
+    """What is the same for all samples.
+
+    robot: with all parameters that change among its ``tunable``.  values: of the scenario's TOML file, ``source`` and
+    ``folder`` as ``scenario_from_values`` takes them.  pace: of rollouts, None where samples are integrated one by
+    one.  columns: what a sample yields.
+    """
+
+    robot: Robot
+    values: Mapping[str, Any]
+    source: str
+    folder: Path
+    plan: Plan
+    dimensions: tuple[Dimension, ...]
+    tool: str
+    pace: tuple[str, float, float] | None  # method, step, period
+    columns: tuple[Column, ...] = ()
+
+    @property
+    def key(self) -> str:
+        """Hash of everything that the numbers depend on."""
+        from ..robot.record import robot_hash
+
+        plan = str(replace(self.plan, source=""))
+        parts = (robot_hash(self.robot), self.values, plan, str(self.dimensions), self.tool, self.pace)
+        return hashlib.sha256(json.dumps([*parts, file_hashes(self)], sort_keys=True).encode()).hexdigest()
+
+    def kernels(self, scenario: Scenario) -> tuple[str, ...]:
+        """Names of the kernels that its robot is built with."""
+        further = [name for wanted in self.plan.record for name in NEEDS.get(wanted, ())]
+        if self.pace is not None:
+            further.append("rollout")
+        return tuple(dict.fromkeys((*kernels_of(self.robot, scenario), *further)))
+
+    def scenario(self, sample: Sequence[float] = ()) -> Scenario:
+        """The scenario of a sample's numbers; DescriptionError where it does not allow one of them."""
+        return scenario_from_values(self.scenario_values(sample), source=self.source, folder=self.folder)
+
+    def scenario_values(self, sample: Sequence[float]) -> dict[str, Any]:
+        """The TOML file's values with a sample's numbers in their places."""
+        values = copy.deepcopy(dict(self.values))
+        for dimension, number in zip(self.dimensions, sample, strict=False):
+            if dimension.kind == "scenario":
+                put(values, dimension.name, number if dimension.unit is None else number * dimension.unit)
+        return values
+
+    def parameters(self, sample: Sequence[float]) -> dict[str, float]:
+        """Parameters of the kernel by name."""
+        return {
+            dimension.name: number if dimension.unit is None else number * dimension.unit
+            for dimension, number in zip(self.dimensions, sample, strict=True)
+            if dimension.kind == "parameter"
+        }
+
+
+def put(values: dict[str, Any], path: str, number: float) -> None:
+    """Put a number where a dotted path leads; UnknownNameError says where it ends."""
+    place, key = _place(values, path)
+    place[key] = number
+
+
+def look(values: Mapping[str, Any], path: str) -> Any:
+    """What is where a dotted path leads; None where a table has no such key yet."""
+    place, key = _place(values, path)
+    return place.get(key) if isinstance(place, dict) else place[key]
+
+
+def _place(values: Any, path: str) -> tuple[Any, Any]:
+    here: Any = values
+    parts = path.split(".")
+    for i, part in enumerate(parts):
+        if isinstance(here, list):
+            if not part.isdecimal() or int(part) >= len(here):
+                raise InputError(f"{show(path)}: {'.'.join(parts[:i])} has entries 0 to {len(here) - 1}")
+            key: Any = int(part)
+        elif isinstance(here, dict):
+            key = part
+            if part not in here and i < len(parts) - 1:
+                known = listed(here)
+                raise InputError(f"{show(path)}: there is no {show(part)}{nearest(part, here)}; known: {known}")
+        else:
+            raise InputError(f"{show(path)}: {'.'.join(parts[:i])} is {show(here)}, which has no parts")
+        if i == len(parts) - 1:
+            return here, key
+        here = here[key]
+    raise InputError(f"{show(path)}: is empty")
+
+
+def file_hashes(job: Job) -> dict[str, str]:
+    """Hash of every file that the scenario names, by its name."""
+    found: dict[str, str] = {}
+
+    def walk(value: Any) -> None:
+        if isinstance(value, Mapping):
+            if isinstance(value.get("file"), str) and (job.folder / value["file"]).is_file():
+                found[value["file"]] = hashlib.sha256((job.folder / value["file"]).read_bytes()).hexdigest()
+            for item in value.values():
+                walk(item)
+        elif isinstance(value, list):
+            for item in value:
+                walk(item)
+
+    walk(job.values)
+    return found
+
+
+@dataclass(frozen=True)
+class Row:
+    """What became of sample ``index`` with its numbers: what was recorded, or an error."""
+
+    index: int
+    sample: tuple[float, ...]
+    record: tuple[float, ...] = ()
+    error: str = ""
+
+
+class Workshop:
+    """Setups of a job by scenario, made once and shared by the threads of a process."""
+
+    def __init__(self, job: Job) -> None:
+        self.job = job
+        self._lock = threading.Lock()
+        self._setups: OrderedDict[str, tuple[Scenario, Setup]] = OrderedDict()
+
+    def nominal(self, sample: Sequence[float]) -> tuple[Scenario, Setup]:
+        """Scenario and setup of a sample's scenario with the robot's own parameters."""
+        key = json.dumps(self.job.scenario_values(sample), sort_keys=True)
+        with self._lock:
+            if key in self._setups:
+                self._setups.move_to_end(key)
+                return self._setups[key]
+            scenario = self.job.scenario(sample)
+            kernels = self.job.kernels(scenario)
+            found = scenario, set_up(self.job.robot, scenario, self.job.tool, no_progress, kernels)
+            self._setups[key] = found
+            if len(self._setups) > KEPT:
+                self._setups.popitem(last=False)
+            return found
+
+    def rows(self, indices: Sequence[int], samples: Sequence[Sequence[float]]) -> list[Row]:
+        """The rows of samples, in their order; those of one scenario are done together."""
+        groups: dict[str, list[int]] = {}
+        for i, sample in enumerate(samples):
+            groups.setdefault(json.dumps(self.job.scenario_values(sample), sort_keys=True), []).append(i)
+        found: dict[int, Row] = {}
+        for places in groups.values():
+            outcomes = self.outcomes([samples[i] for i in places])
+            for i, outcome in zip(places, outcomes, strict=True):
+                sample = tuple(samples[i])
+                if isinstance(outcome, EomgenError):
+                    found[i] = Row(indices[i], sample, error=f"{type(outcome).__name__}: {outcome}")
+                else:
+                    found[i] = Row(indices[i], sample, tuple(outcome[1].tolist()))
+        return [found[i] for i in range(len(samples))]
+
+    def outcomes(
+        self, samples: Sequence[Sequence[float]], finer: int = 1
+    ) -> list[tuple[tuple[Column, ...], Array] | EomgenError]:
+        """Columns and numbers of samples of one scenario, or why there are none; ``finer`` divides step and period."""
+        try:
+            scenario, nominal = self.nominal(samples[0])
+        except EomgenError as error:
+            return [error] * len(samples)
+        made: list[Setup | EomgenError] = []
+        for sample in samples:
+            try:
+                kernel = nominal.kernel.with_parameters(self.job.parameters(sample))
+                made.append(with_kernel(nominal, self.job.robot, scenario, kernel))
+            except EomgenError as error:
+                made.append(error)
+        setups = [item for item in made if isinstance(item, Setup)]
+        motions = iter(self._motions(scenario, nominal, setups, finer))
+        found: list[tuple[tuple[Column, ...], Array] | EomgenError] = []
+        for item in made:
+            motion = next(motions) if isinstance(item, Setup) else item
+            if isinstance(motion, EomgenError) or isinstance(item, EomgenError):
+                found.append(motion if isinstance(motion, EomgenError) else InputError("no motion"))
+                continue
+            try:
+                found.append(measure(motion, item, self.job.plan.record))
+            except EomgenError as error:
+                found.append(error)
+        return found
+
+    def _motions(
+        self, scenario: Scenario, nominal: Setup, setups: list[Setup], finer: int
+    ) -> list[SimulationResult | EomgenError]:
+        job = self.job
+        found: list[SimulationResult | EomgenError] = []
+        if job.pace is not None and setups:
+            method, step, period = job.pace
+            periods = max(1, int(np.ceil(scenario.duration / period - 1e-9)))
+            steps = max(1, int(np.ceil(scenario.duration / periods / step - 1e-9)))
+            pace = Pace(method, finer * periods, steps, scenario.duration)
+            balance = "energy_residue" in job.plan.record
+            rolled = roll(job.robot, scenario, setups, pace, balance=balance)
+            for setup, motion in zip(setups, rolled, strict=True):
+                found.append(motion if isinstance(motion, EomgenError) else _result(job, setup, nominal, motion))
+            return found
+        for setup in setups:
+            try:
+                result = run_setup(job.robot, scenario, setup, job.tool, no_progress)
+                found.append(replace(result, program_pose=rigid_pose(nominal.kernel, result)))
+            except EomgenError as error:
+                found.append(error)
+        return found
+
+
+def _result(job: Job, setup: Setup, nominal: Setup, motion: Rolled) -> SimulationResult:
+    q, t = motion.trajectory.q, motion.trajectory.t
+    driven = [setup.kernel.coordinates.index(name) for name in setup.driven]
+    result = SimulationResult(
+        job.robot.name,
+        motion.trajectory,
+        setup.driven,
+        q[:, driven] if setup.program is None else setup.program.at(t)[0],
+        job.tool,
+        np.asarray(setup.kernel.frame_pose(q, job.tool)),
+        np.empty((0, 4, 4)),
+        (),
+        MappingProxyType({}),
+        setup.program is not None,
+        setup.kernel.prescribed,
+        links=setup.kernel.links,
+        wrench=motion.wrench,
+        balance=motion.balance,
+    )
+    return replace(result, program_pose=rigid_pose(nominal.kernel, result))
+
+
+__all__ = ["Dimension", "Job", "Row", "Workshop", "look", "put", "tool_of"]

@@ -1,0 +1,149 @@
+"""What a sweep records of a sample's motion, by name and in the order of columns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..robot.coordinates import index_of, unit_of
+from ..runtime.kernel import Kernel
+from ..scenario.value import Scenario
+from ..simulation.assembly import Setup
+from ..simulation.result import SimulationResult
+from ..state.motors import shafts
+from .plan import Plan
+
+Array = NDArray[np.float64]
+
+NEEDS = {"reaction_max": ("reactions",)}  # kernels beside those of a simulation
+PARTS = (("linear", "m"), ("angular", "rad"))
+
+
+@dataclass(frozen=True)
+class Column:
+    """A recorded number: its name, such as "drive_max.joint1.gamma", and its unit."""
+
+    name: str
+    unit: str
+
+
+def check_record(plan: Plan, scenario: Scenario, programmed: bool, rolls: bool) -> None:
+    """DescriptionError of the plan where something to record has no meaning in the scenario."""
+    if "tracking_max" in plan.record and not programmed:
+        plan.fail("record", "tracking_max: nothing is programmed; allowed: with a motion, pd or computed_torque")
+    if "reaction_max" in plan.record and scenario.payloads:
+        plan.fail("record", "reaction_max: the scenario has payloads, whose masses change; allowed: without them")
+
+    if "energy_residue" in plan.record and scenario.payloads and rolls:
+        plan.fail("record", 'energy_residue: rollouts do not balance payloads; allowed: engine.type = "integrate"')
+
+
+def measure(result: SimulationResult, setup: Setup, names: Sequence[str]) -> tuple[tuple[Column, ...], Array]:
+    """Columns and numbers of a motion."""
+    found: list[tuple[str, str, float]] = []
+    for name in names:
+        found += _READERS[name](name, result, setup)
+    return tuple(Column(name, unit) for name, unit, _ in found), np.array([value for _, _, value in found])
+
+
+Found = list[tuple[str, str, float]]
+
+
+def _tool(name: str, result: SimulationResult, _: Setup) -> Found:
+    distance = np.linalg.norm(result.tool_deviation, axis=1)
+    kind = name.rpartition("_")[2]
+    value = {"max": distance.max(), "rms": _rms(distance), "end": distance[-1]}[kind]
+    return [(name, "m", float(value))]
+
+
+def _rms(values: Array) -> float:
+    """Root mean square over equal distances in time."""
+    return float(np.sqrt((values**2).mean()))
+
+
+def _rotation(name: str, result: SimulationResult, _: Setup) -> Found:
+    return [(name, "rad", float(result.tool_rotation.max()))]
+
+
+def _drives(name: str, result: SimulationResult, setup: Setup) -> Found:
+    motion, found = result.trajectory, []
+    motors = shafts(setup.kernel)
+    for coordinate in (motors.get(x, x) for x in setup.driven):
+        u = motion.u[:, motion.coordinates.index(coordinate)]
+        value = np.abs(u).max() if name == "drive_max" else _rms(u)
+        found.append((f"{name}.{coordinate}", "N" if unit_of(coordinate) == "m" else "N m", float(value)))
+    return found
+
+
+def _tracking(name: str, result: SimulationResult, _: Setup) -> Found:
+    largest = np.abs(result.tracking_error).max(axis=0)
+    return [(f"{name}.{x}", unit_of(x), float(e)) for x, e in zip(result.program_coordinates, largest, strict=True)]
+
+
+def _deviations(name: str, result: SimulationResult, _: Setup) -> Found:
+    """Per joint the largest linear and the largest angular deviation."""
+    found: dict[tuple[str, str], float] = {}
+    largest = np.abs(result.deviations).max(axis=0)
+    for coordinate, value in zip(result.deviation_coordinates, largest.tolist(), strict=True):
+        for part, unit in PARTS:
+            if unit_of(coordinate) == unit:
+                key = (f"{name}.{coordinate.partition('.')[0]}.{part}", unit)
+                found[key] = max(found.get(key, 0.0), value)
+    return [(*key, value) for key, value in found.items()]
+
+
+def _coordinates(name: str, result: SimulationResult, _: Setup) -> Found:
+    q = result.trajectory.q
+    values = np.abs(q).max(axis=0) if name == "coordinate_max" else q[-1]
+    names = result.trajectory.coordinates
+    return [(f"{name}.{x}", unit_of(x), value) for x, value in zip(names, values.tolist(), strict=True)]
+
+
+def _reactions(name: str, result: SimulationResult, setup: Setup) -> Found:
+    motion, kernel = result.trajectory, setup.kernel
+    u = motion.u.copy()
+    if setup.prescribed is not None:
+        given = index_of(kernel.coordinates, kernel.prescribed)
+        u[:, given] = [setup.prescribed(t)[2] for t in motion.t.tolist()]
+    a = kernel.forward_dynamics(motion.q, motion.v, u, wrench=result.wrench)
+    found = kernel.reactions(motion.q, motion.v, a, wrench=result.wrench)
+    force, moment = (np.linalg.norm(part, axis=2).max(axis=0) for part in (found[..., :3], found[..., 3:]))
+    rows: Found = []
+    for joint, f, m in zip(kernel.joints, force.tolist(), moment.tolist(), strict=True):
+        rows += [(f"{name}.{joint}.force", "N", f), (f"{name}.{joint}.moment", "N m", m)]
+    return rows
+
+
+def _residue(name: str, result: SimulationResult, _: Setup) -> Found:
+    if result.balance is None:
+        raise InputError(f"{name}: the motion has no energy balance")
+    return [(name, "", result.balance.relative_residue)]
+
+
+_READERS: dict[str, Callable[[str, SimulationResult, Setup], Found]] = {
+    "tool_deviation_max": _tool,
+    "tool_deviation_rms": _tool,
+    "tool_deviation_end": _tool,
+    "tool_rotation_max": _rotation,
+    "drive_max": _drives,
+    "drive_rms": _drives,
+    "tracking_max": _tracking,
+    "deviation_max": _deviations,
+    "reaction_max": _reactions,
+    "coordinate_max": _coordinates,
+    "coordinate_end": _coordinates,
+    "energy_residue": _residue,
+}
+
+
+def rigid_pose(kernel: Kernel, result: SimulationResult) -> Array:
+    """The tool's pose where the nominal robot is on its program without deviations, (T, 4, 4)."""
+    q = np.zeros_like(result.trajectory.q)
+    q[:, index_of(kernel.coordinates, result.program_coordinates)] = result.program_q
+    given = index_of(kernel.coordinates, kernel.prescribed)
+    q[:, given] = result.trajectory.q[:, given]
+    return np.asarray(kernel.frame_pose(q, result.tool))

@@ -1,0 +1,192 @@
+"""Reading of a sweep's plan: a TOML file in, a Plan out.  Keys: docs/sweep.md."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import NoReturn
+
+from ..errors import DescriptionError
+from ..forms.tables import Table
+from ..forms.toml_place import located, refusal
+from ..forms.toml_text import parse_toml, read_text
+from ..names import show
+from .keys import DEFAULT_RECORD, DISTRIBUTIONS, MOST_SAMPLES, PLAN
+
+
+@dataclass(frozen=True)
+class Distribution:
+    """Of one number.
+
+    kind: "grid" with its values; "uniform" from low to high; "normal" with mean and deviation, cut off outside of low
+    and high where they are given.
+    """
+
+    kind: str
+    values: tuple[float, ...] = ()
+    low: float | None = None
+    high: float | None = None
+    mean: float = 0.0
+    deviation: float = 0.0
+
+
+@dataclass(frozen=True)
+class Vary:
+    """What changes from sample to sample: one of parameter (a pattern as in ``tunable``) and scenario (a dotted path).
+
+    relative: numbers are multiples of what robot and scenario say.
+    """
+
+    parameter: str | None
+    scenario: str | None
+    distribution: Distribution
+    relative: bool = False
+
+
+@dataclass(frozen=True)
+class Engine:
+    """How a sample is integrated: type of ENGINES; method of rollouts, step and period in s, None for the default."""
+
+    type: str = "auto"
+    method: str = "implicit"
+    step: float | None = None
+    period: float | None = None
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A sweep: ``samples`` draws of all that is random, at every point of the product of all grids."""
+
+    vary: tuple[Vary, ...]
+    samples: int = 1
+    seed: int = 0
+    design: str = "random"
+    record: tuple[str, ...] = DEFAULT_RECORD
+    engine: Engine = Engine()
+    source: str = ""
+    text: str = field(default="", repr=False, compare=False)
+
+    def fail(self, key: str, message: str) -> NoReturn:
+        """Raise the DescriptionError of a key."""
+        raise refusal(message, key, self.source, self.text)
+
+
+def load_plan(path: str | Path) -> Plan:
+    """Read a plan from a .toml file.
+
+    Raises:
+        DescriptionError: with the file, the key, what came and what is allowed.
+    """
+    if Path(path).suffix != ".toml":
+        raise DescriptionError(f"the plan {show(str(path))} is no .toml file; allowed: a path that ends in .toml")
+    return plan_from_toml(read_text(Path(path), str(path), ".toml file"), source=str(path))
+
+
+def plan_from_toml(text: str, *, source: str = "plan") -> Plan:
+    """The plan that a TOML text describes; errors as ``load_plan``."""
+    values = parse_toml(text, source)
+    with located(text, values, source):
+        return replace(_plan(PLAN.read(values, "", source, ())), text=text)
+
+
+def _plan(top: Table) -> Plan:
+    top.require()
+    vary = tuple(_vary(entry) for _, entry in top.entries("vary"))
+    _refuse_twins(top, vary)
+    drawn = any(entry.distribution.kind != "grid" for entry in vary)
+    if drawn:
+        top.require_one("samples", f"the number of draws, a whole number from 1 to {MOST_SAMPLES}")
+    elif "samples" in top:
+        top.fail("nothing is drawn, there are grids alone; allowed: with uniform or normal", "samples")
+    return Plan(
+        vary,
+        top.whole("samples", 1),
+        top.whole("seed", 0),
+        top.choice("design") or "random",
+        tuple(top.strings("record")) if "record" in top else DEFAULT_RECORD,
+        _engine(top.table("engine")),
+        top.source,
+    )
+
+
+def _engine(table: Table | None) -> Engine:
+    if table is None:
+        return Engine()
+    kind = table.choice("type") or "auto"
+    for key in ("method", "step", "period"):
+        if kind == "integrate" and key in table:
+            table.fail('allowed: with type = "rollout" or "auto"; [integrator] of the scenario says it here', key)
+    step, period = table.number("step"), table.number("period")
+    if step is not None and period is not None and step > period:
+        table.fail(f"got {step:g}; allowed: a time in s up to the period, {period:g}", "step")
+    return Engine(kind, table.choice("method") or "implicit", step, period)
+
+
+def _vary(table: Table) -> Vary:
+    if ("parameter" in table) == ("scenario" in table):
+        table.fail("needs parameter or scenario, the name of a number; allowed: one of them")
+    kinds = [kind for kind in DISTRIBUTIONS if kind in table]
+    if len(kinds) != 1:
+        came = ", ".join(kinds) or "none"
+        table.fail(f"needs one distribution, got {came}; allowed: one of {', '.join(DISTRIBUTIONS)}")
+    inner = table.table(kinds[0])
+    assert inner is not None
+    readers = {"grid": _grid, "uniform": _uniform, "normal": _normal}
+    relative = table.boolean("relative") or False
+    return Vary(table.text("parameter"), table.text("scenario"), readers[kinds[0]](inner), relative)
+
+
+def _grid(table: Table) -> Distribution:
+    if "values" in table:
+        for key in ("low", "high", "count"):
+            if key in table:
+                table.fail("given together with values; allowed: values, or low, high and count", key)
+        values = tuple(table.value("values"))
+        if len(set(values)) < len(values):
+            table.fail(f"got {show(list(values))}; allowed: different numbers", "values")
+        return Distribution("grid", values)
+    low, high = _bounds(table)
+    table.require_one("count", "a whole number from 2 on")
+    count = table.whole("count", 2)
+    return Distribution("grid", tuple(low + (high - low) * (i / (count - 1)) for i in range(count)))
+
+
+def _bounds(table: Table) -> tuple[float, float]:
+    for key in ("low", "high"):
+        table.require_one(key, "a finite number")
+    low, high = table.number("low"), table.number("high")
+    assert low is not None
+    assert high is not None
+    if not low < high:
+        table.fail(f"got {high:g}; allowed: a number greater than low, {low:g}", "high")
+    return low, high
+
+
+def _uniform(table: Table) -> Distribution:
+    low, high = _bounds(table)
+    return Distribution("uniform", low=low, high=high)
+
+
+def _normal(table: Table) -> Distribution:
+    mean, deviation = table.number("mean"), table.number("deviation")
+    low, high = table.number("low"), table.number("high")
+    assert mean is not None
+    assert deviation is not None
+    if low is not None and high is not None and not low < high:
+        table.fail(f"got {high:g}; allowed: a number greater than low, {low:g}", "high")
+    for key, bound, side in (("low", low, 1.0), ("high", high, -1.0)):
+        if bound is not None and side * (bound - mean) > 8.0 * deviation:
+            table.fail(f"got {bound:g}, which leaves a tail beyond 8 deviations; allowed: nearer to the mean", key)
+    return Distribution("normal", (), low, high, mean, deviation)
+
+
+def _refuse_twins(top: Table, vary: tuple[Vary, ...]) -> None:
+    seen: dict[tuple[str | None, str | None], int] = {}
+    for i, entry in enumerate(vary):
+        name = (entry.parameter, entry.scenario)
+        if name in seen:
+            top.fail(f"{show(name[0] or name[1])} is varied before, by vary[{seen[name]}]; allowed: once", f"vary[{i}]")
+        seen[name] = i
+
+
+__all__ = ["Distribution", "Engine", "Plan", "Vary", "load_plan", "plan_from_toml"]

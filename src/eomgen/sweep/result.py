@@ -1,0 +1,235 @@
+"""What a sweep yields: a table by sample, percentiles of what was recorded, and what it depends on."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError, UnknownNameError
+from ..files import write_atomically
+from ..names import nearest, show
+from .store import read_manifest, read_rows
+
+Array = NDArray[np.float64]
+
+SHARES = (5, 25, 50, 75, 95, 99)  # percentiles that are printed
+LINEAR_ENOUGH = 0.9  # R^2 from which regression coefficients are what a ranking goes by
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """How a recorded number goes with the numbers that were varied, (d,) each.
+
+    Attributes:
+        names: of what was varied.
+        regression: standardised regression coefficients: standard deviations of the recorded number per standard
+            deviation of a varied one, all others fixed, in the linear model of least squares; NaN where there are no
+            more samples than numbers.
+        r_squared: share of the variance that this model explains.
+        spearman: rank correlations: +-1 where one rises or falls with the other, whatever the curve.
+        noise: size below which a rank correlation may be chance: 2 / sqrt(samples - 1).
+    """
+
+    names: tuple[str, ...]
+    regression: Array
+    r_squared: float
+    spearman: Array
+    noise: float
+
+    @property
+    def ranking(self) -> list[int]:
+        """Places of the names by influence: by regression where it explains the variance, else by rank correlation."""
+        by = self.regression if self.r_squared >= LINEAR_ENOUGH else self.spearman
+        return [int(i) for i in np.argsort(-np.abs(np.nan_to_num(by)), kind="stable")]
+
+
+@dataclass(frozen=True)
+class SweepResult:
+    """All samples that a folder has, by index.
+
+    Attributes:
+        folder: where they are.
+        index: (N,), increasing; all of range(total) once the sweep is complete.
+        varied, columns: names of what was varied and recorded; ``units`` by name of the latter.
+        samples: (N, d), SI units; absolute, also where the plan was relative.
+        record: (N, c); NaN in samples that failed.
+        errors: of failed samples, by index.
+        total: number of samples of the plan.
+        meta: of the sweep: robot, tool, seed, design, scenario, notes, versions.
+    """
+
+    folder: Path
+    index: NDArray[np.int64]
+    varied: tuple[str, ...]
+    columns: tuple[str, ...]
+    units: Mapping[str, str]
+    samples: Array
+    record: Array
+    errors: Mapping[int, str]
+    total: int
+    meta: Mapping[str, Any]
+
+    @staticmethod
+    def load(folder: Path | str) -> SweepResult:
+        """What a sweep's folder has, also while it is running or after its end by force.
+
+        Raises:
+            InputError: the folder holds no sweep.
+        """
+        folder = Path(folder)
+        about, rows = read_manifest(folder), read_rows(folder)
+        index = np.array(sorted(rows), dtype=np.int64)
+        units = {item["name"]: str(item["unit"]) for item in about["columns"]}
+        scale = np.array([item["relative_to"] or 1.0 for item in about["varied"]])
+        nothing = (float("nan"),) * len(units)
+        return SweepResult(
+            folder,
+            index,
+            tuple(item["name"] for item in about["varied"]),
+            tuple(units),
+            MappingProxyType(units),
+            np.array([rows[i].sample for i in index.tolist()], dtype=np.float64).reshape(-1, scale.size) * scale,
+            np.array([rows[i].record or nothing for i in index.tolist()], dtype=np.float64).reshape(-1, len(units)),
+            MappingProxyType({i: rows[i].error for i in index.tolist() if rows[i].error}),
+            int(about["samples"]),
+            MappingProxyType(about),
+        )
+
+    @property
+    def complete(self) -> bool:
+        """Whether every sample of the plan is there, failed ones among them."""
+        return self.index.size == self.total
+
+    def of(self, column: str) -> Array:
+        """A recorded number of all samples, (N,); UnknownNameError if there is none of that name."""
+        if column not in self.columns:
+            raise UnknownNameError(
+                f"column: {show(column)} is unknown{nearest(column, self.columns)}; known: {', '.join(self.columns)}"
+            )
+        return self.record[:, self.columns.index(column)]
+
+    def percentiles(self, column: str, shares: tuple[float, ...] = SHARES) -> Array:
+        """Percentiles of a recorded number over the samples that did not fail, linear between samples."""
+        values = self.of(column)
+        values = values[np.isfinite(values)]
+        found: Array = np.percentile(values, shares) if values.size else np.full(len(shares), np.nan)
+        return found
+
+    def sensitivity(self, column: str) -> Sensitivity:
+        """How a recorded number goes with what was varied, over the samples that did not fail."""
+        y = self.of(column)
+        good = np.isfinite(y)
+        return sensitivity_of(self.varied, self.samples[good], y[good])
+
+    def save_table(self, path: Path | str) -> Path:
+        """Write a row for every sample as .csv, or as .parquet where pyarrow is installed.
+
+        Raises:
+            InputError: another suffix, pyarrow is not installed, or the file cannot be written.
+        """
+        path = Path(path)
+        columns: dict[str, Any] = {"index": self.index}
+        columns |= {name: self.samples[:, i] for i, name in enumerate(self.varied)}
+        columns |= {name: self.record[:, i] for i, name in enumerate(self.columns)}
+        columns["error"] = [self.errors.get(i, "") for i in self.index.tolist()]
+        if path.suffix == ".csv":
+            text = io.StringIO()
+            writer = csv.writer(text, lineterminator="\n")
+            writer.writerow(columns)
+            plain = [x.tolist() if isinstance(x, np.ndarray) else x for x in columns.values()]
+            writer.writerows(zip(*plain, strict=True))
+            return write_atomically(path, lambda stream: stream.write(text.getvalue().encode()))
+        if path.suffix != ".parquet":
+            raise InputError(f"{path}: the suffix {path.suffix!r} is no table; allowed: .csv, .parquet")
+        try:
+            import pyarrow
+            from pyarrow import parquet
+        except ImportError:
+            raise InputError('Parquet needs pyarrow: pip install "eomgen[sweep]"; .csv works without') from None
+        return write_atomically(path, lambda stream: parquet.write_table(pyarrow.table(columns), stream))
+
+    def as_dict(self) -> dict[str, Any]:
+        """The summary as values that JSON holds."""
+        found = {}
+        for column in self.columns:
+            ranked = self.sensitivity(column)
+            found[column] = {
+                "unit": self.units[column],
+                "percentiles": dict(zip(map(str, SHARES), _plain(self.percentiles(column)), strict=True)),
+                "r_squared": _plain(np.array([ranked.r_squared]))[0],
+                "regression": dict(zip(ranked.names, _plain(ranked.regression), strict=True)),
+                "spearman": dict(zip(ranked.names, _plain(ranked.spearman), strict=True)),
+            }
+        about = {key: self.meta[key] for key in ("robot", "tool", "seed", "design", "notes")}
+        return {
+            **about,
+            "samples": self.total,
+            "done": int(self.index.size),
+            "failed": len(self.errors),
+            "columns": found,
+        }
+
+    def lines(self) -> list[str]:
+        """The summary for a reader."""
+        state = "" if self.complete else f", {self.total - self.index.size} of {self.total} not done"
+        lines = [f"{self.meta['robot']}: {self.index.size} samples, {len(self.errors)} failed{state}"]
+        lines += [f"  {note}" for note in self.meta["notes"]]
+        width = max(map(len, self.columns))
+        lines.append(f"  {'percentiles':<{width}}" + "".join(f" {share:>10}" for share in SHARES))
+        for column in self.columns:
+            numbers = "".join(f" {value:>10.4g}" for value in self.percentiles(column))
+            lines.append(f"  {column:<{width}}{numbers} {self.units[column]}")
+        column = self.columns[0]
+        ranked = self.sensitivity(column)
+        lines.append(
+            f"  what {column} goes with: regression coefficients (R^2 {ranked.r_squared:.3f}), rank correlations"
+            f" (chance: {ranked.noise:.2g})"
+        )
+        for i in ranked.ranking[:10]:
+            lines.append(f"    {ranked.names[i]}: {ranked.regression[i]:+.3f}, {ranked.spearman[i]:+.3f}")
+        if ranked.r_squared < LINEAR_ENOUGH:
+            lines.append("    a linear model explains too little: ranked by rank correlation, which sees trends alone")
+        lines += [f"  sample {i} failed: {text}" for i, text in list(self.errors.items())[:5]]
+        return lines
+
+
+def _plain(values: Array) -> list[float | None]:
+    """Numbers for JSON, None where there is none."""
+    return [float(x) if np.isfinite(x) else None for x in values]
+
+
+def sensitivity_of(names: tuple[str, ...], x: Array, y: Array) -> Sensitivity:
+    """Of y, (N,), from x, (N, d)."""
+    count, d = x.shape
+    nothing = np.full(d, np.nan)
+    noise = 2.0 / np.sqrt(count - 1) if count > 1 else float("inf")
+    if count < 3 or not np.ptp(y) > 0.0:
+        return Sensitivity(names, nothing, float("nan"), nothing, noise)
+    spread = x.std(axis=0)
+    moved = spread > 0.0
+    regression, r_squared = nothing.copy(), float("nan")
+    if count > moved.sum() + 1:
+        a, b = (x[:, moved] - x[:, moved].mean(axis=0)) / spread[moved], (y - y.mean()) / y.std()
+        coefficients = np.linalg.lstsq(a, b, rcond=None)[0]
+        regression[moved] = coefficients
+        r_squared = float(1.0 - ((b - a @ coefficients) ** 2).mean())
+    spearman, ranks = nothing.copy(), _ranks(y)
+    for i in np.flatnonzero(moved):
+        spearman[i] = np.corrcoef(_ranks(x[:, i]), ranks)[0, 1]
+    return Sensitivity(names, regression, r_squared, spearman, noise)
+
+
+def _ranks(values: Array) -> Array:
+    """Ranks from 0 on, the mean of theirs where values are equal."""
+    _, places, counts = np.unique(values, return_inverse=True, return_counts=True)
+    ends = np.cumsum(counts)
+    found: Array = (ends - (counts + 1) / 2.0)[places]
+    return found

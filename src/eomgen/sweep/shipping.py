@@ -1,0 +1,89 @@
+"""Kernels that travel by content: to a process whose cache lacks them, on this machine or another one.
+
+Source and binary go into the worker's cache under the hashes that they have here.  A worker whose machine, C library,
+compiler or Python differs finds no binary under its own hash and compiles the source that it was sent; none derives.
+"""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..errors import InputError
+from ..pipeline import cache as store
+from ..pipeline.stages import cache_keys
+from ..robot.value import Robot
+from ..scenario.value import Scenario
+from ..simulation.assembly import RIGID_KERNELS
+from ..simulation.loads import with_payload_parameters
+
+
+@dataclass(frozen=True)
+class Content:
+    """Entries of a cache: files by kind, key and name; ``machine`` is what their binaries were made for."""
+
+    entries: dict[tuple[str, str], dict[str, bytes]]
+    machine: tuple[str, ...]
+
+
+Builds = tuple[tuple[Robot, tuple[str, ...]], ...]
+
+
+def builds_of(robot: Robot, scenario: Scenario, kernels: Sequence[str]) -> Builds:
+    """What a scenario of a robot builds: the robot, and the rigid one that drives may know."""
+    return ((with_payload_parameters(robot, scenario), tuple(kernels)), (robot.rigid(), RIGID_KERNELS))
+
+
+def machine() -> tuple[str, ...]:
+    """What a binary may depend on beyond its hash: the system and its C library."""
+    return (platform.system(), platform.machine(), *platform.libc_ver())
+
+
+def source_keys(builds: Builds) -> tuple[str, ...]:
+    """Keys of the sources; they are others where eomgen is another one."""
+    return tuple(cache_keys(robot, kernels)[0] for robot, kernels in builds)
+
+
+def pack(builds: Builds) -> Content:
+    """The content of what was built here."""
+    entries: dict[tuple[str, str], dict[str, bytes]] = {}
+    for robot, kernels in builds:
+        source, package = cache_keys(robot, kernels)
+        for kind, key in (("sources", source), ("packages", package)):
+            found = store.find(kind, key) if key else None
+            if found is not None:
+                entries[kind, found.key] = dict(found.files)
+    return Content(entries, machine())
+
+
+def lacks(keys: Sequence[str]) -> bool:
+    """Whether this process's cache has none of the sources."""
+    return not any(store.find("sources", key) for key in keys)
+
+
+def unpack(content: Content, builds: Builds, keys: Sequence[str]) -> None:
+    """Put the content into this process's cache.
+
+    Raises:
+        InputError: eomgen here is another one than there.
+        BuildError: the cache cannot be written.
+    """
+    check_same(builds, keys)
+    for (kind, key), files in content.entries.items():
+        if kind == "packages" and content.machine != machine():
+            continue
+
+        def write(folder: Path, files: dict[str, bytes] = files) -> None:
+            store.write_files(folder, files)
+
+        store.entry(kind, key, write)
+
+
+def check_same(builds: Builds, keys: Sequence[str]) -> None:
+    """InputError where eomgen here would write other C for the same robot."""
+    if source_keys(builds) != tuple(keys):
+        raise InputError(
+            "the worker's eomgen is another one than the one that sends work; allowed: the same version on all machines"
+        )
