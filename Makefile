@@ -2,7 +2,7 @@
 #
 #   make demo     derive, compile, simulate and plot the 36-DOF elastic PUMA 560; results in out/demo
 #   make test     lint, then the whole test suite
-#   make lint     ruff (lint and format) and mypy --strict
+#   make lint     ruff (lint and format), mypy --strict, and which room may import which
 #   make bench    counts and times beside Newton-Euler, Pinocchio, MuJoCo, CasADi; writes docs/benchmarks.md, docs/peers.*
 #   make soak     the long tests
 #   make docs     build the documentation into out/site: open index.html there; warnings are errors
@@ -36,6 +36,7 @@ lint: $(VENV)/.test-$(STAMP)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy -p eomgen
+	$(BIN)/lint-imports
 
 bench: $(VENV)/.bench-$(STAMP)
 	$(BIN)/python benchmarks/run.py

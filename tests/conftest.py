@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from figures import Figures, gathered, lines
 
 import eomgen
 from eomgen.pipeline.cache import VARIABLE
 from eomgen.pipeline.generator_files import generator_hash
 from eomgen.robot.value import Robot
+from tests.support.figures import Figures, gathered, lines
 
 Build = Callable[..., eomgen.Kernel]
 

@@ -5,22 +5,19 @@ from __future__ import annotations
 import argparse
 import importlib.metadata
 import json
-import sys
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
+from tests.oracles.mutation import checks, every_check
+from tests.support.mutant import dependents, mutated, source_of
+from tests.support.mutation_cases import cases, small_cases
+
+from .mutants import Mutant, mutants_of
+from .page import MODULES, file_of, write_page
+from .runner import Clock, Outcome, run
+
 ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT / "tests"))
-
-from mutant import dependents, mutated, source_of  # noqa: E402
-from mutation_cases import cases, small_cases  # noqa: E402
-from mutation_oracle import checks, every_check  # noqa: E402
-
-from .mutants import Mutant, mutants_of  # noqa: E402
-from .page import MODULES, write_page  # noqa: E402
-from .runner import Clock, Outcome, run  # noqa: E402
-
 RAW = ROOT / "out" / "mutation.json"  # a line per mutant that was run
 
 
@@ -33,6 +30,8 @@ def main() -> None:
     parser.add_argument("--survivors", action="store_true", help="of the last run, those alone that survived it")
     parser.add_argument("--page", action="store_true", help="the page alone, of the last run")
     given = parser.parse_args()
+    if unknown := [name for name in given.modules if name not in MODULES]:
+        parser.error(f"no module of the page: {', '.join(unknown)}; it has {', '.join(MODULES)}")
     RAW.parent.mkdir(exist_ok=True)
     if given.survivors:
         before = _read()
@@ -50,7 +49,7 @@ def _run(mutants: Sequence[Mutant], processes: int) -> list[Outcome]:
     cases(), small_cases()
     for check in every_check():  # all pass on the code as it is; and what children need is imported
         check()
-    dependents("joint")  # what imports what is found out once
+    dependents("joint.lemmas")  # what imports what is found out once
     clock, found = Clock(len(mutants)), []
     with RAW.open("a", encoding="utf-8") as file:
         for outcome in run(mutants, _judge, processes):
@@ -73,7 +72,7 @@ def _report(outcomes: Sequence[Outcome]) -> None:
     for o in outcomes:
         if o.result == "survived":
             m = o.mutant
-            print(f"{m.module}.py:{m.line} {m.function}: {m.change(sources[m.module])}")
+            print(f"{file_of(m.module)}:{m.line} {m.function}: {m.change(sources[m.module])}")
     if tuple(modules) == MODULES:
         sizes = {name: mutants_of(name, sources[name], 1)[1] for name in modules}
         print(write_page(ROOT / "docs" / "mutation.md", outcomes, sources, sizes, importlib.metadata.version("mutmut")))
@@ -82,6 +81,8 @@ def _report(outcomes: Sequence[Outcome]) -> None:
 def _read() -> list[Outcome]:
     lines = RAW.read_text(encoding="utf-8").splitlines() if RAW.exists() else []
     found = {o.mutant: o for o in (Outcome(Mutant(**x.pop("mutant")), **x) for x in map(json.loads, lines))}
+    if unknown := {mutant.module for mutant in found} - {*MODULES}:
+        raise ValueError(f"{RAW}: no module of the page: {', '.join(sorted(unknown))}; remove the file")
     return sorted(found.values(), key=lambda o: (MODULES.index(o.mutant.module), o.mutant.place()))
 
 

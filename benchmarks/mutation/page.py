@@ -11,14 +11,14 @@ from pathlib import Path
 from .runner import Outcome
 
 MODULES = (  # of the derivation, in the order of importance
-    "joint",
-    "trace",
-    "recursion",
-    "composite",
-    "articulated",
-    "elimination",
-    "forces",
-    "zeros",
+    "joint.lemmas",
+    "closed_form.trace",
+    "tree.recursion",
+    "tree.composite",
+    "solve.articulated",
+    "solve.elimination",
+    "forces.rows",
+    "joint.zeros",
 )
 ARGUMENTS = Path(__file__).with_name("survivors.toml")
 
@@ -27,9 +27,9 @@ INTRODUCTION = """# Mutation testing of the derivation
 Written by `make mutation`; do not edit. What is argued about survivors is in `benchmarks/mutation/survivors.toml`.
 
 A mutant is a module of `codegen/` with one small change. Each is loaded in a process of its own, and small robots with
-every feature of the description are derived with it (`tests/mutation_cases.py`). Their programs are interpreted in
-floating-point numbers, without a compiler, and compared with Pinocchio, with formulas and with operation counts
-(`tests/mutation_oracle.py`); proofs, zero maps and the closed form have their own tests. A mutant is killed by the
+every feature of the description are derived with it (`tests/support/mutation_cases.py`). Their programs are interpreted
+in floating-point numbers, without a compiler, and compared with Pinocchio, with formulas and with operation counts
+(`tests/oracles/mutation.py`); proofs, zero maps and the closed form have their own tests. A mutant is killed by the
 first check that fails.
 
 Changes are those of mutmut's operators ({version}), applied to the syntax tree of a module. mutmut's own runner is not
@@ -50,6 +50,11 @@ class Survivor:
     change: str
     kind: str
     why: str
+
+
+def file_of(module: str) -> str:
+    """Its path in ``codegen/``."""
+    return f"{module.replace('.', '/')}.py"
 
 
 def survivors(outcomes: Sequence[Outcome], sources: dict[str, str]) -> list[Survivor]:
@@ -111,7 +116,7 @@ def write_page(
         m = survivor.outcome.mutant
         change = " &rarr; ".join(f"`{_cell(side)}`" for side in survivor.change.split(" -> ", 1))
         why = f"{survivor.kind}: {survivor.why}" if survivor.kind else "not argued"
-        lines.append(f"| {m.module}.py:{m.line} `{m.function}` | {change} | {why} |")
+        lines.append(f"| {file_of(m.module)}:{m.line} `{m.function}` | {change} | {why} |")
     path.write_text("\n".join(lines) + "\n", encoding="ascii")
     return summary
 
@@ -128,7 +133,9 @@ def _table(outcomes: Sequence[Outcome], sizes: dict[str, int]) -> list[str]:
         n = sum(of.values())
         share = 100 * (n - of["survived"]) / n
         cells = (of["wrong"], of["error"], of["timeout"], of["survived"])
-        lines.append(f"| {module}.py | {sizes[module]} | {n} | " + " | ".join(map(str, cells)) + f" | {share:.1f} % |")
+        lines.append(
+            f"| {file_of(module)} | {sizes[module]} | {n} | " + " | ".join(map(str, cells)) + f" | {share:.1f} % |"
+        )
     lines.append("")
     if any(n > sum(o.mutant.module == module for o in outcomes) for module, n in sizes.items()):
         lines += [

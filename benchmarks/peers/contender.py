@@ -31,7 +31,7 @@ class MissingPeer(Exception):
 
 @dataclass(frozen=True)
 class Contender:
-    """A function with a kernel's arguments, by address: see ``eomgen.stopwatch.Timed``.
+    """A function with a kernel's arguments, by address: see ``eomgen.bench.clock.Timed``.
 
     label: who computes.  h: its first argument.  batch: one call takes all states.  keeps_result: it has a place of
     its own for the result, and is timed with a null ``out`` so that no copy is timed.  kept: what must stay alive.

@@ -2,7 +2,7 @@
 
 The two sides of a loop are followed from the last body that carries both, in its axes: what moves that body moves both
 sides alike and does not appear.  Frame a is on the loop's first link, frame b on the second; a component is a
-coordinate of p, the origin of b seen from a, or a sum of products of axes of a and b (``eomgen.cuts``).
+coordinate of p, the origin of b seen from a, or a sum of products of axes of a and b (``eomgen.robot.cuts``).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The one place where SymPy ends and the program begins.
 
-``freeze`` turns a joint's SymPy step (``eomgen.codegen.joint``) into rows of plain factors of 1, sine and cosine, and
-``geometry`` evaluates these rows on any scalar along the tree.
+``freeze`` turns a joint's SymPy step (``eomgen.codegen.joint.lemmas``) into rows of plain factors of 1, sine and
+cosine, and ``geometry`` evaluates these rows on any scalar along the tree.
 """
 
 from __future__ import annotations

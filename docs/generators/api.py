@@ -6,30 +6,58 @@ import eomgen
 
 # What stands on which page: modules, all of whose public names are shown.
 PAGES: dict[str, tuple[str, tuple[str, ...]]] = {
-    "api_robots": ("Robots and their parts", ("eomgen.robot", "eomgen.description", "eomgen.sensitivity")),
+    "api_robots": ("Robots and their parts", ("eomgen.robot", "eomgen.description", "eomgen.analysis.sensitivity")),
     "api_simulation": (
         "Simulation",
         (
-            *("eomgen.simulate", "eomgen.scenario", "eomgen.scenario_file", "eomgen.integrate", "eomgen.motion"),
-            *("eomgen.result", "eomgen.balance", "eomgen.result_file", "eomgen.stream"),
+            *(
+                "eomgen.simulation.run",
+                "eomgen.scenario",
+                "eomgen.scenario.load",
+                "eomgen.integration.solve",
+                "eomgen.motion",
+            ),
+            *(
+                "eomgen.simulation.result",
+                "eomgen.simulation.balance",
+                "eomgen.simulation.archive",
+                "eomgen.simulation.stream",
+            ),
         ),
     ),
-    "api_loops": ("Closed loops", ("eomgen.loops", "eomgen.loop_motion")),
+    "api_loops": ("Closed loops", ("eomgen.loops", "eomgen.integration.closed")),
     "api_analysis": (
         "Analysis",
         (
-            *("eomgen.analysis", "eomgen.fitting", "eomgen.compare", "eomgen.deflection", "eomgen.compliance"),
-            *("eomgen.modes", "eomgen.response", "eomgen.linearize", "eomgen.budget"),
+            *(
+                "eomgen.identification.from_motion",
+                "eomgen.identification.least_squares",
+                "eomgen.analysis.structures",
+                "eomgen.analysis.statics",
+                "eomgen.analysis.compliance",
+            ),
+            *(
+                "eomgen.analysis.modal",
+                "eomgen.analysis.frequency",
+                "eomgen.analysis.matrices",
+                "eomgen.analysis.tool_budget",
+            ),
         ),
     ),
     "api_adapters": (
         "Optimal control and learning",
         ("eomgen.adapters.mappings", "eomgen.adapters.casadi", "eomgen.adapters.jax"),
     ),
-    "api_sweeps": ("Sweeps", ("eomgen.sweep", "eomgen.sweep_plan", "eomgen.sweep_result")),
+    "api_sweeps": ("Sweeps", ("eomgen.sweep", "eomgen.sweep.plan", "eomgen.sweep.result")),
     "api_pictures": (
         "Pictures",
-        ("eomgen.plots", "eomgen.robot_plots", "eomgen.zero_plots", "eomgen.report", "eomgen.scene"),
+        (
+            "eomgen.pictures.simulation",
+            "eomgen.pictures.robot",
+            "eomgen.pictures.zeros",
+            "eomgen.pictures.page",
+            "eomgen.pictures.scene",
+        ),
     ),
 }
 ERRORS = tuple(name for name in eomgen.__all__ if name.endswith("Error"))

@@ -93,8 +93,8 @@ def page() -> str:
         "",
         'The built-in robots. Each is loaded by its name, `eomgen.load_robot("ur5")` or `eomgen simulate ur5`; '
         "`eomgen info NAME` says what it is made of. Operations are multiplications/additions of the generated C, "
-        "counted when this page was made. Pictures are by `eomgen.robot_plots.plot_robot`, zeros by "
-        "`eomgen.zero_plots.plot_zeros`.",
+        "counted when this page was made. Pictures are by `eomgen.pictures.robot.plot_robot`, zeros by "
+        "`eomgen.pictures.zeros.plot_zeros`.",
         "",
     ]
     for name in eomgen.builtin_robots():

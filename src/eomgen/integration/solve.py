@@ -16,6 +16,7 @@ from ..runtime.kernel import Kernel
 from ..state.springs import stiffnesses
 from ..state.vectors import Drive, Prescribed, Wrench, state_vector
 from . import sundials
+from .closed import ClosedSystem
 from .contacts import ContactWatch
 from .steps import (
     IMPLICIT,
@@ -58,8 +59,9 @@ def integrate(
     times: ArrayLike | None = None,
     progress: Progress | None = None,
     record: Record | None = None,
+    baumgarte: float | None = None,
 ) -> Trajectory:
-    """Integrate M(q) a + bias = generalized force + u from a state.
+    """Integrate M(q) a + bias = generalized force + u from a state; loops are kept closed to 1e-12 at every step.
 
     Args:
         kernel: float64, with forward_dynamics and energy; implicit methods and ``atol=None`` need mass_matrix, and
@@ -75,7 +77,8 @@ def integrate(
             does not count.  The trajectory's u is there the force that the motion needs, so that the kernel must have
             inverse_dynamics.
         method: "auto" (Radau if any coordinate or spring has a stiffness, else DOP853), "Radau", "BDF", "LSODA",
-            "DOP853", "RK45" (all SciPy's), "CVODE", "IDA" (SUNDIALS'), or "rk4" with a fixed step.
+            "DOP853", "RK45" (all SciPy's), "CVODE", "IDA" (SUNDIALS'), or "rk4" with a fixed step.  With loops "rk4"
+            is the only one, and what "auto" takes.
         rtol, atol: tolerances; atol is a number or (2n,), first of q, then of v.  By default rtol times the size of
             each coordinate: ``coordinate_sizes``.
         step: of rk4, s; shortened so that it divides ``output_step``.  Default: half the time in which the fastest
@@ -85,26 +88,39 @@ def integrate(
             which need not be 0; the last must be the duration.
         progress: called with a fraction from 0 to 1 and a line of text.
         record: called with times of samples (k,) and states (k, 2n) as they are reached, the first one not among them.
+        baumgarte: of loops: w, 1/s, of g_ddot = -2 w g_dot - w^2 g, a fraction of 1 / step, which keeps gaps small
+            in the place of the projection that closes them.
+
+    Returns:
+        The samples.  With loops ``info`` also has gap and gap_rate, the greatest |g| and |J v| among them, and the
+        number of ``redundant`` constraints at the end.
 
     Raises:
-        IntegrationStopped: the state diverges, the step becomes too small, M singular, or a drive, wrench or
-            acceleration NaN or infinite, whatever ``kernel.checks`` says; an IntegrationError that names coordinate
+        LoopError: the state at the first time is open.
+        IntegrationStopped: the state diverges, a loop comes open, the step becomes too small, M singular, or a drive,
+            wrench or acceleration NaN or infinite, whatever ``kernel.checks`` says; an IntegrationError that names coordinate
             and time and has the last good state and the trajectory up to it.
         InputError: an argument is wrong, a prescribed coordinate has no motion, or SciPy is not installed.
     """
-    system = System(kernel, drive, wrench, prescribed)
+    if kernel.loops:
+        system: System = ClosedSystem(kernel, drive, wrench, prescribed, baumgarte)
+    elif baumgarte is None:
+        system = System(kernel, drive, wrench, prescribed)
+    else:
+        raise InputError(f"baumgarte: {kernel.name} has no loops to keep closed; leave it out")
     q0, v0 = (state_vector(label, x, kernel.coordinates) for label, x in (("q0", q0), ("v0", v0)))
     times = output_times(duration, output_step) if times is None else checked_times(times, duration, output_step)
     method = choose_method(kernel, method)
     began = time.perf_counter()
     report = reporter(progress, float(times[-1]))
+    system.begin(float(times[0]), q0, v0)
     y0 = np.concatenate([q0, v0])
     watch = ContactWatch(kernel)
     samples = Samples(times, y0, record)
 
     def run() -> None:
         if method == "rk4":
-            rk4(system, samples, fixed_step(kernel, q0, step, times), report, watch=watch)
+            rk4(system, samples, fixed_step(kernel, q0, step, times), report, watch)
             return
         absolute = tolerances(system, y0, rtol, atol)
         if method in sundials.METHODS:
@@ -112,20 +128,25 @@ def integrate(
         else:
             sampled(start_solver(system, y0, times, method, rtol, absolute), system, samples, report, watch)
 
-    def info(_motion: Motion) -> dict[str, float]:
-        return {**system.counts, "wall_s": time.perf_counter() - began}
+    def info(motion: Motion) -> dict[str, float]:
+        return {**system.about(motion.q, motion.v), "wall_s": time.perf_counter() - began}
 
     return trajectory_of(system, samples, run, method, watch, info)
 
 
 def choose_method(kernel: Kernel, method: str = "auto") -> str:
-    """The method that ``integrate`` takes: "auto" becomes Radau if anything has a stiffness, else DOP853.
+    """The method that ``integrate`` takes: "auto" becomes Radau if anything has a stiffness, else DOP853;
+    rk4 where there are loops.
 
     Raises:
-        InputError: the method is unknown.
+        InputError: the method is unknown, or does not keep loops closed.
     """
     if method not in METHODS:
         raise InputError(f"method: {method!r} is unknown; allowed: {', '.join(METHODS)}")
+    if kernel.loops:
+        if method not in ("auto", "rk4"):
+            raise InputError(f"method: {kernel.name} has loops, which {method!r} does not keep closed; allowed: rk4")
+        return "rk4"
     if method != "auto":
         return method
     stiff = bool(stiffnesses(kernel).any()) or any(

@@ -112,13 +112,9 @@ def rk4(
     samples: Samples,
     step: float,
     report: Progress,
-    settle: Callable[[float, float, Array, Array], Array] | None = None,
     watch: ContactWatch | None = None,
 ) -> None:
-    """Fill the samples by the classical Runge-Kutta method of order 4.
-
-    ``settle(t, h, y, good)`` corrects y, the state after a step of h from ``good`` at t.
-    """
+    """Fill the samples by the classical Runge-Kutta method of order 4; ``system.settle`` corrects every step."""
     y, f = samples.states[0], system.derivative
     for t0, t1 in pairwise(samples.times):
         count = max(1, int(np.ceil((t1 - t0) / step - 1e-9)))
@@ -138,8 +134,7 @@ def rk4(
                 raise system.stopped(f"rk4 cannot go on with a step of {h:.3g} s", t, good) from error
             if not np.isfinite(y).all():
                 raise system.stopped(f"rk4 diverged with a step of {h:.3g} s", t, good, y)
-            if settle is not None:
-                y = settle(t, h, y, good)
+            y = system.settle(t, h, y, good)
             if watch is not None:
                 watch.step(t, good, t + h, y)
             system.counts["steps"] += 1

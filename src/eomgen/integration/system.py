@@ -8,12 +8,9 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import ArrayError, InputError, IntegrationStopped
 from ..runtime.kernel import Kernel
 from ..state.springs import coordinate_sizes
-from ..state.vectors import Q_STEP, V_STEP, Drive, Prescribed, Wrench, state_vector
+from ..state.vectors import Q_STEP, V_STEP, Drive, Prescribed, Wrench
 
 Array = NDArray[np.float64]
-
-
-__all__ = ["Drive", "IntegrationStopped", "Prescribed", "System", "Wrench", "state_vector"]
 
 
 class System:
@@ -48,6 +45,17 @@ class System:
         self._no_drive = np.zeros(self.n)
         self.counts = {"steps": 0, "evaluations": 0, "jacobians": 0}
         self.trouble: Exception | None = None
+
+    def begin(self, t: float, q: Array, v: Array) -> None:
+        """Look at the state at the first time, (n,) each; what has to be put right is put into its arrays."""
+
+    def settle(self, t: float, h: float, y: Array, good: Array) -> Array:
+        """The state that goes on where a fixed step of h from the state ``good`` at t has led to y."""
+        return y
+
+    def about(self, q: Array, v: Array) -> dict[str, float]:
+        """What is said of the motion whose samples are q and v, (T, n): counts of what was called."""
+        return dict(self.counts)
 
     def prescribe(self, t: float, q: Array, v: Array) -> Array:
         """Put q and v of prescribed coordinates into a state's arrays; their accelerations."""

@@ -1,4 +1,4 @@
-"""TODO."""
+"""A sampled motion, and how it is made of what a method of integration leaves."""
 
 from __future__ import annotations
 

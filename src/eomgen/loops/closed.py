@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,11 +20,6 @@ from ..runtime.kernel import Kernel
 from ..state.equilibrium import known_coordinates
 from ..state.vectors import state_vector
 from .redundant import Factors, Redundancy, least_drives
-
-if TYPE_CHECKING:
-    from ..integration.trajectory import Trajectory
-    from ..progress import Progress
-    from ..state.vectors import Drive, Prescribed, Wrench
 
 Array = NDArray[np.float64]
 
@@ -282,27 +276,6 @@ class ClosedLoops:
         """Rank of the constraint at q, (n,), where prescribed coordinates do not move, and what is redundant."""
         q = state_vector("q", q, self.kernel.coordinates)
         return self._redundancy(self._factors(q, self.kernel.constraint_jacobian(q)))
-
-    def integrate(
-        self,
-        q0: ArrayLike,
-        v0: ArrayLike,
-        duration: float,
-        *,
-        drive: Drive | None = None,
-        wrench: Wrench | ArrayLike | None = None,
-        step: float | None = None,
-        output_step: float | None = None,
-        baumgarte: float | None = None,
-        prescribed: Prescribed | None = None,
-        progress: Progress | None = None,
-    ) -> Trajectory:
-        """Integrate the mechanism with fixed steps of RK4; ``loop_motion.integrate_loops`` says the rest."""
-        from ..integration.closed import integrate_loops
-
-        options: dict[str, Any] = {"step": step, "output_step": output_step, "baumgarte": baumgarte}
-        forces: dict[str, Any] = {"drive": drive, "wrench": wrench, "prescribed": prescribed}
-        return integrate_loops(self, q0, v0, duration, **forces, progress=progress, **options)
 
     def settled(self, q: Array, v: Array, rank: int) -> tuple[Array, Array, int]:
         """The nearest state, in the kinetic metric of q, that is closed and stays so; and its rank.

@@ -1,7 +1,7 @@
 """Robot -> Model: the ordered tree of moving bodies, their coordinates, and what is a run-time parameter.
 
 A body is a set of links that fixed joints hold together; its frame is its joint's frame after the motion, so the
-principal axis is its z axis.  Numbers stay in the Robot: the generator binds them (``eomgen.codegen.bodies``) as
+principal axis is its z axis.  Numbers stay in the Robot: the generator binds them (``eomgen.codegen.tree.bound``) as
 constants or, for the names in ``Model.parameters``, as run-time parameters.
 """
 

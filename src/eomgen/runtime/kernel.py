@@ -372,7 +372,7 @@ class Kernel(Calls):
         """g(q), (constraints,): zero where the loops are closed.
 
         Of frame b on a loop's second link, seen from frame a on its first: x, y, z (m) of its origin, and sines of its
-        turns alpha, beta, gamma about x, y, z, as far as the cut joint blocks them (``eomgen.cuts``).
+        turns alpha, beta, gamma about x, y, z, as far as the cut joint blocks them (``eomgen.robot.cuts``).
         """
         return self._run("constraint", out, (q,))
 

@@ -1,6 +1,6 @@
 """A scenario: what a simulation does, whatever the robot; an immutable value.
 
-What it says about joints, links and frames is checked when it meets a robot (``eomgen.simulate.run_scenario``).
+What it says about joints, links and frames is checked when it meets a robot (``eomgen.simulation.run_scenario``).
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ class Payload:
 
 @dataclass(frozen=True)
 class Integrator:
-    """Method and tolerances of ``eomgen.simulate.integrate``; None is its default."""
+    """Method and tolerances of ``eomgen.integration.integrate``; None is its default."""
 
     method: str = "auto"
     rtol: float = 1e-6

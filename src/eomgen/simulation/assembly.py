@@ -128,7 +128,7 @@ def _driven(robot: Robot, needed: bool) -> tuple[str, ...]:
     if needed and not driven:
         raise InputError(
             f"{robot.name}: no joint has a principal coordinate, so there is nothing to drive; "
-            "eomgen.simulate.integrate integrates free motions"
+            "eomgen.integration.integrate integrates free motions"
         )
     return driven
 

@@ -1,0 +1,207 @@
+"""Functions of CasADi against the kernels they are made of."""
+
+from __future__ import annotations
+
+import importlib
+import subprocess
+import sys
+from pathlib import Path
+
+import casadi
+import numpy as np
+import pytest
+
+import eomgen
+from eomgen.adapters.casadi import function
+from eomgen.adapters.external import external_library
+from eomgen.adapters.mappings import DifferentiableFunction, kernels_for
+from eomgen.errors import BuildError, InputError
+from eomgen.pipeline import cache
+from tests.conftest import Build
+from tests.support.adapter_samples import built_for, functions_of, sample, states
+from tests.support.figures import Figures
+from tests.support.random_robots import Array, random_robot, random_state, seeds
+
+FLAGS = ("-O0", "-Werror")
+
+
+def by_columns(block: Array, function: DifferentiableFunction, shape: tuple[int, ...]) -> Array:
+    """A derivative (output shape, input shape) as CasADi has it: a column per number, both by columns."""
+    rows, columns = ((*s, 1)[:2] for s in (function.output, shape))
+    four = block.reshape(*rows, *columns).transpose(1, 0, 3, 2)
+    return np.asarray(four.reshape(int(np.prod(rows)), int(np.prod(columns))))
+
+
+@pytest.mark.parametrize("seed", seeds(4100, 2, 60))
+def test_values_and_jacobians_are_the_kernels(seed: int, built: Build, figures: Figures) -> None:
+    """All functions, compiled without a warning; sparse where something vanishes identically."""
+    robot = sample(seed)
+    kernel = built_for(robot, built)
+    for there in functions_of(robot, kernel):
+        made = function(kernel, there.name, there.frame, cut=True, flags=FLAGS)
+        jacobian = made.jacobian()
+        for state in range(2):
+            given = states(robot, kernel, seed + state)
+            arrays = [given[name] for name in there.reads]
+            value = np.array(made(*arrays))
+            assert value.shape == (*there.output, 1)[:2]
+            figures.at_most(
+                "value", float(np.abs(value.reshape(there.output) - there.value(*arrays)).max(initial=0.0)), 1e-14
+            )
+            found = jacobian(*arrays, 0)
+            blocks = found if isinstance(found, tuple) else (found,)
+            for block, expected, shape in zip(blocks, there.derivatives(*arrays), there.inputs, strict=True):
+                wanted = by_columns(expected, there, shape)
+                error = float(np.abs(np.array(block) - wanted).max(initial=0.0))
+                figures.at_most("jacobian", error / max(float(np.abs(wanted).max(initial=0.0)), 1.0), 1e-13)
+        figures.count("functions")
+
+
+def test_forward_and_reverse_modes(built: Build) -> None:
+    """Inside an expression, with a matrix in the middle: jtimes both ways, against its derivatives by hand."""
+    robot = sample(4100)
+    kernel = built_for(robot, built)
+    s = random_state(robot, 3)
+    mass = function(kernel, "mass_matrix", flags=FLAGS)
+    inverse = function(kernel, "inverse_dynamics", flags=FLAGS)
+    assert mass.sparsity_out(0).nnz() < kernel.n**2  # a joint that slides beside one that turns, say
+    q, v, w = (casadi.MX.sym(name, kernel.n) for name in "qvw")
+    whole = mass(2 * q) @ v + inverse(q, v, v)
+    forward = casadi.Function("forward", [q, v, w], [casadi.jtimes(whole, q, w)])
+    reverse = casadi.Function("reverse", [q, v, w], [casadi.jtimes(whole, q, w, True)])
+    by_mass = DifferentiableFunction(kernel, "mass_matrix").derivatives(2 * s.q)[0]
+    by_inverse = DifferentiableFunction(kernel, "inverse_dynamics").derivatives(s.q, s.v, s.v)[0]
+    J = 2 * np.einsum("svw,v->sw", by_mass, s.v) + by_inverse
+    assert np.allclose(np.array(forward(s.q, s.v, s.a))[:, 0], J @ s.a, rtol=1e-12, atol=1e-12)
+    assert np.allclose(np.array(reverse(s.q, s.v, s.a))[:, 0], J.T @ s.a, rtol=1e-12, atol=1e-12)
+
+
+def test_on_threads(built: Build) -> None:
+    """Calls share nothing: each of many states has the kernel's result, derivatives too."""
+    robot = random_robot(4420, joints=(3, 3))
+    kernel = built(robot, *kernels_for("forward_dynamics"))
+    made = function(kernel, "forward_dynamics", flags=FLAGS)
+    rng = np.random.default_rng(1)
+    q, v, u = rng.uniform(-1.0, 1.0, (3, 200, kernel.n))
+    found = np.array(made.map(200, "thread", 4)(q.T, v.T, u.T)).T
+    assert np.allclose(found, kernel.forward_dynamics(q, v, u), rtol=1e-12, atol=1e-12)
+    by_q = np.array(made.jacobian().map(200, "thread", 4)(q.T, v.T, u.T, np.zeros((kernel.n, 200)))[0])
+    expected = kernel.forward_dynamics_jacobian(q, v, u)[0]
+    assert np.allclose(by_q.reshape(kernel.n, 200, kernel.n).transpose(1, 0, 2), expected, rtol=1e-11, atol=1e-11)
+
+
+def test_without_eomgen(built: Build, tmp_path: Path) -> None:
+    """The library is a function of CasADi in a program that knows nothing of this one."""
+    kernel = built(eomgen.load_robot("one_link"), *kernels_for("inverse_dynamics"))
+    made = external_library(DifferentiableFunction(kernel, "inverse_dynamics"), "torques", FLAGS)
+    library = tmp_path / "elsewhere.so"
+    library.write_bytes(made.files["torques.so"])
+    code = (
+        f"import sys, casadi; f = casadi.external('torques', {str(library)!r});"
+        "assert 'eomgen' not in sys.modules; print(*f([0.1, 0.2], [0.3, 0.4], [0.5, 0.6]).full().ravel().tolist())"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    expected = kernel.inverse_dynamics([0.1, 0.2], [0.3, 0.4], [0.5, 0.6])
+    assert [float(word) for word in done.stdout.split()] == expected.tolist()
+
+
+def test_from_a_generated_package(built: Build, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its kernel knows where its C is; a kernel whose C is gone says so."""
+    robot = eomgen.load_robot("one_link")
+    options = eomgen.pipeline.Options(kernels_for("frame_pose"), flags=("-O0",))
+    package = eomgen.generate(robot, tmp_path, options)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    kernel = importlib.import_module(package.name).kernel
+    del sys.modules[package.name]
+    made = function(kernel, "frame_pose", "tcp", flags=FLAGS)
+    assert made.name() == "eom_one_link_frame_pose_tcp"
+    assert np.array_equal(np.array(made([0.1, 0.2])), kernel.frame_pose([0.1, 0.2], "tcp"))
+    assert kernel.source("h") == (package / "one_link.h").read_text(encoding="ascii")
+    (package / "one_link.c").unlink()
+    with pytest.raises(Exception, match=r"one_link\.c is not in the kernel's package any more; build the kernel again"):
+        function(kernel, "frame_pose", "tcp")
+
+
+def test_after_the_cache_was_cleared(empty_cache: Path) -> None:
+    """What is loaded stays; what needs the C says that it is gone."""
+    kernel = eomgen.build(eomgen.load_robot("one_link"), kernels=kernels_for("inverse_dynamics"), flags=("-O0",))
+    made, state = function(kernel, "inverse_dynamics", flags=FLAGS), ([0.1, 0.2], [0.3, 0.4], [0.5, 0.6])
+    assert sorted(kind for kind, _, _ in cache.contents()) == ["externals", "objects", "packages", "sources"]
+    cache.clear()
+    assert np.array_equal(np.array(made(*state))[:, 0], kernel.inverse_dynamics(*state))
+    assert made.jacobian()(*state, 0)[2].shape == (2, 2)
+    with pytest.raises(BuildError, match=r"one_link\.c|one_link\.h"):
+        function(kernel, "inverse_dynamics", called="again")
+
+
+def test_parameters_are_those_of_then(built: Build) -> None:
+    kernel = built(eomgen.load_robot("one_link"), *kernels_for("inverse_dynamics"))
+    made = [function(kernel, "inverse_dynamics", flags=FLAGS)]
+    state = ([0.1, 0.2], [0.3, 0.4], [0.5, 0.6])
+    before = kernel.inverse_dynamics(*state)
+    kernel.parameters["joints.joint1.x.stiffness"] = 7.0
+    made.append(function(kernel, "inverse_dynamics", flags=FLAGS))
+    assert np.array_equal(np.array(made[0](*state))[:, 0], before)
+    assert np.array_equal(np.array(made[1](*state))[:, 0], kernel.inverse_dynamics(*state))
+
+
+def test_what_fails(built: Build, monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = random_robot(976, joints=(1, 1), types=("free",), armature=False)
+    kernel = built(robot, *kernels_for("forward_dynamics", "inverse_dynamics"))
+    s, singular = random_state(robot, 1), random_state(robot, 1).q.copy()
+    singular[kernel.coordinates.index("joint1.beta")] = np.pi / 2
+    made = function(kernel, "forward_dynamics", flags=FLAGS)
+    assert np.isfinite(np.array(made(s.q, s.v, s.u))).all()
+    for failing in (lambda: made(singular, s.v, s.u), lambda: made.jacobian()(singular, s.v, s.u, 0)):
+        with pytest.raises(RuntimeError, match=r"[Ee]valuation failed"):
+            failing()
+    with pytest.raises(RuntimeError, match=r"(?i)mismatch"):
+        made(s.q[1:], s.v, s.u)
+    inverse = function(kernel, "inverse_dynamics", flags=FLAGS)
+    assert np.isnan(np.array(inverse(s.q * np.nan, s.v, s.a))).any()
+    x = casadi.MX.sym("x", kernel.n)
+    problem = {"x": x, "f": casadi.sumsqr(inverse(x, s.v, s.a))}
+    quiet = {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes"}
+    with pytest.raises(RuntimeError, match=r"(?i)jac"):  # no second derivatives: not by chance, either
+        casadi.nlpsol("exact", "ipopt", problem, quiet)
+    casadi.nlpsol("approximate", "ipopt", problem, {**quiet, "ipopt.hessian_approximation": "limited-memory"})
+    for called in ("a__b", "_a", "1a", "random_robot_mine"):
+        with pytest.raises(InputError, match=rf"called: '{called}' is no name"):
+            function(kernel, "inverse_dynamics", called=called)
+    single = built(robot, *kernels_for("inverse_dynamics"), dtype="float32")
+    with pytest.raises(InputError, match="kernel of float32; allowed for CasADi: float64"):
+        function(single, "inverse_dynamics")
+    monkeypatch.setitem(sys.modules, "casadi", None)
+    with pytest.raises(InputError, match=r'pip install "eomgen\[casadi\]"'):
+        function(kernel, "inverse_dynamics")
+
+
+def test_the_optimum_is_that_of_a_formulation_in_symbols(built: Build) -> None:
+    """Least effort of the rod, implicit midpoint: the kernel and limited memory against CasADi's own symbols."""
+    kernel = built(eomgen.load_robot("one_link"), *kernels_for("forward_dynamics"))
+    kernel.parameters["joints.joint1.x.stiffness"] = 60.0
+    x, u = casadi.SX.sym("x", 4), casadi.SX.sym("u")
+    s, c = casadi.sin(x[1]), casadi.cos(x[1])
+    mass = casadi.vertcat(casadi.horzcat(1, -s / 2), casadi.horzcat(-s / 2, 1 / 3))
+    right = casadi.vertcat(c * x[3] ** 2 / 2 - 60 * x[0], u - 9.81 * c / 2)
+    by_symbols = casadi.Function("by_symbols", [x, u], [casadi.vertcat(x[2:], casadi.solve(mass, right))])
+    made = function(kernel, "forward_dynamics", flags=FLAGS)
+    y, w = casadi.MX.sym("y", 4), casadi.MX.sym("w")
+    by_kernel = casadi.Function("by_kernel", [y, w], [casadi.vertcat(y[2:], made(y[:2], y[2:], casadi.vertcat(0, w)))])
+    exact = _swing(by_symbols, "exact")
+    assert np.allclose(_swing(by_kernel, "limited-memory"), exact, rtol=0.0, atol=1e-5 * np.abs(exact).max())
+
+
+def _swing(rate: casadi.Function, hessian: str, steps: int = 15, duration: float = 0.8) -> Array:
+    """Drives (steps,) that lift the rod from hanging to rest at 0.5 rad with the least sum of squares."""
+    opti, h = casadi.Opti(), duration / steps
+    x, u = opti.variable(4, steps + 1), opti.variable(1, steps)
+    middle = (x[:, 1:] + x[:, :-1]) / 2
+    opti.minimize(casadi.sumsqr(u))
+    opti.subject_to(casadi.vec(x[:, 1:] - x[:, :-1] - h * rate.map(steps)(middle, u)) == 0)
+    opti.subject_to(x[:, 0] == casadi.DM([0, -np.pi / 2, 0, 0]))
+    opti.subject_to(x[:, -1] == casadi.DM([0, 0.5, 0, 0]))
+    opti.set_initial(x[1, :], np.linspace(-np.pi / 2, 0.5, steps + 1)[None, :])
+    quiet = {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes", "ipopt.tol": 1e-9}
+    opti.solver("ipopt", {**quiet, "ipopt.hessian_approximation": hessian, "ipopt.max_iter": 500})
+    return np.asarray(opti.solve().value(u))

@@ -1,0 +1,206 @@
+"""Functions of JAX against the kernels they are made of: values, derivatives both ways, batches, refusals."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from functools import partial
+from itertools import pairwise
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import eomgen
+from eomgen.adapters.jax import function
+from eomgen.adapters.mappings import kernels_for
+from eomgen.errors import ArrayError, InputError
+from tests.conftest import Build
+from tests.support.adapter_samples import built_for, functions_of, sample, states
+from tests.support.figures import Figures
+from tests.support.random_robots import Array, random_robot, random_state, seeds
+
+
+@pytest.fixture(autouse=True)
+def doubles() -> Iterator[None]:
+    jax.config.update("jax_enable_x64", True)
+    yield
+    jax.config.update("jax_enable_x64", False)
+
+
+@pytest.fixture
+def calls(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, int | None]]:
+    """Every call of C with its number of states."""
+    found: list[tuple[str, int | None]] = []
+    own = eomgen.Kernel._call
+
+    def counted(
+        self: eomgen.Kernel, name: str, arrays: Any, steps: Any, extra: Any, count: int | None, out: Any
+    ) -> int:
+        found.append((name, count))
+        return own(self, name, arrays, steps, extra, count, out)
+
+    monkeypatch.setattr(eomgen.Kernel, "_call", counted)
+    return found
+
+
+@pytest.mark.parametrize("seed", seeds(4103, 1, 30))
+def test_values_and_derivatives_are_the_kernels(seed: int, built: Build, figures: Figures) -> None:
+    """Of all functions under jit, forward and in reverse."""
+    robot = sample(seed)
+    kernel = built_for(robot, built)
+    given = states(robot, kernel, seed)
+    rng = np.random.default_rng(seed)
+    for there in functions_of(robot, kernel):
+        made = function(kernel, there.name, there.frame, cut=True)
+        arrays = [given[name] for name in there.reads]
+        moves = [rng.uniform(-1.0, 1.0, array.shape) for array in arrays]
+        pull = rng.uniform(-1.0, 1.0, there.output)
+        value, along, back = jax.jit(partial(both_ways, made))(arrays, moves, pull)
+        figures.at_most("value", float(np.abs(value - there.value(*arrays)).max()), 1e-14)
+        blocks = there.derivatives(*arrays)
+        expected = sum(np.tensordot(b, m, axes=m.ndim) for b, m in zip(blocks, moves, strict=True))
+        figures.at_most("forward", distance(along, expected), 1e-12)
+        for found, block in zip(back, blocks, strict=True):
+            figures.at_most("reverse", distance(found, np.tensordot(pull, block, axes=pull.ndim)), 1e-12)
+        figures.count("functions")
+
+
+def both_ways(made: Any, arrays: Any, moves: Any, pull: Any) -> Any:
+    """The value, its change along the moves, and what pulls it back to the arrays."""
+    value, along = jax.jvp(made, arrays, moves)
+    return value, along, jax.vjp(made, *arrays)[1](pull)
+
+
+def distance(found: Any, expected: Any) -> float:
+    return float(np.abs(np.asarray(found) - expected).max() / max(float(np.abs(expected).max()), 1.0))
+
+
+def test_vmap_calls_the_batch_kernel_once(built: Build, calls: list[tuple[str, int | None]]) -> None:
+    robot = random_robot(4520, joints=(3, 3))
+    kernel = built(robot, *kernels_for("forward_dynamics"))
+    made = function(kernel, "forward_dynamics")
+    rng = np.random.default_rng(2)
+    q, v, u = rng.uniform(-1.0, 1.0, (3, 24, kernel.n))
+    expected = kernel.forward_dynamics(q, v, u)
+    beside = kernel.forward_dynamics(q, v, u[0])
+    by_q, by_v, by_u = kernel.forward_dynamics_jacobian(q, v, u)
+    calls.clear()
+    found = jax.jit(jax.vmap(made))(q, v, u)
+    assert np.allclose(found, expected, rtol=1e-14, atol=0.0)
+    assert calls == [("forward_dynamics", 24)]
+    calls.clear()
+    assert np.allclose(jax.vmap(made, (0, 0, None))(q, v, u[0]), beside, rtol=1e-14, atol=0.0)
+    assert calls == [("forward_dynamics", 24)]
+    calls.clear()
+    nested = jax.vmap(jax.vmap(made, (None, 0, None)), (0, None, None))(q[:3], v, u[0])
+    assert nested.shape == (3, 24, kernel.n)
+    assert np.allclose(nested[2], kernel.forward_dynamics(np.tile(q[2], (24, 1)), v, u[0]), rtol=1e-13, atol=1e-13)
+    assert calls[0] == ("forward_dynamics", 72)
+    calls.clear()
+    slopes = jax.vmap(jax.jacrev(made, (0, 1, 2)))(q, v, u)
+    assert sorted(calls) == [("forward_dynamics", 24), ("forward_dynamics_jacobian", 24)]
+    for block, wanted in zip(slopes, (by_q, by_v, by_u), strict=True):
+        assert distance(block, wanted) < 1e-12
+    assert jax.vmap(made)(q[:0], v[:0], u[:0]).shape == (0, kernel.n)
+    assert np.allclose(jax.vmap(made)(q[:1], v[:1], u[:1]), expected[:1], rtol=1e-13, atol=1e-13)
+
+
+def steps(made: Any, q: Any, v: Any, u: Any, dt: float) -> Any:
+    """The classical Runge-Kutta method as a scan."""
+
+    def step(state: Any, drive: Any) -> Any:
+        def rate(x: Any) -> Any:
+            return jnp.concatenate([x[n:], made(x[:n], x[n:], drive)])
+
+        n = drive.size
+        k1 = rate(state)
+        k2 = rate(state + dt / 2 * k1)
+        k3 = rate(state + dt / 2 * k2)
+        k4 = rate(state + dt * k3)
+        return state + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4), None
+
+    return jax.lax.scan(step, jnp.concatenate([q, v]), u)[0]
+
+
+def test_a_rollout_is_that_of_the_kernel_and_has_its_gradient(built: Build) -> None:
+    """Through a scan: the state at the end as C has it, its gradient by all drives against differences of C."""
+    robot = eomgen.load_robot("one_link")
+    kernel = built(robot, *kernels_for("forward_dynamics"), "rollout")
+    made, dt = function(kernel, "forward_dynamics"), 2e-3
+    rng = np.random.default_rng(3)
+    q, v, u = np.array([-1e-3, 0.4]), np.zeros(2), rng.uniform(-2.0, 2.0, (20, 2))
+
+    def end(u: Array) -> Array:
+        return np.concatenate([x[-1] for x in kernel.rollout(q, v, u, dt, 20)])
+
+    weights = rng.uniform(-1.0, 1.0, 4)
+    gradient = jax.jit(jax.value_and_grad(lambda u: weights @ steps(made, q, v, u, dt)))
+    value, slope = gradient(u)
+    assert value == pytest.approx(weights @ end(u), rel=1e-12)
+    h = 1e-4
+    for place in [(0, 0), (3, 1), (19, 0)]:
+        other = np.zeros_like(u)
+        other[place] = h
+        difference = weights @ (end(u + other) - end(u - other)) / (2 * h)
+        assert slope[place] == pytest.approx(difference, rel=1e-6, abs=1e-9)
+
+
+def test_frames_have_derivatives_of_any_order(built: Build) -> None:
+    robot = random_robot(4540, joints=(2, 2), max_coordinates=2)
+    kernel = built(robot, *kernels_for("frame_pose"))
+    q, h = random_state(robot, 1).q, 1e-5
+    orders = [jax.jit(function(kernel, "frame_pose", "tcp"))]
+    for _ in range(3):
+        orders.append(jax.jit(jax.jacfwd(orders[-1])))
+    for lower, higher in pairwise(orders):
+        for j, unit in enumerate(np.eye(kernel.n)):
+            difference = (lower(q + h * unit) - lower(q - h * unit)) / (2 * h)
+            assert np.allclose(difference, higher(q)[..., j], atol=1e-8)
+    assert np.abs(orders[3](q)).max() > 0.1
+
+
+def test_in_single_precision(built: Build) -> None:
+    robot = random_robot(4550, joints=(2, 2))
+    kernel = built(robot, *kernels_for("inverse_dynamics"), dtype="float32")
+    made, s = function(kernel, "inverse_dynamics"), random_state(robot, 1)
+    single = [x.astype(np.float32) for x in (s.q, s.v, s.a)]
+    with pytest.raises(ArrayError, match="q: expected float32, got float64"):
+        made(s.q, s.v, s.a)
+    jax.config.update("jax_enable_x64", False)
+    found = made(*single)
+    assert found.dtype == np.float32
+    assert np.allclose(found, kernel.inverse_dynamics(*single), rtol=1e-6)
+    assert jax.grad(lambda a: made(single[0], single[1], a).sum())(single[2]).dtype == np.float32
+    assert np.array_equal(made([0] * kernel.n, [0.0] * kernel.n, single[2]).shape, (kernel.n,))
+
+
+def test_what_is_refused(built: Build, monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = random_robot(976, joints=(1, 1), types=("free",), armature=False)
+    kernel = built(robot, *kernels_for("forward_dynamics"))
+    made, s = function(kernel, "forward_dynamics"), random_state(robot, 1)
+    singular = s.q.copy()
+    singular[kernel.coordinates.index("joint1.beta")] = np.pi / 2
+    with pytest.raises(jax.errors.JaxRuntimeError, match=r"SingularError: .*joint1\.beta"):
+        jax.block_until_ready(jax.jit(made)(singular, s.v, s.u))
+    with pytest.raises(jax.errors.JaxRuntimeError, match=r"ArrayError: v: joint1\.x is nan"):
+        jax.block_until_ready(made(s.q, s.v * np.nan, s.u))
+    kernel.checks = False
+    through = function(kernel, "forward_dynamics")
+    assert np.isnan(through(s.q, s.v, s.u * np.nan)).all()
+    with pytest.raises(ArrayError, match=r"q: expected shape \(6,\), got \(2, 6\); vmap takes many"):
+        made(np.stack([s.q, s.q]), s.v, s.u)
+    with pytest.raises(InputError, match="got 2 arrays; allowed: q, v, u"):
+        made(s.q, s.v)
+    with pytest.raises(ArrayError, match="u: expected float64, got complex128"):
+        made(s.q, s.v, s.u * 1j)
+    with pytest.raises(InputError, match="second derivatives are asked for"):
+        jax.hessian(lambda q: made(q, s.v, s.u).sum())(s.q)
+    jax.config.update("jax_enable_x64", False)
+    with pytest.raises(InputError, match="kernel of float64, which JAX has switched off; allowed: jax"):
+        made(s.q, s.v, s.u)
+    monkeypatch.setitem(sys.modules, "jax", None)
+    with pytest.raises(InputError, match=r'pip install "eomgen\[jax\]"'):
+        function(kernel, "forward_dynamics")

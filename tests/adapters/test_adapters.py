@@ -1,0 +1,115 @@
+"""What adapters offer: exact derivatives of all functions, on NumPy arrays, and what is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import eomgen
+from eomgen.adapters import mappings
+from eomgen.adapters.mappings import FUNCTIONS, DifferentiableFunction, kernels_for
+from eomgen.errors import InputError, UnknownNameError
+from tests.conftest import Build
+from tests.oracles.complex_step import complex_jacobian
+from tests.support.adapter_samples import built_for, differences, functions_of, sample, states
+from tests.support.figures import Figures
+from tests.support.random_robots import random_robot, seeds
+
+
+@pytest.mark.parametrize("seed", seeds(4100, 3, 60))
+def test_derivatives_are_those_of_complex_steps(seed: int, built: Build, figures: Figures) -> None:
+    """Of all functions by all arguments; of frames, whose programs are parts, those of central differences."""
+    robot = sample(seed)
+    kernel = built_for(robot, built)
+    given = states(robot, kernel, seed)
+    for function in functions_of(robot, kernel):
+        arrays = {name: given[name] for name in function.reads}
+        for at, (label, block) in enumerate(zip(arrays, function.derivatives(*arrays.values()), strict=True)):
+            assert block.shape == (*function.output, *arrays[label].shape)
+            if function.frame is None:
+                expected = complex_jacobian(robot, function.name, arrays, label).reshape(block.shape)
+                kind, limit = "complex step", 1e-11
+                if function.name == "forward_dynamics":
+                    condition = float(np.linalg.cond(kernel.mass_matrix(given["q"])))
+                    limit = max(limit, 100.0 * float(np.finfo(float).eps) * condition)
+            else:
+                expected = differences(function, list(arrays.values()), at)
+                kind, limit = "difference", 1e-7
+            size = max(float(np.abs(expected).max()), 1.0)  # of the terms that cancel
+            error = float(np.abs(block - expected).max()) / size
+            figures.at_most(f"{kind} of {function.name} by {label}", error, limit)
+        figures.count("functions")
+
+
+@pytest.mark.parametrize("seed", range(4100, 4103))
+def test_patterns_hold_what_is_not_zero(seed: int, built: Build) -> None:
+    """Zeros of the pattern are zeros of every state, and something else stays."""
+    robot = sample(seed)
+    kernel = built_for(robot, built)
+    sparse = 0
+    for function in functions_of(robot, kernel):
+        mask, masks = function.patterns()
+        for state in range(3):
+            given = states(robot, kernel, seed + state)
+            arrays = [given[name] for name in function.reads]
+            assert not np.any(function.value(*arrays)[~mask])
+            for pattern, block in zip(masks, function.derivatives(*arrays), strict=True):
+                assert pattern.shape == block.shape
+                assert not np.any(block[~pattern])
+                sparse += int((~pattern).any())
+    assert sparse > 0
+
+
+def test_batches(built: Build) -> None:
+    """A state of a batch is that state; one state beside a batch stands for all of it."""
+    robot = sample(4100)
+    kernel = built_for(robot, built)
+    many = [states(robot, kernel, seed) for seed in range(5)]
+    for function in functions_of(robot, kernel):
+        arrays = [np.array([given[name] for given in many]) for name in function.reads]
+        blocks = function.derivatives(*arrays)
+        for i in range(5):
+            for block, alone in zip(blocks, function.derivatives(*(x[i] for x in arrays)), strict=True):
+                assert np.allclose(block[i], alone, rtol=1e-11, atol=1e-11)
+        if len(arrays) > 1:
+            for block, alone in zip(function.derivatives(arrays[0], *(x[0] for x in arrays[1:])), blocks, strict=True):
+                assert block.shape == alone.shape
+                assert np.allclose(block[0], alone[0], rtol=1e-11, atol=1e-11)
+
+
+def test_parameters_are_those_of_then(built: Build) -> None:
+    robot = eomgen.load_robot("one_link")
+    kernel = built(robot, *kernels_for("inverse_dynamics"))
+    q = np.array([0.01, 0.3])
+    function = DifferentiableFunction(kernel, "inverse_dynamics")
+    before = kernel.inverse_dynamics(q, 0 * q, 0 * q)
+    kernel.parameters["joints.joint1.x.stiffness"] = 1.0
+    assert np.array_equal(function.value(q, 0 * q, 0 * q), before)
+    assert not np.array_equal(kernel.inverse_dynamics(q, 0 * q, 0 * q), before)
+
+
+def test_refusals(built: Build, monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = random_robot(4300, joints=(1, 2))
+    kernel = built(robot, *kernels_for("frame_pose", "generalized_force"))
+    with pytest.raises(UnknownNameError, match=r"function: 'sums' is unknown; allowed: residual"):
+        DifferentiableFunction(kernel, "sums")
+    with pytest.raises(UnknownNameError, match=r"built without mass_matrix, christoffel; allowed: kernels=\('mass"):
+        DifferentiableFunction(kernel, "mass_matrix")
+    with pytest.raises(InputError, match=r"frame: frame_pose got None; allowed: one of tcp"):
+        DifferentiableFunction(kernel, "frame_pose")
+    with pytest.raises(InputError, match=r"frame: generalized_force got 'tcp'; allowed: none"):
+        DifferentiableFunction(kernel, "generalized_force", "tcp")
+    with pytest.raises(UnknownNameError, match="'tpc' is unknown; did you mean 'tcp'"):
+        DifferentiableFunction(kernel, "frame_pose", "tpc")
+    monkeypatch.setattr(mappings, "STAYS", ("x", "y", "z"))  # a force that nothing switches off
+    with pytest.raises(InputError, match="is no run-time parameter, so that bias_force"):
+        DifferentiableFunction(kernel, "generalized_force")
+
+
+def test_loops_are_refused_unless_cut(built: Build) -> None:
+    robot = sample(4104)
+    assert robot.loops
+    kernel = built_for(robot, built)
+    with pytest.raises(InputError, match="has loops"):
+        DifferentiableFunction(kernel, "forward_dynamics")
+    assert set(kernels_for("constraint")) <= set(FUNCTIONS["constraint"].kernels)

@@ -1,0 +1,228 @@
+"""Deflections: beams of textbook springs, Pinocchio's statics on random robots, differences of loaded states, maps."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import eomgen
+from eomgen.analysis.compliance import compliance_map
+from eomgen.analysis.statics import deflection, motion_between
+from eomgen.analysis.tangent_system import KERNELS
+from eomgen.cli import entry as cli
+from eomgen.description.load import robot_from_toml
+from eomgen.errors import EomgenWarning, InputError
+from eomgen.robot.model import build_model
+from eomgen.robot.value import Coordinate, Frame, Joint, Link, Placement, Robot
+from tests.analysis.test_modes import LOOP, numerical_tangents, random_elastic
+from tests.conftest import Build
+from tests.oracles.pinocchio_models import PinocchioOracle
+
+SPRINGS = (2e5, 3e5, 5e5, 4e3, 7e3, 9e3)
+
+
+def spring_mount(gravity: tuple[float, float, float] = (0.0, 0.0, 0.0), length: float = 0.5) -> Robot:
+    """A body on six springs, a frame at a distance along x."""
+    names = eomgen.robot.COORDINATES
+    joint = Joint(
+        "mount",
+        "base",
+        "body",
+        "fixed",
+        coordinates={name: Coordinate(stiffness=k) for name, k in zip(names, SPRINGS, strict=True)},
+    )
+    link = Link("body", 2.0, (0.0, 0.0, 0.0), (0.1, 0.1, 0.1, 0.0, 0.0, 0.0))
+    return Robot("mount", gravity, (link,), (joint,), (Frame("tcp", "body", Placement((length, 0.0, 0.0))),))
+
+
+def test_six_springs() -> None:
+    """Unloaded: C = T diag(1/k) T^T with the shift T of the frame; gravity's deflection m g / k."""
+    found = deflection(spring_mount())
+    T = np.eye(6)
+    T[1, 5], T[2, 4] = 0.5, -0.5  # u + theta x (l, 0, 0)
+    expected = T @ np.diag(1.0 / np.array(SPRINGS)) @ T.T
+    assert np.abs(found.compliance - expected).max() < 1e-15
+    assert found.rank == 6
+    assert found.stiffness is not None
+    assert found.stiffness == pytest.approx(np.linalg.inv(expected), rel=1e-9, abs=1e-4)
+    heavy = deflection(spring_mount((0.0, 0.0, -9.81)))
+    assert heavy.deflection == pytest.approx([0, 0, -2.0 * 9.81 / SPRINGS[2], 0, 0, 0], abs=1e-15)
+    assert np.array_equal(heavy.by_loads, np.zeros(6))
+
+
+def test_geometric_stiffness_of_a_column() -> None:
+    """A rigid column on a torsion spring under a dead load P: k - P l instead of k, and it buckles beyond."""
+    robot = spring_mount(length=0.5)
+    joint = replace(robot.joints[0], coordinates={"gamma": Coordinate(stiffness=100.0)})
+    robot = replace(robot, joints=(joint,))
+    for force in (-150.0, 0.0, 80.0):
+        found = deflection(robot, loads={"tcp": [force, 0, 0, 0, 0, 0]})
+        assert found.compliance[5, 5] == pytest.approx(1.0 / (100.0 + 0.5 * force), rel=1e-12)
+        assert found.rank == 1
+        assert found.stiffness is None
+        assert "of rank 1 of 6" in "\n".join(found.lines())
+    with pytest.warns(EomgenWarning, match=r"not stable: it buckles along mount\.gamma"):
+        deflection(robot, loads={"tcp": [-210.0, 0, 0, 0, 0, 0]})
+    # with a moment to begin with it goes where k theta = P l sin(theta) + m
+    bent = deflection(robot, loads={"tcp": [-210.0, 0, 0, 0, 0, 1.0]})
+    angle = bent.deflection[5]
+    assert 100.0 * angle == pytest.approx(210.0 * 0.5 * np.sin(angle) + 1.0, rel=1e-10)
+    assert angle > 0.3
+    assert not bent.notes
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("drives", ["locked", "pd"])
+def test_random_robots_against_pinocchio(seed: int, drives: str, built: Build) -> None:
+    """Balance by Pinocchio's forces, pose by its kinematics, compliance by its Jacobian and differenced stiffness."""
+    robot = random_elastic(seed)
+    oracle, kernel = PinocchioOracle(robot), built(robot, *KERNELS)
+    rng, driven = np.random.default_rng(seed + 100), list(build_model(robot).driven)
+    wrench = rng.uniform(-30.0, 30.0, 6)
+    pose = np.zeros(kernel.n)
+    pose[driven] = rng.uniform(-1.0, 1.0, len(driven))
+    gains = {"kp": 2e4} if drives == "pd" else {}
+    found = deflection(robot, pose, drives=drives, loads={"tcp": wrench}, kernel=kernel, **gains)  # type: ignore[arg-type]
+    K, _, _ = numerical_tangents(oracle, found.q, wrench, "tcp")
+    zero, J = np.zeros(kernel.n), oracle.frame_jacobian(found.q, "tcp")
+    left = oracle.inverse_dynamics(found.q, zero, zero) - J.T @ wrench
+    assert found.u == pytest.approx(np.where(np.isin(np.arange(kernel.n), driven), left, 0.0), abs=1e-8)
+    if drives == "pd":
+        assert left[driven] == pytest.approx(2e4 * (pose - found.q)[driven], abs=1e-7)
+        K[driven, driven] += 2e4
+    else:
+        assert np.array_equal(found.q[driven], pose[driven])
+    free = [i for i in range(kernel.n) if drives == "pd" or i not in driven]
+    expected = J[:, free] @ np.linalg.solve(K[np.ix_(free, free)], J[:, free].T)
+    assert found.compliance == pytest.approx(expected, rel=1e-5, abs=1e-6 * np.abs(expected).max(initial=1e-12))
+    before, after = oracle.frame_pose(pose, "tcp"), oracle.frame_pose(found.q, "tcp")
+    turn = Rotation.from_matrix(after[:3, :3] @ before[:3, :3].T).as_rotvec()
+    assert found.deflection == pytest.approx([*(after - before)[:3, 3], *turn], abs=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_compliance_is_the_difference_of_loaded_states(seed: int, built: Build) -> None:
+    """A little more load moves the frame by the compliance times it: geometric terms and all."""
+    robot = random_elastic(seed)
+    kernel, wrench = built(robot, *KERNELS), np.array([30.0, -20.0, 40.0, 1.0, -2.0, 3.0])
+    found = deflection(robot, loads={"tcp": wrench}, kernel=kernel)
+    for k, step in enumerate((1e-2, 1e-2, 1e-2, 1e-2, 1e-2, 1e-2)):
+        change = step * np.eye(6)[k]
+        poses = [deflection(robot, loads={"tcp": wrench + s * change}, kernel=kernel).pose for s in (1, -1)]
+        moved = motion_between(poses[1], poses[0]) / (2 * step)
+        assert moved == pytest.approx(found.compliance[:, k], rel=1e-5, abs=1e-9)
+    none = deflection(robot, kernel=kernel)
+    assert found.by_loads == pytest.approx(found.deflection - none.deflection, abs=1e-14)
+
+
+def test_loops_turn_springs_into_stiffness(built: Build) -> None:
+    """A slider-crank has one freedom: C = J J^T / V'' at its state of rest, V the energy over the crank angle."""
+    robot = robot_from_toml(LOOP)
+    found = deflection(robot, {"turn.gamma": 2.5, "pin.gamma": -3.2, "guide.x": 0.25}, held=[], frame="rod")
+    kernel = built(robot, "energy", "kinematics")
+
+    def place(angle: float) -> np.ndarray:
+        other = np.arcsin(-0.2 * np.sin(angle) / 0.4)
+        return np.array([angle, other - angle, 0.2 * np.cos(angle) + 0.4 * np.cos(other)])
+
+    angle, h = float(found.q[0]), 1e-4
+    V = [float(kernel.energy(place(angle + d * h), np.zeros(3))[1]) for d in (-1, 0, 1)]
+    assert abs(V[2] - V[0]) / (2 * h) < 1e-5
+    J = kernel.frame_jacobian(found.q, "rod") @ (place(angle + h) - place(angle - h)) / (2 * h)
+    expected = np.outer(J, J) / ((V[0] - 2 * V[1] + V[2]) / h**2)
+    assert found.compliance == pytest.approx(expected, rel=1e-4, abs=1e-6 * np.abs(expected).max())
+    assert found.rank == 1
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 0.3, 2.0, 3.1, np.pi - 1e-6, np.pi])
+def test_rotation_vectors(angle: float) -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(5):
+        axis = rng.standard_normal(3)
+        turn = Rotation.from_rotvec(angle * axis / np.linalg.norm(axis))
+        first, second = np.eye(4), np.eye(4)
+        first[:3, :3] = Rotation.random(random_state=4).as_matrix()
+        second[:3, :3] = turn.as_matrix() @ first[:3, :3]
+        again = Rotation.from_rotvec(motion_between(first, second)[3:])
+        assert (again * turn.inv()).magnitude() < 1e-7
+        assert np.linalg.norm(motion_between(first, second)[3:]) == pytest.approx(angle, abs=1e-7)
+
+
+def test_map_of_a_planar_arm(built: Build) -> None:
+    """Two links of 0.5 m with torsion springs beside both drives: 0 to 1 m can be reached, C is J diag(1/k) J^T."""
+    links, joints = [], []
+    for i in (1, 2):
+        for kind, name in (("revolute", f"r{i}"), ("fixed", f"l{i}")):
+            links.append(Link(name, 0.5, (0.0, 0.0, 0.0), (0.01, 0.01, 0.01, 0.0, 0.0, 0.0)))
+            parent = "base" if not joints else links[-2].name
+            placement = Placement((0.5, 0.0, 0.0)) if (i, kind) == (2, "revolute") else Placement()
+            spring = Coordinate() if kind == "revolute" else Coordinate(stiffness=800.0 * i)
+            joints.append(Joint(f"j_{name}", parent, name, kind, placement, coordinates={"gamma": spring}))
+    frames = (Frame("tcp", "l2", Placement((0.5, 0.0, 0.0))),)
+    robot = Robot("planar", (0.0, 0.0, 0.0), tuple(links), tuple(joints), frames)
+    found = compliance_map(robot, [-0.3, 0.2, 0.0], [1.5, 0.0, 0.0], [0.0, 0.88, 0.0], (6, 4), pose=[0.3, 0.9])
+    distance = np.linalg.norm(found.points, axis=2)
+    assert found.points[-1, -1] == pytest.approx([1.2, 1.08, 0.0])
+    assert np.array_equal(np.isfinite(found.softest), distance < 1.0)
+    for i, j in np.argwhere(distance < 1.0):
+        x, y = found.points[i, j, :2]
+        first, both = found.q[i, j, 0], found.q[i, j, 0] + found.q[i, j, 2]
+        place = 0.5 * np.array([np.cos(first) + np.cos(both), np.sin(first) + np.sin(both)])
+        assert place == pytest.approx([x, y], abs=1e-9)
+        second = place - 0.5 * np.array([np.cos(first), np.sin(first)])
+        J = np.array([[-y, -second[1]], [x, second[0]]])
+        expected = J @ np.diag([1 / 800.0, 1 / 1600.0]) @ J.T
+        assert found.compliance[i, j, :2, :2] == pytest.approx(expected, abs=1e-12)
+        assert found.softest[i, j] == pytest.approx(np.linalg.eigvalsh(expected)[-1], rel=1e-6)
+
+
+def test_input_that_is_refused() -> None:
+    robot = eomgen.load_robot("one_link")
+    with pytest.raises(InputError, match="allowed: locked, pd"):
+        deflection(robot, drives="free")
+    loose = Robot(
+        "loose",
+        (0.0, 0.0, 0.0),
+        robot.links,
+        (replace(robot.joints[0], type="fixed", coordinates={"x": Coordinate()}),),
+    )
+    with pytest.raises(InputError, match=r"nothing holds joint1\.x: its compliance is infinite"):
+        deflection(loose, held=[])
+    plane = ([0.0, 0.0, 0.0], [1.0, 0.0, 0.0])
+    for third, points, words in (
+        ([2.0, 0.0, 0.0], (3, 3), "span no plane"),
+        ([0.0, 1.0, 0.0], (1, 3), "whole numbers from 2"),
+        ([0.0, np.nan, 0.0], (3, 3), "three finite numbers"),
+    ):
+        with pytest.raises(InputError, match=words):
+            compliance_map(robot, *plane, third, points)
+    with pytest.raises(InputError, match="has loops"):
+        compliance_map(eomgen.load_robot("four_bar"), *plane, [0.0, 1.0, 0.0])
+
+
+def test_rigid_robots_do_not_bend() -> None:
+    found = deflection(eomgen.load_robot("ur5"), loads={"tcp": [0.0, 0.0, -50.0, 0.0, 0.0, 0.0]})
+    assert found.rank == 0
+    assert np.array_equal(found.deflection, np.zeros(6))
+
+
+def test_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    arguments = ["deflection", "one_link", "--load", "tcp", "20", "0", "0", "0", "0", "0", "--json"]
+    assert cli.main(arguments) == 0
+    plain = json.loads(capsys.readouterr().out)
+    assert plain["deflection"]["x"] == pytest.approx(20.0 / 1e4)
+    assert plain["rank"] == 1
+    plane = ["--map", "0.3", "-0.4", "0", "0.3", "0", "0", "0", "0.6", "0", "--points", "3", "2"]
+    for name in ("map.npz", "map.svg"):
+        assert cli.main(["deflection", "worn_arm", *plane, "-o", str(tmp_path / name)]) == 0
+        assert "um/N" in capsys.readouterr().out
+    with np.load(tmp_path / "map.npz") as saved:
+        assert saved["compliance"].shape == (3, 2, 6, 6)
+    assert "um/N" in (tmp_path / "map.svg").read_text()
+    assert cli.main(["deflection", "one_link", "-o", "a.svg"]) == 1
+    assert "with --map" in capsys.readouterr().err

@@ -1,0 +1,158 @@
+"""eomgen new, eomgen check and eomgen schema."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+import eomgen
+from eomgen.authoring.check import check_file
+from eomgen.authoring.schemas import schema_path, schema_text
+from eomgen.cli import entry as cli
+from tests.support.bad_files import PLAN, SCENARIO
+from tests.support.description_samples import ARM, URDF
+
+BAD = (
+    ARM.replace("mass = 3.0", "mass = -3.0")
+    .replace("stiffness = 1e6", 'stifness = 1e6, clearance = "a"')
+    .replace('parent = "link1"\n', "")
+    .replace("xyz = [0.0, 0.0, 0.1]", "xyz = [0.0, 0.1]")
+    .replace("gravity =", "# \N{SNOWMAN}\n'gra vity' =")
+)
+
+
+def test_a_new_robot_moves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """It and its scenario load, generate and run as they are written."""
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["new", "my_arm"]) == 0
+    assert cli.main(["new", "move", "--scenario", "-o", "s.toml"]) == 0
+    assert capsys.readouterr().out == "wrote my_arm.toml\nwrote s.toml\n"
+    robot = eomgen.load_robot("my_arm.toml")
+    assert robot.name == "my_arm"
+    assert list(robot.joints[0].coordinates) == ["x", "y", "beta", "gamma"]
+    first = Path("my_arm.toml").read_text(encoding="ascii").splitlines()[0]
+    assert first == f"#:schema {schema_path('robot').resolve().as_uri()}"
+    assert cli.main(["check", "my_arm.toml", "s.toml"]) == 0
+    printed = capsys.readouterr().out
+    assert printed == "my_arm.toml: ok: 1 links, 4 coordinates\ns.toml: ok: 1 s, 0 wrenches, 0 payloads\n"
+    assert cli.main(["generate", "my_arm.toml", "-o", "out", "--kernels", "mass_matrix"]) == 0
+    assert cli.main(["simulate", "my_arm.toml", "--scenario", "s.toml", "-o", "out", "--no-plots"]) == 0
+    result = eomgen.load_result("out/trajectory.npz")
+    assert result.series("joint1.gamma").values[-1] == pytest.approx(0.8, abs=1e-3)
+    assert abs(result.balance.relative_residue) < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["there"], "new: 'there.toml' is there already; allowed: a file that is not"),
+        (["My-Arm"], "new: got the name 'My-Arm'; allowed: a lower-case letter"),
+        (["../arm"], "new: got the name '../arm'; allowed: a lower-case letter"),
+        (["arm\n"], "new: got the name 'arm\\n'; allowed: a lower-case letter"),
+        (["arm", "-o", "arm.txt"], "new: got the file 'arm.txt'; allowed: a path that ends in .toml"),
+        (["arm", "-o", "no/arm.toml"], "'no/arm.toml' cannot be written: No such file or directory; allowed: a file"),
+    ],
+)
+def test_what_new_refuses(
+    arguments: list[str],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("there.toml").write_text("mine")
+    assert cli.main(["new", *arguments]) == 1
+    assert message in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["there.toml"]
+    assert Path("there.toml").read_text() == "mine"
+
+
+def test_all_errors_are_said_in_their_order(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("bad.toml").write_text(BAD, encoding="utf-8")
+    assert cli.main(["check", "bad.toml"]) == 1
+    printed = capsys.readouterr()
+    assert printed.err == "eomgen: check: 1 of 1 files cannot be used; allowed: what is said of each\n"
+    found = [line.split(": ")[:3] for line in printed.out.splitlines()]
+    assert [(place, *what[:1]) for place, *what in found] == [
+        ("bad.toml:4:1", "unknown key 'gra vity'; did you mean 'gravity'? (allowed"),
+        ("bad.toml:9:8", "links.link1.mass"),
+        ("bad.toml:24:7", "joints.joint1.x"),
+        ("bad.toml:24:35", "joints.joint1.x.clearance"),
+        ("bad.toml:28:3", "joints.joint2"),
+        ("bad.toml:37:21", "frames.tcp.placement.xyz"),
+    ]
+    assert cli.main(["check", "--json", "bad.toml"]) == 1
+    (facts,) = json.loads(capsys.readouterr().out)
+    assert [(error["line"], error["column"]) for error in facts["errors"]] == [
+        (4, 1),
+        (9, 8),
+        (24, 7),
+        (24, 35),
+        (28, 3),
+        (37, 21),
+    ]
+    assert facts["errors"][1] == {
+        "file": "bad.toml",
+        "line": 9,
+        "column": 8,
+        "place": "links.link1.mass",
+        "message": "got -3.0; allowed: a number that is at least 0",
+    }
+
+
+def test_check_reads_every_kind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    texts = {
+        "arm.toml": ARM,
+        "arm.urdf": URDF,
+        "s.toml": SCENARIO,
+        "p.toml": PLAN,
+        "tree.toml": ARM.replace('child = "link2"', 'child = "link1"'),
+        "bad.urdf": URDF.replace('value="2.0"', 'value="-2.0"'),
+        "none.toml": "",
+        "refined.toml": 'urdf = "arm.urdf"\n[[joints]]\nname = "elbow"\nx = { stiffness = 1e5 }\n',
+    }
+    for name, text in texts.items():
+        Path(name).write_text(text, encoding="utf-8")
+    assert cli.main(["check", *texts, "missing.toml", "arm.txt"]) == 1
+    printed = capsys.readouterr()
+    assert "5 of 10 files" in printed.err
+    lines = printed.out.splitlines()
+    assert lines[:2] == ["arm.toml: ok: 2 links, 3 coordinates", "arm.urdf: ok: 2 links, 2 coordinates"]
+    rest = [line for line in lines[2:] if "note" not in line]
+    starts = [
+        "s.toml: ok: 1 s",
+        "p.toml: ok: 1 samples, 1 numbers varied",
+        "tree.toml:30:9: joints.joint2.child: link 'link1' is already the child",
+        "bad.urdf:7:7: link 'upper', <inertial>, <mass>: value is -2",
+        "none.toml:1:1: the key 'name' is missing",
+        "refined.toml: ok: 2 links, 3 coordinates",
+        "missing.toml: there is no such file",
+        "arm.txt: cannot be checked; allowed: a path that ends in .toml, .urdf, .xml",
+    ]
+    assert len(rest) == len(starts)
+    for line, start in zip(rest, starts, strict=True):
+        assert line.startswith(start)
+
+
+def test_many_errors_end(tmp_path: Path) -> None:
+    path = tmp_path / "many.toml"
+    path.write_text('name = "r"\n' + "".join(f"k{i} = 1\n" for i in range(2000)) + "[[links]]\n" * 300)
+    assert len(check_file(path).errors) == 50
+
+
+def test_the_schema_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["schema", "scenario"]) == 0
+    assert capsys.readouterr().out == schema_text("scenario")
+    assert cli.main(["schema"]) == 0
+    assert json.loads(capsys.readouterr().out)["properties"]["gravity"]["description"].endswith("[m/s^2]")
+    assert cli.main(["schema", "urdf"]) == 1
+    assert "there is no format 'urdf'; allowed: robot, scenario, plan" in capsys.readouterr().err

@@ -1,0 +1,231 @@
+"""JSON Schemas of the file formats: current, valid, no stricter than the readers; what they cannot say is listed."""
+
+from __future__ import annotations
+
+import re
+import sys
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+from hypothesis import HealthCheck, given, settings
+
+from eomgen.authoring.schemas import FORMATS, schema_of, schema_path, schema_text
+from eomgen.description.load import robot_from_toml
+from eomgen.errors import EomgenWarning, InputError
+from eomgen.forms.structure import faults
+from eomgen.scenario.load import scenario_from_toml
+from eomgen.sweep.plan import plan_from_toml
+from tests.description import test_bad_input
+from tests.scenario import test_scenario_input
+from tests.support.description_samples import ARM
+from tests.support.mutations import DOCUMENTS, as_toml, mutant
+from tests.sweep import test_sweep_plan
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+ROOT = Path(__file__).parents[2]
+READERS = {"robot": robot_from_toml, "scenario": scenario_from_toml, "plan": plan_from_toml}
+VALIDATORS = {name: jsonschema.Draft7Validator(schema_of(name)) for name in FORMATS}
+MUTANTS = {"toml": "robot", "scenario": "scenario", "plan": "plan"}  # what tests/support/mutations.py calls them
+
+# What the readers alone find, by classes of errors; cases of test_bad_input.
+SEMANTIC = {
+    "JSON has no NaN": {"nan", "point that is none"},
+    "no body has this inertia": {"impossible inertia", "indefinite inertia", "product of inertia"},
+    "names that do not exist": {
+        *("unknown parent", "unknown child", "unknown link of frame", "spring of no link", "loop of no link"),
+        *("tunable of no link", "tunable of no joint", "tunable of inactive", "tunable of a spring"),
+        *("tunable rpy of dh", "tunable half wildcard"),
+    },
+    "names that are taken": {"duplicate link", "duplicate joint", "spring twice", "link named base"},
+    "no tree, or nothing moves": {
+        *("two parents", "cycle", "own parent", "base as child", "link without joint", "nothing moves"),
+    },
+    "ends on one link": {"spring of one link", "loop of one link"},
+    "keys that exclude or need each other": {
+        *("dh and placement", "limits of a fixed joint", "clearance without stiffness", "spring without force"),
+        *("cable of no length", "smoothing of no cable", "curve and stiffness of a spring", "curve of a cable"),
+        *("smoothing of nothing", "restitution of nothing", "one side only", "static without stribeck"),
+        *("stribeck without static", "curve and stiffness", "curve and friction that is none", "sharp clearance"),
+        *("clearance of stiffness zero",),
+    },
+    "numbers out of order": {
+        *("limits reversed", "curve of a spring that falls back", "static below coulomb", "curve that turns back"),
+    },
+    "files beside it": {"curve from nowhere", "urdf without folder"},
+    "$ of Python's regular expressions stands before a newline, too": {"trailing newline", "robot name with newline"},
+}
+SCENARIO_ONLY_READ = (  # reasons of test_scenario_input that the schema does not see
+    *("got nan", "state of rest", "with equilibrium = true only", "times or speed", "increasing", "an array of 2"),
+    *("does not exist", "another point", "in the plane", "not zero", "coordinates with rows", "array of 2"),
+    *("got the time 0 after 1", "needs force and/or moment", "after t0", "no body can have"),
+)
+PLAN_ONLY_READ = {  # of test_sweep_plan
+    *("missing", "grids alone", "up to the period", "[integrator]", "parameter or scenario", "one of them"),
+    *("one distribution", "grid, uniform", "greater than low", "8 deviations", "different", "values, or low", "once"),
+}
+
+
+def refused(name: str, values: Any) -> bool:
+    """Whether the schema refuses the values."""
+    try:
+        return not VALIDATORS[name].is_valid(values)
+    except ValueError:  # it cannot print an integer of thousands of digits that is too large
+        return True
+
+
+def parsed(text: str) -> dict[str, Any] | None:
+    try:
+        values: dict[str, Any] = tomllib.loads(text)
+    except (ValueError, RecursionError):
+        return None
+    return values
+
+
+def is_read(name: str, text: str) -> bool:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", EomgenWarning)
+        try:
+            READERS[name](text)
+        except InputError:
+            return False
+    return True
+
+
+def check_soundness(name: str, text: str) -> bool:
+    """What the schema refuses the reader refuses, and ``eomgen check`` finds by the structure alone."""
+    values = parsed(text)
+    if values is None:
+        return False
+    found = faults(FORMATS[name][0], values, "")
+    if found or refused(name, values):
+        assert found, f"the schema refuses what the structure allows: {text}"
+        assert not is_read(name, text), f"{found or ''} is refused by the schema, and read: {text}"
+    return refused(name, values)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_files_are_current(name: str) -> None:
+    assert schema_path(name).read_text(encoding="ascii") == schema_text(name), "make schemas writes the new one"
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_schemas_are_schemas(name: str) -> None:
+    jsonschema.Draft7Validator.check_schema(schema_of(name))
+    assert "$ref" not in schema_text(name)
+
+
+def properties(schema: Any) -> Iterator[tuple[str, dict[str, Any]]]:
+    if isinstance(schema, list):
+        for item in schema:
+            yield from properties(item)
+    elif isinstance(schema, dict):
+        if schema.get("additionalProperties") is False:  # those of an anyOf only say what is needed
+            yield from schema["properties"].items()
+        for value in schema.values():
+            yield from properties(value)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_every_property_is_described(name: str) -> None:
+    found = list(properties(schema_of(name)))
+    assert len(found) > 20
+    for key, schema in found:
+        assert len(schema["description"]) > 3, key
+    with_units = [key for key, schema in found if re.search(r" \[.*\]$", schema["description"])]
+    assert name == "plan" or {"mass", "inertia"} <= set(with_units)
+    if name == "robot":
+        bare = {key for key, schema in found if schema.get("type") == "number"} - set(with_units)
+        assert not bare, "numbers without a unit"
+
+
+@pytest.mark.parametrize(
+    ("name", "path"),
+    [
+        *(("robot", path) for path in sorted(ROOT.glob("src/eomgen/robots/*.toml"))),
+        *(("scenario", path) for path in sorted(ROOT.glob("src/eomgen/scenarios/*.toml"))),
+        ("robot", ROOT / "src/eomgen/starters/robot.toml"),
+        ("scenario", ROOT / "src/eomgen/starters/scenario.toml"),
+        *(
+            ("plan" if "vary" in text else "scenario" if "\nduration" in text else "robot", path)
+            for path in sorted(ROOT.glob("examples/*.toml"))
+            for text in [path.read_text(encoding="utf-8")]
+        ),
+    ],
+    ids=lambda value: value.stem if isinstance(value, Path) else value,
+)
+def test_what_is_shipped_is_valid(name: str, path: Path) -> None:
+    VALIDATORS[name].validate(tomllib.loads(path.read_text(encoding="utf-8")))
+
+
+def test_samples_are_valid() -> None:
+    for kind, name in MUTANTS.items():
+        for document in DOCUMENTS[kind]:
+            VALIDATORS[name].validate(document)
+    VALIDATORS["robot"].validate({"urdf": "arm.urdf", "joints": [{"name": "elbow", "x": {}}]})
+    assert refused("robot", {"urdf": "arm.urdf", "joints": [{"x": {}}]})
+    assert refused("robot", {"name": "arm", "joints": [{"name": "elbow", "x": {}}]})
+    assert refused("robot", {"links": []})
+
+
+@pytest.mark.parametrize("case", list(test_bad_input.TOML_CASES))
+def test_bad_robots(case: str) -> None:
+    """Structural mistakes are refused; the others are those that SEMANTIC lists, and no more."""
+    old, new, _ = test_bad_input.TOML_CASES[case]
+    sample = test_bad_input.NOTHING_MOVES if case == "nothing moves" else ARM
+    values = parsed(test_bad_input.changed(sample, old, new))
+    semantic = any(case in cases for cases in SEMANTIC.values())
+    if values is not None:
+        assert refused("robot", values) != semantic
+
+
+def test_bad_scenarios_and_plans() -> None:
+    for text, _, reason in test_scenario_input.READING:
+        values = parsed(text)
+        if values is not None:
+            semantic = any(reason.startswith(part) or part in reason for part in SCENARIO_ONLY_READ)
+            assert refused("scenario", values) != semantic, text
+    for text, reasons in test_sweep_plan.BAD.items():
+        values = parsed(text)
+        assert values is not None
+        assert refused("plan", values) or PLAN_ONLY_READ & set(reasons), text
+
+
+def soundness_of_mutants(first: int, count: int) -> dict[str, int]:
+    """How many mutants the schema refuses, by kinds."""
+    found = dict.fromkeys(MUTANTS, 0)
+    for kind, name in MUTANTS.items():
+        for seed in range(first, first + count):
+            found[kind] += check_soundness(name, mutant(kind, seed).decode("utf-8", "replace"))
+    return found
+
+
+def test_what_the_schema_refuses_the_reader_refuses() -> None:
+    assert min(soundness_of_mutants(50_000_000, 300).values()) > 60
+
+
+@pytest.mark.soak
+def test_what_the_schema_refuses_the_reader_refuses_many() -> None:
+    found = soundness_of_mutants(51_000_000, 6000)
+    print(f"\nof 6000 mutants of each kind the schema refuses {found}; so do the readers")
+
+
+@settings(max_examples=100, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@given(test_bad_input.TOPS)
+def test_any_table_that_the_schema_refuses_the_reader_refuses(top: dict[str, object]) -> None:
+    check_soundness("robot", "\n".join(f"{key} = {as_toml(value)}" for key, value in top.items()))
+    top = {"name": "arm", **top}
+    check_soundness("robot", "\n".join(f"{key} = {as_toml(value)}" for key, value in top.items()))
+
+
+@settings(max_examples=100, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@given(*test_bad_input.ENTRIES)
+def test_any_value_that_the_schema_refuses_the_reader_refuses(table: str, key: str, value: object) -> None:
+    check_soundness("robot", ARM.replace(f"[[{table}]]\n", f"[[{table}]]\n{as_toml(key)} = {as_toml(value)}\n", 1))

@@ -1,0 +1,167 @@
+"""The benchmark beside other people's: its pages are current, its comparison refuses.  Nothing here measures a time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.peers import contender, page, plot
+from benchmarks.peers.cases import CHAIN, ELASTIC, TITLES, case, chain
+from benchmarks.peers.contender import Contender, MissingPeer, address, build_library
+from benchmarks.peers.measure import Disagreement, compare, states
+from benchmarks.peers.report import Entry, Report, read
+from benchmarks.peers.required import AGAINST_MUJOCO, AGAINST_PINOCCHIO, bar
+from tests.conftest import Build
+
+DOCS = Path(__file__).parents[2] / "docs"
+
+
+@pytest.fixture
+def report() -> Report:
+    """A small one: a ratio that holds, one that does not, a variant, a kernel that is not built."""
+    held = Entry(
+        "UR5",
+        "UR5 URDF (6 DOF)",
+        6,
+        "mass_matrix",
+        ns={"eomgen": 100.0, "Pinocchio (local)": 450.0, "Pinocchio (world)": 600.0},
+        ratios={"Pinocchio (local)": (4.4, 4.5, 4.6), "Pinocchio (world)": (5.9, 6.0, 6.1)},
+    )
+    missed = replace(held, kernel="inverse_dynamics", ratios={"Pinocchio": (4.4, 4.5, 4.6)})
+    unbuilt = replace(held, kernel="derivatives", ratios={}, missing={"eomgen": "not built: no such kernel"})
+    machine = {"Processor": "some"}
+    return Report(machine, 3, 16, 4096, {"CasADi": "the wheel casadi is not installed"}, (held, missed, unbuilt))
+
+
+def test_the_page_is_that_of_the_last_run() -> None:
+    assert page.page(read(DOCS / "peers.json")) == (DOCS / "peers.md").read_text(encoding="ascii")
+
+
+def test_every_required_ratio_has_an_entry() -> None:
+    """In the committed run: measured, or said why not."""
+    last = read(DOCS / "peers.json")
+    for key, kernel, batch in (*AGAINST_PINOCCHIO, *AGAINST_MUJOCO):
+        entry = last.entry(key, kernel, batch)
+        assert entry is not None, (key, kernel, batch)
+        assert entry.ratios or entry.missing, (key, kernel, batch)
+
+
+def test_tables_of_a_report(report: Report) -> None:
+    table = page.readme(report)
+    assert "| mass matrix | 4.5 (4) | - | - |" in table  # the faster convention counts
+    assert "| derivatives of inverse dynamics | not built (6) | - | - |" in table
+    said = page.lines(report)
+    assert [line.split()[-1] for line in said[:2]] == ["held", "MISSED"]
+    assert "not built" in said[2]
+    text = page.page(report)
+    assert text.isascii()
+    assert "CasADi: missing in this run" in text
+    assert "6.00 (5.90 - 6.10)" in text
+
+
+def test_a_report_survives_its_file(report: Report, tmp_path: Path) -> None:
+    report.write(tmp_path / "report.json")
+    assert read(tmp_path / "report.json") == report
+
+
+def test_plots_are_the_same_bytes(report: Report, tmp_path: Path) -> None:
+    for name in ("one.svg", "two.svg"):
+        plot.plot(replace(report, growing=report.entries), tmp_path / name)
+    assert (tmp_path / "one.svg").read_bytes() == (tmp_path / "two.svg").read_bytes()
+
+
+def test_required_ratios() -> None:
+    assert bar("Pinocchio", "UR5", "inverse_dynamics", batch=False) == 6
+    assert bar("Pinocchio", CHAIN, "forward_dynamics", batch=False) == 15
+    assert bar("MuJoCo", ELASTIC, "step", batch=False) == 10
+    assert bar("MuJoCo", "UR5", "inverse_dynamics", batch=False) is None
+    assert {key for key, _, _ in (*AGAINST_PINOCCHIO, *AGAINST_MUJOCO)} <= set(TITLES)
+
+
+def test_contenders_that_differ_are_refused(built: Build) -> None:
+    robot = chain(1).robot
+    heavier = replace(robot, links=tuple(replace(link, mass=1.001 * link.mass) for link in robot.links))
+    found = []
+    for given in (robot, robot, heavier):
+        kernel = built(given, "inverse_dynamics")
+        code = kernel._ffi.addressof(kernel._lib, f"{kernel.name}_inverse_dynamics")
+        h = address(kernel._ffi, kernel.parameters._setup.pointer)
+        found.append(Contender("ours", address(kernel._ffi, code), h, kept=kernel))
+    batch = kernel._ffi.addressof(kernel._lib, f"{kernel.name}_inverse_dynamics_batch")
+    many = Contender("batch", address(kernel._ffi, batch), h, batch=True, kept=kernel)
+    arrays = [states(robot, 5)[name] for name in ("q", "v", "a")]
+    assert compare(found[:2], arrays, 6, 1e-12, "") == 0
+    assert compare([found[2], many], arrays, 6, 1e-12, "") < 1e-12
+    with pytest.raises(Disagreement, match="differs"):
+        compare(found, arrays, 6, 1e-12, "")
+    with pytest.raises(Disagreement, match="differs"):
+        compare([found[0], many], arrays, 6, 1e-12, "")
+
+
+def test_a_chain_repeats_its_joints(built: Build) -> None:
+    """Six joints are puma560_generic with six coordinates in each; a seventh is the first again."""
+    assert [case(CHAIN).coordinates, chain(7).coordinates] == [36, 42]
+    robot = chain(7).robot
+    assert robot.joints[6].placement == robot.joints[0].placement
+    assert robot.joints[6].parent == "link6"
+
+
+def test_model_text_is_the_robot() -> None:
+    """Pinocchio's own reading of an URDF, and one joint per coordinate of a chain."""
+    pinocchio = pytest.importorskip("pinocchio")
+    from benchmarks.peers.pinocchio_peer import model_text, one_by_one
+
+    lines = model_text(case("UR5")).splitlines()
+    assert lines[0] == "0.0 0.0 -9.81"
+    assert [len(line.split()) for line in lines[2:]] == [30] * int(lines[1]) == [30] * 6
+    assert {tuple(line.split()[2:5]) for line in lines[2:]} == {("0.0", "0.0", "1.0"), ("0.0", "1.0", "0.0")}
+    model = one_by_one(case(CHAIN).robot)
+    assert model.nv == 36
+    mass = sum(link.mass for link in case(CHAIN).robot.links)
+    assert np.isclose(pinocchio.computeTotalMass(model), mass)
+    rows = [line.split() for line in model_text(case(CHAIN)).splitlines()[2:]]
+    assert [row[1] for row in rows[:6]] == ["1.0"] * 3 + ["0.0"] * 3
+    assert sum(float(row[17]) for row in rows) == pytest.approx(mass)
+
+
+def test_a_peer_that_cannot_be_had_is_named(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(MissingPeer, match="no compiler nothing_like_it"):
+        build_library("x", "nothing_like_it", [("x.c",)], (), {"x.c": ""})
+    with pytest.raises(MissingPeer, match="expected"):
+        build_library("x", "cc", [("x.c",)], (), {"x.c": "int main(void) { return 0 }\n"})
+    from benchmarks.peers import pinocchio_peer
+
+    monkeypatch.setattr(pinocchio_peer.sys, "path", [])
+    with pytest.raises(MissingPeer, match="wheel pin"):
+        pinocchio_peer.library()
+
+
+def test_a_library_is_compiled_once(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    arguments = ("x", "cc", [("-O1", "x.c")], (), {"x.c": "int x(void) { return 1; }\n"})
+    path = build_library(*arguments)
+    monkeypatch.setattr(contender, "_run", lambda command: pytest.fail("compiled again"))
+    assert build_library(*arguments) == path
+    assert path.is_relative_to(empty_cache)
+
+
+def test_it_runs_without_peers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All peers missing: the textbook remains, and the table says so."""
+    from benchmarks.peers import run as module
+
+    def no_peer() -> Path:
+        raise MissingPeer("not here")
+
+    for name in ("pinocchio_peer", "mujoco_peer"):
+        monkeypatch.setattr(getattr(module, name), "library", no_peer)
+    monkeypatch.setattr(module.casadi_peer, "tracer", no_peer)
+    monkeypatch.setattr(module, "case", lambda key: replace(chain(1), key=key))
+    found, differing = module.run(1, lambda line: None, ["UR5"], (1,))
+    assert not differing
+    assert set(found.missing) == {"Pinocchio", "CasADi", "MuJoCo"}
+    first = found.entry("UR5", "inverse_dynamics")
+    assert first is not None
+    assert set(first.ns) == {"eomgen", "textbook"}
+    assert "| inverse dynamics | - (6) |" in page.readme(found)

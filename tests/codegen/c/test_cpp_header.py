@@ -1,0 +1,262 @@
+"""The header for C++17: every function against the Python kernel, rollouts, failures."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import eomgen
+from eomgen.codegen.c import project
+from eomgen.codegen.c.project import safe, view
+from eomgen.codegen.kernels.signatures import KERNELS
+from eomgen.errors import SingularError
+from eomgen.robot.value import Robot
+from tests.codegen.kernels.test_kernels import free_body
+from tests.support.c_project import COMPILERS, NO_EIGEN, PREAMBLE, need_eigen, package_of, program, run
+from tests.support.random_robots import random_robot
+
+MAY_VANISH = ("bias_force", "christoffel", "coriolis_matrix", "external_force", "spring_stiffness")
+
+
+def sprung() -> Robot:
+    return eomgen.load_robot("balanced_arm")
+
+
+def looped() -> Robot:
+    return eomgen.load_robot("bennett")
+
+
+def tree() -> Robot:
+    robot = random_robot(31, joints=(3, 3), tree=True, max_coordinates=3, name="namespace")
+    return replace(robot, tunable=(f"links.{robot.links[0].name}.mass",))
+
+
+def kernel_of(robot: Robot, *kernels: str, dtype: str = "float64") -> eomgen.Kernel:
+    """The kernel of ``package_of``, from the cache."""
+    return eomgen.build(robot, kernels=kernels, dtype=dtype, flags=("-O0",))
+
+
+def literals(numbers: NDArray[np.floating]) -> str:
+    suffix = "f" if numbers.dtype == np.float32 else ""
+    return "{{" + ", ".join(float(x).hex() + suffix for x in numbers.ravel()) + "}}"
+
+
+def all_functions(name: str, kernel: eomgen.Kernel, states: dict[str, NDArray[np.floating]]) -> str:
+    """A program that calls every function in every way with two states, and prints what comes."""
+    lines = [PREAMBLE.format(name=name, space=safe(name))]
+    groups = ("coordinate", "joint", "link", "parameter", "spring", "constraint")
+    for key, names in zip(groups, (*(getattr(kernel, f"{key}s") for key in groups),), strict=True):
+        for text in names:
+            index = f"arm::{key}s::{safe(text.replace('.', '_'))}"
+            lines.append(f'static_assert(arm::{key}_names[{index}] == "{text}");')
+    for text in kernel.frames:
+        index = f"static_cast<std::size_t>(arm::Frame::{safe(text)})"
+        lines.append(f'static_assert(arm::frame_names[{index}] == "{text}");')
+    lines.append(f'static_assert(arm::index_of(arm::coordinate_names, "{kernel.coordinates[-1]}") == {kernel.n} - 1);')
+    lines.append('static_assert(!arm::index_of(arm::frame_names, "nowhere"));')
+    lines += ["int main()", "{", "const arm::Setup setup;", 'show("parameters", arm::Parameters{}.values);']
+    for label, array in states.items():
+        for part, values in (("", array[0]), ("_two", array)):
+            lines.append(f"const std::array<arm::real, {values.size}> {label}{part}{literals(values)};")
+    for function, (reads, writes) in kernel._functions.items():
+        lines += calls(
+            function, reads, view(kernel._shapes[writes]), int(np.prod(kernel._shapes[writes])), kernel.frames[-1]
+        )
+    return "\n".join([*lines, "return 0;", "}", ""])
+
+
+def calls(function: str, reads: Sequence[str], shape: str, size: int, frame: str) -> list[str]:
+    """Lines that call one function in every way; statuses other than 0 say where the ways differ."""
+    frame = f", arm::Frame::{frame}" if function.startswith("frame_") else ""
+    one = ", ".join(reads) + frame
+    mixed = ", ".join([f"{reads[0]}_two.data()", *reads[1:]]) + frame  # the first state for all but the first array
+    two = ", ".join(f"{{{label}_two.data(), {label}.size()}}" for label in reads) + frame
+    check = "if (!{}) return 1;" if KERNELS.get(function) and KERNELS[function].solves else "{};"
+    by_value = [f"if (found(arm::{function}(setup, {one})) != written) return 2;"]
+    matrix = f"arm::EigenMatrix<{shape}> matrix;"
+    if size > project.BY_VALUE:
+        by_value, matrix = [], f"static std::array<arm::real, {size}> more; auto matrix = arm::map<{shape}>(more);"
+    lines = [
+        f"static std::array<arm::real, {size}> written;",
+        check.format(f"arm::{function}(setup, {one}, written)"),
+        f'show("{function}", written);',
+        *by_value,
+        f"static std::array<arm::real, 2 * {size}> batch;",
+        check.format(f"arm::{function}_batch(setup, 2, {two}, batch.data())"),
+        f'show("{function}_batch", batch);',
+        check.format(f"arm::{function}_batch(setup, 2, {mixed}, batch.data())"),
+        f'show("{function}_mixed", batch);',
+        "#if EOMGEN_EIGEN",
+        matrix,
+        check.format(f"arm::{function}(setup, {one}, matrix)"),
+        f"if (matrix != arm::map<{shape}>(written)) return 3;",
+        "#endif",
+    ]
+    return ["{", *lines, "}"]
+
+
+@pytest.mark.parametrize(
+    ("make", "dtype", "compiler", "eigen"),
+    [
+        (sprung, "float64", "gcc", True),
+        (looped, "float64", "clang", False),
+        (tree, "float32", "clang", True),
+        (tree, "float64", "gcc", False),
+    ],
+    ids=lambda x: getattr(x, "__name__", str(x)),
+)
+def test_every_function_gives_what_the_kernel_gives(
+    make: object, dtype: str, compiler: str, eigen: bool, tmp_path: Path
+) -> None:
+    """To the bit, from std::array and Eigen, for one state and for batches."""
+    compare(make(), dtype, compiler, eigen, tmp_path)  # type: ignore[operator]
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("number", range(len(eomgen.builtin_robots())), ids=eomgen.builtin_robots())
+def test_headers_of_the_built_in_robots(number: int, tmp_path: Path) -> None:
+    name, compiler = eomgen.builtin_robots()[number], [*COMPILERS][number % 2]
+    count = compare(
+        eomgen.load_robot(name), ("float64", "float32")[number % 3 == 0], compiler, number % 4 < 2, tmp_path
+    )
+    print(f"{name}: {count} numbers of C++ are those of the Python kernel, {compiler}")
+
+
+def compare(robot: Robot, dtype: str, compiler: str, eigen: bool, tmp_path: Path) -> int:
+    """Compare every function of the header with the kernel; the value is how many numbers there were."""
+    package, kernel = package_of(robot, tmp_path, dtype=dtype), kernel_of(robot, dtype=dtype)
+    generator = np.random.default_rng(7)
+    labels = {label for reads, _ in kernel._functions.values() for label in reads}
+    states = {
+        label: generator.uniform(-0.4, 0.4, (2, *kernel._shapes[label])).astype(kernel.dtype)
+        for label in sorted(labels)
+    }
+    code = all_functions(robot.name, kernel, states)
+    made = program(compiler, code, [package], tmp_path, *(need_eigen() if eigen else (NO_EIGEN,)))
+    answers = {}
+    for line in run(made).splitlines():
+        name, *numbers = line.split()
+        answers[name] = np.array([float.fromhex(x) for x in numbers], kernel.dtype)
+    assert np.array_equal(answers.pop("parameters"), np.array([*kernel.parameters.values()], kernel.dtype))
+    assert len(answers) == 3 * len(kernel._functions)
+    count = 0
+    for function, (reads, _) in kernel._functions.items():
+        frame = (kernel._frame(kernel.frames[-1]),) if function.startswith("frame_") else ()
+        one, two = ([states[label][:states_here] for label in reads] for states_here in (1, 2))
+        mixed = [two[0], *(x[0] for x in one[1:])]
+        for end, arrays in (("", [x[0] for x in one]), ("_batch", two), ("_mixed", mixed)):
+            expected = np.asarray(kernel._run(function, None, tuple(arrays), *frame)).ravel()
+            count += expected.size
+            assert np.array_equal(answers[function + end], expected), function + end
+            assert np.any(expected != 0) or function in MAY_VANISH, function
+    return count
+
+
+ROLLOUTS = """
+int main()
+{
+    arm::Parameters parameters;
+    parameters[arm::parameters::joints_joint1_x_stiffness] = 2e3;
+    const arm::Setup setup(parameters);
+    const std::array<double, 2> q{{0.01, 0.3}}, v{{0.0, -0.2}}, u{{1.0, 2.0}};
+    const std::array<double, 4> qs{{0.01, 0.3, 0.02, -0.4}};
+    constexpr std::size_t states = arm::rollout_states(40, 10);
+    static_assert(states == 5);
+    std::array<double, 2 * states> q_out{}, v_out{};
+    if (!arm::rollout(setup, q, v, u, 1e-3, 40, 10, arm::Method::rk4, q_out.data(), v_out.data())) return 1;
+    show("rk4", q_out);
+    const std::array<double, 2> kp{{0.0, 30.0}}, kd{{0.0, 4.0}}, target{{0.0, 1.0}};
+    arm::Drive drive{};
+    drive.u = u.data();
+    drive.kp = kp.data();
+    drive.kd = kd.data();
+    drive.target = target.data();
+    std::array<double, 4 * states> all_q{}, all_v{};
+    const arm::Status status = arm::rollout_batch(
+        setup, 2, qs.data(), v, drive, 1e-3, 40, 10, arm::Method::implicit, all_q.data(), all_v.data());
+    if (!status) return 2;
+    show("implicit", all_q);
+    show("rates", all_v);
+    return 0;
+}
+"""
+
+
+def test_rollouts(tmp_path: Path) -> None:
+    robot, kernels = eomgen.load_robot("one_link"), ("rollout",)
+    package, kernel = package_of(robot, tmp_path, *kernels), kernel_of(robot, *kernels)
+    code = PREAMBLE.format(name="one_link", space="one_link") + ROLLOUTS
+    made = program("gcc", code, [package], tmp_path, NO_EIGEN)
+    answers = [[float.fromhex(x) for x in line.split()[1:]] for line in run(made).splitlines()]
+    kernel.parameters["joints.joint1.x.stiffness"] = 2e3
+    v, u, how = [0.0, -0.2], [1.0, 2.0], {"dt": 1e-3, "steps": 40, "every": 10}
+    first = kernel.rollout([0.01, 0.3], v, u, method="rk4", **how)[0]  # type: ignore[arg-type]
+    pd = {"kp": [0.0, 30.0], "kd": [0.0, 4.0], "target": [0.0, 1.0]}
+    both = kernel.rollout([[0.01, 0.3], [0.02, -0.4]], v, u, method="implicit", **how, **pd)  # type: ignore[arg-type]
+    for answer, expected in zip(answers, (first, *both), strict=True):
+        assert np.array_equal(answer, expected.ravel())
+
+
+FAILURES = """
+int main()
+{
+    const arm::Setup setup;
+    std::array<double, 6> q{}, zero{}, out{};
+    std::array<double, 18> qs{}, q_out{}, v_out{};
+    q[arm::coordinates::free_beta] = qs[6 + arm::coordinates::free_beta] = 1.5707963267948966;
+    const auto report = [](const char *what, const arm::Status &status) {
+        if (status) std::printf("%s found\\n", what);
+        const std::string_view name = arm::coordinate_names[status.coordinate()];
+        const int length = static_cast<int>(name.size());
+        if (!status) std::printf("%s %.*s %zu %zu\\n", what, length, name.data(), status.state(), status.step());
+    };
+    report("one", arm::forward_dynamics(setup, q, zero, zero, out));
+    report("good", arm::forward_dynamics(setup, zero, zero, zero, out));
+    report("batch", arm::forward_dynamics_batch(setup, 3, qs.data(), zero, zero, v_out.data()));
+    std::printf("value %d\\n", int(arm::forward_dynamics(setup, q, zero, zero).has_value()));
+    std::printf("jacobian %d\\n", int(arm::forward_dynamics_jacobian(setup, q, zero, zero).has_value()));
+    q[arm::coordinates::free_beta] = 0.0;
+    std::array<double, 6> u{};
+    arm::Drive drive{};
+    drive.u = u.data();
+    report("rollout", arm::rollout_batch(
+        setup, 2, qs.data(), zero, drive, 1e-3, 2, 2, arm::Method::rk4, q_out.data(), v_out.data()));
+    return 0;
+}
+"""
+
+
+def test_a_singular_mass_matrix_is_reported(tmp_path: Path) -> None:
+    """Coordinate and state are those of the Python kernel's error."""
+    robot, kernels = free_body(), ("forward_dynamics", "forward_dynamics_jacobian", "rollout")
+    package, kernel = package_of(robot, tmp_path, *kernels), kernel_of(robot, *kernels)
+    code = PREAMBLE.format(name=robot.name, space=robot.name) + FAILURES
+    made = program("gcc", code, [package], tmp_path, NO_EIGEN)
+    answers = dict(line.split(" ", 1) for line in run(made).splitlines())
+    q = np.zeros((3, 6))
+    q[1, 4] = np.pi / 2
+    with pytest.raises(SingularError) as caught:
+        kernel.forward_dynamics(q, np.zeros(6), np.zeros(6))
+    found = re.search(r"(free\.\w+) in state 1", str(caught.value))
+    assert found is not None
+    assert answers["batch"] == f"{found[1]} 1 0"
+    assert answers["one"] == f"{found[1]} 0 0"
+    assert answers["rollout"] == f"{found[1]} 1 0"
+    assert (answers["good"], answers["value"], answers["jacobian"]) == ("found", "0", "0")
+
+
+def test_only_what_is_said_to_solve_can_fail(tmp_path: Path) -> None:
+    for robot in (sprung(), looped()):
+        code = (package_of(robot, tmp_path) / f"{robot.name}.c").read_text(encoding="ascii")
+        seen = set()
+        for name, body in re.findall(rf"^int {robot.name}_(\w+)\([^;{{]*\)\n{{(.*?)^}}", code, re.M | re.S):
+            fails = set(re.findall(r"return ([^;]+);", body)) != {"0"}
+            assert fails == (name in KERNELS and KERNELS[name].solves), name
+            seen.add(name)
+        assert {"mass_matrix", "forward_dynamics", "forward_dynamics_jacobian", "energy"} <= seen

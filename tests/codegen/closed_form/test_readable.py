@@ -1,0 +1,119 @@
+"""Equations for a reader: what is printed is parsed again and compared with the paper and with Pinocchio."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import sympy as sp
+from matplotlib.mathtext import MathTextParser
+
+import eomgen
+from eomgen.cli import entry as cli
+from eomgen.codegen.closed_form.readable import ReadableForm, readable_form, simplified
+from eomgen.robot.model import build_model
+from tests.oracles.paper_example import equal
+from tests.oracles.pinocchio_models import PinocchioOracle
+from tests.support.random_robots import random_robot, random_state
+
+
+def parsed(form: ReadableForm) -> list[tuple[sp.Expr, sp.Expr]]:
+    """Both sides of the printed equations."""
+    form_lines = form.lines()
+    equations = form_lines[form_lines.index("equations of motion, eq. (10)") + 1 :]
+    letters = [*(x.symbol for x in form.letters), *form.form.v, *form.form.a, *form.form.u]
+    names = {str(symbol): symbol for symbol in letters}
+    return [tuple(sp.parse_expr(side, local_dict=names) for side in line.split(" = ")) for line in equations]  # type: ignore[misc]
+
+
+def test_the_papers_example_reads_as_in_the_paper() -> None:
+    """Eqs. (17) to (19) with c = l/2 and I = m l^2 / 12; gravity along -Y0, see the errata."""
+    form = readable_form(build_model(eomgen.load_robot("one_link")))
+    m, length, a, g, x, gamma, xd, gd, xdd, gdd, D = sp.symbols("m l a g x gamma xd gd xdd gdd D")
+    letters = {
+        "m_link1": m,
+        "c_x_link1": length / 2,
+        "I_zz_link1": m * length**2 / 12,
+        "a_x_joint1": a,
+        "g_y": -g,
+        "x_1": x,
+        "gamma_1": gamma,
+        "xdot_1": xd,
+        "gammadot_1": gd,
+        "xddot_1": xdd,
+        "gammaddot_1": gdd,
+        "D_gamma_1": D,
+    }
+    (left_x, right_x), (left_g, right_g) = (
+        tuple(side.subs({s: letters[str(s)] for s in side.free_symbols}) for side in sides) for sides in parsed(form)
+    )
+    half = m * length / 2
+    assert equal(left_x, m * xdd - half * sp.sin(gamma) * gdd - half * sp.cos(gamma) * gd**2)
+    assert equal(right_x, -a * x)
+    assert equal(left_g, m * length**2 / 3 * gdd - half * sp.sin(gamma) * xdd)
+    assert equal(right_g, D - half * g * sp.cos(gamma))
+    text = "\n".join(form.lines())
+    assert "M[x_1, x_1] = m_link1\n" in text
+    assert "C[x_1; gamma_1, gamma_1] = -c_x_link1*m_link1*cos(gamma_1)" in text
+    assert "m_link1 = links.link1.mass: 1.0 kg" in text
+    latex = form.latex()
+    assert r"M_{1}^{x x} &= m_{link1} \\" in latex
+    assert r"C_{1}^{x \gamma \gamma} &= - c_{x,link1} m_{link1} \cos{\left(\gamma_{1} \right)}" in latex
+    assert r"&= - a_{x,joint1} x_{1}" in latex
+
+
+@pytest.mark.parametrize(
+    ("seed", "numbers"),
+    [(0, False), pytest.param(1, False, marks=pytest.mark.soak), (5, False), (1, True), (2, True), (4, True)],
+)
+def test_printed_equations_of_random_robots_are_those_of_pinocchio(seed: int, numbers: bool) -> None:
+    robot = random_robot(seed, max_size=3)
+    form, oracle, state = (
+        readable_form(build_model(robot), numbers=numbers),
+        PinocchioOracle(robot),
+        random_state(robot, seed),
+    )
+    values = {letter.symbol: letter.value for letter in form.letters if letter.value is not None}
+    assert bool(values) != numbers
+    rows = (form.form.q, form.form.v, form.form.a)
+    for symbols, numbers_of in zip(rows, (state.q, state.v, state.a), strict=True):
+        values |= dict(zip(symbols, numbers_of.tolist(), strict=True))
+    values |= dict.fromkeys(form.form.u, 0.0)
+    found = [float((left - right).evalf(subs=values)) for left, right in parsed(form)]
+    expected = oracle.inverse_dynamics(state.q, state.v, state.a)
+    assert np.abs(np.array(found) - expected).max() < 1e-9 * max(np.abs(expected).max(), 1.0)
+
+
+def test_latex_is_mathematics() -> None:
+    """Every formula is read by another program."""
+    latex = readable_form(build_model(random_robot(1, max_size=3)), numbers=True).latex()
+    parser = MathTextParser("path")
+    rows = [row for row in latex.splitlines() if not row.startswith(("%", "\\begin", "\\end"))]
+    assert len(rows) > 5
+    for row in rows:
+        parser.parse(f"${row.removesuffix(chr(92) * 2).replace('&', '')}$")
+
+
+def test_simplification_finds_zeros_and_sums_of_angles() -> None:
+    x, y, m = sp.symbols("x y m", real=True)
+    assert simplified(m * sp.sin(x) ** 2 + m * sp.cos(x) ** 2 - m) == 0
+    assert simplified(m * (sp.cos(x) * sp.cos(y) - sp.sin(x) * sp.sin(y))) == m * sp.cos(x + y)
+    assert simplified(1.5 * sp.cos(x) + 6e-17 * sp.sin(x)) == 1.5 * sp.cos(x)
+
+
+def test_large_robots_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["derive", "puma560_elastic"]) == 1
+    assert "36 coordinates; a closed form is derived for at most 6" in capsys.readouterr().err
+    assert cli.main(["derive", "puma560"]) == 1
+    assert "operations; at most 20000" in capsys.readouterr().err
+
+
+def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["derive", "one_link"]) == 0
+    assert "M[x_1, gamma_1] = -c_x_link1*m_link1*sin(gamma_1)" in capsys.readouterr().out
+    target = tmp_path / "deep" / "one.tex"
+    assert cli.main(["derive", "one_link", "--latex", "--numbers", "-o", str(target)]) == 0
+    assert r"M_{1}^{x \gamma} &= - \frac{\sin{\left(\gamma_{1} \right)}}{2}" in target.read_text()
+    assert cli.main(["derive", "one_link", "-o", "/dev/null/x"]) == 1
+    assert "/dev/null/x" in capsys.readouterr().err

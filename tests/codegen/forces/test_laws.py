@@ -1,0 +1,335 @@
+"""Forces of coordinates beyond linear springs: against formulas with branches, SciPy, and the laws of mechanics."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.interpolate import PchipInterpolator
+
+import eomgen
+from eomgen.codegen.closed_form.trace import closed_form
+from eomgen.codegen.kernels.equations import derive
+from eomgen.codegen.program.ir import evaluate
+from eomgen.errors import DescriptionError, InputError
+from eomgen.integration.solve import integrate
+from eomgen.robot.model import build_model
+from eomgen.robot.value import Coordinate, Friction, Joint, Link, Robot
+from tests.conftest import Build
+from tests.oracles.complex_step import complex_steps
+from tests.oracles.force_laws import LawOracle, measured, resistance, with_laws
+from tests.support.random_robots import Array, random_robot, random_state, seeds
+
+TYPES = ("revolute", "prismatic", "fixed", "free")
+NAMES = ("inverse_dynamics", "residual", "generalized_force", "forward_dynamics", "energy", "residual_jacobian")
+
+
+def worn(seed: int, joints: tuple[int, int] = (1, 4)) -> Robot:
+    return with_laws(random_robot(seed, joints=joints, tree=seed % 2 == 0, types=TYPES), seed)
+
+
+def slider(mass: float = 2.0, name: str = "slider", **forces: Any) -> Robot:
+    """A mass on a rail, no gravity."""
+    link = Link("block", mass, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0, 0.0, 0.0, 0.0))
+    joint = Joint("rail", "base", "block", "prismatic", coordinates={"z": Coordinate(**forces)})
+    return Robot(name, (0.0, 0.0, 0.0), (link,), (joint,))
+
+
+def close(found: Array, expected: Array, tolerance: float = 1e-11) -> bool:
+    return bool(np.max(np.abs(found - expected)) <= tolerance * max(1.0, float(np.max(np.abs(expected)))))
+
+
+@pytest.mark.parametrize("seed", seeds(1300, 6, 12))
+def test_forces_are_the_formulas(seed: int, built: Build) -> None:
+    """One state at a time, and several on vectors."""
+    robot = worn(seed)
+    kernel, oracle = built(robot, *NAMES, "mass_matrix"), LawOracle(robot)
+    states = [random_state(robot, seed + i) for i in range(9)]
+    for s in states:
+        expected = oracle.inverse_dynamics(s.q, s.v, s.a)
+        assert close(kernel.inverse_dynamics(s.q, s.v, s.a), expected)
+        assert close(kernel.residual(s.q, s.v, s.a, s.u), expected - s.u)
+        assert close(kernel.generalized_force(s.q, s.v), oracle.generalized_force(s.q, s.v))
+        allowed = max(1e-11, 100 * np.finfo(float).eps * np.linalg.cond(kernel.mass_matrix(s.q)))
+        assert close(kernel.forward_dynamics(s.q, s.v, s.u), oracle.forward_dynamics(s.q, s.v, s.u), allowed)
+        assert close(kernel.energy(s.q, s.v), oracle.energy(s.q, s.v))
+    q, v, a = (np.array([getattr(s, x) for s in states]) for x in "qva")
+    for many, one in (
+        (kernel.inverse_dynamics(q, v, a), [kernel.inverse_dynamics(s.q, s.v, s.a) for s in states]),
+        (kernel.generalized_force(q, v), [kernel.generalized_force(s.q, s.v) for s in states]),
+        (kernel.energy(q, v), [kernel.energy(s.q, s.v) for s in states]),
+    ):
+        assert close(np.asarray(many), np.array(one), 1e-12)
+
+
+@pytest.mark.parametrize("seed", seeds(1320, 5, 10))
+def test_slopes_are_those_of_the_forces(seed: int, built: Build) -> None:
+    robot = worn(seed, (1, 3))
+    kernel = built(robot, "residual_jacobian", "forward_dynamics", "forward_dynamics_jacobian")
+    for i in range(3):
+        s = random_state(robot, seed + i)
+        by_q, by_v, by_a = kernel.residual_jacobian(s.q, s.v, s.a)
+        assert close(by_q, complex_steps(robot, s, "q"))
+        assert close(by_v, complex_steps(robot, s, "v"))
+        assert close(by_a, complex_steps(robot, s, "a"))
+    s = random_state(robot, seed)
+    a = kernel.forward_dynamics(s.q, s.v, s.u)
+    by_q, by_v, M = kernel.residual_jacobian(s.q, s.v, a)
+    blocks = kernel.forward_dynamics_jacobian(s.q, s.v, s.u)
+    for block, wanted in zip(blocks, (-by_q, -by_v, np.eye(kernel.n)), strict=True):
+        assert close(M @ block, wanted, 1e-9)
+
+
+@pytest.mark.parametrize("seed", [1330, 1331, 1332])
+def test_closed_form_has_them(seed: int) -> None:
+    """SymPy's equations against the program, on floats."""
+    robot = with_laws(random_robot(seed, joints=(1, 2), max_size=3), seed)
+    model, s = build_model(robot), random_state(robot, seed)
+    inputs = {"q": s.q, "v": s.v, "a": s.a, "u": s.u, "p": list(model.parameters.values())}
+    residual, potential = closed_form(model).function("residual", "potential")(s.q, s.v, s.a, s.u)
+    assert close(np.array(list(evaluate(derive(model, "residual"), inputs).values())), residual)
+    assert close(np.array(evaluate(derive(model, "energy"), inputs)["out", 1]), potential)
+
+
+@pytest.mark.parametrize("seed", seeds(1340, 6, 12))
+def test_a_curve_is_scipys(seed: int, built: Build) -> None:
+    """Values, slopes and energies; and again with other forces, set without recompiling."""
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(2, 12))
+    knots = np.cumsum(rng.uniform(0.01, 1.0, count)) - 1.5
+    kernel = None
+    for forces in (rng.uniform(-3, 3, count), np.sort(rng.uniform(-3, 3, count)), np.round(rng.uniform(-2, 2, count))):
+        points = tuple(zip(knots.tolist(), forces.tolist(), strict=True))
+        if kernel is None:
+            kernel = built(slider(curve=points), "generalized_force", "residual_jacobian", "energy")
+        kernel.parameters.update({f"joints.rail.z.curve.{i}": y for i, y in enumerate(forces.tolist())})
+        scipys, s = PchipInterpolator(knots, forces), np.linspace(knots[0], knots[-1], 200)[:, None]
+        at, none = np.concatenate([s, knots[:, None]]), np.zeros((200 + count, 1))
+        assert close(kernel.generalized_force(at, none)[:, 0], -scipys(at[:, 0]), 1e-12)
+        assert close(kernel.residual_jacobian(at, none, none)[0][:, 0, 0], scipys(at[:, 0], 1), 1e-10)
+        energy, whole = kernel.energy(at, none)[:, 1], scipys.antiderivative()(at[:, 0])
+        assert close(energy - energy[0], whole - whole[0], 1e-12)
+        beyond = np.array([[knots[0] - 0.7], [knots[-1] + 0.7]])
+        expected = [-measured(Coordinate(curve=points), float(x)) for x in beyond[:, 0]]
+        if tuple(forces) == tuple(y for _, y in points):
+            assert close(kernel.generalized_force(beyond, np.zeros((2, 1)))[:, 0], np.array(expected), 1e-12)
+        assert abs(kernel.energy(np.zeros(1), np.zeros(1))[1]) <= 1e-12
+
+
+def test_nothing_acts_inside_a_clearance(built: Build) -> None:
+    kernel = built(slider(stiffness=1e7, clearance=1e-3, restitution_damping=0.4), "generalized_force", "energy")
+    s = np.linspace(-1e-3, 1e-3, 41)[:, None]
+    assert np.all(kernel.generalized_force(s, np.ones_like(s)) == 0.0)
+    assert np.all(kernel.energy(s, 0 * s) == 0.0)
+    outside = kernel.generalized_force(np.array([[-1.01e-3], [1.01e-3]]), np.zeros((2, 1)))
+    assert outside[0] > 0.0 > outside[1]
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_contact_never_pulls(side: float, built: Build) -> None:
+    """Torn apart faster than 1 / restitution_damping it gives neither force nor slope; slower, both."""
+    robot = slider(stiffness=1e3, clearance=0.1, smoothing=0.01, restitution_damping=0.5)
+    kernel, q, none = built(robot, "generalized_force", "residual_jacobian"), np.array([0.2 * side]), np.zeros(1)
+    torn, slow = np.array([-3.0 * side]), np.array([-1.0 * side])
+    assert kernel.generalized_force(q, torn) == 0.0
+    assert [float(block[0, 0]) for block in kernel.residual_jacobian(q, torn, none)[:2]] == [0.0, 0.0]
+    d = 0.1 - 0.01 / 2
+    assert kernel.generalized_force(q, slow) == pytest.approx([-side * 1e3 * d * 0.5])
+    by_q, by_v, _ = kernel.residual_jacobian(q, slow, none)
+    assert (by_q[0, 0], by_v[0, 0]) == pytest.approx((1e3 * 0.5, 1e3 * d * 0.5))
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.6])
+def test_a_clearance_creates_no_energy(damping: float, built: Build) -> None:
+    """A mass that bounces between both ends: with damping energy falls at each of them, without it stays."""
+    robot = slider(stiffness=4e4, stiffness_negative=2e4, cubic=1e6, clearance=0.02, smoothing=0.003)
+    kernel = built(
+        robot if not damping else replaced(robot, restitution_damping=damping), "rollout", "energy", "forward_dynamics"
+    )
+    q, v = kernel.rollout(np.zeros(1), np.array([1.5]), np.zeros(1), dt=2e-6, steps=250_000, every=50)
+    energy = kernel.energy(q, v).sum(axis=1)
+    assert np.max(np.diff(energy)) <= 1e-7 * energy[0]
+    assert np.count_nonzero(np.diff(np.sign(v[:, 0]))) >= 4  # that many times it has been thrown back
+    assert energy[-1] < 0.5 * energy[0] if damping else abs(energy[-1] - energy[0]) <= 1e-6 * energy[0]
+
+
+def replaced(robot: Robot, **forces: Any) -> Robot:
+    joint = robot.joints[0]
+    return replace(robot, joints=(replace(joint, coordinates={"z": replace(joint.coordinates["z"], **forces)}),))
+
+
+@pytest.mark.parametrize("seed", range(1360, 1366))
+def test_closed_cycles_take_energy(seed: int, built: Build) -> None:
+    """Work of the forces of every coordinate along closed paths: never gained, and none where all is elastic."""
+    robot = worn(seed)
+    elastic = [
+        replace(
+            j,
+            coordinates={
+                k: replace(c, restitution_damping=None, friction=None, damping=None) for k, c in j.coordinates.items()
+            },
+        )
+        for j in robot.joints
+    ]
+    rng = np.random.default_rng(seed)
+    for name, joints in (("all", robot.joints), ("elastic", tuple(elastic))):
+        still = replace(robot, name=f"cycle_{name}", joints=joints, gravity=(0.0, 0.0, 0.0))
+        kernel = built(still, "generalized_force")
+        t = np.arange(4000) / 4000 * 2 * np.pi
+        amplitude, phase = rng.uniform(0.3, 0.9, kernel.n), rng.uniform(0, 6, kernel.n)
+        q = amplitude * np.sin(t[:, None] + phase) + 0.2 * np.sin(2 * t[:, None])
+        v = amplitude * np.cos(t[:, None] + phase) + 0.4 * np.cos(2 * t[:, None])
+        work = np.mean(kernel.generalized_force(q, v) * v, axis=0) * 2 * np.pi
+        assert np.all(work <= 1e-4), work
+        if name == "elastic":
+            assert np.all(np.abs(work) <= 1e-4), work
+
+
+def test_restitution_is_hunts_and_crossleys(built: Build) -> None:
+    """Slow impacts come back with 1 - 2/3 c v of their speed, if the contact is linear from its beginning."""
+    v0 = 0.5
+    for c in (0.02, 0.05, 0.1):
+        robot = slider(stiffness=1e5, clearance=0.01, smoothing=1e-6, restitution_damping=c)
+        kernel = built(robot, "rollout", "forward_dynamics")
+        _, v = kernel.rollout(np.zeros(1), np.array([v0]), np.zeros(1), dt=1e-6, steps=40_000, every=40_000)
+        assert v[-1, 0] < 0.0
+        assert -v[-1, 0] / v0 == pytest.approx(1.0 - 2.0 / 3.0 * c * v0, abs=2.0 * (c * v0) ** 2)
+
+
+def test_dry_friction_stops_a_mass(built: Build) -> None:
+    """m v^2 / (2 F) is the way to rest; and at its level the force is Coulomb's."""
+    robot = slider(mass=3.0, friction=Friction(coulomb=6.0, smoothing=1e-4))
+    kernel = built(robot, "rollout", "forward_dynamics", "generalized_force")
+    q, v = kernel.rollout(np.zeros(1), np.array([2.0]), np.zeros(1), dt=1e-5, steps=120_000, every=1000)
+    assert q[-1, 0] == pytest.approx(3.0 * 4.0 / (2 * 6.0), rel=1e-3)
+    assert abs(v[-1, 0]) < 1e-8
+    assert kernel.generalized_force([0.0], [5.0]) == pytest.approx([-6.0])
+
+
+def test_stribecks_curve(built: Build) -> None:
+    """Static at slow rates, half way at the Stribeck rate, Coulomb's far beyond, odd in the rate."""
+    friction = Friction(coulomb=2.0, static=5.0, stribeck=0.1, viscous=0.0, smoothing=1e-9)
+    kernel = built(slider(friction=friction), "generalized_force")
+    rates = np.array([[1e-6], [0.1], [1e5], [-1e-6], [-0.1], [-1e5]])
+    found = kernel.generalized_force(np.zeros_like(rates), rates)[:, 0]
+    assert found == pytest.approx([-5.0, -3.5, -2.0, 5.0, 3.5, 2.0], rel=1e-6)
+
+
+def test_motion_is_scipys(built: Build) -> None:
+    """All forces at once on one mass under a drive: the rollout against SciPy and the formulas with branches."""
+    robot = slider(
+        damping=0.4, preload=1.0, stiffness=900.0, stiffness_negative=500.0, cubic=2e4, clearance=0.1, smoothing=0.05,
+        restitution_damping=0.8, friction=Friction(1.0, 1.6, 0.2, 0.1, 0.05),
+    )  # fmt: skip
+    kernel, given = built(robot, "rollout", "forward_dynamics"), robot.joints[0].coordinates["z"]
+
+    def rate(_: float, y: Array) -> list[float]:
+        return [y[1], (3.0 - 0.4 * y[1] - resistance(given, y[0], y[1])) / 2.0]
+
+    expected = solve_ivp(rate, (0.0, 1.0), [0.0, -2.5], rtol=1e-10, atol=1e-12, max_step=1e-3)
+    q, v = kernel.rollout(np.zeros(1), np.array([-2.5]), np.array([3.0]), dt=2e-5, steps=50_000, every=50_000)
+    assert q[-1, 0] == pytest.approx(expected.y[0, -1], abs=1e-7)
+    assert v[-1, 0] == pytest.approx(expected.y[1, -1], abs=1e-6)
+
+
+@pytest.mark.parametrize("seed", [1370, 1372, 1373, 1374])
+def test_implicit_steps_are_those_of_the_formula(seed: int, built: Build) -> None:
+    """Forces and tangents where the rate leads to, tangents that fall left out: with the whole matrix, in NumPy."""
+    robot = worn(seed)
+    kernel = built(robot, "rollout", *NAMES, "mass_matrix", "bias_force")
+    s, dt, steps = random_state(robot, seed), 4e-3, 10
+    laws = [bool(c.law()) for j in robot.joints for c in j.coordinates.values()]
+    bare = built(
+        replace(robot, name="bare", joints=tuple(
+            replace(j, coordinates={k: c if not c.law() else Coordinate() for k, c in j.coordinates.items()})
+            for j in robot.joints)),
+        "residual_jacobian",
+    )  # fmt: skip
+    none, q, v = np.zeros(kernel.n), s.q, s.v
+    for _ in range(steps):
+        ahead = q + dt * v
+        by_q, by_v, _ = kernel.residual_jacobian(ahead, v, none)
+        geometry = bare.residual_jacobian(ahead, v, none)
+        linear = np.array(
+            [(c.stiffness or 0.0, c.damping or 0.0) for j in robot.joints for c in j.coordinates.values()]
+        )
+        K, B = (np.where(laws, np.diag(full - part), line)
+                for full, part, line in zip((by_q, by_v), geometry, linear.T, strict=False))  # fmt: skip
+        damping = linear[:, 1]
+        bent = dt * (B - damping) + dt * dt * K
+        for i, c in enumerate(c for j in robot.joints for c in j.coordinates.values()):
+            straight = c.stiffness if c.clearance is None and c.stiffness_negative is None and c.stiffness else 0.0
+            bent[i] = dt * damping[i] + dt * dt * straight + max(bent[i] - dt * dt * straight, 0.0)
+        weights = kernel.generalized_force(q, none) - kernel.generalized_force(ahead, none)
+        gravity = weights + np.array([
+            resistance(c, q[i], 0.0) - resistance(c, ahead[i], 0.0)
+            for i, c in enumerate(c for j in robot.joints for c in j.coordinates.values())
+        ])  # fmt: skip
+        right = s.u - kernel.bias_force(q, v) + kernel.generalized_force(ahead, v) + gravity
+        v = v + dt * np.linalg.solve(kernel.mass_matrix(q) + np.diag(bent), right)
+        q = q + dt * v
+    qs, vs = kernel.rollout(s.q, s.v, s.u, dt, steps, method="implicit")
+    assert close(qs[-1], q, 1e-8)
+    assert close(vs[-1], v, 1e-8)
+
+
+def test_implicit_steps_stay_inside_a_stiff_clearance(built: Build) -> None:
+    """Steps a hundred times too long for an explicit method: no impact gives speed."""
+    robot = slider(stiffness=1e9, clearance=0.02, smoothing=1e-4, restitution_damping=0.5)
+    kernel = built(robot, "rollout", "forward_dynamics")
+    q, v = kernel.rollout(np.zeros(1), np.array([3.0]), np.zeros(1), dt=1e-3, steps=2000, method="implicit")
+    assert np.max(np.abs(q)) <= 0.02 + 3.0 * 1e-3  # the way of one step
+    assert np.max(np.abs(v)) <= 3.0 * (1 + 1e-12)
+    assert np.abs(v[-1, 0]) < 1.0
+
+
+def test_simulation_with_clearances(built: Build) -> None:
+    """Radau, a start inside the gap, and energy: gravity's work and what contacts take."""
+    robot = replaced(slider(name="dropped"), stiffness=1e6, clearance=5e-3, restitution_damping=1.0)
+    robot = replace(robot, gravity=(0.0, 0.0, -9.81))
+    kernel = built(robot, "forward_dynamics", "energy", "mass_matrix", "inverse_dynamics")
+    found = integrate(kernel, np.zeros(1), np.zeros(1), 0.5)
+    assert found.method == "Radau"
+    energy = np.asarray(found.energy).sum(axis=1)
+    assert np.max(np.diff(energy)) <= 1e-4 * np.abs(energy).max()
+    assert found.q[-1, 0] == pytest.approx(-5e-3, abs=2e-4)
+
+
+def test_single_precision(built: Build) -> None:
+    robot = worn(1380, (3, 3))
+    single, double = built(robot, *NAMES, dtype="float32"), built(robot, *NAMES)
+    states = [random_state(robot, i) for i in range(5)]
+    q, v, a = (np.array([getattr(s, x) for s in states]) for x in "qva")
+    found = single.inverse_dynamics(*(x.astype(np.float32) for x in (q, v, a)))
+    assert found.dtype == np.float32
+    assert close(found, double.inverse_dynamics(q, v, a), 1e-4)
+
+
+def test_parameters_are_checked(built: Build) -> None:
+    kernel = built(slider(stiffness=1e4, clearance=0.1, friction=Friction(1.0, 2.0, 0.1)), "generalized_force")
+    for key in ("clearance", "stiffness", "friction.coulomb", "friction.static"):
+        with pytest.raises(InputError, match=f"rail.z.{key} = -1.0 is negative"):
+            kernel.parameters[f"joints.rail.z.{key}"] = -1.0
+    for key in ("smoothing", "friction.smoothing", "friction.stribeck"):
+        with pytest.raises(InputError, match=f"rail.z.{key} = 0.0 is too small; at least 1e-12"):
+            kernel.parameters[f"joints.rail.z.{key}"] = 0.0
+    assert kernel.parameters["joints.rail.z.smoothing"] == pytest.approx(5e-3)
+    kernel.parameters["joints.rail.z.clearance"] = 0.2
+    assert kernel.generalized_force([0.19], [0.0]) == pytest.approx([0.0], abs=1e-12)
+
+
+def test_forces_of_a_robot_made_by_hand_are_checked() -> None:
+    with pytest.raises(DescriptionError, match=r"joints\.rail\.z\.clearance: there is no stiffness"):
+        build_model(slider(clearance=0.1))
+
+
+def test_others_keep_their_code() -> None:
+    """Not a word of comparisons or roots in the C of a robot that has none of these forces."""
+    from eomgen.codegen.c.sources import render
+    from eomgen.codegen.kernels.equations import derive_equations
+
+    code = render(derive_equations(build_model(eomgen.load_robot("puma560"))), "float64").code
+    assert not any(name in code for name in ("larger", "positive", "root", "EOMGEN_INLINE"))

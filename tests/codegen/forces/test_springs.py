@@ -1,0 +1,492 @@
+"""Springs between points: Pinocchio's external forces, MuJoCo's tendons, complex steps, the laws of mechanics."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import eomgen
+from eomgen.codegen.c.sources import render
+from eomgen.codegen.kernels.equations import derive, derive_equations
+from eomgen.codegen.tree.bound import bind
+from eomgen.codegen.tree.frames import choose_frames
+from eomgen.errors import DescriptionError, InputError
+from eomgen.integration.solve import choose_method, integrate
+from eomgen.integration.steps import fixed_step
+from eomgen.robot.model import build_model
+from eomgen.robot.value import Coordinate, Joint, Link, Placement, Robot, Spring
+from eomgen.state.equilibrium import static_equilibrium
+from tests.codegen.kernels.test_mujoco import elastic_robot
+from tests.conftest import Build
+from tests.oracles.complex_step import complex_steps
+from tests.oracles.mujoco_models import MujocoRobot
+from tests.oracles.springs import SpringOracle, pulled, with_springs
+from tests.support.description_samples import ARM, URDF
+from tests.support.random_robots import Array, random_robot, random_state, seeds
+
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
+TYPES = ("revolute", "prismatic", "fixed", "free")
+NAMES = ("inverse_dynamics", "residual", "generalized_force", "forward_dynamics", "energy", "reactions")
+
+
+def sprung(seed: int, joints: tuple[int, int] = (1, 4), **options: Any) -> Robot:
+    """A random chain or tree with a spring of every kind; some joints with offsets."""
+    rng = np.random.default_rng(seed)
+    robot = random_robot(seed, joints=joints, tree=seed % 2 == 0, types=TYPES, **options)
+    moved = [
+        replace(j, offset=tuple(float(x) for x in rng.uniform(-0.2, 0.2, 6))) if j.coordinates and seed % 3 == 0 else j
+        for j in robot.joints
+    ]
+    return with_springs(replace(robot, joints=tuple(moved)), seed)
+
+
+def pendulum(springs: tuple[Spring, ...], mass: float = 2.0, com: float = 0.3, **gamma: Any) -> Robot:
+    """A rod that turns about the base's z; weight along -y; rod along x at 0."""
+    link = Link("rod", mass, (com, 0.0, 0.0), (0.01, 0.05, 0.05, 0.0, 0.0, 0.0))
+    joint = Joint("pivot", "base", "rod", "revolute", coordinates={"gamma": Coordinate(**gamma)})
+    return Robot("pendulum", (0.0, -9.81, 0.0), (link,), (joint,), springs=springs)
+
+
+def close(found: Array, expected: Array, tolerance: float = 1e-11) -> bool:
+    return bool(np.max(np.abs(found - expected)) <= tolerance * max(1.0, float(np.max(np.abs(expected)))))
+
+
+@pytest.mark.parametrize("seed", seeds(2000, 6, 12))
+def test_forces_are_external_forces_in_pinocchio(seed: int, built: Build) -> None:
+    """Rows, accelerations, energy, reactions, lengths and tensions; one state at a time, and several on vectors."""
+    robot = sprung(seed)
+    kernel, oracle = built(robot, *NAMES, "mass_matrix"), SpringOracle(robot)
+    states = [random_state(robot, seed + i) for i in range(9)]
+    for s in states:
+        expected = oracle.inverse_dynamics(s.q, s.v, s.a)
+        assert close(kernel.inverse_dynamics(s.q, s.v, s.a), expected)
+        assert close(kernel.residual(s.q, s.v, s.a, s.u), expected - s.u)
+        assert close(kernel.generalized_force(s.q, s.v), oracle.generalized_force(s.q, s.v))
+        allowed = max(1e-11, 100 * np.finfo(float).eps * np.linalg.cond(kernel.mass_matrix(s.q)))
+        assert close(kernel.forward_dynamics(s.q, s.v, s.u), oracle.forward_dynamics(s.q, s.v, s.u), allowed)
+        assert close(kernel.energy(s.q, s.v), oracle.energy(s.q, s.v))
+        assert close(kernel.reactions(s.q, s.v, s.a), oracle.reactions(s.q, s.v, s.a))
+        assert close(kernel.spring_forces(s.q, s.v), oracle.forces(s.q, s.v))
+        assert close(kernel.spring_jacobian(s.q), oracle.jacobian(s.q))
+        assert close(kernel.spring_stiffness(s.q), oracle.stiffness(s.q))
+    q, v, a = (np.array([getattr(s, x) for s in states]) for x in "qva")
+    for many, one in (
+        (kernel.inverse_dynamics(q, v, a), [kernel.inverse_dynamics(s.q, s.v, s.a) for s in states]),
+        (kernel.spring_forces(q, v), [kernel.spring_forces(s.q, s.v) for s in states]),
+        (kernel.energy(q, v), [kernel.energy(s.q, s.v) for s in states]),
+    ):
+        assert close(np.asarray(many), np.array(one), 1e-12)
+
+
+@pytest.mark.parametrize("seed", range(2090, 2094))
+def test_frames_that_move_take_points_along(seed: int, built: Build) -> None:
+    """Rigid chains, whose body frames the generator shifts and turns; C without a warning."""
+    robot = with_springs(random_robot(seed, joints=(3, 5), types=("revolute", "prismatic"), rigid=True), seed)
+    model = build_model(robot)
+    bound = bind(model, lambda _, number: number, lambda x: (np.sin(x), np.cos(x)))
+    moved = choose_frames(model, bound)
+    assert any(a.ends != b.ends for a, b in zip(bound.springs, moved.springs, strict=True))
+    kernel, oracle = built(robot, *NAMES, flags=("-O0", "-Werror")), SpringOracle(robot)
+    for i in range(5):
+        s = random_state(robot, seed + i)
+        assert close(kernel.inverse_dynamics(s.q, s.v, s.a), oracle.inverse_dynamics(s.q, s.v, s.a))
+        assert close(kernel.reactions(s.q, s.v, s.a), oracle.reactions(s.q, s.v, s.a))
+        assert close(kernel.energy(s.q, s.v), oracle.energy(s.q, s.v))
+
+
+@pytest.mark.parametrize("seed", seeds(2020, 4, 8))
+def test_derivatives_are_exact(seed: int, built: Build) -> None:
+    """Complex steps through the program of the residual, and M times the derivatives of forward dynamics."""
+    robot = sprung(seed, (1, 3))
+    kernel = built(robot, "residual_jacobian", "forward_dynamics", "forward_dynamics_jacobian")
+    for i in range(3):
+        s = random_state(robot, seed + i)
+        by_q, by_v, by_a = kernel.residual_jacobian(s.q, s.v, s.a)
+        assert close(by_q, complex_steps(robot, s, "q"))
+        assert close(by_v, complex_steps(robot, s, "v"))
+        assert close(by_a, complex_steps(robot, s, "a"))
+    a = kernel.forward_dynamics(s.q, s.v, s.u)
+    by_q, by_v, M = kernel.residual_jacobian(s.q, s.v, a)
+    blocks = kernel.forward_dynamics_jacobian(s.q, s.v, s.u)
+    for block, wanted in zip(blocks, (-by_q, -by_v, np.eye(kernel.n)), strict=True):
+        assert close(M @ block, wanted, 1e-9)
+
+
+@pytest.mark.parametrize("seed", [2040, 2041, 2042])
+def test_rows_are_the_gradient_of_energy(seed: int, built: Build) -> None:
+    """Pinocchio's and the quadrature's energy, differences of eighth order."""
+    robot = sprung(seed, (1, 3), forces=False)
+    robot = replace(robot, springs=tuple(replace(s, damping=None) for s in robot.springs if s.name != "spring6"))
+    kernel, oracle = built(robot, "generalized_force"), SpringOracle(robot)
+    s, h, still = random_state(robot, seed), 5e-3, np.zeros(kernel.n)
+    weights = (4 / 5, -1 / 5, 4 / 105, -1 / 280)
+    for i, unit in enumerate(np.eye(kernel.n)):
+        parts = [
+            w * (oracle.energy(s.q + k * h * unit, still)[1] - oracle.energy(s.q - k * h * unit, still)[1])
+            for k, w in enumerate(weights, 1)
+        ]
+        assert kernel.generalized_force(s.q, still)[i] == pytest.approx(-sum(parts) / h, rel=1e-6, abs=1e-5)
+
+
+@pytest.mark.parametrize(("seed", "tree"), [(21, False), (22, True), (23, True)])
+def test_mujocos_tendons_do_the_same(seed: int, tree: bool, built: Build) -> None:
+    """Springs, dampers, a spring of free length 0 and a cable that MuJoCo has with a kink."""
+    robot = with_springs(elastic_robot(seed, joints=3, tree=tree), seed, ("linear", "zero damped", "damper", "cable"))
+    states = [random_state(robot, 100 * seed + i) for i in range(20)]
+    median = float(np.median([SpringOracle(robot).forces(s.q, s.v)[3, 0] for s in states]))
+    cable = replace(robot.springs[3], damping=None, smoothing=1e-9, free_length=median)
+    robot = replace(robot, springs=(*robot.springs[:3], cable))
+    kernel, oracle = (
+        built(robot, "inverse_dynamics", "energy", "generalized_force"),
+        MujocoRobot(robot, approximate=True),
+    )
+    taut = []
+    for s in states:
+        expected = oracle.inverse_dynamics(s.q, s.v, s.a)
+        assert np.abs(kernel.inverse_dynamics(s.q, s.v, s.a) - expected).max() <= 1e-8 * np.abs(expected).max()
+        assert close(kernel.spring_forces(s.q, s.v)[:, 0], np.array(oracle.data.ten_length), 1e-12)
+        assert close(kernel.spring_jacobian(s.q) @ s.v, np.array(oracle.data.ten_velocity), 1e-11)
+        assert close(kernel.energy(s.q, s.v), oracle.energy(s.q, s.v), 1e-8)
+        taut.append(kernel.spring_forces(s.q, s.v)[3, 1] > 0.0)
+    assert sum(taut) == 10
+
+
+def test_motion_is_mujocos(built: Build) -> None:
+    robot = with_springs(elastic_robot(31, joints=2), 31, ("linear", "zero damped"))
+    kernel = built(robot, "forward_dynamics", "energy", "rollout")
+    rng = np.random.default_rng(31)
+    q, v, u = rng.uniform(-0.1, 0.1, 12), rng.uniform(-0.3, 0.3, 12), rng.uniform(-3.0, 3.0, 12)
+    states = MujocoRobot(robot, step=1e-4).trajectory(q, v, u, steps=5000, every=500)
+    qs, vs = kernel.rollout(q, v, u, 1e-4, 5000, every=500)
+    assert np.abs(np.hstack([qs, vs]) - states).max() <= 1e-10
+
+
+def test_a_spring_of_free_length_zero_balances_a_pendulum(built: Build) -> None:
+    """k = m g l / (a b), the textbook's: no torque anywhere, and the sum of energies does not depend on the angle."""
+    mass, com, a, b = 2.0, 0.3, 0.25, 0.1
+    spring = Spring("balance", ("base", "rod"), ((0.0, a, 0.0), (b, 0.0, 0.0)), stiffness=mass * 9.81 * com / (a * b))
+    kernel = built(pendulum((spring,), mass, com), "inverse_dynamics", "energy")
+    angles, still = np.linspace(-np.pi, np.pi, 101)[:, None], np.zeros((101, 1))
+    assert np.abs(kernel.inverse_dynamics(angles, still, still)).max() <= 1e-13 * mass * 9.81 * com
+    assert np.ptp(kernel.energy(angles, still)[:, 1]) <= 1e-12
+    kernel.parameters["springs.balance.stiffness"] *= 2.0
+    twice = kernel.inverse_dynamics(angles, still, still)[:, 0]
+    assert close(twice, -mass * 9.81 * com * np.cos(angles[:, 0]), 1e-12)
+
+
+def test_points_that_meet_give_finite_forces(built: Build) -> None:
+    """Length 0: no force of a free length of 0, whatever law; and no NaN of any."""
+    for number, spring in enumerate((
+        Spring("s", ("base", "rod"), stiffness=1e3),
+        Spring("s", ("base", "rod"), stiffness=1e3, damping=5.0),
+        Spring("s", ("base", "rod"), stiffness=1e3, damping=5.0, free_length=0.2),
+        Spring("s", ("base", "rod"), stiffness=1e3, damping=5.0, free_length=0.2, tension_only=True),
+        Spring("s", ("base", "rod"), curve=((-0.2, -5.0), (0.0, 0.0), (0.3, 8.0)), damping=1.0),
+    )):  # fmt: skip
+        robot = pendulum((replace(spring, points=((0.5, 0.0, 0.0), (0.5, 0.0, 0.0))),))
+        kernel = built(replace(robot, name=f"meet{number}"), *NAMES, "residual_jacobian")
+        q, v, a = np.zeros(1), np.array([1.5]), np.array([0.5])
+        bare = built(replace(robot, name="bare", springs=()), "inverse_dynamics")
+        assert kernel.inverse_dynamics(q, v, a) == pytest.approx(bare.inverse_dynamics(q, v, a), abs=1e-9)
+        results = (
+            kernel.energy(q, v),
+            kernel.reactions(q, v, a),
+            kernel.spring_forces(q, v),
+            kernel.spring_jacobian(q),
+        )
+        for found in (*results, *kernel.residual_jacobian(q, v, a)):
+            assert np.isfinite(found).all()
+        single = built(replace(robot, name=f"meet{number}"), "residual_jacobian", dtype="float32")
+        assert all(np.isfinite(x).all() for x in single.residual_jacobian(*(y.astype(np.float32) for y in (q, v, a))))
+
+
+def test_a_linear_spring_of_free_length_zero_divides_by_nothing() -> None:
+    """Neither root nor quotient in its kernels."""
+    robot = pendulum((Spring("s", ("base", "rod"), ((0.0, 0.2, 0.0), (0.1, 0.0, 0.0)), stiffness=10.0),))
+    for name in ("inverse_dynamics", "energy", "residual_jacobian", "reactions"):
+        assert derive(build_model(robot), name).count()["div"] == 0
+
+
+def test_a_cable_goes_slack_and_taut(built: Build) -> None:
+    """A mass thrown up on a cable: free flight while slack, and the whole motion is SciPy's with branches."""
+    link = Link("block", 2.0, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0, 0.0, 0.0, 0.0))
+    joint = Joint("rail", "base", "block", "prismatic", coordinates={"z": Coordinate()})
+    cable = Spring(
+        "rope", ("base", "block"), ((0.0, 0.0, 1.0), (0.0, 0.0, 0.0)), free_length=0.8, stiffness=3e3, damping=15.0,
+        tension_only=True, smoothing=0.01,
+    )  # fmt: skip
+    robot = Robot("hung", (0.0, 0.0, -9.81), (link,), (joint,), springs=(cable,))
+    kernel = built(robot, "rollout", "energy", "forward_dynamics")
+    q, v = kernel.rollout(np.array([0.3]), np.array([2.0]), np.zeros(1), dt=1e-5, steps=150_000, every=100)
+    length, T = kernel.spring_forces(q, v)[:, 0].T
+    slack = length <= 0.8
+    assert np.all(T[slack] == 0.0)
+    assert np.all(T >= 0.0)
+    assert 0.2 < slack.mean() < 0.9
+    assert np.count_nonzero(np.diff(slack.astype(int))) >= 3
+    energy = kernel.energy(q, v).sum(axis=1)
+    assert np.max(np.diff(energy)) <= 1e-6 * np.ptp(energy)
+    assert np.ptp(energy[: np.argmin(slack)]) <= 1e-9
+
+    def rate(_: float, y: Array) -> list[float]:
+        return [y[1], -9.81 + pulled(cable, 1.0 - y[0], -y[1]) / 2.0]
+
+    expected = solve_ivp(rate, (0.0, 1.5), [0.3, 2.0], rtol=1e-10, atol=1e-12, max_step=1e-3)
+    assert q[-1, 0] == pytest.approx(expected.y[0, -1], abs=1e-6)
+    assert v[-1, 0] == pytest.approx(expected.y[1, -1], abs=1e-5)
+
+
+@pytest.mark.parametrize("seed", [2050, 2051])
+def test_energy_is_conserved(seed: int, built: Build) -> None:
+    """Without dampers; curves, cables and springs of free length 0 among them."""
+    robot = sprung(seed, (2, 3), forces=False)
+    robot = replace(robot, springs=tuple(replace(s, damping=None) for s in robot.springs if s.name != "spring6"))
+    kernel, s = built(robot, "rollout", "energy", "forward_dynamics"), random_state(robot, seed)
+    q, v = kernel.rollout(0.3 * s.q, 0.3 * s.v, np.zeros(kernel.n), dt=2e-5, steps=10_000, every=100)
+    energy = kernel.energy(q, v)
+    assert np.ptp(energy[:, 0]) > 0.1
+    assert np.ptp(energy.sum(axis=1)) <= 1e-6 * np.ptp(energy[:, 0])
+
+
+def implicit_step(
+    robot: Robot, kernel: eomgen.Kernel, q: Array, v: Array, u: Array, dt: float, given: Array | None = None
+) -> Array:
+    """Accelerations of the formula, with the whole matrix; where ``given``, u is one."""
+    k, b = (np.array([getattr(c, key) or 0.0 for j in robot.joints for c in j.coordinates.values()])
+            for key in ("stiffness", "damping"))  # fmt: skip
+    A = kernel.mass_matrix(q) + np.diag(dt * b + dt * dt * k)
+    right = u - kernel.bias_force(q, v) + kernel.generalized_force(q, v) - dt * k * v
+    arms, pairs = kernel.spring_jacobian(q), kernel.spring_forces(q, v)
+    for spring, arm, (length, now) in zip(robot.springs, arms, pairs, strict=True):
+        rate, h = float(arm @ v), 1e-6
+        e = length + dt * rate
+        ahead = pulled(spring, e, rate)
+        by_e = (pulled(spring, e + h, rate) - pulled(spring, e - h, rate)) / (2 * h)
+        by_rate = (pulled(spring, e, rate + h) - pulled(spring, e, rate - h)) / (2 * h)
+        right -= arm * (ahead - now)
+        A += max(dt * by_rate + dt * dt * by_e, 0.0) * np.outer(arm, arm)
+    if given is None:
+        return np.asarray(np.linalg.solve(A, right))
+    free, a = ~given, np.array(u)
+    a[free] = np.linalg.solve(A[np.ix_(free, free)], right[free] - A[np.ix_(free, given)] @ u[given])
+    return a
+
+
+@pytest.mark.parametrize("seed", [2060, 2061, 2062, 2063])
+def test_implicit_steps_are_those_of_the_formula(seed: int, built: Build) -> None:
+    robot = sprung(seed)
+    kernel = built(robot, "rollout", "forward_dynamics", "mass_matrix", "bias_force", "generalized_force")
+    s, dt = random_state(robot, seed), 0.02
+    q, v = s.q, s.v
+    for _ in range(3):
+        v = v + dt * implicit_step(robot, kernel, q, v, s.u, dt)
+        q = q + dt * v
+    qs, vs = kernel.rollout(s.q, s.v, s.u, dt, 3, method="implicit")
+    assert close(qs[-1], q, 1e-6)
+    assert close(vs[-1], v, 1e-6)
+
+
+def test_implicit_steps_are_stable_whatever_the_stiffness(built: Build) -> None:
+    """A cable of 1e9 N/m at a step of 1 ms, a hundred times too long for an explicit method."""
+    cable = Spring(
+        "stop", ("base", "rod"), ((0.0, 1.0, 0.0), (0.5, 0.0, 0.0)), free_length=1.2, stiffness=1e9, tension_only=True
+    )
+    kernel = built(pendulum((cable,), damping=0.5), "rollout", "forward_dynamics", "energy")
+    q, v = kernel.rollout(np.zeros(1), np.zeros(1), np.zeros(1), dt=1e-3, steps=6000, method="implicit")
+    inertia = 0.05 + 2.0 * 0.09
+    assert np.abs(v).max() < np.sqrt(2.0 * 9.81 * 2.0 * 0.3 / inertia)  # of a fall by a quarter turn
+    assert np.abs(v[-1000:]).max() < 1e-3 * 9.81 * 2.0 * 0.3 / inertia  # what the weight gives in a step
+    length = kernel.spring_forces(q, v)[:, 0, 0]
+    assert length.max() <= 1.2 + 1e-3 * np.abs(v).max()  # the way of one step
+    assert length[-1000:] == pytest.approx(1.2, abs=2e-5)
+
+
+def test_default_steps_know_a_stiff_cable(built: Build) -> None:
+    """Slack at the start: rk4 has a step that stays stable when it gets taut; its damper counts, too."""
+    cable = Spring(
+        "stop", ("base", "rod"), ((0.0, 1.0, 0.0), (0.5, 0.0, 0.0)), free_length=1.2, stiffness=1e8, tension_only=True,
+        smoothing=1e-3,
+    )  # fmt: skip
+    kernel = built(pendulum((cable,)), "forward_dynamics", "inverse_dynamics", "energy", "mass_matrix")
+    assert choose_method(kernel) == "Radau"
+    times = np.array([0.0, 1.0])
+    stiffness, inertia = 1e8 * 0.25, 0.05 + 2.0 * 0.09
+    assert fixed_step(kernel, np.zeros(1), None, times) == pytest.approx(0.5 / np.sqrt(stiffness / inertia))
+    found = integrate(kernel, np.zeros(1), np.zeros(1), 0.6, method="rk4")
+    energy = found.energy.sum(axis=1)
+    assert kernel.spring_forces(found.q, found.v)[:, 0, 1].max() > 100.0
+    assert np.ptp(energy) <= 1e-3 * np.ptp(found.energy[:, 0])
+    assert np.abs(integrate(kernel, np.zeros(1), np.zeros(1), 0.1).q[-1] - found.q[100]).max() < 1.0
+    damper = Spring("d", ("base", "rod"), ((0.0, 0.5, 0.0), (0.5, 0.0, 0.0)), damping=1e5)
+    slow = built(replace(pendulum((damper,)), name="slow"), "forward_dynamics", "energy", "mass_matrix")
+    assert choose_method(slow) == "DOP853"
+    arm = slow.spring_jacobian(np.zeros(1))[0, 0]
+    assert fixed_step(slow, np.zeros(1), None, times) == pytest.approx(0.5 * inertia / (1e5 * arm * arm))
+    end = integrate(slow, np.zeros(1), np.zeros(1), 0.05, method="rk4")
+    assert np.abs(end.v).max() < 1e-2
+
+
+def test_equilibrium_is_where_moments_vanish(built: Build) -> None:
+    spring = Spring("s", ("base", "rod"), ((0.0, 0.8, 0.0), (0.5, 0.0, 0.0)), free_length=0.5, stiffness=60.0)
+    robot = pendulum((spring,))
+    kernel, oracle = built(robot, "inverse_dynamics", "mass_matrix"), SpringOracle(robot)
+    q, _ = static_equilibrium(kernel, np.array([-0.2]))
+    assert np.abs(oracle.inverse_dynamics(q, np.zeros(1), np.zeros(1))).max() <= 1e-9
+    assert abs(q[0]) > 0.01
+
+
+def test_what_moves_both_points_has_no_row() -> None:
+    """A spring between the second and the third link of a chain: nothing is computed for the first joint."""
+    links = tuple(Link(f"l{i}", 1.0, (0.1, 0.0, 0.0), (0.1, 0.1, 0.1, 0.0, 0.0, 0.0)) for i in range(3))
+    names = ("base", "l0", "l1", "l2")
+    joints = tuple(
+        Joint(
+            f"j{i}", names[i], names[i + 1], "revolute", Placement((0.4, 0.0, 0.0)), coordinates={"gamma": Coordinate()}
+        )
+        for i in range(3)
+    )
+    robot = Robot("chain", (0.0, -9.81, 0.0), links, joints)
+    spring = Spring("s", ("l1", "l2"), ((0.1, 0.2, 0.0), (0.2, 0.0, 0.0)), free_length=0.1, stiffness=5.0)
+    program = derive(build_model(replace(robot, springs=(spring,))), "spring_jacobian")
+    assert program.instructions[program.outputs["out", 0]].leaf == 0.0
+    assert program.instructions[program.outputs["out", 1]].leaf == 0.0
+    assert {i.leaf for i in program.instructions if i.op == "input" and i.leaf[0] == "q"} == {("q", 2)}
+
+
+def test_numbers_are_parameters(built: Build) -> None:
+    """Set at run time they give what a description with these numbers gives."""
+    robot = sprung(2070, (2, 2))
+    tunable = tuple(f"springs.spring1.points.{i}.{axis}" for i in range(2) for axis in "xyz")
+    kernel = built(replace(robot, tunable=tunable), *NAMES)
+    changed = []
+    for spring in robot.springs:
+        numbers = {
+            key: 1.3 * getattr(spring, key) for key in ("stiffness", "damping", "free_length", "smoothing")
+            if getattr(spring, key) is not None
+        }  # fmt: skip
+        kernel.parameters.update({f"springs.{spring.name}.{key}": value for key, value in numbers.items()})
+        if spring.curve is not None:
+            numbers["curve"] = tuple((x, 2.0 * y) for x, y in spring.curve)
+            names = {f"springs.{spring.name}.curve.{i}": y for i, (_, y) in enumerate(numbers["curve"])}
+            kernel.parameters.update(names)
+        changed.append(replace(spring, **numbers))
+    points = ((0.1, -0.2, 0.3), (0.05, 0.4, -0.1))
+    changed[0] = replace(changed[0], points=points)
+    kernel.parameters.update(dict(zip(tunable, (*points[0], *points[1]), strict=True)))
+    oracle, s = SpringOracle(replace(robot, springs=tuple(changed))), random_state(robot, 2070)
+    assert close(kernel.inverse_dynamics(s.q, s.v, s.a), oracle.inverse_dynamics(s.q, s.v, s.a))
+    assert close(kernel.reactions(s.q, s.v, s.a), oracle.reactions(s.q, s.v, s.a))
+    for key in ("stiffness", "free_length", "damping"):
+        with pytest.raises(InputError, match=f"springs.spring1.{key} = -1.0 is negative"):
+            kernel.parameters[f"springs.spring1.{key}"] = -1.0
+    with pytest.raises(InputError, match=r"springs.spring4.smoothing = 0.0 is too small"):
+        kernel.parameters["springs.spring4.smoothing"] = 0.0
+
+
+def test_single_precision(built: Build) -> None:
+    robot = sprung(2080, (3, 3))
+    single, double = built(robot, *NAMES, dtype="float32"), built(robot, *NAMES)
+    s = random_state(robot, 1)
+    found = single.inverse_dynamics(*(x.astype(np.float32) for x in (s.q, s.v, s.a)))
+    assert found.dtype == np.float32
+    assert close(found, double.inverse_dynamics(s.q, s.v, s.a), 1e-4)
+
+
+def test_rigid_robots_leave_out_what_cannot_move() -> None:
+    robot = eomgen.load_robot("balanced_arm")
+    mount = Joint("mount", "fore", "hand", "fixed", coordinates={"x": Coordinate(stiffness=1e4)})
+    hand = Link("hand", 0.1, (0.0, 0.0, 0.0), (1e-3, 1e-3, 1e-3, 0.0, 0.0, 0.0))
+    inner = Spring("inner", ("fore", "hand"), stiffness=10.0)
+    robot = replace(
+        robot, links=(*robot.links, hand), joints=(*robot.joints, mount), springs=(*robot.springs, inner),
+        tunable=("springs.inner.points.0.x", "springs.stop.points.0.x"),
+    )  # fmt: skip
+    rigid = robot.rigid()
+    assert [spring.name for spring in rigid.springs] == ["balance", "tendon", "stop"]
+    assert rigid.tunable == ("springs.stop.points.0.x",)
+    assert len(build_model(rigid).robot.springs) == 3
+
+
+def test_spring_kernels_are_for_robots_with_springs() -> None:
+    model = build_model(eomgen.load_robot("one_link"))
+    with pytest.raises(InputError, match=r"'spring_forces' is for robots with \[\[springs\]\], and one_link has none"):
+        derive_equations(model, ("spring_forces",))
+
+
+def test_others_keep_their_code() -> None:
+    """Not a word of springs in the C of a robot that has none."""
+    source = render(derive_equations(build_model(eomgen.load_robot("ur5"))), "float64")
+    assert "spring_" not in source.code + source.header + source.meta
+
+
+def test_descriptions_are_read(tmp_path: Path) -> None:
+    """Defaults, a curve from a CSV file, the base of an URDF, and names of tunable numbers."""
+    text = ARM.replace(
+        "[[frames]]",
+        """[[springs]]
+name = "cable"
+links = ["base", "link2"]
+points = [[0, 1, 2], [0.5, 0, 0]]
+free_length = 2.0
+stiffness = 10
+tension_only = true
+[[springs]]
+name = "gas"
+links = ["link1", "base"]
+curve = "gas.csv"
+damping = 3
+[[frames]]""",
+    ).replace("tunable = [", 'tunable = ["springs.gas.free_length", "springs.*.points.1", ')
+    (tmp_path / "gas.csv").write_text("elongation,force\n-0.1,-20\n0.0,5\n0.2,9\n", encoding="ascii")
+    (tmp_path / "arm.toml").write_text(text, encoding="ascii")
+    robot = eomgen.load_robot(tmp_path / "arm.toml")
+    cable, gas = robot.springs
+    assert cable == Spring(
+        "cable", ("base", "link2"), ((0.0, 1.0, 2.0), (0.5, 0.0, 0.0)), 2.0, 10.0, None, True, 2e-4, None
+    )
+    assert gas == Spring("gas", ("link1", "base"), damping=3.0, curve=((-0.1, -20.0), (0.0, 5.0), (0.2, 9.0)))
+    parameters = build_model(robot).parameters
+    assert {name: value for name, value in parameters.items() if name.startswith("springs.")} == {
+        "springs.cable.free_length": 2.0,
+        "springs.cable.stiffness": 10.0,
+        "springs.cable.smoothing": 2e-4,
+        "springs.cable.points.1.x": 0.5,
+        "springs.cable.points.1.y": 0.0,
+        "springs.cable.points.1.z": 0.0,
+        "springs.gas.free_length": 0.0,
+        "springs.gas.damping": 3.0,
+        "springs.gas.curve.0": -20.0,
+        "springs.gas.curve.1": 5.0,
+        "springs.gas.curve.2": 9.0,
+        "springs.gas.points.1.x": 0.0,
+        "springs.gas.points.1.y": 0.0,
+        "springs.gas.points.1.z": 0.0,
+    }
+    refined = """urdf = "arm.urdf"
+[[springs]]
+name = "s"
+links = ["base", "lower"]
+stiffness = 1
+"""
+    (tmp_path / "arm.urdf").write_text(URDF, encoding="ascii")
+    (tmp_path / "refined.toml").write_text(refined, encoding="ascii")
+    assert eomgen.load_robot(tmp_path / "refined.toml").springs[0].links == ("ground", "lower")
+
+
+def test_robots_made_by_hand_are_checked() -> None:
+    base = Spring("s", ("base", "rod"))
+    for spring, words in (
+        (base, "springs.s: it has no force"),
+        (replace(base, links=("base", "rot"), stiffness=1.0), "springs.s.links: got 'rot'; allowed: base, rod"),
+        (replace(base, links=("rod", "rod"), stiffness=1.0), "springs.s.links: .*do not move against each other"),
+        (replace(base, stiffness=1.0, tension_only=True), "springs.s.tension_only: there is no free_length"),
+        (replace(base, name="a b", stiffness=1.0), "springs: got 'a b'"),
+    ):
+        with pytest.raises(DescriptionError, match=words):
+            build_model(pendulum((spring,)))

@@ -1,0 +1,174 @@
+"""The zero map: the counts of the paper's hardest robot, and numbers that show it neither misses nor invents a zero."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from eomgen.codegen.joint import zeros
+from eomgen.codegen.joint.zeros import ZeroMap, zero_map
+from eomgen.robot.model import Model, build_model
+from eomgen.robot.value import COORDINATES, Coordinate, Joint, Link, Placement, Robot
+from tests.oracles.unpruned import brute_force
+from tests.support.random_motors import geared_robot
+from tests.support.random_robots import random_link, random_robot, random_rotation, random_state
+
+Array = NDArray[np.float64]
+
+
+def generic(robot: Robot, rng: np.random.Generator) -> Robot:
+    """The robot with placements and links in which nothing is zero by accident (and nothing is welded on)."""
+
+    def placement() -> Placement:
+        x, y, z = rng.uniform(0.2, 0.6, 3)
+        r, p, w = rng.uniform(0.3, 1.2, 3)
+        return Placement.from_rpy((x, y, z), (r, p, w))
+
+    def link(name: str) -> Link:
+        made = random_link(rng, name)
+        J = random_rotation(rng) @ np.diag(rng.uniform(0.01, 0.1, 3))
+        tensor = np.trace(J @ J.T) * np.eye(3) - J @ J.T
+        inertia = tuple(float(tensor[i, j]) for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
+        x, y, z = (float(c) for c in rng.uniform(0.1, 0.3, 3))
+        return replace(made, com=(x, y, z), inertia=inertia)  # type: ignore[arg-type]
+
+    joints = tuple(replace(joint, placement=placement()) for joint in robot.joints)
+    return replace(robot, joints=joints, links=tuple(link(old.name) for old in robot.links))
+
+
+def chain(joints: int) -> Robot:
+    """A chain of joints with all six coordinates active, generic placements and links."""
+    rng = np.random.default_rng(7)
+    links = tuple(random_link(rng, f"link{i + 1}") for i in range(joints))
+    active = {name: Coordinate() for name in COORDINATES}
+    parents = ["base", *(link.name for link in links)]
+    made = tuple(Joint(f"joint{i + 1}", parents[i], links[i].name, "free", coordinates=active) for i in range(joints))
+    return generic(Robot("chain", (0.0, 0.0, -9.81), links, made), rng)
+
+
+def check(model: Model, seed: int, tolerance: float = 1e-13) -> ZeroMap:
+    """The masks equal the pattern of numbers over several states, and the count that of different numbers."""
+    found = zero_map(model)
+    rng = np.random.default_rng(seed)
+    greatest_M, greatest_C = np.zeros((model.size,) * 2), np.zeros((model.size,) * 3)
+    for _ in range(3):
+        M, C = brute_force(model, rng.uniform(0.2, 1.2, model.size))
+        greatest_M = np.maximum(greatest_M, np.abs(M) / np.abs(M).max())
+        greatest_C = np.maximum(greatest_C, np.abs(C) / max(np.abs(C).max(), np.abs(M).max()))
+    assert np.array_equal(greatest_M > tolerance, found.mass_matrix.mask)
+    assert np.array_equal(greatest_C > tolerance, found.christoffel.mask)
+    assert different_sizes(C) == found.independent
+    return found
+
+
+def test_counts_of_six_joints_with_six_coordinates() -> None:
+    """The last paragraph of the errata's section on counts: every number of it comes from a structural rule."""
+    found = zero_map(build_model(chain(6)))
+    dropped = dict(found.christoffel.zeros)
+    left = found.christoffel.total
+    assert left == 23_976
+    left -= dropped[zeros.LEMMA_7]
+    assert left == 17_820
+    left -= dropped[zeros.SHARPER]
+    assert left == 11_016
+    left -= dropped[zeros.GYRO] + dropped[zeros.COAXIAL]
+    assert (dropped[zeros.GYRO], dropped[zeros.COAXIAL]) == (306, 108)
+    assert left == found.christoffel.survivors == 10_602
+    assert found.by_antisymmetry == 7_203
+    assert found.independent == 7_203 - 165
+    assert dropped[zeros.TREE] == 0
+    assert dict(found.mass_matrix.zeros) == {zeros.TREE: 0, zeros.ORTHOGONAL: 18, zeros.COAXIAL: 6}
+    assert (found.mass_matrix.total, found.mass_matrix.survivors) == (666, 642)
+
+
+def test_counts_of_six_joints_are_those_of_numbers() -> None:
+    """10,602 entries are not zero and 7,038 differ in size, for generic placements and inertias."""
+    found = check(build_model(chain(6)), 1)
+    assert (found.christoffel.survivors, found.independent) == (10_602, 7_038)
+
+
+def different_sizes(C: Array) -> int:
+    """How many different absolute values there are among the entries v <= w that are not zero."""
+    upper = np.triu(np.ones(C.shape[1:], dtype=bool))
+    sizes = np.sort(np.abs(C[:, upper]).ravel())
+    sizes = sizes[sizes > 1e-13 * max(sizes[-1], 1.0)]
+    return int((np.diff(sizes, prepend=-1.0) > 1e-11 * sizes[-1:]).sum()) if len(sizes) else 0
+
+
+def test_antisymmetry_holds_in_numbers() -> None:
+    model = build_model(chain(2))
+    _, C = brute_force(model, np.random.default_rng(3).uniform(0.2, 1.2, model.size))
+    for i in range(model.size):
+        for k in range(model.size):
+            for j in range(min(i, k) + 1):
+                assert C[i, j, k] == pytest.approx(-C[k, i, j], abs=1e-13)
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_map_equals_the_pattern_of_numbers(seed: int) -> None:
+    """Any subset of coordinates, chains and trees: no zero is missed and none is claimed that is not there."""
+    rng = np.random.default_rng(seed)
+    robot = random_robot(rng, joints=(1, 4), tree=seed % 2 == 1, armature=False)
+    check(build_model(generic(robot, rng)), seed)
+
+
+def test_special_geometry_never_contradicts_the_map() -> None:
+    """Right angles and thin rods make more zeros, never fewer."""
+    for seed in range(20):
+        robot = random_robot(seed, joints=(2, 4), tree=seed % 2 == 1, armature=False)
+        model = build_model(robot)
+        found = zero_map(model)
+        M, C = brute_force(model, random_state(robot, seed).q)
+        assert np.abs(M[~found.mass_matrix.mask]).max(initial=0.0) < 1e-12
+        assert np.abs(C[~found.christoffel.mask]).max(initial=0.0) < 1e-12
+
+
+def test_many_coordinates() -> None:
+    assert zero_map(build_model(chain(8))).christoffel.total == 48 * 48 * 49 // 2
+
+
+def test_report() -> None:
+    found = zero_map(build_model(chain(6)))
+    text = "\n".join(found.lines())
+    for number in ("23,976", "6,156", "6,804", "306", "108", "10,602", "7,203", "7,038", "666", "642"):
+        assert number in text
+    assert "lemma (7)" in text
+    assert zeros.TREE not in text  # a reason without zeros
+    plain = json.loads(json.dumps(found.as_dict()))
+    assert plain["christoffel"]["independent_by_antisymmetry"] == 7_203
+    assert plain["christoffel"]["independent"] == 7_038
+    assert plain["mass_matrix"] == {
+        "total": 666,
+        "zeros": [
+            {"reason": zeros.TREE, "count": 0},
+            {"reason": zeros.ORTHOGONAL, "count": 18},
+            {"reason": zeros.COAXIAL, "count": 6},
+        ],
+        "survivors": 642,
+    }
+
+
+def test_reasons_stand_where_entries_vanish() -> None:
+    """Every entry that does not survive has the reason under which it is counted; motors have their own."""
+    robot = geared_robot(3, (2, 2))
+    for model in (build_model(chain(2)), build_model(random_robot(5, joints=(4, 4), tree=True)), build_model(robot)):
+        found = zero_map(model)
+        for tally in (found.mass_matrix, found.christoffel):
+            upper = np.broadcast_to(np.triu(np.ones((model.size,) * 2, dtype=bool)), tally.mask.shape)
+            assert np.array_equal(tally.reason == -1, tally.mask)
+            assert np.array_equal(tally.reason, np.swapaxes(tally.reason, -1, -2))
+            for place, (_, count) in enumerate(tally.zeros):
+                assert (tally.reason[upper] == place).sum() == count
+            assert tally.total == upper.sum()
+            assert tally.survivors == tally.mask[upper].sum()
+    motors, n = len(model.motors), model.size
+    assert found.mass_matrix.zeros[0] == (zeros.ROTOR, sum(n - 1 - i for i in range(motors)))
+    assert found.christoffel.zeros[0] == (zeros.ROTOR, n * n * (n + 1) // 2 - (n - motors) ** 2 * (n - motors + 1) // 2)
+    for motor in model.motors:
+        assert found.mass_matrix.mask[motor].sum() == found.mass_matrix.mask[motor, motor] == 1
+        assert not found.christoffel.mask[motor].any()
+        assert not found.christoffel.mask[:, motor].any()

@@ -1,0 +1,500 @@
+"""The straight-line program: a golden one, folding, verification, passes, evaluation, and its text in C."""
+
+from __future__ import annotations
+
+import ast
+import math
+import re
+import subprocess
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import cffi
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import eomgen
+from eomgen.codegen.c import statements
+from eomgen.codegen.c.scalar_types import SCALARS
+from eomgen.codegen.c.source import Source
+from eomgen.codegen.c.sources import render
+from eomgen.codegen.c.statements import write_function
+from eomgen.codegen.kernels.equations import derive_equations
+from eomgen.codegen.kernels.signatures import KERNELS, PARTS, available
+from eomgen.codegen.package.compile import FLAGS
+from eomgen.codegen.program.ir import Graph, Instruction, Node, Program, evaluate, finish, users, verify
+from eomgen.codegen.program.passes import PASSES, factor_sums, hoist_parameters, run_passes
+from eomgen.robot.model import build_model
+from tests.conftest import Build
+from tests.oracles.force_laws import with_laws
+from tests.support.random_robots import random_robot, random_state
+
+DOUBLE = SCALARS["float64"]
+
+
+def pendulum() -> Program:
+    """M a + m g l sin(q) of a pendulum with m l^2 = 0.75 and m l = 1.5, gravity a parameter: 10 instructions."""
+    graph = Graph()
+    q, a, g = graph.input("q", 0), graph.input("a", 0), graph.input("p", 0)
+    sin, cos = graph.sincos(q)
+    graph.note("weight")
+    graph_out = {("out", 0): 0.75 * a + 1.5 * (g * sin), ("out", 1): cos * 0.0}
+    return finish(graph, "pendulum", graph_out)
+
+
+def test_golden_program() -> None:
+    program = pendulum()
+    assert program.instructions == (
+        Instruction("input", (), ("q", 0)),
+        Instruction("input", (), ("a", 0)),
+        Instruction("input", (), ("p", 0)),
+        Instruction("sin", (0,)),
+        Instruction("const", (), 0.75),
+        Instruction("mul", (4, 1)),
+        Instruction("mul", (2, 3)),
+        Instruction("const", (), 1.5),
+        Instruction("mul", (7, 6)),
+        Instruction("add", (5, 8)),
+        Instruction("const", (), 0.0),  # the cosine is gone: its product with zero folds
+    )
+    assert dict(program.outputs) == {("out", 0): 9, ("out", 1): 10}
+    assert program.count() == {"mul": 3, "add": 1, "div": 0, "sincos": 1}
+    assert program.inputs() == {"q", "a", "p"}
+    assert program.notes == {4: "weight"}
+    found = evaluate(program, {"q": [0.5], "a": [2.0], "p": [-9.81]})
+    assert found == {("out", 0): 0.75 * 2.0 + 1.5 * (-9.81 * math.sin(0.5)), ("out", 1): 0.0}
+    (lines,) = write_function(program, DOUBLE, turning=False).chunks
+    assert lines == (
+        "out[1] = 0.0;",
+        "const double t3 = sin(q[0]);",
+        "/* weight */",
+        "out[0] = 0.75*a[0] + 1.5*(p[0]*t3);",
+    )
+
+
+def test_golden_program_after_passes() -> None:
+    program = run_passes(pendulum())
+    assert program == pendulum()
+    setup, (hoisted,) = hoist_parameters([program], 1)
+    assert dict(setup.outputs) == {("h", 0): 0}
+    assert hoisted.instructions[2] == Instruction("input", (), ("h", 0))
+
+
+Fold = Callable[[Graph, Node, Node], Any]
+FOLDS: dict[str, tuple[Fold, Fold]] = {
+    "x + 0": (lambda g, x, y: x + 0.0, lambda g, x, y: x),
+    "0 + x": (lambda g, x, y: 0.0 + x, lambda g, x, y: x),
+    "x - 0": (lambda g, x, y: x - 0.0, lambda g, x, y: x),
+    "0 - x": (lambda g, x, y: 0.0 - x, lambda g, x, y: -x),
+    "x - x": (lambda g, x, y: x - x, lambda g, x, y: 0.0),
+    "x * 0": (lambda g, x, y: x * 0.0, lambda g, x, y: 0.0),
+    "x * 1": (lambda g, x, y: 1.0 * x, lambda g, x, y: x),
+    "x * -1": (lambda g, x, y: x * -1.0, lambda g, x, y: -x),
+    "x / 1": (lambda g, x, y: x / 1.0, lambda g, x, y: x),
+    "0 / x": (lambda g, x, y: 0.0 / x, lambda g, x, y: 0.0),
+    "--x": (lambda g, x, y: g.neg(-x), lambda g, x, y: x),
+    "x + -y": (lambda g, x, y: x + -y, lambda g, x, y: x - y),
+    "-x + y": (lambda g, x, y: -x + y, lambda g, x, y: y - x),
+    "-x - y": (lambda g, x, y: -x - y, lambda g, x, y: -(x + y)),
+    "x - -y": (lambda g, x, y: x - -y, lambda g, x, y: x + y),
+    "-x * -y": (lambda g, x, y: -x * -y, lambda g, x, y: x * y),
+    "-x * y": (lambda g, x, y: -x * y, lambda g, x, y: -(x * y)),
+    "2 (3 x)": (lambda g, x, y: 2.0 * (3.0 * x), lambda g, x, y: 6.0 * x),
+    "-2 x": (lambda g, x, y: -2.0 * x, lambda g, x, y: -(2.0 * x)),
+    "2 (x / 2)": (lambda g, x, y: 2.0 * (x / 2.0), lambda g, x, y: x),
+    "x + y, y + x": (lambda g, x, y: x + y, lambda g, x, y: y + x),
+    "x y, y x": (lambda g, x, y: x * y, lambda g, x, y: y * x),
+    "(x + y) - y": (lambda g, x, y: (x + y) - y, lambda g, x, y: x),
+    "(x - y) + y": (lambda g, x, y: (x - y) + y, lambda g, x, y: x),
+    "x - (x + y)": (lambda g, x, y: x - (x + y), lambda g, x, y: -y),
+    "(x + 2) + (y + 3)": (lambda g, x, y: (x + 2.0) + (y + 3.0), lambda g, x, y: (x + y) + 5.0),
+    "y - x after x - y": (lambda g, x, y: y - x, lambda g, x, y: -(x - y)),
+    "sin x twice": (lambda g, x, y: g.sincos(x)[0], lambda g, x, y: g.sincos(x)[0]),
+}
+
+
+@pytest.mark.parametrize("name", FOLDS)
+def test_folding(name: str) -> None:
+    """Both sides are the same node, or the same number."""
+    graph = Graph()
+    x, y = graph.input("q", 0), graph.input("q", 1)
+    before, after = FOLDS[name]
+    if name.startswith("y - x after"):
+        assert isinstance(x - y, Node)
+    left, right = before(graph, x, y), after(graph, x, y)
+    if isinstance(right, Node):
+        assert left.index == right.index
+    else:
+        assert left == right
+
+
+def test_numbers_stay_numbers() -> None:
+    graph = Graph()
+    assert graph.add(1.0, 2.0) == 3.0
+    assert graph.sub(1.0, 2.0) == -1.0
+    assert graph.mul(3.0, 2.0) == 6.0
+    assert graph.div(3.0, 2.0) == 1.5
+    assert graph.neg(3.0) == -3.0
+    assert graph.sincos(0.5) == (math.sin(0.5), math.cos(0.5))
+    assert graph.instructions == []
+
+
+BAD: dict[str, tuple[Sequence[Instruction], Mapping[tuple[str, int], int], str]] = {
+    "unknown operation": ([Instruction("pow", (0, 0))], {}, "pow"),
+    "too few arguments": ([Instruction("input", (), ("q", 0)), Instruction("add", (0,))], {}, "takes 2 arguments"),
+    "too many arguments": ([Instruction("input", (), ("q", 0)), Instruction("neg", (0, 0))], {}, "takes 1 arg"),
+    "a later argument": ([Instruction("neg", (1,)), Instruction("input", (), ("q", 0))], {}, "uses a later one"),
+    "itself": ([Instruction("neg", (0,))], {}, "uses a later one"),
+    "a negative argument": ([Instruction("input", (), ("q", 0)), Instruction("neg", (-1,))], {}, "uses a later one"),
+    "a constant without a number": ([Instruction("const")], {}, "leaf None"),
+    "a leaf too many": ([Instruction("input", (), ("q", 0)), Instruction("neg", (0,), 1.0)], {}, "leaf 1.0"),
+    "not a number": ([Instruction("const", (), math.nan)], {}, "nan"),
+    "infinite": ([Instruction("const", (), math.inf)], {}, "inf"),
+    "an output that is not there": ([Instruction("const", (), 1.0)], {("out", 0): 1}, "output"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_verify_refuses(name: str) -> None:
+    instructions, outputs, message = BAD[name]
+    with pytest.raises(AssertionError, match=re.escape(message)):
+        verify(Program("bad", tuple(instructions), outputs))
+
+
+# Random programs.  Their values are numbers modulo a prime, so that folding may not lose a bit.
+PRIME = 2**61 - 1
+OPERATIONS = ("add", "sub", "mul", "div", "neg", "sin", "cos")
+CONSTANTS = (0.0, 1.0, -1.0, 2.0, -2.0, 0.5, -0.5, 3.0, 0.75)
+
+
+@dataclass(frozen=True)
+class Mod:
+    """A number modulo PRIME; floats that are sums of powers of two convert exactly."""
+
+    value: int
+
+    @classmethod
+    def of(cls, number: Any) -> Mod:
+        if isinstance(number, Mod):
+            return number
+        exact = Fraction(number)
+        return cls(exact.numerator * pow(exact.denominator, -1, PRIME) % PRIME)
+
+    def __add__(self, other: Any) -> Mod:
+        return Mod((self.value + Mod.of(other).value) % PRIME)
+
+    def __sub__(self, other: Any) -> Mod:
+        return Mod((self.value - Mod.of(other).value) % PRIME)
+
+    def __mul__(self, other: Any) -> Mod:
+        return Mod(self.value * Mod.of(other).value % PRIME)
+
+    def __truediv__(self, other: Any) -> Mod:
+        return Mod(self.value * pow(Mod.of(other).value, -1, PRIME) % PRIME)
+
+    def __neg__(self) -> Mod:
+        return Mod(-self.value % PRIME)
+
+    __radd__, __rmul__ = __add__, __mul__
+
+    def __rsub__(self, other: Any) -> Mod:
+        return Mod.of(other) - self
+
+    def __rtruediv__(self, other: Any) -> Mod:
+        return Mod.of(other) / self
+
+
+def opaque_sincos(x: Any) -> tuple[Any, Any]:
+    """Two functions of which nothing is known; any will do."""
+    return Mod.of(x) * 5 + 7, Mod.of(x) * 11 + 13
+
+
+steps = st.lists(
+    st.tuples(st.sampled_from(OPERATIONS), st.integers(0, 40), st.integers(0, 40)), min_size=1, max_size=40
+)
+
+
+def build_both(plan: Sequence[tuple[str, int, int]], pool: Sequence[Any], graph: Graph) -> tuple[list[Any], list[Any]]:
+    """The plan's last values as folded nodes, and as numbers that nothing folded."""
+    nodes: list[Any] = [*pool, *CONSTANTS]
+    numbers = [*(Mod(12345 + 678 * i * i) for i in range(len(pool))), *map(Mod.of, CONSTANTS)]
+    for op, i, j in plan:
+        i, j = i % len(nodes), j % len(nodes)
+        x, y = nodes[i], nodes[j]
+        if op in ("sin", "cos"):
+            if isinstance(x, Node):  # of a number the graph would take the true sine
+                nodes.append(graph.sincos(x)[op == "cos"])
+                numbers.append(opaque_sincos(numbers[i])[op == "cos"])
+        elif op == "neg":
+            nodes.append(graph.neg(x))
+            numbers.append(-numbers[i])
+        elif op == "div":
+            power_of_two = not isinstance(y, Node) and abs(y) in (0.5, 1.0, 2.0)
+            if numbers[j].value != 0 and (isinstance(y, Node) or power_of_two):
+                nodes.append(graph.div(x, y))
+                numbers.append(numbers[i] / numbers[j])
+        else:
+            nodes.append(getattr(graph, op)(x, y))
+            numbers.append({"add": Mod.__add__, "sub": Mod.__sub__, "mul": Mod.__mul__}[op](numbers[i], numbers[j]))
+    return nodes[-6:], numbers[-6:]
+
+
+def random_program(plan: Sequence[tuple[str, int, int]]) -> tuple[Program, dict[str, list[Mod]], list[Mod]]:
+    graph = Graph()
+    pool = [graph.input("q", 0), graph.input("q", 1), graph.input("p", 0), graph.input("p", 1)]
+    nodes, numbers = build_both(plan, pool, graph)
+    inputs = {"q": [Mod(12345), Mod(12345 + 678)], "p": [Mod(12345 + 678 * 4), Mod(12345 + 678 * 9)]}
+    return finish(graph, "random", {("out", i): node for i, node in enumerate(nodes)}), inputs, numbers
+
+
+def values(program: Program, inputs: Mapping[str, Sequence[Any]]) -> list[Mod]:
+    found = evaluate(program, inputs, opaque_sincos)
+    return [Mod.of(found["out", i]) for i in range(len(found))]
+
+
+@settings(max_examples=300, deadline=None)
+@given(steps)
+def test_folding_keeps_values(plan: Sequence[tuple[str, int, int]]) -> None:
+    program, inputs, numbers = random_program(plan)
+    verify(program)
+    assert values(program, inputs) == numbers
+
+
+@settings(max_examples=300, deadline=None)
+@given(steps)
+def test_folding_leaves_nothing_to_fold(plan: Sequence[tuple[str, int, int]]) -> None:
+    """No product with 0, 1 or -1, no sum with 0, no double sign, nothing twice, nothing that no output needs."""
+    program, _, _ = random_program(plan)
+    instructions = program.instructions
+    for op, args in ((i.op, i.args) for i in instructions):
+        arguments = [instructions[arg] for arg in args]
+        constants = [argument.leaf for argument in arguments if argument.op == "const"]
+        assert len(constants) < len(args) or not args
+        if op == "mul":
+            assert not {0.0, 1.0, -1.0} & set(constants)
+        if op in ("add", "sub"):
+            assert 0.0 not in constants
+            assert all(argument.op != "neg" for argument in arguments)
+        if op == "neg":
+            assert arguments[0].op != "neg"
+    assert len(set(instructions)) == len(instructions)
+    assert 0 not in users(program)
+
+
+def test_common_factors_of_a_sum() -> None:
+    """a f + (c - b f) + a g: one product with f, though c stands between; a product that is used twice stays."""
+    graph = Graph()
+    a, b, c, f, g = (graph.input("q", i) for i in range(5))
+    sum_ = a * f + (c - b * f) + a * g
+    kept, both = a * c, b * c
+    program = finish(graph, "sums", {("out", 0): sum_, ("out", 1): kept + both, ("out", 2): kept})
+    factored = factor_sums(program)
+    assert (program.count()["mul"], factored.count()["mul"]) == (5, 4)
+    assert factored.count()["add"] == program.count()["add"]
+    inputs = {"q": [2.0, 3.0, 5.0, 7.0, 11.0]}
+    assert evaluate(factored, inputs) == evaluate(program, inputs)
+
+
+def test_a_sum_that_cancels_once_factored() -> None:
+    """a f - (b f + (a - b) f) is 0, and what is made of it folds: C has no vector of products of literals."""
+    graph = Graph()
+    a, b, f, g = (graph.input("q", i) for i in range(4))
+    nothing = a * f - (b * f + (a - b) * f)
+    used = g * nothing
+    outputs = {("out", 0): used + a, ("out", 1): 0.5 * nothing, ("out", 2): b - used, ("out", 3): graph.sincos(used)[1]}
+    program = finish(graph, "nothing", outputs)
+    factored = factor_sums(program)
+    assert sum(factored.count().values()) == 0
+    inputs = {"q": [2.0, 3.0, 5.0, 7.0]}
+    assert evaluate(factored, inputs) == evaluate(program, inputs)
+
+
+@pytest.mark.parametrize("step", PASSES, ids=lambda step: step.__name__)
+@settings(max_examples=300, deadline=None)
+@given(plan=steps)
+def test_every_pass_keeps_values(step: Callable[[Program], Program], plan: Sequence[tuple[str, int, int]]) -> None:
+    program, inputs, numbers = random_program(plan)
+    changed = verify(step(program))
+    assert values(changed, inputs) == numbers
+    assert all(changed.count()[key] <= number for key, number in program.count().items())
+
+
+@settings(max_examples=300, deadline=None)
+@given(steps, steps)
+def test_hoisting_keeps_values(plan: Sequence[tuple[str, int, int]], other: Sequence[tuple[str, int, int]]) -> None:
+    """Two kernels share one setup; after it no kernel reads a parameter or does what the setup can do."""
+    made = [random_program(plan), random_program(other)]
+    setup, hoisted = hoist_parameters([run_passes(program) for program, _, _ in made], 2)
+    assert setup.inputs() <= {"p"}
+    found = evaluate(setup, {"p": made[0][1]["p"]}, opaque_sincos)
+    h = [found["h", slot] for slot in range(len(found))]
+    assert h[:2] == made[0][1]["p"]
+    for program, (_, inputs, numbers) in zip(hoisted, made, strict=True):
+        assert values(program, {"q": inputs["q"], "h": h}) == numbers
+        assert program.inputs() <= {"q", "h"}
+        for instruction in program.instructions:
+            arguments = [program.instructions[arg] for arg in instruction.args]
+            early = [x.op == "const" or (x.op == "input" and x.leaf[0] == "h") for x in arguments]
+            assert not arguments or not all(early)
+
+
+def test_comparisons_and_roots_fold() -> None:
+    """Numbers are computed, the same value is its own maximum, and what is no number stays so."""
+    graph = Graph()
+    x = graph.input("q", 0)
+    assert (graph.max(1.0, 2.0), graph.step(0.0), graph.step(3.0), graph.sqrt(9.0)) == (2.0, 0.0, 1.0, 3.0)
+    assert isinstance(graph.max(x, x), Node)
+    assert graph.max(x, x).index == x.index
+    outputs = {("out", 0): graph.max(x, 0.0), ("out", 1): graph.step(x), ("out", 2): graph.sqrt(x * x)}
+    program = run_passes(finish(graph, "calls", outputs))
+    assert list(evaluate(program, {"q": [-2.0]}).values()) == [0.0, 0.0, 2.0]
+    assert list(evaluate(program, {"q": [2.0]}).values()) == [2.0, 1.0, 2.0]
+    assert math.isnan(evaluate(program, {"q": [math.nan]})["out", 0])
+    assert program.count() == {"mul": 1, "add": 2, "div": 1, "sincos": 0}
+
+
+def test_evaluate_on_arrays_and_symbols() -> None:
+    """The same program on NumPy arrays, and read back into SymPy."""
+    import sympy as sp
+
+    program = pendulum()
+    q, a = np.linspace(-1, 1, 5), np.linspace(0, 1, 5)
+    found = evaluate(program, {"q": [q], "a": [a], "p": [9.81]}, lambda x: (np.sin(x), np.cos(x)))
+    assert np.allclose(found["out", 0], 0.75 * a + 1.5 * 9.81 * np.sin(q), rtol=1e-15)
+    x, y, g = sp.symbols("x y g")
+    symbolic = evaluate(program, {"q": [x], "a": [y], "p": [g]}, lambda s: (sp.sin(s), sp.cos(s)))
+    assert sp.nsimplify(symbolic["out", 0] - (sp.Rational(3, 4) * y + sp.Rational(3, 2) * g * sp.sin(x))) == 0
+
+
+def float_program(rng: np.random.Generator, length: int) -> Program:
+    """A random program for floats: no division by zero, sums and products of moderate size."""
+    graph = Graph()
+    nodes: list[Any] = [graph.input("q", i) for i in range(3)] + [graph.input("v", 0), 0.7, -1.3, 1.0]
+    for _ in range(length):
+        op = str(rng.choice(["add", "sub", "mul", "neg", "sin", "div", "sqrt", "max", "step"]))
+        x, y = (nodes[int(i)] for i in rng.integers(max(0, len(nodes) - 12), len(nodes), 2))
+        if op == "sin" and isinstance(x, Node):
+            nodes.extend(graph.sincos(x))
+        elif op == "neg":
+            nodes.append(graph.neg(x))
+        elif op == "sqrt":
+            nodes.append(graph.sqrt(graph.add(graph.mul(x, x), 0.5)))
+        elif op == "step":
+            nodes.append(graph.step(x))
+        elif op == "div":
+            nodes.append(graph.div(x, graph.add(graph.mul(y, y), 1.0)))
+        elif op != "sin":
+            nodes.append(getattr(graph, op)(x, y))
+    return finish(graph, "random", {("out", i): node for i, node in enumerate(nodes[-8:])})
+
+
+CALLED = """
+static double root(double x) { return sqrt(x); }
+static double larger(double x, double y) { return x < y ? y : x; }
+static double positive(double x) { return x > 0.0 ? 1.0 : 0.0; }
+"""
+
+
+def test_evaluation_equals_compiled_code(tmp_path: Path) -> None:
+    """To the bit: brackets, signs and literals mean in C what the program means."""
+    rng = np.random.default_rng(5)
+    programs = [run_passes(float_program(rng, 60)) for _ in range(60)]
+    code, declarations = ["#include <math.h>", CALLED], []
+    for k, program in enumerate(programs):
+        (lines,) = write_function(program, DOUBLE, turning=False).chunks
+        head = f"void f{k}(const double *q, const double *v, double *out)"
+        code.append(f"{head}\n{{\n    (void)q; (void)v;\n    " + "\n    ".join(lines) + "\n}")
+        declarations.append(f"{head};")
+    (tmp_path / "f.c").write_text("#include <stddef.h>\n" + "\n".join(code), encoding="ascii")
+    command = ["cc", "-shared", "-fPIC", *FLAGS, str(tmp_path / "f.c"), "-o", str(tmp_path / "f.so"), "-lm"]
+    subprocess.run(command, check=True)
+    ffi = cffi.FFI()
+    ffi.cdef("\n".join(declarations))
+    lib = ffi.dlopen(str(tmp_path / "f.so"))
+    for k, program in enumerate(programs):
+        q, v, out = rng.uniform(-2, 2, 3), rng.uniform(-2, 2, 1), np.zeros(8)
+        pointers = [ffi.from_buffer("double[]", x) for x in (q, v, out)]
+        getattr(lib, f"f{k}")(*pointers)
+        expected = evaluate(program, {"q": q.tolist(), "v": v.tolist()})
+        assert np.array_equal(out, list(expected.values()), equal_nan=True)
+
+
+def test_split_functions_equal_whole_ones(built: Build, empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Functions of a few statements that hand values on, against one function per kernel: the same to the bit."""
+    robot = random_robot(7, joints=(3, 3), types=("revolute", "free"))
+    kernels = []
+    for name, size in (("whole", 10**9), ("split", 25)):
+        monkeypatch.setattr(statements, "CHUNK", size)
+        kernels.append(built(replace(robot, name=name)))
+    s = random_state(robot, 1)
+    whole, split = kernels
+    for name in available(build_model(robot)):
+        if not KERNELS[name].tangent_of and not {"kinematics", "rollout", "wrench"} & {name, *KERNELS[name].reads}:
+            arrays = [getattr(s, letter) for letter in KERNELS[name].reads]
+            assert np.array_equal(getattr(whole, name)(*arrays), getattr(split, name)(*arrays)), name
+    for frame in whole.frames:
+        assert np.array_equal(whole.frame_pose(s.q, frame), split.frame_pose(s.q, frame))
+        assert np.array_equal(whole.frame_jacobian(s.q, frame), split.frame_jacobian(s.q, frame))
+    package = next(path for path in (empty_cache / "packages").iterdir() if (path / "split.c").exists())
+    assert "split_forward_dynamics_part3(" in (package / "split.c").read_text()
+
+
+def operators(text: str) -> Iterator[str]:
+    """Operations of an expression, which reads the same in Python: the sign of a number is part of the number."""
+    for node in ast.walk(ast.parse(text, mode="eval")):
+        if isinstance(node, ast.BinOp):
+            yield {ast.Mult: "mul", ast.Div: "div", ast.Add: "add", ast.Sub: "add"}[type(node.op)]
+        elif isinstance(node, ast.UnaryOp) and not isinstance(node.operand, ast.Constant):
+            yield "add"
+        elif isinstance(node, ast.Call):
+            called = {"larger": "add", "positive": "add", "root": "div"}
+            yield called.get(ast.unparse(node.func)) or f"sincos {ast.unparse(node.args[0])}"
+
+
+def counted(lines: Sequence[str]) -> dict[str, int]:
+    """Operations in the statements of a function of C."""
+    found: list[str] = []
+    for line in lines:
+        if " = " in line and not line.startswith(("for ", "/*")):
+            found.extend(operators(line.rstrip(";").rsplit(" = ", 1)[1].replace("sinf(", "sin(")))
+    angles = {name for name in found if name.startswith("sincos")}
+    return {"mul": found.count("mul"), "add": found.count("add"), "div": found.count("div"), "sincos": len(angles)}
+
+
+@pytest.mark.parametrize("laws", [False, True])
+def test_operations_are_those_of_the_text(laws: bool, built: Build) -> None:
+    """What a kernel reports is what its C does."""
+    robot = random_robot(8, joints=(3, 3), tree=True, max_size=9)
+    robot = with_laws(robot, 8) if laws else robot
+    equations = derive_equations(build_model(robot))
+    kernel = built(robot)
+    for name, program in equations.programs.items():
+        function = write_function(program, DOUBLE)
+        lines = [line for chunk in function.chunks for line in chunk]
+        lines += [f"angle = sin({angle});" for angle in function.angles]
+        assert counted(lines) == program.count(), name
+        if name not in PARTS:
+            assert kernel.operations[name] == program.count(), name
+    setup = [line for chunk in write_function(equations.setup, DOUBLE, turning=False).chunks for line in chunk]
+    assert counted(setup) == kernel.operations["parameters"]
+
+
+def test_operations_of_a_loop(built: Build) -> None:
+    """A tensor C in a loop counts what it calls."""
+    robot = random_robot(9, joints=(4, 4), types=("free",), tree=True, armature=False)
+    kernel = built(robot, "christoffel", "coriolis_matrix")
+    for key, number in kernel.operations["coriolis_matrix"].items():
+        assert kernel.operations["christoffel"][key] == 24 * number
+
+
+def test_the_source_is_a_value() -> None:
+    """Everything that is compiled is text; two derivations give equal sources."""
+    model = build_model(eomgen.load_robot("one_link"))
+    first, second = (render(derive_equations(model), "float64") for _ in range(2))
+    assert isinstance(first, Source)
+    assert first == second

@@ -1,0 +1,259 @@
+"""A description is data: whatever its names are, they are refused, or nothing but an identifier is left of them."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from xml.sax.saxutils import quoteattr
+
+import pytest
+
+import eomgen
+from eomgen.cli import entry as cli
+from eomgen.codegen.c.source import Source
+from eomgen.description.load import robot_from_toml, robot_from_urdf
+from eomgen.errors import InputError
+from eomgen.names import is_identifier, is_robot_name
+from eomgen.pictures.shapes import mesh_path, urdf_shapes
+from eomgen.pipeline.stages import Options, generate
+from eomgen.robot.value import Robot
+from eomgen.scenario.load import scenario_from_toml
+from eomgen.sweep.plan import plan_from_toml
+from tests.codegen.c.test_render import WARNINGS, source_of
+from tests.conftest import Build
+from tests.support.description_samples import ARM
+from tests.support.fuzzing import check_message, check_robot
+from tests.support.hostile import WORDS, XML, hostile_name
+from tests.support.mutations import PLAN, SCENARIO, WORN, toml_string
+
+NAMES = 10_000
+PER_ROBOT = 50  # hostile names in one URDF
+
+MESHES = ["../../etc/passwd", "package://../../../etc/passwd", "file:///etc/passwd", "a\0b", "\n"]
+Reader = Callable[[str, Path], Any]
+
+
+def toml(text: str, folder: Path) -> Robot:
+    return robot_from_toml(text, source="r.toml", folder=folder)
+
+
+def scenario(text: str, folder: Path) -> object:
+    return scenario_from_toml(text, source="s.toml", folder=folder)
+
+
+def plan(text: str, _: Path) -> object:
+    return plan_from_toml(text, source="p.toml")
+
+
+SAMPLED = 'duration = 1\nmotion = { type = "sampled", file = "x" }'
+
+# where a TOML file takes a name: reader, text, what stands in its place, and which names are right there
+PLACES: dict[str, tuple[Reader, str, str, Callable[[str], bool]]] = {
+    "robot": (toml, ARM, '"arm"', is_robot_name),
+    "link": (toml, ARM.replace("links.link2.mass", "gravity"), '"link2"', is_identifier),  # and what refers to it
+    "joint": (toml, ARM, '"joint2"', is_identifier),
+    "frame": (toml, ARM, '"tcp"', is_identifier),
+    "loop": (toml, WORN, '"cut"', is_identifier),
+    "spring": (toml, WORN, '"rope"', is_identifier),
+    "parent": (toml, ARM, '"base"', lambda name: False),
+    "key": (toml, ARM, "armature", lambda name: False),
+    "top key": (toml, ARM, "gravity", lambda name: False),
+    "type": (toml, ARM, '"prismatic"', lambda name: False),
+    "tunable": (toml, ARM, '"links.link2.mass"', lambda name: name == "*"),
+    "urdf": (toml, 'urdf = "x"\n' + ARM, '"x"', lambda name: False),
+    "curve": (toml, ARM.replace("stiffness = 1e6", 'curve = "x"'), '"x"', lambda name: False),
+    "coordinate of a start": (scenario, SCENARIO, "joint1.x", lambda name: all(map(is_identifier, name.split(".")))),
+    "link of a wrench": (scenario, SCENARIO, '"link2"', lambda name: True),
+    "file of a motion": (
+        scenario,
+        'duration = 1\nmotion = { type = "sampled", file = "x" }',
+        '"x"',
+        lambda name: False,
+    ),
+    "parameter of a sweep": (plan, PLAN, '"joints.*.x.stiffness"', lambda name: True),
+    "number of a scenario": (plan, PLAN, '"control.kd"', lambda name: True),
+    "record of a sweep": (plan, PLAN, '"drive_max"', lambda name: False),
+}
+TAKEN = {"base", "world", "link1", "joint1", "a", "b", "x", "q", "v", "h", "coordinate_end"}  # names of another meaning
+
+
+def named(place: str, name: str, folder: Path) -> object:
+    """What comes of a name in that place; None where it is refused, as it must be unless it is right."""
+    read, text, old, right = PLACES[place]
+    try:
+        made = read(text.replace(old, toml_string(name)), folder)
+    except InputError as error:
+        check_message(error)
+        made = None
+    if made is None:
+        assert not right(name) or name in TAKEN or len(name) > 128, (place, name)
+        return None
+    assert right(name), (place, name)
+    if isinstance(made, Robot):
+        check_robot(made)
+    return made
+
+
+def snapshot(folder: Path) -> set[Path]:
+    return set(folder.rglob("*"))
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_names_in_toml(place: str, tmp_path: Path) -> None:
+    inside = tmp_path / "a" / "b"
+    inside.mkdir(parents=True)
+    before, right = snapshot(tmp_path), 0
+    for seed in range(60):
+        right += named(place, hostile_name(seed), inside) is not None
+    assert snapshot(tmp_path) == before
+    assert right < 60 or PLACES[place][3]("\n")  # a name that is looked up later may be anything
+
+
+@pytest.mark.soak
+def test_ten_thousand_names_in_toml(tmp_path: Path) -> None:
+    before, right = snapshot(tmp_path), 0
+    places = list(PLACES)
+    for seed in range(NAMES):  # every name in three of the places
+        for k in range(3):
+            right += named(places[(3 * seed + k) % len(places)], hostile_name(seed), tmp_path) is not None
+    assert snapshot(tmp_path) == before
+    print(
+        f"\n{NAMES} hostile names, each in 3 of {len(places)} places: {right} are identifiers, the others are refused"
+    )
+
+
+def urdf_of(names: list[str]) -> str:
+    """Three moving joints and many fixed links, all with these names; a robot with the first of them."""
+    quoted = [quoteattr("".join(letter for letter in name if letter not in XML) or "x") for name in names]
+    unique = list(dict.fromkeys(quoted))
+    inertial = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    lines = [f"<robot name={quoted[0]}>", *(f"<link name={name}>{inertial}</link>" for name in unique)]
+    for index, name in enumerate(unique[1:], 1):
+        kind, parent = ("revolute", unique[index - 1]) if index <= 3 else ("fixed", unique[index % 3])
+        ends = f"<parent link={parent}/><child link={name}/>"
+        lines.append(f'<joint name={name} type="{kind}">{ends}<axis xyz="0 1 0"/></joint>')
+    return "\n".join([*lines, "</robot>"])
+
+
+def plain(robot: Robot) -> Robot:
+    """The same robot with harmless names in the same places."""
+    links = {robot.base: "ground", **{link.name: f"body{k}" for k, link in enumerate(robot.links)}}
+    joints = tuple(
+        replace(joint, name=f"joint{k}", parent=links[joint.parent], child=links[joint.child])
+        for k, joint in enumerate(robot.joints)
+    )
+    bodies = tuple(replace(link, name=links[link.name]) for link in robot.links)
+    return replace(robot, name="plain", base="ground", links=bodies, joints=joints)
+
+
+def skeleton(source: Source) -> Iterator[str]:
+    """What is left of the texts without words and blanks."""
+    for text in (source.header, source.code, source.cdef, source.meta):
+        assert text.isascii()
+        assert set(filter(lambda letter: not letter.isprintable(), text)) <= {"\n"}
+        yield re.sub(r"\s+", "", re.sub(r"[A-Za-z0-9_]+", "w", text))
+
+
+def check_urdf_names(seeds: range) -> tuple[Robot, Source]:
+    """Everything but the words of the source is that of a robot of plain names, and the words are identifiers."""
+    robot = robot_from_urdf(urdf_of([hostile_name(seed) for seed in seeds]), inertia="project")
+    check_robot(robot)
+    source, other = (source_of(made) for made in (robot, plain(robot)))
+    assert list(skeleton(source)) == list(skeleton(other))
+    return robot, source
+
+
+def compiles(source: Source, folder: Path, *flags: str) -> None:
+    for text, suffix in ((source.header, "h"), (source.code, "c")):
+        (folder / f"{source.name}.{suffix}").write_text(text, encoding="ascii")
+    command = ["cc", *(flags or ("-std=c99",)), *WARNINGS, "-O0", "-c", f"{source.name}.c", "-o", os.devnull]
+    found = subprocess.run(command, cwd=folder, capture_output=True, text=True)
+    assert (found.returncode, found.stderr) == (0, "")
+
+
+def test_names_in_urdf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import sympy.parsing.sympy_parser as parser
+
+    def fail(*_: object, **__: object) -> None:
+        raise AssertionError("text went into SymPy's parser or a shell")
+
+    monkeypatch.setattr(parser, "parse_expr", fail)
+    monkeypatch.setattr(os, "system", fail)
+    _, source = check_urdf_names(range(PER_ROBOT))
+    compiles(source, tmp_path)
+
+
+@pytest.mark.soak
+def test_ten_thousand_names_in_urdf(tmp_path: Path) -> None:
+    made = {"robots": 0, "compiled": 0, "characters": 0}
+    for first in range(0, NAMES, PER_ROBOT):
+        _, source = check_urdf_names(range(first, first + PER_ROBOT))
+        made["robots"] += 1
+        made["characters"] += len(source.code)
+        if first % (10 * PER_ROBOT) == 0:
+            compiles(source, tmp_path)
+            made["compiled"] += 1
+    print(f"\n{NAMES} hostile names in URDFs: {made}, no byte of them in the C beyond identifiers")
+
+
+def test_nothing_is_written_beside_the_output(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    work = tmp_path / "work"
+    work.mkdir()
+    monkeypatch.chdir(work)
+    for name in ("../../escape", "/tmp/../escape", "..", "a\0b", "-o x", "con/..\\x", "lambda"):
+        before = snapshot(tmp_path)
+        robot = robot_from_urdf(urdf_of([name, "l", "m"]), inertia="project")
+        folder = generate(robot, work / "out", Options(("mass_matrix",), flags=("-O0",)))
+        new = snapshot(tmp_path) - before
+        assert folder.parent == work / "out"
+        assert folder.name == robot.name
+        assert new
+        assert all(path.is_relative_to(folder) or path == work / "out" for path in new)
+
+
+@pytest.mark.parametrize("flags", [("-std=c99",), ("-std=gnu17",)], ids=str)
+def test_words_of_c_as_names_of_everything(flags: tuple[str, ...], tmp_path: Path) -> None:
+    """Keywords and macros: names stand in comments and behind prefixes only."""
+    robot = robot_from_urdf(urdf_of(["arm", *WORDS]), inertia="project")
+    assert {link.name for link in robot.links} == set(WORDS)
+    compiles(source_of(robot), tmp_path, *flags)
+
+
+@pytest.mark.parametrize("name", ["linux", "unix", "errno", "stdin", "environ"])
+def test_macros_as_a_robots_name(name: str, built: Build) -> None:
+    robot = replace(eomgen.load_robot("one_link"), name=name)
+    assert built(robot, "mass_matrix", flags=("-O0", "-std=gnu17")).mass_matrix([0.0, 0.0]).shape == (2, 2)
+
+
+@pytest.mark.parametrize("name", ["I", "E", "pi", "S", "lambda", "None", "__import__", "exec"])
+def test_words_of_sympy_and_python_as_a_joint(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The closed form is that of any other name: names are symbols, never parsed."""
+    printed = []
+    for joint in (name, "other"):
+        text = (Path(eomgen.__file__).parent / "robots" / "one_link.toml").read_text(encoding="utf-8")
+        (tmp_path / "r.toml").write_text(
+            text.replace('"joint1"', f'"{joint}"').replace("joints.joint1", f"joints.{joint}")
+        )
+        assert cli.main(["derive", str(tmp_path / "r.toml")]) == 0
+        printed.append(re.sub(rf"(?<![A-Za-z0-9]){joint}\b|\s+", "", capsys.readouterr().out))
+    assert printed[0] == printed[1]
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_file_names_of_meshes(name: str, tmp_path: Path) -> None:
+    """What is no mesh is a note of one line; the link is drawn as a capsule."""
+    pytest.importorskip("trimesh")
+    mesh = f"<visual><geometry><mesh filename={quoteattr(name.replace(chr(0), ''))}/></geometry></visual>"
+    text = urdf_of(["r", "l", "m"]).replace("</link>", mesh + "</link>")
+    (tmp_path / "r.urdf").write_text(text)
+    shapes, notes = urdf_shapes(eomgen.load_robot(tmp_path / "r.urdf"))
+    assert shapes == []
+    assert len(notes) == 3
+    assert all(note.isascii() and note.isprintable() and "root:" not in note for note in notes)
+    with pytest.raises(ValueError, match=r"there is no mesh|null"):
+        mesh_path("nothing/" + name, tmp_path / "r.urdf")

@@ -1,0 +1,240 @@
+"""URDFs: the reader against Pinocchio's, on all of example-robot-data."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eomgen.description.load import load_robot, robot_from_urdf
+from eomgen.errors import DescriptionError, EomgenWarning
+from eomgen.robot.geometry import IDENTITY, axis_turn
+from eomgen.robot.value import Robot
+from tests.support.description_samples import URDF, example_urdfs, link_poses
+
+pin = pytest.importorskip("pinocchio")
+EXAMPLES = example_urdfs()
+PASSIVE = {"quadrotor_base.urdf", "iris_simple.urdf", "ur3.urdf"}  # no moving joint (ur3: an empty robot)
+MOVING = [path for path in EXAMPLES if path.name not in PASSIVE]
+
+
+def name_of(path: Path) -> str:
+    return f"{path.parts[-3]}/{path.name}"
+
+
+def quietly(path: Path, inertia: str) -> Robot:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", EomgenWarning)
+        return load_robot(path, inertia=inertia)
+
+
+def pinocchio_state(model: object, robot: Robot, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """A random state of the robot, and Pinocchio's configuration vector of it."""
+    joints = [joint for joint in robot.joints if joint.coordinates]
+    q = rng.uniform(-2, 2, len(joints))
+    configuration = pin.neutral(model)
+    for joint, value, at in zip(joints, q, list(model.joints)[1:], strict=True):  # type: ignore[attr-defined]
+        assert at.nv == 1, joint
+        configuration[at.idx_q : at.idx_q + at.nq] = [value] if at.nq == 1 else [np.cos(value), np.sin(value)]
+    return q, configuration
+
+
+def test_the_examples_are_there() -> None:
+    assert len(EXAMPLES) >= 69
+
+
+@pytest.mark.parametrize("path", MOVING, ids=name_of)
+def test_order_poses_and_inertia_equal_pinocchios(path: Path) -> None:
+    robot, model = quietly(path, "warn"), pin.buildModelFromUrdf(str(path))
+    moving = [joint.name for joint in robot.joints if joint.type != "fixed"]
+    assert moving == [re.sub("[^A-Za-z0-9_]", "_", name) for name in list(model.names)[1:]]
+    data = model.createData()
+    q, configuration = pinocchio_state(model, robot, np.random.default_rng(0))
+    pin.framesForwardKinematics(model, data, configuration)
+    poses = link_poses(robot, q)
+    bodies = [index for index, frame in enumerate(model.frames) if frame.type == pin.FrameType.BODY]
+    assert len(bodies) == len(robot.links) + 1
+    for index in bodies:
+        name = re.sub("[^A-Za-z0-9_]", "_", model.frames[index].name)
+        assert np.allclose(poses[name], data.oMf[index].homogeneous, atol=1e-12), name
+    pin.ccrba(model, data, configuration, np.zeros(model.nv))
+    mass, com, inertia = composite(robot, poses)
+    scale = np.abs(inertia).max()
+    assert np.isclose(mass, data.Ig.mass, rtol=1e-12)
+    assert np.allclose(com, data.com[0], atol=1e-12)
+    assert np.allclose(inertia, data.Ig.inertia, atol=1e-11 * scale)
+
+
+def composite(robot: Robot, poses: dict[str, np.ndarray]) -> tuple[float, np.ndarray, np.ndarray]:
+    """Mass, centre of mass and inertia about it of all that moves, base axes."""
+    fixed = {robot.base}
+    for joint in robot.joints:
+        if joint.parent in fixed and not joint.coordinates:
+            fixed.add(joint.child)
+    links = [link for link in robot.links if link.name not in fixed]
+    points = {link.name: (poses[link.name] @ [*link.com, 1.0])[:3] for link in links}
+    mass = sum(link.mass for link in links)
+    com = sum(link.mass * points[link.name] for link in links) / mass
+    total = np.zeros((3, 3))
+    for link in links:
+        xx, yy, zz, xy, xz, yz = link.inertia
+        rotation, arm = poses[link.name][:3, :3], points[link.name] - com
+        total += rotation @ [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]] @ rotation.T
+        total += link.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    return mass, com, total
+
+
+def diagnosis(path: Path) -> DescriptionError | None:
+    """The error with which a file is refused."""
+    try:
+        load_robot(path)
+    except DescriptionError as error:
+        return error
+    return None
+
+
+def test_every_example_loads_or_is_refused_with_a_place() -> None:
+    """18 files have an inertia that no body can have, 6 of them an indefinite one; 3 have nothing that moves."""
+    refused = {path: error for path in EXAMPLES if (error := diagnosis(path)) is not None}
+    for path, error in refused.items():
+        assert str(path) in str(error)
+        assert "allowed" in str(error)
+    assert {path.name for path in refused if path not in MOVING} == PASSIVE
+    moving = {path: error for path, error in refused.items() if path in MOVING}
+    for error in moving.values():
+        assert re.fullmatch(r"links\.[A-Za-z0-9_]+\.inertia", error.where)
+        assert "eigenvalue -" in error.message
+        assert '"project"' in error.message
+    assert len(moving) == 18
+    indefinite = [path for path in moving if any(is_indefinite(link) for link in quietly(path, "warn").links)]
+    assert len(indefinite) == 6
+
+
+def is_indefinite(link: object) -> bool:
+    values = moments(link)
+    return bool(values[0] < -1e-15 * abs(values).max())
+
+
+def moments(link: object) -> np.ndarray:
+    xx, yy, zz, xy, xz, yz = link.inertia  # type: ignore[attr-defined]
+    return np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+@pytest.mark.parametrize("policy", ["warn", "project"])
+def test_inertia_policies_load_every_moving_example(policy: str) -> None:
+    for path in MOVING:
+        robot = quietly(path, policy)
+        assert all(note.isascii() and note.isprintable() for note in robot.notes)
+        if policy == "project":
+            for link in robot.links:
+                low, middle, high = moments(link)
+                assert low + middle - high >= -1e-9 * abs(high)
+
+
+@pytest.mark.filterwarnings("ignore::eomgen.errors.EomgenWarning")  # of the other link
+@pytest.mark.parametrize("policy", ["warn", "project"])
+def test_a_changed_or_strange_inertia_is_never_silent(policy: str) -> None:
+    path = next(path for path in EXAMPLES if path.name == "pr2.urdf")
+    with pytest.warns(EomgenWarning, match="sensor_mount_link"):
+        robot = load_robot(path, inertia=policy)
+    assert any("sensor_mount_link" in note and "(0.001, 0.001, 0.01," in note for note in robot.notes)
+
+
+@pytest.mark.parametrize(
+    "axis",
+    [
+        (0, 0, 1),
+        (0, 0, -1),
+        (1, 0, 0),
+        (-1, 0, 0),
+        (0, 1, 0),
+        (0, -2, 0),
+        (1, 1, 0),
+        (0, 3, 4),
+        (-1, 0, 2),
+        (1, 2, 3),
+        (1e-9, 0, 5),
+        (-1, -1, -1),
+    ],
+)
+def test_axis_turn_is_a_rotation_onto_the_axis(axis: tuple[float, float, float]) -> None:
+    turn = np.array(axis_turn(axis))
+    assert np.allclose(turn @ turn.T, np.eye(3), atol=1e-15)
+    assert np.isclose(np.linalg.det(turn), 1.0)
+    assert np.allclose(turn[:, 2], np.array(axis) / np.linalg.norm(axis), atol=1e-16)
+    exact = int(np.isin(turn, (-1.0, 0.0, 1.0)).sum())
+    zeros = sum(component == 0 for component in axis)
+    assert exact >= {0: 1, 1: 5, 2: 9}[zeros]
+
+
+def test_joint_value_has_the_sign_of_the_urdf() -> None:
+    robot = robot_from_urdf(URDF)
+    pose = link_poses(robot, np.array([0.3, 0.0]))["upper"]
+    turned = np.array([[np.cos(0.3), 0, np.sin(0.3)], [0, 1, 0], [-np.sin(0.3), 0, np.cos(0.3)]])  # about +y
+    yaw = np.array([[np.cos(0.1), -np.sin(0.1), 0], [np.sin(0.1), np.cos(0.1), 0], [0, 0, 1]])
+    assert np.allclose(pose[:3, :3], yaw @ turned, atol=1e-15)
+    assert np.allclose(pose[:3, 3], [0, 0, 0.5])
+    assert robot.joints[0].limits == (-1.0, 2.0)
+    assert robot.joints[1].limits is None
+    assert robot.joints[0].placement.rpy == (0.0, 0.0, 0.1)
+    assert robot.joints[1].placement.rpy is None
+
+
+def test_inertia_is_turned_to_link_axes() -> None:
+    link = robot_from_urdf(URDF).links[0]
+    c, s = np.cos(0.3), np.sin(0.3)
+    turn = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
+    expected = turn @ [[0.1, 0.01, 0], [0.01, 0.2, 0], [0, 0, 0.15]] @ turn.T
+    xx, yy, zz, xy, xz, yz = link.inertia
+    assert np.allclose([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], expected, atol=1e-16)
+    assert link.com == (0.1, 0.0, 0.2)
+
+
+def test_damping_is_read_on_request_only() -> None:
+    """Pinocchio's inverse dynamics leaves it out; so does the default here, with a note."""
+    model = pin.buildModelFromXML(URDF)
+    still = pin.rnea(model, model.createData(), np.zeros(3), np.array([1.0, 0.0]), np.zeros(2))
+    model.damping[:] = 0.0
+    assert np.array_equal(still, pin.rnea(model, model.createData(), np.zeros(3), np.array([1.0, 0.0]), np.zeros(2)))
+    plain, damped = robot_from_urdf(URDF), robot_from_urdf(URDF, urdf_damping=True)
+    assert plain.joints[0].coordinates["gamma"].damping is None
+    assert any("urdf_damping" in note and "'shoulder'" in note for note in plain.notes)
+    assert damped.joints[0].coordinates["gamma"].damping == 0.7
+    assert damped.notes == ()
+
+
+def test_mimic_and_friction_are_noted() -> None:
+    text = URDF.replace('<dynamics damping="0.7"/>', '<dynamics friction="0.1"/><mimic joint="elbow"/>')
+    notes = robot_from_urdf(text).notes
+    assert any("mimic" in note and "'shoulder'" in note for note in notes)
+    assert any("friction" in note and "'shoulder'" in note for note in notes)
+
+
+def test_floating_joint_is_free_and_massless_link_is_a_link() -> None:
+    text = URDF.replace('type="continuous"', 'type="floating"')
+    text = re.sub('<link name="lower">.*?</link>', '<link name="lower"/>', text, flags=re.DOTALL)
+    robot = robot_from_urdf(text)
+    assert list(robot.joints[1].coordinates) == ["x", "y", "z", "alpha", "beta", "gamma"]
+    assert robot.joints[1].axis_turn == IDENTITY
+    assert robot.links[1].mass == 0.0
+
+
+def test_foreign_names_become_unique_identifiers() -> None:
+    text = URDF.replace('name="arm"', 'name="My Arm */"').replace('"upper"', '"a b"').replace('"lower"', '"a/b"')
+    text = text.replace('"ground"', '"a_b"').replace('"shoulder"', '"1 ; system()"')
+    robot = robot_from_urdf(text)
+    assert robot.name == "my_arm___"
+    assert robot.base == "a_b"
+    assert sorted(link.name for link in robot.links) == ["a_b_2", "a_b_3"]
+    assert "_1___system__" in [joint.name for joint in robot.joints]
+    assert len(robot.notes) == 4
+
+
+def test_a_name_that_is_no_latin_text() -> None:
+    text = URDF.replace('name="arm"', 'name="\N{CJK UNIFIED IDEOGRAPH-4E2D}"').replace('"upper"', '"\N{BLACK STAR}"')
+    robot = robot_from_urdf(text)
+    assert re.fullmatch("[a-z][a-z0-9_]*", robot.name)
+    assert all(note.isascii() for note in robot.notes)

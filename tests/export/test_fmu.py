@@ -1,0 +1,559 @@
+"""Functional mock-up units run by fmpy, against the kernel and SciPy."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+import fmpy
+import numpy as np
+import pytest
+from fmpy.validation import validate_fmu
+from scipy.integrate import solve_ivp
+
+import eomgen
+from eomgen.export.fmu.pack import KERNELS, export_fmu
+from eomgen.robot.record import robot_hash
+from eomgen.robot.value import Robot
+from eomgen.runtime.kernel import Array, Kernel
+from tests.conftest import Build
+from tests.oracles.force_laws import with_laws
+from tests.oracles.springs import with_springs
+from tests.support.fmu_host import Host
+from tests.support.random_motors import geared_robot, motor_state
+from tests.support.random_robots import random_robot, seeds
+
+ROBOTS = ("one_link", "worn_arm", "geared_arm", "shaken_arm")
+VERSIONS = (2, 3)
+PLAIN = tuple(name for name in KERNELS if not name.endswith("_tangent"))
+
+
+@dataclass(frozen=True)
+class Unit:
+    """An exported unit, unpacked, and the robot's kernel; ``host`` instantiates it."""
+
+    path: Path
+    folder: Path
+    kernel: Kernel
+
+    def host(self, **options: object) -> Host:
+        return Host(self.folder, **options)  # type: ignore[arg-type]
+
+
+Export = Callable[..., Unit]
+
+
+@pytest.fixture(scope="session")
+def exported(tmp_path_factory: pytest.TempPathFactory, built: Build) -> Export:
+    """``exported(robot, version, options)``: a unit that is compiled once, without optimisation."""
+    known: dict[object, Unit] = {}
+
+    def export(robot: Robot, version: int = 3, **options: object) -> Unit:
+        key = (robot_hash(robot), version, *sorted(options.items()))
+        if key not in known:
+            folder = tmp_path_factory.mktemp("unit")
+            options = {"step": 1e-3, "flags": ("-O0", "-Werror"), **options}
+            path = export_fmu(robot, folder / f"{robot.name}.fmu", version, **options)  # type: ignore[arg-type]
+            fmpy.extract(str(path), str(folder / "unpacked"))
+            known[key] = Unit(path, folder / "unpacked", built(robot, *PLAIN, "rollout"))
+        return known[key]
+
+    return export
+
+
+def robot_of(seed: int) -> Robot:
+    """In turns a plain tree, one with force laws and springs between points, and one with motors."""
+    if seed % 3 == 2:
+        return geared_robot(seed, joints=(2, 3), prescribed=0.3)
+    robot = random_robot(seed, joints=(2, 3), max_size=8, tree=True)
+    return with_springs(with_laws(robot, seed), seed) if seed % 3 else robot
+
+
+@dataclass(frozen=True)
+class Point:
+    """A state, drives and wrenches."""
+
+    q: Array
+    v: Array
+    u: Array
+    wrench: Array
+
+    @property
+    def all(self) -> Array:
+        return np.concatenate([self.q, self.v, self.u, self.wrench.ravel()])
+
+
+def point_of(robot: Robot, kernel: Kernel, seed: int, size: float = 1.0) -> Point:
+    state, rng = motor_state(robot, seed), np.random.default_rng(seed + 9)
+    wrench = rng.uniform(-5.0, 5.0, (len(kernel.links), 6))
+    return Point(size * state.q, size * state.v, state.u, wrench)
+
+
+def knowns(host: Host) -> list[str]:
+    """States and inputs, in their order."""
+    return [name for kind in ("q.", "v.", "u.", "wrench.") for name in host.names(kind)]
+
+
+def outputs(host: Host) -> list[str]:
+    """What is computed."""
+    return [name for kind in ("der(", "a.", "pose.", "reaction.", "energy.") for name in host.names(kind)]
+
+
+def expected(kernel: Kernel, p: Point) -> Array:
+    """What the kernel says of ``outputs``."""
+    a = kernel.forward_dynamics(p.q, p.v, p.u, wrench=p.wrench)
+    found = [p.v, a]
+    for frame in kernel.frames:
+        if frame != "base":
+            pose = kernel.frame_pose(p.q, frame)
+            found += [pose[:3, 3], pose[:3, :3].ravel()]
+    return np.concatenate([*found, kernel.reactions(p.q, p.v, a, wrench=p.wrench).ravel(), kernel.energy(p.q, p.v)])
+
+
+def close(found: Array, wanted: Array, tolerance: float) -> None:
+    scale = max(1.0, float(np.abs(wanted).max()))
+    assert float(np.abs(found - wanted).max()) <= tolerance * scale
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.parametrize("name", ROBOTS)
+def test_validation_has_no_message(name: str, version: int, exported: Export) -> None:
+    unit = exported(eomgen.load_robot(name), version)
+    assert validate_fmu(str(unit.path)) == []
+    description = unit.host().description
+    root = ElementTree.parse(unit.folder / "modelDescription.xml").getroot()
+    for interface in ("ModelExchange", "CoSimulation"):
+        said = root.find(interface).attrib
+        assert said["providesDirectionalDerivative" if version == 2 else "providesDirectionalDerivatives"] == "true"
+        assert said["canSerializeFMUstate" if version == 2 else "canSerializeFMUState"] == "true"
+    assert {x.name: float(x.start) for x in description.modelVariables if x.causality == "parameter"} == {
+        **unit.kernel.parameters,
+        "solver.step": 1e-3,
+    }
+    assert all(x.variability == "tunable" for x in description.modelVariables if x.causality == "parameter")
+    assert all(x.unit for x in description.modelVariables)
+
+
+def test_the_same_robot_gives_the_same_bytes(exported: Export, tmp_path: Path) -> None:
+    unit = exported(eomgen.load_robot("one_link"), 3)
+    again = export_fmu(eomgen.load_robot("one_link"), tmp_path / "a.fmu", 3, step=1e-3, flags=("-O0", "-Werror"))
+    assert again.read_bytes() == unit.path.read_bytes()
+    other = export_fmu(eomgen.load_robot("one_link"), tmp_path / "b.fmu", 3, step=2e-3, flags=("-O0",))
+    guids = [fmpy.read_model_description(str(path)).guid for path in (again, other)]
+    assert guids[0] != guids[1]
+    assert all(".so" not in name or name.startswith("binaries/") for name in zipfile.ZipFile(again).namelist())
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.parametrize("name", ROBOTS)
+def test_outputs_are_the_kernels(name: str, version: int, exported: Export) -> None:
+    robot = eomgen.load_robot(name)
+    unit = exported(robot, version)
+    host = unit.host()
+    for seed in range(3):
+        p = point_of(robot, unit.kernel, seed, size=0.1)
+        host.set(knowns(host), p.all)
+        close(host.get(outputs(host)), expected(unit.kernel, p), 1e-13)
+    host.unit.freeInstance()
+
+
+@pytest.mark.parametrize("seed", seeds(0, 3, 45))
+def test_outputs_and_derivatives_of_random_robots(seed: int, exported: Export) -> None:
+    """Derivatives against central differences of the unit's own outputs, of fourth order."""
+    robot = robot_of(seed)
+    unit = exported(robot, 2 + seed % 2)
+    p = point_of(robot, unit.kernel, seed)
+    host = unit.host()
+    host.set(knowns(host), p.all)
+    close(host.get(outputs(host)), expected(unit.kernel, p), 1e-12)
+    check_derivatives(unit, p, seed)
+    if seed % 3 == 0:  # without kinks, at which the order of fixed steps drops
+        check_steps(unit, replace(p, v=0.1 * p.v), 2e-5, 2e-3)
+
+
+def check_steps(unit: Unit, p: Point, step: float, duration: float) -> None:
+    """Co-simulation in five calls, beside the rollout without wrenches and beside DOP853 with them."""
+    kernel, n = unit.kernel, unit.kernel.n
+    for wrench, tolerance in ((0.0 * p.wrench, 1e-13), (p.wrench, 1e-9)):
+        host = unit.host(stepping=True)
+        host.start([*knowns(host), "solver.step"], [*replace(p, wrench=wrench).all, step])
+        for k in range(5):
+            host.step(k * duration / 5, duration / 5)
+        if wrench.any():
+            wanted = direct(kernel, np.concatenate([p.q, p.v]), p.u, wrench, duration)
+        else:
+            q, v = kernel.rollout(p.q, p.v, p.u, step, round(duration / step))
+            wanted = np.concatenate([q[-1], v[-1]])
+        found = host.get(knowns(host)[: 2 * n])
+        print(f"{kernel.name}: {np.abs(found - wanted).max():.1e} from {'DOP853' if wrench.any() else 'the rollout'}")
+        close(found, wanted, tolerance)
+        host.unit.freeInstance()
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("version", VERSIONS)
+def test_the_elastic_puma(version: int, exported: Export) -> None:
+    """36 coordinates: no message, outputs, derivatives, steps."""
+    robot = eomgen.load_robot("puma560_elastic")
+    unit = exported(robot, version, step=5e-5)
+    assert validate_fmu(str(unit.path)) == []
+    p = point_of(robot, unit.kernel, 1, size=1e-3)
+    host = unit.host()
+    host.set(knowns(host), p.all)
+    close(host.get(outputs(host)), expected(unit.kernel, p), 1e-12)
+    check_derivatives(unit, p, 1)
+    check_steps(unit, point_of(robot, unit.kernel, 2, size=1e-5), 5e-7, 2e-4)
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.parametrize("name", ROBOTS)
+def test_derivatives(name: str, version: int, exported: Export) -> None:
+    robot = eomgen.load_robot(name)
+    unit = exported(robot, version)
+    check_derivatives(unit, point_of(robot, unit.kernel, 3, size=1e-3 if name == "worn_arm" else 0.1), 3)
+
+
+def check_derivatives(unit: Unit, p: Point, seed: int) -> None:
+    host, twin, rng = unit.host().start(), unit.host(), np.random.default_rng(seed)
+    names, unknown, n = knowns(host), outputs(host), unit.kernel.n
+    host.to_continuous_time()
+    host.set_states(np.concatenate([p.q, p.v]))
+    host.set(names[2 * n :], p.all[2 * n :])
+
+    def at(x: Array) -> Array:
+        twin.set(names, x)
+        return twin.get(unknown)
+
+    worst = 0.0
+    for i in range(3):
+        direction = rng.uniform(-1.0, 1.0, len(names))
+        if i == 2:  # the wrenches' rotation with the links alone
+            direction[n:] = 0.0
+        h = 1e-4 * min(1.0, 10.0 * float(np.abs(p.q).max()))
+        difference = (
+            8.0 * (at(p.all + h * direction) - at(p.all - h * direction))
+            - (at(p.all + 2 * h * direction) - at(p.all - 2 * h * direction))
+        ) / (12.0 * h)
+        found = host.derivative(unknown, names, direction)
+        groups = [host.names(kind) for kind in ("der(", "a.", "pose.", "reaction.", "energy.")]
+        first = 0
+        for group in groups:
+            part = slice(first, first + len(group))
+            scale = max(1.0, float(np.abs(difference[part]).max()))
+            worst = max(worst, float(np.abs(found[part] - difference[part]).max()) / scale)
+            first += len(group)
+    print(f"{unit.kernel.name}: derivatives within {worst:.1e} of differences")
+    assert worst < 2e-7
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_derivatives_by_one_are_the_kernels_columns(version: int, exported: Export) -> None:
+    robot = eomgen.load_robot("shaken_arm")
+    unit = exported(robot, version)
+    kernel, p = unit.kernel, point_of(robot, unit.kernel, 7, size=0.3)
+    host = unit.host().start(knowns(unit.host()), p.all)
+    names = knowns(host)
+    n, a = kernel.n, host.names("a.")
+    external = kernel.external_force(p.q, p.wrench)
+    external[[i for i, name in enumerate(kernel.coordinates) if name in kernel.prescribed]] = 0.0
+    _, by_v, by_u = kernel.forward_dynamics_jacobian(p.q, p.v, p.u + external)
+    found = np.array([host.derivative(a, [name], [1.0]) for name in names[n : 3 * n]]).T
+    close(found[:, :n], by_v, 1e-13)
+    close(found[:, n:], by_u, 1e-13)
+    assert host.derivative(["q.elbow.gamma", "v.elbow.gamma"], ["q.elbow.gamma", "time"], [2.0, 5.0]).tolist() == [2, 0]
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_declared_dependencies_are_all_that_there_are(version: int, exported: Export) -> None:
+    robot = eomgen.load_robot("shaken_arm")
+    unit = exported(robot, version)
+    names = knowns(unit.host())
+    host = unit.host().start(names, point_of(robot, unit.kernel, 5, size=0.3).all)
+    structure = [*host.description.outputs, *host.description.derivatives]
+    unknown = [x.variable.name for x in structure]
+    columns = {name: host.derivative(unknown, [name], [1.0]) for name in names}
+    declared = 0
+    for row, entry in enumerate(structure):
+        if entry.dependencies is not None:
+            declared += 1
+            named = {x.name for x in entry.dependencies}
+            assert {name for name in names if columns[name][row] != 0.0} <= named, entry.variable.name
+            if not entry.variable.name.startswith(("pose.", "energy.")):
+                assert len(named) == 1
+    assert declared > 40
+
+
+def motion_of(name: str, kernel: Kernel) -> tuple[Array, Array, Array]:
+    """Start and inputs of a short motion in which much moves: states, drives, wrenches."""
+    rng = np.random.default_rng(11)
+    driven = np.array([x.endswith(("gamma", "motor")) and "gear" not in x for x in kernel.coordinates])
+    x = np.concatenate([0.3 * driven, 0.5 * driven]) * rng.uniform(-1.0, 1.0, 2 * kernel.n)
+    if name == "geared_arm":
+        x[:] = 0.0  # motors and joints together
+    return x, rng.uniform(-1.0, 1.0, kernel.n), rng.uniform(-3.0, 3.0, (len(kernel.links), 6))
+
+
+def direct(kernel: Kernel, x0: Array, u: Array, wrench: Array, duration: float) -> Array:
+    """The end of the motion by DOP853 with tight tolerances, from the kernel."""
+    n = kernel.n
+
+    def rates(_: float, x: Array) -> Array:
+        return np.concatenate([x[n:], kernel.forward_dynamics(x[:n], x[n:], u, wrench=wrench)])
+
+    return np.asarray(solve_ivp(rates, (0.0, duration), x0, method="DOP853", rtol=1e-12, atol=1e-13).y[:, -1])
+
+
+@pytest.mark.parametrize(("name", "version"), [(name, 2 + i % 2) for i, name in enumerate(ROBOTS)])
+def test_model_exchange_is_the_direct_simulation(name: str, version: int, exported: Export) -> None:
+    robot = eomgen.load_robot(name)
+    unit = exported(robot, version)
+    x0, u, wrench = motion_of(name, unit.kernel)
+    host = unit.host()
+    names = knowns(host)
+    host.start(names, np.concatenate([x0, u, wrench.ravel()]))
+    host.to_continuous_time()
+
+    def rates(t: float, x: Array) -> Array:
+        host.unit.setTime(t)
+        host.set_states(x)
+        return host.rates()
+
+    duration = 0.05
+    end = solve_ivp(rates, (0.0, duration), x0, method="DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
+    assert np.abs(end - x0).max() > 1e-2
+    worst = float(np.abs(end - direct(unit.kernel, x0, u, wrench, duration)).max())
+    print(f"{name}: model exchange within {worst:.1e} of a direct simulation")
+    assert worst < 1e-9
+    host.unit.terminate()
+    host.unit.freeInstance()
+
+
+STEPS = {"one_link": (1e-4, 0.02), "shaken_arm": (2e-5, 0.02), "geared_arm": (5e-6, 0.005), "worn_arm": (1e-6, 0.004)}
+
+
+@pytest.mark.parametrize("name", STEPS)
+@pytest.mark.parametrize("version", VERSIONS)
+def test_co_simulation_is_the_direct_simulation(name: str, version: int, exported: Export) -> None:
+    robot = eomgen.load_robot(name)
+    unit = exported(robot, version)
+    kernel, n = unit.kernel, unit.kernel.n
+    x0, u, wrench = motion_of(name, kernel)
+    (step, duration), calls = STEPS[name], 10
+    for loads, tolerance in ((0.0 * wrench, 1e-12), (wrench, 1e-9)):
+        host = unit.host(stepping=True)
+        host.start([*knowns(host), "solver.step"], [*x0, *u, *loads.ravel(), step])
+        for k in range(calls):
+            host.step(k * duration / calls, duration / calls)
+        found = host.get(knowns(host)[: 2 * n])
+        if not loads.any():
+            q, v = kernel.rollout(x0[:n], x0[n:], u, step, round(duration / step))
+            wanted = np.concatenate([q[-1], v[-1]])
+        else:
+            wanted = direct(kernel, x0, u, loads, duration)
+        worst = float(np.abs(found - wanted).max())
+        print(f"{name}: co-simulation within {worst:.1e} of {'DOP853' if loads.any() else 'the rollout'}")
+        assert worst < tolerance
+        assert host.get(["time"])[0] == pytest.approx(duration, abs=1e-15)
+        host.unit.terminate()
+        host.unit.freeInstance()
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_co_simulation_by_implicit_steps(version: int, exported: Export) -> None:
+    unit = exported(eomgen.load_robot("worn_arm"), version, method="implicit")
+    kernel, n = unit.kernel, unit.kernel.n
+    x0, u, _ = motion_of("worn_arm", kernel)
+    host = unit.host(stepping=True)
+    host.start(knowns(host)[: 3 * n], [*x0, *u])
+    for k in range(20):
+        host.step(k * 5e-3, 5e-3)
+    q, v = kernel.rollout(x0[:n], x0[n:], u, 1e-3, 100, method="implicit")
+    assert np.abs(host.get(knowns(host)[: 2 * n]) - np.concatenate([q[-1], v[-1]])).max() < 1e-9
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.parametrize("kind", ["ModelExchange", "CoSimulation"])
+def test_fmpy_simulates_it(version: int, kind: str, exported: Export) -> None:
+    """By CVODE, and by steps; with an input that changes."""
+    unit = exported(eomgen.load_robot("one_link"), version, step=1e-4)
+    kernel, duration = unit.kernel, 0.1
+    inputs = np.array([(0.0, 0.4), (duration, 0.4)], dtype=[("time", float), ("u.joint1.gamma", float)])
+    result = fmpy.simulate_fmu(
+        str(unit.folder),
+        fmi_type=kind,
+        stop_time=duration,
+        step_size=1e-3,
+        output_interval=1e-3,
+        relative_tolerance=1e-12,
+        start_values={"q.joint1.gamma": 0.3, "joints.joint1.x.stiffness": 900.0},
+        input=inputs,
+        output=["q.joint1.x", "q.joint1.gamma", "v.joint1.x", "v.joint1.gamma"],
+    )
+    tuned = kernel.with_parameters({"joints.joint1.x.stiffness": 900.0})
+    end = direct(tuned, np.array([0.0, 0.3, 0.0, 0.0]), np.array([0.0, 0.4]), np.zeros((1, 6)), duration)
+    worst = float(np.abs(np.array([result[name][-1] for name in result.dtype.names[1:]]) - end).max())
+    print(f"one_link by fmpy, FMI {version}.0 {kind}: within {worst:.1e} of DOP853")
+    assert result["time"][-1] == pytest.approx(duration)
+    assert worst < 1e-9
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_states_are_kept_restored_and_serialized(version: int, exported: Export) -> None:
+    unit = exported(eomgen.load_robot("shaken_arm"), version)
+    x0, u, wrench = motion_of("shaken_arm", unit.kernel)
+    host, other = unit.host(stepping=True), unit.host(stepping=True)
+    names = knowns(host)
+    host.start(names, [*x0, *u, *wrench.ravel()])
+    other.start()
+    host.step(0.0, 2e-3)
+    kept = host.unit.getFMUState()
+    saved = host.unit.serializeFMUState(kept)
+    everything = list(host.references)
+    before = host.get(everything)
+    host.step(2e-3, 2e-3)
+    after = host.get(everything)
+    host.set(["u.elbow.gamma", "joints.elbow.gamma.damping"], [9.0, 0.9])
+    assert (host.get(everything) != after).any()
+    host.unit.setFMUState(kept)
+    np.testing.assert_array_equal(host.get(everything), before)
+    host.step(2e-3, 2e-3)
+    np.testing.assert_array_equal(host.get(everything), after)
+    host.unit.freeFMUState(kept)
+    read = getattr(other.unit, "deSerializeFMUstate" if version == 2 else "deserializeFMUState")
+    state = read(saved)  # by another instance
+    other.unit.setFMUState(state)
+    other.unit.freeFMUState(state)
+    np.testing.assert_array_equal(other.get(everything), before)
+    with pytest.raises(Exception, match="erializeFMU"):
+        read(saved[:-1])
+    assert "are no state of this unit" in other.messages[-1]
+    with pytest.raises(Exception, match="erializeFMU"):
+        read(b"x" + saved[1:])
+    host.unit.reset()
+    fresh = unit.host(stepping=True)
+    np.testing.assert_array_equal(host.get(everything), fresh.get(everything))
+    host.start(names, [*x0, *u, *wrench.ravel()])
+    host.step(0.0, 2e-3)
+    np.testing.assert_array_equal(host.get(everything), before)
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_parameters_are_tunable_and_each_instances_own(version: int, exported: Export) -> None:
+    robot = replace(eomgen.load_robot("one_link"), tunable=("links.link1.mass", "gravity.x"))
+    unit = exported(robot, version)
+    one, other = unit.host().start(), unit.host().start()
+    p = point_of(robot, unit.kernel, 1)
+    values = {"links.link1.mass": 2.5, "gravity.y": -3.7, "joints.joint1.x.stiffness": 80.0}
+    for host in (one, other):
+        host.to_continuous_time()
+        host.set_states(np.concatenate([p.q, p.v]))
+        host.set(host.names("u."), p.u)
+        host.get(outputs(host))  # computed before the change
+    with pytest.raises(Exception, match="fmi"):
+        one.set(list(values), list(values.values()))
+    assert "event mode" in one.messages[-1]
+    one.unit.enterEventMode()
+    one.set(list(values), list(values.values()))
+    still_air = replace(p, wrench=0.0 * p.wrench)
+    close(one.get(outputs(one)), expected(unit.kernel.with_parameters(values), still_air), 1e-13)
+    close(other.get(outputs(other)), expected(unit.kernel, still_air), 1e-13)
+
+
+BAD = [
+    ("u.joint1.x", np.nan, "u.joint1.x = nan is not finite"),
+    ("u.joint1.gamma", np.inf, "u.joint1.gamma = inf is not finite"),
+    ("wrench.link1.mz", -np.inf, "wrench.link1.mz = -inf is not finite"),
+    ("joints.joint1.x.stiffness", -1.0, "joints.joint1.x.stiffness = -1 is too small; at least 0"),
+    ("solver.step", 0.0, "solver.step = 0 is too small; at least 1e-09"),
+    ("q.joint1.gamma", 1.0, "q.joint1.gamma is a state; allowed"),
+    ("a.joint1.gamma", 1.0, "a.joint1.gamma cannot be set; allowed"),
+    ("time", 1.0, "time cannot be set"),
+]
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_bad_values_are_refused_with_a_message(version: int, exported: Export) -> None:
+    host = exported(eomgen.load_robot("one_link"), version).host(stepping=True).start()
+    everything = list(host.references)
+    before = host.get(everything)
+    for name, value, message in BAD:
+        with pytest.raises(Exception, match="fmi"):
+            host.set(["u.joint1.x", name], [5.0, value])
+        assert message in host.messages[-1]
+        np.testing.assert_array_equal(host.get(everything), before)
+    host.references |= {"nothing": 10**6}
+    for call in (lambda: host.get(["nothing"]), lambda: host.set(["nothing"], [0.0])):
+        with pytest.raises(Exception, match="fmi"):
+            call()
+        assert "value reference 1000000 is unknown" in host.messages[-1]
+    for unknown, known, message in (
+        ("a.joint1.x", "joints.joint1.x.stiffness", "no derivatives by joints.joint1.x.stiffness; allowed"),
+        ("a.joint1.x", "energy.kinetic", "no derivatives by energy.kinetic"),
+        ("u.joint1.x", "q.joint1.x", "u.joint1.x has no derivatives"),
+    ):
+        with pytest.raises(Exception, match="fmi"):
+            host.derivative([unknown], [known], [1.0])
+        assert message in host.messages[-1]
+    for begin, length, message in ((0.5, 0.1, "the time here is 0 s"), (0.0, -0.1, "allowed: a finite number above 0")):
+        with pytest.raises(Exception, match="fmi"):
+            host.step(begin, length)
+        assert message in host.messages[-1]
+    with pytest.raises(Exception, match="fmi"):
+        host.unit.exitInitializationMode()
+    assert "ExitInitializationMode is not allowed here: the mode is step" in host.messages[-1]
+    with pytest.raises(Exception, match="instantiate"):
+        exported(eomgen.load_robot("one_link"), version).host(guid="{other}")
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_singular_states_are_named(version: int, exported: Export) -> None:
+    robot = random_robot(5, joints=(1, 1), types=("free",), forces=False, armature=False, name="free")
+    unit = exported(robot, version)
+    host = unit.host(stepping=True).start(["q.joint1.beta"], [np.pi / 2])
+    q = host.get(host.names("q."))
+    with pytest.raises(eomgen.SingularError) as found:
+        unit.kernel.forward_dynamics(q, 0.0 * q, 0.0 * q)
+    message = str(found.value).removeprefix("forward_dynamics: ")
+    assert "inverted at joint1." in message
+    for call in (
+        lambda: host.get(["a.joint1.gamma"]),
+        lambda: host.step(0.0, 1e-3),
+        lambda: host.derivative(["a.joint1.x"], ["q.joint1.x"], [1.0]),
+    ):
+        host.messages.clear()
+        with pytest.raises(Exception, match="fmi"):
+            call()
+        assert host.messages
+        assert message in host.messages[-1]
+    assert np.isfinite(host.get(host.names("pose."))).all()
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_a_step_that_is_too_long_fails_and_changes_nothing(version: int, exported: Export) -> None:
+    unit = exported(eomgen.load_robot("worn_arm"), version)
+    host = unit.host(stepping=True).start(["q.shoulder.x", "solver.step"], [3e-3, 0.05])
+    before = host.get(list(host.references))
+    with pytest.raises(Exception, match="fmi"):
+        host.step(0.0, 5.0)
+    assert "set a shorter solver.step, or export with the method implicit" in host.messages[-1]
+    np.testing.assert_array_equal(host.get(list(host.references)), before)
+
+
+def test_loops_and_wrong_options_are_refused(tmp_path: Path) -> None:
+    one = eomgen.load_robot("one_link")
+    with pytest.raises(eomgen.InputError, match="bennett has loops"):
+        export_fmu(eomgen.load_robot("bennett"), tmp_path / "x.fmu")
+    for options, message in (
+        ({"version": 1}, "fmi: version 1 is unknown; allowed: 2, 3"),
+        ({"method": "euler"}, "method: 'euler' is unknown; allowed: rk4, implicit"),
+        ({"step": 0.0}, "step: 0.0 is no length"),
+        ({"step": float("nan")}, "step: nan is no length"),
+    ):
+        with pytest.raises(eomgen.InputError, match=message):
+            export_fmu(one, tmp_path / "x.fmu", **options)  # type: ignore[arg-type]
+    (tmp_path / "file").write_text("")
+    with pytest.raises(eomgen.InputError, match="cannot be written"):
+        export_fmu(one, tmp_path / "file" / "x.fmu", step=1e-3, flags=("-O0",))

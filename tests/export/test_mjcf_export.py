@@ -1,0 +1,188 @@
+"""Robots that are written for MuJoCo: dynamics, motions of one second, what is refused, and the way back."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+import eomgen
+from eomgen.cli.entry import main
+from eomgen.description.load import robot_from_mjcf
+from eomgen.errors import EomgenWarning, InputError
+from eomgen.export.mujoco import LEAST, left_out, mjcf
+from eomgen.robot.value import COORDINATES, LINEAR, Coordinate, Friction, Robot
+from tests.conftest import Build
+from tests.oracles.mujoco_models import MujocoRobot
+from tests.oracles.springs import with_springs
+from tests.support.figures import Figures
+from tests.support.random_motors import with_motors
+from tests.support.random_robots import random_robot, seeds
+
+KERNELS = ("mass_matrix", "inverse_dynamics", "energy")
+
+
+def expressible(seed: int) -> Robot:
+    """Rods, welded links, turned axes, offsets, preloads, cubic and viscous terms, motors, springs: what MuJoCo has."""
+    rng = np.random.default_rng(seed)
+    robot = random_robot(rng, joints=(2, 3), tree=seed % 2 == 0, max_coordinates=4, name=f"written{seed}")
+    joints = []
+    for joint in robot.joints:
+        given = {name: _more(rng, coordinate) for name, coordinate in joint.coordinates.items()}
+        offset = tuple(float(rng.uniform(-0.3, 0.3)) if rng.random() < 0.4 else None for _ in COORDINATES)
+        joints.append(replace(joint, coordinates=given, offset=offset))
+    robot = replace(robot, joints=tuple(joints))
+    if any(joint.type in ("revolute", "prismatic") for joint in joints):
+        robot = with_motors(robot, seed, ("plain",))
+        joints = [replace(j, motor=j.motor and replace(j.motor, friction=None)) for j in robot.joints]
+    return with_springs(replace(robot, joints=tuple(joints)), seed, ("linear", "zero damped"))
+
+
+def _more(rng: np.random.Generator, given: Coordinate) -> Coordinate:
+    kind = rng.random()
+    if given.stiffness and kind < 0.3:
+        return replace(given, preload=float(rng.uniform(-5, 5)))
+    if kind < 0.6:
+        return replace(given, cubic=float(rng.uniform(0, 50)), friction=Friction(0.0, viscous=0.5))
+    return given
+
+
+@pytest.mark.parametrize("seed", seeds(0, 3, 60))
+def test_random_robots_move_as_written(seed: int, built: Build, figures: Figures) -> None:
+    """And as they are read again."""
+    robot = expressible(seed)
+    assert left_out(robot) == []
+    kernel, oracle = built(robot, *KERNELS), MujocoRobot(robot)
+    first = None
+    for i in range(5):
+        q = np.random.default_rng(i).uniform(-0.5, 0.5, kernel.n)
+        v, a = np.random.default_rng(seed + i).uniform(-1, 1, (2, kernel.n))
+        M, force = oracle.mass_matrix(q), oracle.inverse_dynamics(q, v, a)
+        figures.at_most("M", float(np.abs(kernel.mass_matrix(q) - M).max() / np.abs(M).max()), 1e-10)
+        found = np.abs(kernel.inverse_dynamics(q, v, a) - force).max() / np.abs(force).max()
+        figures.at_most("inverse dynamics", float(found), 1e-10)
+        ours, theirs = kernel.energy(q, v), oracle.energy(q, v)
+        first = first or (ours, theirs)
+        found = np.abs((ours - first[0]) - (theirs - first[1])).max() / max(1.0, np.abs(theirs).max())
+        figures.at_most("energy", float(found), 1e-10)
+
+
+def expressed(name: str) -> Robot:
+    """A built-in robot with what MuJoCo has of it."""
+    robot = eomgen.load_robot(name)
+    joints = []
+    for joint in robot.joints:
+        if joint.motor is not None:
+            spring = replace(joint.motor.transmission, clearance=None, restitution_damping=None, smoothing=None)
+            friction = joint.motor.friction and Friction(0.0, viscous=joint.motor.friction.viscous)
+            joint = replace(joint, motor=replace(joint.motor, transmission=spring, friction=friction))
+        joints.append(joint)
+    springs = tuple(spring for spring in robot.springs if not spring.tension_only)
+    return replace(robot, joints=tuple(joints), springs=springs)
+
+
+MOTIONS = [
+    ("puma560_elastic", 5e-5, 400),
+    pytest.param("puma560_elastic", 5e-5, 20_000, marks=pytest.mark.soak),
+    ("geared_arm", 2e-4, 5_000),
+    ("balanced_arm", 5e-5, 20_000),
+    ("one_link", 1e-4, 10_000),
+    ("two_arms", 1e-4, 200),
+    pytest.param("two_arms", 1e-4, 10_000, marks=pytest.mark.soak),
+]
+
+
+@pytest.mark.parametrize(("name", "step", "steps"), MOTIONS)
+def test_motions_are_mujocos(name: str, step: float, steps: int, built: Build, figures: Figures) -> None:
+    """The same method with the same step, 1 s where it is not too long: what differs is round-off."""
+    robot = expressed(name)
+    kernel = built(robot, "rollout", "forward_dynamics")
+    rng = np.random.default_rng(1)
+    q, v = np.zeros(kernel.n), rng.uniform(-0.1, 0.1, kernel.n)
+    u = rng.uniform(-1.0, 1.0, kernel.n)
+    theirs = MujocoRobot(robot, step).trajectory(q, v, u, steps=steps, every=steps // 10)
+    ours = np.hstack(kernel.rollout(q, v, u, step, steps, every=steps // 10))
+    scale = np.abs(theirs).max(axis=0)
+    assert np.isfinite(theirs).all()
+    assert scale.max() > 1e-2
+    figures.at_most("of each coordinate's greatest value", float((np.abs(ours - theirs) / scale).max()), 1e-9)
+
+
+@pytest.mark.parametrize("seed", seeds(5, 1, 20))
+def test_the_way_back(seed: int, built: Build) -> None:
+    """A robot that is written and read again has the same coordinates and dynamics.
+
+    But for motors, and for offsets of angles that do not move: behind them, axes are no longer orthogonal.
+    """
+    robot, joints = expressible(seed), []
+    for joint in robot.joints:
+        kept = (
+            value if name in joint.coordinates or name in LINEAR else None
+            for name, value in zip(COORDINATES, joint.offset, strict=True)
+        )
+        joints.append(replace(joint, motor=None, offset=tuple(kept)))
+    robot = replace(robot, joints=tuple(joints))
+    again = robot_from_mjcf(mjcf(robot, 1e-3))
+    one, other = built(robot, *KERNELS), built(again, *KERNELS)
+    assert other.coordinates == one.coordinates
+    assert {frame.name for frame in robot.frames} < {frame.name for frame in again.frames}  # and the springs' ends
+    rng = np.random.default_rng(seed)
+    for _ in range(5):
+        q, v, a = rng.uniform(-0.5, 0.5, (3, one.n))
+        for ours, theirs in (
+            (one.mass_matrix(q), other.mass_matrix(q)),
+            (one.inverse_dynamics(q, v, a), other.inverse_dynamics(q, v, a)),
+        ):
+            assert np.abs(ours - theirs).max() <= 1e-11 * np.abs(ours).max()
+
+
+def test_what_mujoco_lacks_is_refused_by_name_or_left_out_with_a_warning(tmp_path: Path) -> None:
+    expected = {
+        "worn_arm": ["joints.shoulder.x.clearance", "joints.shoulder.gamma.friction", "joints.gear.gamma.curve"],
+        "geared_arm": ["joints.elbow.motor.clearance", "joints.waist.motor.friction"],
+        "balanced_arm": ["springs.stop.smoothing", "springs.stop.damping"],
+        "shaken_arm": ["prescribed"],
+        "four_bar": ["loops."],
+    }
+    for name, parts in expected.items():
+        robot = eomgen.load_robot(name)
+        found = left_out(robot)
+        for part in parts:
+            assert any(part in line for line in found), (name, found)
+        with pytest.raises(InputError, match=r"MuJoCo has no equal for .*allowed: .*--approximate"):
+            mjcf(robot, 1e-3)
+        mujoco.MjModel.from_xml_string(mjcf(robot, 1e-3, approximate=True, actuators=True))
+        with pytest.warns(EomgenWarning) as caught:
+            eomgen.export_mjcf(robot, tmp_path / "a.xml", step=1e-3, approximate=True)
+        assert len(caught) == len(found)
+    with pytest.raises(InputError, match="allowed: RK4"):
+        mjcf(eomgen.load_robot("one_link"), 1e-3, "rk4")
+    with pytest.raises(InputError, match="allowed: a finite number"):
+        mjcf(eomgen.load_robot("one_link"), -1.0)
+    robot = eomgen.load_robot("puma560")
+    links = (replace(robot.links[0], inertia=(1.0, 1.0, 9.0, 0.0, 0.0, 0.0)), *robot.links[1:])
+    with pytest.raises(InputError, match=r"links\..*no body can have"):
+        mjcf(replace(robot, links=links), 1e-3)
+
+
+def test_what_is_in_the_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "arm.xml"
+    assert main(["export", "one_link", "--mjcf", "-o", str(path)]) == 0
+    assert f"wrote {path}" in capsys.readouterr().out
+    model = mujoco.MjModel.from_xml_path(str(path))
+    assert model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
+    assert model.opt.timestep <= 1e-3
+    names = [model.joint(i).name for i in range(model.njnt)]
+    assert names == [model.actuator(i).name for i in range(model.nu)] == ["joint1.x", "joint1.gamma"]
+    assert min(model.body("link1").inertia) >= LEAST  # of a thin rod
+    assert main(["export", "worn_arm", "--mjcf", "-o", str(tmp_path)]) == 1
+    assert "joints.shoulder.x.clearance" in capsys.readouterr().err
+    assert main(["export", "worn_arm", "--mjcf", "--approximate", "--step", "1e-4", "-o", str(tmp_path)]) == 0
+    assert "note: joints.shoulder.x.clearance" in capsys.readouterr().err
+    frame = eomgen.load_robot("worn_arm").frames[0]
+    assert mujoco.MjModel.from_xml_path(str(tmp_path / "worn_arm.xml")).site(frame.name).pos == pytest.approx(
+        frame.placement.xyz
+    )

@@ -1,0 +1,273 @@
+"""Forces of measured motions against Pinocchio; stiffness and damping recovered from its noisy simulations."""
+
+from __future__ import annotations
+
+import csv
+import json
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+from scipy.signal import savgol_filter
+
+import eomgen
+from eomgen.cli import entry as cli
+from eomgen.description.load import robot_from_toml
+from eomgen.errors import InputError
+from eomgen.identification.estimates import FitResult
+from eomgen.identification.from_motion import forces
+from eomgen.identification.least_squares import fit
+from eomgen.motion.files import motion_from_columns
+from eomgen.motion.smoothing import Differentiator, local_polynomials, noise_deviation
+from eomgen.robot.model import build_model
+from tests.conftest import Build
+from tests.oracles.pinocchio_models import PinocchioOracle
+from tests.support.random_robots import random_robot
+
+Array = NDArray[np.float64]
+
+ARM = """
+name = "arm"
+[[links]]
+name = "upper"
+mass = 4.0
+com = [0.3, 0.02, 0.01]
+inertia = { xx = 0.02, yy = 0.15, zz = 0.16 }
+[[links]]
+name = "fore"
+mass = 2.0
+com = [0.2, 0.0, 0.03]
+inertia = { xx = 0.01, yy = 0.05, zz = 0.05 }
+[[joints]]
+name = "shoulder"
+parent = "base"
+child = "upper"
+type = "revolute"
+x = { stiffness = 2e5, damping = 100.0 }
+alpha = { stiffness = 400.0, damping = 4.0 }
+gamma = { damping = 0.8 }
+[[joints]]
+name = "elbow"
+parent = "upper"
+child = "fore"
+type = "revolute"
+placement = { xyz = [0.6, 0.0, 0.0] }
+y = { stiffness = 8e4, damping = 70.0 }
+beta = { stiffness = 900.0, damping = 2.0 }
+gamma = { stiffness = 20.0, damping = 0.3 }
+"""
+
+
+def smooth_motion(t: Array, n: int, seed: int) -> tuple[Array, Array, Array]:
+    """Sums of sines with their exact derivatives, (T, n) each."""
+    rng = np.random.default_rng(seed)
+    w, phase = rng.uniform(1.0, 8.0, (3, n)), rng.uniform(0.0, 6.0, (3, n))
+    size = rng.uniform(0.02, 0.15, (3, n))
+    angle = t[:, None, None] * w + phase
+    q = (size * np.sin(angle)).sum(axis=1)
+    return q, (size * w * np.cos(angle)).sum(axis=1), -(size * w**2 * np.sin(angle)).sum(axis=1)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_forces_of_random_robots_are_those_of_pinocchio(seed: int, built: Build) -> None:
+    """From samples of the coordinates alone, at uneven times; every force, and every support reaction."""
+    robot = random_robot(seed, joints=(2, 3), max_size=8, tree=seed == 2, armature=False)
+    oracle, kernel = PinocchioOracle(robot), built(robot, "inverse_dynamics", "reactions")
+    t = np.linspace(0.0, 1.0, 401) + 2e-4 * np.random.default_rng(seed).uniform(-1, 1, 401)
+    q, v, a = smooth_motion(t, kernel.n, seed)
+    motion = motion_from_columns({"t": t, **dict(zip(kernel.coordinates, q.T, strict=True))}, kernel.coordinates)
+    found = forces(robot, motion, kernel=kernel)
+    rows = range(0, 401, 25)
+    expected = np.array([oracle.inverse_dynamics(q[i], v[i], a[i]) for i in rows])
+    size = np.abs(expected).max()
+    assert np.abs(found.drive[list(rows)] - expected).max() < 2e-4 * size
+    assert np.abs(found.spring[list(rows)] + oracle.stiffness * q[list(rows)]).max() < 1e-6 * size
+    assert np.abs(found.damper[list(rows)] + oracle.damping * v[list(rows)]).max() < 1e-4 * size
+    assert np.allclose(found.required, found.drive + found.spring + found.damper)
+    support = np.array([oracle.reactions(q[i], v[i], a[i]) for i in rows])
+    assert np.abs(found.reactions[list(rows)] - support).max() < 2e-4 * np.abs(support).max()
+    assert "degree 4 through 11 samples" in found.notes[0]
+
+
+def test_given_rates_and_accelerations_are_taken_as_they_are(built: Build) -> None:
+    robot = eomgen.load_robot("one_link")
+    kernel, oracle = built(robot, "inverse_dynamics", "reactions"), PinocchioOracle(robot)
+    t = np.linspace(0.0, 1.0, 11)
+    q, v, a = smooth_motion(t, 1, 0)
+    name = "joint1.gamma"
+    columns = {"t": t, name: q[:, 0], name + ".rate": v[:, 0], name + ".acceleration": a[:, 0]}
+    found = forces(robot, motion_from_columns(columns, kernel.coordinates), kernel=kernel)
+    for i in range(11):
+        state = (np.array([0.0, row[i, 0]]) for row in (q, v, a))
+        assert np.allclose(found.drive[i], oracle.inverse_dynamics(*state), rtol=1e-12, atol=1e-12)
+    assert found.notes == ("rates and accelerations: from the file", "not in the file, held at zero: joint1.x")
+
+
+def test_local_polynomials_are_savitzky_and_golays() -> None:
+    t = np.arange(60) * 0.01
+    x = np.random.default_rng(0).standard_normal((60, 3))
+    found = local_polynomials(t, x, 9, 4)
+    for order, values in enumerate(found):
+        expected = savgol_filter(x, 9, 4, deriv=order, delta=0.01, axis=0, mode="interp")
+        assert np.allclose(values, expected, rtol=1e-8, atol=1e-8 * np.abs(expected).max())
+    uneven = np.sort(np.random.default_rng(1).uniform(0.0, 1.0, 40))
+    cubic = np.polynomial.Polynomial([1.0, -2.0, 3.0, 4.0])
+    x, dx, ddx = local_polynomials(uneven, cubic(uneven)[:, None], 7, 3)
+    assert np.allclose(x[:, 0], cubic(uneven))
+    assert np.allclose(dx[:, 0], cubic.deriv()(uneven))
+    assert np.allclose(ddx[:, 0], cubic.deriv(2)(uneven), atol=1e-6)
+    for window, degree in ((8, 4), (5, 5), (61, 4), (9, 1)):
+        with pytest.raises(InputError, match="allowed"):
+            local_polynomials(t, np.zeros((60, 1)), window, degree)
+
+
+def test_the_filter_keeps_a_linear_law_and_the_noise_is_seen() -> None:
+    t = np.arange(400) * 1e-3
+    x = np.exp(-3.0 * t) * np.sin(150.0 * t)
+    differentiator = Differentiator(10, 1e-3)
+    q, v, a = (differentiator(x[:, None], order)[:, 0] for order in range(3))
+    assert np.abs(a + 6.0 * v + (150.0**2 + 9.0) * q).max() < 1e-6 * np.abs(a).max()
+    noise = np.random.default_rng(0).normal(0.0, [0.1, 0.02], (400, 2))
+    assert noise_deviation(x[:, None] + noise) == pytest.approx([0.1, 0.02], rel=0.15)
+
+
+@cache
+def experiment() -> tuple[Array, Array, Array]:
+    """Times, coordinates and drives of the arm by Pinocchio and SciPy: motors swing it, shakers sweep its joints."""
+    oracle = PinocchioOracle(robot_from_toml(ARM))
+
+    def drive(t: float) -> Array:
+        return np.array(
+            [
+                15 * np.sin(20 * t + 25 * t**2),
+                6 * np.sin(5 * t + 8 * t**2),
+                12 * np.sin(5 * t) + 25 * np.sin(37 * t) + 10 * np.sin(90 * t),
+                10 * np.sin(30 * t + 30 * t**2),
+                6 * np.sin(5 * t + 13 * t**2),
+                8 * np.sin(3 * t + 1) + 9 * np.sin(51 * t) + 5 * np.sin(150 * t),
+            ]
+        )
+
+    def slope(t: float, x: Array) -> Array:
+        return np.concatenate([x[6:], oracle.forward_dynamics(x[:6], x[6:], drive(t))])
+
+    t = np.arange(12001) * 5e-4
+    solution = solve_ivp(slope, (0.0, t[-1]), np.zeros(12), "DOP853", t, rtol=1e-9, atol=1e-12)
+    assert solution.success
+    return t, solution.y[:6].T, np.array([drive(time) for time in t])
+
+
+def noisy_fit(seed: int, kernel: eomgen.Kernel, level: float) -> FitResult:
+    """The fit to the experiment with white noise: ``level`` of each deviation's spread, 1e-5 rad on the encoders."""
+    t, q, u = experiment()
+    encoder = np.array([name.endswith("gamma") for name in kernel.coordinates])
+    noise = np.where(encoder, 1e-5 if level else 0.0, level * q.std(axis=0))
+    samples = q + noise * np.random.default_rng(seed).standard_normal(q.shape)
+    columns = {"t": t, **dict(zip(kernel.coordinates, samples.T, strict=True))}
+    columns |= {f"{name}.drive": u[:, i] for i, name in enumerate(kernel.coordinates)}
+    return fit(robot_from_toml(ARM), motion_from_columns(columns, kernel.coordinates), kernel=kernel)
+
+
+def errors(result: FitResult) -> dict[str, float]:
+    """Relative error of every parameter."""
+    robot = robot_from_toml(ARM)
+    found = {}
+    for name, value in result.parameters.items():
+        _, joint, coordinate, key = name.split(".")
+        found[name] = value / getattr(robot.joint(joint).coordinates[coordinate], key) - 1.0
+    return found
+
+
+def test_parameters_are_recovered_from_a_noisy_experiment(built: Build) -> None:
+    """Noise of 0.5 percent of each deviation's spread: all within 2 percent, and the intervals hold the truth."""
+    kernel = built(robot_from_toml(ARM), "inverse_dynamics", "mass_matrix")
+    exact = errors(noisy_fit(0, kernel, 0.0))
+    assert len(exact) == 11
+    assert max(map(abs, exact.values())) < 1e-3
+    held = []
+    for seed in range(5):
+        result = noisy_fit(seed, kernel, 0.005)
+        found = errors(result)
+        assert len(found) == 11
+        assert max(map(abs, found.values())) < 0.02, found
+        for entry in result.fitted:
+            for estimate in filter(None, (entry.stiffness, entry.damping)):
+                rest = 1e-4 * estimate.described  # what noise does through squares of rates is not in the interval
+                held.append(estimate.low - rest <= estimate.described <= estimate.high + rest)
+    assert len(held) == 55
+    assert np.mean(held) >= 0.87  # 95 percent, less what chance takes from 55 that partly hang together
+
+
+def test_errors_in_variables_are_taken_off(built: Build) -> None:
+    """Noise of 10 percent, mean over seeds: no stiffness is biased by more than 1 percent."""
+    kernel = built(robot_from_toml(ARM), "inverse_dynamics", "mass_matrix")
+    found = [errors(noisy_fit(seed, kernel, 0.1)) for seed in range(6)]
+    for name in ("shoulder.x", "shoulder.alpha", "elbow.y", "elbow.beta"):
+        values = [one[f"joints.{name}.stiffness"] for one in found]
+        assert abs(np.mean(values)) < 0.01, (name, values)
+
+
+def test_what_cannot_be_fitted_is_said(built: Build) -> None:
+    robot = robot_from_toml(ARM)
+    kernel = built(robot, "inverse_dynamics", "mass_matrix")
+    t, q, u = experiment()
+    names = kernel.coordinates
+    columns = {"t": t, **dict(zip(names, q.T, strict=True)), "elbow.gamma.drive": u[:, 5]}
+    columns["elbow.y"] = 1e-6 * np.random.default_rng(0).standard_normal(len(t))
+    del columns["shoulder.x"]
+    warnings = "\n".join(fit(robot, motion_from_columns(columns, names), kernel=kernel).warnings)
+    assert "shoulder.x was not measured" in warnings
+    assert "elbow.y does not move enough" in warnings
+    assert "shoulder.gamma is a principal coordinate, and its drive is not known" in warnings
+    only = fit(robot, motion_from_columns(columns, names), coordinates=["elbow.gamma"], kernel=kernel)
+    assert [entry.coordinate for entry in only.fitted] == ["elbow.gamma"]
+    with pytest.raises(InputError, match=r"elbow\.y.*was not fitted"):
+        only["elbow.y"]
+    for change, words in (
+        ({"coordinates": ["elbow.gama"]}, "elbow.gamma"),
+        ({"confidence": 1.0}, "between 0 and 1"),
+    ):
+        with pytest.raises(InputError, match=words):
+            fit(robot, motion_from_columns(columns, names), kernel=kernel, **change)  # type: ignore[arg-type]
+    short = {name: values[:50] for name, values in columns.items()}
+    with pytest.raises(InputError, match="50 samples; a fit needs at least"):
+        fit(robot, motion_from_columns(short, names), kernel=kernel)
+    columns["t"] = t**1.01
+    with pytest.raises(InputError, match="equal distances"):
+        fit(robot, motion_from_columns(columns, names), kernel=kernel)
+
+
+def test_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    robot, motion = tmp_path / "arm.toml", tmp_path / "m.csv"
+    robot.write_text(ARM)
+    t, q, u = experiment()
+    names = build_model(robot_from_toml(ARM)).coordinates
+    with motion.open("w", newline="") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(["t", *names, *(f"{name}.drive" for name in names)])
+        writer.writerows(np.concatenate([t[:, None], q, u], axis=1)[:2000].tolist())
+    target = tmp_path / "out" / "forces.csv"
+    assert cli.main(["forces", str(robot), str(motion), "-o", str(target), "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    with target.open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert len(rows) == 2000
+    drive = np.array([float(row["elbow.gamma.drive"]) for row in rows])
+    assert np.abs(drive - u[:2000, 5])[20:-20].max() < 0.02 * np.abs(drive).max()
+    assert facts["coordinates"]["elbow.gamma"]["drive"]["value"] == drive[np.abs(drive).argmax()]
+    assert cli.main(["forces", str(robot), str(motion), "-o", str(tmp_path / "f.npz")]) == 0
+    assert "support reaction" in capsys.readouterr().out
+    with np.load(tmp_path / "f.npz") as data:
+        assert np.array_equal(data["elbow.gamma.drive"], drive)
+    assert cli.main(["fit", str(robot), str(motion), "--json"]) == 0
+    fitted = {entry["coordinate"]: entry for entry in json.loads(capsys.readouterr().out)["fitted"]}
+    assert fitted["elbow.gamma"]["stiffness"]["value"] == pytest.approx(20.0, rel=1e-3)
+    assert cli.main(["fit", str(robot), str(motion), "--coordinates", "elbow.gamma"]) == 0
+    assert "elbow.gamma.stiffness" in capsys.readouterr().out
+    assert cli.main(["forces", str(robot), str(motion), "-o", str(tmp_path / "f.txt")]) == 1
+    assert ".csv or .npz" in capsys.readouterr().err
+    assert cli.main(["forces", str(robot), str(motion), "--window", "4"]) == 1
+    assert "window: 4" in capsys.readouterr().err

@@ -1,0 +1,486 @@
+"""Mechanisms with closed loops: closed-form linkages, Pinocchio, another cut of the same mechanism, energy."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import eomgen
+from eomgen.description.load import robot_from_toml
+from eomgen.errors import ArrayError, InputError, IntegrationStopped, LoopError, UnknownNameError
+from eomgen.integration import integrate
+from eomgen.loops.closed import ClosedLoops
+from eomgen.robot.geometry import IDENTITY
+from eomgen.robot.value import Coordinate, Joint, Link, Loop, Placement, Robot
+from eomgen.runtime.kernel import Kernel
+from tests.conftest import Build
+from tests.support.random_robots import Array, random_link, random_placement, random_robot, random_state, seeds
+
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
+KERNELS = (
+    "constraint",
+    "constraint_jacobian",
+    "constraint_bias",
+    "cut_poses",
+    "mass_matrix",
+    "inverse_dynamics",
+    "energy",
+    "kinematics",
+)
+FREE = {
+    "revolute": ("gamma",),
+    "prismatic": ("z",),
+    "cylindrical": ("z", "gamma"),
+    "universal": ("alpha", "beta"),
+    "spherical": ("alpha", "beta", "gamma"),
+    "planar": ("x", "y", "gamma"),
+}
+
+
+@pytest.fixture
+def example(built: Build) -> object:
+    return lambda name: ClosedLoops(built(eomgen.load_robot(name), *KERNELS))
+
+
+def pose(placement: Placement) -> Array:
+    result = np.eye(4)
+    result[:3, :3], result[:3, 3] = placement.rotation, placement.xyz
+    return result
+
+
+def placed(X: Array) -> Placement:
+    rotation = tuple(tuple(float(x) for x in row) for row in X[:3, :3])
+    return Placement(tuple(float(x) for x in X[:3, 3]), rotation)  # type: ignore[arg-type]
+
+
+# ---- closed-form linkages
+
+
+def four_bar(theta: float) -> tuple[float, float]:
+    """Angles of coupler and rocker to the ground by the intersection of two circles, the open assembly."""
+    a, b, c, d = 0.2, 0.5, 0.4, 0.5
+    end = a * np.exp(1j * theta)
+    across = d - end
+    reach = abs(across)
+    angle = np.angle(across) + np.arccos((b * b + reach * reach - c * c) / (2 * b * reach))
+    joint = end + b * np.exp(1j * angle)
+    return float(angle), float(np.angle(joint - d))
+
+
+def test_four_bar_equals_freudensteins_equation(example) -> None:  # type: ignore[no-untyped-def]
+    a, b, c, d = 0.2, 0.5, 0.4, 0.5
+    loops = example("four_bar")
+    for theta in np.linspace(-3.0, 3.0, 13):
+        coupler, rocker = four_bar(theta)
+        guess = [theta, coupler - theta + 0.2, rocker - 0.2]
+        q = loops.consistent_positions(guess, held=["joint1.gamma"])
+        assert q[0] == theta
+        assert np.abs(loops.kernel.constraint(q)).max() <= 1e-12
+        left = d / a * np.cos(q[2]) - d / c * np.cos(theta) + (a * a - b * b + c * c + d * d) / (2 * a * c)
+        assert abs(left - np.cos(theta - q[2])) <= 1e-11
+        v = loops.consistent_velocities(q, [2.0, 0.0, 0.0], held=["joint1.gamma"])
+        ratio = a * np.sin(theta - coupler) / (c * np.sin(rocker - coupler))
+        assert v[0] == 2.0
+        assert abs(v[2] / v[0] - ratio) <= 1e-10
+
+
+def test_four_bar_accelerates_as_one_coordinate_does(example) -> None:  # type: ignore[no-untyped-def]
+    """I(theta) theta'' + I' theta'^2 / 2 + V' = u, from planar geometry alone."""
+    loops = example("four_bar")
+
+    def state(theta: float) -> Array:
+        coupler, rocker = four_bar(theta)
+        crank = 0.2 * np.exp(1j * theta)
+        centres = [crank / 2, crank + 0.25 * np.exp(1j * coupler), 0.5 + 0.2 * np.exp(1j * rocker)]
+        return np.array([*(z.real for z in centres), *(z.imag for z in centres), theta, coupler, rocker])
+
+    masses = np.array([0.4, 1.0, 0.8])
+    weights = np.array([*masses, *masses, *(masses * np.array([0.2, 0.5, 0.4]) ** 2 / 12)])
+
+    def inertia(theta: float) -> float:
+        h = 1e-5
+        return float(weights @ ((state(theta + h) - state(theta - h)) / (2 * h)) ** 2)
+
+    def potential(theta: float) -> float:
+        return float(9.81 * masses @ state(theta)[3:6])
+
+    for theta, rate, drive in ((0.4, 3.0, 0.0), (1.7, -2.0, 0.5), (-2.2, 4.0, -1.0)):
+        coupler, rocker = four_bar(theta)
+        q = loops.consistent_positions([theta, coupler - theta, rocker], held=["joint1.gamma"])
+        v = loops.consistent_velocities(q, [rate, 0.0, 0.0], held=["joint1.gamma"])
+        h = 1e-3
+        slope, push = ((f(theta + h) - f(theta - h)) / (2 * h) for f in (inertia, potential))
+        expected = (drive - slope * rate**2 / 2 - push) / inertia(theta)
+        found = loops.forward_dynamics(q, v, [drive, 0.0, 0.0])
+        assert abs(found.a[0] - expected) <= 1e-4 * abs(expected)
+        assert found.redundancy.mobility == 1
+        assert found.redundancy.redundant == ("joint4.z", "joint4.alpha", "joint4.beta")
+        assert found.redundancy.undetermined == found.redundancy.redundant
+
+
+def test_bennetts_linkage(example) -> None:  # type: ignore[no-untyped-def]
+    """Bennett (1903): tan(t1/2) tan(t2/2) = sin((b + a)/2) / sin((b - a)/2), opposite angles equal and opposite."""
+    loops = example("bennett")
+    for theta in (0.3, 1.0, 2.0, 2.9, -1.3):
+        q = loops.consistent_positions([theta, np.sign(theta) * 2.2, -theta], held=["joint1.gamma"])
+        product = np.sin(np.radians(45)) / np.sin(np.radians(15))
+        assert abs(np.tan(q[0] / 2) * np.tan(q[1] / 2) - product) <= 1e-9 * product
+        assert abs(q[0] + q[2]) <= 1e-10
+        found = loops.redundancy(q)
+        assert (found.rank, found.mobility, len(found.redundant)) == (2, 1, 3)
+
+
+def bricard() -> Robot:
+    """Bricard's mechanism of the IFToMM benchmarks: 6 revolute joints, 5 rods of 1 m and 1 kg, right angles."""
+    rod = (0.0, 1 / 12, 1 / 12, 0.0, 0.0, 0.0)
+    links = tuple(Link(f"rod{i}", 1.0, (0.5, 0.0, 0.0), rod) for i in range(1, 6))
+    quarter = (np.pi / 2, -np.pi / 2)
+    joints = tuple(
+        Joint(
+            f"joint{i}",
+            "base" if i == 1 else f"rod{i - 1}",
+            f"rod{i}",
+            "revolute",
+            Placement() if i == 1 else Placement.from_dh(1.0, quarter[i % 2], 0.0, 0.0),
+            coordinates={"gamma": Coordinate()},
+        )
+        for i in range(1, 6)
+    )
+    ground = np.linalg.inv(pose(Placement.from_dh(1.0, quarter[1], 0.0, 0.0)))
+    cut = Loop("joint6", ("rod5", "base"), "revolute", (Placement.from_dh(1.0, quarter[0], 0.0, 0.0), placed(ground)))
+    return Robot("bricard", (0.0, -9.81, 0.0), links, joints, loops=(cut,))
+
+
+def threefold(theta: float) -> Array:
+    """Angles of the threefold-symmetric form, Chen, You and Tarnai (2005) at 90 degrees."""
+    phi = np.arccos(-np.cos(theta) / (1 + np.cos(theta)))
+    return np.array([theta, phi, theta, phi, theta])
+
+
+def test_bricards_mechanism(built: Build) -> None:
+    """cos t + cos p + cos t cos p = 0 closes it; one degree of freedom, one constraint too many; energy over 10 s."""
+    loops = ClosedLoops(built(bricard(), *KERNELS))
+    for theta in (0.5, 1.0, 1.8):
+        signs = [np.array([1, s, 1, s, 1]) * threefold(theta) for s in (1, -1)]
+        q = min(signs, key=lambda x: np.abs(loops.kernel.constraint(x)).max())
+        assert np.abs(loops.kernel.constraint(q)).max() <= 1e-14
+        found = loops.redundancy(q)
+        assert (found.rank, found.mobility, len(found.redundant)) == (4, 1, 1)
+    result = integrate(loops.kernel, q, np.zeros(5), 10.0, step=2e-3, output_step=0.05)
+    energy = result.energy.sum(axis=1)
+    assert result.info["gap"] <= 1e-12
+    assert result.info["gap_rate"] <= 1e-9
+    assert result.info["redundant"] == 1
+    assert result.energy[:, 0].max() > 5.0
+    assert np.ptp(energy) <= 1e-6 * result.energy[:, 0].max()
+
+
+SLIDER = """
+name = "slider_crank"
+gravity = [0, -9.81, 0]
+links = [
+  { name = "crank", mass = 1, com = [0.1, 0, 0], inertia = { xx = 1, yy = 1, zz = 1 } },
+  { name = "rod", mass = 1, com = [0.3, 0, 0], inertia = { xx = 1, yy = 1, zz = 1 } },
+  { name = "slider", mass = 2, inertia = { xx = 1, yy = 1, zz = 1 } },
+]
+joints = [
+  { name = "turn", parent = "base", child = "crank", type = "revolute" },
+  { name = "pin", parent = "crank", child = "rod", type = "revolute", placement = { xyz = [0.2, 0, 0] } },
+  { name = "head", parent = "rod", child = "slider", type = "revolute", placement = { xyz = [0.7, 0, 0] } },
+]
+[[loops]]
+name = "guide"
+links = ["base", "slider"]
+type = "prismatic"
+placements = [{ rpy = [0, 1.5707963267948966, 0] }, { rpy = [0, 1.5707963267948966, 0] }]
+"""
+
+
+def test_slider_crank(built: Build) -> None:
+    """x = r cos t + sqrt(l^2 - r^2 sin^2 t); the guide is a prismatic cut."""
+    loops = ClosedLoops(built(robot_from_toml(SLIDER), *KERNELS))
+    for theta in np.linspace(-3, 3, 7):
+        q = loops.consistent_positions([theta, -theta, 0.0], held=["turn.gamma"])
+        stroke = 0.2 * np.cos(theta) + np.sqrt(0.49 - 0.04 * np.sin(theta) ** 2)
+        assert abs(loops.kernel.cut_poses(q)[0, 2, 3] - stroke) <= 1e-12
+        assert loops.redundancy(q).mobility == 1
+
+
+def test_legs_of_goughs_platform(example) -> None:  # type: ignore[no-untyped-def]
+    """Lengths of the legs are |p + R b - a|."""
+    loops, robot = example("gough"), eomgen.load_robot("gough")
+    held = [f"pose.{name}" for name in ("x", "y", "z", "alpha", "beta", "gamma")]
+    guess = np.zeros(24)
+    guess[:6], guess[8::3] = [0.1, -0.05, 0.9, 0.1, -0.2, 0.15], 1.0
+    q = loops.consistent_positions(guess, held=held)
+    assert np.array_equal(q[:6], guess[:6])
+    X = loops.kernel.frame_pose(q, "platform")
+    for i, loop in enumerate(robot.loops):
+        ground = np.array(robot.joint(f"universal{i + 1}").placement.xyz)
+        tip = X[:3, :3] @ loop.placements[0].xyz + X[:3, 3]
+        assert abs(q[8 + 3 * i] - np.linalg.norm(tip - ground)) <= 1e-12
+    found = loops.redundancy(q)
+    assert (found.rank, found.mobility, found.redundant) == (18, 6, ())
+
+
+# ---- against others
+
+
+def closed_at(
+    robot: Robot, q: Array, kernel: Kernel, pairs: list[tuple[str, str, str]], rng: np.random.Generator
+) -> Robot:
+    """The robot with loops (link, link, type) that are closed at q."""
+    loops = []
+    for i, (a, b, kind) in enumerate(pairs):
+        first = random_placement(rng)
+        second = np.linalg.inv(kernel.frame_pose(q, b)) @ kernel.frame_pose(q, a) @ pose(first)
+        loops.append(Loop(f"loop{i + 1}", (a, b), kind, (first, placed(second))))
+    return replace(robot, loops=tuple(loops))
+
+
+@pytest.mark.parametrize("seed", seeds(400, 5, 14))
+def test_accelerations_and_reactions_equal_pinocchios(seed: int, built: Build) -> None:
+    """Loops of spherical and fixed cuts in random robots with springs, dampers and armatures."""
+    pin = pytest.importorskip("pinocchio")
+    from tests.oracles.pinocchio_models import PinocchioOracle
+
+    rng = np.random.default_rng(seed)
+    robot = random_robot(rng, joints=(4, 6), types=("revolute", "fixed", "free"))
+    open_kernel, s = built(robot, "kinematics"), random_state(robot, rng)
+    names = [robot.base, *(link.name for link in robot.links)]
+    leaf, other = names[-1], names[1]
+    whole, part = (leaf, "base", "fixed"), (other, "base", "fixed")
+    pairs = [[(leaf, "base", "spherical")], [whole], [whole, part]][seed % 3]
+    robot = closed_at(robot, s.q, open_kernel, pairs, rng)
+    loops, oracle = ClosedLoops(built(robot, *KERNELS)), PinocchioOracle(robot)
+    v = loops.consistent_velocities(s.q, s.v)
+    found = loops.forward_dynamics(s.q, v, s.u)
+    first = len(robot.joints[0].coordinates)  # what holding the first link takes of the constraints on both links
+    assert len(found.redundancy.redundant) == (6 - first if len(pairs) == 2 else 0)
+    assert found.redundancy.mobility > 0
+    cuts, data = pin.StdVec_RigidConstraintModel(), pin.StdVec_RigidConstraintData()
+    for loop in robot.loops:
+        kind = pin.ContactType.CONTACT_3D if loop.type == "spherical" else pin.ContactType.CONTACT_6D
+        sides = []
+        for link, placement in zip(loop.links, loop.placements, strict=True):
+            frame = oracle.model.frames[oracle._frame(link)]
+            sides += [frame.parentJoint, frame.placement * pin.SE3(pose(placement))]
+        cuts.append(pin.RigidConstraintModel(kind, oracle.model, *sides, pin.ReferenceFrame.LOCAL))
+        data.append(cuts[len(cuts) - 1].createData())
+    oracle.model.armature = oracle.armature
+    oracle.data = oracle.model.createData()
+    pin.initConstraintDynamics(oracle.model, oracle.data, cuts, data)
+    settings = pin.ProximalSettings(1e-13, 1e-10, 100)
+    force = s.u - oracle.stiffness * s.q - oracle.damping * v
+    a = pin.constraintDynamics(oracle.model, oracle.data, s.q, v, force, cuts, data, settings)
+    assert np.abs(found.a - a).max() <= 1e-7 * np.abs(a).max()
+    if found.redundancy.redundant:
+        return  # the reactions are not unique
+    reactions = loops.reactions(s.q, found.multipliers)
+    for row, one, loop in zip(reactions, data, robot.loops, strict=True):
+        wrench = np.array(one.contact_force.vector)  # on the first link, in the cut frame there; the frames coincide
+        size = 3 if loop.type == "spherical" else 6
+        assert np.abs(row[:size] + wrench[:size]).max() <= 1e-6 * np.abs(wrench).max()
+
+
+@pytest.mark.parametrize("kind", FREE)
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.soak)])
+def test_another_cut_of_the_same_mechanism(kind: str, seed: int, built: Build) -> None:
+    """A joint that is cut, or kept in the tree with its far link welded to the ground: the same motion and forces."""
+    rng = np.random.default_rng(seed)
+    chain = random_robot(rng, joints=(7, 7), types=("revolute",), rigid=True, forces=False)
+    near, place = chain.joints[-1].child, random_placement(rng)
+    ground = replace(random_link(rng, "ground_plate"), com=(0.0, 0.0, 0.0))
+    far = Joint("last", near, "ground_plate", "fixed", place, coordinates={name: Coordinate() for name in FREE[kind]})
+    whole = replace(chain, name="whole", links=(*chain.links, ground), joints=(*chain.joints, far))
+    q = random_state(whole, rng).q * 0.5
+    weld = closed_at(whole, q, built(whole, "kinematics"), [("ground_plate", "base", "fixed")], rng)
+    plate = placed(built(whole, "kinematics").frame_pose(q, "ground_plate"))
+    weld = replace(weld, loops=(Loop("weld", ("ground_plate", "base"), "fixed", (Placement(), plate)),))
+    cut = replace(chain, loops=(Loop("cut", (near, "base"), kind, (place, plate)),))
+    kept, open_ = (ClosedLoops(built(robot, *KERNELS)) for robot in (weld, cut))
+    n = open_.kernel.n
+    assert np.abs(open_.kernel.constraint(q[:n])).max() <= 1e-14
+    v = kept.consistent_velocities(q, rng.uniform(-1, 1, kept.kernel.n))
+    assert np.abs(open_.kernel.constraint_jacobian(q[:n]) @ v[:n]).max() <= 1e-12
+    u = np.concatenate([rng.uniform(-1, 1, n), np.zeros(len(FREE[kind]))])
+    one, other = kept.forward_dynamics(q, v, u), open_.forward_dynamics(q[:n], v[:n], u[:n])
+    assert one.redundancy.mobility == other.redundancy.mobility == n - len(open_.kernel.constraints)
+    assert np.abs(one.a[:n] - other.a).max() <= 1e-9 * np.abs(other.a).max()
+    weight = np.array(plate.rotation).T @ np.array(whole.gravity) * ground.mass
+    expected = kept.reactions(q, one.multipliers)[0] - np.concatenate([weight, np.zeros(3)])
+    found = open_.reactions(q[:n], other.multipliers)[0]
+    assert np.abs(found - expected).max() <= 1e-8 * np.abs(expected).max()
+
+
+# ---- laws of mechanics
+
+
+def test_closing_loses_the_energy_of_the_lost_velocity(example) -> None:  # type: ignore[no-untyped-def]
+    """Carnot's theorem; and velocities that are consistent already stay."""
+    loops = example("gough")
+    q = platform_at(loops, 0.1)
+    guess = np.random.default_rng(5).uniform(-1, 1, 24)
+    v = loops.consistent_velocities(q, guess)
+    M = loops.kernel.mass_matrix(q)
+    before, after, lost = (x @ M @ x / 2 for x in (guess, v, guess - v))
+    assert abs(before - after - lost) <= 1e-12 * before
+    assert after > 0.0
+    assert np.abs(loops.consistent_velocities(q, v) - v).max() <= 1e-12
+
+
+def platform_at(loops: ClosedLoops, alpha: float) -> Array:
+    guess = np.zeros(24)
+    guess[2:4], guess[8::3] = [1.0, alpha], 1.0
+    return loops.consistent_positions(guess, held=[f"pose.{x}" for x in ("x", "y", "z", "alpha", "beta", "gamma")])
+
+
+@pytest.mark.parametrize(
+    ("name", "guess", "duration"), [("four_bar", [0.5, 0.2, 1.2], 10.0), ("bennett", [1.0, 1.5, -1.0], 10.0)]
+)
+def test_energy_stays_and_nothing_drifts(example, name: str, guess: list[float], duration: float) -> None:  # type: ignore[no-untyped-def]
+    loops = example(name)
+    q = loops.consistent_positions(guess, held=["joint1.gamma"])
+    result = integrate(loops.kernel, q, np.zeros(3), duration, step=2e-3, output_step=0.1)
+    assert result.info["gap"] <= 1e-12
+    assert result.info["gap_rate"] <= 1e-9
+    assert result.info["redundant"] == 3
+    assert np.ptp(result.energy.sum(axis=1)) <= 1e-6 * result.energy[:, 0].max()
+
+
+def test_a_driven_mechanism_takes_the_work_of_its_drive(example) -> None:  # type: ignore[no-untyped-def]
+    """A constant torque adds itself times the angle; halving the step divides the error by 16."""
+    loops = example("four_bar")
+    q = loops.consistent_positions([0.5, 0.2, 1.2], held=["joint1.gamma"])
+    errors, ends = [], []
+    for step in (4e-3, 2e-3, 5e-4):
+        result = integrate(
+            loops.kernel, q, np.zeros(3), 0.3, drive=lambda t, q, v: [4.0, 0.0, 0.0], step=step, output_step=0.3
+        )
+        energy = result.energy.sum(axis=1)
+        ends.append(result.q[-1])
+        errors.append(abs(energy[-1] - energy[0] - 4.0 * (result.q[-1, 0] - q[0])))
+    assert errors[-1] <= 1e-8
+    assert ends[-1][0] - q[0] > 2.0
+    ratio = np.abs(ends[0] - ends[2]).max() / np.abs(ends[1] - ends[2]).max()
+    assert 11.0 <= ratio <= 24.0
+
+
+def test_baumgarte_keeps_gaps_small(example) -> None:  # type: ignore[no-untyped-def]
+    loops = example("bennett")
+    q = loops.consistent_positions([1.0, 1.5, -1.0], held=["joint1.gamma"])
+    result, stabilised = (
+        integrate(loops.kernel, q, np.zeros(3), 3.0, step=2e-3, output_step=0.1, baumgarte=w) for w in (None, 50.0)
+    )
+    assert 1e-12 < stabilised.info["gap"] < 1e-6
+    assert np.abs(result.q - stabilised.q).max() <= 1e-4
+    open_q = q + [0.0, 1e-3, 0.0]
+    pulled = loops.forward_dynamics(open_q, np.zeros(3), np.zeros(3), baumgarte=20.0, rank=2)
+    wanted = -400.0 * loops.kernel.constraint(open_q)
+    J = loops.kernel.constraint_jacobian(open_q)
+    assert np.abs(J @ pulled.a - wanted).max() <= 2e-2 * np.abs(wanted).max()
+
+
+# ---- refusals
+
+
+def test_what_cannot_close_is_named_with_its_gap(built: Build) -> None:
+    robot = eomgen.load_robot("four_bar")
+    far = replace(robot.joints[2], placement=Placement((5.0, 0.0, 0.0), IDENTITY))
+    loops = ClosedLoops(built(replace(robot, joints=(*robot.joints[:2], far)), *KERNELS))
+    message = r"four_bar: loop joint4 does not close near the guess: joint4\.x is left with 3\.9 m; allowed"
+    with pytest.raises(LoopError, match=message) as caught:
+        loops.consistent_positions([0.1, 0.2, 3.0])
+    assert caught.value.loop == "joint4"
+    assert abs(caught.value.gap - 3.9) <= 1e-3
+
+
+def test_other_refusals(example, built: Build) -> None:  # type: ignore[no-untyped-def]
+    loops = example("four_bar")
+    q = loops.consistent_positions([0.5, 0.2, 1.2], held=["joint1.gamma"])
+    zero = np.zeros(3)
+    with pytest.raises(LoopError, match="joint4 does not close"):
+        loops.consistent_positions([0.5, 0.2, 1.2], held=loops.kernel.coordinates)
+    with pytest.raises(LoopError, match=r"joint4 opens at the rates that are held: joint4\.[xy] is left with .* m/s"):
+        loops.consistent_velocities(q, [1.0, 0.0, 0.0], held=["joint1.gamma", "joint3.gamma"])
+    with pytest.raises(LoopError, match="joint4 opens at the rates"):
+        loops.consistent_velocities(q, [1.0, 0.0, 0.0], held=loops.kernel.coordinates)
+    with pytest.raises(LoopError, match="joint4 is open"):
+        loops.consistent_velocities(q + 0.1, zero)
+    with pytest.raises(LoopError, match="joint4 is open"):
+        loops.forward_dynamics(q + 0.1, zero, zero)
+    with pytest.raises(LoopError, match="joint4 is opening"):
+        integrate(loops.kernel, q, [1.0, 0.0, 0.0], 0.1)
+    with pytest.raises(UnknownNameError, match="held: 'joint9' is unknown"):
+        loops.consistent_positions(q, held=["joint9"])
+    with pytest.raises(ArrayError, match="q_guess"):
+        loops.consistent_positions(np.zeros(4))
+    with pytest.raises(ArrayError, match=r"multipliers: expected float64 of shape \(5,\)"):
+        loops.reactions(q, zero)
+    with pytest.raises(InputError, match=r"baumgarte: -1\.0"):
+        integrate(loops.kernel, q, zero, 0.1, baumgarte=-1.0)
+    v = loops.consistent_velocities(q, [40.0, 0.0, 0.0], held=["joint1.gamma"])
+    with pytest.raises(IntegrationStopped, match="four_bar, t = "):
+        integrate(loops.kernel, q, v, 1.0, step=0.5, output_step=1.0)
+    with pytest.raises(InputError, match="one_link has no loops"):
+        ClosedLoops(built(eomgen.load_robot("one_link"), "mass_matrix"))
+    with pytest.raises(InputError, match="float64"):
+        ClosedLoops(eomgen.build(eomgen.load_robot("four_bar"), kernels=("constraint",), dtype="float32"))
+
+
+def test_a_loop_that_closes_turned_over_is_refused(built: Build) -> None:
+    """Two rods in a plane whose cut axes point to opposite sides meet, but not as a revolute joint does."""
+    robot = eomgen.load_robot("four_bar")
+    first, second = robot.loops[0].placements
+    turned = replace(robot.loops[0], placements=(first, Placement.from_rpy(second.xyz, (np.pi, 0.0, 0.0))))
+    loops = ClosedLoops(built(replace(robot, loops=(turned,)), *KERNELS))
+    with pytest.raises(LoopError, match="joint4 closes near the guess only turned over"):
+        loops.consistent_positions([0.5, 0.2, 1.2])
+
+
+# ---- a published benchmark
+
+ANDREWS = ("beta", "theta", "gamma", "phi", "delta", "omega", "epsilon")  # in the order of the test set
+# F. Mazzia, C. Magherini, Test Set for IVP Solvers, release 2.4: initial values, and the solution at 0.03 s by PSIDE.
+ANDREWS_START = [
+    -0.0617138900142764496,
+    0.0,
+    0.455279819163070380,
+    0.222668390165885885,
+    0.487364979543842550,
+    -0.222668390165885885,
+    1.23054744454982120,
+]
+ANDREWS_END = [
+    15.81077119629904,
+    -15.75637105984298,
+    0.04082224013073101,
+    -0.5347301163226948,
+    0.5244099658805304,
+    0.5347301163226948,
+    1.048080741042263,
+]
+ANDREWS_RATES = [1139.920302151208, -1424.379294994111, 11.03291221937134, 19.29337464421385, 0.5735699284790808]
+
+
+def test_andrews_squeezing_mechanism(built: Build) -> None:
+    """Seven bodies, three loops through one pin with nine redundant constraints, a spring, 1100 rad/s at the end."""
+    loops = ClosedLoops(built(eomgen.load_robot("andrews"), *KERNELS))
+    places = [loops.kernel.coordinates.index(f"{name}.gamma") for name in ANDREWS]
+    q, u = np.zeros(7), np.zeros(7)
+    q[places], u[places[0]] = ANDREWS_START, 0.033
+    found = loops.forward_dynamics(q, np.zeros(7), u)
+    assert np.abs(found.a[places[:2]] - [14222.4439199541387, -10666.8329399655854]).max() <= 1e-8
+    assert np.abs(found.a[places[2:]]).max() <= 1e-8
+    assert (found.redundancy.mobility, len(found.redundancy.redundant)) == (1, 9)
+    motion = integrate(loops.kernel, q, np.zeros(7), 0.03, drive=lambda t, q, v: u, step=2e-5, output_step=0.01)
+    assert np.abs(motion.q[-1][places] - ANDREWS_END).max() <= 1e-8
+    rates = np.array(ANDREWS_RATES)
+    assert (np.abs(motion.v[-1][places[:5]] - rates) <= 1e-8 * rates.max()).all()
+    assert motion.info["gap"] <= 1e-12
+    energy = motion.energy.sum(axis=1)
+    turned = motion.q[-1, places[0]] - q[places[0]]
+    assert abs(energy[-1] - energy[0] - 0.033 * turned) <= 1e-8 * energy[-1]

@@ -1,0 +1,38 @@
+"""Derivatives of programs by complex steps: exact to round-off, without a difference."""
+
+from __future__ import annotations
+
+import cmath
+from collections.abc import Mapping
+
+import numpy as np
+
+from eomgen.codegen.kernels.equations import derive
+from eomgen.codegen.program.ir import evaluate
+from eomgen.robot.model import build_model
+from eomgen.robot.value import Robot
+from tests.support.random_robots import Array, State
+
+COMPLEX = {
+    "sqrt": cmath.sqrt,
+    "max": lambda x, y: y if complex(x).real < complex(y).real else x,
+    "step": lambda x: float(complex(x).real > 0.0),
+}
+
+
+def complex_steps(robot: Robot, s: State, label: str) -> Array:
+    """Derivative of the residual's program by q, v, a or u, (n, n)."""
+    return complex_jacobian(robot, "residual", {x: getattr(s, x) for x in "qvau"}, label)
+
+
+def complex_jacobian(robot: Robot, kernel: str, arrays: Mapping[str, Array], label: str) -> Array:
+    """Derivative of a kernel's program by one of its arrays, (outputs, numbers), a column at a time."""
+    model = build_model(robot)
+    program, columns = derive(model, kernel), []
+    for j in range(arrays[label].size):
+        values = {name: [complex(x) for x in np.ravel(array)] for name, array in arrays.items()}
+        values["p"] = [complex(x) for x in model.parameters.values()]
+        values[label][j] += 1e-30j
+        found = evaluate(program, values, lambda x: (cmath.sin(x), cmath.cos(x)), COMPLEX)
+        columns.append([complex(found[key]).imag * 1e30 for key in sorted(found) if key[0] == "out"])
+    return np.array(columns).T

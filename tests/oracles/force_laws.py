@@ -1,0 +1,159 @@
+"""Forces of single coordinates written once more, with branches and SciPy, and random ones for random robots."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+from scipy.integrate import quad
+from scipy.interpolate import PchipInterpolator
+
+from eomgen.robot.value import Coordinate, Friction, Robot
+from tests.oracles.pinocchio_models import PinocchioOracle
+from tests.support.random_robots import Array
+
+KINDS = ("clearance", "one-sided", "curve", "friction", "cubic", "preload", "plain")
+
+
+def random_coordinate(rng: np.random.Generator, kind: str, old: Coordinate) -> Coordinate:
+    """The coordinate with forces of a kind, large enough to count in states of size 1."""
+
+    def draw(low: float, high: float) -> float:
+        return float(rng.uniform(low, high))
+
+    def maybe(low: float, high: float) -> float | None:
+        return draw(low, high) if rng.random() < 0.5 else None
+
+    if kind == "clearance":
+        return replace(
+            old,
+            stiffness=draw(50.0, 200.0),
+            clearance=draw(0.05, 0.3),
+            smoothing=maybe(0.05, 0.4),
+            stiffness_negative=maybe(0.0, 200.0),
+            cubic=maybe(1.0, 50.0),
+            restitution_damping=maybe(0.1, 1.5),
+            preload=maybe(-5.0, 5.0),
+        )
+    if kind == "one-sided":
+        return replace(old, stiffness=draw(10.0, 200.0), stiffness_negative=draw(0.0, 100.0), cubic=maybe(1.0, 20.0))
+    if kind == "curve":
+        count = int(rng.integers(2, 9))
+        knots = np.cumsum(rng.uniform(0.05, 0.5, count)) - draw(0.0, 1.5)
+        forces = rng.uniform(-20.0, 20.0, count)
+        if rng.random() < 0.5:
+            forces = np.sort(forces)
+        points = tuple((float(x), float(y)) for x, y in zip(knots, forces, strict=True))
+        return replace(old, stiffness=None, curve=points)
+    if kind == "friction":
+        stribeck = maybe(0.1, 1.0)
+        coulomb = draw(0.5, 5.0)
+        static = None if stribeck is None else coulomb + draw(0.0, 3.0)
+        return replace(old, friction=Friction(coulomb, static, stribeck, maybe(0.1, 2.0), maybe(0.05, 0.5)))
+    return old if kind == "plain" else replace(old, **{kind: draw(1.0, 10.0)})
+
+
+def with_laws(robot: Robot, seed: int) -> Robot:
+    """The robot with random forces in its coordinates, all kinds in turns."""
+    rng = np.random.default_rng(seed)
+    order = [str(kind) for kind in rng.permutation(KINDS)]
+    joints, count = [], 0
+    for joint in robot.joints:
+        table = {}
+        for name, given in joint.coordinates.items():
+            table[name] = random_coordinate(rng, order[count % len(order)], given)
+            count += 1
+        joints.append(replace(joint, coordinates=table))
+    return replace(robot, joints=tuple(joints))
+
+
+def coordinates(robot: Robot) -> Iterator[Coordinate]:
+    for joint in robot.joints:
+        yield from joint.coordinates.values()
+
+
+def smooth(x: float, w: float) -> float:
+    """Penetration: a parabola over the smoothing, then straight."""
+    if x <= 0.0:
+        return 0.0
+    return x * x / (2.0 * w) if x < w else x - w / 2.0
+
+
+def resistance(c: Coordinate, s: float, v: float) -> float:
+    """Force against a deviation, without linear damping."""
+    total = c.preload or 0.0
+    k, k_negative, cubic = c.stiffness or 0.0, c.stiffness_negative, c.cubic or 0.0
+    if k_negative is None:
+        k_negative = k
+    if c.clearance is not None:
+        assert c.smoothing is not None
+        side = 1.0 if s > 0.0 else -1.0
+        d = smooth(abs(s) - c.clearance, c.smoothing)
+        elastic = (k if s > 0.0 else k_negative) * d + cubic * d**3
+        total += side * elastic * max(0.0, 1.0 + (c.restitution_damping or 0.0) * side * v)
+    else:
+        total += (k if s > 0.0 else k_negative) * s + cubic * s**3
+    if c.curve is not None:
+        total += measured(c, s)
+    if c.friction is not None:
+        f = c.friction
+        level = f.coulomb
+        if f.static is not None and f.stribeck is not None:
+            level += (f.static - f.coulomb) / (1.0 + (v / f.stribeck) ** 2)
+        assert f.smoothing is not None
+        total += level * v / np.hypot(v, f.smoothing) + (f.viscous or 0.0) * v
+    return float(total)
+
+
+def measured(c: Coordinate, s: float) -> float:
+    """SciPy's curve, continued along its tangents."""
+    assert c.curve is not None
+    x, y = (np.array(column) for column in zip(*c.curve, strict=True))
+    found = PchipInterpolator(x, y)
+    at = float(np.clip(s, x[0], x[-1]))
+    return float(found(at) + found(at, 1) * (s - at))
+
+
+def stored(c: Coordinate, s: float) -> float:
+    """Elastic energy by quadrature."""
+    elastic = replace(c, friction=None)
+    places = [x for x, _ in c.curve or ()]
+    if c.clearance is not None:
+        assert c.smoothing is not None
+        places += [sign * (c.clearance + x) for sign in (-1, 1) for x in (0.0, c.smoothing)]
+    inside = sorted({0.0, s, *(x for x in places if min(0.0, s) < x < max(0.0, s))}, reverse=bool(s < 0.0))
+    total = 0.0
+    for a, b in pairwise(inside):
+        total += quad(lambda x: resistance(elastic, x, 0.0), a, b, epsabs=1e-13, epsrel=1e-12)[0]
+    return total
+
+
+class LawOracle:
+    """Pinocchio for the bodies, and the forces of coordinates from here."""
+
+    def __init__(self, robot: Robot) -> None:
+        self.table = list(coordinates(robot))
+        bare = [
+            replace(j, coordinates={k: Coordinate(None, c.damping, c.armature) for k, c in j.coordinates.items()})
+            for j in robot.joints
+        ]
+        self.bodies = PinocchioOracle(replace(robot, joints=tuple(bare)))
+
+    def forces(self, q: Array, v: Array) -> Array:
+        return np.array([resistance(c, *sv) for c, *sv in zip(self.table, q, v, strict=True)])
+
+    def inverse_dynamics(self, q: Array, v: Array, a: Array) -> Array:
+        return np.asarray(self.bodies.inverse_dynamics(q, v, a) + self.forces(q, v))
+
+    def generalized_force(self, q: Array, v: Array) -> Array:
+        return np.asarray(self.bodies.generalized_force(q, v) - self.forces(q, v))
+
+    def forward_dynamics(self, q: Array, v: Array, u: Array) -> Array:
+        return np.asarray(self.bodies.forward_dynamics(q, v, u - self.forces(q, v)))
+
+    def energy(self, q: Array, v: Array) -> Array:
+        found = np.array(self.bodies.energy(q, v))
+        found[1] += sum(stored(c, s) for c, s in zip(self.table, q, strict=True))
+        return found

@@ -1,0 +1,256 @@
+"""The page about a result: well-formed, by itself, escaped, and with the numbers that other sources have."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field, replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import eomgen
+from eomgen.analysis.modal import modes
+from eomgen.cli import entry as cli
+from eomgen.description.load import robot_from_toml
+from eomgen.errors import InputError
+from eomgen.pictures.page import report_of
+from eomgen.robot.value import Robot
+from eomgen.scenario.load import scenario_from_toml
+from eomgen.simulation.result import SimulationResult
+from eomgen.simulation.run import run_scenario
+from tests.oracles.springs import with_springs
+from tests.support.browser import open_page
+
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
+VOID = {"meta", "br", "img", "link", "hr", "input"}
+HOSTILE = "<script>alert('x')</script>&amp;\"<img src=x onerror=alert(1)>"
+ARM = """
+name = "arm"
+[[links]]
+name = "link1"
+mass = 3.0
+com = [0.2, 0.0, 0.0]
+inertia = { xx = 0.01, yy = 0.05, zz = 0.05 }
+[[links]]
+name = "link2"
+mass = 1.5
+com = [0.15, 0.0, 0.0]
+inertia = { xx = 0.005, yy = 0.02, zz = 0.02 }
+[[joints]]
+name = "joint1"
+parent = "base"
+child = "link1"
+type = "revolute"
+x = { stiffness = 2e5, damping = 80.0 }
+alpha = { stiffness = 4e3, damping = 3.0 }
+[[joints]]
+name = "joint2"
+parent = "link1"
+child = "link2"
+type = "revolute"
+placement = { xyz = [0.4, 0.0, 0.0], rpy = [1.5707963267948966, 0.0, 0.0] }
+y = { stiffness = 1e5, damping = 60.0 }
+gamma = { damping = 0.2 }
+[[frames]]
+name = "tcp"
+link = "link2"
+placement = { xyz = [0.3, 0.0, 0.0] }
+"""
+SCENARIO = """
+duration = 0.2
+output_step = 0.002
+[motion]
+type = "point_to_point"
+goal = { joint1 = 0.2, joint2 = -0.3 }
+[[wrenches]]
+link = "link2"
+force = [1.0, 2.0, 3.0]
+t0 = 0.05
+t1 = 0.1
+"""
+
+
+@dataclass
+class Reader(HTMLParser):
+    """What a page has: an error where elements do not match."""
+
+    elements: list[tuple[str, dict[str, str | None]]] = field(default_factory=list)
+    cells: list[list[str]] = field(default_factory=list)
+    text: str = ""
+    stack: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        super().__init__()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.stack.append(tag)
+        if tag == "tr":
+            self.cells.append([])
+        if tag in ("td", "th"):
+            self.cells[-1].append("")
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.stack.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+        if self.stack and self.stack[-1] in ("td", "th"):
+            self.cells[-1][-1] += data
+
+
+def read(html: str) -> Reader:
+    reader = Reader()
+    reader.feed(html)
+    reader.close()
+    assert reader.stack == []
+    return reader
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return with_springs(robot_from_toml(ARM), 0)
+
+
+@pytest.fixture(scope="module")
+def result(robot: Robot) -> SimulationResult:
+    return run_scenario(robot, scenario_from_toml(SCENARIO))
+
+
+@pytest.fixture(scope="module")
+def page(result: SimulationResult) -> str:
+    return report_of(result).html()
+
+
+def test_the_page_is_well_formed_and_by_itself(page: str) -> None:
+    reader = read(page)
+    assert page.startswith("<!DOCTYPE html>")
+    assert "http" not in re.sub(r"http-equiv", "", page)
+    ids = [given["id"] for _, given in reader.elements if "id" in given]
+    assert len(ids) == len(set(ids))
+    for tag, given in reader.elements:
+        assert tag not in ("script", "link", "iframe", "object", "embed", "base", "form"), tag
+        assert not any(name.startswith("on") for name in given), given
+        for name in ("src", "href", "xlink:href"):
+            value = given.get(name)
+            assert value is None or value.startswith(("#", "data:image/png;base64,")), value
+            if value and value.startswith("#"):
+                assert value[1:] in ids
+    for target in re.findall(r"url\(([^)]*)\)", page):
+        assert target[1:] in ids
+    figures = [given["id"] for tag, given in reader.elements if tag == "figure"]
+    assert figures == [f"figure-{name}" for name in ("tool", "deviations", "tracking", "energy", "modes", "zeros")]
+    assert sum(tag == "svg" for tag, _ in reader.elements) == len(figures)
+
+
+def test_the_tables_have_the_numbers_of_others(page: str, robot: Robot, result: SimulationResult) -> None:
+    rows = {row[0]: row[1:] for row in read(page).cells}
+    for joint in robot.joints:
+        for name, given in joint.coordinates.items():
+            row = rows[f"{joint.name}.{name}"]
+            assert row[1] == f"{joint.parent} to {joint.child}"
+            assert [float(x) if x else None for x in row[3:5]] == [given.stiffness, given.damping]
+    for link in robot.links:
+        assert float(rows[link.name][0]) == link.mass
+    assert robot.springs
+    for spring in robot.springs:
+        assert rows[spring.name][1].startswith(spring.links[0])
+    kernel = eomgen.build(robot, kernels=("inverse_dynamics", "mass_matrix"))
+    for name in ("inverse_dynamics", "mass_matrix"):
+        assert [int(x) for x in rows[name][:4]] == [kernel.operations[name][k] for k in ("mul", "add", "div", "sincos")]
+    energy = result.trajectory.energy
+    assert float(rows["potential energy"][0]) == pytest.approx(energy[-1, 1] - energy[0, 1], rel=1e-5)
+    assert float(rows["work of wrenches"][0]) == pytest.approx(result.series("work.wrenches").values[-1], rel=1e-5)
+    assert rows["wrenches[0].link"] == ["link2"]
+    assert rows["wrenches[0].table.values[0]"] == ["[1, 2, 3, 0, 0, 0]"]
+    assert rows["description, SHA-256"] == [result.robot_hash]
+
+
+def test_frequencies_are_those_at_the_programs_poses(
+    result: SimulationResult, robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from eomgen.pictures import page_figures as report_figures
+
+    seen = []
+    plain = report_figures.plot_tracks
+    monkeypatch.setattr(
+        report_figures, "plot_tracks", lambda found, path, times: (seen.append((found, times)), plain(found, path))[1]
+    )
+    report_of(result)
+    ((tracked, times),) = seen
+    pose = dict(zip(result.program_coordinates, result.program_q[-1], strict=True))
+    assert times[-1] == result.trajectory.t[-1]
+    expected = modes(robot, pose, drives="locked").frequencies
+    assert np.allclose(np.sort(tracked.values("frequencies")[-1]), np.sort(expected), rtol=1e-9)
+
+
+def test_names_and_notes_are_escaped(result: SimulationResult) -> None:
+    scenario = {**result.scenario, "frame": HOSTILE, HOSTILE: HOSTILE}
+    hostile = replace(result, robot=HOSTILE, tool=HOSTILE, notes=(HOSTILE, "\udcff"), scenario=scenario)
+    text = report_of(hostile, modes=False).html()
+    reader = read(text)
+    assert not {"script", "img"} & {tag for tag, _ in reader.elements}
+    assert reader.text.count(HOSTILE) >= 6
+
+
+def test_without_the_robot_the_page_says_what_is_missing(result: SimulationResult, robot: Robot) -> None:
+    old = replace(result, description={}, balance=None)
+    found = report_of(old)
+    assert any("give its description: --robot" in line for line in found.missing)
+    assert any("energy balance" in line for line in found.missing)
+    assert [figure.name for figure in found.figures] == ["tool", "deviations", "tracking"]
+    rows = {row[0]: row[1:] for row in read(found.html()).cells}
+    q = result.trajectory.q[:, 0]
+    assert [float(x) for x in rows["joint1.x"][1:3]] == pytest.approx([q.min(), q.max()], rel=1e-5)
+    given = report_of(old, robot, modes=False)
+    assert [figure.name for figure in given.figures] == ["tool", "deviations", "tracking", "zeros"]
+    with pytest.raises(InputError, match="is not what was simulated"):
+        report_of(old, eomgen.load_robot("puma560"))
+
+
+def test_what_cannot_be_drawn_is_said() -> None:
+    """No program, no springs, a balance that does not close."""
+    scenario = scenario_from_toml(
+        "duration = 0.2\noutput_step = 0.1\n[initial]\nq = { joint1 = 0.4 }\nequilibrium = false"
+    )
+    found = report_of(run_scenario(eomgen.load_robot("puma560"), scenario))
+    assert any(line.startswith("driven coordinates against their program: nothing") for line in found.missing)
+    assert any(line == "frequencies along the program: no deviation has a stiffness" for line in found.missing)
+
+
+def test_command(result: SimulationResult, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The robot's file is gone: a result has what is needed."""
+    result.save(tmp_path / "trajectory.npz")
+    assert cli.main(["report", str(tmp_path), "--no-modes"]) == 0
+    assert capsys.readouterr().out == f"wrote {tmp_path / 'report.html'}\n"
+    first = (tmp_path / "report.html").read_bytes()
+    assert cli.main(["report", str(tmp_path / "trajectory.npz"), "--no-modes", "-o", str(tmp_path / "x.html")]) == 0
+    assert (tmp_path / "x.html").read_bytes() == first
+    capsys.readouterr()
+    assert cli.main(["plot", str(tmp_path), "-o", str(tmp_path / "figures")]) == 0
+    assert {path.suffix for path in (tmp_path / "figures").iterdir()} == {".pdf"}
+    assert cli.main(["report", str(tmp_path / "figures")]) == 1
+    assert "has no trajectory.npz; allowed: a folder that eomgen simulate wrote" in capsys.readouterr().err
+    assert cli.main(["report", str(tmp_path), "--robot", "puma560"]) == 1
+    assert "puma560 is not what was simulated" in capsys.readouterr().err
+
+
+def test_a_browser_shows_the_page_without_a_word(page: str, tmp_path: Path) -> None:
+    (tmp_path / "report.html").write_text(page, encoding="utf-8")
+    with open_page() as found:
+        address = (tmp_path / "report.html").as_uri()
+        found.page.goto(address)
+        assert found.errors == []
+        assert found.requests == [address]
+        boxes = [element.bounding_box() for element in found.page.query_selector_all("figure > svg")]
+        assert len(boxes) == 6
+        assert all(box["width"] > 600 and box["height"] > 200 for box in boxes)
+        width = found.page.evaluate("document.documentElement.scrollWidth")
+        assert width <= 1000

@@ -1,0 +1,399 @@
+"""The compile cache, the compiler's failures, and generated packages on their own."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import eomgen
+from eomgen.cli import entry as cli
+from eomgen.codegen.package import compile as compiling
+from eomgen.description import keys as robot_keys
+from eomgen.description.load import robot_from_toml
+from eomgen.errors import BuildError, DescriptionError, InputError
+from eomgen.pipeline.cache import KINDS, VARIABLE, is_whole
+from eomgen.pipeline.stages import Options, _cached_package, cache_keys, generate
+from eomgen.scenario import keys as scenario_keys
+from eomgen.sweep import keys as plan_keys
+from tests.conftest import Build
+from tests.support.quick_builds import (
+    BUILD,
+    QUICK,
+    Q,
+    answer,
+    as_new_process,
+    flip,
+    logging_compiler,
+    one_link,
+    python,
+    script,
+    truncate,
+)
+
+
+def reported(error: pytest.ExceptionInfo[BuildError]) -> str:
+    assert isinstance(error.value, InputError)
+    return str(error.value)
+
+
+def test_stages_are_skipped_when_their_result_is_there(empty_cache: Path) -> None:
+    first: list[str] = []
+    expected = one_link(first).mass_matrix(Q)
+    assert [step.split()[0] for step in first] == ["importing", "deriving", "compiling"]
+    again: list[str] = []
+    assert np.array_equal(one_link(again).mass_matrix(Q), expected)
+    assert again == []
+    other_flags: list[str] = []
+    one_link(other_flags, Options(("mass_matrix",), flags=("-O1",)))
+    assert [step.split()[0] for step in other_flags] == ["compiling"]
+    other_source: list[str] = []
+    one_link(other_source, Options(("mass_matrix",), dtype="float32", flags=("-O0",)))
+    assert [step.split()[0] for step in other_source] == ["importing", "deriving", "compiling"]
+    native: list[str] = []
+    assert np.allclose(one_link(native, Options(("mass_matrix",), native=True)).mass_matrix(Q), expected, rtol=1e-15)
+    assert [step.split()[0] for step in native] == ["compiling"]
+
+
+def test_nothing_but_entries_is_left(empty_cache: Path) -> None:
+    one_link()
+    assert sorted(path.name for path in empty_cache.iterdir()) == ["locks", "packages", "sources"]
+    assert empty_cache.stat().st_mode & 0o077 == 0
+    (package,) = (empty_cache / "packages").iterdir()
+    assert {"one_link.c", "one_link.h", "one_link.json", "__init__.py"} <= {path.name for path in package.iterdir()}
+
+
+def test_eight_processes_build_the_same_kernel_at_once(empty_cache: Path, tmp_path: Path) -> None:
+    """All of them get it, and it is compiled once: wrapper, kernel, link."""
+    compiler, log = logging_compiler(tmp_path)
+    processes = [python(BUILD, CC=compiler) for _ in range(8)]
+    answers = [answer(process) for process in processes]
+    assert all(found == answers[0] for found in answers)
+    assert answers[0] == one_link().mass_matrix(Q).tolist()
+    assert len(log.read_text().splitlines()) == 4
+
+
+def test_a_build_that_was_killed_does_not_block_the_next(empty_cache: Path, tmp_path: Path) -> None:
+    """kill -9 in the middle of compiling: the lock is free, and half a package is not taken for a whole one."""
+    began = tmp_path / "began"
+    real = shutil.which("cc")
+    slow = script(tmp_path / "slow-cc", f'case "$*" in *--version*) exec {real} "$@" ;; esac\ntouch {began}\nsleep 60')
+    command = [sys.executable, "-c", textwrap.dedent(BUILD)]
+    process = subprocess.Popen(command, env={**os.environ, "CC": slow}, start_new_session=True)
+    try:
+        for _ in range(600):
+            if began.exists() or process.poll() is not None:
+                break
+            time.sleep(0.1)
+        assert began.exists()
+    finally:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+    assert answer(python(BUILD)) == one_link().mass_matrix(Q).tolist()
+
+
+DAMAGES = [
+    ("packages", "*.so", flip),
+    ("packages", "*.so", truncate),
+    ("packages", "*.so", Path.unlink),
+    ("packages", "one_link.json", flip),
+    ("packages", "__init__.py", Path.unlink),
+    ("packages", "manifest.json", truncate),
+    ("sources", "source.json", flip),
+    ("sources", "manifest.json", Path.unlink),
+]
+
+
+@pytest.mark.parametrize(("kind", "pattern", "damage"), DAMAGES)
+def test_damaged_entries_are_made_again(
+    kind: str, pattern: str, damage: Any, empty_cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kernel = one_link()
+    (folder,) = (empty_cache / kind).iterdir()
+    (path,) = folder.glob(pattern)
+    damage(path)
+    assert not is_whole(folder)
+    as_new_process(monkeypatch)
+    steps: list[str] = []
+    assert np.array_equal(one_link(steps).mass_matrix(Q), kernel.mass_matrix(Q))
+    assert [step.split()[0] for step in steps] == (["compiling"] if kind == "packages" else ["importing", "deriving"])
+    assert is_whole(folder)
+    assert sorted(path.name for path in empty_cache.iterdir()) == ["locks", "packages", "sources"]
+
+
+def test_a_kernel_outlives_its_cache(empty_cache: Path) -> None:
+    kernel = one_link()
+    expected = kernel.mass_matrix(Q)
+    shutil.rmtree(empty_cache)
+    assert np.array_equal(kernel.mass_matrix(Q), expected)
+    assert np.array_equal(one_link().mass_matrix(Q), expected)
+
+
+def test_a_cache_folder_that_is_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "file"
+    file.touch(mode=0o600)
+    for folder in (file, file / "below"):
+        monkeypatch.setenv(VARIABLE, str(folder))
+        with pytest.raises(BuildError) as error:
+            one_link()
+        message = reported(error)
+        assert f"the cache folder {folder} cannot be written: " in message
+        assert f"set {VARIABLE} to another folder" in message
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write everywhere")
+def test_a_read_only_cache(empty_cache: Path) -> None:
+    empty_cache.mkdir(mode=0o500)
+    with pytest.raises(BuildError, match=r"cannot be written: Permission denied; make it writable"):
+        one_link()
+
+
+@pytest.mark.parametrize("mode", [0o770, 0o702, 0o777])
+def test_a_cache_that_others_may_write_to(mode: int, empty_cache: Path) -> None:
+    one_link()
+    empty_cache.chmod(mode)
+    with pytest.raises(BuildError) as error:
+        one_link()
+    assert f"may be written by others (mode {mode:o}); run chmod go-w on it" in reported(error)
+
+
+def test_no_compiler(empty_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.delenv("CC", raising=False)
+    monkeypatch.setitem(sys.modules, "ziglang", None)
+    with pytest.raises(BuildError) as error:
+        one_link()
+    message = reported(error)
+    assert message.startswith("no C compiler found: $CC is not set, and cc, gcc and clang are not on the path; install")
+    assert "apt install gcc" in message
+
+
+@pytest.mark.parametrize("command", ["false", "/nowhere/cc", "nothing-of-this-name --fast"])
+def test_a_compiler_that_does_not_run(command: str, empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CC", command)
+    with pytest.raises(BuildError) as error:
+        one_link()
+    assert reported(error).startswith(f"the C compiler does not run: {command} --version: ")
+    assert "set CC" in reported(error)
+
+
+def test_a_compiler_that_fails(empty_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its command, its status and what it said; and nothing half-made is left."""
+    refusing = script(
+        tmp_path / "refusing-cc", 'case "$*" in *--version*) echo 1 ;; *) echo no space left; exit 3 ;; esac'
+    )
+    monkeypatch.setenv("CC", refusing)
+    with pytest.raises(BuildError) as error:
+        one_link()
+    message = reported(error)
+    assert message.startswith(f"the C compiler failed with status 3:\n  {refusing} -c -fPIC")
+    assert "\nno space left\n" in message
+    assert not list((empty_cache / "packages").iterdir())
+    monkeypatch.delenv("CC")
+    assert one_link().mass_matrix(Q).shape == (2, 2)
+
+
+def test_an_unknown_flag(empty_cache: Path) -> None:
+    with pytest.raises(BuildError, match=r"(?s)failed with status 1.*--no-such-flag.*check that the compiler works"):
+        one_link(options=Options(("mass_matrix",), flags=("--no-such-flag",)))
+
+
+def test_flags_of_the_environment_come_after_ours(
+    empty_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They are split as a shell splits words, and another binary is made for other ones."""
+    compiler, log = logging_compiler(tmp_path)
+    monkeypatch.setenv("CC", compiler)
+    steps: list[str] = []
+    keys = set()
+    for flags, link in (("", ""), ("-O0 -DA='\"a b\"'", ""), ("-O0 -DA='\"a b\"'", "-L'/tmp/a b'"), ("-O1", "")):
+        monkeypatch.setenv("CFLAGS", flags)
+        monkeypatch.setenv("LDFLAGS", link)
+        log.write_text("")
+        assert one_link(steps, Options(("mass_matrix",))).mass_matrix(Q).shape == (2, 2)
+        keys.add(cache_keys(eomgen.load_robot("one_link"), ("mass_matrix",)))
+        *compiled, linked = log.read_text().splitlines()
+        for line in compiled:
+            assert all(word in line for word in ("-c", *(["-O0", '-DA="a b"'] if "-DA" in flags else [])))
+        ours = [line for line in compiled if " -std=c99 " in line]
+        assert len(ours) == 2
+        assert all(line.index(" -O2 ") < line.index(" -O0 ") for line in ours if "-DA" in flags)
+        assert ("-L/tmp/a b" in linked) == bool(link)
+    assert [step.split()[0] for step in steps] == ["importing", "deriving", *["compiling"] * 4]
+    assert len(keys) == 4
+
+
+@pytest.mark.parametrize(
+    ("variable", "flags"),
+    [
+        ("CFLAGS", "-O2 -ffast-math"),
+        ("CFLAGS", "-Ofast"),
+        ("CFLAGS", "-funsafe-math-optimizations"),
+        ("CFLAGS", "-ffinite-math-only"),
+        ("CFLAGS", "-mdaz-ftz"),
+        ("CFLAGS", "-ffp-model=fast"),
+        ("CFLAGS", "-fdenormal-fp-math=positive-zero"),
+        ("LDFLAGS", "-ffast-math"),
+        ("CC", "cc -ffast-math"),
+    ],
+)
+def test_unsafe_arithmetic_is_refused(
+    variable: str, flags: str, empty_cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(variable, flags)
+    with pytest.raises(BuildError) as error:
+        one_link()
+    message = reported(error)
+    assert message.startswith(f"${variable}: {flags.split()[-1]} ")
+    assert "denormal" in message
+    assert "allowed: " in message
+    assert not (empty_cache / "packages").exists()
+
+
+def test_unsafe_arithmetic_is_refused_in_a_call(empty_cache: Path) -> None:
+    with pytest.raises(BuildError, match="flags: -ffast-math folds the checks for NaN away"):
+        one_link(options=Options(("mass_matrix",), flags=("-ffast-math",)))
+    assert one_link(options=Options(("mass_matrix",), flags=("-fno-fast-math", "-O0"))).n == 2
+
+
+@pytest.mark.parametrize("variable", ["CC", "CFLAGS", "LDFLAGS"])
+def test_a_quote_that_is_not_closed(variable: str, empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(variable, "-DA='x")
+    with pytest.raises(BuildError, match=rf"\${variable} is \"-DA='x\": No closing quotation; allowed: words"):
+        one_link()
+
+
+def test_no_key_of_a_file_names_a_compiler_or_a_flag() -> None:
+    """Of a description, a scenario or a plan: what is run, and how, is the environment's alone."""
+    schemas = [form.json() for form in (robot_keys.ROBOT, scenario_keys.SCENARIO, plan_keys.PLAN)]
+    keys = set(re.findall(r'"([a-z_0-9]+)": \{"description"', json.dumps(schemas)))
+    assert len(keys) > 90
+    assert not [
+        key for key in keys if re.search("(?i)flag|compil|^cc$|command|shell|exec|env|library|include|linker", key)
+    ]
+    for key in ("cc", "cflags", "flags", "compiler"):
+        with pytest.raises(DescriptionError, match=f"unknown key '{key}'"):
+            robot_from_toml(f'name = "arm"\n{key} = "-O3"\n')
+
+
+def test_without_python_headers(empty_cache: Path, monkeypatch: pytest.MonkeyPatch, built: Build) -> None:
+    """cffi's ABI mode gives the same numbers, and a package that stands on its own."""
+    expected = one_link()
+    monkeypatch.setattr(compiling, "_headers", lambda: None)
+    plain = eomgen.build(eomgen.load_robot("one_link"), flags=("-O0",))
+    assert "CompiledLib" not in type(plain._lib).__name__
+    assert np.array_equal(plain.mass_matrix(Q), expected.mass_matrix(Q))
+    assert plain.forward_dynamics(Q, Q, Q).shape == (2,)
+    target = generate(eomgen.load_robot("one_link"), empty_cache / "out", Options(flags=("-O0",)))
+    assert (target / "libone_link.so").exists()
+    check_alone(target, expected.mass_matrix(Q))
+
+
+def check_alone(package: Path, expected: np.ndarray) -> None:
+    """The package in an interpreter where nothing but NumPy and cffi can be imported of what eomgen needs."""
+    code = f"""
+        import json, sys
+        for name in ("eomgen", "sympy", "jinja2", "filelock", "platformdirs", "rich", "scipy", "setuptools"):
+            sys.modules[name] = None
+        sys.path.insert(0, {str(package.parent)!r})
+        import {package.name} as package
+        other = package.load()
+        other.parameters["gravity.y"] = 0.0
+        try:
+            package.mass_matrix([0.0, float("nan")])
+        except ValueError as error:
+            said = str(error)
+        M = package.mass_matrix([0.2, 0.5]).tolist()
+        force = other.generalized_force([0.0, 0.5], [0.0, 0.0]).tolist()
+        print(json.dumps([M, force, said, list(package.kernel.coordinates), package.kernel.name]))
+    """
+    M, force, said, coordinates, name = answer(python(code))
+    assert np.array_equal(M, expected)
+    assert force == [0.0, 0.0]
+    assert said == "q: joint1.gamma is nan; numbers must be finite"
+    assert coordinates == ["joint1.x", "joint1.gamma"]
+    assert name == "one_link"
+
+
+def test_generated_package_needs_numpy_and_cffi_alone(tmp_path: Path, built: Build) -> None:
+    robot = eomgen.load_robot("one_link")
+    target = generate(robot, tmp_path / "out", Options(flags=("-O0",)))
+    assert target == tmp_path / "out" / "one_link"
+    assert not list(target.parent.glob(".making-*"))
+    check_alone(target, built(robot).mass_matrix(Q))
+
+
+def test_generating_again_replaces_and_foreign_folders_stay(tmp_path: Path) -> None:
+    robot = eomgen.load_robot("one_link")
+    target = generate(robot, tmp_path, QUICK)
+    (target / "left_over.py").touch()
+    assert generate(robot, tmp_path, QUICK) == target
+    assert not (target / "left_over.py").exists()
+    mine = tmp_path / "mine" / "one_link"
+    mine.mkdir(parents=True)
+    (mine / "thesis.txt").touch()
+    (mine / "one_link.json").write_text('{"title": "mine"}')
+    with pytest.raises(InputError, match=r"exists and is not a generated package; give another folder with -o"):
+        generate(robot, mine.parent, QUICK)
+    assert (mine / "thesis.txt").exists()
+    file = tmp_path / "other" / "one_link"
+    file.parent.mkdir()
+    file.touch()
+    with pytest.raises(InputError, match=r"exists and is not a generated package"):
+        generate(robot, file.parent, QUICK)
+    with pytest.raises(InputError, match=r"cannot be written: "):
+        generate(robot, file, QUICK)
+
+
+def test_loading_again_does_not_import_sympy(built: Build) -> None:
+    """What makes the second start of the 36 coordinates quick."""
+    robot = eomgen.load_robot("puma560_elastic")
+    options = Options(("mass_matrix", "inverse_dynamics", "forward_dynamics"), flags=("-O0",))
+    _cached_package(robot, options, lambda _: None)
+    code = f"""
+        import json, sys
+        import eomgen
+        robot = eomgen.load_robot("puma560_elastic")
+        kernel = eomgen.build(robot, kernels={options.kernels!r}, flags=("-O0",))
+        M = kernel.mass_matrix([0.01] * kernel.n)
+        heavy = ("sympy", "scipy", "matplotlib", "setuptools", "pydantic", "rich")
+        print(json.dumps([M.shape, [name for name in heavy if name in sys.modules]]))
+    """
+    assert answer(python(code)) == [[36, 36], []]
+
+
+def test_command(empty_cache: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    def said(*arguments: str) -> Any:
+        assert cli.main(["cache", *arguments, "--json"]) == 0
+        return json.loads(capsys.readouterr().out)
+
+    nothing = {"folder": str(empty_cache), **dict.fromkeys(KINDS, 0), "bytes": 0}
+    assert said() == nothing
+    assert said("--clear") == {**nothing, "removed": 0}
+    assert not empty_cache.exists()
+    kernel = one_link()
+    (empty_cache / "making-0-x").mkdir()
+    files = [path for kind in ("sources", "packages") for path in (empty_cache / kind).rglob("*") if path.is_file()]
+    size = sum(path.stat().st_size for path in files)
+    assert said() == {**nothing, "sources": 1, "packages": 1, "bytes": size}
+    assert cli.main(["cache"]) == 0
+    assert f"1 sources, 1 packages, {size / 1e6:.1f} MB" in capsys.readouterr().out
+    assert said("--clear") == {**nothing, "removed": 2}
+    assert sorted(path.name for path in empty_cache.iterdir()) == ["locks", "packages", "sources"]
+    assert np.isfinite(kernel.mass_matrix(Q)).all()
+    as_new_process(monkeypatch)
+    assert np.array_equal(one_link().mass_matrix(Q), kernel.mass_matrix(Q))
+    empty_cache.chmod(0o777)
+    assert cli.main(["cache", "--clear"]) == 1
+    assert "may be written by others" in capsys.readouterr().err

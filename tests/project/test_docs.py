@@ -1,0 +1,237 @@
+"""The documentation keeps its promises: its blocks run and print what they say, the site builds without a warning."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import inspect
+import os
+import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+
+import pytest
+
+import eomgen
+from tests.support.doc_blocks import blocks_of, run_page
+
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+OWN_TESTS = {
+    "scenario.md": "simulation/test_result.py",
+    "sweep.md": "sweep/test_sweep_plan.py",
+    "embed.md": "codegen/c/test_embed.py",
+}
+ELSEWHERE = {name: test for name, test in OWN_TESTS.items() if (DOCS / name).exists()}  # these ask more of their blocks
+VOID = {
+    "br",
+    "hr",
+    "img",
+    "input",
+    "link",
+    "meta",
+    "mspace",
+    "path",
+    "rect",
+    "circle",
+    "col",
+}  # elements without an end
+PAGES = sorted(path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md"))
+
+
+@pytest.fixture(scope="module")
+def hooks() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("hooks", DOCS / "hooks.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("name", [name for name in PAGES if name not in ELSEWHERE])
+def test_blocks_run(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    before = set(sys.modules)
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    run_page(DOCS / name, tmp_path)
+    for module in set(sys.modules) - before:
+        if str(tmp_path) in str(getattr(sys.modules[module], "__file__", "")):
+            del sys.modules[module]  # a generated package
+
+
+def test_other_pages_have_tests_of_their_own() -> None:
+    for name, test in ELSEWHERE.items():
+        assert f'"{name}"' in (ROOT / "tests" / test).read_text(encoding="utf-8")
+        assert blocks_of((DOCS / name).read_text(encoding="utf-8"))
+
+
+def test_long_commands_are_understood() -> None:
+    """Those of pages whose blocks are run elsewhere: their options exist, and so do the files that they name."""
+    from eomgen.cli.entry import make_parser
+
+    commands = 0
+    for name in ELSEWHERE:
+        for block in blocks_of((DOCS / name).read_text(encoding="utf-8")):
+            for line in re.findall(r"^\$ eomgen .*", block.text, re.MULTILINE) if block.language == "console" else ():
+                words = shlex.split(line.removeprefix("$ eomgen "))
+                make_parser().parse_args(words)
+                commands += 1
+                for word in words:
+                    assert not word.startswith("examples/") or (ROOT / word).is_file(), line
+    assert commands
+
+
+def test_a_wrong_block_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each kind of block fails where it is wrong."""
+    monkeypatch.chdir(tmp_path)
+    page = tmp_path / "page.md"
+    for text, message in {
+        "```python\nprint(1)\n```\n\n```text\n2\n```\n": r"page.md:5: printed is\n1",
+        "```python\nprint(unknown)\n```\n": "unknown",
+        "```console\n$ eomgen info nothing\n```\n": "status 1",
+        "```console\n$ eomgen robots\nnothing\n```\n": "printed is",
+        "```console\n$ make demo\n```\n": "make demo",
+        '```toml\nname = "a"\nlinks = 1\n```\n': "links",
+        "```toml\nduration = -1\n```\n": "duration",
+        "```text\n1\n```\n": "nothing was printed",
+        "```fortran\n```\n": "fortran",
+        "  ```python\n  ```\n": "a fence",
+    }.items():
+        page.write_text(text, encoding="ascii")
+        with pytest.raises((AssertionError, NameError, eomgen.InputError), match=message):
+            run_page(page, tmp_path)
+
+
+def test_the_site_builds(tmp_path: Path) -> None:
+    """Without a warning: pages that are in no menu, links and anchors that lead nowhere are warnings."""
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "-d", str(tmp_path / "site")]
+    environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, env=environment)
+    assert done.returncode == 0, done.stderr
+    pages = {
+        path.relative_to(tmp_path / "site").as_posix(): path.read_text(encoding="utf-8")
+        for path in (tmp_path / "site").rglob("*.html")
+    }
+    for name in PAGES:
+        assert name.replace(".md", ".html") in pages
+    for name, page in pages.items():
+        fetched = re.findall(r'<(?:script|link|img|iframe)[^>]*(?:src|href)="((?:https?:)?//[^"]*)"', page)
+        assert not fetched, name
+        assert "arithmatex" not in page, f"{name}: a formula was left as text"
+        begun, ended = (set(re.findall(rf"<{slash}([a-z][a-z0-9]*)", page)) for slash in ("", "/"))
+        assert begun - ended <= VOID, f"{name}: text in pointed brackets became an element"
+    for style in (tmp_path / "site").rglob("*.css"):
+        assert not re.search(r"url\([\"']?(https?:)?//", style.read_text(encoding="utf-8")), style
+    for text in ("inverse_dynamics", "eomgen.SingularError"):
+        assert text in pages["reference/api.html"]
+    assert pages["equations.html"].count("<math") > 10
+
+
+def test_generated_pages_are_complete(hooks: ModuleType) -> None:
+    """Every command with every option, every robot, every table of the formats with its keys."""
+    from eomgen.cli.entry import make_parser
+
+    text = hooks.commands.page()
+    for name, _, command in hooks.commands.commands(make_parser()):
+        assert f"## eomgen {name}\n" in text
+        for action in hooks.commands.arguments(command):
+            for option in action.option_strings:
+                assert f"`{option}" in text
+    assert len(list(hooks.commands.commands(make_parser()))) >= 18
+    pages = {name: getattr(hooks.formats, f"{name}_page")() for name in ("description", "scenario", "plan")}
+    for key, takes in {
+        "stiffness": "a number that is at least 0",
+        "type": "revolute, prismatic, fixed, free",
+        "inertia": "error, warn, project",
+        "ratio": "a finite number .*; not 0",
+    }.items():
+        assert re.search(rf"\| `{key}` \|[^|]*\| {takes}", pages["description"]), key
+    assert re.search(r"\| `duration` \| needed \| a number that is at least 1e-09", pages["scenario"])
+    assert re.search(r"\| `bandwidth` \|[^|]*\| a number greater than 0", pages["scenario"])
+    assert re.search(r"\| `design` \|[^|]*\| random, latin_hypercube", pages["plan"])
+    for name, guide in {"description": "description.md", "scenario": "scenario.md", "plan": "sweep.md"}.items():
+        explained = (DOCS / guide).read_text(encoding="utf-8")
+        for key in re.findall(r"^\| `(\w+)` \|", pages[name], re.MULTILINE):
+            assert re.search(rf"(?<![\w.]){key}(?!\w)", explained), f"{guide} does not mention {key}"
+    gallery = hooks.gallery.page()
+    for robot in eomgen.builtin_robots():
+        assert f"## {robot}\n" in gallery
+
+
+def test_forms_of_links(hooks: ModuleType) -> None:
+    for target in ("https://example.org/a_b?c=1&amp;d=2#e", "theory.md", "#anchor", "figures/x.svg"):
+        assert not hooks.what_is_wrong("href", target)
+    for target in ("http://example.org", "https://example", "https:///x", "ftp://example.org", "https://a.org/b c"):
+        assert hooks.what_is_wrong("href", target)
+    assert hooks.what_is_wrong("src", "https://example.org/x.js")
+
+
+def test_links_out_of_the_pages(hooks: ModuleType) -> None:
+    page, config = SimpleNamespace(file=SimpleNamespace(src_uri="howto/x.md")), SimpleNamespace(docs_dir=str(DOCS))
+
+    def made(text: str) -> str:
+        found: str = hooks.on_page_markdown(text, page, config)
+        return found
+
+    assert made("[the plan](../../examples/reach.toml)") == "the plan (`examples/reach.toml` in the repository)"
+    assert made("[keys](../description.md#keys)") == "[keys](../description.md#keys)"
+    with pytest.raises(hooks.PluginError, match="no file of the repository"):
+        made("[x](../../examples/nothing.toml)")
+
+
+def test_formulas_become_mathml(hooks: ModuleType) -> None:
+    found = hooks.mathematics.with_mathml('<span class="arithmatex">\\(\\dot{q}_1 &lt; \\frac{1}{2}\\)</span>')
+    assert found.startswith("<math")
+    assert "<mfrac>" in found
+    with pytest.raises(ValueError, match="nosuch"):
+        hooks.mathematics.with_mathml('<div class="arithmatex">\\[\\nosuch{x}\\]</div>')
+
+
+def test_a_page_without_a_place_is_in_the_menu(hooks: ModuleType, tmp_path: Path) -> None:
+    for name in ("index.md", "fmu.md", "new.md", "howto/x.md"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("# Page", encoding="ascii")
+    nav = [{"Home": "index.md"}, {"How to": []}, {"Guides": [{"A": "a.md"}]}]
+    found = hooks.on_config(SimpleNamespace(docs_dir=str(tmp_path), nav=nav)).nav
+    assert found == [{"Home": "index.md"}, {"How to": ["fmu.md", "howto/x.md"]}, {"Guides": [{"A": "a.md"}, "new.md"]}]
+
+
+def test_docstrings_name_arguments_that_there_are(hooks: ModuleType) -> None:
+    """Of all functions and methods on the pages of the interface; "q, v: ..." are two."""
+    seen = 0
+    for name in ("eomgen", *(module for _, modules in hooks.api.PAGES.values() for module in modules)):
+        for where, function in functions_of(importlib.import_module(name)):
+            allowed = {key.lstrip("*") for key in inspect.signature(function).parameters}
+            for argument in arguments_of(inspect.getdoc(function) or ""):
+                assert argument in allowed, f"{where}: {argument}"
+                seen += 1
+    assert seen > 200
+
+
+def functions_of(module: ModuleType) -> Iterator[tuple[str, Callable[..., object]]]:
+    """Public functions of the module and of its classes, with where they stand."""
+    for name, found in vars(module).items():
+        if name.startswith("_") or not getattr(found, "__module__", "").startswith(module.__name__.split(".")[0]):
+            continue
+        if inspect.isfunction(found):
+            yield f"{module.__name__}.{name}", found
+        elif inspect.isclass(found):
+            for key, method in vars(found).items():
+                method = getattr(method, "__func__", method)
+                if inspect.isfunction(method) and not key.startswith("_"):
+                    yield f"{module.__name__}.{name}.{key}", method
+
+
+def arguments_of(text: str) -> list[str]:
+    """Names in the section "Args:" of a docstring."""
+    section = re.search(r"^Args:\n(.*?)(?=^\S|\Z)", text, re.DOTALL | re.MULTILINE)
+    lines = re.findall(r"^    (\w[\w, ]*):", section[1], re.MULTILINE) if section else []
+    return [name.strip() for line in lines for name in line.split(",")]

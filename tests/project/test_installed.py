@@ -1,0 +1,59 @@
+"""What an index would give out: installed into an empty environment of each Python, it passes the tests from there."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tarfile
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.support.archives import build_archives
+from tests.support.pythons import PYTHONS, interpreter
+
+NEEDED = ("pytest>=7.4", "pytest-xdist>=3.3", "hypothesis>=6.90", "pin>=3.0", "mujoco>=3.0", "example-robot-data>=4.1")
+CORE = ("arrays", "cache", "cli", "description", "kernels", "parameters", "pinocchio")
+BROAD = (*CORE, "batches", "errata", "loops", "reactions", "result", "rollout", "simulate")
+WHERE = "import eomgen, eomgen.codegen as c, eomgen.templates as t; print(eomgen.__file__, c.__file__, t.__file__)"
+
+
+@pytest.fixture(scope="module")
+def archives(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    return build_archives(tmp_path_factory.mktemp("tree") / "eomgen", tmp_path_factory.mktemp("dist"))
+
+
+def command(words: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
+    """Run in a folder, without what would lead to the tree of these tests."""
+    clean = {key: value for key, value in os.environ.items() if not key.startswith(("PYTEST", "PYTHON", "EOMGEN"))}
+    return subprocess.run(words, cwd=folder, env=clean, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("wanted", PYTHONS)
+def test_the_installed_package_passes_the_tests(wanted: str, archives: tuple[Path, Path], tmp_path: Path) -> None:
+    python = interpreter(wanted)
+    if python is None:
+        pytest.skip(f"there is no Python {wanted} here")
+    began = time.perf_counter()
+    subprocess.run([python, "-m", "venv", tmp_path / "venv"], check=True, capture_output=True)
+    other = str(tmp_path / "venv" / "bin" / "python")
+    install = [other, "-m", "pip", "install", "-q", "--disable-pip-version-check"]
+    oracles = command([*install, "--only-binary", ":all:", *NEEDED], tmp_path)
+    if oracles.returncode != 0:
+        pytest.skip(f"packages cannot be installed for Python {wanted}: {oracles.stderr.strip().splitlines()[-1]}")
+    done = command([*install, f"{archives[1]}[sim]"], tmp_path)
+    assert done.returncode == 0, done.stderr[-3000:]
+    with tarfile.open(archives[0]) as archive:
+        archive.extractall(tmp_path / "source", **({"filter": "data"} if sys.version_info >= (3, 12) else {}))
+    (tree,) = (tmp_path / "source").iterdir()
+    where = command([other, "-c", WHERE], tree).stdout.split()
+    assert len(where) == 3
+    assert all(place.startswith(str(tmp_path / "venv")) for place in where), where
+    here = sys.version_info[:2] == tuple(map(int, wanted.split(".")))
+    files = [f"tests/test_{name}.py" for name in (BROAD if here else CORE)]
+    found = command([other, "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", *files], tree)
+    assert found.returncode == 0, found.stdout[-6000:] + found.stderr[-2000:]
+    print(f"Python {wanted}: {found.stdout.strip().splitlines()[-1]}, {time.perf_counter() - began:.0f} s in all")

@@ -1,0 +1,60 @@
+"""The README keeps its promises: its blocks run, its tables are current, its commands exist."""
+
+import importlib.util
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import eomgen
+from eomgen.description.load import robot_from_toml
+
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
+ROOT = Path(__file__).parents[2]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", README, re.S)
+
+
+def test_generated_parts_are_current() -> None:
+    spec = importlib.util.spec_from_file_location("tables", ROOT / "docs" / "tables.py")
+    assert spec is not None
+    assert spec.loader is not None
+    tables = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(tables)
+    assert tables.filled(README) == README, "run: make tables"
+
+
+def test_python_blocks_run(tmp_path: Path) -> None:
+    assert blocks("python")
+    for block in blocks("python"):
+        subprocess.run([sys.executable, "-c", block], check=True, capture_output=True, cwd=tmp_path)
+
+
+def test_toml_blocks_are_robots() -> None:
+    rod, one_link = robot_from_toml(blocks("toml")[0]), eomgen.load_robot("one_link")
+    assert rod.links == one_link.links
+    assert rod.joints == one_link.joints
+    assert rod.gravity == one_link.gravity
+
+
+def test_commands_exist() -> None:
+    makefile = (ROOT / "Makefile").read_text(encoding="ascii")
+    for block in blocks("console"):
+        for line in block.splitlines():
+            program, command = line.removeprefix("$ ").split()[:2]
+            if program == "make":
+                assert f"\n{command}:" in makefile, line
+            else:
+                assert program == "eomgen"
+                subprocess.run([sys.executable, "-m", "eomgen", command, "--help"], check=True, capture_output=True)
+
+
+def test_linked_files_exist() -> None:
+    for target in re.findall(r"\]\(([^)#:]+)\)", README):
+        assert (ROOT / target).exists(), target

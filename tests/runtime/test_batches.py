@@ -1,0 +1,155 @@
+"""Several states at a time: the same numbers as one state at a time, whatever stands beside them."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import eomgen
+from eomgen.errors import InputError, SingularError
+from eomgen.robot.value import COORDINATES, Coordinate, Joint, Link, Robot
+from tests.conftest import Build
+from tests.support.random_robots import Array, random_robot, random_state, seeds
+
+STATES = 21  # no multiple of any number of lanes
+AGREEMENT = 1e-13  # relative, max-norm: sine and cosine of vectors are not those of libm
+TYPES = ("revolute", "prismatic", "fixed", "free")
+READS = {
+    "mass_matrix": "q",
+    "bias_force": "qv",
+    "generalized_force": "qv",
+    "residual": "qvau",
+    "inverse_dynamics": "qva",
+    "forward_dynamics": "qvu",
+    "coriolis_matrix": "qv",
+    "christoffel": "q",
+    "energy": "qv",
+    "reactions": "qva",
+}
+
+
+def random_states(robot: Robot, seed: int) -> dict[str, Array]:
+    rng = np.random.default_rng(seed)
+    states = [random_state(robot, rng) for _ in range(STATES)]
+    return {name: np.array([getattr(state, name) for state in states]) for name in "qvau"}
+
+
+def calls(kernel: eomgen.Kernel) -> dict[str, tuple[Callable[..., Any], str]]:
+    """Every method that takes batches, and the names of its arrays."""
+    found: dict[str, tuple[Callable[..., Any], str]] = {
+        name: (getattr(kernel, name), reads) for name, reads in READS.items()
+    }
+    for call in (kernel.frame_pose, kernel.frame_jacobian):
+        found[call.__name__] = (functools.partial(call, frame=kernel.frames[-1]), "q")
+    return found
+
+
+def distance(found: Array, expected: Array) -> Array:
+    """Per state, relative and in the max-norm."""
+    difference = np.abs(found - expected).reshape(len(found), -1).max(axis=1)
+    return np.asarray(difference / np.maximum(np.abs(expected).reshape(len(found), -1).max(axis=1), 1e-300))
+
+
+@pytest.mark.parametrize("seed", seeds(700, 3, 8))
+@pytest.mark.parametrize("native", [False, True])
+def test_a_batch_agrees_with_single_states(seed: int, native: bool) -> None:
+    robot = random_robot(seed, joints=(1, 4), tree=seed % 2 == 0, types=TYPES)
+    kernel = eomgen.build(robot, native=native, flags=("-O1",))
+    states = random_states(robot, seed)
+    for name, (call, reads) in calls(kernel).items():
+        arrays = [states[x] for x in reads]
+        batch = call(*arrays)
+        single = np.array([call(*(x[i] for x in arrays)) for i in range(STATES)])
+        allowed = np.full(STATES, AGREEMENT)
+        if name == "forward_dynamics":
+            allowed *= np.linalg.cond(kernel.mass_matrix(states["q"]))
+        scale = 1.0
+        if name in ("bias_force", "coriolis_matrix", "christoffel", "inverse_dynamics", "residual"):
+            scale = 100.0  # terms that cancel
+        assert (distance(batch, single) <= scale * allowed).all(), name
+
+
+@pytest.mark.parametrize("seed", [700, pytest.param(703, marks=pytest.mark.soak)])
+@pytest.mark.parametrize("flags", [(), ("-DEOMGEN_VECTOR=0",), ("-mavx2",), ("-mavx512f",)])
+def test_without_contraction_no_bit_differs(seed: int, flags: tuple[str, ...]) -> None:
+    robot = random_robot(seed, joints=(1, 4), tree=seed % 2 == 0, types=TYPES)
+    kernel, states = eomgen.build(robot, flags=(*flags, "-O1")), random_states(robot, seed)
+    for name, (call, reads) in calls(kernel).items():
+        arrays = [states[x] for x in reads]
+        single = [call(*(x[i] for x in arrays)) for i in range(STATES)]
+        assert np.array_equal(call(*arrays), single), name
+
+
+@pytest.mark.parametrize("seed", [701, 704])
+@pytest.mark.parametrize("native", [False, True])
+def test_a_state_does_not_know_its_neighbours(seed: int, native: bool) -> None:
+    """Any part of a batch, in any order, beside anything: the same bits."""
+    robot = random_robot(seed, joints=(1, 4), tree=seed % 2 == 0, types=TYPES)
+    kernel, states = eomgen.build(robot, native=native, flags=("-O1",)), random_states(robot, seed)
+    states["q"][7] *= 1e6  # sines of large angles go another way
+    order = np.random.default_rng(seed).permutation(STATES)
+    for name, (call, reads) in calls(kernel).items():
+        arrays = [states[x] for x in reads]
+        whole = call(*arrays)
+        assert np.array_equal(call(*(x[order] for x in arrays)), whole[order]), name
+        for part in (slice(0, 1), slice(3, 5), slice(2, 11), slice(STATES - 1, STATES)):
+            assert np.array_equal(call(*(x[part] for x in arrays)), whole[part]), (name, part)
+
+
+def test_one_state_beside_a_batch_stands_for_all_of_it(built: Build) -> None:
+    robot = random_robot(702, joints=(2, 3), types=TYPES)
+    kernel, states = built(robot), random_states(robot, 702)
+    for name, reads in READS.items():
+        if len(reads) > 1:
+            call, others = getattr(kernel, name), [states[x] for x in reads[1:]]
+            repeated = np.tile(states["q"][3], (STATES, 1))
+            assert np.array_equal(call(states["q"][3], *others), call(repeated, *others)), name
+
+
+def test_threads_change_nothing() -> None:
+    kernel = eomgen.build(eomgen.load_robot("ur5"))
+    rng = np.random.default_rng(1)
+    q, v, a = rng.uniform(-3, 3, (3, 1999, 6))
+    expected = kernel.inverse_dynamics(q, v, a), kernel.inverse_dynamics(q[0], v, a[5])
+    assert kernel.threads == 1
+    for threads in (2, 3, 7):
+        kernel.threads = threads
+        assert np.array_equal(kernel.inverse_dynamics(q, v, a), expected[0])
+        assert np.array_equal(kernel.inverse_dynamics(q[0], v, a[5]), expected[1])
+    assert np.array_equal(kernel.frame_pose(q, "tcp")[5], kernel.frame_pose(q[5:6], "tcp")[0])
+
+
+@pytest.mark.parametrize("number", [0, -1, 1.5, True, "2", None])
+def test_numbers_of_threads_that_cannot_be(number: object, built: Build) -> None:
+    kernel = built(eomgen.load_robot("one_link"))
+    with pytest.raises(InputError, match="threads"):
+        kernel.threads = number
+
+
+@pytest.mark.parametrize("threads", [1, 4])
+def test_the_first_state_that_cannot_be_solved_is_named(threads: int, built: Build) -> None:
+    link = Link("body", 2.0, (0.1, 0.0, 0.0), (0.1, 0.2, 0.3, 0.0, 0.0, 0.0))
+    joint = Joint("free", "base", "body", "free", coordinates={name: Coordinate() for name in COORDINATES})
+    kernel = built(Robot("floating", (0.0, 0.0, -9.81), (link,), (joint,)))
+    kernel.threads = threads
+    q, still = np.zeros((3000, 6)), np.zeros(6)
+    for state in (2999, 1501, 733):
+        q[state, 4] = np.pi / 2
+        with pytest.raises(SingularError, match=f"free.beta in state {state}"):
+            kernel.forward_dynamics(q, still, still)
+    kernel.threads = 1
+
+
+def test_memory_behind_the_arrays_is_not_touched(built: Build) -> None:
+    kernel = built(eomgen.load_robot("ur5"))
+    rng = np.random.default_rng(2)
+    for count in range(1, 18):
+        q = rng.uniform(-3, 3, (count, 6))
+        room = np.full((count + 2, 6, 6), np.nan)
+        kernel.mass_matrix(q, out=room[1:-1])
+        assert np.isnan(room[[0, -1]]).all()
+        assert np.isfinite(room[1:-1]).all()

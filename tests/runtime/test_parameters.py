@@ -1,0 +1,366 @@
+"""Run-time parameters: an assignment takes effect without recompiling, and equals another description."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from typing import Any
+from unittest import mock
+
+import numpy as np
+import pytest
+
+import eomgen
+from eomgen.description.load import robot_from_toml
+from eomgen.errors import InputError, UnknownNameError
+from eomgen.robot.parameter_names import parameters
+from eomgen.robot.value import COORDINATE_NUMBERS, COORDINATES, INERTIA_KEYS, LINEAR, Coordinate, Placement, Robot
+from tests.conftest import Build
+from tests.support.random_robots import random_placement, random_robot, random_state, seeds
+
+TOLERANCE = 1e-11
+
+
+def everything_tunable(robot: Robot) -> Robot:
+    return replace(robot, tunable=tuple(".".join(item.path) for item in parameters(robot)))
+
+
+def changed(robot: Robot, values: Mapping[str, float]) -> Robot:
+    """The description with other numbers, and nothing tunable."""
+
+    def number(name: str, old: float | None) -> float | None:
+        return values.get(name, old)
+
+    def triple(prefix: str, old: tuple[float, ...], keys: Any) -> Any:
+        return tuple(number(f"{prefix}.{key}", value) for key, value in zip(keys, old, strict=True))
+
+    def placed(owner: str, old: Placement) -> Placement:
+        xyz = triple(f"{owner}.placement.xyz", old.xyz, range(3))
+        if old.rpy is None:
+            return Placement(xyz, old.rotation)
+        return Placement.from_rpy(xyz, triple(f"{owner}.placement.rpy", old.rpy, range(3)))
+
+    def coordinate(owner: str, old: Coordinate) -> Coordinate:
+        return Coordinate(**{key: number(f"{owner}.{key}", getattr(old, key)) for key in COORDINATE_NUMBERS})
+
+    links = [
+        replace(
+            link,
+            mass=number(f"links.{link.name}.mass", link.mass),
+            com=triple(f"links.{link.name}.com", link.com, LINEAR),
+            inertia=triple(f"links.{link.name}.inertia", link.inertia, INERTIA_KEYS),
+        )
+        for link in robot.links
+    ]
+    joints = [
+        replace(
+            joint,
+            placement=placed(f"joints.{joint.name}", joint.placement),
+            coordinates={k: coordinate(f"joints.{joint.name}.{k}", c) for k, c in joint.coordinates.items()},
+            offset=tuple(
+                number(f"joints.{joint.name}.offset.{key}", value)
+                for key, value in zip(COORDINATES, joint.offset, strict=True)
+            ),
+        )
+        for joint in robot.joints
+    ]
+    frames = [replace(frame, placement=placed(f"frames.{frame.name}", frame.placement)) for frame in robot.frames]
+    return replace(
+        robot,
+        gravity=triple("gravity", robot.gravity, LINEAR),
+        links=tuple(links),
+        joints=tuple(joints),
+        frames=tuple(frames),
+        tunable=(),
+    )
+
+
+def results(kernel: eomgen.Kernel, robot: Robot) -> dict[str, np.ndarray]:
+    """What every kernel gives in one state."""
+    s = random_state(robot, 11)
+    wrench = np.random.default_rng(12).uniform(-5, 5, (len(kernel.links), 6))
+    frames = {f"pose of {name}": kernel.frame_pose(s.q, name) for name in kernel.frames}
+    frames |= {f"jacobian of {name}": kernel.frame_jacobian(s.q, name) for name in kernel.frames}
+    return {
+        "mass_matrix": kernel.mass_matrix(s.q),
+        "bias_force": kernel.bias_force(s.q, s.v),
+        "generalized_force": kernel.generalized_force(s.q, s.v),
+        "external_force": kernel.external_force(s.q, wrench),
+        "residual": kernel.residual(s.q, s.v, s.a, s.u),
+        "inverse_dynamics": kernel.inverse_dynamics(s.q, s.v, s.a),
+        "forward_dynamics": kernel.forward_dynamics(s.q, s.v, s.u),
+        "coriolis_matrix": kernel.coriolis_matrix(s.q, s.v),
+        "christoffel": kernel.christoffel(s.q),
+        "energy": kernel.energy(s.q, s.v),
+        "reactions": kernel.reactions(s.q, s.v, s.a),
+        **frames,
+    }
+
+
+def assert_same(found: Mapping[str, np.ndarray], expected: Mapping[str, np.ndarray], size: float) -> None:
+    for name, value in expected.items():
+        limit = 1e-9 if name == "forward_dynamics" else TOLERANCE
+        assert np.abs(found[name] - value).max() <= limit * max(size, np.abs(value).max()), name
+
+
+@pytest.mark.parametrize("seed", seeds(600, 1, 3))
+def test_all_numbers_as_parameters(seed: int, built: Build) -> None:
+    """Masses, centres, inertias, placements, springs, rotors, gravity: one kernel, two descriptions."""
+    plain = random_robot(seed, joints=(2, 3), max_size=6, tree=True)
+    plain = replace(
+        plain, frames=(replace(plain.frames[0], placement=Placement.from_rpy((0.1, 0.2, 0.3), (0.4, 0.5, 0.6))),)
+    )
+    robot = everything_tunable(plain)
+    kernel = built(robot)
+    assert sorted(kernel.parameters) == sorted(robot.tunable)
+    size = float(np.abs(results(kernel, robot)["inverse_dynamics"]).max())
+    assert_same(results(kernel, robot), results(built(plain), robot), size)
+
+    rng = np.random.default_rng(seed)
+    other = {name: value * rng.uniform(0.9, 1.1) + rng.uniform(0, 0.05) for name, value in kernel.parameters.items()}
+    before = results(kernel, robot)
+    kernel.parameters.update(other)
+    assert dict(kernel.parameters) == other
+    after = results(kernel, robot)
+    assert_same(after, results(built(changed(robot, other)), robot), size)
+    assert all(
+        not np.array_equal(before[name], after[name])
+        for name in before
+        if name != "pose of base" and "jacobian" not in name
+    )
+
+
+def test_one_parameter_at_a_time(built: Build) -> None:
+    """Each of them reaches the kernels, and reaches what it should."""
+    rng = np.random.default_rng(3)
+    robot = random_robot(603, joints=(2, 2), types=("revolute",), max_coordinates=3)
+    last = robot.joints[-1]
+    joint = replace(last, placement=Placement.from_rpy((0.1, 0.0, 0.3), (np.pi / 2, 0.2, 0.0)))
+    robot = replace(
+        robot, joints=(*robot.joints[:-1], joint), frames=(replace(robot.frames[0], placement=random_placement(rng)),)
+    )
+    robot = everything_tunable(robot)
+    kernel = built(robot)
+    reference = results(kernel, robot)
+    for name, value in list(kernel.parameters.items()):
+        kernel.parameters[name] = value + 0.125
+        assert kernel.parameters[name] == value + 0.125
+        found = results(kernel, robot)
+        differs = {key for key in found if not np.array_equal(found[key], reference[key])}
+        if name.startswith("frames."):
+            expected = {"pose of tcp"} if ".rpy." in name else {"pose of tcp", "jacobian of tcp"}
+            assert differs == expected, name
+        elif name.startswith("gravity."):
+            assert {"generalized_force", "reactions", "energy"} <= differs, name
+            assert "mass_matrix" not in differs, name
+        elif name.endswith((".stiffness", ".damping")):
+            forces = {"generalized_force", "residual", "inverse_dynamics", "forward_dynamics"}
+            assert differs == forces | ({"energy"} if name.endswith("stiffness") else set()), name
+        elif name.endswith((".mass", ".armature", ".com.x")):
+            assert "forward_dynamics" in differs or "reactions" in differs, name
+        kernel.parameters[name] = value
+        assert all(np.array_equal(x, reference[key]) for key, x in results(kernel, robot).items()), name
+
+
+def test_springs_dampers_and_gravity_are_always_parameters(built: Build) -> None:
+    kernel = built(eomgen.load_robot("one_link"))
+    assert dict(kernel.parameters) == {
+        "gravity.x": 0.0,
+        "gravity.y": -9.81,
+        "gravity.z": 0.0,
+        "joints.joint1.x.stiffness": 1e4,
+    }
+    kernel.parameters["gravity.x"] = 2.0
+    kernel.parameters["gravity.y"] = 0.0
+    kernel.parameters["joints.joint1.x.stiffness"] = 50.0
+    q = np.array([0.1, 0.7])
+    expected = [2.0 - 50.0 * 0.1, -0.5 * np.sin(0.7) * 2.0]  # m = 1, half its length 0.5
+    assert np.allclose(kernel.generalized_force(q, 0 * q), expected, rtol=1e-14)
+
+
+TOML = """
+name = "tuned"
+tunable = ["links.*.mass", "links.link1.com", "joints.joint1.gamma.armature", "frames.tcp.placement.rpy.2"]
+[[links]]
+name = "link1"
+mass = 2.0
+inertia = { xx = 0.1, yy = 0.1, zz = 0.1 }
+[[joints]]
+name = "joint1"
+parent = "base"
+child = "link1"
+type = "revolute"
+[[frames]]
+name = "tcp"
+link = "link1"
+placement = { xyz = [0.0, 0.1, 0.0], rpy = [0.0, 0.0, 0.5] }
+"""
+
+
+def test_tunable_of_a_description(built: Build) -> None:
+    """Patterns are expanded; what the description does not give starts at zero."""
+    kernel = built(robot_from_toml(TOML))
+    names = [name for name in kernel.parameters if not name.startswith("gravity")]
+    assert names == [
+        "links.link1.mass",
+        "links.link1.com.x",
+        "links.link1.com.y",
+        "links.link1.com.z",
+        "joints.joint1.gamma.armature",
+        "frames.tcp.placement.rpy.2",
+    ]
+    assert kernel.parameters["joints.joint1.gamma.armature"] == 0.0
+    assert kernel.mass_matrix([0.0]) == pytest.approx(0.1)
+    kernel.parameters["joints.joint1.gamma.armature"] = 0.25
+    kernel.parameters["links.link1.com.x"] = 0.5
+    assert kernel.mass_matrix([0.0]) == pytest.approx(0.1 + 0.25 + 2.0 * 0.25)
+    kernel.parameters["frames.tcp.placement.rpy.2"] = 0.0
+    assert np.allclose(kernel.frame_pose([0.0], "tcp")[:3, :3], np.eye(3), atol=1e-15)
+
+
+def refusal(call: Callable[[], Any], error: type[Exception] = InputError) -> str:
+    with pytest.raises(error) as caught:
+        call()
+    return str(caught.value)
+
+
+def test_what_cannot_be_assigned(built: Build) -> None:
+    parameters = built(robot_from_toml(TOML)).parameters
+    before = dict(parameters)
+
+    def assign(name: Any, value: Any) -> Callable[[], None]:
+        return lambda: parameters.__setitem__(name, value)
+
+    message = refusal(assign("links.link1.mas", 1.0), UnknownNameError)
+    assert "'links.link1.mas' is not a run-time parameter of tuned; did you mean 'links.link1.mass'?" in message
+    assert "tunable" in message
+    assert "not a run-time parameter" in refusal(assign("links.link1.inertia.xx", 1.0), UnknownNameError)
+    assert "not a run-time parameter" in refusal(lambda: parameters["joints.joint2.x.stiffness"], UnknownNameError)
+    assert "not a run-time parameter" in refusal(assign(3, 1.0), UnknownNameError)
+    assert (
+        refusal(assign("links.link1.mass", -1.0))
+        == "parameters: links.link1.mass = -1.0 is negative; at least 0 is allowed"
+    )
+    assert "is negative" in refusal(assign("joints.joint1.gamma.armature", -1e-9))
+    for bad in (np.nan, np.inf, -np.inf):
+        assert refusal(assign("links.link1.com.x", bad)) == f"parameters: links.link1.com.x = {bad!r} is not finite"
+    for bad in ("1.0", None, 1j, True, np.zeros(1), [1.0]):
+        assert "is not a number" in refusal(assign("links.link1.com.x", bad))
+    assert "cannot be removed" in refusal(lambda: parameters.pop("links.link1.mass"))
+    with pytest.raises(InputError):  # all or nothing
+        parameters.update({"links.link1.mass": 9.0, "links.link1.com.x": np.nan})
+    assert dict(parameters) == before
+    parameters["links.link1.com.x"] = np.float32(-0.5)
+    parameters["links.link1.mass"] = np.int64(3)
+    assert (parameters["links.link1.com.x"], parameters["links.link1.mass"]) == (-0.5, 3.0)
+
+
+def test_kernels_do_not_share_parameters(built: Build) -> None:
+    robot = eomgen.load_robot("one_link")
+    one, other = built(robot), built(robot)
+    q = np.array([0.0, 0.3])
+    before = other.generalized_force(q, q)
+    one.parameters["gravity.y"] = 0.0
+    assert other.parameters["gravity.y"] == -9.81
+    assert np.array_equal(other.generalized_force(q, q), before)
+    assert built(robot).parameters["gravity.y"] == -9.81
+    assert not np.array_equal(one.generalized_force(q, q), before)
+
+
+def test_single_precision_parameters(built: Build) -> None:
+    kernel = built(eomgen.load_robot("one_link"), dtype="float32")
+    assert kernel.parameters["gravity.y"] == float(np.float32(-9.81))
+    kernel.parameters["gravity.y"] = 0.0
+    assert (kernel.generalized_force([0.0, 0.3], [0.0, 0.0]) == 0.0).all()
+
+
+def test_threads_that_assign_different_parameters(built: Build) -> None:
+    """None of the assignments is lost."""
+    kernel = built(everything_tunable(random_robot(603, joints=(3, 3), types=("revolute",))))
+    names = list(kernel.parameters)[:8]
+
+    def assign(name: str) -> None:
+        for i in range(300):
+            kernel.parameters[name] = float(i)
+
+    threads = [threading.Thread(target=assign, args=(name,)) for name in names]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert [kernel.parameters[name] for name in names] == [299.0] * len(names)
+
+
+def test_threads_that_call_while_parameters_change(built: Build) -> None:
+    """A call sees the parameters of before or of after, never a mixture."""
+    robot = everything_tunable(random_robot(603, joints=(3, 3), types=("revolute",)))
+    kernel, s = built(robot), random_state(robot, 1)
+    q, v, a = (np.tile(x, (50, 1)) for x in (s.q, s.v, s.a))
+    first = dict(kernel.parameters)
+    second = {name: value + 0.25 for name, value in first.items()}
+    kernel.parameters.update(second)
+    expected = [kernel.inverse_dynamics(q[:1], v[:1], a[:1])]
+    kernel.parameters.update(first)
+    expected.append(kernel.inverse_dynamics(q[:1], v[:1], a[:1]))
+    assert not np.array_equal(*expected)
+    stop, wrong, seen = threading.Event(), [], set()
+
+    def call() -> None:
+        while not stop.is_set():
+            found = kernel.inverse_dynamics(q, v, a)
+            which = [i for i, x in enumerate(expected) if np.array_equal(found, np.tile(x, (50, 1)))]
+            seen.update(which)
+            if not which:
+                wrong.append(found)
+
+    threads = [threading.Thread(target=call) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for _ in range(200):
+        kernel.parameters.update(second)
+        kernel.parameters.update(first)
+    stop.set()
+    for thread in threads:
+        thread.join()
+    assert not wrong
+    assert seen
+
+
+def test_kernels_of_one_code_have_parameters_of_their_own(built: Build) -> None:
+    """Threads that each have another stiffness get what a kernel alone gets, to the bit."""
+    robot = eomgen.load_robot("one_link")
+    kernel = built(robot, "inverse_dynamics", "forward_dynamics", "rollout")
+    name = "joints.joint1.x.stiffness"
+    stiffnesses = np.linspace(5e3, 2e4, 16)
+    others = [kernel.with_parameters({name: k}) for k in stiffnesses]
+    again = others[3].with_parameters()
+    others[3].parameters[name] = 1.0
+    assert again.parameters[name] == stiffnesses[3]
+    others[3].parameters[name] = stiffnesses[3]
+    assert kernel.parameters[name] == 1e4
+    q, v = np.array([1e-3, 0.3]), np.array([0.0, 0.4])
+
+    def motion(one: eomgen.Kernel) -> np.ndarray:
+        return one.rollout(q, v, np.zeros(2), 1e-4, 3000)[0]
+
+    with ThreadPoolExecutor(4) as pool:
+        together = list(pool.map(motion, others))
+    for k, found in zip(stiffnesses, together, strict=True):
+        kernel.parameters[name] = float(k)
+        assert (motion(kernel) == found).all()
+    spring = kernel.inverse_dynamics(q, 0 * q, 0 * q) - others[0].inverse_dynamics(q, 0 * q, 0 * q)
+    assert spring[0] == pytest.approx((stiffnesses[-1] - stiffnesses[0]) * q[0], rel=1e-10)
+    with pytest.raises(eomgen.UnknownNameError, match="joint1"):
+        kernel.with_parameters({"joints.joint1.x.stifness": 1.0})
+
+
+def test_absent_parameters_are_asked_for_quickly(built: Build) -> None:
+    """No message with the nearest name is made for ``get`` and ``in``."""
+    kernel = built(eomgen.load_robot("one_link"), "inverse_dynamics")
+    assert kernel.parameters.get("joints.joint1.x.clearance", 7.0) == 7.0
+    assert kernel.parameters.get("joints.joint1.x.stiffness", 7.0) == 1e4
+    assert "joints.joint1.x.clearance" not in kernel.parameters
+    with mock.patch("eomgen.runtime.parameters.nearest", side_effect=AssertionError):
+        kernel.parameters.get("nothing")

@@ -1,0 +1,138 @@
+"""Streams: a writer that is killed leaves what it had written; a whole one equals the result."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import eomgen
+from eomgen.cli import entry as cli
+from eomgen.errors import InputError
+from eomgen.scenario.load import scenario_from_toml
+from eomgen.simulation.run import run_scenario
+from eomgen.simulation.stream import MotionStream
+
+zarr = pytest.importorskip("zarr")  # which needs Python 3.11
+
+SHAKE = "\n".join(
+    f"[[prescribed]]\ntype = 'harmonic'\ncoordinate = 'mount.{name}'\namplitude = 0.02\nfrequency = 1.0"
+    for name in ("x", "y", "z", "alpha", "beta", "gamma")
+)
+
+
+def test_a_stream_has_what_the_result_has(tmp_path: Path) -> None:
+    """Over several pieces, with prescribed coordinates."""
+    text = (
+        "duration = 0.3\noutput_step = 1e-3\n[control]\ntype = 'computed_torque'\n"
+        f"[[wrenches]]\nlink = 'link3'\nforce = [1, 0, 0]\nt0 = 0.0995\nt1 = 0.2\n{SHAKE}\n"
+    )
+    result = run_scenario(eomgen.load_robot("shaken_arm"), scenario_from_toml(text), stream=tmp_path / "run.zarr")
+    found = eomgen.load_stream(tmp_path / "run.zarr")
+    assert found.complete
+    assert found.coordinates == result.trajectory.coordinates
+    for name in ("t", "q", "v"):
+        assert np.array_equal(getattr(found, name), getattr(result.trajectory, name)), name
+    assert found.meta["robot_hash"] == result.robot_hash
+    assert found.meta["scenario"] == dict(result.scenario)
+    for name in ("mount.x", "elbow.gamma.rate"):
+        ours, theirs = found.series(name), result.series(name)
+        assert (ours.unit, ours.values.tolist()) == (theirs.unit, theirs.values.tolist())
+    with pytest.raises(InputError, match=r"'elbow\.x' is unknown"):
+        found.series("elbow.x")
+    with pytest.raises(InputError, match=r"run\.zarr: is not empty"):
+        run_scenario(eomgen.load_robot("shaken_arm"), scenario_from_toml(text), stream=tmp_path / "run.zarr")
+
+
+HOW = "output_step = 0.01\n[initial]\nv = { joint1 = 1.0 }\n[integrator]\nmethod = 'rk4'\nstep = 1e-3\n"
+LONG = """
+import sys, eomgen
+from eomgen.simulation import run_scenario
+from eomgen.scenario import scenario_from_toml
+run_scenario(eomgen.load_robot("one_link"), scenario_from_toml("duration = 2e3\\n" + sys.argv[2]), stream=sys.argv[1])
+"""
+
+
+def test_a_killed_simulation_leaves_what_it_had(tmp_path: Path) -> None:
+    """SIGKILL in the middle; what is there equals an undisturbed run of that length."""
+    folder = tmp_path / "run.zarr"
+    writer = subprocess.Popen([sys.executable, "-c", LONG, str(folder), HOW])
+    try:
+        deadline = time.monotonic() + 120.0
+        while not (folder / "t" / "c" / "1").exists():
+            assert writer.poll() is None
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+    finally:
+        writer.send_signal(signal.SIGKILL)
+        writer.wait()
+    assert writer.returncode == -signal.SIGKILL
+    found = eomgen.load_stream(folder)
+    assert not found.complete
+    assert 256 < found.t.size < 200_000
+    assert np.isfinite(found.q).all()
+    assert np.isfinite(found.v).all()
+    assert np.allclose(np.diff(found.t), 0.01)
+    end = float(found.t[300])
+    text = f"duration = {end}\n{HOW}"
+    whole = run_scenario(eomgen.load_robot("one_link"), scenario_from_toml(text))
+    assert np.abs(found.q[:301] - whole.trajectory.q).max() < 1e-9
+
+
+HASTY = """
+import sys, numpy as np
+from eomgen.simulation.stream import MotionStream
+stream = MotionStream(sys.argv[1], ["a.x", "b.gamma", "c.z"], 1_000_000, {})
+for i in range(1_000_000):
+    row = np.full((1, 3), float(i))
+    stream.append(np.array([float(i)]), row, -row)
+    if i % 7 == 0:
+        stream.flush()
+"""
+
+
+@pytest.mark.parametrize("delay", [0.05, 0.11, 0.23, 0.37])
+def test_a_writer_that_is_killed_while_it_writes(delay: float, tmp_path: Path) -> None:
+    """A writer that does nothing else is hit inside a write: whatever t says is there, is there."""
+    folder = tmp_path / "s"
+    writer = subprocess.Popen([sys.executable, "-c", HASTY, str(folder)])
+    while not (folder / "t" / "c" / "0").exists():
+        assert writer.poll() is None
+        time.sleep(0.01)
+    time.sleep(delay)
+    os.kill(writer.pid, signal.SIGKILL)
+    writer.wait()
+    found = eomgen.load_stream(folder)
+    expected = np.arange(float(found.t.size))
+    assert found.t.size > 0
+    assert np.array_equal(found.t, expected)
+    for values, sign in ((found.q, 1.0), (found.v, -1.0)):
+        assert np.array_equal(values, np.repeat(sign * expected[:, np.newaxis], 3, axis=1))
+    assert not found.complete
+
+
+def test_what_is_no_stream(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "file").write_text("x")
+    for folder in (tmp_path / "none", tmp_path):
+        with pytest.raises(InputError, match="is no stream of a simulation"):
+            eomgen.load_stream(folder)
+    with pytest.raises(InputError, match="cannot be written"):
+        MotionStream(tmp_path / "file", ["a.x"], 3, {})
+    monkeypatch.setitem(sys.modules, "zarr", None)
+    with pytest.raises(InputError, match=r'pip install "eomgen\[sweep\]"'):
+        eomgen.load_stream(tmp_path)
+
+
+def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "s.toml").write_text("duration = 0.05\n")
+    arguments = ["simulate", "one_link", "--no-plots", "-o", str(tmp_path), "--stream", str(tmp_path / "z")]
+    assert cli.main([*arguments, "--scenario", str(tmp_path / "s.toml")]) == 0
+    assert eomgen.load_stream(tmp_path / "z").complete
+    assert cli.main(arguments) == 1
+    assert "--stream: given without --scenario" in capsys.readouterr().err

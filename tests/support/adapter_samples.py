@@ -1,0 +1,67 @@
+"""Robots with everything that forces can be, and states of them, for the adapters' tests."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+import eomgen
+from eomgen.adapters.mappings import FRAMES, FUNCTIONS, DifferentiableFunction, kernels_for
+from eomgen.robot.value import Robot
+from tests.oracles.force_laws import KINDS as LAWS
+from tests.oracles.force_laws import with_laws
+from tests.oracles.springs import with_springs
+from tests.support.random_motors import geared_robot, motor_state
+from tests.support.random_robots import Array, random_robot, random_state, with_random_loops
+
+KINDS = ("plain", "laws", "motors", "springs", "loops")
+TYPES = ("revolute", "prismatic", "fixed", "free")
+
+
+def sample(seed: int) -> Robot:
+    """A random robot; its forces, motors or loops are chosen by the seed."""
+    kind = KINDS[seed % len(KINDS)]
+    if kind == "motors":
+        return geared_robot(seed, (1, 3), kinds=LAWS, prescribed=0.3)
+    robot = random_robot(
+        seed, joints=(2, 3), tree=seed % 2 == 0, types=TYPES, rods=False
+    )  # a rod about its axis: no inverse
+    if kind == "loops":
+        return with_random_loops(robot, seed, ("spherical", "revolute"))
+    return {"plain": lambda r, _: r, "laws": with_laws, "springs": with_springs}[kind](robot, seed)
+
+
+def states(robot: Robot, kernel: eomgen.Kernel, seed: int) -> dict[str, Array]:
+    """A random state and wrenches by the names of arrays."""
+    s = (motor_state if kernel.motors else random_state)(robot, seed)
+    wrench = np.random.default_rng(seed).uniform(-2.0, 2.0, (len(kernel.links), 6))
+    return {"q": s.q, "v": s.v, "a": s.a, "u": s.u, "wrench": wrench}
+
+
+def built_for(robot: Robot, built: Callable[..., eomgen.Kernel]) -> eomgen.Kernel:
+    """With all that the adapters can use."""
+    return built(robot, *kernels_for(*names_of(robot)))
+
+
+def names_of(robot: Robot) -> list[str]:
+    return [name for name in FUNCTIONS if name != "constraint" or robot.loops]
+
+
+def functions_of(robot: Robot, kernel: eomgen.Kernel) -> Iterator[DifferentiableFunction]:
+    """All of them, those of frames for the tool."""
+    for name in names_of(robot):
+        yield DifferentiableFunction(kernel, name, "tcp" if name in FRAMES else None, cut=True)
+
+
+def differences(function: DifferentiableFunction, arrays: list[Array], at: int, step: float = 1e-5) -> Array:
+    """Central differences by one argument: (output shape, its shape)."""
+    columns = []
+    for place in np.ndindex(arrays[at].shape):
+        ends = []
+        for sign in (1.0, -1.0):
+            moved = [array.copy() for array in arrays]
+            moved[at][place] += sign * step
+            ends.append(function.value(*moved))
+        columns.append((ends[0] - ends[1]) / (2.0 * step))
+    return np.moveaxis(np.array(columns), 0, -1).reshape(*function.output, *arrays[at].shape)

@@ -1,0 +1,130 @@
+"""What must hold for every file, whatever is in it; as a program, for many mutants within limits of time and memory.
+
+    python -m tests.support.fuzzing KIND FIRST COUNT
+
+prints a line of JSON: how many were accepted, the slowest one in s of processor time, and the memory used, MB.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import resource
+import signal
+import sys
+import tempfile
+import time
+import warnings
+from pathlib import Path
+from typing import Any
+
+from eomgen.description.load import load_robot, robot_from_mjcf, robot_from_toml, robot_from_urdf
+from eomgen.errors import DescriptionError, EomgenWarning, InputError
+from eomgen.robot.model import build_model
+from eomgen.robot.value import Robot
+from eomgen.scenario.load import scenario_from_toml
+from eomgen.sweep.plan import plan_from_toml
+from tests.support.mutations import mutant
+
+SECONDS, MEGABYTES = 2.0, 512  # of one description
+LENGTH = 900
+KINDS = {
+    "toml": lambda text, folder: robot_from_toml(text, source="r.toml", folder=folder),
+    "urdf": lambda text, folder: robot_from_urdf(text, source="r.urdf", inertia="project", urdf_damping=True),
+    "mjcf": lambda text, folder: robot_from_mjcf(text, source="r.mjcf", inertia="project"),
+    "scenario": lambda text, folder: scenario_from_toml(text, source="s.toml", folder=folder),
+    "plan": lambda text, folder: plan_from_toml(text, source="p.toml"),
+}
+
+
+class TooSlowError(Exception):
+    """A description took more than SECONDS of processor time."""
+
+
+def accepted(kind: str, content: bytes, folder: Path) -> Any:
+    """What the file is, or None where it is refused; any other exception, or a message that is none, is an error."""
+    try:
+        try:
+            text = content.decode("utf-8-sig")
+        except UnicodeDecodeError:  # the way of a file
+            if kind not in ("toml", "urdf", "mjcf"):
+                return None
+            path = folder / f"mutant.{kind}"
+            path.write_bytes(content)
+            load_robot(path)
+            raise AssertionError("no UTF-8, and yet it was read") from None
+        made = KINDS[kind](text, folder)
+        if isinstance(made, Robot):
+            check_robot(made)
+            build_model(made)
+        return made
+    except InputError as error:
+        check_message(error)
+    return None
+
+
+def check_message(error: InputError) -> None:
+    message = str(error)
+    assert message.isascii(), message
+    assert message.isprintable(), repr(message)
+    assert len(message) < LENGTH, message
+    assert isinstance(error, DescriptionError) or "allowed" in message, message
+    assert error.__cause__ is None
+
+
+def check_robot(robot: Robot) -> None:
+    """Names are identifiers, numbers are finite, notes are lines of ASCII."""
+    items = (*robot.links, *robot.joints, *robot.frames, *robot.loops, *robot.springs)
+    for name in (robot.name, robot.base, *(item.name for item in items)):
+        assert re.fullmatch("[A-Za-z_][A-Za-z0-9_]*", name)
+    for link in robot.links:
+        assert all(map(math.isfinite, (link.mass, *link.com, *link.inertia)))
+    for joint in robot.joints:
+        rows = (*joint.placement.rotation, *joint.axis_turn, joint.placement.xyz)
+        assert all(math.isfinite(value) for row in rows for value in row)
+    assert all(note.isascii() and note.isprintable() for note in robot.notes)
+
+
+def late(*_: object) -> None:
+    raise TooSlowError
+
+
+def memory() -> int:
+    """Bytes of address space in use."""
+    return int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+
+
+def limit_memory() -> None:
+    """MEGABYTES more than now, at most."""
+    most = memory() + MEGABYTES * 2**20
+    resource.setrlimit(resource.RLIMIT_AS, (most, most))
+
+
+def run(kind: str, first: int, count: int) -> dict[str, Any]:
+    """Mutants of these seeds; AssertionError with the seed for one that is not handled."""
+    warnings.simplefilter("error")
+    warnings.simplefilter("ignore", EomgenWarning)
+    signal.signal(signal.SIGPROF, late)
+    found, slowest, began = 0, 0.0, time.process_time()
+    with tempfile.TemporaryDirectory() as folder:
+        for seed in range(first, first + count):
+            content = mutant(kind, seed)
+            signal.setitimer(signal.ITIMER_PROF, SECONDS)
+            start = time.process_time()
+            try:
+                found += accepted(kind, content, Path(folder)) is not None
+            except BaseException as error:
+                signal.setitimer(signal.ITIMER_PROF, 0)
+                raise AssertionError(f"{kind} {seed}: {content[:3000]!r}") from error
+            slowest = max(slowest, time.process_time() - start)
+        signal.setitimer(signal.ITIMER_PROF, 0)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
+    return {"accepted": found, "slowest": slowest, "peak": peak, "seconds": time.process_time() - began}
+
+
+if __name__ == "__main__":
+    name, *numbers = sys.argv[1:]
+    accepted(name, mutant(name, 0), Path())  # what is imported on first use is no part of a description's memory
+    limit_memory()
+    print(json.dumps(run(name, *map(int, numbers))))

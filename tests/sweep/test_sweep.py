@@ -1,0 +1,438 @@
+"""Sweeps against closed forms, against SciPy's integrators, and against themselves in other orders of work."""
+
+from __future__ import annotations
+
+import json
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from multiprocessing import get_context
+from pathlib import Path
+from unittest import mock
+
+import numpy as np
+import pytest
+
+import eomgen
+from eomgen.cli import entry as cli
+from eomgen.description.load import robot_from_toml
+from eomgen.errors import InputError
+from eomgen.pipeline.cache import VARIABLE
+from eomgen.robot.value import Robot
+from eomgen.scenario.load import scenario_from_toml
+from eomgen.simulation.run import run_scenario
+from eomgen.sweep.driver import Parcel, prepare, run, work
+from eomgen.sweep.plan import plan_from_toml
+from eomgen.sweep.result import SweepResult
+from eomgen.sweep.shipping import builds_of, pack, source_keys, unpack
+from eomgen.sweep.store import ROWS, opened
+
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
+SLIDER = """
+name = "slider"
+gravity = [0.0, 0.0, 0.0]
+links = [{ name = "mass", mass = 2.0, com = [0.0, 0.0, 0.0] }]
+[[joints]]
+name = "rail"
+parent = "base"
+child = "mass"
+type = "prismatic"
+z = { stiffness = 800.0, damping = 0.0 }
+"""
+RELEASE = {"duration": 0.7, "initial": {"q": {"rail": 0.1}}}
+ARM = """
+name = "bending_arm"
+links = [
+  { name = "upper", mass = 3.0, com = [0.3, 0.0, 0.0], inertia = { xx = 0.01, yy = 0.1, zz = 0.1 } },
+  { name = "fore", mass = 1.5, com = [0.2, 0.0, 0.0], inertia = { xx = 0.005, yy = 0.03, zz = 0.03 } },
+]
+[[joints]]
+name = "shoulder"
+parent = "base"
+child = "upper"
+type = "revolute"
+placement = { xyz = [0.0, 0.0, 0.5], rpy = [1.5707963, 0.0, 0.0] }
+alpha = { stiffness = 4e4, damping = 40.0 }
+[[joints]]
+name = "elbow"
+parent = "upper"
+child = "fore"
+type = "revolute"
+placement = { xyz = [0.6, 0.0, 0.0] }
+x = { stiffness = 5e5, damping = 500.0 }
+[[frames]]
+name = "tcp"
+link = "fore"
+placement = { xyz = [0.4, 0.0, 0.0] }
+"""
+REACH = {"duration": 0.4, "motion": {"type": "point_to_point", "goal": {"shoulder": 0.5, "elbow": -0.4}}}
+STIFF = "[[vary]]\nparameter = 'joints.rail.z.stiffness'\n"
+ARM_PLAN = """
+samples = 40
+seed = 5
+design = "latin_hypercube"
+record = ["tool_deviation_max", "drive_max", "coordinate_end", "reaction_max", "energy_residue"]
+[engine]
+step = 2e-4
+period = 1e-3
+[[vary]]
+parameter = "joints.shoulder.alpha.stiffness"
+normal = { mean = 1.0, deviation = 0.2, low = 0.5, high = 1.5 }
+relative = true
+[[vary]]
+parameter = "links.fore.mass"
+uniform = { low = 1.0, high = 2.0 }
+"""
+
+
+def slider() -> Robot:
+    return robot_from_toml(SLIDER)
+
+
+def arm() -> Robot:
+    return robot_from_toml(ARM)
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory: pytest.TempPathFactory) -> SweepResult:
+    return run(arm(), REACH, plan_from_toml(ARM_PLAN), tmp_path_factory.mktemp("sweep") / "one", threads=1)
+
+
+def same(a: SweepResult, b: SweepResult) -> bool:
+    return bool(
+        (a.index == b.index).all()
+        and a.samples.tobytes() == b.samples.tobytes()
+        and a.record.tobytes() == b.record.tobytes()
+        and a.errors == b.errors
+    )
+
+
+# What samples are
+
+
+@pytest.mark.parametrize(
+    ("engine", "tolerance"),
+    [
+        ("method = 'rk4'\nstep = 1e-4", 1e-9),
+        ("step = 1e-4", 1e-4),
+        pytest.param("type = 'integrate'", 1e-5, marks=pytest.mark.soak),
+    ],
+)
+def test_a_mass_on_springs_of_many_stiffnesses(tmp_path: Path, engine: str, tolerance: float) -> None:
+    """q(T) = q0 exp(-d T) (cos w T + d/w sin w T), d = c / 2m, w^2 = k/m - d^2; also swept: c, m, q0 and T."""
+    plan = plan_from_toml(
+        f"samples = 30\nrecord = ['coordinate_end']\n[engine]\n{engine}\n"
+        f"{STIFF}uniform = {{ low = 200.0, high = 2000.0 }}\n"
+        "[[vary]]\nparameter = 'joints.rail.z.damping'\nuniform = { low = 0.0, high = 8.0 }\n"
+        "[[vary]]\nparameter = 'links.mass.mass'\nnormal = { mean = 2.0, deviation = 0.3, low = 1.0 }\n"
+        "[[vary]]\nscenario = 'initial.q.rail'\ngrid = { values = [0.1, -0.2] }\n"
+        "[[vary]]\nscenario = 'duration'\ngrid = { low = 0.7, high = 0.9, count = 2 }\n"
+    )
+    result = run(slider(), RELEASE, plan, tmp_path)
+    assert result.index.size == 30 * 4
+    assert not result.errors
+    k, c, m, q0, T = result.samples.T
+    d = c / (2.0 * m)
+    w = np.sqrt(k / m - d**2)
+    exact = q0 * np.exp(-d * T) * (np.cos(w * T) + d / w * np.sin(w * T))
+    assert np.abs(result.of("coordinate_end.rail.z") - exact).max() < tolerance * 0.2
+
+
+CONTROLS = {
+    "computed_torque": {"control": {"type": "computed_torque", "bandwidth": 20.0}},
+    "pd": {"control": {"type": "pd", "kp": 900.0, "kd": 60.0}},
+    "pd with gravity": {"control": {"type": "pd", "kp": 400.0, "kd": 40.0, "gravity": True}},
+    "loads": {
+        "wrenches": [
+            {"link": "fore", "force": [0.0, 15.0, 5.0], "axes": "link", "point": [0.4, 0, 0], "t0": 0.1, "t1": 0.25}
+        ],
+        "payloads": [{"link": "fore", "mass": 0.4, "point": [0.4, 0.0, 0.0], "t0": 0.2}],
+    },
+}
+
+
+@pytest.mark.parametrize(
+    "case", [pytest.param(name, marks=pytest.mark.soak) if name.startswith("pd") else name for name in CONTROLS]
+)
+def test_rollouts_come_near_scipy_as_their_steps_shrink(tmp_path: Path, case: str) -> None:
+    scenario = {**REACH, **CONTROLS[case], "integrator": {"rtol": 1e-8}}
+    change = "[[vary]]\nparameter = 'joints.shoulder.alpha.stiffness'\ngrid = { values = [2e4, 6e4] }\n"
+    record = "record = ['tool_deviation_max', 'coordinate_end', 'drive_max']\n"
+    found = {}
+    for name, engine in (
+        ("scipy", "type = 'integrate'"),
+        ("coarse", "type = 'rollout'\nstep = 1e-4\nperiod = 2e-3"),
+        ("fine", "type = 'rollout'\nstep = 1e-5\nperiod = 2e-4"),
+    ):
+        result = run(arm(), scenario, plan_from_toml(f"{record}[engine]\n{engine}\n{change}"), tmp_path / name)
+        assert not result.errors
+        found[name] = result.record
+    size = np.abs(found["scipy"]) + 1e-5
+    coarse, fine = (np.abs(found[name] - found["scipy"]) / size for name in ("coarse", "fine"))
+    assert fine.max() < 0.003
+    assert fine.max() < max(0.1 * coarse.max(), 1e-5)  # the integrator's own error is 1e-6 of them
+
+
+@pytest.mark.parametrize(
+    "control",
+    [
+        {"motion": REACH["motion"], "control": {"type": "computed_torque", "bandwidth": 20.0}},
+        {"motion": REACH["motion"], "control": {"type": "pd", "kp": 300.0, "kd": 30.0}},
+        {
+            "initial": {"q": {"shoulder": 0.2}},
+            "control": {"type": "torque", "coordinates": ["shoulder"], "rows": [[0.0, 0.1], [0.2, 0.3], [0.4, 0.2]]},
+        },
+    ],
+    ids=["computed_torque", "pd", "torque"],
+)
+def test_rollouts_drive_motors_as_the_integrator_does(tmp_path: Path, control: dict[str, object]) -> None:
+    """Gears with backlash and friction, under all kinds of control."""
+    scenario = {"duration": 0.4, **control, "integrator": {"rtol": 1e-7}}
+    change = "[[vary]]\nparameter = 'joints.shoulder.motor.stiffness'\ngrid = { values = [1e4, 4e4] }\n"
+    record = "record = ['coordinate_end']\n"
+    found = [
+        run(
+            eomgen.load_robot("geared_arm"),
+            scenario,
+            plan_from_toml(f"{record}[engine]\n{engine}\n{change}"),
+            tmp_path / k,
+        )
+        for k, engine in (("a", "type = 'integrate'"), ("b", "type = 'rollout'\nstep = 1e-5\nperiod = 1e-4"))
+    ]
+    assert not found[0].errors
+    assert not found[1].errors
+    names = [name for name in found[0].columns if not name.endswith("motor")]
+    for name in names:
+        assert np.abs(found[0].of(name) - found[1].of(name)).max() < 1e-4
+
+
+def test_samples_are_robots_of_their_own(tmp_path: Path, swept: SweepResult) -> None:
+    """A sample's numbers are those of a simulation of a robot whose description says so; drives keep their model."""
+    plan = plan_from_toml(
+        "record = ['tool_deviation_max', 'drive_max', 'reaction_max', 'coordinate_end']\n[engine]\ntype = 'integrate'\n"
+        "[[vary]]\nparameter = 'joints.shoulder.alpha.stiffness'\ngrid = { values = [1.5e4] }\n"
+    )
+    result = run(arm(), REACH, plan, tmp_path)
+    changed = robot_from_toml(ARM.replace("stiffness = 4e4", "stiffness = 1.5e4"))
+    text = "duration = 0.4\n[motion]\ntype = 'point_to_point'\ngoal = { shoulder = 0.5, elbow = -0.4 }\n"
+    single = run_scenario(changed, scenario_from_toml(text))
+    assert result.of("tool_deviation_max")[0] == pytest.approx(
+        np.linalg.norm(single.tool_deviation, axis=1).max(), rel=1e-6
+    )
+    u = np.abs(single.trajectory.u).max(axis=0)
+    assert result.of("drive_max.elbow.gamma")[0] == pytest.approx(
+        u[single.trajectory.coordinates.index("elbow.gamma")], rel=1e-6
+    )
+    kernel, motion = eomgen.build(changed), single.trajectory
+    a = kernel.forward_dynamics(motion.q, motion.v, motion.u)
+    force = np.linalg.norm(kernel.reactions(motion.q, motion.v, a)[:, 0, :3], axis=1).max()
+    assert result.of("reaction_max.shoulder.force")[0] == pytest.approx(force, rel=1e-6)
+    assert swept.of("energy_residue").max() < 0.02
+
+
+def test_drives_keep_the_nominal_model(tmp_path: Path) -> None:
+    """A heavier forearm sags under drives that do not know of it, until they give what it needs."""
+    deviations = ("alpha = { stiffness = 4e4, damping = 40.0 }\n", "x = { stiffness = 5e5, damping = 500.0 }\n")
+    text = ARM.replace(deviations[0], "").replace(deviations[1], "")
+    plan = plan_from_toml(
+        "record = ['tracking_max', 'coordinate_end']\n[[vary]]\nparameter = 'links.fore.mass'\n"
+        "grid = { values = [1.0, 2.0] }\nrelative = true\n"
+    )
+    scenario = {"duration": 0.5, "control": {"type": "computed_torque", "bandwidth": 10.0}}
+    result = run(robot_from_toml(text), scenario, plan, tmp_path)
+    assert result.of("tracking_max.elbow.gamma")[0] < 1e-9
+    assert result.of("tracking_max.elbow.gamma")[1] > 1e-3
+    kernel, heavy = (eomgen.build(robot_from_toml(text.replace("mass = 1.5", f"mass = {m}"))) for m in (1.5, 3.0))
+    q = np.array([result.of(f"coordinate_end.{name}")[1] for name in kernel.coordinates])
+    zero = np.zeros(2)
+    needed = heavy.inverse_dynamics(q, zero, zero)
+    assert kernel.inverse_dynamics(q, zero, -100.0 * q) == pytest.approx(needed, abs=1e-6)
+
+
+# Who does what when
+
+
+def test_threads_change_nothing(tmp_path: Path, swept: SweepResult) -> None:
+    assert not swept.errors
+    assert swept.complete
+    assert same(swept, run(arm(), REACH, plan_from_toml(ARM_PLAN), tmp_path, threads=8))
+
+
+def _cache_of_its_own(folder: str) -> None:
+    os.environ[VARIABLE] = folder
+
+
+def test_processes_that_get_their_kernels_sent(tmp_path: Path, swept: SweepResult) -> None:
+    """Workers with an empty cache: source and binary travel, nobody derives or compiles."""
+    empty = tmp_path / "cache"
+    with ProcessPoolExecutor(
+        2, mp_context=get_context("spawn"), initializer=_cache_of_its_own, initargs=(str(empty),)
+    ) as pool:
+        result = run(arm(), REACH, plan_from_toml(ARM_PLAN), tmp_path / "sweep", executor=pool)
+    assert same(swept, result)
+    own = Path(os.environ[VARIABLE])
+    for package in (empty / "packages").iterdir():
+        for path in package.glob("*.so"):
+            assert path.read_bytes() == (own / "packages" / package.name / path.name).read_bytes()
+    assert any((empty / "packages").iterdir())
+
+
+def test_dask_changes_nothing(tmp_path: Path, swept: SweepResult) -> None:
+    distributed = pytest.importorskip("distributed")
+    with (
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=2, dashboard_address=None, worker_dashboard_address=None
+        ) as cluster,
+        distributed.Client(cluster) as client,
+        client.get_executor() as executor,
+    ):
+        assert same(swept, run(arm(), REACH, plan_from_toml(ARM_PLAN), tmp_path, executor=executor))
+
+
+def test_other_machines_compile_what_they_are_sent(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the C library is another one the binary is left out, and SymPy is not asked."""
+    job, design, _ = prepare(
+        slider(),
+        RELEASE,
+        plan_from_toml(f"samples = 2\nrecord = ['coordinate_end']\n{STIFF}uniform = {{ low = 300.0, high = 900.0 }}\n"),
+    )
+    builds = builds_of(job.robot, job.scenario(), job.kernels(job.scenario()))
+    keys, samples = source_keys(builds), [design.values(i) for i in range(2)]
+    expected = work(Parcel(job, builds, keys), None, [0, 1], samples)
+    content = pickle.loads(pickle.dumps(pack(builds)))
+    assert {kind for kind, _ in content.entries} == {"sources", "packages"}
+    monkeypatch.setenv(VARIABLE, str(empty_cache / "other"))
+    unpack(replace(content, machine=("Linux", "x86_64", "glibc", "2.0")), builds, keys)
+    assert not (empty_cache / "other" / "packages").exists()
+    later = replace(job, columns=())  # another key, so that nothing is remembered
+    with (
+        mock.patch("eomgen.pipeline.stages._derive", side_effect=AssertionError),
+        mock.patch("eomgen.sweep.driver._shops", {}),
+    ):
+        assert work(Parcel(later, builds, keys), content, [0, 1], samples) == expected
+    assert (empty_cache / "other" / "packages").exists()
+    with pytest.raises(InputError, match="another one"):
+        unpack(content, builds, ("0" * 64,))
+
+
+def test_a_killed_sweep_goes_on(tmp_path: Path, swept: SweepResult) -> None:
+    """SIGKILL in the middle: what was done stays, byte by byte, and the rest is added."""
+    (tmp_path / "arm.toml").write_text(ARM)
+    (tmp_path / "plan.toml").write_text(ARM_PLAN.replace("samples = 40", "samples = 400"))
+    (tmp_path / "reach.toml").write_text(
+        "duration = 0.4\n[motion]\ntype = 'point_to_point'\ngoal = { shoulder = 0.5, elbow = -0.4 }\n"
+    )
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "eomgen", "sweep", "arm.toml", "--scenario", "reach.toml", "--plan", "plan.toml"]
+    command += ["-o", "out", "--threads", "2", "--no-plots"]
+    process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.DEVNULL)
+    deadline = time.monotonic() + 120.0
+    while time.monotonic() < deadline and (not (out / ROWS).exists() or (out / ROWS).stat().st_size < 4000):
+        time.sleep(0.01)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    before = (out / ROWS).read_bytes()
+    half = SweepResult.load(out)
+    assert 0 < half.index.size < 400
+    assert not half.complete
+    (out / ROWS).write_bytes(before + b'{"index": 399, "sam')  # what a writer leaves that dies within a line
+    subprocess.run(command, cwd=tmp_path, check=True, stdout=subprocess.DEVNULL)
+    after = (out / ROWS).read_bytes()
+    assert after.startswith(before)
+    whole = SweepResult.load(out)
+    assert whole.complete
+    assert len(after.splitlines()) == 400
+    fresh = run(
+        arm(), tmp_path / "reach.toml", plan_from_toml((tmp_path / "plan.toml").read_text()), tmp_path / "fresh"
+    )
+    assert same(whole, fresh)
+
+
+def test_an_interrupt_keeps_what_is_done(tmp_path: Path) -> None:
+    plan = plan_from_toml(ARM_PLAN)
+
+    def stop(fraction: float, text: str) -> None:
+        if fraction > 0.3:
+            assert "per s" in text
+            assert "s left" in text
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run(arm(), REACH, plan, tmp_path, threads=2, progress=stop)
+    some = SweepResult.load(tmp_path)
+    assert 0 < some.index.size < 40
+    asked: list[int] = []
+    run(arm(), REACH, plan, tmp_path, threads=1, progress=lambda fraction, text: asked.append(int(fraction * 40)))
+    assert asked[1] == some.index.size  # after "preparing": it begins where the other ended
+    assert SweepResult.load(tmp_path).complete
+
+
+def test_folders_of_something_else_are_refused(tmp_path: Path) -> None:
+    plan = plan_from_toml(f"record = ['coordinate_end']\n{STIFF}grid = {{ values = [300.0, 400.0] }}\n")
+    run(slider(), RELEASE, plan, tmp_path / "a")
+    with pytest.raises(InputError, match="another plan, scenario or robot"):
+        run(slider(), {**RELEASE, "duration": 0.8}, plan, tmp_path / "a")
+    (tmp_path / "b").mkdir()
+    (tmp_path / "b" / "letter.txt").write_text("dear")
+    with pytest.raises(InputError, match="holds no sweep"):
+        run(slider(), RELEASE, plan, tmp_path / "b")
+    with pytest.raises(InputError, match="holds no sweep"):
+        SweepResult.load(tmp_path / "b")
+    manifest = json.loads((tmp_path / "a" / "sweep.json").read_text())
+    with opened(tmp_path / "a", manifest), pytest.raises(InputError, match="another process"):
+        run(slider(), RELEASE, plan, tmp_path / "a")
+
+
+# Samples that fail
+
+
+def test_failed_samples_do_not_stop_the_rest(tmp_path: Path) -> None:
+    """One parameter is refused, one scenario value is, and one motion diverges; their rows say so."""
+    plan = plan_from_toml(
+        "record = ['coordinate_end']\n[engine]\nmethod = 'rk4'\nstep = 1e-3\n"
+        f"{STIFF}grid = {{ values = [-5.0, 500.0, 1e9] }}\n"
+        "[[vary]]\nscenario = 'duration'\ngrid = { values = [-1.0, 0.2, 0.3] }\n"
+    )
+    result = run(slider(), RELEASE, plan, tmp_path, threads=2)
+    assert sorted(result.errors) == [0, 1, 2, 3, 6, 7, 8]
+    assert "negative" in result.errors[1]
+    assert "duration" in result.errors[3]
+    assert "diverged before" in result.errors[7]
+    expected = 0.1 * np.cos(np.sqrt(250.0) * np.array([0.2, 0.3]))
+    assert result.of("coordinate_end.rail.z")[[4, 5]] == pytest.approx(expected, rel=1e-6)
+    assert np.isnan(result.of("coordinate_end.rail.z")[7])
+    assert "7 failed" in result.lines()[0]
+
+
+def test_neighbours_of_a_failure_are_as_without_it(tmp_path: Path) -> None:
+    """Samples of one batch: the diverging one changes nothing of the others."""
+    plan = "record = ['coordinate_end', 'tool_deviation_max']\n[engine]\nmethod = 'rk4'\nstep = 1e-3\n" + STIFF
+    alone = run(slider(), RELEASE, plan_from_toml(plan + "grid = { values = [300.0, 700.0] }\n"), tmp_path / "a")
+    among = run(
+        slider(), RELEASE, plan_from_toml(plan + "grid = { values = [1e9, 300.0, 2e9, 700.0] }\n"), tmp_path / "b"
+    )
+    assert sorted(among.errors) == [0, 2]
+    assert (among.record[[1, 3]] == alone.record).all()
+
+
+def test_processes_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The same table as with threads; one way at a time."""
+    for name, text in (("r.toml", SLIDER), ("s.toml", "duration = 0.1\n[initial]\nq = { rail = 0.1 }\n")):
+        (tmp_path / name).write_text(text, encoding="ascii")
+    plan = "samples = 5\nrecord = ['coordinate_end']\n" + STIFF + "uniform = { low = 500.0, high = 900.0 }\n"
+    (tmp_path / "p.toml").write_text(plan, encoding="ascii")
+    files = [str(tmp_path / "r.toml"), "--scenario", str(tmp_path / "s.toml"), "--plan", str(tmp_path / "p.toml")]
+    for way in ("threads", "processes"):
+        assert cli.main(["sweep", *files, f"--{way}", "2", "--no-plots", "-o", str(tmp_path / way)]) == 0
+    assert same(*(SweepResult.load(tmp_path / way) for way in ("threads", "processes")))
+    capsys.readouterr()
+    assert cli.main(["sweep", *files, "--threads", "2", "--processes", "2", "-o", str(tmp_path / "x")]) == 1
+    assert "--threads and --processes are given together" in capsys.readouterr().err
+    assert cli.main(["sweep", *files, "--processes", "0", "-o", str(tmp_path / "x")]) == 1
+    assert "--processes: 0" in capsys.readouterr().err
