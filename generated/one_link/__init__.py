@@ -29,7 +29,6 @@ def load() -> Kernel:
 
 
 kernel = load()
-blocks, parameters, rollout = kernel.blocks, kernel.parameters, kernel.rollout  # not the modules of these names
 
 
 def __getattr__(name: str) -> _Any:

@@ -66,7 +66,7 @@ def test_a_change_of_any_file_changes_the_hash(deep: str, tmp_path: Path) -> Non
     shutil.copytree(EOMGEN, tmp_path / "eomgen", ignore=shutil.ignore_patterns("__pycache__"))
     target = tmp_path / "eomgen" / deep
     target.parent.mkdir(exist_ok=True)
-    code = "from eomgen.generator_files import generator_hash; print(generator_hash())"
+    code = "from eomgen.pipeline.generator_files import generator_hash; print(generator_hash())"
     hashes = set()
     for text in ("", "# one\n", "# two\n"):
         target.write_text(text)

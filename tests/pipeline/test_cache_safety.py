@@ -162,8 +162,9 @@ def test_what_is_loaded_is_what_was_checked(empty_cache: Path) -> None:
         del sys.modules[name]
     package = _cached_package(robot, options, lambda _: None)
     (folder,) = (empty_cache / "packages").iterdir()
-    for path in folder.iterdir():
-        path.write_bytes(b"")
+    for path in folder.rglob("*"):
+        if path.is_file():
+            path.write_bytes(b"")
     kernel = load_kernel(package, "one_link")
     assert np.array_equal(kernel.mass_matrix(Q), expected)
     assert not list(empty_cache.glob("packages/*/__pycache__"))

@@ -282,23 +282,24 @@ def test_no_room_for_a_build(size: int, empty_cache: Path) -> None:
 
 def test_every_write_that_fails_is_reported(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A disk that is full at the first, second, ... file that Python writes into the cache."""
-    write, count = Path.write_text, 0
+    count = 0
 
-    def until(limit: int) -> Any:
-        def write_text(path: Path, *arguments: Any, **named: Any) -> int:
+    def until(limit: int, write: Any) -> Any:
+        def counted(path: Path, *arguments: Any, **named: Any) -> int:
             nonlocal count
             count += 1
             if count > limit:
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
             return write(path, *arguments, **named)
 
-        return write_text
+        return counted
 
     robot, failures = eomgen.load_robot("one_link"), 0
     for limit in range(50):
         count = 0
         with monkeypatch.context() as patch:
-            patch.setattr(Path, "write_text", until(limit))
+            for name in ("write_text", "write_bytes"):
+                patch.setattr(Path, name, until(limit, getattr(Path, name)))
             package, said = attempt(lambda: _cached_package(robot, QUICK, lambda _: None))
         if package is not None:
             break

@@ -137,8 +137,10 @@ import importlib, json, types
 import eomgen
 wrong = []
 for moment in ("before", "after"):
-    wrong += [(moment, name) for name in eomgen.__all__ if isinstance(getattr(eomgen, name), types.ModuleType)]
-    wrong += [(moment, name) for name in eomgen.__all__ if name != "__version__" and not callable(getattr(eomgen, name))]
+    for name in eomgen.__all__:
+        value = getattr(eomgen, name)
+        if isinstance(value, types.ModuleType) or (name != "__version__" and not callable(value)):
+            wrong.append((moment, name))
     for module in {sorted(set(MODULES) - {"eomgen.__main__"})!r}:
         importlib.import_module(module)
 print(json.dumps(wrong))

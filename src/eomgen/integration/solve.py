@@ -98,8 +98,8 @@ def integrate(
     Raises:
         LoopError: the state at the first time is open.
         IntegrationStopped: the state diverges, a loop comes open, the step becomes too small, M singular, or a drive,
-            wrench or acceleration NaN or infinite, whatever ``kernel.checks`` says; an IntegrationError that names coordinate
-            and time and has the last good state and the trajectory up to it.
+            wrench or acceleration NaN or infinite, whatever ``kernel.checks`` says; an IntegrationError that names
+            coordinate and time and has the last good state and the trajectory up to it.
         InputError: an argument is wrong, a prescribed coordinate has no motion, or SciPy is not installed.
     """
     if kernel.loops:

@@ -225,9 +225,9 @@ def _seal(folder: Path, kind: str, key: str) -> Files:
     """Write the hashes of a new entry's files into it."""
     files = {}
     for path in sorted(folder.rglob("*")):
+        if _modes_matter():
+            path.chmod(stat.S_IMODE(path.stat().st_mode) & ~0o022)  # whatever the umask is
         if path.is_file():
-            if _modes_matter():
-                path.chmod(stat.S_IMODE(path.stat().st_mode) & ~0o022)  # whatever the umask is
             files[path.relative_to(folder).as_posix()] = path.read_bytes()
     manifest = {"of": f"{kind}/{key}", "files": {name: _hash(data) for name, data in files.items()}}
     text = json.dumps({**manifest, "sha256": _hash(json.dumps(manifest).encode())}, indent=1)

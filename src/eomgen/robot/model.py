@@ -340,7 +340,9 @@ def refuse_loops(robot: Robot) -> None:
     """InputError for a robot whose motion scenarios cannot integrate."""
     if robot.loops:
         loops = ", ".join(loop.name for loop in robot.loops)
-        raise InputError(f"simulate: {robot.name} has loops ({loops}); eomgen.loops integrates mechanisms with loops")
+        raise InputError(
+            f"simulate: {robot.name} has loops ({loops}); eomgen.integration integrates mechanisms with loops"
+        )
 
 
 def tool_of(robot: Robot, tool: str | None, label: str = "tool") -> str:

@@ -15,7 +15,7 @@ from eomgen.codegen.kernels.equations import derive, derive_equations
 from eomgen.codegen.kernels.signatures import LOOP_KERNELS
 from eomgen.codegen.program.ir import Program, evaluate
 from eomgen.description.load import robot_from_toml
-from eomgen.errors import DescriptionError, InputError
+from eomgen.errors import DescriptionError, InputError, LoopError
 from eomgen.integration.solve import integrate
 from eomgen.pipeline.costs import robot_info
 from eomgen.pipeline.stages import Options, generate
@@ -245,14 +245,16 @@ def test_dynamics_of_the_open_tree_are_not_taken_for_those_of_the_robot(built: B
         lambda: kernel.forward_dynamics_jacobian(s.q, s.v, s.u),
         lambda: kernel.reactions(s.q, s.v, s.a),
         lambda: kernel.rollout(s.q, s.v, s.u, 1e-3, 2),
-        lambda: integrate(kernel, s.q, s.v, 0.1),
-        lambda: integrate(kernel, s.q, s.v, 0.1, method="rk4"),
         lambda: static_equilibrium(kernel, s.q),
         lambda: simulate(robot),
     ]
     for call in refused:
-        with pytest.raises(InputError, match=rf"{robot.name} has loops \(loop1\).*eomgen\.loops"):
+        with pytest.raises(InputError, match=rf"{robot.name} has loops \(loop1\).*eomgen\.(loops|integration)"):
             call()
+    with pytest.raises(LoopError, match="loop1 is open"):
+        integrate(kernel, s.q, s.v, 0.1)
+    with pytest.raises(InputError, match="has loops, which 'Radau' does not keep closed; allowed: rk4"):
+        integrate(kernel, s.q, s.v, 0.1, method="Radau")
 
 
 def test_info_lists_the_loops() -> None:

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .blocks import Blocks, make_blocks
+from ..errors import ArrayError, BuildError, InputError, UnknownNameError
+from .by_name import Blocks, make_blocks
 from .calls import Calls
-from .errors import ArrayError, BuildError, InputError, UnknownNameError
+from .many_steps import rollout
 from .parameters import Parameters, nearest
-from .rollout import rollout
 
 Array = NDArray[Any]
 
@@ -372,7 +372,7 @@ class Kernel(Calls):
         """g(q), (constraints,): zero where the loops are closed.
 
         Of frame b on a loop's second link, seen from frame a on its first: x, y, z (m) of its origin, and sines of its
-        turns alpha, beta, gamma about x, y, z, as far as the cut joint blocks them (``eomgen.cuts``).
+        turns alpha, beta, gamma about x, y, z, as far as the cut joint blocks them (``eomgen.robot.cuts``).
         """
         return self._run("constraint", out, (q,))
 

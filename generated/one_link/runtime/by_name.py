@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import UnknownNameError
+from ..errors import UnknownNameError
 from .parameters import nearest
 
 Array = NDArray[Any]

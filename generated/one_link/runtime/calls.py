@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .errors import ArrayError, SingularError, UnknownNameError
+from ..errors import ArrayError, SingularError, UnknownNameError
 from .parameters import Parameters, nearest
 
 Array = NDArray[Any]

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .errors import ArrayError, InputError, IntegrationStopped, UnknownNameError
+from ..errors import ArrayError, InputError, IntegrationStopped, UnknownNameError
 
 if TYPE_CHECKING:
     from .kernel import Kernel

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import InputError, UnknownNameError
+from ..errors import InputError, UnknownNameError
 
 if TYPE_CHECKING:
     from .kernel import Kernel

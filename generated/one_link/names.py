@@ -1,0 +1,120 @@
+"""Names and values of a description: what is an identifier, and how to quote what somebody else wrote.
+
+Nothing of a description goes into a message or a file before it went through this module.
+"""
+
+from __future__ import annotations
+
+import difflib
+import keyword
+import re
+from collections.abc import Iterable, Sequence
+
+NAME_LENGTH = 128
+ROBOT_LENGTH = 48
+IDENTIFIER = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+ROBOT_NAME = re.compile(r"[a-z][a-z0-9_]*")
+IDENTIFIER_RULE = f"a letter or _, then letters, digits or _, at most {NAME_LENGTH} characters"
+ROBOT_RULE = (
+    f"a lower-case letter, then lower-case letters, digits or _, at most {ROBOT_LENGTH} characters, no Python keyword"
+)
+_SHOWN = 60  # characters of somebody else's text in a message
+_ESCAPED = 84  # and how many they may become when they are escaped
+_LISTED = 320  # characters of a list of names
+_SUFFIX = 9  # characters that make an identifier unique
+_PAIRS = 3_000_000  # difflib is slow: pairs of characters that are compared in search of a near name, half a second
+
+
+def is_identifier(text: str) -> bool:
+    """True for a link, joint or frame name.  fullmatch, because $ would accept a trailing newline."""
+    return len(text) <= NAME_LENGTH and IDENTIFIER.fullmatch(text) is not None
+
+
+def is_robot_name(text: str) -> bool:
+    """True for a robot name, which becomes file, module and C prefix."""
+    return len(text) <= ROBOT_LENGTH and ROBOT_NAME.fullmatch(text) is not None and not keyword.iskeyword(text)
+
+
+def show(value: object) -> str:
+    """A value that came from outside, as short printable ASCII."""
+    if isinstance(value, dict):
+        return "a table"
+    if isinstance(value, list):
+        whole = f"an array of {len(value)} values"
+        if len(value) > 6 or any(isinstance(item, (dict, list)) for item in value):
+            return whole
+        text = "[" + ", ".join(show(item) for item in value) + "]"
+        return text if len(text) <= _LISTED else whole
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, int) and value.bit_length() > 64:
+        return f"an integer of {value.bit_length()} bits"  # its repr may raise
+    if isinstance(value, str):
+        shown = value[:_SHOWN]
+        while len(ascii(shown)) > _ESCAPED:
+            shown = shown[:-1]
+        value = value if len(shown) == len(value) else shown + "..."
+    return ascii(value)
+
+
+def show_path(text: str) -> str:
+    """``show`` of a path: of a long one the end, where the file's name is."""
+    if len(ascii(text)) <= _ESCAPED:
+        return ascii(text)
+    shown = text[-_SHOWN:]
+    while len(ascii(shown)) > _ESCAPED:
+        shown = shown[1:]
+    return ascii("..." + shown)
+
+
+def listed(names: Iterable[str], most: int = 8) -> str:
+    """The names, quoted, and how many were left out after the first ``most``, or fewer where they are long."""
+    names = list(names)
+    shown = [show(name) for name in names[:most]]
+    while len(shown) > 1 and sum(map(len, shown)) > _LISTED:
+        shown.pop()
+    text = ", ".join(shown)
+    return text if len(names) == len(shown) else f"{text} and {len(names) - len(shown)} more"
+
+
+def nearest(name: str, allowed: Iterable[str]) -> str:
+    """``; did you mean 'x'?`` for the nearest allowed name, or nothing."""
+    name = name[:NAME_LENGTH]
+    candidates, pairs = [], _PAIRS
+    for item in allowed:
+        pairs -= (len(item) + 8) * (len(name) + 8)
+        if pairs < 0:
+            break
+        candidates.append(item)
+    found = difflib.get_close_matches(name, candidates, 1, 0.6)
+    return f"; did you mean {show(found[0])}?" if found else ""
+
+
+def to_identifier(text: str) -> str:
+    """An identifier that resembles the text: foreign characters become _, a leading digit gets one in front."""
+    name = re.sub(r"[^A-Za-z0-9_]", "_", text[:NAME_LENGTH])
+    return (name if IDENTIFIER.fullmatch(name) else "_" + name)[:NAME_LENGTH]
+
+
+def to_robot_name(text: str) -> str:
+    """A robot name that resembles the text."""
+    name = re.sub(r"[^a-z0-9_]", "_", text[:ROBOT_LENGTH].lower())
+    return (name if is_robot_name(name) else "robot_" + name.lstrip("_"))[:ROBOT_LENGTH]
+
+
+def unique_identifiers(texts: Sequence[str]) -> dict[str, str]:
+    """Identifier of each text.  A text that is one keeps it; the others are made unique with _2, _3, ..."""
+    names = {text: text for text in texts if is_identifier(text)}
+    taken = set(names)
+    count: dict[str, int] = {}
+    for text in texts:
+        if text in names:
+            continue
+        name = to_identifier(text)
+        stem = name[: NAME_LENGTH - _SUFFIX]  # one count for all that would be cut to the same, so that it ends soon
+        while name in taken:
+            count[stem] = count.get(stem, 1) + 1
+            name = f"{stem}_{count[stem]}"
+        names[text] = name
+        taken.add(name)
+    return names
