@@ -15,7 +15,7 @@ from eomgen.codegen.c.metadata import operations
 from eomgen.codegen.joint.zeros import zero_map
 from eomgen.codegen.kernels.equations import derive_equations
 from eomgen.pictures.scene import link_poses
-from eomgen.pictures.simulation import COLORS, PROGRAM_COLOR, TOOL_COLOR, canvas
+from eomgen.pictures.style import COLORS, PROGRAM_COLOR, TOOL_COLOR, canvas
 from eomgen.robot.model import build_model
 from eomgen.robot.value import COORDINATES, LINEAR
 

@@ -19,7 +19,8 @@ from eomgen.errors import InputError
 from eomgen.pictures import energy as motion_plots
 from eomgen.pictures import zeros as zero_plots
 from eomgen.pictures.robot import plot_robot
-from eomgen.pictures.simulation import ENDINGS, canvas, plot_result, scale_of
+from eomgen.pictures.simulation import plot_result
+from eomgen.pictures.style import ENDINGS, canvas, scale_of
 from eomgen.pictures.zeros import plot_zeros
 from eomgen.robot.model import build_model
 from eomgen.robot.record import record_of, robot_hash, robot_of

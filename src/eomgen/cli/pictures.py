@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
-from ..pictures.simulation import ENDINGS
+from ..pictures.style import ENDINGS
 from ..robot.value import Robot
 
 Load = Callable[[argparse.Namespace], Robot]

@@ -12,8 +12,8 @@ from ..analysis.compliance import ComplianceMap
 from ..analysis.frequency import Response
 from ..analysis.modal_result import TrackedModes
 from ..analysis.tool_budget import Budget
-from .simulation import COLORS, PROGRAM_COLOR, TOOL_COLOR, literal, title_of
-from .simulation import canvas as _canvas
+from .style import COLORS, PROGRAM_COLOR, TOOL_COLOR, literal, title_of
+from .style import canvas as _canvas
 
 CYCLE = tuple(color for colors in COLORS.values() for color in colors.values())
 

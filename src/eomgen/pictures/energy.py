@@ -12,7 +12,7 @@ from ..errors import InputError
 from ..robot.coordinates import index_of, unit_of
 from ..simulation.balance import TERMS
 from ..simulation.result import SimulationResult
-from .simulation import COLORS, PROGRAM_COLOR, TOOL_COLOR, canvas, literal, mark_end, scale_of, ticker, title_of
+from .style import COLORS, PROGRAM_COLOR, TOOL_COLOR, canvas, literal, mark_end, scale_of, ticker, title_of
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from ..names import nearest, show
 from ..robot.model import build_model
 from ..robot.value import Robot
 from .scene import Array, capsule_mesh, capsules, extent, link_poses, spring_lines
-from .simulation import PROGRAM_COLOR, TOOL_COLOR, canvas, literal, title_of
+from .style import PROGRAM_COLOR, TOOL_COLOR, canvas, literal, title_of
 
 LINK_COLORS = ("#999999", "#0072b2", "#d55e00", "#009e73", "#e69f00", "#cc79a7", "#56b4e9")  # the base, then in turn
 SPRING_COLOR = "#117733"

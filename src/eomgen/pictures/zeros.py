@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..robot.model import Model
-from .simulation import COLORS, canvas, literal, title_of
+from .style import COLORS, canvas, literal, title_of
 
 COUNT_COLORS = "viridis"
 SURVIVES = "#222222"
