@@ -258,7 +258,7 @@ def _lemma_of(s: str, w: str) -> str:
 
 
 def _check_complete(pairs: tuple[ZeroPair, ...]) -> None:
-    """Both lemmas, no more and no less, are what the products showed."""
+    """Check that the products showed both lemmas, no more and no less; InternalError."""
     linear_first = {(s, w) for s, w in product(LINEAR, COORDINATES)}
     same = {(p.first, p.second) for p in pairs if p.same_joint}
     apart = {(p.first, p.second) for p in pairs if not p.same_joint}

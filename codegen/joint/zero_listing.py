@@ -44,7 +44,7 @@ class Group:
 
 @dataclass(frozen=True)
 class ZeroReport:
-    """All zeros of M and C that hold for any geometry, grouped; ``joints`` names the joints in order.
+    """The zeros of M and C that hold for any geometry, grouped; ``joints`` names the joints in order.
 
     The groups are those of the bodies; entries of ``motors`` vanish but for their inertias on the diagonal of M.
     """

@@ -43,7 +43,7 @@ class Tally:
 
     @property
     def survivors(self) -> int:
-        """How many entries do not vanish identically."""
+        """Number of entries that do not vanish identically."""
         return self.total - sum(count for _, count in self.zeros)
 
     def as_dict(self) -> dict[str, object]:

@@ -67,7 +67,7 @@ class Derivation:
         return [row + force for row, force in zip(rows, self.forces(v), strict=True)]
 
     def resisting(self, q: list[Any], v: list[Any]) -> list[Scalar]:
-        """What springs, dampers and other forces of the coordinates themselves take from the drives."""
+        """Forces, (n,), that springs, dampers and other laws of the coordinates themselves take from the drives."""
         return resisting_rows(self.bound, q, v, self.functions)
 
     def lines(self, v: list[Any]) -> list[Line]:
@@ -75,7 +75,7 @@ class Derivation:
         return list(lines(self.model, self.bound, self.joints, v, self.functions, self.graph.note))
 
     def forces(self, v: list[Any]) -> list[Scalar]:
-        """What all springs and dampers take from the drives."""
+        """Forces, (n,), that all springs and dampers take from the drives."""
         rows = self.resisting(self.q, v)
         for line in self.lines(v):
             ratio = line.pull().ratio

@@ -87,14 +87,14 @@ def _probe(command: tuple[str, ...]) -> tuple[tuple[str, ...], str]:
 
 
 def _any_processor(command: Sequence[str]) -> tuple[str, ...]:
-    """What keeps zig, which compiles for the processor at hand unless told not to, to what any of its kind runs."""
+    """Flags that keep zig from compiling for the processor at hand, which it does unless told not to."""
     zig = any(Path(word).stem in ("zig", "ziglang") for word in command)
     chosen = any(word.startswith(("-mcpu", "-march", "-target", "--target")) for word in command)
     return ("-mcpu=baseline",) if zig and not chosen else ()
 
 
 def processor() -> str:
-    """What code for this very processor may depend on: the machine's type and its processor's features."""
+    """The machine's type and its processor's features: what code for this very processor may depend on."""
     info = Path("/proc/cpuinfo")
     if not info.exists():
         return f"{platform.machine()} {platform.processor()}"
@@ -103,7 +103,7 @@ def processor() -> str:
 
 
 def interface() -> dict[str, str]:
-    """What a binary must fit: Python's ABI, its headers, the C library."""
+    """The environment that a binary must fit: Python's ABI, its headers, the C library."""
     known = "CS_GNU_LIBC_VERSION" in getattr(os, "confstr_names", ())
     return {
         "suffix": str(sysconfig.get_config_var("EXT_SUFFIX")),
@@ -131,7 +131,7 @@ def compile_flags(compiler: Compiler, native: bool, further: Sequence[str]) -> t
 
 
 def toolchain(compiler: Compiler, flags: Sequence[str]) -> dict[str, object]:
-    """All that a binary depends on besides its source: flags, compiler, versions, what it must fit, the processor."""
+    """Everything but the source that a binary depends on: flags, compiler, versions, environment, processor."""
     tuned = any(word.endswith("=native") for word in (*compiler.command, *flags))
     return {
         "flags": list(flags),

@@ -422,7 +422,7 @@ def _apply(
 
 
 def users(program: Program) -> list[int]:
-    """How often each value is used, outputs included."""
+    """Number of uses of each value, outputs included."""
     count = [0] * len(program.instructions)
     for instruction in program.instructions:
         for arg in instruction.args:

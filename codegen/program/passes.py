@@ -180,7 +180,7 @@ PASSES: Sequence[Callable[[Program], Program]] = (factor_sums, absorb_negations)
 
 
 def run_passes(program: Program) -> Program:
-    """All passes in order, the program's form checked after each."""
+    """Run the passes in order, and check the program's form after each."""
     verify(program)
     for step in PASSES:
         program = verify(step(program))

@@ -117,14 +117,14 @@ def with_row(inertia: Articulated, row: int, entries: Wrench, held: Scalar) -> A
 
 
 def turned(turn: Rotation, inertia: Articulated) -> Articulated:
-    """From the axes behind a rotation to those in front of it."""
+    """Turn articulated inertia and force from the axes behind a rotation to those in front of it."""
     L, C, A = (rotated_block(turn, block) for block in (inertia.L, inertia.C, inertia.A))
     p = Wrench(matvec(turn.matrix, inertia.p.force), matvec(turn.matrix, inertia.p.moment))
     return Articulated(L, C, A, p)
 
 
 def to_parent(inertia: Articulated, joint: JointGeometry) -> Articulated:
-    """To the parent's axes and origin: C - L P and A - C^T P + P C' with P = skew(offset)."""
+    """Shift articulated inertia and force to the parent's origin: C - L P, A - C^T P + P C', P = skew(offset)."""
     R, back = joint.turn, transpose(joint.turn)
     L, C, A = (matmul(matmul(R, block), back) for block in (inertia.L, inertia.C, inertia.A))
     force, moment = matvec(R, inertia.p.force), matvec(R, inertia.p.moment)

@@ -42,7 +42,7 @@ from .free_bodies import FreeBodies, Speeds
 
 @dataclass(frozen=True)
 class _Step:
-    """What the forward pass needs of an eliminated coordinate: acceleration = free - gain . (a, w_dot)."""
+    """An eliminated coordinate for the forward pass: acceleration = free - gain . (a, w_dot)."""
 
     index: int
     free: Scalar
@@ -206,7 +206,7 @@ class Elimination:
         return Articulated(symmetric(rows_scaled(D, KL)), rows_scaled(D, gain), A, p)
 
     def _sizes(self) -> list[tuple[Scalar, Scalar]]:
-        """Per body, mass and moments of inertia of all that hangs on it, roughly: what a pivot is compared to.
+        """Rough mass and moments of inertia of each body with all that hangs on it: what a pivot is compared to.
 
         The body alone would not do: what comes from behind may be round-off of an inertia that is gone.  Bodies behind
         six coordinates hand on an exact zero and are left out.

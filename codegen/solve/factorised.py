@@ -15,7 +15,7 @@ from .articulated import inverse_or_zero
 
 
 def coordinate_parents(model: Model) -> list[int]:
-    """For every coordinate the one in front of it on the way to the base, or -1; motors stand alone."""
+    """Index of the coordinate in front of each one on the way to the base, or -1; motors stand alone."""
     parents = [-1] * model.size
     last: dict[int, int] = {-1: -1}
     for k, body in enumerate(model.bodies):

@@ -213,7 +213,7 @@ class FreeBodies:
         return Articulated(NOTHING, NOTHING, passed, Wrench(wrench.force, moment))
 
     def _drifts(self, k: int, speeds: Speeds) -> tuple[Vec, Vec]:
-        """What velocities add to w_dot: turning about alpha in the axes behind it, the other two behind beta."""
+        """Velocity terms of w_dot: the turn about alpha in the axes behind it, the other two behind beta."""
         alpha, beta, gamma = self.joints[k].rotations
         _, front, behind, _ = speeds.behind
         about_beta, about_gamma = unit(beta.axis, self.v[beta.index]), unit(gamma.axis, self.v[gamma.index])

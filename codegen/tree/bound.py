@@ -174,7 +174,7 @@ class _Binder:
         return Pose(matmul(matmul(about_x, about_y), about_z), (0.0, 0.0, 0.0))
 
     def angle_offsets(self) -> tuple[Scalar, ...]:
-        """What is added to every coordinate that is an angle, 0 for translations.
+        """Constant offsets of the angles, 0 for translations, one per coordinate.
 
         Raises:
             InputError: a joint that moves has an offset in an angle that is no coordinate of this model.
@@ -239,7 +239,7 @@ class _Binder:
         return {name: found[name] for name in self.model.frames}
 
     def cuts(self, poses: dict[str, tuple[int, Pose]]) -> tuple[tuple[tuple[int, Pose], tuple[int, Pose]], ...]:
-        """Per loop the bodies of its links, with the cut frame in each."""
+        """The bodies of each loop's links, with the cut frame in each."""
         found = []
         for loop in self.model.robot.loops:
             sides = []
@@ -292,7 +292,7 @@ class _Binder:
         return laws, knots
 
     def transmissions(self) -> dict[int, Transmission]:
-        """What is between motors and joints, by the index of a motor's coordinate."""
+        """Transmissions between motors and joints, by the index of a motor's coordinate."""
         found: dict[int, Transmission] = {}
         for index, principal in self.model.motors.items():
             name = self.model.coordinates[index]

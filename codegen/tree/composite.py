@@ -84,7 +84,7 @@ def _read_column(
     wrench: Wrench,
     rows: Rows,
 ) -> None:
-    """All entries of one column: in its own joint from where it stands, then towards the base."""
+    """Read the entries of one column: in its own joint from where it stands, then towards the base."""
     read: list[Scalar] = [None] * model.size
     wrench = through_joint_back(wrench, front(joints[k], index), read)
     parent = model.bodies[k].parent
@@ -244,7 +244,7 @@ def shifted_momentum(G: Momentum, p: Vec) -> Momentum:
 
 @dataclass(frozen=True)
 class _Coordinate:
-    """What coordinate v contributes to C, in the axes in front of it.
+    """Contribution of coordinate v to C, in the axes in front of it.
 
     ``column`` is the wrench of Hc N_v^T + Gc D_v^T (read by rows above), ``row`` the wrench of D_v Hc and ``couple``
     the moment of D_v Gc (read against tangents above).

@@ -32,7 +32,7 @@ class Motion:
     acceleration: Vec = ZERO
 
     def at(self, arm: Vec) -> Motion:
-        """Of another point of the body, that far away."""
+        """Motion of another point of the body, that far away."""
         w, d = self.rate, self.dot
         turned = cross(w, arm)
         velocity = add(self.velocity, turned)
@@ -75,7 +75,7 @@ class Side:
                 yield Column(turn.index, True, self.axes[turn.index], arm)
 
     def motion(self, v: Sequence[Scalar]) -> Motion:
-        """Of the cut frame's origin, at the rates v and without accelerations of coordinates."""
+        """Motion of the cut frame's origin at the rates v, without accelerations of coordinates."""
         moving, parent = Motion(), BASE_POSE
         for k, pose in zip(self.path, self.poses, strict=True):
             moving = moving.at(subtract(pose.origin, parent.origin))
@@ -94,7 +94,7 @@ class Side:
 
 
 class Closure:
-    """Both sides of one loop, and where b is as seen from a: ``distance`` and axes, in the common body's axes."""
+    """The two sides of a loop, and frame b as seen from a: ``distance`` and axes, in the common body's axes."""
 
     def __init__(self, model: Model, bound: Bound, joints: Sequence[JointGeometry], number: int) -> None:
         self.parts: tuple[Component, ...] = CUTS[model.robot.loops[number].type]
@@ -149,7 +149,7 @@ class Closure:
         return total
 
     def _moment(self, part: Component) -> Vec:
-        """What an angular velocity of b against a is multiplied with: e_i . (w x f_j) = w . (f_j x e_i)."""
+        """The factor of b's angular velocity against a: e_i . (w x f_j) = w . (f_j x e_i)."""
         total = ZERO
         for factor, i, j in part.products:
             total = add(total, scale(factor, cross(self.axes_b[j], self.axes_a[i])))

@@ -64,7 +64,7 @@ class _Moving:
 
 @dataclass(frozen=True)
 class Composite:
-    """What hangs on a joint: H, 2 G and the wrench P, in one frame."""
+    """Composite of all that hangs on a joint: H, 2 G and the wrench P, in one frame."""
 
     H: PseudoInertia
     G: Momentum
@@ -76,7 +76,7 @@ class Composite:
 
 @dataclass(frozen=True)
 class _Reading:
-    """What coordinate i hands towards the base: D_i H and the moment of 2 D_i G^T, and its columns by q and v."""
+    """Momenta that coordinate i hands towards the base: D_i H, the moment of 2 D_i G^T, its columns by q and v."""
 
     row: Wrench
     couple: Vec

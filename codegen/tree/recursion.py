@@ -23,7 +23,7 @@ Note = Callable[[str], None]
 
 
 def no_note(_: str) -> None:
-    """Where nobody reads comments."""
+    """Discard comments."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ def body_wrench(K: Acceleration, H: PseudoInertia) -> Wrench:
 def collect(
     model: Model, joints: Sequence[JointGeometry], wrenches: Sequence[Wrench], note: Note = no_note
 ) -> tuple[list[Scalar], list[Wrench]]:
-    """From the tips to the base: the trace against every tangent, and each joint's whole wrench in body axes.
+    """Sum wrenches from the tips to the base: the trace against every tangent, each joint's whole wrench in body axes.
 
     Args:
         wrenches: per body, at the body's origin in its axes.
@@ -212,7 +212,7 @@ STILL = Velocity(ZERO, ZERO)
 def velocities(
     model: Model, joints: Sequence[JointGeometry], v: Sequence[Scalar]
 ) -> list[tuple[tuple[Velocity, ...], Velocity]]:
-    """Per body: W in front of every rotation of its joint (translations included), and W of the body."""
+    """Angular velocities of each body: W in front of every rotation of its joint, translations included, and W itself."""
     bodies: list[tuple[tuple[Velocity, ...], Velocity]] = []
     for body, joint in zip(model.bodies, joints, strict=True):
         parent = STILL if body.parent == FIXED_BODY else bodies[body.parent][1]

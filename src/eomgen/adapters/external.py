@@ -127,13 +127,13 @@ def _matrix(shape: tuple[int, ...]) -> tuple[int, int]:
 
 
 def table(name: str, mask: NDArray[np.bool_]) -> Table:
-    """Of an array of one or two axes, True where it may differ from zero."""
+    """Sparsity of an array of one or two axes: True where it may differ from zero."""
     rows, columns = _matrix(mask.shape)
     return _table(name, mask.reshape(rows, columns), np.arange(rows * columns).reshape(rows, columns))
 
 
 def block_table(name: str, mask: NDArray[np.bool_], output: tuple[int, ...]) -> Table:
-    """Of a derivative (output shape, input shape): CasADi has a row per number of the result, by columns."""
+    """Sparsity of a derivative (output shape, input shape): CasADi has a row per number of the result, by columns."""
     places = np.arange(mask.size).reshape(mask.shape)
     inputs = mask.shape[len(output) :]
 

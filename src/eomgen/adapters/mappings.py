@@ -46,7 +46,7 @@ FUNCTIONS: Mapping[str, Entry] = MappingProxyType(
 
 
 def kernels_for(*names: str) -> tuple[str, ...]:
-    """What ``eomgen.build(robot, kernels=...)`` takes for these functions and their derivatives.
+    """Names of the kernels that these functions and their derivatives need, for ``eomgen.build(robot, kernels=...)``.
 
     Raises:
         UnknownNameError: not one of FUNCTIONS.
@@ -157,7 +157,7 @@ class DifferentiableFunction:
         return tuple(b.reshape(*b.shape[:-1], *shape) for b, shape in zip(blocks, self.inputs, strict=True))
 
     def patterns(self) -> tuple[Array, tuple[Array, ...]]:
-        """Where the result and its derivatives may differ from zero: bool, shapes as of one state."""
+        """Sparsity of the result and its derivatives: True where they may differ from zero, shapes as of one state."""
         whole = np.ones(self.output, np.bool_)
         blocks = [np.ones((*self.output, *shape), np.bool_) for shape in self.inputs]
         if self.name == "residual":

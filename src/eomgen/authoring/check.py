@@ -32,7 +32,7 @@ class Checked:
 
     @property
     def lines(self) -> list[str]:
-        """What is printed."""
+        """Lines to print."""
         if self.errors:
             return [str(error) for error in self.errors]
         counts = ", ".join(f"{value:g} {name}" for name, value in self.summary.items())

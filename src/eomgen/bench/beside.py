@@ -71,7 +71,7 @@ class Row:
 
 @dataclass(frozen=True)
 class BenchResult:
-    """What ``bench`` measured: one row per kernel, and what has to be said beside a time.
+    """Measurements of ``bench``: one row per kernel, and what has to be said beside a time.
 
     ``error`` is the greatest relative difference (max-norm) between a kernel and its counterpart.  ``call`` is the
     median time of one call of the kernel ``called`` from Python (ns), with ``Kernel.checks`` and without.
@@ -192,7 +192,7 @@ def _call_from_python(kernel: Kernel, name: str, inputs: Mapping[str, Array], ro
 
 
 def processor_name() -> str:
-    """What the machine says its processor is."""
+    """The processor's name, as the machine gives it."""
     info = Path("/proc/cpuinfo")
     if info.exists():
         found = re.search(r"^model name\s*:\s*(.+)$", info.read_text(encoding="utf-8", errors="replace"), re.MULTILINE)

@@ -16,7 +16,7 @@ GRAVITY: Vector = (0.0, 0.0, -9.81)
 
 @dataclass
 class Draft:
-    """What has been read so far, by name and in the order of the description.
+    """A robot while it is being read: its parts by name, in the order of the description.
 
     links holds the root link of an URDF as well; joints has the order in which a parent's children follow each other;
     inherited names the links and joints that an URDF brought in; place_of gives line and column of a place in an URDF.

@@ -164,7 +164,7 @@ def _start(top: Table, source: str, folder: Path | None, urdf_damping: bool) -> 
 
 
 def _hint(name: str, draft: Draft) -> str:
-    """What a new entry was perhaps meant to be: one that refines the URDF."""
+    """A hint that a new entry was perhaps meant to refine one of the URDF."""
     return f" (the URDF has no {name!r}{nearest(name, draft.inherited)})" if draft.inherited else ""
 
 

@@ -40,7 +40,7 @@ _REMEDIES = {  # what the parser says, and what to write instead
 
 
 def xml_remedy(said: str, root: str = "robot") -> str:
-    """What to write instead of what the parser refused with these words; ``root``: the element that holds the rest."""
+    """Advice on what to write instead of what the parser refused; ``root``: the element that holds the rest."""
     found = next((what for begin, what in _REMEDIES.items() if said.startswith(begin)), "XML 1.0")
     if root == "robot":
         return found

@@ -115,7 +115,7 @@ def _check(robot: Robot, integrator: str, approximate: bool) -> None:
 
 
 def left_out(robot: Robot) -> list[str]:
-    """What MuJoCo has no equal for, each with its name and what becomes of it."""
+    """Notes on all that MuJoCo has no equal for: its name, and what becomes of it."""
     found = [f"loops.{loop.name}: left open (MuJoCo's equality constraints are soft)" for loop in robot.loops]
     for joint in robot.joints:
         for name, given in joint.coordinates.items():

@@ -264,7 +264,7 @@ class Numbers(Key):
     form = list
 
     def take(self, table: Place, key: str, value: Any, count: int | None = None) -> tuple[float, ...]:
-        """As of every key; ``count`` where it follows from others."""
+        """The numbers as a tuple; ``count`` of them where that follows from other keys."""
         count = self.count if count is None else count
         if not isinstance(value, list) or (count is not None and len(value) != count):
             self.refuse(table, key, value, f"an array of {'' if count is None else f'{count} '}numbers")
@@ -347,7 +347,7 @@ class Either(Key):
         return self.option(value).take(table, key, value)
 
     def option(self, value: object) -> Key:
-        """What the value is meant to be."""
+        """The kind of key that the value is meant for."""
         return next((option for option in self.options if isinstance(value, option.form)), self.options[0])
 
     def json(self) -> Json:

@@ -18,7 +18,7 @@ Path = tuple[str, ...]
 
 
 def faults(form: Form, values: dict[str, object], source: str) -> list[DescriptionError]:
-    """What a reader of the form would refuse in these values by the kinds of its keys, at most MOST_ERRORS."""
+    """Faults that a reader of the form would refuse by the kinds of its keys, at most MOST_ERRORS."""
     walk = _Walk(source, refining=form.refines and "urdf" in values)
     walk.table(form, values, "", ())
     return walk.found[:MOST_ERRORS]

@@ -59,7 +59,7 @@ class Table:
             self.fail(f"the key {key!r} is missing; allowed: {what}")
 
     def value(self, key: str, *kinds: type[Key]) -> Any:
-        """What the key takes, which is of one of these kinds; None where it is absent."""
+        """The value of a key, which is of one of these kinds; None where it is absent."""
         kind = self.keys[key]
         assert isinstance(kind, kinds or Key), f"{self.where}.{key} takes {type(kind).__name__}"
         return kind.take(self, key, self.values[key]) if key in self.values else None
@@ -243,7 +243,7 @@ class Entries(Key):
         return isinstance(self.inner, Form) and "name" in self.inner.keys
 
     def where(self, key: str, index: int, item: object) -> str:
-        """What messages call an entry: by its name, if that is one."""
+        """Name of an entry in messages: its own, if that is one, else its index."""
         given = item.get("name") if self.named and isinstance(item, dict) else None
         return f"{key}.{given}" if isinstance(given, str) and is_identifier(given) else f"{key}[{index}]"
 

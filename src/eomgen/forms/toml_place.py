@@ -120,7 +120,7 @@ class _Scan:
                 self._pair(prefix)
 
     def _skip(self, *patterns: re.Pattern[str]) -> str:
-        """What the first pattern that matches has matched; IndexError where none does, as at the text's end."""
+        """Text that the first matching pattern has matched; IndexError where none does, as at the text's end."""
         for pattern in patterns:
             found = pattern.match(self.text, self.at)
             if found is not None:

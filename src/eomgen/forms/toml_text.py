@@ -104,7 +104,7 @@ def _no_collection() -> Iterator[None]:
 
 
 def _refusal(text: str, said: str, source: str) -> DescriptionError:
-    """What the parser said, as printable ASCII, with what to write instead; its place as that of the error."""
+    """The parser's refusal as a DescriptionError: printable ASCII, with what to write instead, and its place."""
     found = _SAID_PLACE.search(said)
     reason = ascii(said[: found.start()] if found is not None and found[1] else said)[1:-1][:300]
     remedy = next((what for begin, what in _REMEDIES.items() if said.startswith(begin)), "TOML 1.0, see toml.io")
@@ -117,5 +117,5 @@ def _refusal(text: str, said: str, source: str) -> DescriptionError:
 
 
 def line_and_column(text: str, offset: int) -> tuple[int, int]:
-    """Of a place in a text, from 1."""
+    """Line and column of an offset in a text, from 1."""
     return text.count("\n", 0, offset) + 1, offset - text.rfind("\n", 0, offset)

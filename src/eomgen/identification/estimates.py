@@ -29,7 +29,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class FittedCoordinate:
-    """What was found for one coordinate: None where a parameter is not determined.
+    """Estimates for one coordinate; None where a parameter is not determined.
 
     stiffness: N/m or N m/rad; damping: N s/m or N m s/rad.  noise: standard deviation of white noise on the
     coordinate, m or rad, as its samples show it.

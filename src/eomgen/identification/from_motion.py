@@ -148,7 +148,7 @@ class ForcesResult:
         return lines
 
     def columns(self) -> dict[str, Array]:
-        """All forces over time by name, (T,) each: t, NAME.required, NAME.drive, ..., JOINT.reaction.fx, ...
+        """Forces over time by name, (T,) each: t, NAME.required, NAME.drive, ..., JOINT.reaction.fx, ...
 
         Springs between two points: SPRING.length, SPRING.tension.
         """

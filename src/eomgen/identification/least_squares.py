@@ -141,7 +141,7 @@ class _Solution:
     unexplained: float
 
     def variance(self, column: int) -> float:
-        """Of that parameter; infinite if it was not found."""
+        """Variance of a parameter; infinite if it was not found."""
         place = self.columns.index(column) if column in self.columns else -1
         return float(self.covariance[place, place]) if place >= 0 else np.inf
 

@@ -189,7 +189,7 @@ class ClosedLoops:
     def solve(
         self, q: Array, v: Array, u: Array, wrench: ArrayLike | None, baumgarte: float, rank: int | None
     ) -> tuple[Array, Array, Factors]:
-        """As ``forward_dynamics``, without the report and its cost."""
+        """Accelerations, multipliers and factors like ``forward_dynamics``, without the cost of its report."""
         kernel = self.kernel
         J = kernel.constraint_jacobian(q)
         wanted = -kernel.constraint_bias(q, v)
@@ -250,7 +250,7 @@ class ClosedLoops:
         return [name for name in self.kernel.coordinates if name in found]
 
     def reactions(self, q: ArrayLike, multipliers: ArrayLike) -> Array:
-        """What the cut joints exert on their second links, (loops, 6): force (N), moment (N m).
+        """Reactions of the cut joints on their second links, (loops, 6): force (N), moment (N m).
 
         At the origin and in the axes of the cut frame on that link; the first link feels the opposite.  Components
         that the joint leaves free are zero; those of ``Redundancy.undetermined`` are one possibility of many.
@@ -316,7 +316,7 @@ class ClosedLoops:
         return np.array([name not in kept for name in self.kernel.coordinates])
 
     def _factors(self, q: Array, J: Array, rank: int | None = None) -> Factors:
-        """Of the coordinates that are not prescribed."""
+        """Factors of the constraint in the coordinates that are not prescribed."""
         return Factors(J[:, self._moving], *self._root(q), rank)
 
     def _root(self, q: Array, free: NDArray[np.bool_] | None = None) -> tuple[Array, Array]:

@@ -15,7 +15,7 @@ Array = NDArray[Any]
 
 @dataclass(frozen=True)
 class Redundancy:
-    """How many of the constraints count in a state, and which do not.
+    """Rank of the constraint in a state, and the constraints that are redundant.
 
     Attributes:
         rank: number of independent constraints.

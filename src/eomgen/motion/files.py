@@ -219,7 +219,7 @@ def _motion(columns: Mapping[str, Array], coordinates: tuple[str, ...], source: 
 
 
 def _which(name: str, coordinates: Sequence[str], source: str) -> tuple[str, int]:
-    """What a column holds, and of which coordinate."""
+    """Kind of a column ("q", "v", "a", "u") and index of its coordinate."""
     for suffix, key in SUFFIXES.items():
         stem = name.removesuffix(suffix) if suffix else name
         if name.endswith(suffix) and stem in coordinates:

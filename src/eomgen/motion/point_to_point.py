@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 
 class Program(Protocol):
-    """What drives are to follow: a motion that can be asked for at any time."""
+    """A motion that drives are to follow, which can be asked for at any time."""
 
     @property
     def start(self) -> Array:

@@ -98,7 +98,7 @@ class View:
 
     @property
     def factor(self) -> float:
-        """How many times as large as they are deviations are shown."""
+        """Factor by which deviations are exaggerated."""
         return float(10.0**self._power.value)
 
     def wait(self) -> None:

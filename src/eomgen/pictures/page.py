@@ -36,7 +36,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Report:
-    """What the page says.
+    """A self-contained page about a result, ready to be saved.
 
     Attributes:
         title: its heading.

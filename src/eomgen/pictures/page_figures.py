@@ -45,7 +45,7 @@ class Figure:
 def figures_of(
     result: SimulationResult, robot: Robot | None, missing: list[str], *, modes: bool, progress: Progress
 ) -> list[Figure]:
-    """All figures that can be made; what cannot is said in ``missing``.
+    """Figures of a result, as far as they can be made; ``missing`` says what cannot.
 
     Raises:
         InputError: Matplotlib is not installed.

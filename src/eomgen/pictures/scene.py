@@ -87,7 +87,7 @@ def _motion(joint: Joint, column: Mapping[str, Array], shape: tuple[int, ...]) -
 
 
 def program_positions(result: SimulationResult) -> Array:
-    """All coordinates of the rigid robot on its program, (T, n), m or rad: deviations and motors are zero."""
+    """Coordinates of the rigid robot on its program, (T, n), m or rad: deviations and motors are zero."""
     motion = result.trajectory
     q = np.zeros_like(motion.q)
     driven, given = (index_of(motion.coordinates, names) for names in (result.program_coordinates, result.prescribed))
@@ -128,7 +128,7 @@ def extent(robot: Robot) -> float:
 
 
 def capsules(robot: Robot) -> tuple[Capsule, ...]:
-    """What stands for links without meshes, the base among them: a capsule from each link's origin to each thing on it.
+    """Capsules in the place of links without meshes, the base among them: from a link's origin to each thing on it.
 
     Things are joints, frames, ends of springs; a link without any gets one to its centre of mass.  Where begin and end
     are the same a capsule is a ball.
@@ -208,7 +208,7 @@ def quaternions(poses: Array) -> Array:
 
 
 def accelerations(kernel: Kernel, result: SimulationResult) -> Array:
-    """Of all coordinates, (T, n), m/s^2 or rad/s^2, from drives and wrenches; ``u`` has what moves prescribed ones.
+    """Accelerations, (T, n), m/s^2 or rad/s^2, from drives and wrenches; ``u`` has what moves prescribed coordinates.
 
     The kernel has ``residual`` and ``mass_matrix``.
     """

@@ -34,7 +34,7 @@ Files = Mapping[str, bytes]
 
 @dataclass(frozen=True)
 class Entry:
-    """What is in the cache under a key: files by name ("runtime/kernel.py"), whose hashes were checked."""
+    """An entry of the cache: files by name ("runtime/kernel.py"), whose hashes were checked."""
 
     kind: str
     key: str
@@ -42,7 +42,7 @@ class Entry:
 
     @property
     def folder(self) -> Path:
-        """Where it was read from."""
+        """Folder that the entry was read from."""
         return cache_folder() / self.kind / self.key
 
 

@@ -24,7 +24,7 @@ _guard = threading.Lock()
 
 
 def load_module(package: store.Entry, name: str) -> Any:
-    """What has ``ffi`` and ``lib`` of a compiled package of the cache; loaded once in a process.
+    """Load the module with ``ffi`` and ``lib`` of a compiled package of the cache, once in a process.
 
     Raises:
         BuildError: it does not load.

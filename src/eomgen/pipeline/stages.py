@@ -43,7 +43,7 @@ DTYPES = ("float64", "float32")
 
 @dataclass(frozen=True)
 class Options:
-    """What is generated and how it is compiled.
+    """Options of a build: which kernels are generated, and how they are compiled.
 
     kernels: names of KERNEL_NAMES, all but tangents if empty ("kinematics" stands for frame_pose and frame_jacobian);
         those of springs between points come with any.

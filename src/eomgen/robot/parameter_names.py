@@ -95,7 +95,7 @@ def _matches(wanted: tuple[str, ...], item: Parameter) -> bool:
 
 
 def _shortest(path: tuple[str, ...]) -> int:
-    """How many components a pattern for this parameter has at least."""
+    """Least number of components of a pattern for this parameter."""
     return {"gravity": 1, "links": 3, "joints": 4, "frames": 4, "springs": 3}[path[0]]
 
 

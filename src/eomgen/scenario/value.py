@@ -100,7 +100,7 @@ class Integrator:
 
 @dataclass(frozen=True)
 class Scenario:
-    """What a simulation does; times in s.
+    """A simulation as a value: duration, motion, control, loads; times in s.
 
     ``motion`` and ``control`` are None where nothing is programmed or driven.  ``source`` is the file, ``folder`` where
     it and the files that it names stand; ``text`` is what the file says, for the lines of messages.
@@ -121,7 +121,7 @@ class Scenario:
     text: str = field(default="", repr=False, compare=False)
 
     def label(self, key: str) -> str:
-        """How messages call a key: with file and tables, or as the argument of a function."""
+        """Name of a key in messages: with file and tables, or as the argument of a function."""
         return f"{self.source}: {key}" if self.source else key.rpartition(".")[2]
 
     def fail(self, key: str, message: str) -> NoReturn:

@@ -18,7 +18,7 @@ def shafts(kernel: Kernel) -> dict[str, str]:
 
 
 def deflections(kernel: Kernel) -> Array:
-    """What each coordinate's own law acts on, per coordinate: itself, or a transmission's deflection; (n, n)."""
+    """Matrix (n, n) from q to the deflections that laws act on: a coordinate itself, or its transmission's."""
     rows = np.eye(kernel.n)
     for motor, principal in kernel.motors.items():
         m, p = kernel.coordinates.index(motor), kernel.coordinates.index(principal)

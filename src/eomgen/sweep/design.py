@@ -22,7 +22,7 @@ _NORMAL = NormalDist()
 
 
 class Design:
-    """All samples of a plan: at every point of the product of the grids the same ``draws`` of what is random.
+    """The samples of a plan: at every point of the product of the grids the same ``draws`` of random numbers.
 
     Sample i is draw i % draws at point i // draws; of the grids the last one changes fastest.
 

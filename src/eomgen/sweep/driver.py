@@ -184,7 +184,7 @@ def _scaled(
 
 
 def _notes(nominal: Job, record: np.ndarray[Any, Any], reason: str | None) -> list[str]:
-    """How samples are integrated, and what steps of half the length change in the nominal one."""
+    """Notes on how samples are integrated, and on what steps of half the length change in the nominal one."""
     if nominal.pace is None:
         return [
             "each sample by the integrator of the scenario" + (f", because rollouts cannot: {reason}" if reason else "")

@@ -85,7 +85,7 @@ def _tracking(name: str, result: SimulationResult, _: Setup) -> Found:
 
 
 def _deviations(name: str, result: SimulationResult, _: Setup) -> Found:
-    """Per joint the largest linear and the largest angular deviation."""
+    """The largest linear and the largest angular deviation of each joint."""
     found: dict[tuple[str, str], float] = {}
     largest = np.abs(result.deviations).max(axis=0)
     for coordinate, value in zip(result.deviation_coordinates, largest.tolist(), strict=True):

@@ -54,7 +54,7 @@ class Pace:
 
     @property
     def passes(self) -> tuple[int, ...]:
-        """By what the steps are divided in the passes over a period: implicit ones are done twice, and extrapolated."""
+        """Divisors of the step in the passes over a period: implicit ones are done twice, and extrapolated."""
         return (1, 2) if self.method == "implicit" else (1,)
 
     @property
@@ -64,7 +64,7 @@ class Pace:
 
 
 def why_not(robot: Robot) -> str | None:
-    """Why rollouts cannot do the robot's scenarios; None if they can."""
+    """Reason why rollouts cannot do the robot's scenarios; None if they can."""
     names = [f"{j.name}.{name}" for j in robot.joints for name, c in j.all_coordinates.items() if c.prescribed]
     return f"{', '.join(names)}: motions that are prescribed are not part of rollouts" if names else None
 
@@ -147,7 +147,7 @@ class _Steps:
 
 @dataclass(frozen=True)
 class _Failure:
-    """Why a way ends where period ``k`` begins, and the coordinate that is to blame."""
+    """Why a sample failed in period ``k``, and the coordinate that is to blame."""
 
     k: int
     coordinate: str

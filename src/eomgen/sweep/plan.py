@@ -16,7 +16,7 @@ from .keys import DEFAULT_RECORD, DISTRIBUTIONS, MOST_SAMPLES, PLAN
 
 @dataclass(frozen=True)
 class Distribution:
-    """Of one number.
+    """Distribution of one number.
 
     kind: "grid" with its values; "uniform" from low to high; "normal" with mean and deviation, cut off outside of low
     and high where they are given.
@@ -32,7 +32,7 @@ class Distribution:
 
 @dataclass(frozen=True)
 class Vary:
-    """What changes from sample to sample: one of parameter (a pattern as in ``tunable``) and scenario (a dotted path).
+    """A number that changes from sample to sample: parameter (a pattern as in ``tunable``) or scenario (a dotted path).
 
     relative: numbers are multiples of what robot and scenario say.
     """
@@ -45,7 +45,7 @@ class Vary:
 
 @dataclass(frozen=True)
 class Engine:
-    """How a sample is integrated: type of ENGINES; method of rollouts, step and period in s, None for the default."""
+    """Integration of a sample: type of ENGINES; method of rollouts, step and period in s, None for the default."""
 
     type: str = "auto"
     method: str = "implicit"

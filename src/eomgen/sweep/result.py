@@ -26,7 +26,7 @@ LINEAR_ENOUGH = 0.9  # R^2 from which regression coefficients are what a ranking
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """How a recorded number goes with the numbers that were varied, (d,) each.
+    """Dependence of a recorded number on the numbers that were varied, (d,) each.
 
     Attributes:
         names: of what was varied.
@@ -53,7 +53,7 @@ class Sensitivity:
 
 @dataclass(frozen=True)
 class SweepResult:
-    """All samples that a folder has, by index.
+    """The samples that a folder has, by index.
 
     Attributes:
         folder: where they are.
@@ -79,7 +79,7 @@ class SweepResult:
 
     @staticmethod
     def load(folder: Path | str) -> SweepResult:
-        """What a sweep's folder has, also while it is running or after its end by force.
+        """Load what a sweep's folder has, also while it is running or after its end by force.
 
         Raises:
             InputError: the folder holds no sweep.
@@ -124,7 +124,7 @@ class SweepResult:
         return found
 
     def sensitivity(self, column: str) -> Sensitivity:
-        """How a recorded number goes with what was varied, over the samples that did not fail."""
+        """Dependence of a recorded number on what was varied, over the samples that did not fail."""
         y = self.of(column)
         good = np.isfinite(y)
         return sensitivity_of(self.varied, self.samples[good], y[good])
@@ -207,7 +207,7 @@ def _plain(values: Array) -> list[float | None]:
 
 
 def sensitivity_of(names: tuple[str, ...], x: Array, y: Array) -> Sensitivity:
-    """Of y, (N,), from x, (N, d)."""
+    """Correlations of y (N,) with each column of x (N, d)."""
     count, d = x.shape
     nothing = np.full(d, np.nan)
     noise = 2.0 / np.sqrt(count - 1) if count > 1 else float("inf")

@@ -32,12 +32,12 @@ Builds = tuple[tuple[Robot, tuple[str, ...]], ...]
 
 
 def builds_of(robot: Robot, scenario: Scenario, kernels: Sequence[str]) -> Builds:
-    """What a scenario of a robot builds: the robot, and the rigid one that drives may know."""
+    """Builds that a scenario of a robot needs: the robot, and the rigid one that drives may know."""
     return ((with_payload_parameters(robot, scenario), tuple(kernels)), (robot.rigid(), RIGID_KERNELS))
 
 
 def machine() -> tuple[str, ...]:
-    """What a binary may depend on beyond its hash: the system and its C library."""
+    """The system and its C library, on which a binary may depend beyond its hash."""
     return (platform.system(), platform.machine(), *platform.libc_ver())
 
 

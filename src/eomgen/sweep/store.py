@@ -100,7 +100,7 @@ def opened(folder: Path, manifest: Mapping[str, Any]) -> Iterator[SweepStore]:
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
-    """What a folder's sweep is; InputError where there is none."""
+    """Read what a folder's sweep is; InputError where there is none."""
     try:
         found: dict[str, Any] = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
         if found["format"] > FORMAT:

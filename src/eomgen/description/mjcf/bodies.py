@@ -90,7 +90,7 @@ class Bodies:
         self.notes.setdefault(text, []).append(name)
 
     def read(self, root: Element) -> None:
-        """All bodies, depth first as MuJoCo orders them."""
+        """Read all bodies, depth first as MuJoCo orders them."""
         trees = list(root.iterfind("worldbody"))
         self._name(trees)
         world = Place(self.reading.draft.base, self.reading.draft.base, HERE)
@@ -135,7 +135,7 @@ class Bodies:
     def _contents(
         self, element: Element, childclass: str | None, where: str
     ) -> Iterator[tuple[Element, Pose, str | None]]:
-        """What is in a body, with the place and the default class that frames around it give it."""
+        """Elements in a body, with the place and the default class that frames around them give them."""
         stack = [(child, HERE, childclass) for child in reversed(element)]
         while stack:
             child, pose, inherited = stack.pop()
@@ -301,7 +301,7 @@ def read_bodies(
     flags: Mapping[str, bool],
     written: dict[str, Element],
 ) -> Bodies:
-    """All bodies of the file into the draft; ``written`` gets the element of each link and joint."""
+    """Read all bodies of the file into the draft; ``written`` gets the element of each link and joint."""
     made = Bodies(reading, defaults, rules, flags, written)
     made.read(root)
     return made

@@ -16,7 +16,7 @@ Values = dict[str, str]
 
 
 class Defaults:
-    """All <default> elements of a file; a class has what its parents have, with its own attributes in their place.
+    """The <default> elements of a file; a class inherits its parents' attributes and overrides them by its own.
 
     Raises:
         DescriptionError: a class without a name, or two of one name.

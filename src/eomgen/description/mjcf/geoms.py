@@ -35,7 +35,7 @@ NOTHING = Mass(0.0, np.zeros(3), np.zeros((3, 3)))
 
 @dataclass(frozen=True)
 class Rules:
-    """What <compiler> says of inertias."""
+    """Settings of inertias in <compiler>."""
 
     from_geoms: str = "auto"
     groups: tuple[int, int] = (0, 5)
@@ -45,7 +45,7 @@ class Rules:
 
 
 def given_mass(item: Item) -> Mass:
-    """That of an <inertial>."""
+    """Mass properties from an ``<inertial>`` element."""
     if "mass" not in item:
         item.fail("the attribute mass is missing; allowed: a mass in kg")
     mass = item.number("mass", minimum=0.0)
@@ -62,7 +62,7 @@ def given_mass(item: Item) -> Mass:
 
 
 def geom_mass(item: Item, frame: Pose, rules: Rules) -> Mass:
-    """That of a <geom>, whose place is given in a frame of its body; NOTHING where it does not count."""
+    """Mass properties from a ``<geom>`` placed in a frame of its body; NOTHING where it does not count."""
     shape = item.choice("type", SHAPES, "sphere")
     first, last = rules.groups
     if shape in ("plane", "hfield") or not first <= item.number("group") <= last:
@@ -124,7 +124,7 @@ def _solid(shape: str, size: Sequence[float]) -> tuple[float, Array]:
 
 
 def together(parts: Sequence[Mass]) -> Mass:
-    """All of them as one body."""
+    """Mass properties of several bodies as one."""
     parts = [part for part in parts if part.mass > 0.0]
     if not parts:
         return NOTHING
@@ -140,7 +140,7 @@ def together(parts: Sequence[Mass]) -> Mass:
 
 
 def bounded(body: Mass, rules: Rules) -> Mass:
-    """What <compiler> makes of it: least mass, least principal moments, and all of them equal where none can be."""
+    """Mass properties within the bounds of <compiler>: least mass, least moments, equal ones where needed."""
     mass, inertia = max(body.mass, rules.least_mass), body.inertia
     if rules.least_inertia > 0.0 or rules.balance:
         found, axes = np.linalg.eigh(inertia)

@@ -63,7 +63,7 @@ class Group:
 
     @property
     def type(self) -> str:
-        """Of the joint: by its principal coordinate; free where all six move and none has a spring."""
+        """Type of the joint, by its principal coordinate; "free" where all six move and none has a spring."""
         if len(self.names) == len(COORDINATES) and not any(joint.coordinate.stiffness for joint in self.joints):
             return "free"
         if self.joints[0].kind == "ball":

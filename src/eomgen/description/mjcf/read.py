@@ -114,7 +114,7 @@ def _name(root: Element, reading: Reading) -> None:
 
 
 def _compiler(root: Element, reading: Reading) -> Rules:
-    """How angles and inertias are written; a later <compiler> overrides an earlier one."""
+    """Read how angles and inertias are written; a later <compiler> overrides an earlier one."""
     values: dict[str, str] = {}
     rules = Rules()
     for element in root.iterfind("compiler"):
@@ -165,7 +165,7 @@ def _option(root: Element, reading: Reading) -> dict[str, bool]:
 
 
 def _refuse(root: Element, reading: Reading) -> None:
-    """What acts on the motion and is not supported, outside of bodies."""
+    """Refuse what acts on the motion outside of bodies and is not supported."""
     for part in root.iterfind("equality"):
         for element in part:
             item = Item(reading, element, f"equality {show(element.get('name') or element.tag)}")
@@ -183,7 +183,7 @@ def _refuse(root: Element, reading: Reading) -> None:
 
 
 def _remarks(root: Element, reading: Reading) -> None:
-    """What is left out on purpose."""
+    """Notes on what is left out on purpose."""
     names = [
         element.get("name") or f"<{show(element.tag)[1:-1]}>" for part in root.iterfind("actuator") for element in part
     ]

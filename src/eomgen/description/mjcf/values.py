@@ -29,7 +29,7 @@ _SMALL = 1e-12  # shortest direction
 
 @dataclass
 class Reading:
-    """What all elements of a file share: the draft, the element being read, and how angles are written."""
+    """State that all elements of a file share: the draft, the element being read, and how angles are written."""
 
     draft: Draft
     at: Element

@@ -98,7 +98,7 @@ def _check(robot: Robot, version: int, method: str, step: float | None) -> None:
 def _files(
     robot: Robot, options: Options, version: int, method: str, step: float, progress: StageReport
 ) -> dict[str, bytes]:
-    """All files of the unit but its binary, by their paths."""
+    """Files of the unit but its binary, by their paths."""
     from .variables import make_layout
     from .xml import Unit, build_description, model_description
 
@@ -153,7 +153,7 @@ def _token(texts: Sequence[str]) -> str:
 
 
 def binary_path(name: str, version: int, system: str, machine: str) -> str:
-    """Where the binary of a platform is in a unit.
+    """Path of a platform's binary in a unit.
 
     Args:
         system: "linux", "darwin" or "win32", as ``sys.platform``.

@@ -65,7 +65,7 @@ class Variable:
 
 @dataclass(frozen=True)
 class Layout:
-    """All variables; ``at`` has the value references where each kind begins, ``frames`` the frames whose pose is there.
+    """Variables of a unit; ``at``: value reference at which each kind begins; ``frames``: names of frames with poses.
 
     ``frames`` are their numbers among the model's.
     """

@@ -21,7 +21,7 @@ LOG_CATEGORY = ("logStatusError", "What went wrong")
 
 @dataclass(frozen=True)
 class Unit:
-    """What descriptions tell of a unit: its name, which is the model identifier, its token, variables and C sources."""
+    """A unit as its description shows it: name (the model identifier), token, variables and C sources."""
 
     name: str
     token: str
@@ -121,7 +121,7 @@ def _version_3(unit: Unit) -> Element:
 
 
 def _common(root: Element, variables: Sequence[Variable]) -> None:
-    """What both versions have between interface types and variables."""
+    """Elements that both versions have between interface types and variables."""
     used = {variable.unit for variable in variables}
     units = SubElement(root, "UnitDefinitions")
     for name, exponents in UNITS.items():
@@ -133,7 +133,7 @@ def _common(root: Element, variables: Sequence[Variable]) -> None:
 
 
 def _attributes(reference: int, variable: Variable) -> tuple[dict[str, str], dict[str, str]]:
-    """What a variable is, and its numbers."""
+    """XML attributes of a variable: its kind and its numbers."""
     about = {
         "name": variable.name,
         "valueReference": str(reference),
