@@ -212,7 +212,7 @@ STILL = Velocity(ZERO, ZERO)
 def velocities(
     model: Model, joints: Sequence[JointGeometry], v: Sequence[Scalar]
 ) -> list[tuple[tuple[Velocity, ...], Velocity]]:
-    """Angular velocities of each body: W in front of every rotation of its joint, translations included, and W itself."""
+    """Angular velocities of each body: W itself, and W in front of every rotation of its joint, translations too."""
     bodies: list[tuple[tuple[Velocity, ...], Velocity]] = []
     for body, joint in zip(model.bodies, joints, strict=True):
         parent = STILL if body.parent == FIXED_BODY else bodies[body.parent][1]
