@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..description import RobotLike, as_robot
 from ..errors import InputError, IntegrationError
 from ..files import write_atomically
 from ..motion.ends import principal_limits
 from ..motion.tool_path import CLOSE, reach, space_point, starting_points, within_limits
 from ..progress import Progress, no_progress
 from ..robot.model import build_model, tool_of
-from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from .holding import Gains, Pose, hold_of, pose_of
 from .statics import deflection_of, static_hold
@@ -88,7 +88,7 @@ class ComplianceMap:
 
 
 def compliance_map(
-    robot: Robot,
+    robot: RobotLike,
     corner: ArrayLike,
     first: ArrayLike,
     second: ArrayLike,
@@ -111,7 +111,7 @@ def compliance_map(
     the tool turns is left open.
 
     Args:
-        robot: without loops.
+        robot: a Robot, the name of a built-in one, or the path of a description; without loops.
         corner, first, second: a corner and the two edges from it, (3,) each, m, base axes.
         points: along the edges, 2 or more each.
         pose: near which the first point is looked for.
@@ -121,6 +121,7 @@ def compliance_map(
     Raises:
         InputError: an argument cannot be used.
     """
+    robot = as_robot(robot)
     if robot.loops:
         raise InputError(f"compliance_map: {robot.name} has loops; allowed: robots without loops")
     places = _grid(corner, first, second, points)

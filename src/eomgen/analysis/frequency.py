@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..description import RobotLike, as_robot
 from ..errors import ArrayError, EomgenWarning, InputError
 from ..files import write_atomically
 from ..progress import StageReport
-from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from .at_rest import system_at_rest
 from .holding import Gains, Pose, hold_of, pose_of
@@ -123,7 +123,7 @@ class Response:
 
 
 def response(
-    robot: Robot,
+    robot: RobotLike,
     inputs: Sequence[str],
     outputs: Sequence[str],
     frequencies: ArrayLike,
@@ -142,7 +142,8 @@ def response(
     """Frequency responses about the state of rest at a pose.
 
     Args:
-        robot: any; prescribed coordinates stay.
+        robot: a Robot, the name of a built-in one, or the path of a description; prescribed coordinates
+            stay.
         inputs: drives ("joint1.gamma", that are not locked) and components of wrenches ("tcp.fz"); see ``ports``.
         outputs: coordinates ("joint1.x") and components of a frame's motion ("tcp.x", "tcp.rz").
         frequencies: (F,), Hz, at least 0.
@@ -155,6 +156,7 @@ def response(
     """
     checked_kind(kind)
     hertz = _frequencies(frequencies)
+    robot = as_robot(robot)
     kernel = kernel_of(robot, kernel, parameters, progress)
     hold = hold_of(robot, kernel, drives, kp=kp, kd=kd, held=held)
     system, _ = system_at_rest(kernel, pose_of(robot, kernel, pose), hold, checked_loads(kernel, loads))

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..description import RobotLike, as_robot
 from ..errors import EomgenWarning, InputError
 from ..files import write_atomically
 from ..progress import StageReport
 from ..robot.coordinates import MOTIONS
 from ..robot.model import tool_of
-from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..state.vectors import state_vector
 from .at_rest import system_at_rest
@@ -98,7 +98,7 @@ class StateSpace:
 
 
 def linearize(
-    robot: Robot,
+    robot: RobotLike,
     pose: Pose | None = None,
     *,
     v: ArrayLike | None = None,
@@ -120,7 +120,8 @@ def linearize(
     """A, B, C and D about the state of rest at a pose, or about a motion where v and a, or v and u, are given.
 
     Args:
-        robot: any; prescribed coordinates do not change.
+        robot: a Robot, the name of a built-in one, or the path of a description; prescribed coordinates do
+            not change.
         pose: see ``holding.pose_of``; with v it is the state itself, nothing is brought to rest.
         v: rates, (n,).  With it the robot must have no loops.
         a: accelerations, (n,), or
@@ -135,6 +136,7 @@ def linearize(
         IntegrationError: there is no state of rest near the pose.
     """
     checked_kind(kind)
+    robot = as_robot(robot)
     kernel = kernel_of(robot, kernel, parameters, progress)
     hold = hold_of(robot, kernel, drives, kp=kp, kd=kd, held=held)
     frame, dead = tool_of(robot, frame), checked_loads(kernel, loads)

@@ -12,10 +12,10 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from ..description import RobotLike, as_robot
 from ..errors import EomgenWarning, InputError
 from ..progress import StageReport
 from ..robot.model import tool_of
-from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from .at_rest import system_at_rest
 from .holding import Gains, Pose, hold_of, pose_of
@@ -31,7 +31,7 @@ ROUND_OFF = 1e-14  # of the greatest stiffness over mass: what is taken to be ze
 
 
 def modes(
-    robot: Robot,
+    robot: RobotLike,
     pose: Pose | None = None,
     *,
     drives: str = "locked",
@@ -47,7 +47,8 @@ def modes(
     """Modes about the state of rest at a pose.
 
     Args:
-        robot: any; prescribed coordinates stay.
+        robot: a Robot, the name of a built-in one, or the path of a description; prescribed coordinates
+            stay.
         pose: see ``holding.pose_of``.
         drives: "locked" (principal coordinates do not move), "free" (they move under the constant forces that hold the
             pose) or "pd" (gains ``kp`` and ``kd`` hold them).
@@ -62,6 +63,7 @@ def modes(
         InputError: an argument cannot be used.
         IntegrationError: there is no state of rest near the pose.
     """
+    robot = as_robot(robot)
     kernel = kernel_of(robot, kernel, parameters, progress)
     hold = hold_of(robot, kernel, drives, kp=kp, kd=kd, held=held)
     frame, found = tool_of(robot, frame), checked_loads(kernel, loads)
@@ -72,7 +74,7 @@ def modes(
 
 
 def modes_along(
-    robot: Robot,
+    robot: RobotLike,
     poses: Sequence[Pose] | Array,
     *,
     drives: str = "locked",
@@ -95,6 +97,7 @@ def modes_along(
     """
     if not len(poses):
         raise InputError("poses: none given; allowed: one or more")
+    robot = as_robot(robot)
     kernel = kernel_of(robot, kernel, parameters, progress)
     hold = hold_of(robot, kernel, drives, kp=kp, kd=kd, held=held)
     frame, dead = tool_of(robot, frame), checked_loads(kernel, loads)

@@ -8,16 +8,17 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..description import RobotLike, as_robot
 from ..errors import ArrayError
 from ..pipeline.stages import build
 from ..robot.model import build_model
-from ..robot.value import COORDINATES, Coordinate, Robot
+from ..robot.value import COORDINATES, Coordinate
 
 Array = NDArray[np.float64]
 
 
 def offset_sensitivity(
-    robot: Robot, q: ArrayLike, frame: str, *, parameters: Mapping[str, float] | None = None
+    robot: RobotLike, q: ArrayLike, frame: str, *, parameters: Mapping[str, float] | None = None
 ) -> tuple[tuple[str, ...], Array]:
     """Motion of a frame per unit of every joint's six constant offsets, active coordinates or not.
 
@@ -25,7 +26,7 @@ def offset_sensitivity(
     same robot with six coordinates in each joint, fixed ones included; the primary deviations of the paper's section 1.
 
     Args:
-        robot: any.
+        robot: a Robot, the name of a built-in one, or the path of a description.
         q: coordinates of ``robot``, (n,) or (N, n), m or rad.
         frame: name of a frame or link.
         parameters: values that differ from the description's, such as ``kernel.parameters`` (other names are ignored).
@@ -38,6 +39,7 @@ def offset_sensitivity(
         UnknownNameError: no frame or link of that name.
         ArrayError: q has a wrong shape or is not finite.
     """
+    robot = as_robot(robot)
     every = {joint.name: {name: Coordinate() for name in COORDINATES} for joint in robot.joints}
     whole = robot.with_coordinates(every)
     joints = tuple(replace(joint, motor=None) for joint in whole.joints)  # motors move no frame

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..description import RobotLike, as_robot
 from ..errors import EomgenWarning, InputError
 from ..loops.closed import ClosedLoops
 from ..progress import StageReport
 from ..robot.model import tool_of
-from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from .at_rest import rest
 from .holding import Gains, Hold, Pose, floating, hold_of, pose_of
@@ -96,7 +96,7 @@ class Deflection:
 
 
 def deflection(
-    robot: Robot,
+    robot: RobotLike,
     pose: Pose | None = None,
     *,
     drives: str = "locked",
@@ -118,6 +118,7 @@ def deflection(
         InputError: an argument cannot be used, drives are free, or nothing holds a coordinate.
         IntegrationError: there is no state of rest near the pose.
     """
+    robot = as_robot(robot)
     kernel = kernel_of(robot, kernel, parameters, progress)
     hold = hold_of(robot, kernel, drives, kp=kp, kd=kd, held=held)
     frame, dead = tool_of(robot, frame), checked_loads(kernel, loads)

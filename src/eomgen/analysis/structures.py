@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..description import RobotLike, as_robot
 from ..errors import InputError
 from ..motion.ends import default_motion, principal_limits
 from ..motion.tool_path import ToolLine
@@ -96,7 +98,7 @@ class Comparison:
 
 
 def compare(
-    robots: Sequence[Robot],
+    robots: Sequence[RobotLike],
     *,
     duration: float = 2.0,
     goal: Sequence[float] | None = None,
@@ -108,7 +110,8 @@ def compare(
     """Let robots do the same and compare what it takes; each moves with all its coordinates, as ``simulate`` has it.
 
     Args:
-        robots: two or more, with different names.
+        robots: two or more, with different names; each a Robot, the name of a built-in one, or the path of a
+            description.
         duration: s; the motion takes 80 percent of it.
         goal: of the principal coordinates, rad or m, the same numbers for every robot: they start where the first
             robot would (``default_motion``), which also says the goal if none is given.
@@ -122,16 +125,17 @@ def compare(
             tool cannot follow.
         IntegrationError: a motion could not be integrated.
     """
-    names = [robot.name for robot in robots]
-    if len(robots) < 2:
-        raise InputError(f"robots: {len(robots)} given; allowed: two or more")
+    arms = [as_robot(robot) for robot in ([robots] if isinstance(robots, (Robot, str, Path)) else robots)]
+    names = [robot.name for robot in arms]
+    if len(arms) < 2:
+        raise InputError(f"robots: {len(arms)} given; allowed: two or more")
     if len(set(names)) < len(names):
         raise InputError(f"robots: {', '.join(names)}; allowed: robots with different names")
     if line is not None and goal is not None:
         raise InputError("goal and line are both given; allowed: one of them")
-    motion = None if line is not None else _common_motion(robots, duration, goal)
+    motion = None if line is not None else _common_motion(arms, duration, goal)
     entries = []
-    for robot in robots:
+    for robot in arms:
         options: dict[str, Any] = {"start": motion[0], "goal": motion[1]} if motion is not None else {}
         if line is not None:
             options["motion"] = _line_motion(robot, line, MOVING_PART * duration, tool)

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..description import RobotLike, as_robot
 from ..errors import InputError
 from ..pipeline.stages import build
 from ..robot.coordinates import index_of
 from ..robot.model import build_model, tool_of
-from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..simulation.result import SimulationResult
 from .statics import motion_between
@@ -136,12 +136,14 @@ class Budget:
         return lines + [f"note: {note}" for note in self.notes]
 
 
-def budget(result: SimulationResult, robot: Robot, *, frame: str | None = None, kernel: Kernel | None = None) -> Budget:
+def budget(
+    result: SimulationResult, robot: RobotLike, *, frame: str | None = None, kernel: Kernel | None = None
+) -> Budget:
     """Take the deviation of a frame in a simulation apart.
 
     Args:
         result: of ``simulate``.
-        robot: the one that was simulated.
+        robot: the one that was simulated: a Robot, the name of a built-in one, or the path of a description.
         frame: frame or link; that of the result if not given.
         kernel: of the robot, float64, with kinematics; built if not given.
 
@@ -149,7 +151,7 @@ def budget(result: SimulationResult, robot: Robot, *, frame: str | None = None, 
         InputError: the result is of another robot, or holds values that are not finite.
         UnknownNameError: no frame or link of that name.
     """
-    motion = result.trajectory
+    robot, motion = as_robot(robot), result.trajectory
     if build_model(robot).coordinates != motion.coordinates:
         raise InputError(
             f"result: {result.robot} has not the coordinates of {robot.name}; allowed: the robot simulated"

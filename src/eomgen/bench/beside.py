@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..description import RobotLike, as_robot
 from ..errors import InputError, InternalError
 from ..pipeline.stages import Options, build
 from ..progress import StageReport, no_report
@@ -126,7 +127,7 @@ def _line(name: str, contender: Contender, end: str) -> str:
 
 
 def bench(
-    robot: Robot,
+    robot: RobotLike,
     *,
     repeat: int = 100,
     kernels: Sequence[str] = (),
@@ -137,7 +138,7 @@ def bench(
     """Operation counts and time per call of every kernel, beside Newton-Euler in C, alternately in this process.
 
     Args:
-        robot: from ``load_robot``.
+        robot: a Robot, the name of a built-in one, or the path of a description.
         repeat: number of rounds; each times every contender of a row once, for at least 0.3 ms.
         kernels: names as in ``Options``; all of them if empty.
         native, flags: how both are compiled, see ``Options``.
@@ -148,6 +149,7 @@ def bench(
         BuildError: a compilation failed.
         InternalError: a kernel and its counterpart give different results; nothing is timed then.
     """
+    robot = as_robot(robot)
     if isinstance(repeat, bool) or not isinstance(repeat, int) or repeat < 1:
         raise InputError(f"repeat: {repeat!r} is not a number of rounds; a whole number from 1 on is allowed")
     from ..codegen.package.compile import compile_flags, find_compiler

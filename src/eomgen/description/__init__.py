@@ -3,6 +3,6 @@
 Uses robot and forms.
 """
 
-from .load import builtin_robots, load_robot, robot_from_toml
+from .load import RobotLike, as_robot, builtin_robots, load_robot, robot_from_toml
 
-__all__ = ["builtin_robots", "load_robot", "robot_from_toml"]
+__all__ = ["RobotLike", "as_robot", "builtin_robots", "load_robot", "robot_from_toml"]

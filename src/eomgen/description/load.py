@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from ..errors import DescriptionError
+from ..errors import DescriptionError, InputError
 from ..forms.tables import Table
 from ..forms.toml_place import located
 from ..forms.toml_text import parse_toml, read_text
@@ -40,6 +40,7 @@ from .keys import ROBOT
 from .loops import check_loops, read_loop, read_placement
 from .springs import check_springs, read_spring
 
+RobotLike = Robot | str | Path  # what functions take where they ask for a robot, see as_robot
 SUFFIXES = (".toml", ".urdf", ".xml", ".mjcf")
 _BUILTIN = Path(__file__).parents[1] / "robots"
 
@@ -85,6 +86,23 @@ def load_robot(source: str | Path, *, inertia: str | None = None, urdf_damping: 
     if path.suffix != ".toml":
         return robot_from_urdf(text, source=str(path), inertia=inertia, urdf_damping=urdf_damping)
     return robot_from_toml(text, source=str(path), folder=path.parent, inertia=inertia, urdf_damping=urdf_damping)
+
+
+def as_robot(given: RobotLike) -> Robot:
+    """The robot itself, or the one that ``load_robot`` reads under a built-in name or path.
+
+    Raises:
+        InputError: it is none of these; says what came and what is allowed.
+        DescriptionError: nothing is there under that name or path, or what is there is wrong.
+    """
+    if isinstance(given, Robot):
+        return given
+    if not isinstance(given, (str, Path)):
+        raise InputError(
+            f"robot: got a value of type {type(given).__name__}; allowed: a Robot (from load_robot), the name of a"
+            f" built-in one ({', '.join(builtin_robots())}), or the path of a description ({', '.join(SUFFIXES)})"
+        )
+    return load_robot(given)
 
 
 def robot_from_urdf(text: str, *, source: str = "", inertia: str | None = None, urdf_damping: bool = False) -> Robot:

@@ -15,6 +15,7 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
+from ..description import RobotLike, as_robot
 from ..description.mjcf.values import about, matrix, triple
 from ..errors import EomgenWarning, InputError
 from ..files import write_atomically
@@ -43,7 +44,7 @@ _GROUND = "world"  # MuJoCo's name of the base
 
 
 def export_mjcf(
-    robot: Robot, path: str | Path, *, step: float | None = None, integrator: str = "RK4", approximate: bool = False
+    robot: RobotLike, path: str | Path, *, step: float | None = None, integrator: str = "RK4", approximate: bool = False
 ) -> Path:
     """Write a robot as a model of MuJoCo: the same coordinates in the same order and with the same names.
 
@@ -51,7 +52,7 @@ def export_mjcf(
     off, as nothing stops at them here.  Links without mass and thin rods get ``LEAST`` in its place.
 
     Args:
-        robot: from ``load_robot``.
+        robot: a Robot, the name of a built-in one, or the path of a description.
         path: file to write, usually with the suffix .xml.
         step: of MuJoCo's integrator, s; by default 1e-3, or what "RK4" needs if that is less.
         integrator: "RK4", "Euler", "implicit" or "implicitfast".
@@ -66,6 +67,7 @@ def export_mjcf(
     """
     from .step import default_step
 
+    robot = as_robot(robot)
     _check(robot, integrator, approximate)
     if step is None:
         step = 1e-3 if robot.loops else default_step(robot, integrator.lower())
@@ -76,9 +78,10 @@ def export_mjcf(
 
 
 def mjcf(
-    robot: Robot, step: float, integrator: str = "RK4", *, approximate: bool = False, actuators: bool = False
+    robot: RobotLike, step: float, integrator: str = "RK4", *, approximate: bool = False, actuators: bool = False
 ) -> str:
     """The robot as MJCF text; ``actuators``: with a motor per coordinate.  Arguments and errors as ``export_mjcf``."""
+    robot = as_robot(robot)
     _check(robot, integrator, approximate)
     if isinstance(step, bool) or not (isinstance(step, (int, float)) and 1e-9 <= step < 1e9):
         raise InputError(f"step: {step!r} is no length of a step; allowed: a finite number of at least 1e-9 s")

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..description import RobotLike, as_robot
 from ..errors import InputError
 from ..files import write_atomically
 from ..motion.files import Motion, motion_from_columns, motion_of, read_motion
@@ -22,7 +23,6 @@ from ..motion.smoothing import local_polynomials
 from ..pipeline.stages import build
 from ..progress import StageReport
 from ..robot.coordinates import unit_of
-from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..state.motors import deflections
 from ..state.springs import coordinate_numbers
@@ -186,7 +186,7 @@ class ForcesResult:
 
 
 def forces(
-    robot: Robot,
+    robot: RobotLike,
     motion: Motion | Path | str,
     *,
     window: int = WINDOW,
@@ -200,7 +200,8 @@ def forces(
     the coordinates: a longer window smooths more, and bends motions that are fast beside it.
 
     Args:
-        robot: whose coordinates the motion has; what is not measured is held at zero.
+        robot: a Robot, the name of a built-in one, or the path of a description; the motion has its
+            coordinates, and what is not measured is held at zero.
         motion: from ``read_motion`` or ``motion_from_columns``, or the path of a file.
         window, degree: samples and degree of the local polynomials.
         kernel: of that robot, float64, with inverse_dynamics and reactions; built if not given.  Its parameters count.
@@ -208,6 +209,7 @@ def forces(
     Raises:
         InputError: the file or an argument cannot be used.
     """
+    robot = as_robot(robot)
     if kernel is None:
         kernel = build(robot, kernels=("inverse_dynamics", "reactions"), progress=progress or (lambda _: None))
     motion = motion_of(robot.name, motion, kernel.coordinates)

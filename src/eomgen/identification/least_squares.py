@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ..description import RobotLike, as_robot
 from ..errors import InputError, UnknownNameError
 from ..motion.files import Motion, motion_of
 from ..motion.smoothing import Differentiator, bell, filtered, noise_deviation
@@ -42,7 +43,7 @@ EVEN = 1e-3  # of a step: by so much a sample's time may be off
 
 
 def fit(
-    robot: Robot,
+    robot: RobotLike,
     motion: Motion | Path | str,
     *,
     coordinates: Sequence[str] = (),
@@ -57,8 +58,8 @@ def fit(
     equal distances in time; what noise there is should be white and independent between coordinates.
 
     Args:
-        robot: masses, geometry, gravity and springs between points count, its coordinates' stiffness and damping do
-            not.
+        robot: a Robot, the name of a built-in one, or the path of a description.  Masses, geometry,
+            gravity and springs between points count, its coordinates' stiffness and damping do not.
         motion: from ``read_motion`` or ``motion_from_columns``, or the path of a file.
         coordinates: names of those to fit; all that can be if empty.
         confidence: of the intervals, between 0 and 1; Student's t over blocks of time.
@@ -67,6 +68,7 @@ def fit(
     Raises:
         InputError: the file or an argument cannot be used, samples are too few or not evenly spaced.
     """
+    robot = as_robot(robot)
     if not 0.0 < confidence < 1.0:
         raise InputError(f"confidence: {confidence!r}; allowed: a number between 0 and 1")
     if kernel is None:

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..description import RobotLike
 from ..errors import BuildError, InputError
 from ..pipeline.stages import build
-from ..robot.value import Robot
 from ..simulation.archive import simulated_robot
 from ..simulation.result import SimulationResult
 from .scene import (
@@ -51,7 +51,7 @@ class View:
         notes: lines about what could not be drawn.
     """
 
-    def __init__(self, result: SimulationResult, robot: Robot | None = None, *, port: int = 8080) -> None:
+    def __init__(self, result: SimulationResult, robot: RobotLike | None = None, *, port: int = 8080) -> None:
         """Open the server.
 
         Args:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..description import RobotLike
 from ..errors import EomgenError
 from ..files import write_atomically
 from ..pipeline.costs import RobotInfo, robot_info
@@ -75,7 +76,7 @@ class Report:
 
 def report_of(
     result: SimulationResult,
-    robot: Robot | None = None,
+    robot: RobotLike | None = None,
     *,
     modes: bool = True,
     progress: Progress = no_progress,
@@ -112,7 +113,9 @@ def report_of(
     return Report(title, tuple(lines), tuple(notes), tuple(missing), tuple(figures), tuple(t for t in tables if t.rows))
 
 
-def _robot(result: SimulationResult, given: Robot | None, missing: list[str]) -> tuple[Robot | None, RobotInfo | None]:
+def _robot(
+    result: SimulationResult, given: RobotLike | None, missing: list[str]
+) -> tuple[Robot | None, RobotInfo | None]:
     """The robot and what its equations cost, as far as there is one."""
     if given is None and not result.description:
         what = "the robot's joints, links and springs, operation counts, zeros, frequencies"

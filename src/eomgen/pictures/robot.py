@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..description import RobotLike, as_robot
 from ..errors import UnknownNameError
 from ..names import nearest, show
 from ..robot.model import build_model
@@ -22,14 +23,15 @@ FLAT = 0.3  # height by width below which a robot is one in a plane
 AXIS_LENGTH = 0.09  # of a joint's axis, of the robot's size
 
 
-def plot_robot(robot: Robot, path: Path | str, pose: Mapping[str, float] | None = None) -> Path:
+def plot_robot(robot: RobotLike, path: Path | str, pose: Mapping[str, float] | None = None) -> Path:
     """Draw the robot at rest in one pose, in base axes, m; returns the path.
 
     Links are capsules from their origin to whatever is on them, or lines to the joints that are cut; dashes are the z
     axes of joints that move, dots frames, broken lines springs between points.  A robot in a plane is seen from above.
 
     Args:
-        robot: loops are closed only where the pose closes them.
+        robot: a Robot, the name of a built-in one, or the path of a description; loops are closed only where the
+            pose closes them.
         path: .png, .svg or .pdf.
         pose: coordinates by name, m or rad; the others are 0.
 
@@ -37,6 +39,7 @@ def plot_robot(robot: Robot, path: Path | str, pose: Mapping[str, float] | None 
         UnknownNameError: the robot has no such coordinate.
         InputError: see ``plots.canvas``.
     """
+    robot = as_robot(robot)
     names = build_model(robot).coordinates
     for name in pose or {}:
         if name not in names:

@@ -6,10 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from ..description import RobotLike, as_robot
 from ..progress import StageReport, no_report
 from ..robot.coordinates import UNITS
 from ..robot.model import Model, build_model
-from ..robot.value import MOTOR, PRINCIPAL, Robot
+from ..robot.value import MOTOR, PRINCIPAL
 
 
 @dataclass(frozen=True)
@@ -120,13 +121,13 @@ class RobotInfo:
         return lines
 
 
-def robot_info(robot: Robot, *, progress: StageReport = no_report) -> RobotInfo:
+def robot_info(robot: RobotLike, *, progress: StageReport = no_report) -> RobotInfo:
     """Derive the robot's equations and say what came out; nothing is compiled."""
     from ..codegen.c.metadata import operations
     from ..codegen.joint.zeros import zero_map
     from ..codegen.kernels.equations import derive_equations
 
-    model = build_model(robot)
+    model = build_model(as_robot(robot))
     progress(f"deriving the equations of {model.size} coordinates")
     equations = derive_equations(model)
     zeros = zero_map(model)

@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING
 
 from .._version import __version__
 from ..codegen.kernels.signatures import KERNELS
+from ..description import RobotLike, as_robot
 from ..errors import InputError
 from ..progress import StageReport, no_report
 from ..robot.model import build_model
@@ -68,7 +69,7 @@ class Options:
 
 
 def build(
-    robot: Robot,
+    robot: RobotLike,
     *,
     kernels: Sequence[str] = (),
     dtype: str = "float64",
@@ -79,7 +80,7 @@ def build(
     """Derive, render and compile the robot's equations of motion, or load them from the cache.
 
     Args:
-        robot: from ``load_robot``.
+        robot: a Robot, the name of a built-in one, or the path of a description.
         kernels, dtype, native, flags: see Options.
         progress: called with a line of text when a stage begins.
 
@@ -87,13 +88,13 @@ def build(
         InputError: an option is unknown.
         BuildError: no compiler, a compiler that fails, a cache that cannot be written.
     """
-    options = Options(tuple(kernels), dtype, native, tuple(flags))
+    robot, options = as_robot(robot), Options(tuple(kernels), dtype, native, tuple(flags))
     return load_kernel(_cached_package(robot, options, progress), robot.name)
 
 
 def generate(
-    robot: Robot,
-    folder: Path,
+    robot: RobotLike,
+    folder: Path | str,
     options: Options | None = None,
     *,
     cmake: bool = False,
@@ -104,7 +105,7 @@ def generate(
     A package of an earlier generation there is replaced in one step; a folder that holds anything else is refused.
 
     Args:
-        robot: from ``load_robot``.
+        robot: a Robot, the name of a built-in one, or the path of a description.
         folder: where the package's folder is made.
         options: see Options.
         cmake: write a header for C++17, a CMake project and a pkg-config file, too.
@@ -114,7 +115,7 @@ def generate(
         InputError: the target exists and is not a generated package, or the folder cannot be written.
         BuildError: see ``build``.
     """
-    options = options or Options()
+    robot, folder, options = as_robot(robot), Path(folder), options or Options()
     package = _cached_package(robot, options, progress)
     target = folder / robot.name
     if _is_foreign(target):

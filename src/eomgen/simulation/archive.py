@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..description import RobotLike, as_robot
 from ..errors import InputError
 from ..files import write_atomically
 from ..integration.contacts import Contact
@@ -118,13 +119,14 @@ def result_of(meta: dict[str, Any], arrays: dict[str, Any]) -> SimulationResult:
     )
 
 
-def simulated_robot(result: SimulationResult, given: Robot | None = None) -> Robot:
+def simulated_robot(result: SimulationResult, given: RobotLike | None = None) -> Robot:
     """The robot of a result: the one given if it is that of the simulation, else the one that the result keeps.
 
     Raises:
         InputError: the result keeps none and none is given, or the one given is another robot.
     """
     if given is not None:
+        given = as_robot(given)
         if result.robot_hash and robot_hash(given) != result.robot_hash:
             raise InputError(
                 f"robot: {given.name} is not what was simulated as {result.robot}; allowed: the same description"

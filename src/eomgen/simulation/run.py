@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from .._version import __version__
+from ..description import RobotLike, as_robot
 from ..errors import InputError, IntegrationStopped
 from ..integration.solve import METHODS, choose_method, integrate
 from ..integration.steps import output_times
@@ -64,7 +65,7 @@ __all__ = [
 
 
 def simulate(
-    robot: Robot,
+    robot: RobotLike,
     *,
     duration: float = 2.0,
     start: Point | None = None,
@@ -83,7 +84,8 @@ def simulate(
     The motion takes 80 percent of the duration, then its goal is held.  A free joint is held where it is.
 
     Args:
-        robot: with at least one principal coordinate.
+        robot: a Robot, the name of a built-in one, or the path of a description; with at least one principal
+            coordinate.
         duration: s.
         start, goal: of the principal coordinates, rad or m: a value for each, in their order, or a mapping from names
             ("joint2", "joint2.gamma") to values.  By default from zero (or the nearest pose that is well inside the
@@ -100,6 +102,7 @@ def simulate(
         IntegrationStopped: the motion could not be integrated to its end; see ``integrate``.  What there is of it is in
             the error's ``result``.
     """
+    robot = as_robot(robot)
     if not (np.isfinite(bandwidth) and bandwidth > 0.0):
         raise InputError(f"bandwidth: {bandwidth!r} rad/s; a finite number greater than 0 is allowed")
     if not (np.isfinite(duration) and duration > 0.0):
@@ -121,12 +124,12 @@ def simulate(
 
 
 def run_scenario(
-    robot: Robot, scenario: Scenario, *, progress: Progress | None = None, stream: Path | str | None = None
+    robot: RobotLike, scenario: Scenario, *, progress: Progress | None = None, stream: Path | str | None = None
 ) -> SimulationResult:
     """Do what a scenario says with a robot, and integrate all its coordinates.
 
     Args:
-        robot: without loops.
+        robot: a Robot, the name of a built-in one, or the path of a description; without loops.
         scenario: from ``load_scenario``.
         progress: called with a fraction from 0 to 1 and a line of text.
         stream: a new folder to which q and v are written while they are integrated, see ``eomgen.load_stream``.
@@ -137,7 +140,7 @@ def run_scenario(
         IntegrationError: there is no equilibrium at the start, or the motion could not be integrated to its end: as
             IntegrationStopped, whose ``result`` has what there is of it.
     """
-    report: Progress = progress or no_progress
+    robot, report = as_robot(robot), progress or no_progress
     refuse_loops(robot)
     tool = tool_of(robot, scenario.frame, scenario.label("frame") if scenario.source else "tool")
     return run_setup(robot, scenario, set_up(robot, scenario, tool, report), tool, report, stream)

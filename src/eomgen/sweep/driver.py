@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from .._version import __version__
+from ..description import RobotLike, as_robot
 from ..errors import EomgenError, InputError
 from ..forms.toml_text import parse_toml
 from ..names import show
@@ -48,7 +49,7 @@ __all__ = ["SweepResult", "load_plan", "plan_from_toml", "run"]
 
 
 def run(
-    robot: Robot,
+    robot: RobotLike,
     scenario: str | Path | Mapping[str, Any],
     plan: Plan,
     output: Path | str,
@@ -60,7 +61,7 @@ def run(
     """Do all samples of a plan that the output folder does not have yet.
 
     Args:
-        robot: without loops.
+        robot: a Robot, the name of a built-in one, or the path of a description; without loops.
         scenario: built-in name or path of a .toml file, or the values of one.
         plan: from ``load_plan``.
         output: a new folder, or that of the same sweep, which goes on where it ended.
@@ -73,6 +74,7 @@ def run(
         InputError: plan, scenario and robot do not fit, or the folder is of something else.  Samples that fail do not
             raise; their rows have the error.
     """
+    robot = as_robot(robot)
     if threads is not None and executor is not None:
         raise InputError("threads and executor are both given; allowed: one of them")
     if threads is not None and (isinstance(threads, bool) or not isinstance(threads, int) or threads < 1):
@@ -91,8 +93,11 @@ def run(
     return SweepResult.load(output)
 
 
-def prepare(robot: Robot, scenario: str | Path | Mapping[str, Any], plan: Plan) -> tuple[Job, Design, tuple[str, ...]]:
+def prepare(
+    robot: RobotLike, scenario: str | Path | Mapping[str, Any], plan: Plan
+) -> tuple[Job, Design, tuple[str, ...]]:
     """Check a plan against robot and scenario: the job, its samples, and notes about how it is done."""
+    robot = as_robot(robot)
     refuse_loops(robot)
     if isinstance(scenario, Mapping):
         values, source, folder = dict(scenario), "scenario", Path()

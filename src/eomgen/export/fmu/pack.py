@@ -20,6 +20,7 @@ from typing import IO, TYPE_CHECKING
 import numpy as np
 
 from eomgen._version import __version__
+from eomgen.description import RobotLike, as_robot
 from eomgen.errors import InputError
 from eomgen.files import write_atomically
 from eomgen.pipeline.stages import Options, make_source
@@ -42,7 +43,7 @@ KERNELS = (
 
 
 def export_fmu(
-    robot: Robot,
+    robot: RobotLike,
     path: Path | str,
     version: int = 3,
     *,
@@ -56,7 +57,7 @@ def export_fmu(
     It has the binary of this machine and the C sources.
 
     Args:
-        robot: from ``load_robot``; a tree.
+        robot: a Robot, the name of a built-in one, or the path of a description; a tree.
         path: file to write, usually with the suffix .fmu.
         version: of the Functional Mock-up Interface, 2 or 3.
         method: of co-simulation, "rk4" or "implicit", as of ``Kernel.rollout``.
@@ -68,6 +69,7 @@ def export_fmu(
         InputError: the robot has loops, an argument is none of these, or the file cannot be written.
         BuildError: no compiler, or a compiler that fails.
     """
+    robot = as_robot(robot)
     _check(robot, version, method, step)
     made = default_step(robot, method, progress) if step is None else float(step)
     options = Options((*KERNELS, *(("rollout",) if method == "implicit" else ())), batches=False)
