@@ -20,7 +20,6 @@ PAGES: dict[str, tuple[str, tuple[str, ...]]] = {
             *(
                 "eomgen.simulation.result",
                 "eomgen.simulation.balance",
-                "eomgen.simulation.archive",
                 "eomgen.simulation.stream",
             ),
         ),

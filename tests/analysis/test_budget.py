@@ -37,7 +37,17 @@ def made_up(robot: Robot, seed: int, size: float) -> SimulationResult:
     pose, ideal = (np.array([oracle.frame_pose(x, "tcp") for x in rows]) for rows in (q, program))
     motion = Trajectory(t, q, 0 * q, 0 * q, np.zeros((41, 2)), names, "none")
     program_q = program[:, index_of(names, driven)]
-    return SimulationResult(robot.name, motion, driven, program_q, "tcp", pose, ideal, (), MappingProxyType({}))
+    return SimulationResult(
+        robot=robot.name,
+        trajectory=motion,
+        program_coordinates=driven,
+        program_q=program_q,
+        tool="tcp",
+        pose=pose,
+        program_pose=ideal,
+        notes=(),
+        versions=MappingProxyType({}),
+    )
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -86,7 +96,15 @@ def test_rows_have_closed_forms() -> None:
     moved[:, 0, 3] += q[:, 0]
     program = np.zeros((t.size, 1))
     result = SimulationResult(
-        "one_link", motion, ("joint1.gamma",), program, "tcp", moved, pose, (), MappingProxyType({})
+        robot="one_link",
+        trajectory=motion,
+        program_coordinates=("joint1.gamma",),
+        program_q=program,
+        tool="tcp",
+        pose=moved,
+        program_pose=pose,
+        notes=(),
+        versions=MappingProxyType({}),
     )
     found = budget(result, robot)
     x, gamma, left = found.table()

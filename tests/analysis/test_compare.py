@@ -82,7 +82,7 @@ def test_the_tool_moves_along_its_line(built: Build) -> None:
     kernel, oracle = built(robot, *KERNELS), PinocchioOracle(robot)
     begin, end = np.array([0.4, 0.25, 0.2]), np.array([0.45, -0.2, 0.4])
     limits = np.tile([-np.inf, np.inf], (6, 1))
-    line = ToolLine(kernel, "tcp", begin, end, 0.8, np.full(6, 0.3), limits)
+    line = ToolLine(kernel, "tcp", begin, end, 0.8, guess=np.full(6, 0.3), limits=limits)
     profile = PointToPoint(begin, end, 0.8)
     times, dt = np.linspace(0.0, 1.0, 41), 1e-5
     q, v, a = line.at(times)
@@ -130,10 +130,10 @@ def test_wrong_input_is_said(built: Build) -> None:
             compare(robots, duration=0.5, **options)  # type: ignore[arg-type]
     kernel = built(ur5.rigid(), *KERNELS)
     with pytest.raises(ArrayError, match="three finite numbers"):
-        ToolLine(kernel, "tcp", [0.4, np.nan, 0.1], [0.4, 0.1, 0.1], 1.0, np.zeros(6), np.zeros((6, 2)))
+        ToolLine(kernel, "tcp", [0.4, np.nan, 0.1], [0.4, 0.1, 0.1], 1.0, guess=np.zeros(6), limits=np.zeros((6, 2)))
     limits = np.tile([-0.1, 0.1], (6, 1))
     with pytest.raises(InputError, match="ur5_rigid: tcp does not reach"):
-        ToolLine(kernel, "tcp", [0.4, 0.1, 0.2], [0.4, -0.2, 0.3], 1.0, np.zeros(6), limits)
+        ToolLine(kernel, "tcp", [0.4, 0.1, 0.2], [0.4, -0.2, 0.3], 1.0, guess=np.zeros(6), limits=limits)
     with pytest.raises(InputError, match="motion is given together"):
         simulate(rod, motion=PointToPoint(np.zeros(1), np.ones(1), 1.0), goal=[1.0])
 

@@ -14,7 +14,7 @@ import scipy.linalg
 import eomgen
 from eomgen.analysis.at_rest import system_at_rest
 from eomgen.analysis.frequency import h1
-from eomgen.analysis.holding import hold_of, pose_of
+from eomgen.analysis.holding import fixation_of, pose_of
 from eomgen.analysis.modal import modes, modes_along
 from eomgen.analysis.modal_result import Modes
 from eomgen.analysis.tangent_system import KERNELS, checked_loads, constraint_hessian, frame_hessian, kernel_of
@@ -376,11 +376,11 @@ def test_input_that_is_refused() -> None:
     with pytest.raises(InputError, match="has not the coordinates"):
         modes(eomgen.load_robot("shaken_arm"), kernel=kernel)
     pulled = {"tcp": [5.0, 1.0, 0.0, 0.0, 0.0, 0.0]}
-    hold = hold_of(robot, kernel, "free", held=[])
+    fixation = fixation_of(robot, kernel, "free", held=[])
     kernel.parameters["joints.joint1.x.stiffness"] = 0.0
     q, dead = pose_of(robot, kernel, None), checked_loads(kernel, pulled)
     with pytest.raises(eomgen.IntegrationError, match=r"joint1\.x stays out of balance"):
-        system_at_rest(kernel, q, hold, dead)
+        system_at_rest(kernel, q, fixation, dead)
 
 
 def test_a_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -30,7 +30,7 @@ from eomgen.pictures.robot import plot_robot
 from eomgen.pipeline.costs import robot_info
 from eomgen.pipeline.stages import Options
 from eomgen.scenario import scenario_from_toml
-from eomgen.simulation.archive import simulated_robot
+from eomgen.simulation.result import simulated_robot
 from eomgen.sweep.driver import run
 
 Call = Callable[[Any], object]

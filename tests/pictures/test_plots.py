@@ -26,8 +26,7 @@ from eomgen.robot.model import build_model
 from eomgen.robot.record import record_of, robot_hash, robot_of
 from eomgen.robot.value import Robot
 from eomgen.scenario.load import scenario_from_toml
-from eomgen.simulation.archive import simulated_robot
-from eomgen.simulation.result import SimulationResult
+from eomgen.simulation.result import SimulationResult, simulated_robot
 from eomgen.simulation.run import run_scenario, simulate
 from tests.oracles.force_laws import with_laws
 from tests.oracles.springs import with_springs

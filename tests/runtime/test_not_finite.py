@@ -21,7 +21,7 @@ from eomgen.motion.point_to_point import Harmonic
 from eomgen.robot.value import Robot
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.assembly import KERNELS as NEEDED
-from eomgen.simulation.assembly import set_up
+from eomgen.simulation.assembly import assemble
 from eomgen.simulation.run import simulate
 from eomgen.sweep.pace import Pace, roll
 from tests.conftest import Build
@@ -284,7 +284,7 @@ def test_a_rollout_still_names_what_is_singular(built: Build) -> None:
 def test_a_sample_of_a_sweep_that_turns_bad_keeps_its_motion() -> None:
     robot = eomgen.load_robot("one_link")
     scenario = scenario_from_toml('duration = 0.1\n[control]\ntype = "none"\n[initial]\nq = { "joint1.gamma" = 0.3 }\n')
-    setup = set_up(robot, scenario, "tcp", lambda _fraction, _text: None, (*NEEDED, "rollout"))
+    setup = assemble(robot, scenario, "tcp", lambda _fraction, _text: None, (*NEEDED, "rollout"))
     pace = Pace("rk4", 20, 5, 0.1)
     whole = roll(robot, scenario, [setup], pace)[0]
     for at in (0.0, AT):

@@ -20,7 +20,7 @@ from eomgen.errors import InputError
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.result import SimulationResult
 from eomgen.simulation.run import run_scenario
-from eomgen.sweep.job import Row
+from eomgen.sweep.job import SampleRow
 from eomgen.sweep.store import opened, read_rows
 
 SCENARIO = "duration = 0.2\noutput_step = 0.005\n[motion]\ntype = 'point_to_point'\ngoal = [0.3]\n"
@@ -70,12 +70,13 @@ def check_results(folder: Path) -> int:
 ROWS = """
     import sys
     from pathlib import Path
-    from eomgen.sweep.job import Row
+    from eomgen.sweep.job import SampleRow
     from eomgen.sweep.store import opened
     with opened(Path(sys.argv[1]), {"key": "k", "eomgen": "0", "robot": "r"}) as store:
         start = max(store.rows, default=-1) + 1
         for i in range(start, start + 10**7):
-            store.append([Row(k, (float(k), k / 3), tuple(k + j / 7 for j in range(60))) for k in (2 * i, 2 * i + 1)])
+            pair = (2 * i, 2 * i + 1)
+            store.append([SampleRow(k, (float(k), k / 3), tuple(k + j / 7 for j in range(60))) for k in pair])
 """
 
 
@@ -197,14 +198,14 @@ SHORT = """
     import resource, sys
     from pathlib import Path
     from eomgen.errors import InputError
-    from eomgen.sweep.job import Row
+    from eomgen.sweep.job import SampleRow
     from eomgen.sweep.store import opened
     resource.setrlimit(resource.RLIMIT_FSIZE, (5000, resource.RLIM_INFINITY))
     done = 0
     try:
         with opened(Path(sys.argv[1]), {"key": "k", "eomgen": "0", "robot": "r"}) as store:
             for k in range(100):
-                store.append([Row(k, (float(k), k / 3), tuple(k + j / 7 for j in range(300)))])
+                store.append([SampleRow(k, (float(k), k / 3), tuple(k + j / 7 for j in range(300)))])
                 done += 1
     except InputError as error:
         assert "cannot be written: File too large" in str(error), error
@@ -221,7 +222,7 @@ def test_no_room_for_samples(tmp_path: Path) -> None:
     done = int(found.stdout)
     assert 0 <= done == len(read_rows(tmp_path))
     with opened(tmp_path, {"key": "k", "eomgen": "0", "robot": "r"}) as store:
-        store.append([Row(done, (float(done), done / 3), tuple(done + j / 7 for j in range(300)))])
+        store.append([SampleRow(done, (float(done), done / 3), tuple(done + j / 7 for j in range(300)))])
     assert len(read_rows(tmp_path)) == done + 1
 
 

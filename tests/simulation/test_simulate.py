@@ -19,7 +19,7 @@ from eomgen.integration.system import System
 from eomgen.motion.ends import default_motion
 from eomgen.pictures.simulation import plot_result
 from eomgen.robot.value import COORDINATES, Coordinate, Joint, Link, Robot
-from eomgen.simulation.archive import load_result
+from eomgen.simulation.result import load_result
 from eomgen.simulation.run import simulate
 from eomgen.state.equilibrium import static_equilibrium
 from eomgen.state.springs import coordinate_sizes, stiffnesses

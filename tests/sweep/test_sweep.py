@@ -26,7 +26,7 @@ from eomgen.pipeline.cache import VARIABLE
 from eomgen.robot.value import Robot
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.run import run_scenario
-from eomgen.sweep.driver import Parcel, prepare, run, work
+from eomgen.sweep.driver import KernelBundle, prepare, run, work
 from eomgen.sweep.plan import plan_from_toml
 from eomgen.sweep.result import SweepResult
 from eomgen.sweep.shipping import builds_of, pack, source_keys, unpack
@@ -304,7 +304,7 @@ def test_other_machines_compile_what_they_are_sent(empty_cache: Path, monkeypatc
     )
     builds = builds_of(job.robot, job.scenario(), job.kernels(job.scenario()))
     keys, samples = source_keys(builds), [design.values(i) for i in range(2)]
-    expected = work(Parcel(job, builds, keys), None, [0, 1], samples)
+    expected = work(KernelBundle(job, builds, keys), None, [0, 1], samples)
     content = pickle.loads(pickle.dumps(pack(builds)))
     assert {kind for kind, _ in content.entries} == {"sources", "packages"}
     monkeypatch.setenv(VARIABLE, str(empty_cache / "other"))
@@ -313,9 +313,9 @@ def test_other_machines_compile_what_they_are_sent(empty_cache: Path, monkeypatc
     later = replace(job, columns=())  # another key, so that nothing is remembered
     with (
         mock.patch("eomgen.pipeline.stages._derive", side_effect=AssertionError),
-        mock.patch("eomgen.sweep.driver._shops", {}),
+        mock.patch("eomgen.sweep.driver._runners", {}),
     ):
-        assert work(Parcel(later, builds, keys), content, [0, 1], samples) == expected
+        assert work(KernelBundle(later, builds, keys), content, [0, 1], samples) == expected
     assert (empty_cache / "other" / "packages").exists()
     with pytest.raises(InputError, match="another one"):
         unpack(content, builds, ("0" * 64,))

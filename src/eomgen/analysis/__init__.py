@@ -2,3 +2,34 @@
 
 Uses runtime, robot, state, loops, motion, pipeline and simulation.
 """
+
+from .compliance import ComplianceMap, compliance_map
+from .frequency import Response, h1, response
+from .matrices import StateSpace, linearize
+from .modal import modes, modes_along
+from .modal_result import Modes, TrackedModes
+from .sensitivity import offset_sensitivity
+from .statics import Deflection, deflection
+from .structures import Comparison, compare
+from .tool_budget import Budget, budget
+
+__all__ = [
+    "Budget",
+    "Comparison",
+    "ComplianceMap",
+    "Deflection",
+    "Modes",
+    "Response",
+    "StateSpace",
+    "TrackedModes",
+    "budget",
+    "compare",
+    "compliance_map",
+    "deflection",
+    "h1",
+    "linearize",
+    "modes",
+    "modes_along",
+    "offset_sensitivity",
+    "response",
+]

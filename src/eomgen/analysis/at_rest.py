@@ -16,7 +16,7 @@ from ..errors import IntegrationError
 from ..loops.closed import CLOSED, ClosedLoops
 from ..runtime.kernel import Kernel
 from ..state.vectors import RANK
-from .holding import Hold, floating
+from .holding import Fixation, floating
 from .tangent_system import LinearSystem, Tangent, load_force, moving_basis, reduced, tangent
 
 Array = NDArray[np.float64]
@@ -33,7 +33,7 @@ SMALL = 1e-11  # of a coordinate's size: round-off
 
 
 @dataclass(frozen=True)
-class Rest:
+class RestState:
     """A state of rest.
 
     Attributes:
@@ -54,17 +54,17 @@ class Rest:
 def rest(
     kernel: Kernel,
     q: Array,
-    hold: Hold,
+    fixation: Fixation,
     loads: Mapping[str, Array] | None = None,
     *,
     sagging: bool = False,
-) -> Rest:
+) -> RestState:
     """The state of rest near q, (n,).
 
     Args:
         kernel: float64, with the kernels of ``linear.KERNELS`` (and LOOP_KERNELS).
-        q: where to begin; ``hold.still`` stays there.
-        hold: what stays.
+        q: where to begin; ``fixation.still`` stays there.
+        fixation: what stays.
         loads: dead wrenches by frame, see ``linear.checked_loads``.
         sagging: drives with gains hold their coordinates as springs about q, instead of exactly.
 
@@ -73,8 +73,8 @@ def rest(
         LoopError: loops do not close near q.
     """
     loads, zero = loads or {}, np.zeros(kernel.n)
-    target, springs = q.copy(), hold.kp if sagging else zero
-    still = hold.still & ~(hold.driven & (springs > 0.0))
+    target, springs = q.copy(), fixation.kp if sagging else zero
+    still = fixation.still & ~(fixation.driven & (springs > 0.0))
     if kernel.loops:
         names = [name for name, stays in zip(kernel.coordinates, still, strict=True) if stays]
         q = ClosedLoops(kernel).consistent_positions(q, held=names)
@@ -110,7 +110,7 @@ def rest(
 
 def _found(
     kernel: Kernel, q: Array, target: Array, springs: Array, still: NDArray[np.bool_], loads: Mapping[str, Array]
-) -> Rest:
+) -> RestState:
     zero = np.zeros(kernel.n)
     needed = kernel.inverse_dynamics(q, zero, zero) - load_force(kernel, q, loads)
     multipliers, _ = _constraint(kernel, q, needed + springs * (q - target), still)
@@ -126,7 +126,7 @@ def _found(
         if values[0] < -1e-9:
             name = kernel.coordinates[independent[int(np.argmax(np.abs(vectors[:, 0])))]]
             notes.append(f"the state is not stable: it buckles along {name}")
-    return Rest(q, u, multipliers, found, tuple(notes))
+    return RestState(q, u, multipliers, found, tuple(notes))
 
 
 def _constraint(kernel: Kernel, q: Array, force: Array, still: NDArray[np.bool_]) -> tuple[Array, Array]:
@@ -164,8 +164,8 @@ def _solve(matrix: Array, right: Array) -> Array:
 
 
 def system_at_rest(
-    kernel: Kernel, q: Array, hold: Hold, loads: Mapping[str, Array] | None = None
-) -> tuple[LinearSystem, Rest]:
+    kernel: Kernel, q: Array, fixation: Fixation, loads: Mapping[str, Array] | None = None
+) -> tuple[LinearSystem, RestState]:
     """The linear system about the state of rest near q, and that state; arguments and errors as of ``rest``."""
-    state, zero = rest(kernel, q, hold, loads), np.zeros(kernel.n)
-    return reduced(kernel, state.q, zero, zero, state.u, state.tangent, hold, state.notes), state
+    state, zero = rest(kernel, q, fixation, loads), np.zeros(kernel.n)
+    return reduced(kernel, state.q, zero, zero, state.u, state.tangent, fixation, state.notes), state

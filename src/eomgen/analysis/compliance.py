@@ -19,16 +19,16 @@ from ..motion.tool_path import CLOSE, reach, space_point, starting_points, withi
 from ..progress import Progress, no_progress
 from ..robot.model import build_model, tool_of
 from ..runtime.kernel import Kernel
-from .holding import Gains, Pose, hold_of, pose_of
-from .statics import deflection_of, static_hold
-from .tangent_system import Loads, checked_loads, kernel_of
+from .holding import Gains, PoseLike, fixation_of, pose_of
+from .statics import deflection_of, static_fixation
+from .tangent_system import FrameLoads, checked_loads, kernel_of
 
 Array = NDArray[np.float64]
 
 GUESSES = 12  # of coordinates, per point that a neighbour's do not lead to
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ComplianceMap:
     """Compliance over a grid of the tool's places; NaN where the tool cannot be.
 
@@ -94,12 +94,12 @@ def compliance_map(
     second: ArrayLike,
     points: tuple[int, int] = (21, 21),
     *,
-    pose: Pose | None = None,
+    pose: PoseLike | None = None,
     drives: str = "locked",
     kp: Gains | None = None,
     kd: Gains | None = None,
     held: Iterable[str] | None = None,
-    loads: Loads | None = None,
+    loads: FrameLoads | None = None,
     frame: str | None = None,
     parameters: Mapping[str, float] | None = None,
     kernel: Kernel | None = None,
@@ -127,7 +127,7 @@ def compliance_map(
     places = _grid(corner, first, second, points)
     report = progress or no_progress
     kernel = kernel_of(robot, kernel, parameters, lambda text: report(0.0, text))
-    hold = static_hold(hold_of(robot, kernel, drives, kp=kp, kd=kd, held=held), drives)
+    fixation = static_fixation(fixation_of(robot, kernel, drives, kp=kp, kd=kd, held=held), drives)
     frame, dead = tool_of(robot, frame), checked_loads(kernel, loads)
     q0 = pose_of(robot, kernel, pose)
     driven = set(build_model(robot).driven)
@@ -135,7 +135,7 @@ def compliance_map(
         [principal_limits(robot, name) if i in driven else (q0[i], q0[i]) for i, name in enumerate(kernel.coordinates)]
     )
     shape = places.shape[:2]
-    q, bent, matrix = (np.full((*shape, *size), np.nan) for size in ((kernel.n,), (6,), (6, 6)))
+    q, deflected, matrix = (np.full((*shape, *size), np.nan) for size in ((kernel.n,), (6,), (6, 6)))
     guess, notes, unbalanced = q0, dict[str, None](), 0
     for count, (i, j) in enumerate(_serpentine(shape)):
         report(count / (shape[0] * shape[1]), "compliance")
@@ -144,15 +144,24 @@ def compliance_map(
             continue
         guess = reached
         try:
-            found = deflection_of(kernel, reached, hold, dead, robot.name, frame)
+            found = deflection_of(kernel, reached, fixation, dead, robot.name, frame)
         except IntegrationError:
             unbalanced += 1
             continue
-        q[i, j], bent[i, j], matrix[i, j] = found.q, found.deflection, found.compliance
+        q[i, j], deflected[i, j], matrix[i, j] = found.q, found.deflection, found.compliance
         notes |= dict.fromkeys(found.notes)
     if unbalanced:
         notes[f"{unbalanced} points are reached, but have no state of rest"] = None
-    return ComplianceMap(robot.name, frame, kernel.coordinates, places, q, bent, matrix, tuple(notes))
+    return ComplianceMap(
+        robot=robot.name,
+        frame=frame,
+        coordinates=kernel.coordinates,
+        points=places,
+        q=q,
+        deflection=deflected,
+        compliance=matrix,
+        notes=tuple(notes),
+    )
 
 
 def _grid(corner: ArrayLike, first: ArrayLike, second: ArrayLike, points: tuple[int, int]) -> Array:

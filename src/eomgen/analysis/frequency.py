@@ -23,16 +23,16 @@ from ..files import write_atomically
 from ..progress import StageReport
 from ..runtime.kernel import Kernel
 from .at_rest import system_at_rest
-from .holding import Gains, Pose, hold_of, pose_of
+from .holding import Gains, PoseLike, fixation_of, pose_of
 from .modal import ROUND_OFF
 from .ports import checked_kind, input_matrix, output_matrices, unit_of_input, unit_of_output
-from .tangent_system import LinearSystem, Loads, checked_loads, kernel_of
+from .tangent_system import FrameLoads, LinearSystem, checked_loads, kernel_of
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Response:
     """Frequency responses about a state of rest.
 
@@ -127,14 +127,14 @@ def response(
     inputs: Sequence[str],
     outputs: Sequence[str],
     frequencies: ArrayLike,
-    pose: Pose | None = None,
+    pose: PoseLike | None = None,
     *,
     kind: str = "displacement",
     drives: str = "locked",
     kp: Gains | None = None,
     kd: Gains | None = None,
     held: Iterable[str] | None = None,
-    loads: Loads | None = None,
+    loads: FrameLoads | None = None,
     parameters: Mapping[str, float] | None = None,
     kernel: Kernel | None = None,
     progress: StageReport | None = None,
@@ -158,18 +158,27 @@ def response(
     hertz = _frequencies(frequencies)
     robot = as_robot(robot)
     kernel = kernel_of(robot, kernel, parameters, progress)
-    hold = hold_of(robot, kernel, drives, kp=kp, kd=kd, held=held)
-    system, _ = system_at_rest(kernel, pose_of(robot, kernel, pose), hold, checked_loads(kernel, loads))
+    fixation = fixation_of(robot, kernel, drives, kp=kp, kd=kd, held=held)
+    system, _ = system_at_rest(kernel, pose_of(robot, kernel, pose), fixation, checked_loads(kernel, loads))
     for note in system.notes:
         warnings.warn(note, EomgenWarning, stacklevel=2)
-    forces = system.basis.T @ input_matrix(kernel, system.q, inputs, hold)
+    forces = system.basis.T @ input_matrix(kernel, system.q, inputs, fixation)
     rows = output_matrices(kernel, system.q, system.v, outputs)[0] @ system.basis
-    names = tuple(inputs), tuple(outputs)
     H = _solved(system, forces, rows, hertz)
     H *= {"displacement": 1.0, "velocity": 2j * np.pi, "acceleration": -4.0 * np.pi**2}[kind] * np.power(
         hertz, {"displacement": 0, "velocity": 1, "acceleration": 2}[kind]
     )[:, np.newaxis, np.newaxis]
-    return Response(robot.name, hertz, H, *names, kind, kernel.coordinates, system.q, system.notes)
+    return Response(
+        robot=robot.name,
+        frequencies=hertz,
+        H=H,
+        inputs=tuple(inputs),
+        outputs=tuple(outputs),
+        kind=kind,
+        coordinates=kernel.coordinates,
+        q=system.q,
+        notes=system.notes,
+    )
 
 
 def h1(

@@ -18,7 +18,7 @@ from ..state.motors import deflections, turn_motors
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Pose = Mapping[str, float] | Sequence[float] | Array
+PoseLike = Mapping[str, float] | Sequence[float] | Array
 Gains = float | Mapping[str, float]
 
 DRIVES = ("locked", "free", "pd")
@@ -26,7 +26,7 @@ SPRINGS = ("stiffness", "stiffness_negative", "cubic", "curve.0")
 
 
 @dataclass(frozen=True)
-class Hold:
+class Fixation:
     """What stays, and what drives add.
 
     Attributes:
@@ -45,7 +45,7 @@ class Hold:
     notes: tuple[str, ...]
 
 
-def hold_of(
+def fixation_of(
     robot: Robot,
     kernel: Kernel,
     drives: str = "locked",
@@ -53,7 +53,7 @@ def hold_of(
     kp: Gains | None = None,
     kd: Gains | None = None,
     held: Iterable[str] | None = None,
-) -> Hold:
+) -> Fixation:
     """What stays in an analysis.
 
     Prescribed coordinates always do.  About the state principal coordinates are locked, or free under constant
@@ -101,10 +101,10 @@ def hold_of(
         gains = np.zeros(kernel.n), np.zeros(kernel.n)
     if drives != "locked":
         locked = given
-    return Hold(still, locked, driven, *gains, tuple(notes))
+    return Fixation(still, locked, driven, *gains, tuple(notes))
 
 
-def pose_of(robot: Robot, kernel: Kernel, pose: Pose | None) -> Array:
+def pose_of(robot: Robot, kernel: Kernel, pose: PoseLike | None) -> Array:
     """Coordinates of a pose, (n,): deviations not given are zero, motors not given follow their joints.
 
     Args:

@@ -20,14 +20,14 @@ from ..robot.model import tool_of
 from ..runtime.kernel import Kernel
 from ..state.vectors import state_vector
 from .at_rest import system_at_rest
-from .holding import Gains, Hold, Pose, floating, hold_of, pose_of
+from .holding import Fixation, Gains, PoseLike, fixation_of, floating, pose_of
 from .ports import checked_kind, input_matrix, output_matrices
-from .tangent_system import LinearSystem, Loads, checked_loads, kernel_of, load_force, reduced, tangent
+from .tangent_system import FrameLoads, LinearSystem, checked_loads, kernel_of, load_force, reduced, tangent
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class StateSpace:
     """x' = A x + B w, y = C x + D w: small changes about a state of rest, or about a motion at one time.
 
@@ -99,7 +99,7 @@ class StateSpace:
 
 def linearize(
     robot: RobotLike,
-    pose: Pose | None = None,
+    pose: PoseLike | None = None,
     *,
     v: ArrayLike | None = None,
     a: ArrayLike | None = None,
@@ -111,7 +111,7 @@ def linearize(
     kp: Gains | None = None,
     kd: Gains | None = None,
     held: Iterable[str] | None = None,
-    loads: Loads | None = None,
+    loads: FrameLoads | None = None,
     frame: str | None = None,
     parameters: Mapping[str, float] | None = None,
     kernel: Kernel | None = None,
@@ -138,26 +138,26 @@ def linearize(
     checked_kind(kind)
     robot = as_robot(robot)
     kernel = kernel_of(robot, kernel, parameters, progress)
-    hold = hold_of(robot, kernel, drives, kp=kp, kd=kd, held=held)
+    fixation = fixation_of(robot, kernel, drives, kp=kp, kd=kd, held=held)
     frame, dead = tool_of(robot, frame), checked_loads(kernel, loads)
     q = pose_of(robot, kernel, pose)
     if v is None:
         if a is not None or u is not None:
             raise InputError("a and u belong to a motion; allowed: with v")
-        system, _ = system_at_rest(kernel, q, hold, dead)
+        system, _ = system_at_rest(kernel, q, fixation, dead)
     else:
-        system = _moving_system(kernel, q, v, a, u, hold, dead)
+        system = _moving_system(kernel, q, v, a, u, fixation, dead)
     for note in system.notes:
         warnings.warn(note, EomgenWarning, stacklevel=2)
     if inputs is None:
-        inputs = [name for i, name in enumerate(kernel.coordinates) if hold.driven[i] and not hold.locked[i]]
+        inputs = [name for i, name in enumerate(kernel.coordinates) if fixation.driven[i] and not fixation.locked[i]]
     if outputs is None:
         outputs = [f"{frame}.{part}" for part in MOTIONS]
-    return state_space(system, hold, robot.name, inputs, outputs, kind)
+    return state_space(system, fixation, robot.name, inputs, outputs, kind)
 
 
 def state_space(
-    system: LinearSystem, hold: Hold, robot: str, inputs: Sequence[str], outputs: Sequence[str], kind: str
+    system: LinearSystem, fixation: Fixation, robot: str, inputs: Sequence[str], outputs: Sequence[str], kind: str
 ) -> StateSpace:
     """The matrices of a linear system with these inputs and outputs; ``robot`` is the robot's name.
 
@@ -165,7 +165,7 @@ def state_space(
         InputError: a name is unknown, or accelerations are asked for about a motion.
     """
     kernel, m, moving = system.kernel, len(system.independent), bool(system.v.any() or system.a.any())
-    forces = np.linalg.solve(system.M, system.basis.T @ input_matrix(kernel, system.q, inputs, hold))
+    forces = np.linalg.solve(system.M, system.basis.T @ input_matrix(kernel, system.q, inputs, fixation))
     lower = -np.linalg.solve(system.M, np.hstack([system.K, system.D]))
     A = np.vstack([np.hstack([np.zeros((m, m)), np.eye(m)]), lower])
     B = np.vstack([np.zeros_like(forces), forces])
@@ -180,21 +180,21 @@ def state_space(
     else:
         C, D = rows @ lower, rows @ forces
     return StateSpace(
-        robot,
-        A,
-        B,
-        C,
-        D,
-        (*system.independent, *(f"{name}.rate" for name in system.independent)),
-        tuple(inputs),
-        tuple(outputs),
-        kind,
-        kernel.coordinates,
-        system.q,
-        system.v,
-        system.a,
-        system.u,
-        system.notes,
+        robot=robot,
+        A=A,
+        B=B,
+        C=C,
+        D=D,
+        states=(*system.independent, *(f"{name}.rate" for name in system.independent)),
+        inputs=tuple(inputs),
+        outputs=tuple(outputs),
+        kind=kind,
+        coordinates=kernel.coordinates,
+        q=system.q,
+        v=system.v,
+        a=system.a,
+        u=system.u,
+        notes=system.notes,
     )
 
 
@@ -204,7 +204,7 @@ def _moving_system(
     v: ArrayLike,
     a: ArrayLike | None,
     u: ArrayLike | None,
-    hold: Hold,
+    fixation: Fixation,
     loads: Mapping[str, Array],
 ) -> LinearSystem:
     """The system about a motion at one time: drives are constant, or gains about the motion."""
@@ -219,10 +219,10 @@ def _moving_system(
         acceleration = state_vector("a", given, kernel.coordinates)
     else:
         missing = state_vector("u", given, kernel.coordinates) + dead - kernel.inverse_dynamics(q, rates, 0 * q)
-        M, free = kernel.residual_jacobian(q, rates, 0 * q)[2], ~hold.locked
+        M, free = kernel.residual_jacobian(q, rates, 0 * q)[2], ~fixation.locked
         acceleration = np.zeros(kernel.n)
         acceleration[free] = np.linalg.solve(M[np.ix_(free, free)], missing[free])
     forces = kernel.inverse_dynamics(q, rates, acceleration) - dead
     found = tangent(kernel, q, rates, acceleration, loads)
     notes = tuple(f"{name} floats in its clearance: no stiffness there" for name in floating(kernel, q))
-    return reduced(kernel, q, rates, acceleration, forces, found, replace(hold, notes=()), notes)
+    return reduced(kernel, q, rates, acceleration, forces, found, replace(fixation, notes=()), notes)

@@ -18,27 +18,26 @@ from ..progress import StageReport
 from ..robot.model import tool_of
 from ..runtime.kernel import Kernel
 from .at_rest import system_at_rest
-from .holding import Gains, Pose, hold_of, pose_of
+from .holding import Gains, PoseLike, fixation_of, pose_of
 from .modal_result import Modes, TrackedModes
-from .tangent_system import LinearSystem, Loads, checked_loads, kernel_of
+from .tangent_system import FrameLoads, LinearSystem, checked_loads, kernel_of
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-__all__ = ["Modes", "TrackedModes", "modes", "modes_along", "modes_of"]
 
 ROUND_OFF = 1e-14  # of the greatest stiffness over mass: what is taken to be zero
 
 
 def modes(
     robot: RobotLike,
-    pose: Pose | None = None,
+    pose: PoseLike | None = None,
     *,
     drives: str = "locked",
     kp: Gains | None = None,
     kd: Gains | None = None,
     held: Iterable[str] | None = None,
-    loads: Loads | None = None,
+    loads: FrameLoads | None = None,
     frame: str | None = None,
     parameters: Mapping[str, float] | None = None,
     kernel: Kernel | None = None,
@@ -52,7 +51,7 @@ def modes(
         pose: see ``holding.pose_of``.
         drives: "locked" (principal coordinates do not move), "free" (they move under the constant forces that hold the
             pose) or "pd" (gains ``kp`` and ``kd`` hold them).
-        kp, kd, held: see ``holding.hold_of``; held is needed for a robot with loops.
+        kp, kd, held: see ``holding.fixation_of``; held is needed for a robot with loops.
         loads: dead wrenches by frame or link, (6,) each: force (N), moment (N m) at its origin, base axes.
         frame: to look at; default as in ``simulate``.
         parameters: values that differ from the description's, {"gravity.z": 0.0} say.
@@ -65,9 +64,9 @@ def modes(
     """
     robot = as_robot(robot)
     kernel = kernel_of(robot, kernel, parameters, progress)
-    hold = hold_of(robot, kernel, drives, kp=kp, kd=kd, held=held)
+    fixation = fixation_of(robot, kernel, drives, kp=kp, kd=kd, held=held)
     frame, found = tool_of(robot, frame), checked_loads(kernel, loads)
-    system, _ = system_at_rest(kernel, pose_of(robot, kernel, pose), hold, found)
+    system, _ = system_at_rest(kernel, pose_of(robot, kernel, pose), fixation, found)
     for note in system.notes:
         warnings.warn(note, EomgenWarning, stacklevel=2)
     return modes_of(system, robot.name, frame)
@@ -75,13 +74,13 @@ def modes(
 
 def modes_along(
     robot: RobotLike,
-    poses: Sequence[Pose] | Array,
+    poses: Sequence[PoseLike] | Array,
     *,
     drives: str = "locked",
     kp: Gains | None = None,
     kd: Gains | None = None,
     held: Iterable[str] | None = None,
-    loads: Loads | None = None,
+    loads: FrameLoads | None = None,
     frame: str | None = None,
     parameters: Mapping[str, float] | None = None,
     kernel: Kernel | None = None,
@@ -99,11 +98,11 @@ def modes_along(
         raise InputError("poses: none given; allowed: one or more")
     robot = as_robot(robot)
     kernel = kernel_of(robot, kernel, parameters, progress)
-    hold = hold_of(robot, kernel, drives, kp=kp, kd=kd, held=held)
+    fixation = fixation_of(robot, kernel, drives, kp=kp, kd=kd, held=held)
     frame, dead = tool_of(robot, frame), checked_loads(kernel, loads)
     found, metrics = [], []
     for pose in poses:
-        system, _ = system_at_rest(kernel, pose_of(robot, kernel, pose), hold, dead)
+        system, _ = system_at_rest(kernel, pose_of(robot, kernel, pose), fixation, dead)
         found.append(modes_of(system, robot.name, frame))
         metrics.append(system.kernel.residual_jacobian(system.q, system.v, system.a)[2])
     for note in dict.fromkeys(note for entry in found for note in entry.notes):
@@ -127,21 +126,21 @@ def modes_of(system: LinearSystem, robot: str, frame: str) -> Modes:
     chosen = chosen[np.lexsort((s[chosen].real, s[chosen].imag, np.abs(s[chosen])))]
     scaled = vectors[:m, chosen] / np.linalg.norm(vectors[:m, chosen], axis=0)
     scaled = np.concatenate([rigid.astype(np.complex128), scaled], axis=1)
-    shapes = np.linalg.solve(L.T, _turned(scaled)).T @ system.basis.T
+    shapes = np.linalg.solve(L.T, _most_real(scaled)).T @ system.basis.T
     values = np.linalg.eigvalsh(0.5 * (S + S.T))
     values[np.argsort(np.abs(values), kind="stable")[: rigid.shape[1]]] = 0.0
     J = system.kernel.frame_jacobian(system.q, frame)
     return Modes(
-        robot,
-        system.kernel.coordinates,
-        system.q,
-        np.concatenate([np.zeros(rigid.shape[1]), s[chosen]]),
-        shapes,
-        frame,
-        shapes @ J.T,
-        np.sign(values) * np.sqrt(np.abs(values)) / (2.0 * np.pi),
-        float(np.sqrt(ROUND_OFF * m) * weight / (2.0 * np.pi)),
-        system.notes,
+        robot=robot,
+        coordinates=system.kernel.coordinates,
+        q=system.q,
+        eigenvalues=np.concatenate([np.zeros(rigid.shape[1]), s[chosen]]),
+        shapes=shapes,
+        frame=frame,
+        frame_shapes=shapes @ J.T,
+        undamped=np.sign(values) * np.sqrt(np.abs(values)) / (2.0 * np.pi),
+        resolution=float(np.sqrt(ROUND_OFF * m) * weight / (2.0 * np.pi)),
+        notes=system.notes,
     )
 
 
@@ -161,7 +160,7 @@ def _rigid(system: LinearSystem, L: Array) -> tuple[Array, int]:
     return np.asarray(basis, dtype=np.float64), 2 * right.shape[1] - rank
 
 
-def _turned(scaled: Complex) -> Complex:
+def _most_real(scaled: Complex) -> Complex:
     """Columns with the phase that makes them most real, the largest entry positive."""
     with np.errstate(divide="ignore", invalid="ignore"):
         square = (scaled**2).sum(axis=0)

@@ -16,7 +16,7 @@ Complex = NDArray[np.complex128]
 FRAME_PARTS = ("x", "y", "z", "rx", "ry", "rz")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Modes:
     """Modes of small motions about a state of rest, by rising natural frequency; m of them.
 

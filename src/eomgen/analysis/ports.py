@@ -11,7 +11,7 @@ from ..errors import InputError, UnknownNameError
 from ..names import show
 from ..robot.coordinates import FORCES, MOTIONS, unit_of
 from ..runtime.kernel import Kernel
-from .holding import Hold
+from .holding import Fixation
 from .tangent_system import frame_hessian
 
 Array = NDArray[np.float64]
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 KINDS = ("displacement", "velocity", "acceleration")
 
 
-def input_matrix(kernel: Kernel, q: Array, names: Sequence[str], hold: Hold) -> Array:
+def input_matrix(kernel: Kernel, q: Array, names: Sequence[str], fixation: Fixation) -> Array:
     """Generalized forces per unit of each input, (n, inputs).
 
     An input is a coordinate's name (its drive, or a force like one; N or N m), or a frame or link with a component of a
@@ -33,7 +33,7 @@ def input_matrix(kernel: Kernel, q: Array, names: Sequence[str], hold: Hold) -> 
     for name in names:
         if name in kernel.coordinates:
             i = kernel.coordinates.index(name)
-            if hold.locked[i]:
+            if fixation.locked[i]:
                 raise InputError(f"input: {name} does not move; allowed: drives that are free or pd, or another input")
             columns.append(np.eye(kernel.n)[i])
             continue

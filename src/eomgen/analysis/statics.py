@@ -17,8 +17,8 @@ from ..progress import StageReport
 from ..robot.model import tool_of
 from ..runtime.kernel import Kernel
 from .at_rest import rest
-from .holding import Gains, Hold, Pose, floating, hold_of, pose_of
-from .tangent_system import Loads, checked_loads, kernel_of, moving_basis
+from .holding import Fixation, Gains, PoseLike, fixation_of, floating, pose_of
+from .tangent_system import FrameLoads, checked_loads, kernel_of, moving_basis
 
 Array = NDArray[np.float64]
 
@@ -27,7 +27,7 @@ RANK = 1e-9  # of the greatest principal compliance: what is taken to be zero
 SOFT = 1e-13  # of the greatest stiffness, scaled: nothing holds what has less
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Deflection:
     """A frame under load, beside the rigid robot.
 
@@ -97,13 +97,13 @@ class Deflection:
 
 def deflection(
     robot: RobotLike,
-    pose: Pose | None = None,
+    pose: PoseLike | None = None,
     *,
     drives: str = "locked",
     kp: Gains | None = None,
     kd: Gains | None = None,
     held: Iterable[str] | None = None,
-    loads: Loads | None = None,
+    loads: FrameLoads | None = None,
     frame: str | None = None,
     parameters: Mapping[str, float] | None = None,
     kernel: Kernel | None = None,
@@ -120,47 +120,50 @@ def deflection(
     """
     robot = as_robot(robot)
     kernel = kernel_of(robot, kernel, parameters, progress)
-    hold = hold_of(robot, kernel, drives, kp=kp, kd=kd, held=held)
+    fixation = fixation_of(robot, kernel, drives, kp=kp, kd=kd, held=held)
     frame, dead = tool_of(robot, frame), checked_loads(kernel, loads)
-    found = deflection_of(kernel, pose_of(robot, kernel, pose), static_hold(hold, drives), dead, robot.name, frame)
+    found = deflection_of(
+        kernel, pose_of(robot, kernel, pose), static_fixation(fixation, drives), dead, robot.name, frame
+    )
     for note in found.notes:
         warnings.warn(note, EomgenWarning, stacklevel=2)
     return found
 
 
-def static_hold(hold: Hold, drives: str) -> Hold:
+def static_fixation(fixation: Fixation, drives: str) -> Fixation:
     """The same with everything locked that stays at the state; InputError if drives are free."""
     if drives == "free":
         raise InputError("drives: 'free' drives hold nothing in place; allowed: locked, pd")
-    return replace(hold, locked=hold.still & ~(hold.driven & (hold.kp > 0.0)))
+    return replace(fixation, locked=fixation.still & ~(fixation.driven & (fixation.kp > 0.0)))
 
 
 def deflection_of(
-    kernel: Kernel, q: Array, hold: Hold, loads: Mapping[str, Array], robot: str, frame: str
+    kernel: Kernel, q: Array, fixation: Fixation, loads: Mapping[str, Array], robot: str, frame: str
 ) -> Deflection:
     """As ``deflection``, of a kernel at coordinates, (n,)."""
     if kernel.loops:
-        names = [name for name, stays in zip(kernel.coordinates, hold.locked, strict=True) if stays]
+        names = [name for name, stays in zip(kernel.coordinates, fixation.locked, strict=True) if stays]
         q = ClosedLoops(kernel).consistent_positions(q, held=names)
-    state = rest(kernel, q, hold, loads, sagging=True)
-    unloaded = rest(kernel, q, hold, {}, sagging=True).q if loads else state.q
+    state = rest(kernel, q, fixation, loads, sagging=True)
+    unloaded = rest(kernel, q, fixation, {}, sagging=True).q if loads else state.q
     rigid_pose, pose, before = (np.asarray(kernel.frame_pose(x, frame)) for x in (q, state.q, unloaded))
-    compliance = _compliance(kernel, state.q, state.tangent.K + np.diag(hold.kp), hold, frame)
+    compliance = _compliance(kernel, state.q, state.tangent.K + np.diag(fixation.kp), fixation, frame)
     rank, stiffness = _inverse(compliance)
+    whole = motion_between(rigid_pose, pose)
     return Deflection(
-        robot,
-        frame,
-        kernel.coordinates,
-        state.q,
-        state.u,
-        rigid_pose,
-        pose,
-        motion_between(rigid_pose, pose),
-        motion_between(rigid_pose, pose) - motion_between(rigid_pose, before),
-        compliance,
-        stiffness,
-        rank,
-        (*hold.notes, *state.notes),
+        robot=robot,
+        frame=frame,
+        coordinates=kernel.coordinates,
+        q=state.q,
+        u=state.u,
+        rigid_pose=rigid_pose,
+        pose=pose,
+        deflection=whole,
+        by_loads=whole - motion_between(rigid_pose, before),
+        compliance=compliance,
+        stiffness=stiffness,
+        rank=rank,
+        notes=(*fixation.notes, *state.notes),
     )
 
 
@@ -178,10 +181,10 @@ def motion_between(first: Array, second: Array) -> Array:
     return np.concatenate([second[:3, 3] - first[:3, 3], skew])
 
 
-def _compliance(kernel: Kernel, q: Array, K: Array, hold: Hold, frame: str) -> Array:
+def _compliance(kernel: Kernel, q: Array, K: Array, fixation: Fixation, frame: str) -> Array:
     """J K^-1 J^T over what may move; coordinates that float in their clearance stay."""
     stuck = np.isin(kernel.coordinates, floating(kernel, q))
-    basis, independent = moving_basis(kernel, q, ~(hold.locked | stuck))
+    basis, independent = moving_basis(kernel, q, ~(fixation.locked | stuck))
     J = kernel.frame_jacobian(q, frame) @ basis
     if not independent:
         return np.zeros((6, 6))

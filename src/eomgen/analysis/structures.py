@@ -36,7 +36,7 @@ COUNTED = ("inverse_dynamics", "forward_dynamics", "mass_matrix")
 WIDTH = 34
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Entry:
     """One robot's figures; peaks are the largest sizes over time.
 
@@ -176,7 +176,8 @@ def _line_motion(robot: Robot, line: Line, duration: float, tool: str | None) ->
     rigid = build(robot.rigid(), kernels=RIGID_KERNELS)
     limits = np.array([principal_limits(robot, name) for name in rigid.coordinates])
     guess = default_motion(robot, duration, rigid.coordinates)
-    return ToolLine(rigid, tool_of(robot, tool), *line, duration, (guess.start + guess.goal) / 2, limits)
+    middle = (guess.start + guess.goal) / 2
+    return ToolLine(rigid, tool_of(robot, tool), *line, duration, guess=middle, limits=limits)
 
 
 def _entry(robot: Robot, result: SimulationResult) -> Entry:
@@ -189,15 +190,17 @@ def _entry(robot: Robot, result: SimulationResult) -> Entry:
     model = build_model(robot)
     path = np.diff(result.program_pose[:, :3, 3], axis=0)
     return Entry(
-        robot.name,
-        kernel.n,
-        float(sum(robot.link(name).mass for name in model.links)),
-        {name: (kernel.operations[name]["mul"], kernel.operations[name]["add"]) for name in COUNTED},
-        {motion.coordinates[i]: float(np.abs(motion.u[:, i]).max()) for i in index},
-        {name: (_largest(reactions[:, k, :3]), _largest(reactions[:, k, 3:])) for k, name in enumerate(kernel.joints)},
-        result.tool,
-        float(np.linalg.norm(path, axis=1).sum()),
-        (float(deviation.max()), float(deviation[-1])) if result.deviation_coordinates else None,
+        robot=robot.name,
+        coordinates=kernel.n,
+        mass=float(sum(robot.link(name).mass for name in model.links)),
+        operations={name: (kernel.operations[name]["mul"], kernel.operations[name]["add"]) for name in COUNTED},
+        drives={motion.coordinates[i]: float(np.abs(motion.u[:, i]).max()) for i in index},
+        reactions={
+            name: (_largest(reactions[:, k, :3]), _largest(reactions[:, k, 3:])) for k, name in enumerate(kernel.joints)
+        },
+        tool=result.tool,
+        tool_travel=float(np.linalg.norm(path, axis=1).sum()),
+        tool_deviation=(float(deviation.max()), float(deviation[-1])) if result.deviation_coordinates else None,
     )
 
 

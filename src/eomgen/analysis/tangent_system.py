@@ -24,10 +24,10 @@ from ..robot.model import build_model
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..state.vectors import RANK
-from .holding import Hold
+from .holding import Fixation
 
 Array = NDArray[np.float64]
-Loads = Mapping[str, ArrayLike]
+FrameLoads = Mapping[str, ArrayLike]
 
 KERNELS = ("inverse_dynamics", "residual_jacobian", "kinematics")
 LOOP_KERNELS = ("mass_matrix", "constraint", "constraint_jacobian", "constraint_bias", "cut_poses")
@@ -91,7 +91,7 @@ def constraint_hessian(kernel: Kernel, q: Array) -> Array:
     return result
 
 
-def checked_loads(kernel: Kernel, loads: Loads | None) -> dict[str, Array]:
+def checked_loads(kernel: Kernel, loads: FrameLoads | None) -> dict[str, Array]:
     """Dead wrenches by frame, (6,) each, force (N) and moment (N m) at its origin in base axes.
 
     Raises:
@@ -164,7 +164,7 @@ def moving_basis(kernel: Kernel, q: Array, moving: NDArray[np.bool_]) -> tuple[A
     return basis, tuple(int(index[i]) for i in chosen)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class LinearSystem:
     """M e'' + D e' + K e = basis^T f about a state; e the change of m independent coordinates, f generalized forces.
 
@@ -190,10 +190,6 @@ class LinearSystem:
     K: Array
     notes: tuple[str, ...]
 
-    def frame_motion(self, frame: str) -> Array:
-        """Motion of a frame per change of the independent coordinates, (6, m): displacement, rotation; base axes."""
-        return np.asarray(self.kernel.frame_jacobian(self.q, frame) @ self.basis)
-
 
 def reduced(
     kernel: Kernel,
@@ -202,7 +198,7 @@ def reduced(
     a: Array,
     u: Array,
     found: Tangent,
-    hold: Hold,
+    fixation: Fixation,
     notes: tuple[str, ...] = (),
 ) -> LinearSystem:
     """The system in independent coordinates, what is locked left out, gains of the drives added.
@@ -211,14 +207,28 @@ def reduced(
         InputError: nothing can move.
         SingularError: a coordinate moves no inertia.
     """
-    basis, independent = moving_basis(kernel, q, ~hold.locked)
+    basis, independent = moving_basis(kernel, q, ~fixation.locked)
     if not independent:
         raise InputError(f"{kernel.name}: nothing can move; allowed: fewer held coordinates, or drives that are free")
     names = tuple(kernel.coordinates[i] for i in independent)
-    M, D, K = (basis.T @ part @ basis for part in (found.M, found.D + np.diag(hold.kd), found.K + np.diag(hold.kp)))
+    M, D, K = (
+        basis.T @ part @ basis for part in (found.M, found.D + np.diag(fixation.kd), found.K + np.diag(fixation.kp))
+    )
     size = np.sqrt(np.maximum(np.diagonal(M), max(1e-14 * np.diagonal(M).max(), 1e-300)))
     values, vectors = np.linalg.eigh(M / np.outer(size, size))
     if values[0] <= 1e-13:
         worst = names[int(np.argmax(np.abs(vectors[:, 0])))]
         raise SingularError(f"{kernel.name}: the mass matrix cannot be inverted at {worst}: it moves no inertia there")
-    return LinearSystem(kernel, q, v, a, u, names, basis, M, D, K, (*hold.notes, *notes))
+    return LinearSystem(
+        kernel=kernel,
+        q=q,
+        v=v,
+        a=a,
+        u=u,
+        independent=names,
+        basis=basis,
+        M=M,
+        D=D,
+        K=K,
+        notes=(*fixation.notes, *notes),
+    )

@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Row:
+class BudgetRow:
     """One coordinate's part, or the remainder: rms and peak size over time (m or rad), when, and its share.
 
     The share is the part of the deviation that points along it, integral(c . d) / integral(d . d): shares add up to
@@ -65,7 +65,7 @@ class Budget:
         """The deviation less all contributions, (T, 6): of second order in the coordinates' deviations."""
         return np.asarray(self.deviation - self.contributions.sum(axis=1))
 
-    def table(self, part: str = "displacement", by: str = "coordinate") -> tuple[Row, ...]:
+    def table(self, part: str = "displacement", by: str = "coordinate") -> tuple[BudgetRow, ...]:
         """Rows of all coordinates, or joints, by falling rms, the remainder last.
 
         Args:
@@ -89,13 +89,13 @@ class Budget:
     def _columns(self) -> Array:
         return np.swapaxes(self.contributions, 0, 1)
 
-    def _row(self, name: str, values: Array, whole: Array) -> Row:
+    def _row(self, name: str, values: Array, whole: Array) -> BudgetRow:
         size = np.linalg.norm(values, axis=1)
         peak = int(size.argmax())
         power = float(self._mean((whole * whole).sum(axis=1)))
         share = float(self._mean((values * whole).sum(axis=1))) / power if power > 0.0 else 0.0
         rms = float(np.sqrt(self._mean(size**2)))
-        return Row(name, rms, float(size[peak]), float(self.t[peak]), share)
+        return BudgetRow(name, rms, float(size[peak]), float(self.t[peak]), share)
 
     def _mean(self, values: Array) -> Any:
         """Over time, by trapezia."""

@@ -70,7 +70,7 @@ class Row:
     note: str = ""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class BenchResult:
     """Measurements of ``bench``: one row per kernel, and what has to be said beside a time.
 
@@ -166,12 +166,22 @@ def bench(
     for name in kernel._functions:
         progress(f"timing {name}")
         rows.append(_measure(kernel, yardstick, name, inputs, repeat))
-    version = find_compiler().version.splitlines()[0]
-    about = (robot.name, kernel.n, version, used, processor_name(), repeat, STATES, error)
     names = sorted((row.kernel.name for row in rows if not row.note), key=lambda name: name != "inverse_dynamics")
     called = names[0] if names else ""
     call = _call_from_python(kernel, called, inputs, repeat) if called else (0.0, 0.0)
-    return BenchResult(*about, tuple(rows), called, call)
+    return BenchResult(
+        robot=robot.name,
+        coordinates=kernel.n,
+        compiler=find_compiler().version.splitlines()[0],
+        flags=used,
+        processor=processor_name(),
+        rounds=repeat,
+        states=STATES,
+        error=error,
+        rows=tuple(rows),
+        called=called,
+        call=call,
+    )
 
 
 def _call_from_python(kernel: Kernel, name: str, inputs: Mapping[str, Array], rounds: int) -> tuple[float, float]:

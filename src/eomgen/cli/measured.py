@@ -37,23 +37,21 @@ def add_analysis(commands: Any, robot_command: Command, load: Load, progress: Pr
     """``eomgen forces`` and ``eomgen fit``."""
 
     def forces(options: argparse.Namespace) -> None:
-        from ..identification import from_motion as analysis
+        from ..identification import forces as evaluate
 
         robot = load(options)
         with progress("evaluating") as report:
-            found = analysis.forces(
-                robot, options.motion, window=options.window, progress=lambda text: report(0.0, text)
-            )
+            found = evaluate(robot, options.motion, window=options.window, progress=lambda text: report(0.0, text))
         if options.output is not None:
             found.save(options.output)
         _print(options, found)
 
     def fit(options: argparse.Namespace) -> None:
-        from ..identification import from_motion as analysis
+        from ..identification import fit as estimate
 
         robot = load(options)
         with progress("fitting") as report:
-            found = analysis.fit(
+            found = estimate(
                 robot,
                 options.motion,
                 coordinates=options.coordinates,

@@ -36,7 +36,7 @@ def add_plot(commands: Any) -> None:
 
     def run(options: argparse.Namespace) -> None:
         from ..pictures.simulation import plot_result
-        from ..simulation.archive import load_result
+        from ..simulation.result import load_result
 
         path = result_path(options.result)
         for written in plot_result(load_result(path), options.output or path.parent, f".{options.format}"):
@@ -52,7 +52,7 @@ def add_report(commands: Any, load: Load, progress: Progress) -> None:
 
     def run(options: argparse.Namespace) -> None:
         from ..pictures.page import report_of
-        from ..simulation.archive import load_result
+        from ..simulation.result import load_result
 
         path = result_path(options.result)
         result = load_result(path)
@@ -74,7 +74,7 @@ def add_view(commands: Any, load: Load, progress: Progress) -> None:
 
     def run(options: argparse.Namespace) -> None:
         from ..pictures.browser import View
-        from ..simulation.archive import load_result
+        from ..simulation.result import load_result
 
         result = load_result(result_path(options.result))
         robot = load(options) if options.robot is not None else None

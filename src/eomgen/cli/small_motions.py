@@ -87,7 +87,7 @@ def add_budget(commands: Any, load: Load) -> None:
     def run(options: argparse.Namespace) -> None:
         from ..analysis.tool_budget import budget
         from ..description.load import builtin_robots
-        from ..simulation.archive import load_result
+        from ..simulation.result import load_result
 
         result = load_result(options.result)
         if options.robot is None:
@@ -132,7 +132,7 @@ def _state_at(path: Path, time: float) -> dict[str, Any]:
     """Coordinates, rates and drives of a result at the sample nearest to a time."""
     import numpy as np
 
-    from ..simulation.archive import load_result
+    from ..simulation.result import load_result
 
     motion = load_result(path).trajectory
     if not motion.t[0] <= time <= motion.t[-1]:

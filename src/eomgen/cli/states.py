@@ -144,7 +144,7 @@ def poses_along(robot: Robot, options: argparse.Namespace) -> Any:
     from ..analysis.holding import pose_of
     from ..analysis.tangent_system import kernel_of
     from ..robot.coordinates import index_of
-    from ..simulation.archive import load_result
+    from ..simulation.result import load_result
 
     if options.points < 1:
         raise InputError(f"points: {options.points}; allowed: 1 or more")

@@ -2,3 +2,9 @@
 
 Uses runtime, robot, state, motion and pipeline.
 """
+
+from .estimates import Estimate, FitResult, FittedCoordinate
+from .from_motion import ForcesResult, forces
+from .least_squares import fit
+
+__all__ = ["Estimate", "FitResult", "FittedCoordinate", "ForcesResult", "fit", "forces"]

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ..description import RobotLike, as_robot
 from ..errors import InputError
 from ..files import write_atomically
-from ..motion.files import Motion, motion_from_columns, motion_of, read_motion
+from ..motion.files import MeasuredMotion, measured_motion
 from ..motion.smoothing import local_polynomials
 from ..pipeline.stages import build
 from ..progress import StageReport
@@ -26,27 +26,14 @@ from ..robot.coordinates import unit_of
 from ..runtime.kernel import Kernel
 from ..state.motors import deflections
 from ..state.springs import coordinate_numbers
-from .estimates import KEYS, Estimate, FitResult, FittedCoordinate
-from .least_squares import fit
+from .estimates import KEYS
 
 Array = NDArray[np.float64]
 WINDOW, DEGREE = 11, 4
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 
-__all__ = [
-    "Estimate",
-    "FitResult",
-    "FittedCoordinate",
-    "ForcesResult",
-    "Motion",
-    "fit",
-    "forces",
-    "motion_from_columns",
-    "read_motion",
-]
 
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ForcesResult:
     """Forces of a measured motion.
 
@@ -187,7 +174,7 @@ class ForcesResult:
 
 def forces(
     robot: RobotLike,
-    motion: Motion | Path | str,
+    motion: MeasuredMotion | Path | str,
     *,
     window: int = WINDOW,
     degree: int = DEGREE,
@@ -212,7 +199,7 @@ def forces(
     robot = as_robot(robot)
     if kernel is None:
         kernel = build(robot, kernels=("inverse_dynamics", "reactions"), progress=progress or (lambda _: None))
-    motion = motion_of(robot.name, motion, kernel.coordinates)
+    motion = measured_motion(robot.name, motion, kernel.coordinates)
     _refuse_transmissions(kernel, motion)
     q, v, a, notes = _derivatives(motion, window, degree)
     drive = np.asarray(kernel.inverse_dynamics(q, v, a))
@@ -227,28 +214,28 @@ def forces(
     if held:
         notes.append(f"not in the file, held at zero: {', '.join(held)}")
     return ForcesResult(
-        robot.name,
-        motion.t,
-        kernel.coordinates,
-        kernel.joints,
-        motion.measured,
-        q,
-        v,
-        a,
-        drive + spring + damper + line,
-        drive,
-        spring,
-        damper,
-        line,
-        kernel.springs,
-        pairs[..., 0],
-        pairs[..., 1],
-        np.asarray(kernel.reactions(q, v, a)),
-        tuple(notes),
+        robot=robot.name,
+        t=motion.t,
+        coordinates=kernel.coordinates,
+        joints=kernel.joints,
+        measured=motion.measured,
+        q=q,
+        v=v,
+        a=a,
+        required=drive + spring + damper + line,
+        drive=drive,
+        spring=spring,
+        damper=damper,
+        line=line,
+        springs=kernel.springs,
+        lengths=pairs[..., 0],
+        tensions=pairs[..., 1],
+        reactions=np.asarray(kernel.reactions(q, v, a)),
+        notes=tuple(notes),
     )
 
 
-def _refuse_transmissions(kernel: Kernel, motion: Motion) -> None:
+def _refuse_transmissions(kernel: Kernel, motion: MeasuredMotion) -> None:
     """InputError where the force of a motor's transmission is not known from what was measured, or not linear."""
     for motor, principal in kernel.motors.items():
         for name in (motor, principal):
@@ -265,7 +252,7 @@ def _is_plain(name: str) -> bool:
     return ".friction." in name or name.endswith((*(f".{key}" for key in KEYS), ".inertia", ".ratio"))
 
 
-def _derivatives(motion: Motion, window: int, degree: int) -> tuple[Array, Array, Array, list[str]]:
+def _derivatives(motion: MeasuredMotion, window: int, degree: int) -> tuple[Array, Array, Array, list[str]]:
     """Coordinates, rates and accelerations, and how they were found."""
     if motion.v is not None and motion.a is not None:
         return motion.q, motion.v, motion.a, ["rates and accelerations: from the file"]

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from ..description import RobotLike, as_robot
 from ..errors import InputError, UnknownNameError
-from ..motion.files import Motion, motion_of
+from ..motion.files import MeasuredMotion, measured_motion
 from ..motion.smoothing import Differentiator, bell, filtered, noise_deviation
 from ..names import nearest
 from ..pipeline.stages import build
@@ -44,7 +44,7 @@ EVEN = 1e-3  # of a step: by so much a sample's time may be off
 
 def fit(
     robot: RobotLike,
-    motion: Motion | Path | str,
+    motion: MeasuredMotion | Path | str,
     *,
     coordinates: Sequence[str] = (),
     confidence: float = 0.95,
@@ -73,7 +73,7 @@ def fit(
         raise InputError(f"confidence: {confidence!r}; allowed: a number between 0 and 1")
     if kernel is None:
         kernel = build(robot, kernels=("inverse_dynamics", "mass_matrix"), progress=progress or (lambda _: None))
-    motion = motion_of(robot.name, motion, kernel.coordinates)
+    motion = measured_motion(robot.name, motion, kernel.coordinates)
     step = _even_step(motion)
     wanted, warnings = _wanted(robot, motion, coordinates)
     noise = noise_deviation(motion.q)
@@ -102,7 +102,7 @@ class _Terms:
     The narrowest filter gives the derivatives, so that it hardly bends what is not linear in the motion.
     """
 
-    def __init__(self, kernel: Kernel, motion: Motion, step: float) -> None:
+    def __init__(self, kernel: Kernel, motion: MeasuredMotion, step: float) -> None:
         narrow = self.narrow = Differentiator(FIRST, step)
         self.measured_rates = motion.v is not None
         self.q = narrow(motion.q)
@@ -214,7 +214,7 @@ def _least(half: int) -> int:
     return 2 * half + BLOCKS[0] * BLOCK_WIDTHS * half
 
 
-def _even_step(motion: Motion) -> float:
+def _even_step(motion: MeasuredMotion) -> float:
     """Distance of the samples, s."""
     if len(motion.t) < _least(FIRST):
         raise InputError(f"{motion.source}: {len(motion.t)} samples; a fit needs at least {_least(FIRST)}")
@@ -238,7 +238,7 @@ def _columns(robot: Robot, name: str) -> tuple[int, ...]:
     return tuple(column for column, key in enumerate(KEYS) if getattr(given, key) is not None)
 
 
-def _wanted(robot: Robot, motion: Motion, asked: Sequence[str]) -> tuple[list[str], list[str]]:
+def _wanted(robot: Robot, motion: MeasuredMotion, asked: Sequence[str]) -> tuple[list[str], list[str]]:
     """Coordinates to fit, and warnings about those that cannot be."""
     for name in asked:
         if name not in motion.coordinates:
@@ -280,7 +280,7 @@ def _doubts(entry: FittedCoordinate) -> list[str]:
     return found
 
 
-def _notes(motion: Motion) -> tuple[str, ...]:
+def _notes(motion: MeasuredMotion) -> tuple[str, ...]:
     how = (
         "derivatives: central differences of eighth order behind a bell of 9 samples"
         if motion.a is None

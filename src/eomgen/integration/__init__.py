@@ -3,7 +3,8 @@
 Uses runtime, state and loops; never the generator or the pipeline, so that it builds nothing behind your back.
 """
 
-from .solve import METHODS, integrate
+from .contacts import Contact
+from .solve import METHODS, choose_method, integrate
 from .trajectory import Trajectory
 
-__all__ = ["METHODS", "Trajectory", "integrate"]
+__all__ = ["METHODS", "Contact", "Trajectory", "choose_method", "integrate"]

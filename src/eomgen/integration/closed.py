@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InputError, LoopError
 from ..loops.closed import ClosedLoops
 from ..runtime.kernel import Kernel
-from ..state.vectors import Drive, Prescribed, Wrench
+from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction
 from .system import System
 
 Array = NDArray[np.float64]
@@ -24,9 +24,9 @@ class ClosedSystem(System):
     def __init__(
         self,
         kernel: Kernel,
-        drive: Drive | None,
-        wrench: Wrench | ArrayLike | None,
-        prescribed: Prescribed | None = None,
+        drive: DriveFunction | None,
+        wrench: WrenchFunction | ArrayLike | None,
+        prescribed: MotionFunction | None = None,
         baumgarte: float | None = None,
     ) -> None:
         super().__init__(kernel, drive, wrench, prescribed)

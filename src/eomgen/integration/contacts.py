@@ -60,8 +60,8 @@ class ContactWatch:
         """How far each coordinate is beyond each of its ends, m or rad, below 0 inside; y = (q, v) or q."""
         return np.asarray(self.rows @ y[: len(self.names)] - self.clearance)
 
-    def step(self, t0: float, y0: Array, t1: float, y1: Array, at: Callable[[float], Array] | None = None) -> None:
-        """Note the contacts of one step.
+    def find(self, t0: float, y0: Array, t1: float, y1: Array, at: Callable[[float], Array] | None = None) -> None:
+        """Find the contacts between two states of a motion, and note them.
 
         Args:
             t0, t1: s.

@@ -10,16 +10,16 @@ import time
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import InputError, IntegrationStopped
+from ..errors import InputError
 from ..progress import Progress
 from ..runtime.kernel import Kernel
 from ..state.springs import stiffnesses
-from ..state.vectors import Drive, Prescribed, Wrench, state_vector
+from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction, state_vector
 from . import sundials
 from .closed import ClosedSystem
 from .contacts import ContactWatch
 from .steps import (
-    IMPLICIT,
+    SCIPY_IMPLICIT,
     Record,
     Samples,
     checked_times,
@@ -32,14 +32,12 @@ from .steps import (
     tolerances,
 )
 from .system import System
-from .trajectory import Motion, Trajectory, trajectory_of
+from .trajectory import FiniteMotion, Trajectory, trajectory_of
 
 Array = NDArray[np.float64]
 
 EXPLICIT = ("DOP853", "RK45", "rk4")
-METHODS = ("auto", *IMPLICIT, *sundials.METHODS, *EXPLICIT)
-
-__all__ = ["EXPLICIT", "METHODS", "IntegrationStopped", "Trajectory", "choose_method", "integrate"]
+METHODS = ("auto", *SCIPY_IMPLICIT, *sundials.METHODS, *EXPLICIT)
 
 
 def integrate(
@@ -48,9 +46,9 @@ def integrate(
     v0: ArrayLike,
     duration: float,
     *,
-    drive: Drive | None = None,
-    wrench: Wrench | ArrayLike | None = None,
-    prescribed: Prescribed | None = None,
+    drive: DriveFunction | None = None,
+    wrench: WrenchFunction | ArrayLike | None = None,
+    prescribed: MotionFunction | None = None,
     method: str = "auto",
     rtol: float = 1e-6,
     atol: ArrayLike | None = None,
@@ -128,7 +126,7 @@ def integrate(
         else:
             sampled(start_solver(system, y0, times, method, rtol, absolute), system, samples, report, watch)
 
-    def info(motion: Motion) -> dict[str, float]:
+    def info(motion: FiniteMotion) -> dict[str, float]:
         return {**system.about(motion.q, motion.v), "wall_s": time.perf_counter() - began}
 
     return trajectory_of(system, samples, run, method, watch, info)

@@ -19,7 +19,7 @@ from .system import System
 Array = NDArray[np.float64]
 Record = Callable[[Array, Array], None]
 
-IMPLICIT = ("Radau", "BDF", "LSODA")  # SciPy's
+SCIPY_IMPLICIT = ("Radau", "BDF", "LSODA")  # SciPy's
 
 
 def output_times(duration: float, output_step: float | None) -> Array:
@@ -136,7 +136,7 @@ def rk4(
                 raise system.stopped(f"rk4 diverged with a step of {h:.3g} s", t, good, y)
             y = system.settle(t, h, y, good)
             if watch is not None:
-                watch.step(t, good, t + h, y)
+                watch.find(t, good, t + h, y)
             system.counts["steps"] += 1
         samples.take(y[np.newaxis])
         report(float(t1), f"t = {t1:.3f} s, rk4, {system.counts['steps']} steps")
@@ -150,7 +150,7 @@ def start_solver(system: System, y0: Array, times: Array, method: str, rtol: flo
         raise InputError(f'method {method} needs SciPy: pip install "eomgen[sim]"; "rk4" works without') from None
     system.derivative(float(times[0]), y0)  # a state that cannot move is the caller's: its error comes as it is
     options: dict[str, Any] = {"rtol": rtol, "atol": atol}
-    if method in IMPLICIT:
+    if method in SCIPY_IMPLICIT:
         options["jac"] = system.jacobian
     function = system.derivative if method == "LSODA" else system.trial
     return getattr(scipy_integrate, method)(function, times[0], y0, times[-1], **options)
@@ -185,7 +185,7 @@ def sampled(
         end = int(np.searchsorted(times, solver.t, side="right"))
         if end > samples.done or len(watch):
             between = solver.dense_output()
-            watch.step(t, y, solver.t, solver.y, between)
+            watch.find(t, y, solver.t, solver.y, between)
             if end > samples.done:
                 samples.take(between(times[samples.done : end]).T)
         report(solver.t, f"t = {solver.t:.3f} s, {name}, {system.counts['steps']} steps")

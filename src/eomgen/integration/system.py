@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import ArrayError, InputError, IntegrationStopped
 from ..runtime.kernel import Kernel
 from ..state.springs import coordinate_sizes
-from ..state.vectors import Q_STEP, V_STEP, Drive, Prescribed, Wrench
+from ..state.vectors import Q_STEP, V_STEP, DriveFunction, MotionFunction, WrenchFunction
 
 Array = NDArray[np.float64]
 
@@ -23,9 +23,9 @@ class System:
     def __init__(
         self,
         kernel: Kernel,
-        drive: Drive | None,
-        wrench: Wrench | ArrayLike | None,
-        prescribed: Prescribed | None = None,
+        drive: DriveFunction | None,
+        wrench: WrenchFunction | ArrayLike | None,
+        prescribed: MotionFunction | None = None,
     ) -> None:
         if kernel.dtype != np.float64:
             raise InputError(f"integration needs a float64 kernel; {kernel.name} is {kernel.dtype}")

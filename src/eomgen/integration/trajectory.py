@@ -53,7 +53,7 @@ class Trajectory:
 
 
 @dataclass(frozen=True)
-class Motion:
+class FiniteMotion:
     """What of a motion is finite: t (T,), q, v and u (T, n)."""
 
     t: Array
@@ -68,7 +68,7 @@ def trajectory_of(
     run: Callable[[], None],
     method: str,
     watch: ContactWatch,
-    info: Callable[[Motion], dict[str, float]],
+    info: Callable[[FiniteMotion], dict[str, float]],
 ) -> Trajectory:
     """The trajectory of the samples that ``run`` fills; ``info`` is what is said of it.
 
@@ -102,7 +102,7 @@ def trajectory_of(
     return trajectory
 
 
-def _with_forces(system: System, times: Array, states: Array) -> tuple[Motion, ArrayError | None]:
+def _with_forces(system: System, times: Array, states: Array) -> tuple[FiniteMotion, ArrayError | None]:
     """The motion with drives and forces of prescribed coordinates, as far as they are finite, and why no further."""
     n, trouble = system.n, None
     q, v = np.ascontiguousarray(states[:, :n]), np.ascontiguousarray(states[:, n:])
@@ -114,4 +114,4 @@ def _with_forces(system: System, times: Array, states: Array) -> tuple[Motion, A
         except ArrayError as error:
             end, trouble = i, error
             break
-    return Motion(times[:end], q[:end], v[:end], u[:end]), trouble
+    return FiniteMotion(times[:end], q[:end], v[:end], u[:end]), trouble

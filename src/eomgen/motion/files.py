@@ -22,8 +22,8 @@ _RULE = "t, coordinates such as joint1.x, and with .rate, .acceleration or .driv
 _MOST_BYTES = 1 << 30
 
 
-@dataclass(frozen=True)
-class Motion:
+@dataclass(frozen=True, kw_only=True)
+class MeasuredMotion:
     """A motion that was measured, sampled at T times.
 
     Attributes:
@@ -47,7 +47,7 @@ class Motion:
     source: str = ""
 
 
-def read_motion(path: Path | str, coordinates: Sequence[str]) -> Motion:
+def read_motion(path: Path | str, coordinates: Sequence[str]) -> MeasuredMotion:
     """Read a motion of a robot with these coordinates from a .csv or .npz.
 
     A .csv has a header with the columns t (s), then names of coordinates (m, rad); NAME.rate, NAME.acceleration and
@@ -75,19 +75,21 @@ def read_columns(path: Path) -> tuple[dict[str, Array], list[int] | None]:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
 
 
-def motion_of(robot: str, motion: Motion | Path | str, coordinates: tuple[str, ...]) -> Motion:
+def measured_motion(robot: str, motion: MeasuredMotion | Path | str, coordinates: tuple[str, ...]) -> MeasuredMotion:
     """The motion, read if it is a file's path.
 
     Raises:
         InputError: it cannot be read, or is of other coordinates than that robot's.
     """
-    found = motion if isinstance(motion, Motion) else read_motion(motion, coordinates)
+    found = motion if isinstance(motion, MeasuredMotion) else read_motion(motion, coordinates)
     if found.coordinates != coordinates:
         raise InputError(f"motion: is of other coordinates than {robot}'s: {', '.join(found.coordinates[:6])}, ...")
     return found
 
 
-def motion_from_columns(columns: Mapping[str, Array], coordinates: Sequence[str], source: str = "motion") -> Motion:
+def motion_from_columns(
+    columns: Mapping[str, Array], coordinates: Sequence[str], source: str = "motion"
+) -> MeasuredMotion:
     """A motion from arrays (T,) by the names that a file's columns have; errors as ``read_motion``."""
     arrays = {name: np.asarray(values, dtype=np.float64) for name, values in columns.items()}
     for name, values in arrays.items():
@@ -171,7 +173,9 @@ def _read_npz(path: Path) -> tuple[dict[str, Array], None]:
     return {name: array.astype(np.float64) for name, array in arrays.items()}, None
 
 
-def _motion(columns: Mapping[str, Array], coordinates: tuple[str, ...], source: str, lines: list[int] | None) -> Motion:
+def _motion(
+    columns: Mapping[str, Array], coordinates: tuple[str, ...], source: str, lines: list[int] | None
+) -> MeasuredMotion:
     def place(row: int) -> str:
         return f"{source}: line {lines[row]}" if lines else f"{source}: sample {row}"
 
@@ -205,16 +209,16 @@ def _motion(columns: Mapping[str, Array], coordinates: tuple[str, ...], source: 
     if parts["a"] and not parts["v"]:
         raise InputError(f"{source}: accelerations without rates; allowed: columns .rate as well")
     filled = {key: _filled(part, len(t), len(coordinates)) for key, part in parts.items()}
-    return Motion(
-        coordinates,
-        t,
-        filled["q"],
-        filled["v"] if parts["v"] else None,
-        filled["a"] if parts["a"] else None,
-        filled["u"],
-        tuple(coordinates[i] for i in measured),
-        tuple(coordinates[i] for i in sorted(parts["u"])),
-        source,
+    return MeasuredMotion(
+        coordinates=coordinates,
+        t=t,
+        q=filled["q"],
+        v=filled["v"] if parts["v"] else None,
+        a=filled["a"] if parts["a"] else None,
+        u=filled["u"],
+        measured=tuple(coordinates[i] for i in measured),
+        driven=tuple(coordinates[i] for i in sorted(parts["u"])),
+        source=source,
     )
 
 

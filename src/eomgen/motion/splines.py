@@ -18,7 +18,7 @@ DEGREE = 5  # of splines: accelerations, and their rates too, are continuous
 
 
 @dataclass(frozen=True, eq=False)  # arrays have no one truth
-class Rest:
+class Standstill:
     """A program that stays at ``start``, (n,)."""
 
     start: Array

@@ -31,7 +31,7 @@ class ToolPath:
         duration: s.
         guess: coordinates, (n,), near which the first point is looked for.
         limits: lower and upper limits, (n, 2), infinite where there is none.
-        begin: s; until then the tool rests at the first point.
+        start_time: s; until then the tool rests at the first point.
         name: of the path, for messages.
 
     Raises:
@@ -44,16 +44,17 @@ class ToolPath:
         tool: str,
         points: Array,
         duration: float,
+        *,
         guess: Array,
         limits: Array,
-        begin: float = 0.0,
+        start_time: float = 0.0,
         name: str = "path",
     ) -> None:
         try:
             from scipy.interpolate import make_interp_spline
         except ImportError:
             raise InputError(f"a {name} of the tool needs SciPy; install eomgen[sim]") from None
-        self.profile = PointToPoint(np.zeros(1), np.ones(1), duration, begin)
+        self.profile = PointToPoint(np.zeros(1), np.ones(1), duration, start_time)
         along = np.linspace(0.0, 1.0, POINTS)
         close = CLOSE * max(1.0, float(np.abs(points).max()))
         q = np.empty((POINTS, kernel.n))
@@ -100,6 +101,7 @@ class ToolLine(ToolPath):
         begin: ArrayLike,
         end: ArrayLike,
         duration: float,
+        *,
         guess: Array,
         limits: Array,
         start_time: float = 0.0,
@@ -108,7 +110,7 @@ class ToolLine(ToolPath):
         if np.array_equal(*ends):
             raise InputError(f"line: begins and ends at {_show(ends[0])}; allowed: two different points")
         points = ends[0] + np.linspace(0.0, 1.0, POINTS)[:, np.newaxis] * (ends[1] - ends[0])
-        super().__init__(kernel, tool, points, duration, guess, limits, start_time, "line")
+        super().__init__(kernel, tool, points, duration, guess=guess, limits=limits, start_time=start_time, name="line")
 
 
 class ToolCircle(ToolPath):
@@ -134,6 +136,7 @@ class ToolCircle(ToolPath):
         begin: ArrayLike,
         angle: float,
         duration: float,
+        *,
         guess: Array,
         limits: Array,
         start_time: float = 0.0,
@@ -148,7 +151,9 @@ class ToolCircle(ToolPath):
         arm -= (axis @ arm) * axis
         turn = angle * np.linspace(0.0, 1.0, POINTS)[:, np.newaxis]
         points = middle + np.cos(turn) * arm + np.sin(turn) * np.cross(axis, arm)
-        super().__init__(kernel, tool, points, duration, guess, limits, start_time, "circle")
+        super().__init__(
+            kernel, tool, points, duration, guess=guess, limits=limits, start_time=start_time, name="circle"
+        )
 
 
 def _first(kernel: Kernel, tool: str, point: Array, guess: Array, limits: Array, close: float) -> Array:

@@ -12,8 +12,7 @@ from ..analysis.compliance import ComplianceMap
 from ..analysis.frequency import Response
 from ..analysis.modal_result import TrackedModes
 from ..analysis.tool_budget import Budget
-from .style import COLORS, PROGRAM_COLOR, TOOL_COLOR, literal, title_of
-from .style import canvas as _canvas
+from .style import COLORS, PROGRAM_COLOR, TOOL_COLOR, canvas, literal, title_of
 
 CYCLE = tuple(color for colors in COLORS.values() for color in colors.values())
 
@@ -27,7 +26,7 @@ def plot_tracks(
     Raises:
         InputError: Matplotlib is not installed, the ending is none of ENDINGS, or the file cannot be written.
     """
-    with _canvas(6.4, 4.8, path) as figure:
+    with canvas(6.4, 4.8, path) as figure:
         upper, lower = figure.subplots(2, 1, sharex=True, gridspec_kw={"top": 0.9, "bottom": 0.1, "left": 0.11})
         frequencies, ratios = tracked.values("frequencies"), tracked.values("damping_ratios")
         over = np.arange(len(frequencies)) if times is None else times
@@ -46,7 +45,7 @@ def plot_response(found: Response, path: Path | str, *, most: int = len(CYCLE)) 
     """Size and phase of the largest responses over frequency; returns the path, errors as of ``plot_tracks``."""
     pairs = [(y, x) for y in found.outputs for x in found.inputs if np.abs(found.of(y, x)).max() > 0.0]
     pairs = sorted(pairs, key=lambda pair: -float(np.abs(found.of(*pair)).max()))[:most]
-    with _canvas(6.4, 4.8, path) as figure:
+    with canvas(6.4, 4.8, path) as figure:
         upper, lower = figure.subplots(2, 1, sharex=True, gridspec_kw={"top": 0.9, "bottom": 0.1, "left": 0.13})
         for k, (y, x) in enumerate(pairs):
             H, color = found.of(y, x), CYCLE[k % len(CYCLE)]
@@ -68,7 +67,7 @@ def plot_response(found: Response, path: Path | str, *, most: int = len(CYCLE)) 
 def plot_budget(found: Budget, path: Path | str, *, most: int = 6) -> Path:
     """The largest contributions to the displacement over time; returns the path, errors as of ``plot_tracks``."""
     rows = found.table()[:-1][:most]
-    with _canvas(6.4, 3.8, path) as figure:
+    with canvas(6.4, 3.8, path) as figure:
         axes = figure.add_axes((0.11, 0.13, 0.86, 0.74))
         axes.plot(
             found.t, 1e6 * np.linalg.norm(found.deviation[:, :3], axis=1), color=TOOL_COLOR, label=literal(found.frame)
@@ -87,7 +86,7 @@ def plot_budget(found: Budget, path: Path | str, *, most: int = 6) -> Path:
 
 def plot_compliance(found: ComplianceMap, path: Path | str) -> Path:
     """The compliance in the softest direction over the plane; returns the path, errors as of ``plot_tracks``."""
-    with _canvas(5.6, 4.4, path) as figure:
+    with canvas(5.6, 4.4, path) as figure:
         axes = figure.add_axes((0.12, 0.12, 0.74, 0.76))
         corner, last = found.points[0, 0], found.points[-1, -1]
         edges = found.points[-1, 0] - corner, found.points[0, -1] - corner

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from ..description import RobotLike
 from ..errors import BuildError, InputError
 from ..pipeline.stages import build
-from ..simulation.archive import simulated_robot
-from ..simulation.result import SimulationResult
+from ..simulation.result import SimulationResult, simulated_robot
 from .scene import (
     capsule_mesh,
     capsules,

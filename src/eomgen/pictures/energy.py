@@ -30,7 +30,7 @@ def plot_tracking(result: SimulationResult, path: Path | str) -> Path:
     """Every driven coordinate over time, as programmed and as it was, and below what it is off by; returns the path.
 
     Raises:
-        InputError: nothing was programmed; or see ``plots.canvas``.
+        InputError: nothing was programmed; or see ``style.canvas``.
     """
     names = result.program_coordinates
     if not (result.programmed and names):
@@ -88,7 +88,7 @@ def plot_energy(result: SimulationResult, path: Path | str) -> Path:
     """Changes of energy and works over time, and below what their balance leaves; returns the path.
 
     Raises:
-        InputError: the result has no balance; or see ``plots.canvas``.
+        InputError: the result has no balance; or see ``style.canvas``.
     """
     balance, t = result.balance, result.trajectory.t
     if balance is None:

@@ -17,9 +17,8 @@ from ..progress import Progress, no_progress
 from ..robot.coordinates import UNITS
 from ..robot.model import build_model
 from ..robot.value import MOTOR, PRINCIPAL, Coordinate, Robot
-from ..simulation.archive import simulated_robot
 from ..simulation.balance import TERMS
-from ..simulation.result import SimulationResult
+from ..simulation.result import SimulationResult, simulated_robot
 from .page_figures import Figure, figures_of
 
 ROWS = 12  # of a table that a scenario shows of a long one

@@ -37,7 +37,7 @@ def plot_robot(robot: RobotLike, path: Path | str, pose: Mapping[str, float] | N
 
     Raises:
         UnknownNameError: the robot has no such coordinate.
-        InputError: see ``plots.canvas``.
+        InputError: see ``style.canvas``.
     """
     robot = as_robot(robot)
     names = build_model(robot).coordinates

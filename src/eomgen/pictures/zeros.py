@@ -23,7 +23,7 @@ def plot_zeros(model: Model, path: Path | str) -> Path:
     Both over all coordinates, lines between joints.  Structural zeros, see ``codegen.zeros``.
 
     Raises:
-        InputError: see ``plots.canvas``.
+        InputError: see ``style.canvas``.
     """
     from ..codegen.joint.zeros import zero_map
 

@@ -243,6 +243,3 @@ def load_kernel(package: store.Entry, name: str) -> Kernel:
         return found.files[file].decode("ascii")
 
     return Kernel(module.ffi, module.lib, json.loads(package.files[f"{name}.json"]), read)
-
-
-__all__ = ["DTYPES", "KERNEL_NAMES", "Options", "build", "generate", "load_kernel"]

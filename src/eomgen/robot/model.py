@@ -61,8 +61,8 @@ class Model:
     """The tree that equations are derived for.
 
     ``bodies`` are in depth-first order; ``coordinates`` are the names ("joint1.x", ...) in the order of q;
-    ``links`` are the links that move; ``points`` are links and frames whose pose can be asked for, with the link that
-    each is on; ``parameters`` maps the run-time parameters to their values in the description.
+    ``links`` are the links that move; ``body_of`` has the index of each link's body; ``parameters`` maps the run-time
+    parameters to their values in the description.
     """
 
     robot: Robot

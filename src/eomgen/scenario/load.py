@@ -75,17 +75,17 @@ def scenario_from_values(
     control = _section(top, "control", CONTROL_READERS, folder)
     return Scenario(
         duration,
-        top.number("output_step"),
-        top.text("frame"),
-        _initial(top.table("initial")),
-        motion,
-        control,
-        tuple(_prescribed(entry, folder) for _, entry in top.entries("prescribed")),
-        tuple(_wrench(entry, folder) for _, entry in top.entries("wrenches")),
-        tuple(_payload(entry) for _, entry in top.entries("payloads")),
-        _integrator(top.table("integrator")),
-        source,
-        folder,
+        output_step=top.number("output_step"),
+        frame=top.text("frame"),
+        initial=_initial(top.table("initial")),
+        motion=motion,
+        control=control,
+        prescribed=tuple(_prescribed(entry, folder) for _, entry in top.entries("prescribed")),
+        wrenches=tuple(_wrench(entry, folder) for _, entry in top.entries("wrenches")),
+        payloads=tuple(_payload(entry) for _, entry in top.entries("payloads")),
+        integrator=_integrator(top.table("integrator")),
+        source=source,
+        folder=folder,
     )
 
 

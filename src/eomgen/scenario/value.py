@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NoReturn
@@ -107,6 +107,7 @@ class Scenario:
     """
 
     duration: float
+    _: KW_ONLY
     output_step: float | None = None
     frame: str | None = None
     initial: Initial | None = None

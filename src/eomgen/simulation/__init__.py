@@ -3,8 +3,7 @@
 Uses runtime, robot, state, motion, integration, scenario and pipeline.
 """
 
-from .archive import load_result
-from .result import SimulationResult
+from .result import SimulationResult, load_result
 from .run import run_scenario, simulate
 from .stream import load_stream
 

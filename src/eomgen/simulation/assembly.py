@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..errors import DescriptionError, InputError
 from ..integration.solve import EXPLICIT
 from ..motion.point_to_point import Program
-from ..motion.splines import Rest
+from ..motion.splines import Standstill
 from ..motion.timetable import TimeTable
 from ..names import nearest, show
 from ..pipeline.stages import build
@@ -23,12 +23,11 @@ from ..robot.value import PRINCIPAL, Robot
 from ..runtime.kernel import Kernel
 from ..scenario.value import Scenario, Section
 from ..state.motors import shafts
-from .controls import ComputedTorque, Control, JointPD, NoControl, TableTorque, actuators
+from .controls import ComputedTorque, Control, JointPD, MotionOverTime, NoControl, TableTorque, actuators
 from .loads import Wrenches, check_loads, with_payload_parameters
 from .programs import PrescribedMotion, make_program
 
 Array = NDArray[np.float64]
-Motion = tuple[Array, Array, Array]
 
 # What a simulation calls; the larger kernels would take longer to compile than to simulate.
 RIGID_KERNELS = ("inverse_dynamics", "kinematics")
@@ -38,7 +37,7 @@ BANDWIDTH = 30.0  # rad/s, of drives by computed torque
 
 
 @dataclass(frozen=True)
-class Setup:
+class Assembly:
     """A scenario for one robot: kernel, names of the driven coordinates, program, drives, wrenches, prescribed motion.
 
     given: initial positions by coordinate, as the scenario has them.
@@ -53,10 +52,10 @@ class Setup:
     prescribed: PrescribedMotion | None
 
 
-def set_up(
+def assemble(
     robot: Robot, scenario: Scenario, tool: str, report: Progress, kernels: tuple[str, ...] | None = None
-) -> Setup:
-    """Scenario -> Setup; DescriptionError or another InputError where they do not fit.
+) -> Assembly:
+    """Scenario -> Assembly; DescriptionError or another InputError where they do not fit.
 
     ``tool`` is that of paths; ``kernels`` are built, by default those that the scenario's integrator calls.
     """
@@ -91,10 +90,10 @@ def set_up(
     elif scenario.motion is not None:
         program = make_program(scenario, robot, driven, rigid, tool, start)
     elif control.type in ("pd", "computed_torque"):
-        program = Rest(np.array([given.get(name, 0.0) for name in driven]))
+        program = Standstill(np.array([given.get(name, 0.0) for name in driven]))
     drive = _drive(robot, scenario, control, kernel, driven, program, rigid, prescribed)
     wrenches = Wrenches(scenario, robot, kernel) if scenario.wrenches else None
-    return Setup(kernel, driven, given, program, drive, wrenches, prescribed)
+    return Assembly(kernel, driven, given, program, drive, wrenches, prescribed)
 
 
 def kernels_of(robot: Robot, scenario: Scenario) -> tuple[str, ...]:
@@ -102,10 +101,10 @@ def kernels_of(robot: Robot, scenario: Scenario) -> tuple[str, ...]:
     return IMPLICIT_KERNELS if _is_implicit(scenario.integrator.method, robot) else KERNELS
 
 
-def with_kernel(setup: Setup, robot: Robot, scenario: Scenario, kernel: Kernel) -> Setup:
-    """The same setup for a kernel of other parameters; program and drives stay, with the model that they know."""
+def with_kernel(assembly: Assembly, robot: Robot, scenario: Scenario, kernel: Kernel) -> Assembly:
+    """The same assembly for a kernel of other parameters; program and drives stay, with the model that they know."""
     wrenches = Wrenches(scenario, robot, kernel) if scenario.wrenches else None
-    return replace(setup, kernel=kernel, wrenches=wrenches)
+    return replace(assembly, kernel=kernel, wrenches=wrenches)
 
 
 def _is_implicit(method: str, robot: Robot) -> bool:
@@ -198,14 +197,14 @@ def _torque(robot: Robot, scenario: Scenario, table: TimeTable, kernel: Kernel) 
     return TableTorque(table, index_of(kernel.coordinates, [places[name] for name in table.columns]))
 
 
-def _at_joints(kernel: Kernel, rigid: Kernel, prescribed: PrescribedMotion) -> Callable[[float], Motion]:
+def _at_joints(kernel: Kernel, rigid: Kernel, prescribed: PrescribedMotion) -> MotionOverTime:
     """The motion of the rigid robot's prescribed coordinates; that of a prescribed motor over its ratio."""
     motors = shafts(kernel)
     names = [name if name in kernel.prescribed else motors[name] for name in rigid.prescribed]
     index = [kernel.prescribed.index(name) for name in names]
     ratio = np.array([kernel.ratio(name) if name in kernel.motors else 1.0 for name in names])
 
-    def motion(t: float) -> Motion:
+    def motion(t: float) -> tuple[Array, Array, Array]:
         q, v, a = (x[index] / ratio for x in prescribed(t))
         return q, v, a
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..motion.point_to_point import Program
-from ..motion.splines import Rest
+from ..motion.splines import Standstill
 from ..motion.timetable import TimeTable
 from ..robot.coordinates import index_of
 from ..runtime.kernel import Kernel
@@ -18,6 +18,7 @@ from ..state.motors import shafts
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
+MotionOverTime = Callable[[float], tuple[Array, Array, Array]]  # t (s) -> coordinates, rates, accelerations
 
 
 class Control(Protocol):
@@ -112,7 +113,7 @@ class ComputedTorque:
     motion: Program
     actuators: Actuators
     bandwidth: float
-    prescribed: Callable[[float], tuple[Array, Array, Array]] | None = None
+    prescribed: MotionOverTime | None = None
     batched = True
 
     @property
@@ -134,12 +135,10 @@ class ComputedTorque:
 
     def resting(self) -> Control:
         still = None if self.prescribed is None else _stopped(self.prescribed)
-        return replace(self, motion=Rest(self.motion.start), prescribed=still)
+        return replace(self, motion=Standstill(self.motion.start), prescribed=still)
 
 
-def _stopped(
-    prescribed: Callable[[float], tuple[Array, Array, Array]],
-) -> Callable[[float], tuple[Array, Array, Array]]:
+def _stopped(prescribed: MotionOverTime) -> MotionOverTime:
     def still(t: float) -> tuple[Array, Array, Array]:
         q = prescribed(t)[0]
         return q, np.zeros_like(q), np.zeros_like(q)
@@ -181,4 +180,4 @@ class JointPD:
         return u
 
     def resting(self) -> Control:
-        return replace(self, motion=Rest(self.motion.start))
+        return replace(self, motion=Standstill(self.motion.start))

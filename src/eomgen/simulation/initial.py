@@ -14,31 +14,31 @@ from ..scenario.value import Scenario
 from ..state.equilibrium import static_equilibrium
 from ..state.motors import shafts, turn_motors
 from ..state.springs import stiffnesses
-from .assembly import Setup, by_coordinate, coordinate_names
+from .assembly import Assembly, by_coordinate, coordinate_names
 from .loads import loaded_parameters
 
 Array = NDArray[np.float64]
 
 
-def initial_state(robot: Robot, scenario: Scenario, setup: Setup) -> tuple[Array, Array, tuple[str, ...]]:
+def initial_state(robot: Robot, scenario: Scenario, assembly: Assembly) -> tuple[Array, Array, tuple[str, ...]]:
     """q and v at t = 0, and the names of the coordinates that nothing holds."""
-    initial, kernel = scenario.initial, setup.kernel
+    initial, kernel = scenario.initial, assembly.kernel
     q, v = np.zeros(kernel.n), np.zeros(kernel.n)
-    driven = index_of(kernel.coordinates, setup.driven)
-    if setup.program is not None:
-        q[driven], v[driven] = (x for x in setup.program.at(0.0)[:2])
-    for name, value in setup.given.items():
+    driven = index_of(kernel.coordinates, assembly.driven)
+    if assembly.program is not None:
+        q[driven], v[driven] = (x for x in assembly.program.at(0.0)[:2])
+    for name, value in assembly.given.items():
         q[kernel.coordinates.index(name)] = value
     rates = by_coordinate(robot, scenario, "v", initial.v if initial else {})
     for name, value in rates.items():
         v[kernel.coordinates.index(name)] = value
-    for x, said in ((q, setup.given), (v, rates)):
+    for x, said in ((q, assembly.given), (v, rates)):
         turn_motors(kernel, x, said)
-    if setup.prescribed is not None:
+    if assembly.prescribed is not None:
         given = index_of(kernel.coordinates, kernel.prescribed)
-        q[given], v[given], _ = setup.prescribed(0.0)
+        q[given], v[given], _ = assembly.prescribed(0.0)
     balanced = initial.equilibrium if initial else None
-    if not (setup.program is not None and not rates if balanced is None else balanced):
+    if not (assembly.program is not None and not rates if balanced is None else balanced):
         return q, v, ()
     held = initial.held if initial else ()
     for name in held:
@@ -47,16 +47,20 @@ def initial_state(robot: Robot, scenario: Scenario, setup: Setup) -> tuple[Array
             scenario.fail(
                 "initial.held", f"{show(name)}{nearest(name, kernel.coordinates)} is unknown; allowed: {known}"
             )
-    return _balanced(robot, scenario, setup, q, {coordinate_names(robot)[name] for name in held}), v, _loose(setup)
+    return (
+        _balanced(robot, scenario, assembly, q, {coordinate_names(robot)[name] for name in held}),
+        v,
+        _loose(assembly),
+    )
 
 
-def _loose(setup: Setup) -> tuple[str, ...]:
+def _loose(assembly: Assembly) -> tuple[str, ...]:
     """Names of the deviations that nothing holds; inside a clearance nothing does, and of a joint with backlash the
     motor takes up its side.
     """
-    kernel = setup.kernel
+    kernel = assembly.kernel
     motors = shafts(kernel)
-    moved = {*kernel.prescribed, *(motors.get(name, name) for name in setup.driven)}
+    moved = {*kernel.prescribed, *(motors.get(name, name) for name in assembly.driven)}
     played = {kernel.motors.get(name, name) for name in kernel.coordinates if _has_play(kernel, name)}
     return tuple(
         name
@@ -69,9 +73,9 @@ def _has_play(kernel: Kernel, name: str) -> bool:
     return f"joints.{name}.clearance" in kernel.parameters
 
 
-def _balanced(robot: Robot, scenario: Scenario, setup: Setup, q: Array, held: set[str]) -> Array:
+def _balanced(robot: Robot, scenario: Scenario, assembly: Assembly, q: Array, held: set[str]) -> Array:
     """Equilibrium near q under the drives and wrenches at t = 0; a coordinate with clearance starts in its middle."""
-    kernel, drive, wrenches = setup.kernel, setup.drive.resting(), setup.wrenches
+    kernel, drive, wrenches = assembly.kernel, assembly.drive.resting(), assembly.wrenches
     at_rest = np.zeros(kernel.n)
     kernel.parameters.update(loaded_parameters(robot, scenario, 0.0))
 
@@ -84,7 +88,7 @@ def _balanced(robot: Robot, scenario: Scenario, setup: Setup, q: Array, held: se
         return u + kernel.external_force(qs, np.array([wrenches(0.0, x, at_rest) for x in qs]))
 
     try:
-        return static_equilibrium(kernel, q, u=forces, held=held | set(_loose(setup)))[0]
+        return static_equilibrium(kernel, q, u=forces, held=held | set(_loose(assembly)))[0]
     except IntegrationError as error:
         if not scenario.source:
             raise

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..motion.ends import default_ends, point_of, principal_limits
-from ..motion.files import Motion, read_motion
+from ..motion.files import MeasuredMotion, read_motion
 from ..motion.point_to_point import PointToPoint, Program
 from ..motion.splines import Columns, Spline
 from ..motion.tool_path import ToolCircle, ToolLine
@@ -70,7 +71,7 @@ class PrescribedMotion:
         return q, v, a
 
 
-def _check_covers(scenario: Scenario, key: str, motion: Motion) -> None:
+def _check_covers(scenario: Scenario, key: str, motion: MeasuredMotion) -> None:
     if motion.t.size < 2 or motion.t[0] > 0.0 or motion.t[-1] < scenario.duration:
         span = f"{motion.t[0]:g} to {motion.t[-1]:g} s"
         scenario.fail(
@@ -182,12 +183,13 @@ def _tool_program(
     )
     index = np.array([rigid.coordinates.index(name) for name in driven], dtype=np.intp)
     begin, duration = span
+    options: dict[str, Any] = {"guess": where, "limits": limits, "start_time": begin}
     try:
         if section.type == "line":
             ends = (section.get("from"), section.get("to"))
-            return Columns(ToolLine(rigid, frame, *ends, duration, where, limits, begin), index)
+            return Columns(ToolLine(rigid, frame, *ends, duration, **options), index)
         center, normal, start = (section.get(key) for key in ("center", "normal", "from"))
         angle = section.get("angle", 2.0 * np.pi)
-        return Columns(ToolCircle(rigid, frame, center, normal, start, angle, duration, where, limits, begin), index)
+        return Columns(ToolCircle(rigid, frame, center, normal, start, angle, duration, **options), index)
     except InputError as error:
         raise InputError(f"{scenario.label('motion')}: {error}") from None

@@ -1,23 +1,34 @@
-"""What a simulation yields: a trajectory beside its program, its summary, and its file."""
+"""The result of a simulation: a trajectory beside its program, its summary, and its file."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import UnknownNameError
+from ..description import RobotLike, as_robot
+from ..errors import InputError, UnknownNameError
+from ..integration.contacts import Contact
 from ..integration.trajectory import Trajectory
 from ..names import listed, nearest, show
 from ..robot.coordinates import index_of, unit_of
-from ..robot.value import MOTOR
+from ..robot.record import robot_hash, robot_of
+from ..robot.value import MOTOR, Robot
+from .archive import open_archive, write_archive
 from .balance import TERMS, EnergyBalance
 
 Array = NDArray[np.float64]
+
+# What a file keeps of a result and of its trajectory: arrays; texts, and values that JSON holds.
+_SERIES = ("t", "q", "v", "u", "energy")
+_ARRAYS = ("program_q", "pose", "program_pose")
+_TEXTS = ("robot", "tool", "notes", "programmed", "prescribed", "robot_hash", "links")
+_RECORDS = ("scenario", "description", "stopped")
 
 
 @dataclass(frozen=True)
@@ -30,7 +41,7 @@ class Series:
     values: Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SimulationResult:
     """A simulated motion beside its program.
 
@@ -46,11 +57,11 @@ class SimulationResult:
         programmed: whether there was a program; if not, ``program_q`` is what the principal coordinates did, and
             ``program_pose`` leaves out the deviations alone.
         prescribed: names of the coordinates whose motion was given.
-        robot_hash: of what the description says, as ``robot_hash`` makes it.
+        robot_hash: of what the description says, as ``robot.record.robot_hash`` makes it.
         scenario: what was simulated, as ``Scenario.as_dict`` has it.
         links: names of the links of ``wrench``, (T, links, 6), N, N m, as kernels take it; None without wrenches.
         balance: where the energy came from and went to; None in files of eomgen 0.1 before it was there.
-        description: the robot that was simulated, as ``robot_record.record_of`` has it; empty in older files.
+        description: the robot that was simulated, as ``robot.record.record_of`` has it; empty in older files.
         stopped: empty where the motion came to its end; else its ``reason`` (text), the ``coordinate`` to blame, and
             the last good state: ``t`` (s), ``q`` and ``v`` (n numbers each).
     """
@@ -221,9 +232,20 @@ class SimulationResult:
         Raises:
             InputError: the file cannot be written.
         """
-        from .archive import save_result
-
-        return save_result(self, path)
+        motion = self.trajectory
+        arrays: dict[str, Any] = {name: getattr(motion, name) for name in _SERIES}
+        arrays |= {name: getattr(self, name) for name in _ARRAYS}
+        arrays |= {"coordinates": motion.coordinates, "units": self.units}
+        arrays["program_coordinates"] = np.array(self.program_coordinates, dtype=str)
+        if self.wrench is not None:
+            arrays["wrench"] = self.wrench
+        if self.balance is not None:
+            arrays["work"] = self.balance.work
+        meta = {name: getattr(self, name) for name in _TEXTS}
+        meta |= {"method": motion.method, "info": dict(motion.info), "versions": dict(self.versions)}
+        meta["contacts"] = [asdict(contact) for contact in motion.contacts]
+        meta |= {name: dict(getattr(self, name)) for name in _RECORDS}
+        return write_archive(path, meta, arrays)
 
 
 def _largest(names: Sequence[str], values: Array, unit: str) -> dict[str, Any] | None:
@@ -233,3 +255,65 @@ def _largest(names: Sequence[str], values: Array, unit: str) -> dict[str, Any] |
         return None
     row, column = np.unravel_index(int(np.abs(values[:, columns]).argmax()), (values.shape[0], len(columns)))
     return {"coordinate": names[columns[column]], "value": float(values[row, columns[column]]), "unit": unit}
+
+
+def load_result(path: Path | str) -> SimulationResult:
+    """The result that ``SimulationResult.save`` wrote.
+
+    Raises:
+        InputError: the file does not exist, or is not such a result.
+    """
+    with open_archive(path) as (meta, arrays):
+        return _result_of(meta, arrays)
+
+
+def _result_of(meta: dict[str, Any], arrays: dict[str, Any]) -> SimulationResult:
+    """The result that a file keeps; KeyError if something is missing."""
+    work = arrays.get("work")
+    records: dict[str, Any] = {name: MappingProxyType(dict(meta.get(name, {}))) for name in _RECORDS}
+    trajectory = Trajectory(
+        **{name: arrays[name] for name in _SERIES},
+        coordinates=tuple(str(name) for name in arrays["coordinates"]),
+        method=meta["method"],
+        info=meta["info"],
+        contacts=tuple(Contact(**contact) for contact in meta.get("contacts", ())),
+    )
+    return SimulationResult(
+        robot=meta["robot"],
+        trajectory=trajectory,
+        program_coordinates=tuple(str(name) for name in arrays["program_coordinates"]),
+        tool=meta["tool"],
+        **{name: arrays[name] for name in _ARRAYS},
+        notes=tuple(meta["notes"]),
+        versions=MappingProxyType(dict(meta["versions"])),
+        programmed=meta.get("programmed", True),
+        prescribed=tuple(meta.get("prescribed", ())),
+        robot_hash=meta.get("robot_hash", ""),
+        links=tuple(meta.get("links", ())),
+        wrench=arrays.get("wrench"),
+        balance=None if work is None else EnergyBalance(work, trajectory.energy),
+        **records,
+    )
+
+
+def simulated_robot(result: SimulationResult, given: RobotLike | None = None) -> Robot:
+    """The robot of a result: the one given if it is that of the simulation, else the one that the result keeps.
+
+    Raises:
+        InputError: the result keeps none and none is given, or the one given is another robot.
+    """
+    if given is not None:
+        robot = as_robot(given)
+        if result.robot_hash and robot_hash(robot) != result.robot_hash:
+            raise InputError(
+                f"robot: {robot.name} is not what was simulated as {result.robot}; allowed: the same description"
+            )
+        return robot
+    if not result.description:
+        raise InputError(
+            f"the result was written by an eomgen that did not keep the robot ({result.robot}) in it; give it: --robot"
+        )
+    robot = robot_of(result.description)
+    if robot_hash(robot) != result.robot_hash:
+        raise InputError(f"the robot that the result keeps ({show(robot.name)}) is not that of its hash")
+    return robot

@@ -19,10 +19,9 @@ import numpy as np
 from .._version import __version__
 from ..description import RobotLike, as_robot
 from ..errors import InputError, IntegrationStopped
-from ..integration.solve import METHODS, choose_method, integrate
+from ..integration.solve import METHODS, choose_method
 from ..integration.steps import output_times
-from ..integration.trajectory import Trajectory
-from ..motion.ends import Point, default_motion, principal_limits
+from ..motion.ends import Point
 from ..motion.point_to_point import Program
 from ..motion.splines import Spline
 from ..progress import Progress, no_progress
@@ -31,37 +30,12 @@ from ..robot.model import refuse_loops, tool_of
 from ..robot.record import record_of, robot_hash
 from ..robot.value import MOTOR, Robot
 from ..runtime.kernel import Kernel
-from ..scenario.load import load_scenario, scenario_from_toml
 from ..scenario.value import Integrator, Scenario, Section
-from ..state.equilibrium import static_equilibrium
-from .archive import load_result
-from .assembly import BANDWIDTH, KERNELS, RIGID_KERNELS, Setup, set_up
-from .controls import ComputedTorque
+from .assembly import BANDWIDTH, Assembly, assemble
 from .initial import initial_state
-from .programs import MOVING_PART
 from .result import SimulationResult
 from .segments import Loads, run_segments
 from .stream import MotionStream
-
-__all__ = [
-    "KERNELS",
-    "METHODS",
-    "MOVING_PART",
-    "RIGID_KERNELS",
-    "ComputedTorque",
-    "IntegrationStopped",
-    "SimulationResult",
-    "Trajectory",
-    "default_motion",
-    "integrate",
-    "load_result",
-    "load_scenario",
-    "principal_limits",
-    "run_scenario",
-    "scenario_from_toml",
-    "simulate",
-    "static_equilibrium",
-]
 
 
 def simulate(
@@ -114,8 +88,8 @@ def simulate(
     ends = {key: value for key, value in (("start", start), ("goal", goal)) if value is not None}
     scenario = Scenario(
         duration,
-        output_step,
-        tool,
+        output_step=output_step,
+        frame=tool,
         motion=Section("point_to_point", ends) if motion is None else Section("program", {"program": motion}),
         control=Section("computed_torque", {"bandwidth": float(bandwidth)}),
         integrator=Integrator(method, rtol, None, step),
@@ -143,23 +117,23 @@ def run_scenario(
     robot, report = as_robot(robot), progress or no_progress
     refuse_loops(robot)
     tool = tool_of(robot, scenario.frame, scenario.label("frame") if scenario.source else "tool")
-    return run_setup(robot, scenario, set_up(robot, scenario, tool, report), tool, report, stream)
+    return run_assembly(robot, scenario, assemble(robot, scenario, tool, report), tool, report, stream)
 
 
-def run_setup(
+def run_assembly(
     robot: Robot,
     scenario: Scenario,
-    setup: Setup,
+    assembly: Assembly,
     tool: str,
     report: Progress,
     stream: Path | str | None = None,
 ) -> SimulationResult:
     """``run_scenario`` once kernels are built, names found, drives and motions made."""
-    kernel = setup.kernel
+    kernel = assembly.kernel
     report(0.0, "static equilibrium at the start")
-    q0, v0, loose = initial_state(robot, scenario, setup)
-    ends = (float(setup.program.t[0]), float(setup.program.t[-1])) if isinstance(setup.program, Spline) else ()
-    loads = Loads(setup.drive, setup.wrenches, setup.prescribed, ends)
+    q0, v0, loose = initial_state(robot, scenario, assembly)
+    ends = (float(assembly.program.t[0]), float(assembly.program.t[-1])) if isinstance(assembly.program, Spline) else ()
+    loads = Loads(assembly.drive, assembly.wrenches, assembly.prescribed, ends)
     versions = {"eomgen": __version__, "numpy": np.__version__, "python": platform.python_version()}
     about: dict[str, Any] = {
         "robot": robot.name,
@@ -171,35 +145,35 @@ def run_setup(
     opened = None if stream is None else MotionStream(stream, kernel.coordinates, samples, about)
     found = run_segments(kernel, robot, scenario, loads, q0, v0, report, opened)
     t, q = found.trajectory.t, found.trajectory.q
-    driven = index_of(kernel.coordinates, setup.driven)
-    program_q = q[:, driven] if setup.program is None else setup.program.at(t)[0]
+    driven = index_of(kernel.coordinates, assembly.driven)
+    program_q = q[:, driven] if assembly.program is None else assembly.program.at(t)[0]
     rigid_q = np.zeros_like(q)
     given = index_of(kernel.coordinates, kernel.prescribed)
     rigid_q[:, driven], rigid_q[:, given] = program_q, q[:, given]
     notes = [
         *_method_note(kernel, scenario.integrator.method, found.trajectory.method),
-        *_assumptions(robot, loose, scenario, setup.program is not None),
+        *_assumptions(robot, loose, scenario, assembly.program is not None),
         found.balance.note(),
     ]
     result = SimulationResult(
-        robot.name,
-        found.trajectory,
-        setup.driven,
-        program_q,
-        tool,
-        np.asarray(kernel.frame_pose(q, tool)),
-        np.asarray(kernel.frame_pose(rigid_q, tool)),
-        tuple(note for note in notes if note),
-        MappingProxyType(versions),
-        setup.program is not None,
-        kernel.prescribed,
-        about["robot_hash"],
-        MappingProxyType(about["scenario"]),
-        kernel.links,
-        found.wrench,
-        found.balance,
-        MappingProxyType(record_of(robot)),
-        MappingProxyType({} if found.stop is None else _stop_record(found.stop)),
+        robot=robot.name,
+        trajectory=found.trajectory,
+        program_coordinates=assembly.driven,
+        program_q=program_q,
+        tool=tool,
+        pose=np.asarray(kernel.frame_pose(q, tool)),
+        program_pose=np.asarray(kernel.frame_pose(rigid_q, tool)),
+        notes=tuple(note for note in notes if note),
+        versions=MappingProxyType(versions),
+        programmed=assembly.program is not None,
+        prescribed=kernel.prescribed,
+        robot_hash=about["robot_hash"],
+        scenario=MappingProxyType(about["scenario"]),
+        links=kernel.links,
+        wrench=found.wrench,
+        balance=found.balance,
+        description=MappingProxyType(record_of(robot)),
+        stopped=MappingProxyType({} if found.stop is None else _stop_record(found.stop)),
     )
     if found.stop is not None:
         found.stop.trajectory, found.stop.result = result.trajectory, result

@@ -23,7 +23,7 @@ from ..progress import Progress
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..scenario.value import Scenario
-from ..state.vectors import Prescribed
+from ..state.vectors import MotionFunction
 from .balance import TERMS, EnergyBalance, with_nodes, works
 from .loads import loaded_parameters
 from .stream import MotionStream
@@ -44,12 +44,12 @@ class Loads:
 
     drive: Function
     wrench: Function | None
-    prescribed: Prescribed | None
+    prescribed: MotionFunction | None
     ends: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
-class Found:
+class SegmentedMotion:
     """A trajectory, its energy balance, and the wrenches, (T, links, 6), or None without any.
 
     ``stop`` is why it ends before the duration does, if it does.
@@ -83,7 +83,7 @@ def run_segments(
     v: Array,
     progress: Progress,
     stream: MotionStream | None = None,
-) -> Found:
+) -> SegmentedMotion:
     """Integrate from q and v at t = 0 to the scenario's duration, samples into the stream; errors as ``integrate``.
 
     A motion that cannot go on is returned as far as whole output steps were reached; it is raised where there are none.
@@ -128,7 +128,7 @@ def run_segments(
     work, wrench = whole.pop("work"), whole.pop("wrench", None)
     about: dict[str, Any] = {"method": method, "info": info, "contacts": tuple(contacts)}
     trajectory = Trajectory(**whole, coordinates=kernel.coordinates, **about)
-    return Found(trajectory, EnergyBalance(work, trajectory.energy), wrench, stop)
+    return SegmentedMotion(trajectory, EnergyBalance(work, trajectory.energy), wrench, stop)
 
 
 def _recorder(kernel: Kernel, loads: Loads, grid: Array, stream: MotionStream) -> Record:

@@ -2,3 +2,9 @@
 
 Uses runtime and robot.
 """
+
+from .equilibrium import static_equilibrium
+from .springs import coordinate_sizes, stiffness_matrix, stiffnesses
+from .vectors import state_vector
+
+__all__ = ["coordinate_sizes", "state_vector", "static_equilibrium", "stiffness_matrix", "stiffnesses"]

@@ -15,13 +15,13 @@ Array = NDArray[np.float64]
 RANK = 1e-7  # singular values below this part of the greatest one belong to redundant constraints
 
 
-Drive = Callable[[float, Array, Array], ArrayLike]
+DriveFunction = Callable[[float, Array, Array], ArrayLike]
 
 
-Wrench = Callable[[float, Array, Array], ArrayLike]
+WrenchFunction = Callable[[float, Array, Array], ArrayLike]
 
 
-Prescribed = Callable[[float], tuple[ArrayLike, ArrayLike, ArrayLike]]
+MotionFunction = Callable[[float], tuple[ArrayLike, ArrayLike, ArrayLike]]
 
 
 Q_STEP, V_STEP = 1e-7, 1e-6  # finite differences: small beside 1 rad, 1e9 times the round-off of a force

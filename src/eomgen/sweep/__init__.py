@@ -2,3 +2,9 @@
 
 Uses runtime, robot, forms, state, integration, scenario, pipeline and simulation.
 """
+
+from .driver import run
+from .plan import Plan, load_plan, plan_from_toml
+from .result import SweepResult
+
+__all__ = ["Plan", "SweepResult", "load_plan", "plan_from_toml", "run"]

@@ -34,18 +34,16 @@ from ..scenario.load import read_scenario, scenario_from_values
 from ..scenario.value import Scenario
 from ..simulation.initial import initial_state
 from .design import Design
-from .job import Dimension, Job, Row, Workshop, look
+from .job import Dimension, Job, SampleRow, SampleRunner, get_path
 from .measures import check_record
 from .pace import PERIOD, choose_pace, why_not
-from .plan import Distribution, Plan, load_plan, plan_from_toml
+from .plan import Distribution, Plan
 from .result import SweepResult
-from .shipping import Builds, Content, builds_of, check_same, lacks, pack, source_keys, unpack
+from .shipping import Builds, Content, builds_of, check_same, lacks_sources, pack, source_keys, unpack
 from .store import SweepStore, opened
 
 CHUNK = 16  # samples that are done together
 FIRST, AHEAD = 8, 512  # chunks that wait at an executor: at first, at most
-
-__all__ = ["SweepResult", "load_plan", "plan_from_toml", "run"]
 
 
 def run(
@@ -115,17 +113,26 @@ def prepare(
     rolls = plan.engine.type != "integrate" and not reason
     dimensions = tuple(dimension for dimension, _ in pairs)
     pace = (plan.engine.method, PERIOD, PERIOD) if rolls else None
-    job = Job(swept, values, source, folder.resolve(), plan, dimensions, tool, pace)
-    shop = Workshop(job)
-    _, setup = shop.nominal(())
-    check_record(plan, base, setup.program is not None, rolls)
-    job = replace(job, dimensions=tuple(_scaled(plan, values, setup.kernel.parameters, x) for x in pairs))
+    job = Job(
+        robot=swept,
+        values=values,
+        source=source,
+        folder=folder.resolve(),
+        plan=plan,
+        dimensions=dimensions,
+        tool=tool,
+        pace=pace,
+    )
+    runner = SampleRunner(job)
+    _, assembly = runner.nominal(())
+    check_record(plan, base, assembly.program is not None, rolls)
+    job = replace(job, dimensions=tuple(_scaled(plan, values, assembly.kernel.parameters, x) for x in pairs))
     if rolls:
-        q, _, _ = initial_state(swept, base, setup)
-        chosen = choose_pace(setup, q, base.duration, plan.engine.method, plan.engine.step, plan.engine.period)
+        q, _, _ = initial_state(swept, base, assembly)
+        chosen = choose_pace(assembly, q, base.duration, plan.engine.method, plan.engine.step, plan.engine.period)
         job = replace(job, pace=(chosen.method, chosen.step, base.duration / chosen.periods))
     nominal = replace(job, dimensions=())
-    outcome = Workshop(nominal).outcomes([()])[0]
+    outcome = SampleRunner(nominal).outcomes([()])[0]
     if isinstance(outcome, EomgenError):
         raise outcome
     job, nominal = replace(job, columns=outcome[0]), replace(nominal, columns=outcome[0])
@@ -143,7 +150,7 @@ def _dimensions(
         unit = 1.0 if entry.relative else None
         if entry.scenario is not None:
             try:
-                look(values, entry.scenario)
+                get_path(values, entry.scenario)
             except InputError as error:
                 plan.fail(f"vary[{i}].scenario", str(error))
             found.append((Dimension("scenario", entry.scenario, unit), entry.distribution))
@@ -179,7 +186,7 @@ def _scaled(
     dimension, _ = pair
     if dimension.unit is None:
         return dimension
-    given = parameters[dimension.name] if dimension.kind == "parameter" else look(values, dimension.name)
+    given = parameters[dimension.name] if dimension.kind == "parameter" else get_path(values, dimension.name)
     if isinstance(given, bool) or not isinstance(given, (int, float)) or given == 0:
         plan.fail(
             "vary",
@@ -196,7 +203,7 @@ def _notes(nominal: Job, record: np.ndarray[Any, Any], reason: str | None) -> li
         ]
     method, step, period = nominal.pace
     text = f"rollouts in C: {method} steps of {step:.3g} s, drives held for {period:.3g} s"
-    outcome = Workshop(nominal).outcomes([()], finer=2)[0]
+    outcome = SampleRunner(nominal).outcomes([()], finer=2)[0]
     if isinstance(outcome, EomgenError):
         return [text]
     wanted = [i for i, column in enumerate(nominal.columns) if column.name.startswith("tool_deviation")] or [0]
@@ -228,14 +235,14 @@ def _chunks(indices: Sequence[int], design: Design) -> Iterator[tuple[list[int],
         yield chosen, [design.values(i) for i in chosen]
 
 
-def _by_threads(job: Job, design: Design, missing: Sequence[int], threads: int) -> Iterator[list[Row]]:
-    shop, chunks = Workshop(job), _chunks(missing, design)
+def _by_threads(job: Job, design: Design, missing: Sequence[int], threads: int) -> Iterator[list[SampleRow]]:
+    runner, chunks = SampleRunner(job), _chunks(missing, design)
     pool = ThreadPoolExecutor(threads, "eomgen-sweep")
-    waiting: set[Future[list[Row]]] = set()
+    waiting: set[Future[list[SampleRow]]] = set()
     try:
         while True:
             waiting |= {
-                pool.submit(shop.rows, *chunk) for chunk in itertools.islice(chunks, 2 * threads - len(waiting))
+                pool.submit(runner.rows, *chunk) for chunk in itertools.islice(chunks, 2 * threads - len(waiting))
             }
             if not waiting:
                 return
@@ -246,10 +253,10 @@ def _by_threads(job: Job, design: Design, missing: Sequence[int], threads: int) 
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _by_executor(job: Job, design: Design, missing: Sequence[int], executor: Executor) -> Iterator[list[Row]]:
+def _by_executor(job: Job, design: Design, missing: Sequence[int], executor: Executor) -> Iterator[list[SampleRow]]:
     """Work at an executor; a worker that lacks the kernels says so once, and gets them with its next chunk."""
     builds = builds_of(job.robot, job.scenario(), job.kernels(job.scenario()))
-    parcel = Parcel(job, builds, source_keys(builds))
+    bundle = KernelBundle(job, builds, source_keys(builds))
     content: Content | None = None
     chunks, done = _chunks(missing, design), 0
     waiting: set[Future[Any]] = set()
@@ -257,15 +264,15 @@ def _by_executor(job: Job, design: Design, missing: Sequence[int], executor: Exe
         while True:
             # few at first, so that what is sent with a worker's first chunk is not sent with hundreds
             fresh = itertools.islice(chunks, max(0, min(AHEAD, FIRST + done) - len(waiting)))
-            waiting |= {executor.submit(work, parcel, None, *chunk) for chunk in fresh}
+            waiting |= {executor.submit(work, bundle, None, *chunk) for chunk in fresh}
             if not waiting:
                 return
             finished, waiting = wait(waiting, return_when=FIRST_COMPLETED)
             for future in finished:
                 outcome = future.result()
-                if isinstance(outcome, Lacking):
+                if isinstance(outcome, MissingKernels):
                     content = content or pack(builds)
-                    waiting.add(executor.submit(work, parcel, content, outcome.indices, outcome.samples))
+                    waiting.add(executor.submit(work, bundle, content, outcome.indices, outcome.samples))
                 else:
                     done += 1
                     yield outcome
@@ -274,40 +281,40 @@ def _by_executor(job: Job, design: Design, missing: Sequence[int], executor: Exe
             future.cancel()
 
 
-class Parcel:
+class KernelBundle:
     """A job for workers, with what it builds."""
 
     def __init__(self, job: Job, builds: Builds, keys: tuple[str, ...]) -> None:
         self.job, self.builds, self.keys = job, builds, keys
 
 
-class Lacking:
+class MissingKernels:
     """What a worker answers that has no kernel for the samples."""
 
     def __init__(self, indices: list[int], samples: list[tuple[float, ...]]) -> None:
         self.indices, self.samples = indices, samples
 
 
-_shops: dict[str, Workshop] = {}
+_runners: dict[str, SampleRunner] = {}
 
 
 def work(
-    parcel: Parcel, content: Content | None, indices: list[int], samples: list[tuple[float, ...]]
-) -> list[Row] | Lacking:
+    bundle: KernelBundle, content: Content | None, indices: list[int], samples: list[tuple[float, ...]]
+) -> list[SampleRow] | MissingKernels:
     """Rows of samples in a worker's process."""
-    key = parcel.job.key
-    if key not in _shops:
-        if lacks(parcel.keys):
+    key = bundle.job.key
+    if key not in _runners:
+        if lacks_sources(bundle.keys):
             if content is None:
-                check_same(parcel.builds, parcel.keys)
-                return Lacking(indices, samples)
-            unpack(content, parcel.builds, parcel.keys)
-        _shops.clear()  # of an earlier sweep
-        _shops[key] = Workshop(parcel.job)
-    return _shops[key].rows(indices, samples)
+                check_same(bundle.builds, bundle.keys)
+                return MissingKernels(indices, samples)
+            unpack(content, bundle.builds, bundle.keys)
+        _runners.clear()  # of an earlier sweep
+        _runners[key] = SampleRunner(bundle.job)
+    return _runners[key].rows(indices, samples)
 
 
-def _collect(store: SweepStore, source: Iterator[list[Row]], missing: int, report: Progress) -> None:
+def _collect(store: SweepStore, source: Iterator[list[SampleRow]], missing: int, report: Progress) -> None:
     """Append rows as they come; what has come is kept whatever ends the work."""
     done, failed, began = 0, 0, time.monotonic()
     had = len(store.rows)

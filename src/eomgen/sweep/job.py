@@ -19,20 +19,19 @@ from numpy.typing import NDArray
 from ..errors import EomgenError, InputError
 from ..names import listed, nearest, show
 from ..progress import no_progress
-from ..robot.model import tool_of
 from ..robot.value import Robot
 from ..scenario.load import scenario_from_values
 from ..scenario.value import Scenario
-from ..simulation.assembly import Setup, kernels_of, set_up, with_kernel
+from ..simulation.assembly import Assembly, assemble, kernels_of, with_kernel
 from ..simulation.result import SimulationResult
-from ..simulation.run import run_setup
+from ..simulation.run import run_assembly
 from .measures import NEEDS, Column, measure, rigid_pose
 from .pace import Pace, Rolled, roll
 from .plan import Plan
 
 Array = NDArray[np.float64]
 
-KEPT = 64  # setups that a process remembers, one for each scenario
+KEPT = 64  # assemblies that a process remembers, one for each scenario
 
 
 @dataclass(frozen=True)
@@ -44,7 +43,7 @@ class Dimension:
     unit: float | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Job:
     """What is the same for all samples.
 
@@ -88,7 +87,7 @@ class Job:
         values = copy.deepcopy(dict(self.values))
         for dimension, number in zip(self.dimensions, sample, strict=False):
             if dimension.kind == "scenario":
-                put(values, dimension.name, number if dimension.unit is None else number * dimension.unit)
+                set_path(values, dimension.name, number if dimension.unit is None else number * dimension.unit)
         return values
 
     def parameters(self, sample: Sequence[float]) -> dict[str, float]:
@@ -100,13 +99,13 @@ class Job:
         }
 
 
-def put(values: dict[str, Any], path: str, number: float) -> None:
+def set_path(values: dict[str, Any], path: str, number: float) -> None:
     """Put a number where a dotted path leads; UnknownNameError says where it ends."""
     place, key = _place(values, path)
     place[key] = number
 
 
-def look(values: Mapping[str, Any], path: str) -> Any:
+def get_path(values: Mapping[str, Any], path: str) -> Any:
     """What is where a dotted path leads; None where a table has no such key yet."""
     place, key = _place(values, path)
     return place.get(key) if isinstance(place, dict) else place[key]
@@ -152,7 +151,7 @@ def file_hashes(job: Job) -> dict[str, str]:
 
 
 @dataclass(frozen=True)
-class Row:
+class SampleRow:
     """What became of sample ``index`` with its numbers: what was recorded, or an error."""
 
     index: int
@@ -161,43 +160,43 @@ class Row:
     error: str = ""
 
 
-class Workshop:
-    """Setups of a job by scenario, made once and shared by the threads of a process."""
+class SampleRunner:
+    """Assemblies of a job by scenario, made once and shared by the threads of a process."""
 
     def __init__(self, job: Job) -> None:
         self.job = job
         self._lock = threading.Lock()
-        self._setups: OrderedDict[str, tuple[Scenario, Setup]] = OrderedDict()
+        self._assemblies: OrderedDict[str, tuple[Scenario, Assembly]] = OrderedDict()
 
-    def nominal(self, sample: Sequence[float]) -> tuple[Scenario, Setup]:
-        """Scenario and setup of a sample's scenario with the robot's own parameters."""
+    def nominal(self, sample: Sequence[float]) -> tuple[Scenario, Assembly]:
+        """Scenario and assembly of a sample's scenario with the robot's own parameters."""
         key = json.dumps(self.job.scenario_values(sample), sort_keys=True)
         with self._lock:
-            if key in self._setups:
-                self._setups.move_to_end(key)
-                return self._setups[key]
+            if key in self._assemblies:
+                self._assemblies.move_to_end(key)
+                return self._assemblies[key]
             scenario = self.job.scenario(sample)
             kernels = self.job.kernels(scenario)
-            found = scenario, set_up(self.job.robot, scenario, self.job.tool, no_progress, kernels)
-            self._setups[key] = found
-            if len(self._setups) > KEPT:
-                self._setups.popitem(last=False)
+            found = scenario, assemble(self.job.robot, scenario, self.job.tool, no_progress, kernels)
+            self._assemblies[key] = found
+            if len(self._assemblies) > KEPT:
+                self._assemblies.popitem(last=False)
             return found
 
-    def rows(self, indices: Sequence[int], samples: Sequence[Sequence[float]]) -> list[Row]:
+    def rows(self, indices: Sequence[int], samples: Sequence[Sequence[float]]) -> list[SampleRow]:
         """The rows of samples, in their order; those of one scenario are done together."""
         groups: dict[str, list[int]] = {}
         for i, sample in enumerate(samples):
             groups.setdefault(json.dumps(self.job.scenario_values(sample), sort_keys=True), []).append(i)
-        found: dict[int, Row] = {}
+        found: dict[int, SampleRow] = {}
         for places in groups.values():
             outcomes = self.outcomes([samples[i] for i in places])
             for i, outcome in zip(places, outcomes, strict=True):
                 sample = tuple(samples[i])
                 if isinstance(outcome, EomgenError):
-                    found[i] = Row(indices[i], sample, error=f"{type(outcome).__name__}: {outcome}")
+                    found[i] = SampleRow(indices[i], sample, error=f"{type(outcome).__name__}: {outcome}")
                 else:
-                    found[i] = Row(indices[i], sample, tuple(outcome[1].tolist()))
+                    found[i] = SampleRow(indices[i], sample, tuple(outcome[1].tolist()))
         return [found[i] for i in range(len(samples))]
 
     def outcomes(
@@ -208,18 +207,18 @@ class Workshop:
             scenario, nominal = self.nominal(samples[0])
         except EomgenError as error:
             return [error] * len(samples)
-        made: list[Setup | EomgenError] = []
+        made: list[Assembly | EomgenError] = []
         for sample in samples:
             try:
                 kernel = nominal.kernel.with_parameters(self.job.parameters(sample))
                 made.append(with_kernel(nominal, self.job.robot, scenario, kernel))
             except EomgenError as error:
                 made.append(error)
-        setups = [item for item in made if isinstance(item, Setup)]
-        motions = iter(self._motions(scenario, nominal, setups, finer))
+        assemblies = [item for item in made if isinstance(item, Assembly)]
+        motions = iter(self._motions(scenario, nominal, assemblies, finer))
         found: list[tuple[tuple[Column, ...], Array] | EomgenError] = []
         for item in made:
-            motion = next(motions) if isinstance(item, Setup) else item
+            motion = next(motions) if isinstance(item, Assembly) else item
             if isinstance(motion, EomgenError) or isinstance(item, EomgenError):
                 found.append(motion if isinstance(motion, EomgenError) else InputError("no motion"))
                 continue
@@ -230,49 +229,46 @@ class Workshop:
         return found
 
     def _motions(
-        self, scenario: Scenario, nominal: Setup, setups: list[Setup], finer: int
+        self, scenario: Scenario, nominal: Assembly, assemblies: list[Assembly], finer: int
     ) -> list[SimulationResult | EomgenError]:
         job = self.job
         found: list[SimulationResult | EomgenError] = []
-        if job.pace is not None and setups:
+        if job.pace is not None and assemblies:
             method, step, period = job.pace
             periods = max(1, int(np.ceil(scenario.duration / period - 1e-9)))
             steps = max(1, int(np.ceil(scenario.duration / periods / step - 1e-9)))
             pace = Pace(method, finer * periods, steps, scenario.duration)
             balance = "energy_residue" in job.plan.record
-            rolled = roll(job.robot, scenario, setups, pace, balance=balance)
-            for setup, motion in zip(setups, rolled, strict=True):
-                found.append(motion if isinstance(motion, EomgenError) else _result(job, setup, nominal, motion))
+            rolled = roll(job.robot, scenario, assemblies, pace, balance=balance)
+            for assembly, motion in zip(assemblies, rolled, strict=True):
+                found.append(motion if isinstance(motion, EomgenError) else _result(job, assembly, nominal, motion))
             return found
-        for setup in setups:
+        for assembly in assemblies:
             try:
-                result = run_setup(job.robot, scenario, setup, job.tool, no_progress)
+                result = run_assembly(job.robot, scenario, assembly, job.tool, no_progress)
                 found.append(replace(result, program_pose=rigid_pose(nominal.kernel, result)))
             except EomgenError as error:
                 found.append(error)
         return found
 
 
-def _result(job: Job, setup: Setup, nominal: Setup, motion: Rolled) -> SimulationResult:
+def _result(job: Job, assembly: Assembly, nominal: Assembly, motion: Rolled) -> SimulationResult:
     q, t = motion.trajectory.q, motion.trajectory.t
-    driven = [setup.kernel.coordinates.index(name) for name in setup.driven]
+    driven = [assembly.kernel.coordinates.index(name) for name in assembly.driven]
     result = SimulationResult(
-        job.robot.name,
-        motion.trajectory,
-        setup.driven,
-        q[:, driven] if setup.program is None else setup.program.at(t)[0],
-        job.tool,
-        np.asarray(setup.kernel.frame_pose(q, job.tool)),
-        np.empty((0, 4, 4)),
-        (),
-        MappingProxyType({}),
-        setup.program is not None,
-        setup.kernel.prescribed,
-        links=setup.kernel.links,
+        robot=job.robot.name,
+        trajectory=motion.trajectory,
+        program_coordinates=assembly.driven,
+        program_q=q[:, driven] if assembly.program is None else assembly.program.at(t)[0],
+        tool=job.tool,
+        pose=np.asarray(assembly.kernel.frame_pose(q, job.tool)),
+        program_pose=np.empty((0, 4, 4)),
+        notes=(),
+        versions=MappingProxyType({}),
+        programmed=assembly.program is not None,
+        prescribed=assembly.kernel.prescribed,
+        links=assembly.kernel.links,
         wrench=motion.wrench,
         balance=motion.balance,
     )
     return replace(result, program_pose=rigid_pose(nominal.kernel, result))
-
-
-__all__ = ["Dimension", "Job", "Row", "Workshop", "look", "put", "tool_of"]

@@ -12,7 +12,7 @@ from ..errors import InputError
 from ..robot.coordinates import index_of, unit_of
 from ..runtime.kernel import Kernel
 from ..scenario.value import Scenario
-from ..simulation.assembly import Setup
+from ..simulation.assembly import Assembly
 from ..simulation.result import SimulationResult
 from ..state.motors import shafts
 from .plan import Plan
@@ -42,18 +42,18 @@ def check_record(plan: Plan, scenario: Scenario, programmed: bool, rolls: bool) 
         plan.fail("record", 'energy_residue: rollouts do not balance payloads; allowed: engine.type = "integrate"')
 
 
-def measure(result: SimulationResult, setup: Setup, names: Sequence[str]) -> tuple[tuple[Column, ...], Array]:
+def measure(result: SimulationResult, assembly: Assembly, names: Sequence[str]) -> tuple[tuple[Column, ...], Array]:
     """Columns and numbers of a motion."""
     found: list[tuple[str, str, float]] = []
     for name in names:
-        found += _READERS[name](name, result, setup)
+        found += _READERS[name](name, result, assembly)
     return tuple(Column(name, unit) for name, unit, _ in found), np.array([value for _, _, value in found])
 
 
-Found = list[tuple[str, str, float]]
+Measured = list[tuple[str, str, float]]
 
 
-def _tool(name: str, result: SimulationResult, _: Setup) -> Found:
+def _tool(name: str, result: SimulationResult, _: Assembly) -> Measured:
     distance = np.linalg.norm(result.tool_deviation, axis=1)
     kind = name.rpartition("_")[2]
     value = {"max": distance.max(), "rms": _rms(distance), "end": distance[-1]}[kind]
@@ -65,26 +65,26 @@ def _rms(values: Array) -> float:
     return float(np.sqrt((values**2).mean()))
 
 
-def _rotation(name: str, result: SimulationResult, _: Setup) -> Found:
+def _rotation(name: str, result: SimulationResult, _: Assembly) -> Measured:
     return [(name, "rad", float(result.tool_rotation.max()))]
 
 
-def _drives(name: str, result: SimulationResult, setup: Setup) -> Found:
+def _drives(name: str, result: SimulationResult, assembly: Assembly) -> Measured:
     motion, found = result.trajectory, []
-    motors = shafts(setup.kernel)
-    for coordinate in (motors.get(x, x) for x in setup.driven):
+    motors = shafts(assembly.kernel)
+    for coordinate in (motors.get(x, x) for x in assembly.driven):
         u = motion.u[:, motion.coordinates.index(coordinate)]
         value = np.abs(u).max() if name == "drive_max" else _rms(u)
         found.append((f"{name}.{coordinate}", "N" if unit_of(coordinate) == "m" else "N m", float(value)))
     return found
 
 
-def _tracking(name: str, result: SimulationResult, _: Setup) -> Found:
+def _tracking(name: str, result: SimulationResult, _: Assembly) -> Measured:
     largest = np.abs(result.tracking_error).max(axis=0)
     return [(f"{name}.{x}", unit_of(x), float(e)) for x, e in zip(result.program_coordinates, largest, strict=True)]
 
 
-def _deviations(name: str, result: SimulationResult, _: Setup) -> Found:
+def _deviations(name: str, result: SimulationResult, _: Assembly) -> Measured:
     """The largest linear and the largest angular deviation of each joint."""
     found: dict[tuple[str, str], float] = {}
     largest = np.abs(result.deviations).max(axis=0)
@@ -96,35 +96,35 @@ def _deviations(name: str, result: SimulationResult, _: Setup) -> Found:
     return [(*key, value) for key, value in found.items()]
 
 
-def _coordinates(name: str, result: SimulationResult, _: Setup) -> Found:
+def _coordinates(name: str, result: SimulationResult, _: Assembly) -> Measured:
     q = result.trajectory.q
     values = np.abs(q).max(axis=0) if name == "coordinate_max" else q[-1]
     names = result.trajectory.coordinates
     return [(f"{name}.{x}", unit_of(x), value) for x, value in zip(names, values.tolist(), strict=True)]
 
 
-def _reactions(name: str, result: SimulationResult, setup: Setup) -> Found:
-    motion, kernel = result.trajectory, setup.kernel
+def _reactions(name: str, result: SimulationResult, assembly: Assembly) -> Measured:
+    motion, kernel = result.trajectory, assembly.kernel
     u = motion.u.copy()
-    if setup.prescribed is not None:
+    if assembly.prescribed is not None:
         given = index_of(kernel.coordinates, kernel.prescribed)
-        u[:, given] = [setup.prescribed(t)[2] for t in motion.t.tolist()]
+        u[:, given] = [assembly.prescribed(t)[2] for t in motion.t.tolist()]
     a = kernel.forward_dynamics(motion.q, motion.v, u, wrench=result.wrench)
     found = kernel.reactions(motion.q, motion.v, a, wrench=result.wrench)
     force, moment = (np.linalg.norm(part, axis=2).max(axis=0) for part in (found[..., :3], found[..., 3:]))
-    rows: Found = []
+    rows: Measured = []
     for joint, f, m in zip(kernel.joints, force.tolist(), moment.tolist(), strict=True):
         rows += [(f"{name}.{joint}.force", "N", f), (f"{name}.{joint}.moment", "N m", m)]
     return rows
 
 
-def _residue(name: str, result: SimulationResult, _: Setup) -> Found:
+def _residue(name: str, result: SimulationResult, _: Assembly) -> Measured:
     if result.balance is None:
         raise InputError(f"{name}: the motion has no energy balance")
     return [(name, "", result.balance.relative_residue)]
 
 
-_READERS: dict[str, Callable[[str, SimulationResult, Setup], Found]] = {
+_READERS: dict[str, Callable[[str, SimulationResult, Assembly], Measured]] = {
     "tool_deviation_max": _tool,
     "tool_deviation_rms": _tool,
     "tool_deviation_end": _tool,

@@ -23,7 +23,7 @@ from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..runtime.many_steps import FAR, METHODS
 from ..scenario.value import Scenario
-from ..simulation.assembly import Setup
+from ..simulation.assembly import Assembly
 from ..simulation.balance import TERMS, EnergyBalance
 from ..simulation.controls import JointPD
 from ..simulation.initial import initial_state
@@ -69,35 +69,37 @@ def why_not(robot: Robot) -> str | None:
     return f"{', '.join(names)}: motions that are prescribed are not part of rollouts" if names else None
 
 
-def choose_pace(setup: Setup, q: Array, duration: float, method: str, step: float | None, period: float | None) -> Pace:
+def choose_pace(
+    assembly: Assembly, q: Array, duration: float, method: str, step: float | None, period: float | None
+) -> Pace:
     """Steps as given, or by the springs at q: rk4 by the fastest, implicit by the slowest; at most a period.
 
     The period is as given, or so short that drives that are held over it stay stable at q.
     """
-    period = min(min(PERIOD, _longest_hold(setup, q)) if period is None else period, duration)
+    period = min(min(PERIOD, _longest_hold(assembly, q)) if period is None else period, duration)
     if step is None:
-        step = fixed_step(setup.kernel, q, None, np.array([0.0, period]))
+        step = fixed_step(assembly.kernel, q, None, np.array([0.0, period]))
         if method == "implicit":
-            step = max(step, _slowest_step(setup, q))
+            step = max(step, _slowest_step(assembly, q))
     periods = max(1, int(np.ceil(duration / period - 1e-9)))
     return Pace(method, periods, max(1, int(np.ceil(duration / periods / step - 1e-9))), duration)
 
 
-def _longest_hold(setup: Setup, q: Array) -> float:
+def _longest_hold(assembly: Assembly, q: Array) -> float:
     """Time over which drives may be held, s, by how they change with rates and coordinates about rest at q."""
-    if isinstance(setup.drive, JointPD):
+    if isinstance(assembly.drive, JointPD):
         return np.inf  # part of the C
-    n, h = setup.kernel.n, 1e-6
+    n, h = assembly.kernel.n, 1e-6
     states = np.tile(np.concatenate([q, np.zeros(n)]), (2 * n + 1, 1))
     states[np.arange(1, 2 * n + 1), np.arange(2 * n)] += h
-    u = setup.drive(0.0, np.ascontiguousarray(states[:, :n]), np.ascontiguousarray(states[:, n:]))
-    by_state = np.linalg.solve(setup.kernel.mass_matrix(q), (u[1:] - u[0]).T / h)
+    u = assembly.drive(0.0, np.ascontiguousarray(states[:, :n]), np.ascontiguousarray(states[:, n:]))
+    by_state = np.linalg.solve(assembly.kernel.mass_matrix(q), (u[1:] - u[0]).T / h)
     swing, decay = (float(np.abs(np.linalg.eigvals(part)).max()) for part in (by_state[:, :n], by_state[:, n:]))
     return HOLD / max(decay, math.sqrt(swing), 1e-9)
 
 
-def _slowest_step(setup: Setup, q: Array) -> float:
-    kernel = setup.kernel
+def _slowest_step(assembly: Assembly, q: Array) -> float:
+    kernel = assembly.kernel
     eigenvalues = np.linalg.eigvals(np.linalg.solve(kernel.mass_matrix(q), stiffness_matrix(kernel))).real
     swinging = eigenvalues[eigenvalues > 1e-9 * max(eigenvalues.max(initial=0.0), 1e-300)]
     return SLOWEST_TURN / float(np.sqrt(swinging.min())) if swinging.size else 0.0
@@ -157,14 +159,16 @@ class _Failure:
 class _Sample:
     """One kernel's way, and what went wrong on it."""
 
-    def __init__(self, robot: Robot, scenario: Scenario, setup: Setup, pace: Pace, gains: tuple[Array, Array] | None):
-        self.setup, self.kernel = setup, setup.kernel
+    def __init__(
+        self, robot: Robot, scenario: Scenario, assembly: Assembly, pace: Pace, gains: tuple[Array, Array] | None
+    ):
+        self.assembly, self.kernel = assembly, assembly.kernel
         self.failure: _Failure | None = None
         n = self.kernel.n
         self.q, self.v = np.empty((pace.periods + 1, n)), np.empty((pace.periods + 1, n))
-        self.q[0], self.v[0], _ = initial_state(robot, scenario, setup)
+        self.q[0], self.v[0], _ = initial_state(robot, scenario, assembly)
         self.held = np.zeros((pace.periods, n))
-        self.external = np.zeros((pace.periods, n)) if setup.wrenches else None
+        self.external = np.zeros((pace.periods, n)) if assembly.wrenches else None
         self._passes = [_Steps(self.kernel, pace.method, k * pace.steps, pace.step / k, gains) for k in pace.passes]
         self._period = pace.duration / pace.periods
 
@@ -198,37 +202,37 @@ class _Sample:
 
 
 def roll(
-    robot: Robot, scenario: Scenario, setups: Sequence[Setup], pace: Pace, *, balance: bool = False
+    robot: Robot, scenario: Scenario, assemblies: Sequence[Assembly], pace: Pace, *, balance: bool = False
 ) -> list[Rolled | EomgenError]:
-    """The scenario's motion for each setup, whose kernels are of one code, or why there is none.
+    """The scenario's motion for each assembly, whose kernels are of one code, or why there is none.
 
     A motion does not depend on what others are done with it.
     """
-    first = setups[0]
+    first = assemblies[0]
     law = first.drive
     inner = law if isinstance(law, JointPD) else None
     gains = None if inner is None else _gains(inner, first.kernel.n)
-    found: list[Rolled | EomgenError | None] = [None] * len(setups)
+    found: list[Rolled | EomgenError | None] = [None] * len(assemblies)
     samples: dict[int, _Sample] = {}
-    for i, setup in enumerate(setups):
+    for i, assembly in enumerate(assemblies):
         try:
-            samples[i] = _Sample(robot, scenario, setup, pace, gains)
+            samples[i] = _Sample(robot, scenario, assembly, pace, gains)
         except EomgenError as error:
             found[i] = error
     if samples:
         try:
             _run(robot, scenario, list(samples.values()), pace, inner)
         except EomgenError as error:
-            if len(setups) == 1:
+            if len(assemblies) == 1:
                 return [error]
-            return [roll(robot, scenario, [setup], pace, balance=balance)[0] for setup in setups]
+            return [roll(robot, scenario, [assembly], pace, balance=balance)[0] for assembly in assemblies]
     for i, sample in samples.items():
         found[i] = _result(sample, pace, balance)
     return [item for item in found if item is not None]
 
 
 def _run(robot: Robot, scenario: Scenario, samples: list[_Sample], pace: Pace, inner: JointPD | None) -> None:
-    period, law = pace.duration / pace.periods, samples[0].setup.drive
+    period, law = pace.duration / pace.periods, samples[0].assembly.drive
     if inner is not None:  # what is held is the rest: what holds the rigid robot
         law = replace(inner, kp=0.0 * inner.kp, kd=0.0 * inner.kd)
     edges = [t for load in scenario.payloads for t in (load.t0, load.t1) if t is not None]
@@ -250,8 +254,8 @@ def _run(robot: Robot, scenario: Scenario, samples: list[_Sample], pace: Pace, i
                 continue
             sample.held[k] = u[i]
             forces = u[i]
-            if acting and sample.setup.wrenches is not None and sample.external is not None:
-                wrench = sample.setup.wrenches(middle, q_ahead[i], v_ahead[i])
+            if acting and sample.assembly.wrenches is not None and sample.external is not None:
+                wrench = sample.assembly.wrenches(middle, q_ahead[i], v_ahead[i])
                 sample.external[k] = sample.kernel.external_force(q_ahead[i], wrench)
                 forces = forces + sample.external[k]
             sample.advance(k, forces, commands)
@@ -261,7 +265,7 @@ def _run(robot: Robot, scenario: Scenario, samples: list[_Sample], pace: Pace, i
 
 def _drives(sample: _Sample, pace: Pace, inner: bool, last: int) -> Array:
     """Drives at the begins of periods up to the last one: of what was held, the mean of before and after."""
-    law, t, q, v = sample.setup.drive, *(x[: last + 1] for x in (pace.times, sample.q, sample.v))
+    law, t, q, v = sample.assembly.drive, *(x[: last + 1] for x in (pace.times, sample.q, sample.v))
     if inner:
         return np.array([law(at, *state) for at, *state in zip(t.tolist(), q, v, strict=True)])
     u = np.empty_like(q)
@@ -294,7 +298,7 @@ def _result(sample: _Sample, pace: Pace, balance: bool) -> Rolled | EomgenError:
     last = pace.periods if failure is None else failure.k
     t, q, v = t[: last + 1], sample.q[: last + 1], sample.v[: last + 1]
     energy = np.asarray(kernel.energy(q, v))
-    u = _drives(sample, pace, isinstance(sample.setup.drive, JointPD), last)
+    u = _drives(sample, pace, isinstance(sample.assembly.drive, JointPD), last)
     info = {"steps": pace.periods * pace.steps, "evaluations": 0, "jacobians": 0, "wall_s": 0.0}
     trajectory = Trajectory(t, q, v, u, energy, kernel.coordinates, f"rollout, {pace.method}", info)
     if failure is not None:
@@ -302,7 +306,7 @@ def _result(sample: _Sample, pace: Pace, balance: bool) -> Rolled | EomgenError:
         stop = IntegrationStopped(message, float(t[-1]), q[-1].copy(), v[-1].copy(), failure.coordinate)
         stop.trajectory = trajectory
         return stop
-    wrenches, wrench = sample.setup.wrenches, None
+    wrenches, wrench = sample.assembly.wrenches, None
     if wrenches is not None:
         wrench = np.array([wrenches(at, q, v) for at, q, v in zip(t.tolist(), sample.q, sample.v, strict=True)])
     return Rolled(trajectory, wrench, _balance(sample, pace, u, energy) if balance else None)
@@ -313,7 +317,7 @@ def _balance(sample: _Sample, pace: Pace, u: Array, energy: Array) -> EnergyBala
     kernel, q, v = sample.kernel, sample.q, sample.v
     h = pace.duration / pace.periods
     work = np.zeros((pace.periods + 1, len(TERMS)))
-    law = sample.setup.drive
+    law = sample.assembly.drive
     if isinstance(law, JointPD):
         work[1:, 0] = 0.5 * h * ((u * v).sum(axis=1)[1:] + (u * v).sum(axis=1)[:-1])
     else:

@@ -187,6 +187,3 @@ def _refuse_twins(top: Table, vary: tuple[Vary, ...]) -> None:
         if name in seen:
             top.fail(f"{show(name[0] or name[1])} is varied before, by vary[{seen[name]}]; allowed: once", f"vary[{i}]")
         seen[name] = i
-
-
-__all__ = ["Distribution", "Engine", "Plan", "Vary", "load_plan", "plan_from_toml"]

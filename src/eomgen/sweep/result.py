@@ -51,7 +51,7 @@ class Sensitivity:
         return [int(i) for i in np.argsort(-np.abs(np.nan_to_num(by)), kind="stable")]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SweepResult:
     """The samples that a folder has, by index.
 
@@ -90,17 +90,19 @@ class SweepResult:
         units = {item["name"]: str(item["unit"]) for item in about["columns"]}
         scale = np.array([item["relative_to"] or 1.0 for item in about["varied"]])
         nothing = (float("nan"),) * len(units)
+        samples = np.array([rows[i].sample for i in index.tolist()], dtype=np.float64)
+        record = np.array([rows[i].record or nothing for i in index.tolist()], dtype=np.float64)
         return SweepResult(
-            folder,
-            index,
-            tuple(item["name"] for item in about["varied"]),
-            tuple(units),
-            MappingProxyType(units),
-            np.array([rows[i].sample for i in index.tolist()], dtype=np.float64).reshape(-1, scale.size) * scale,
-            np.array([rows[i].record or nothing for i in index.tolist()], dtype=np.float64).reshape(-1, len(units)),
-            MappingProxyType({i: rows[i].error for i in index.tolist() if rows[i].error}),
-            int(about["samples"]),
-            MappingProxyType(about),
+            folder=folder,
+            index=index,
+            varied=tuple(item["name"] for item in about["varied"]),
+            columns=tuple(units),
+            units=MappingProxyType(units),
+            samples=samples.reshape(-1, scale.size) * scale,
+            record=record.reshape(-1, len(units)),
+            errors=MappingProxyType({i: rows[i].error for i in index.tolist() if rows[i].error}),
+            total=int(about["samples"]),
+            meta=MappingProxyType(about),
         )
 
     @property

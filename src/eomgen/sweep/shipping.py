@@ -58,7 +58,7 @@ def pack(builds: Builds) -> Content:
     return Content(entries, machine())
 
 
-def lacks(keys: Sequence[str]) -> bool:
+def lacks_sources(keys: Sequence[str]) -> bool:
     """Whether this process's cache has none of the sources."""
     return not any(store.find("sources", key) for key in keys)
 

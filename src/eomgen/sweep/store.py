@@ -16,7 +16,7 @@ from typing import Any
 
 from ..errors import InputError
 from ..files import write_atomically
-from .job import Row
+from .job import SampleRow
 
 MANIFEST, ROWS, LOCK = "sweep.json", "samples.jsonl", ".lock"
 FORMAT = 1
@@ -26,12 +26,12 @@ SECONDS = 1.0  # after which what was written is on the disk
 class SweepStore:
     """The open folder of one sweep; nobody else writes to it meanwhile."""
 
-    def __init__(self, folder: Path, rows: dict[int, Row], resumed: bool) -> None:
+    def __init__(self, folder: Path, rows: dict[int, SampleRow], resumed: bool) -> None:
         self.folder, self.rows, self.resumed = folder, rows, resumed
         self._file = (folder / ROWS).open("ab", buffering=0)  # a line is the system's at once
         self._synced = time.monotonic()
 
-    def append(self, rows: list[Row]) -> None:
+    def append(self, rows: list[SampleRow]) -> None:
         """Take further samples.
 
         Raises:
@@ -110,7 +110,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     return found
 
 
-def read_rows(folder: Path) -> dict[int, Row]:
+def read_rows(folder: Path) -> dict[int, SampleRow]:
     """The samples that are done, by index; also while others are being written."""
     return _read_rows(folder, repair=False)
 
@@ -124,13 +124,13 @@ def _check_same(folder: Path, found: Mapping[str, Any], wanted: Mapping[str, Any
             )
 
 
-def _line(row: Row) -> dict[str, Any]:
+def _line(row: SampleRow) -> dict[str, Any]:
     body: dict[str, Any] = {"error": row.error} if row.error else {"record": row.record}
     return {"index": row.index, "sample": row.sample, **body}
 
 
-def _read_rows(folder: Path, *, repair: bool) -> dict[int, Row]:
-    path, rows = folder / ROWS, dict[int, Row]()
+def _read_rows(folder: Path, *, repair: bool) -> dict[int, SampleRow]:
+    path, rows = folder / ROWS, dict[int, SampleRow]()
     if not path.exists():
         return rows
     data = path.read_bytes()
@@ -138,7 +138,7 @@ def _read_rows(folder: Path, *, repair: bool) -> dict[int, Row]:
     for number, line in enumerate(whole.splitlines(), 1):
         try:
             item = json.loads(line)
-            row = Row(item["index"], tuple(item["sample"]), tuple(item.get("record", ())), item.get("error", ""))
+            row = SampleRow(item["index"], tuple(item["sample"]), tuple(item.get("record", ())), item.get("error", ""))
         except (ValueError, KeyError, TypeError):
             raise InputError(f"{path}: line {number} is damaged; remove it, and the sample is done again") from None
         rows[row.index] = row
