@@ -1,4 +1,4 @@
-"""TODO."""
+"""Files that are written whole or not at all."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from .errors import InputError
+
+FIGURE_ENDINGS = (".svg", ".pdf", ".png")  # of files that figures are written to
 
 
 def write_atomically(target: Path, write: Callable[[Any], None]) -> Path:

@@ -16,11 +16,12 @@ import pytest
 
 import eomgen
 from eomgen.errors import InputError
+from eomgen.files import FIGURE_ENDINGS
 from eomgen.pictures import energy as motion_plots
 from eomgen.pictures import zeros as zero_plots
 from eomgen.pictures.robot import plot_robot
 from eomgen.pictures.simulation import plot_result
-from eomgen.pictures.style import ENDINGS, canvas, scale_of
+from eomgen.pictures.style import canvas, scale_of
 from eomgen.pictures.zeros import plot_zeros
 from eomgen.robot.model import build_model
 from eomgen.robot.record import record_of, robot_hash, robot_of
@@ -113,7 +114,7 @@ def test_the_drawn_zeros_are_zeros_of_the_kernel(seed: int, figures: list[Any], 
 
 
 def test_figures_are_vectors_with_units(result: SimulationResult, tmp_path: Path) -> None:
-    for ending in ENDINGS:
+    for ending in FIGURE_ENDINGS:
         names = [path.name for path in plot_result(result, tmp_path, ending)]
         assert names == [f"{name}{ending}" for name in ("tool", "deviations", "tracking", "energy")]
     text = {name: (tmp_path / f"{name}.svg").read_text() for name in ("tool", "deviations", "tracking", "energy")}

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
-from ..pictures.style import ENDINGS
+from ..files import FIGURE_ENDINGS
 from ..robot.value import Robot
 
 Load = Callable[[argparse.Namespace], Robot]
@@ -44,7 +44,9 @@ def add_plot(commands: Any) -> None:
 
     command = _result_command(commands, "plot", run, "figures of a result for print")
     command.add_argument("-o", "--output", type=Path, metavar="FOLDER", help="folder to write to (the result's)")
-    command.add_argument("--format", choices=[ending[1:] for ending in ENDINGS], default="pdf", help="of files (pdf)")
+    command.add_argument(
+        "--format", choices=[ending[1:] for ending in FIGURE_ENDINGS], default="pdf", help="of files (pdf)"
+    )
 
 
 def add_report(commands: Any, load: Load, progress: Progress) -> None:

@@ -24,7 +24,7 @@ def plot_tracks(
     the path.
 
     Raises:
-        InputError: Matplotlib is not installed, the ending is none of ENDINGS, or the file cannot be written.
+        InputError: Matplotlib is not installed, the ending is none of FIGURE_ENDINGS, or the file cannot be written.
     """
     with canvas(6.4, 4.8, path) as figure:
         upper, lower = figure.subplots(2, 1, sharex=True, gridspec_kw={"top": 0.9, "bottom": 0.1, "left": 0.11})

@@ -28,7 +28,7 @@ def plot_result(result: SimulationResult, folder: Path | str, ending: str = ".pn
     Args:
         result: of a simulation.
         folder: to write to; made where it does not exist.
-        ending: one of ENDINGS.
+        ending: one of FIGURE_ENDINGS.
 
     Raises:
         InputError: Matplotlib is not installed, the ending is another one, or a file cannot be written.

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..files import write_atomically
+from ..files import FIGURE_ENDINGS, write_atomically
 from ..simulation.result import SimulationResult
 
 COLORS = {  # Okabe and Ito: told apart by colour-blind readers
@@ -38,7 +38,7 @@ RC = {
     "pdf.fonttype": 42,
     "svg.hashsalt": "eomgen",  # the same figure is the same bytes
 }
-ENDINGS = (".svg", ".pdf", ".png")
+
 UNDATED = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}, ".png": {}}
 PREFIXES = ((1.0, ""), (1e3, "m"), (1e6, "u"), (1e9, "n"), (1e12, "p"))
 
@@ -79,11 +79,11 @@ def canvas(width: float, height: float, path: Path | str) -> Iterator[Any]:
     """A figure of that size in inches, in the style of all figures, that is written when all is drawn.
 
     Raises:
-        InputError: Matplotlib is not installed, the ending is none of ENDINGS, or the file cannot be written.
+        InputError: Matplotlib is not installed, the ending is none of FIGURE_ENDINGS, or the file cannot be written.
     """
     target = Path(path)
-    if target.suffix not in ENDINGS:
-        raise InputError(f"output: {str(path)!r}; allowed: a path that ends in {', '.join(ENDINGS)}")
+    if target.suffix not in FIGURE_ENDINGS:
+        raise InputError(f"output: {str(path)!r}; allowed: a path that ends in {', '.join(FIGURE_ENDINGS)}")
     mpl, figure = _figure(width, height)
     with mpl.rc_context(RC):
         yield figure
