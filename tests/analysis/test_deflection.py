@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 import eomgen
 from eomgen.analysis.compliance import compliance_map
+from eomgen.analysis.options import KERNELS
 from eomgen.analysis.statics import deflection, motion_between
-from eomgen.analysis.tangent_system import KERNELS
 from eomgen.cli import entry as cli
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import EomgenWarning, InputError

@@ -15,8 +15,8 @@ import eomgen
 from eomgen.analysis.frequency import h1, response
 from eomgen.analysis.matrices import linearize
 from eomgen.analysis.modal import modes
+from eomgen.analysis.options import KERNELS
 from eomgen.analysis.ports import unit_of_input, unit_of_output
-from eomgen.analysis.tangent_system import KERNELS
 from eomgen.cli import entry as cli
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import ArrayError, InputError, UnknownNameError

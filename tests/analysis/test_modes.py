@@ -17,7 +17,8 @@ from eomgen.analysis.frequency import h1
 from eomgen.analysis.holding import fixation_of, pose_of
 from eomgen.analysis.modal import modes, modes_along
 from eomgen.analysis.modal_result import Modes
-from eomgen.analysis.tangent_system import KERNELS, checked_loads, constraint_hessian, frame_hessian, kernel_of
+from eomgen.analysis.options import KERNELS, checked_loads, kernel_of
+from eomgen.analysis.tangent_system import constraint_hessian, frame_hessian
 from eomgen.cli import entry as cli
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import ArrayError, EomgenWarning, InputError, SingularError, UnknownNameError

@@ -8,6 +8,7 @@ from .frequency import Response, h1, response
 from .matrices import StateSpace, linearize
 from .modal import modes, modes_along
 from .modal_result import Modes, TrackedModes
+from .options import StateOptions
 from .sensitivity import offset_sensitivity
 from .statics import Deflection, deflection
 from .structures import Comparison, compare
@@ -20,6 +21,7 @@ __all__ = [
     "Deflection",
     "Modes",
     "Response",
+    "StateOptions",
     "StateSpace",
     "TrackedModes",
     "budget",

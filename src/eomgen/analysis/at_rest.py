@@ -62,10 +62,10 @@ def rest(
     """The state of rest near q, (n,).
 
     Args:
-        kernel: float64, with the kernels of ``linear.KERNELS`` (and LOOP_KERNELS).
+        kernel: float64, with the kernels of ``options.KERNELS`` (and LOOP_KERNELS).
         q: where to begin; ``fixation.still`` stays there.
         fixation: what stays.
-        loads: dead wrenches by frame, see ``linear.checked_loads``.
+        loads: dead wrenches by frame, see ``options.checked_loads``.
         sagging: drives with gains hold their coordinates as springs about q, instead of exactly.
 
     Raises:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,9 +18,12 @@ from ..motion.tool_path import CLOSE, reach, space_point, starting_points, withi
 from ..progress import Progress, no_progress
 from ..robot.model import build_model, tool_of
 from ..runtime.kernel import Kernel
-from .holding import Gains, PoseLike, fixation_of, pose_of
-from .statics import deflection_of, static_fixation
-from .tangent_system import FrameLoads, checked_loads, kernel_of
+from .holding import PoseLike
+from .options import StateKeywords, prepared
+from .statics import deflection_of, fixed_at_rest
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 Array = NDArray[np.float64]
 
@@ -95,15 +97,9 @@ def compliance_map(
     points: tuple[int, int] = (21, 21),
     *,
     pose: PoseLike | None = None,
-    drives: str = "locked",
-    kp: Gains | None = None,
-    kd: Gains | None = None,
-    held: Iterable[str] | None = None,
-    loads: FrameLoads | None = None,
     frame: str | None = None,
-    parameters: Mapping[str, float] | None = None,
-    kernel: Kernel | None = None,
     progress: Progress | None = None,
+    **options: Unpack[StateKeywords],
 ) -> ComplianceMap:
     """Compliance where the tool of the rigid robot is at the points of a parallelogram.
 
@@ -115,8 +111,9 @@ def compliance_map(
         corner, first, second: a corner and the two edges from it, (3,) each, m, base axes.
         points: along the edges, 2 or more each.
         pose: near which the first point is looked for.
-        drives, kp, kd, held, loads, frame, parameters, kernel: as of ``deflection.deflection``.
+        frame: to look at; default as in ``simulate``.
         progress: called with a fraction from 0 to 1 and a line of text.
+        **options: drives, kp, kd, held, loads, parameters and kernel, see ``StateOptions`` and ``deflection``.
 
     Raises:
         InputError: an argument cannot be used.
@@ -126,10 +123,8 @@ def compliance_map(
         raise InputError(f"compliance_map: {robot.name} has loops; allowed: robots without loops")
     places = _grid(corner, first, second, points)
     report = progress or no_progress
-    kernel = kernel_of(robot, kernel, parameters, lambda text: report(0.0, text))
-    fixation = static_fixation(fixation_of(robot, kernel, drives, kp=kp, kd=kd, held=held), drives)
-    frame, dead = tool_of(robot, frame), checked_loads(kernel, loads)
-    q0 = pose_of(robot, kernel, pose)
+    arm = fixed_at_rest(prepared(robot, lambda text: report(0.0, text), **options))
+    kernel, frame, q0 = arm.kernel, tool_of(robot, frame), arm.coordinates(pose)
     driven = set(build_model(robot).driven)
     limits = np.array(
         [principal_limits(robot, name) if i in driven else (q0[i], q0[i]) for i, name in enumerate(kernel.coordinates)]
@@ -144,7 +139,7 @@ def compliance_map(
             continue
         guess = reached
         try:
-            found = deflection_of(kernel, reached, fixation, dead, robot.name, frame)
+            found = deflection_of(arm, reached, frame)
         except IntegrationError:
             unbalanced += 1
             continue

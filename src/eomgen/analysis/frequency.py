@@ -8,25 +8,27 @@ from __future__ import annotations
 
 import csv
 import io
-import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..description import RobotLike, as_robot
-from ..errors import ArrayError, EomgenWarning, InputError
+from ..description import RobotLike
+from ..errors import ArrayError, InputError
 from ..files import write_atomically
 from ..progress import StageReport
-from ..runtime.kernel import Kernel
 from .at_rest import system_at_rest
-from .holding import Gains, PoseLike, fixation_of, pose_of
+from .holding import PoseLike
 from .modal import ROUND_OFF
+from .options import StateKeywords, prepared, warn_of
 from .ports import checked_kind, input_matrix, output_matrices, unit_of_input, unit_of_output
-from .tangent_system import FrameLoads, LinearSystem, checked_loads, kernel_of
+from .tangent_system import LinearSystem
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -130,25 +132,20 @@ def response(
     pose: PoseLike | None = None,
     *,
     kind: str = "displacement",
-    drives: str = "locked",
-    kp: Gains | None = None,
-    kd: Gains | None = None,
-    held: Iterable[str] | None = None,
-    loads: FrameLoads | None = None,
-    parameters: Mapping[str, float] | None = None,
-    kernel: Kernel | None = None,
     progress: StageReport | None = None,
+    **options: Unpack[StateKeywords],
 ) -> Response:
     """Frequency responses about the state of rest at a pose.
 
     Args:
-        robot: a Robot, the name of a built-in one, or the path of a description; prescribed coordinates
-            stay.
+        robot: a Robot, the name of a built-in one, or the path of a description; prescribed coordinates stay.
         inputs: drives ("joint1.gamma", that are not locked) and components of wrenches ("tcp.fz"); see ``ports``.
         outputs: coordinates ("joint1.x") and components of a frame's motion ("tcp.x", "tcp.rz").
         frequencies: (F,), Hz, at least 0.
-        pose, drives, kp, kd, held, loads, parameters, kernel, progress: as of ``modes.modes``.
+        pose: see ``holding.pose_of``.
         kind: "displacement", "velocity" or "acceleration".
+        progress: called with a line of text when a stage of building begins.
+        **options: drives, kp, kd, held, loads, parameters and kernel, see ``StateOptions``.
 
     Raises:
         InputError: an argument cannot be used, or the response is infinite at a frequency.
@@ -156,20 +153,18 @@ def response(
     """
     checked_kind(kind)
     hertz = _frequencies(frequencies)
-    robot = as_robot(robot)
-    kernel = kernel_of(robot, kernel, parameters, progress)
-    fixation = fixation_of(robot, kernel, drives, kp=kp, kd=kd, held=held)
-    system, _ = system_at_rest(kernel, pose_of(robot, kernel, pose), fixation, checked_loads(kernel, loads))
-    for note in system.notes:
-        warnings.warn(note, EomgenWarning, stacklevel=2)
-    forces = system.basis.T @ input_matrix(kernel, system.q, inputs, fixation)
+    arm = prepared(robot, progress, **options)
+    kernel = arm.kernel
+    system, _ = system_at_rest(kernel, arm.coordinates(pose), arm.fixation, arm.loads)
+    warn_of(system.notes)
+    forces = system.basis.T @ input_matrix(kernel, system.q, inputs, arm.fixation)
     rows = output_matrices(kernel, system.q, system.v, outputs)[0] @ system.basis
     H = _solved(system, forces, rows, hertz)
     H *= {"displacement": 1.0, "velocity": 2j * np.pi, "acceleration": -4.0 * np.pi**2}[kind] * np.power(
         hertz, {"displacement": 0, "velocity": 1, "acceleration": 2}[kind]
     )[:, np.newaxis, np.newaxis]
     return Response(
-        robot=robot.name,
+        robot=arm.robot.name,
         frequencies=hertz,
         H=H,
         inputs=tuple(inputs),

@@ -30,6 +30,7 @@ class Fixation:
     """What stays, and what drives add.
 
     Attributes:
+        drives: "locked", "free" or "pd".
         still: coordinates that stay at the given pose while the others come to rest, (n,).
         locked: those that do not move about the state either, (n,).
         driven: coordinates that drives move, (n,).
@@ -37,6 +38,7 @@ class Fixation:
         notes: lines about what was assumed.
     """
 
+    drives: str
     still: Mask
     locked: Mask
     driven: Mask
@@ -101,7 +103,7 @@ def fixation_of(
         gains = np.zeros(kernel.n), np.zeros(kernel.n)
     if drives != "locked":
         locked = given
-    return Fixation(still, locked, driven, *gains, tuple(notes))
+    return Fixation(drives, still, locked, driven, *gains, tuple(notes))
 
 
 def pose_of(robot: Robot, kernel: Kernel, pose: PoseLike | None) -> Array:

@@ -2,27 +2,29 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..description import RobotLike, as_robot
-from ..errors import EomgenWarning, InputError
+from ..description import RobotLike
+from ..errors import InputError
 from ..files import write_atomically
 from ..progress import StageReport
 from ..robot.coordinates import MOTIONS
 from ..robot.model import tool_of
-from ..runtime.kernel import Kernel
 from ..state.vectors import state_vector
 from .at_rest import system_at_rest
-from .holding import Fixation, Gains, PoseLike, fixation_of, floating, pose_of
+from .holding import Fixation, PoseLike, floating
+from .options import HeldRobot, StateKeywords, prepared, warn_of
 from .ports import checked_kind, input_matrix, output_matrices
-from .tangent_system import FrameLoads, LinearSystem, checked_loads, kernel_of, load_force, reduced, tangent
+from .tangent_system import LinearSystem, load_force, reduced, tangent
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 Array = NDArray[np.float64]
 
@@ -107,15 +109,9 @@ def linearize(
     inputs: Sequence[str] | None = None,
     outputs: Sequence[str] | None = None,
     kind: str = "displacement",
-    drives: str = "free",
-    kp: Gains | None = None,
-    kd: Gains | None = None,
-    held: Iterable[str] | None = None,
-    loads: FrameLoads | None = None,
     frame: str | None = None,
-    parameters: Mapping[str, float] | None = None,
-    kernel: Kernel | None = None,
     progress: StageReport | None = None,
+    **options: Unpack[StateKeywords],
 ) -> StateSpace:
     """A, B, C and D about the state of rest at a pose, or about a motion where v and a, or v and u, are given.
 
@@ -129,31 +125,32 @@ def linearize(
         inputs: see ``ports.input_matrix``; default: the drives that can move something.
         outputs: see ``ports.output_matrices``; default: the frame's six components.
         kind: of the outputs: "displacement", "velocity" or, at rest, "acceleration".
-        drives, kp, kd, held, loads, frame, parameters, kernel, progress: as of ``modes.modes``; drives are free here.
+        frame: of the default outputs; as in ``simulate`` if not given.
+        progress: called with a line of text when a stage of building begins.
+        **options: drives, kp, kd, held, loads, parameters and kernel, see ``StateOptions``; drives are free
+            here if nothing else is said.
 
     Raises:
         InputError: an argument cannot be used.
         IntegrationError: there is no state of rest near the pose.
     """
     checked_kind(kind)
-    robot = as_robot(robot)
-    kernel = kernel_of(robot, kernel, parameters, progress)
-    fixation = fixation_of(robot, kernel, drives, kp=kp, kd=kd, held=held)
-    frame, dead = tool_of(robot, frame), checked_loads(kernel, loads)
-    q = pose_of(robot, kernel, pose)
+    options.setdefault("drives", "free")
+    arm = prepared(robot, progress, **options)
+    kernel, fixation, frame = arm.kernel, arm.fixation, tool_of(arm.robot, frame)
+    q = arm.coordinates(pose)
     if v is None:
         if a is not None or u is not None:
             raise InputError("a and u belong to a motion; allowed: with v")
-        system, _ = system_at_rest(kernel, q, fixation, dead)
+        system, _ = system_at_rest(kernel, q, fixation, arm.loads)
     else:
-        system = _moving_system(kernel, q, v, a, u, fixation, dead)
-    for note in system.notes:
-        warnings.warn(note, EomgenWarning, stacklevel=2)
+        system = _moving_system(arm, q, v, a, u)
+    warn_of(system.notes)
     if inputs is None:
         inputs = [name for i, name in enumerate(kernel.coordinates) if fixation.driven[i] and not fixation.locked[i]]
     if outputs is None:
         outputs = [f"{frame}.{part}" for part in MOTIONS]
-    return state_space(system, fixation, robot.name, inputs, outputs, kind)
+    return state_space(system, fixation, arm.robot.name, inputs, outputs, kind)
 
 
 def state_space(
@@ -198,16 +195,9 @@ def state_space(
     )
 
 
-def _moving_system(
-    kernel: Kernel,
-    q: Array,
-    v: ArrayLike,
-    a: ArrayLike | None,
-    u: ArrayLike | None,
-    fixation: Fixation,
-    loads: Mapping[str, Array],
-) -> LinearSystem:
+def _moving_system(arm: HeldRobot, q: Array, v: ArrayLike, a: ArrayLike | None, u: ArrayLike | None) -> LinearSystem:
     """The system about a motion at one time: drives are constant, or gains about the motion."""
+    kernel, fixation, loads = arm.kernel, arm.fixation, arm.loads
     if kernel.loops:
         raise InputError(f"v: {kernel.name} has loops; allowed: their state of rest, without v")
     given = a if u is None else u

@@ -6,21 +6,24 @@ e = phi exp(s t) that is a quadratic eigenproblem, solved in the scaled state (L
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..description import RobotLike, as_robot
-from ..errors import EomgenWarning, InputError
+from ..description import RobotLike
+from ..errors import InputError
 from ..progress import StageReport
 from ..robot.model import tool_of
-from ..runtime.kernel import Kernel
 from .at_rest import system_at_rest
-from .holding import Gains, PoseLike, fixation_of, pose_of
+from .holding import PoseLike
 from .modal_result import Modes, TrackedModes
-from .tangent_system import FrameLoads, LinearSystem, checked_loads, kernel_of
+from .options import StateKeywords, prepared, warn_of
+from .tangent_system import LinearSystem
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -33,60 +36,39 @@ def modes(
     robot: RobotLike,
     pose: PoseLike | None = None,
     *,
-    drives: str = "locked",
-    kp: Gains | None = None,
-    kd: Gains | None = None,
-    held: Iterable[str] | None = None,
-    loads: FrameLoads | None = None,
     frame: str | None = None,
-    parameters: Mapping[str, float] | None = None,
-    kernel: Kernel | None = None,
     progress: StageReport | None = None,
+    **options: Unpack[StateKeywords],
 ) -> Modes:
     """Modes about the state of rest at a pose.
 
     Args:
-        robot: a Robot, the name of a built-in one, or the path of a description; prescribed coordinates
-            stay.
+        robot: a Robot, the name of a built-in one, or the path of a description; prescribed coordinates stay.
         pose: see ``holding.pose_of``.
-        drives: "locked" (principal coordinates do not move), "free" (they move under the constant forces that hold the
-            pose) or "pd" (gains ``kp`` and ``kd`` hold them).
-        kp, kd, held: see ``holding.fixation_of``; held is needed for a robot with loops.
-        loads: dead wrenches by frame or link, (6,) each: force (N), moment (N m) at its origin, base axes.
         frame: to look at; default as in ``simulate``.
-        parameters: values that differ from the description's, {"gravity.z": 0.0} say.
-        kernel: of the robot, float64, with ``linear.KERNELS``; built if not given.  Its parameters count.
         progress: called with a line of text when a stage of building begins.
+        **options: drives, kp, kd, held, loads, parameters and kernel, see ``StateOptions``.
 
     Raises:
         InputError: an argument cannot be used.
         IntegrationError: there is no state of rest near the pose.
     """
-    robot = as_robot(robot)
-    kernel = kernel_of(robot, kernel, parameters, progress)
-    fixation = fixation_of(robot, kernel, drives, kp=kp, kd=kd, held=held)
-    frame, found = tool_of(robot, frame), checked_loads(kernel, loads)
-    system, _ = system_at_rest(kernel, pose_of(robot, kernel, pose), fixation, found)
-    for note in system.notes:
-        warnings.warn(note, EomgenWarning, stacklevel=2)
-    return modes_of(system, robot.name, frame)
+    arm = prepared(robot, progress, **options)
+    frame = tool_of(arm.robot, frame)
+    system, _ = system_at_rest(arm.kernel, arm.coordinates(pose), arm.fixation, arm.loads)
+    warn_of(system.notes)
+    return modes_of(system, arm.robot.name, frame)
 
 
 def modes_along(
     robot: RobotLike,
     poses: Sequence[PoseLike] | Array,
     *,
-    drives: str = "locked",
-    kp: Gains | None = None,
-    kd: Gains | None = None,
-    held: Iterable[str] | None = None,
-    loads: FrameLoads | None = None,
     frame: str | None = None,
-    parameters: Mapping[str, float] | None = None,
-    kernel: Kernel | None = None,
     progress: StageReport | None = None,
+    **options: Unpack[StateKeywords],
 ) -> TrackedModes:
-    """Modes at poses along a path, each mode followed by its shape; arguments and errors as of ``modes``.
+    """Modes at poses along a path, each mode followed by its shape; other arguments and errors as ``modes``.
 
     A mode goes on as the one whose shape is most like its own (modal assurance criterion in the metric of M), as far
     as all can have one of their own.
@@ -96,17 +78,14 @@ def modes_along(
     """
     if not len(poses):
         raise InputError("poses: none given; allowed: one or more")
-    robot = as_robot(robot)
-    kernel = kernel_of(robot, kernel, parameters, progress)
-    fixation = fixation_of(robot, kernel, drives, kp=kp, kd=kd, held=held)
-    frame, dead = tool_of(robot, frame), checked_loads(kernel, loads)
+    arm = prepared(robot, progress, **options)
+    frame = tool_of(arm.robot, frame)
     found, metrics = [], []
     for pose in poses:
-        system, _ = system_at_rest(kernel, pose_of(robot, kernel, pose), fixation, dead)
-        found.append(modes_of(system, robot.name, frame))
+        system, _ = system_at_rest(arm.kernel, arm.coordinates(pose), arm.fixation, arm.loads)
+        found.append(modes_of(system, arm.robot.name, frame))
         metrics.append(system.kernel.residual_jacobian(system.q, system.v, system.a)[2])
-    for note in dict.fromkeys(note for entry in found for note in entry.notes):
-        warnings.warn(note, EomgenWarning, stacklevel=2)
+    warn_of(dict.fromkeys(note for entry in found for note in entry.notes))
     return TrackedModes(tuple(found), _tracked(found, metrics))
 
 

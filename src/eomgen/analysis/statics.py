@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..description import RobotLike, as_robot
-from ..errors import EomgenWarning, InputError
+from ..description import RobotLike
+from ..errors import InputError
 from ..loops.closed import ClosedLoops
 from ..progress import StageReport
 from ..robot.model import tool_of
 from ..runtime.kernel import Kernel
 from .at_rest import rest
-from .holding import Fixation, Gains, PoseLike, fixation_of, floating, pose_of
-from .tangent_system import FrameLoads, checked_loads, kernel_of, moving_basis
+from .holding import Fixation, PoseLike, floating
+from .options import HeldRobot, StateKeywords, prepared, warn_of
+from .tangent_system import moving_basis
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 Array = NDArray[np.float64]
 
@@ -99,48 +101,43 @@ def deflection(
     robot: RobotLike,
     pose: PoseLike | None = None,
     *,
-    drives: str = "locked",
-    kp: Gains | None = None,
-    kd: Gains | None = None,
-    held: Iterable[str] | None = None,
-    loads: FrameLoads | None = None,
     frame: str | None = None,
-    parameters: Mapping[str, float] | None = None,
-    kernel: Kernel | None = None,
     progress: StageReport | None = None,
+    **options: Unpack[StateKeywords],
 ) -> Deflection:
-    """Deflection and stiffness of a frame in the state of rest at a pose; arguments as of ``modes.modes``.
+    """Deflection and stiffness of a frame in the state of rest at a pose.
 
     Drives are "locked", or "pd": springs kp (target - q) about the pose, which sag under gravity, too.  The rigid
     robot is the pose itself; of a robot with loops the pose with its loops closed.
+
+    Args:
+        robot: a Robot, the name of a built-in one, or the path of a description; prescribed coordinates stay.
+        pose: see ``holding.pose_of``.
+        frame: to look at; default as in ``simulate``.
+        progress: called with a line of text when a stage of building begins.
+        **options: drives, kp, kd, held, loads, parameters and kernel, see ``StateOptions``.
 
     Raises:
         InputError: an argument cannot be used, drives are free, or nothing holds a coordinate.
         IntegrationError: there is no state of rest near the pose.
     """
-    robot = as_robot(robot)
-    kernel = kernel_of(robot, kernel, parameters, progress)
-    fixation = fixation_of(robot, kernel, drives, kp=kp, kd=kd, held=held)
-    frame, dead = tool_of(robot, frame), checked_loads(kernel, loads)
-    found = deflection_of(
-        kernel, pose_of(robot, kernel, pose), static_fixation(fixation, drives), dead, robot.name, frame
-    )
-    for note in found.notes:
-        warnings.warn(note, EomgenWarning, stacklevel=2)
+    arm = fixed_at_rest(prepared(robot, progress, **options))
+    found = deflection_of(arm, arm.coordinates(pose), tool_of(arm.robot, frame))
+    warn_of(found.notes)
     return found
 
 
-def static_fixation(fixation: Fixation, drives: str) -> Fixation:
-    """The same with everything locked that stays at the state; InputError if drives are free."""
-    if drives == "free":
+def fixed_at_rest(arm: HeldRobot) -> HeldRobot:
+    """The same robot with everything locked that stays in the state; InputError if drives are free."""
+    held = arm.fixation
+    if held.drives == "free":
         raise InputError("drives: 'free' drives hold nothing in place; allowed: locked, pd")
-    return replace(fixation, locked=fixation.still & ~(fixation.driven & (fixation.kp > 0.0)))
+    return replace(arm, fixation=replace(held, locked=held.still & ~(held.driven & (held.kp > 0.0))))
 
 
-def deflection_of(
-    kernel: Kernel, q: Array, fixation: Fixation, loads: Mapping[str, Array], robot: str, frame: str
-) -> Deflection:
-    """As ``deflection``, of a kernel at coordinates, (n,)."""
+def deflection_of(arm: HeldRobot, q: Array, frame: str) -> Deflection:
+    """Deflection and stiffness of a frame near coordinates q, (n,), of the rigid robot; errors as ``deflection``."""
+    kernel, fixation, loads = arm.kernel, arm.fixation, arm.loads
     if kernel.loops:
         names = [name for name, stays in zip(kernel.coordinates, fixation.locked, strict=True) if stays]
         q = ClosedLoops(kernel).consistent_positions(q, held=names)
@@ -151,7 +148,7 @@ def deflection_of(
     rank, stiffness = _inverse(compliance)
     whole = motion_between(rigid_pose, pose)
     return Deflection(
-        robot=robot,
+        robot=arm.robot.name,
         frame=frame,
         coordinates=kernel.coordinates,
         q=state.q,

@@ -15,48 +15,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from ..errors import ArrayError, InputError, SingularError
-from ..pipeline.stages import build
-from ..progress import StageReport
-from ..robot.model import build_model
-from ..robot.value import Robot
+from ..errors import InputError, SingularError
 from ..runtime.kernel import Kernel
 from ..state.vectors import RANK
 from .holding import Fixation
 
 Array = NDArray[np.float64]
-FrameLoads = Mapping[str, ArrayLike]
-
-KERNELS = ("inverse_dynamics", "residual_jacobian", "kinematics")
-LOOP_KERNELS = ("mass_matrix", "constraint", "constraint_jacobian", "constraint_bias", "cut_poses")
-
-
-def kernel_of(
-    robot: Robot,
-    kernel: Kernel | None = None,
-    parameters: Mapping[str, float] | None = None,
-    progress: StageReport | None = None,
-) -> Kernel:
-    """The kernel of an analysis: the one given, or one that is built, with these parameters.
-
-    Raises:
-        InputError: the kernel is of another robot or not float64, or parameters are given beside a kernel.
-    """
-    if kernel is None:
-        names = (*KERNELS, *(LOOP_KERNELS if robot.loops else ()))
-        kernel = build(robot, kernels=names, progress=progress or (lambda _: None))
-        for name, value in (parameters or {}).items():
-            kernel.parameters[name] = value
-        return kernel
-    if parameters:
-        raise InputError("parameters and kernel are both given; allowed: one of them (a kernel has its own parameters)")
-    if kernel.coordinates != build_model(robot).coordinates:
-        raise InputError(f"kernel: {kernel.name} has not the coordinates of {robot.name}; allowed: its own kernel")
-    if kernel.dtype != np.float64:
-        raise InputError(f"kernel: {kernel.name} is {kernel.dtype}; allowed: float64")
-    return kernel
 
 
 def frame_hessian(J: Array) -> Array:
@@ -89,26 +55,6 @@ def constraint_hessian(kernel: Kernel, q: Array) -> Array:
     result = np.empty((both.shape[1], n, n))
     result[:, row, column] = result[:, column, row] = half.T
     return result
-
-
-def checked_loads(kernel: Kernel, loads: FrameLoads | None) -> dict[str, Array]:
-    """Dead wrenches by frame, (6,) each, force (N) and moment (N m) at its origin in base axes.
-
-    Raises:
-        UnknownNameError: no frame or link of that name.
-        ArrayError: a wrench that is not six finite numbers.
-    """
-    found = {}
-    for frame, value in (loads or {}).items():
-        kernel._frame(frame)
-        try:
-            wrench = np.array(value, dtype=np.float64)
-        except (TypeError, ValueError):
-            wrench = np.zeros(0)
-        if wrench.shape != (6,) or not np.isfinite(wrench).all():
-            raise ArrayError(f"wrench at {frame}: {value!r}; allowed: six finite numbers, N and N m")
-        found[frame] = wrench
-    return found
 
 
 def load_force(kernel: Kernel, q: Array, loads: Mapping[str, Array]) -> Array:

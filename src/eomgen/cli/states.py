@@ -142,7 +142,7 @@ def poses_along(robot: Robot, options: argparse.Namespace) -> Any:
     import numpy as np
 
     from ..analysis.holding import pose_of
-    from ..analysis.tangent_system import kernel_of
+    from ..analysis.options import kernel_of
     from ..robot.coordinates import index_of
     from ..simulation.result import load_result
 

@@ -1,0 +1,147 @@
+"""The options that all analyses about a state share, and the robot that is prepared by them, once for each analysis."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypedDict
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..description import RobotLike, as_robot
+from ..errors import ArrayError, EomgenWarning, InputError, UnknownNameError
+from ..names import nearest
+from ..pipeline.stages import build
+from ..progress import StageReport, no_report
+from ..robot.model import build_model
+from ..robot.value import Robot
+from ..runtime.kernel import Kernel
+from .holding import Fixation, Gains, PoseLike, fixation_of, pose_of
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+Array = NDArray[np.float64]
+FrameLoads = Mapping[str, ArrayLike]
+
+KERNELS = ("inverse_dynamics", "residual_jacobian", "kinematics")
+LOOP_KERNELS = ("mass_matrix", "constraint", "constraint_jacobian", "constraint_bias", "cut_poses")
+
+
+class StateKeywords(TypedDict, total=False):
+    """Keywords of the analyses about a state: the fields of ``StateOptions``."""
+
+    drives: str
+    kp: Gains | None
+    kd: Gains | None
+    held: Iterable[str] | None
+    loads: FrameLoads | None
+    parameters: Mapping[str, float] | None
+    kernel: Kernel | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class StateOptions:
+    """How a robot is held in the state that an analysis looks at, what loads it there, and with which numbers.
+
+    Attributes:
+        drives: "locked" (principal coordinates do not move), "free" (they move under the constant forces that hold the
+            pose) or "pd" (gains ``kp`` and ``kd`` hold them).
+        kp, kd: gains of "pd", N/m or N m/rad, and per rate: a number for all driven coordinates, or by their names;
+            kd is 0 if not given.
+        held: names of the coordinates that stay in the state and, if drives are "locked", about it, instead of those
+            that ``fixation_of`` finds; needed for a robot with loops.
+        loads: dead wrenches by frame or link, (6,) each: force (N), moment (N m) at its origin, base axes.
+        parameters: values that differ from the description's, {"gravity.z": 0.0} say.
+        kernel: of the robot, float64, with KERNELS, with loops LOOP_KERNELS too; built if not given.  Its parameters
+            count.
+    """
+
+    drives: str = "locked"
+    kp: Gains | None = None
+    kd: Gains | None = None
+    held: Iterable[str] | None = None
+    loads: FrameLoads | None = None
+    parameters: Mapping[str, float] | None = None
+    kernel: Kernel | None = None
+
+
+@dataclass(frozen=True)
+class HeldRobot:
+    """A robot prepared for an analysis: its kernel, what holds it, and dead wrenches by frame, (6,) each."""
+
+    robot: Robot
+    kernel: Kernel
+    fixation: Fixation
+    loads: Mapping[str, Array]
+
+    def coordinates(self, pose: PoseLike | None) -> Array:
+        """Coordinates of a pose, (n,), m or rad; arguments and errors as ``pose_of``."""
+        return pose_of(self.robot, self.kernel, pose)
+
+
+def prepared(robot: RobotLike, progress: StageReport | None = None, **options: Unpack[StateKeywords]) -> HeldRobot:
+    """The robot with its kernel, by the options of an analysis about a state.
+
+    Raises:
+        InputError: an option cannot be used.
+    """
+    given, arm = StateOptions(**options), as_robot(robot)
+    kernel = kernel_of(arm, given.kernel, given.parameters, progress)
+    fixation = fixation_of(arm, kernel, given.drives, kp=given.kp, kd=given.kd, held=given.held)
+    return HeldRobot(arm, kernel, fixation, checked_loads(kernel, given.loads))
+
+
+def kernel_of(
+    robot: Robot,
+    kernel: Kernel | None = None,
+    parameters: Mapping[str, float] | None = None,
+    progress: StageReport | None = None,
+) -> Kernel:
+    """The kernel of an analysis: the one given, or one that is built, with these parameters.
+
+    Raises:
+        InputError: the kernel is of another robot or not float64, or parameters are given beside a kernel.
+    """
+    if kernel is None:
+        names = (*KERNELS, *(LOOP_KERNELS if robot.loops else ()))
+        kernel = build(robot, kernels=names, progress=progress or no_report)
+        for name, value in (parameters or {}).items():
+            kernel.parameters[name] = value
+        return kernel
+    if parameters:
+        raise InputError("parameters and kernel are both given; allowed: one of them (a kernel has its own parameters)")
+    if kernel.coordinates != build_model(robot).coordinates:
+        raise InputError(f"kernel: {kernel.name} has not the coordinates of {robot.name}; allowed: its own kernel")
+    if kernel.dtype != np.float64:
+        raise InputError(f"kernel: {kernel.name} is {kernel.dtype}; allowed: float64")
+    return kernel
+
+
+def checked_loads(kernel: Kernel, loads: FrameLoads | None) -> dict[str, Array]:
+    """Dead wrenches by frame, (6,) each, force (N) and moment (N m) at its origin in base axes.
+
+    Raises:
+        UnknownNameError: no frame or link of that name.
+        ArrayError: a wrench that is not six finite numbers.
+    """
+    found = {}
+    for frame, value in (loads or {}).items():
+        if frame not in kernel.frames:
+            raise UnknownNameError(f"frame: {frame!r} is unknown{nearest(str(frame), kernel.frames)}")
+        try:
+            wrench = np.array(value, dtype=np.float64)
+        except (TypeError, ValueError):
+            wrench = np.zeros(0)
+        if wrench.shape != (6,) or not np.isfinite(wrench).all():
+            raise ArrayError(f"wrench at {frame}: {value!r}; allowed: six finite numbers, N and N m")
+        found[frame] = wrench
+    return found
+
+
+def warn_of(notes: Iterable[str]) -> None:
+    """An EomgenWarning for each note, at the line that called the analysis."""
+    for note in notes:
+        warnings.warn(note, EomgenWarning, stacklevel=3)
