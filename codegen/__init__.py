@@ -1,4 +1,5 @@
-"""The generator: SymPy joint blocks bound along the tree, programs, C, a package that imports.
+"""The generator: SymPy joint blocks bound along the tree, programs, C, and a package that imports.
 
-program < joint < tree < forces < solve < kernels < closed_form < c < package: each uses those before it, and robot.
+Its rooms, each uses those before it: program, joint, tree, forces, solve, kernels, closed_form, c, package.
+Uses robot, templates, and of runtime the files that a package carries.
 """

@@ -1,4 +1,4 @@
-"""Programs -> C: statements, functions, files, and the metadata that Python reads.
+"""Equations -> C: statements, functions, files, projects around them, and the metadata that Python reads.
 
-Uses program, joint, solve and kernels.
+Uses robot, program, joint, solve, kernels and templates.
 """

@@ -1,4 +1,7 @@
-"""TODO."""
+"""Facts about a kernel beside its C, which the package keeps as JSON and its NumPy face reads.
+
+Names and shapes, what each kernel reads and writes, measured curves, entries of M and C that survive, operations.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Closed-form equations of small robots, as the paper writes them.
+"""Closed-form equations of small robots as traces of matrices, as the paper writes them.
 
-Uses joint, tree and forces.
+To be read, and to compare programs with.
+Uses robot, joint, tree and forces.
 """

@@ -1,4 +1,4 @@
-"""Forces as programs: laws of coordinates, measured curves, springs between points.
+"""Generalized forces: laws of coordinates, measured curves, springs between points, wrenches.
 
-Uses program and tree.
+Uses robot, program and tree.
 """

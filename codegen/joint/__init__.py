@@ -1,4 +1,4 @@
-"""One joint in SymPy: the lemmas, what vanishes identically and why.
+"""One joint in SymPy: eq. (3), its derivatives, the proofs of the lemmas, and the map of what vanishes.
 
 Uses robot.
 """

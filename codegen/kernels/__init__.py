@@ -1,4 +1,5 @@
-"""Model -> Equations: the table of kernels, and the program that each of them is.
+"""Model -> Equations: the table of all kernels, and the program that each of them is.
 
-Uses program, joint, tree, forces and solve.
+A new kernel is an entry of ``signatures`` and a function of ``writers``.
+Uses robot, program, joint, tree, forces and solve.
 """

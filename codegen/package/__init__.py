@@ -1,4 +1,4 @@
-"""C -> a package that imports: compiler, flags, cffi.
+"""Source -> a package that imports: its files, the C compiler, cffi.
 
-Uses c.
+Uses c and the files of runtime, which it copies; neither SymPy nor a robot.
 """

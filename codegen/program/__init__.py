@@ -1,4 +1,4 @@
-"""Straight-line programs: instructions, passes over them, forward differentiation.
+"""Straight-line programs: their instructions, passes over finished ones, forward differentiation.
 
-Uses nothing of eomgen.
+Uses the root alone; nothing is known here of robots.
 """

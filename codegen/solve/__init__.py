@@ -1,4 +1,4 @@
-"""Forward dynamics: elimination of joints from the tips, and the factorised mass matrix.
+"""Accelerations from forces: joints eliminated from the tips, the factorised mass matrix, free bodies, rotors.
 
-Uses tree.
+Uses robot and tree.
 """

@@ -1,4 +1,5 @@
-"""Joint blocks bound along the tree, on symbols, floats or nodes of a program alike.
+"""Joint blocks bound to numbers along the tree: eqs. (5), (11) and (12), poses, constraints, derivatives.
 
+The same code works on symbols, floats and nodes of a program; SymPy ends in ``frozen_joints``.
 Uses robot and joint.
 """

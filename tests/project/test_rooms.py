@@ -95,6 +95,38 @@ def test_every_room_says_what_it_is_for() -> None:
             assert 1 <= len(text.splitlines()) <= 4, name
 
 
+def room_of(module: str) -> str:
+    """The package of a room, ``eomgen.robot`` or ``eomgen.codegen.tree``, that a module is in; "" for the root's."""
+    room = ".".join(module.split(".")[: 3 if module.startswith("eomgen.codegen.") else 2])
+    return room if room != "eomgen" and room in MODULES and MODULES[room].name == "__init__.py" else ""
+
+
+def imported(module: str, path: Path) -> Iterator[str]:
+    """Full names of what a module imports from."""
+    package = module.split(".") if path.name == "__init__.py" else module.split(".")[:-1]
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom):
+            above = package[: len(package) - node.level + 1] if node.level else []
+            yield ".".join([*above, node.module] if node.module else above)
+        elif isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+
+
+def test_every_room_says_what_it_uses() -> None:
+    """Behind "Uses" in its ``__init__.py`` are all rooms that its modules import from."""
+    seen = 0
+    for module, path in MODULES.items():
+        room = room_of(module)
+        text = ast.get_docstring(ast.parse(MODULES[room].read_text(encoding="utf-8"))) or "" if room else ""
+        said = set(re.findall(r"\w+", text.partition("Uses ")[2]))
+        for name in imported(module, path):
+            other = room_of(name)
+            if room and other not in ("", room, "eomgen.codegen") and "all rooms" not in text:
+                assert other.rpartition(".")[2] in said, f"{module} imports from {other}, of which {room} says nothing"
+                seen += 1
+    assert seen > 300
+
+
 def test_no_private_name_is_imported() -> None:
     for name, path in MODULES.items():
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):

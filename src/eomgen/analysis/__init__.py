@@ -1,4 +1,4 @@
-"""About a state or a path: statics, vibration, frequency responses, linear systems, error budgets.
+"""A robot about a state or along a path: statics, vibration, frequency responses, linear systems, error budgets.
 
 Uses runtime, robot, state, loops, motion, pipeline and simulation.
 """

@@ -1,4 +1,4 @@
-"""Files that people write: what is wrong with one, a new one, their JSON Schemas.
+"""Files that people write: what is wrong with one, a first one to begin with, their JSON Schemas.
 
-Uses forms, description, scenario and sweep.
+Uses forms, and the keys and readers of description, scenario and sweep; nothing is generated.
 """

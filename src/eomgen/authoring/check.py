@@ -19,7 +19,7 @@ from .schemas import FORMATS
 
 @dataclass(frozen=True)
 class Checked:
-    """A file: of which of ``json_schema.FORMATS`` it is, what it has in it, and all that is wrong with it.
+    """A file: of which of ``FORMATS`` it is, what it has in it, and all that is wrong with it.
 
     summary: by what it counts, such as links and coordinates; empty where something is wrong.
     """

@@ -1,4 +1,4 @@
-"""Counts and times of kernels beside a Newton-Euler algorithm in C.
+"""Operation counts and times of kernels beside a Newton-Euler algorithm in C.
 
-Uses runtime, robot, codegen.tree, codegen.c, codegen.package and pipeline.
+Uses runtime, robot, codegen (tree, c, package), templates and pipeline.
 """

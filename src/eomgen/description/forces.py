@@ -1,4 +1,4 @@
-"""Forces of one coordinate as a description gives them: which numbers go together, and the reading of their table."""
+"""Reading of the tables of one coordinate and of a motor: stiffness, damping, clearance, friction, measured curves."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from ..robot.value import Coordinate, Curve, Friction, Motor
 from .keys import COORDINATE
 
 _ROTOR = "role", "friction"  # of the motor's own coordinate; the rest of its table is the transmission's
-
 _NUMBERS = tuple(key for key, kind in COORDINATE.keys.items() if isinstance(kind, Number))
 
 ReadText = Callable[[str], str]  # the text of a file beside the description
@@ -22,7 +21,7 @@ def read_coordinate(table: Table, old: Coordinate, read_text: ReadText) -> Coord
     """The coordinate ``old`` with what its table overrides.
 
     Args:
-        table: of the keys ``robot_keys.COORDINATE``.
+        table: of the keys ``COORDINATE``.
         old: what an URDF says of the coordinate, or Coordinate().
         read_text: gives the text of the file that a curve names.
 
@@ -50,7 +49,7 @@ def read_coordinate(table: Table, old: Coordinate, read_text: ReadText) -> Coord
 
 
 def read_motor(table: Table, read_text: ReadText) -> Motor:
-    """The motor of a table of the keys ``robot_keys.MOTOR_FORM``; ``read_text`` and errors as ``read_coordinate``."""
+    """The motor of a table of the keys ``MOTOR_FORM``; ``read_text`` and errors as ``read_coordinate``."""
     inertia, ratio = table.number("inertia"), table.number("ratio")
     assert inertia is not None
     assert ratio is not None

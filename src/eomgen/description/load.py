@@ -79,7 +79,7 @@ def load_robot(source: str | Path, *, inertia: str | None = None, urdf_damping: 
         raise DescriptionError(f"there is no robot {show_path(name)}{nearest(name, known)} (allowed: {allowed})")
     text = read_text(path, str(path))
     if path.suffix in (".xml", ".mjcf"):
-        from .mjcf.read import root_tag
+        from .mjcf.read import root_tag  # only who has such a file pays for the XML parser
 
         if path.suffix == ".mjcf" or root_tag(text) != "robot":
             return robot_from_mjcf(text, source=str(path), inertia=inertia)
@@ -107,7 +107,7 @@ def as_robot(given: RobotLike) -> Robot:
 
 def robot_from_urdf(text: str, *, source: str = "", inertia: str | None = None, urdf_damping: bool = False) -> Robot:
     """The robot that an URDF text describes; arguments and errors as load_robot."""
-    from .urdf import draft_from_urdf
+    from .urdf import draft_from_urdf  # only who has an URDF pays for the XML parser
 
     return _finish_xml(draft_from_urdf(text, source, damping=urdf_damping), inertia)
 

@@ -16,7 +16,7 @@ def read_spring(name: str, entry: Table, read_text: ReadText) -> Spring:
     """One entry of [[springs]].
 
     Args:
-        entry: of the keys ``robot_keys.SPRING``.
+        entry: of the keys ``SPRING``.
         read_text: gives the text of the file that a curve names.
 
     Raises:

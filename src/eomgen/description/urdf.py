@@ -16,7 +16,7 @@ from ..robot.geometry import IDENTITY, ZERO, Matrix, Vector, axis_turn, turn_ine
 from ..robot.geometry import rotation_from_rpy as rpy_matrix
 from ..robot.value import COORDINATES, PRINCIPAL, Coordinate, Joint, Link, Placement
 from .draft import Draft
-from .xml_text import NUMBER, parse_urdf_text, place_of
+from .xml_text import NUMBER, parse_xml, place_of
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
@@ -42,7 +42,7 @@ def draft_from_urdf(text: str, source: str, *, damping: bool = False) -> Draft:
     Raises:
         DescriptionError: anything that is not a robot, with the element and the name it belongs to.
     """
-    root = parse_urdf_text(text, source)
+    root = parse_xml(text, source)
     reader = _Reader(source, damping, root)
     try:
         draft = reader.read()

@@ -1,9 +1,8 @@
-"""Where an element stands in the text of an XML file, and what to do about XML that is none: for messages alone."""
+"""XML that somebody else wrote, parsed without DTD or entities; where an element stands, how to mend what is none."""
 
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
 from xml.etree.ElementTree import Element
 from xml.parsers import expat
 
@@ -19,9 +18,6 @@ _MOST_NAMESPACE = 256  # the parser copies it into the name of every element
 _LONG_NAMESPACE = re.compile(
     rf"""\sxmlns(?::[^\s=]*)?\s*=\s*(?:"[^"]{{{_MOST_NAMESPACE + 1}}}|'[^']{{{_MOST_NAMESPACE + 1}}})"""
 )
-
-if TYPE_CHECKING:
-    from xml.etree.ElementTree import Element
 
 _REMEDIES = {  # what the parser says, and what to write instead
     "mismatched tag": "the element that was opened last is closed first: <link> ... </link>",
@@ -78,9 +74,12 @@ def _start(text: str, index: int) -> tuple[int, int] | None:
     return None
 
 
-def parse_urdf_text(text: str, source: str, root_tag: str = "robot") -> Element:
-    """The root element; no DTD, no entity, nothing external.  ``root_tag`` is what it should be, for messages."""
+def parse_xml(text: str, source: str, root_tag: str = "robot") -> Element:
+    """The root element of an XML text; ``root_tag`` is what its tag should be, for messages.
 
+    Raises:
+        DescriptionError: it is no XML, or has a document type, an entity or a long namespace.
+    """
     long = _LONG_NAMESPACE.search(text)
     if long is not None:
         message = f"a namespace (xmlns) has more than {_MOST_NAMESPACE} characters; allowed: shorter, or none"

@@ -1,6 +1,6 @@
-"""Robots for other tools: functional mock-up units, MJCF.
+"""Robots for other tools: functional mock-up units, models of MuJoCo.
 
-Uses runtime, robot, description, codegen.c, codegen.package and pipeline.
+Uses runtime, robot, description, codegen (c, package), templates and pipeline.
 """
 
 from .fmu import export_fmu

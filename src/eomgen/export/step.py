@@ -1,4 +1,4 @@
-"""TODO."""
+"""The step that an exported model is simulated with where nobody gives one: the longest that RK4 takes safely."""
 
 from __future__ import annotations
 
@@ -13,8 +13,6 @@ from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 
 LONGEST_STEP = 1e-3  # s, of co-simulation
-
-
 PART = 0.2  # of 1 / the fastest eigenvalue: a step of the Runge-Kutta method
 
 

@@ -1,7 +1,7 @@
 """What the keys of our TOML files take: how a value is read, what its refusal says, and its JSON Schema, side by side.
 
-A form lists the keys of one table.  ``robot_keys``, ``scenario_keys`` and ``plan_keys`` hold those of our files: the
-readers, their messages, the JSON Schemas and ``eomgen check`` use these, and there is no second list.
+A form lists the keys of one table.  ``description.keys``, ``scenario.keys`` and ``sweep.keys`` hold those of our files:
+the readers, their messages, the JSON Schemas and ``eomgen check`` use these, and there is no second list.
 """
 
 from __future__ import annotations

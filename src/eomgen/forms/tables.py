@@ -12,7 +12,6 @@ from typing import Any, ClassVar, NoReturn
 from ..errors import DescriptionError
 from ..limits import LARGEST, MOST_ENTRIES
 from ..names import is_identifier, listed, nearest, show
-from ..robot.geometry import Vector
 from .keys import Choice, Either, Flag, Json, Key, Keys, Listed, Number, Numbers, Strings, Text, Whole
 
 __all__ = ["LARGEST", "MOST_ENTRIES", "Entries", "Form", "Kinds", "Pair", "Sub", "Table"]
@@ -118,7 +117,7 @@ class Table:
             self.fail(f"got {show(value)}; allowed: an array of arrays of {count} numbers", key)
         return [row.take(self, f"{key}.{index}", item, count) for index, item in enumerate(value)]
 
-    def vector(self, key: str) -> Vector | None:
+    def vector(self, key: str) -> tuple[float, float, float] | None:
         """An array of three finite numbers."""
         value = self.numbers(key)
         return None if value is None else (value[0], value[1], value[2])

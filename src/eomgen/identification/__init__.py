@@ -1,4 +1,4 @@
-"""What a measured motion says of a robot: forces, stiffness and damping with their confidence.
+"""A measured motion and what it says of a robot: forces; stiffness and damping with their confidence.
 
 Uses runtime, robot, state, motion and pipeline.
 """

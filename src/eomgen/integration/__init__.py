@@ -1,4 +1,4 @@
-"""A kernel over time: the system of equations, steps, solvers, contacts, closed loops.
+"""A kernel over time: the system of equations, steps, solvers, contacts, loops that stay closed.
 
 Uses runtime, state and loops; never the generator or the pipeline, so that it builds nothing behind your back.
 """

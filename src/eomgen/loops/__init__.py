@@ -1,4 +1,4 @@
-"""Closing a mechanism in one state: consistent positions and rates, constraint forces, redundancy.
+"""A mechanism closed in one state: consistent positions and rates, constraint forces, redundancy.
 
 Uses runtime, robot and state.
 """

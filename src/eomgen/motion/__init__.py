@@ -1,4 +1,4 @@
-"""Motions of coordinates and tools over time, given by ends, programs, tables or files.
+"""Motions of coordinates and tools over time: from point to point, splines, tables, tool paths, measured files.
 
 Uses runtime, robot and forms.
 """

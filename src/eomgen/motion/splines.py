@@ -1,4 +1,4 @@
-"""TODO."""
+"""Programs of some coordinates over time: splines through points, one that rests, and columns of another one."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from ..errors import InputError
 from .point_to_point import Program
 
 Array = NDArray[np.float64]
-
 
 DEGREE = 5  # of splines: accelerations, and their rates too, are continuous
 

@@ -33,13 +33,13 @@ class Shape:
 
 def urdf_shapes(robot: Robot) -> tuple[list[Shape], list[str]]:
     """The shapes of the links, and lines about what could not be read; nothing where the robot is of no URDF file."""
-    from ..description.xml_text import parse_urdf_text
+    from ..description.xml_text import parse_xml
 
     path, notes = Path(robot.source), list[str]()
     if path.suffix != ".urdf":
         return [], notes
     try:
-        root = parse_urdf_text(path.read_text(encoding="utf-8"), str(path))
+        root = parse_xml(path.read_text(encoding="utf-8"), str(path))
     except (OSError, UnicodeDecodeError, DescriptionError):
         return [], [f"{path} cannot be read any more: links are drawn as capsules"]
     shapes = []

@@ -1,4 +1,4 @@
-"""TODO."""
+"""Names of coordinates, motions and forces: their order, their units, and their places in arrays."""
 
 from __future__ import annotations
 
@@ -10,12 +10,8 @@ from numpy.typing import NDArray
 from .value import LINEAR, MOTOR
 
 UNITS = {"x": "m", "y": "m", "z": "m", "alpha": "rad", "beta": "rad", "gamma": "rad", MOTOR: "rad"}
-
-
-MOTIONS = ("x", "y", "z", "rx", "ry", "rz")
-
-
-FORCES = ("fx", "fy", "fz", "mx", "my", "mz")
+MOTIONS = ("x", "y", "z", "rx", "ry", "rz")  # of a frame: displacement (m) and rotation vector (rad)
+FORCES = ("fx", "fy", "fz", "mx", "my", "mz")  # of a wrench: force (N) and moment (N m)
 
 
 def unit_of(coordinate: str) -> str:

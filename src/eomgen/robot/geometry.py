@@ -1,20 +1,14 @@
-"""TODO."""
+"""Vectors, rotation matrices and inertia tensors of a description as tuples of floats; right angles stay exact."""
 
 from __future__ import annotations
 
 import math
 
 Vector = tuple[float, float, float]
-
-
-Matrix = tuple[Vector, Vector, Vector]
-
+Matrix = tuple[Vector, Vector, Vector]  # rows
 
 IDENTITY: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-
-
 ZERO: Vector = (0.0, 0.0, 0.0)
-
 
 # Columns are the joint's x, y and z axes; for the axes along +-x, +-y and +-z only 0 and +-1 appear.
 _TURNS: dict[Vector, Matrix] = {

@@ -1,4 +1,4 @@
-"""A robot as values that JSON holds, and back: what a result keeps of the robot that was simulated."""
+"""A robot as values that JSON holds, and back; its hash, by which results and caches know it again."""
 
 from __future__ import annotations
 

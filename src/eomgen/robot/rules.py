@@ -1,4 +1,8 @@
-"""TODO."""
+"""Which numbers of a coordinate, a motor and a spring between points go together.
+
+Each rule returns the key and the message of the first that does not, so that readers of files can say where it stands
+(``description``) and the model can refuse a robot that was made in Python (``robot.model``).
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Text -> Scenario: what is simulated, as a value that names no kernel.
+"""Text -> Scenario: a simulation as a value that names no kernel.
 
 Uses robot, forms, description, motion, and the names of integration's methods.
 """

@@ -1,6 +1,6 @@
-"""A kernel in one state: motors behind their gears, springs and their stiffness, equilibrium, vectors of a state.
+"""A kernel in one state: motors behind their gears, springs and their stiffness, static equilibrium.
 
-Uses runtime and robot.
+Uses runtime.
 """
 
 from .equilibrium import static_equilibrium

@@ -1,4 +1,4 @@
-"""TODO."""
+"""Vectors over a kernel's coordinates and how they are checked; types of functions that give drives and wrenches."""
 
 from __future__ import annotations
 
@@ -10,20 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import ArrayError
 
 Array = NDArray[np.float64]
-
+DriveFunction = Callable[[float, Array, Array], ArrayLike]  # (t, q, v) -> u, (n,), N or N m
+WrenchFunction = Callable[[float, Array, Array], ArrayLike]  # (t, q, v) -> (links, 6), force and moment, base axes
+MotionFunction = Callable[[float], tuple[ArrayLike, ArrayLike, ArrayLike]]  # t -> q, v, a of prescribed coordinates
 
 RANK = 1e-7  # singular values below this part of the greatest one belong to redundant constraints
-
-
-DriveFunction = Callable[[float, Array, Array], ArrayLike]
-
-
-WrenchFunction = Callable[[float, Array, Array], ArrayLike]
-
-
-MotionFunction = Callable[[float], tuple[ArrayLike, ArrayLike, ArrayLike]]
-
-
 Q_STEP, V_STEP = 1e-7, 1e-6  # finite differences: small beside 1 rad, 1e9 times the round-off of a force
 
 

@@ -40,7 +40,7 @@ SLOWEST_TURN = 0.05  # rad by which the slowest spring turns in an implicit step
 
 @dataclass(frozen=True)
 class Pace:
-    """method of ``rollout.METHODS``; ``periods`` of the drives in the duration, each of ``steps`` steps."""
+    """method of ``many_steps.METHODS``; ``periods`` of the drives in the duration, each of ``steps`` steps."""
 
     method: str
     periods: int

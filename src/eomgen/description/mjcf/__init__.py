@@ -1,4 +1,4 @@
 """MJCF, MuJoCo's XML format, read into a Draft.
 
-Uses what description shares (draft, xml_text), robot and forms.
+Uses robot, and of description the draft and xml_text.
 """

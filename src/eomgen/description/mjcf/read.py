@@ -1,6 +1,6 @@
 """MJCF in, Draft out: MuJoCo's models of hinges, slides, balls and free joints, with springs, dampers and armature.
 
-A body is a link of its name and frame; its joints become joints of up to six coordinates (``mjcf_joints``).  What acts
+A body is a link of its name and frame; its joints become joints of up to six coordinates (``mjcf.joints``).  What acts
 on the motion and has no equal here is refused; contacts, limits and actuators are left out, with notes.
 
 Source: MuJoCo documentation, XML reference and modeling.
@@ -18,7 +18,7 @@ from eomgen.names import is_robot_name, listed, nearest, show, to_robot_name
 from eomgen.robot.geometry import ZERO
 
 from ..draft import Draft
-from ..xml_text import parse_urdf_text, place_of
+from ..xml_text import parse_xml, place_of
 from .bodies import read_bodies
 from .defaults import Defaults
 from .geoms import Rules
@@ -62,7 +62,7 @@ def draft_from_mjcf(text: str, source: str) -> Draft:
         DescriptionError: anything that is no model, or that acts on the motion and has no equal here; with the element
             and its line.
     """
-    root = parse_urdf_text(text, source, "mujoco")
+    root = parse_xml(text, source, "mujoco")
     reading = Reading(Draft(source, base="world"), root)
     written: dict[str, Element] = {}
     try:
