@@ -1,11 +1,11 @@
 """From a robot's description to compiled equations of motion.
 
 import eomgen
-robot = eomgen.load_robot("puma560_elastic")
-kernel = eomgen.build(robot)
+kernel = eomgen.build("puma560_elastic")
 kernel.mass_matrix(q)
+eomgen.analysis.modes("puma560_elastic")
 
-Names are imported from their rooms when they are first used.
+Names and rooms are imported when they are first used.
 """
 
 from __future__ import annotations
@@ -19,8 +19,10 @@ from .errors import (
     BuildError,
     DescriptionError,
     EomgenError,
+    EomgenWarning,
     InputError,
     IntegrationError,
+    IntegrationStopped,
     InternalError,
     LoopError,
     SingularError,
@@ -28,6 +30,17 @@ from .errors import (
 )
 
 if TYPE_CHECKING:
+    from . import analysis as analysis
+    from . import description as description
+    from . import identification as identification
+    from . import integration as integration
+    from . import loops as loops
+    from . import motion as motion
+    from . import pictures as pictures
+    from . import robot as robot
+    from . import scenario as scenario
+    from . import simulation as simulation
+    from . import sweep as sweep
     from .description import builtin_robots, load_robot
     from .export import export_fmu, export_mjcf
     from .pipeline import build, generate
@@ -36,6 +49,19 @@ if TYPE_CHECKING:
     from .scenario import Scenario, load_scenario
     from .simulation import SimulationResult, load_result, load_stream, run_scenario, simulate
 
+_ROOMS = (  # for what a user does with kernels and results; functions of theirs are called eomgen.analysis.modes, say
+    "analysis",
+    "description",
+    "identification",
+    "integration",
+    "loops",
+    "motion",
+    "pictures",
+    "robot",
+    "scenario",
+    "simulation",
+    "sweep",
+)
 _ROOM_OF = {
     **dict.fromkeys(("builtin_robots", "load_robot"), "description"),
     **dict.fromkeys(("export_fmu", "export_mjcf"), "export"),
@@ -52,9 +78,11 @@ __all__ = [
     "Coordinate",
     "DescriptionError",
     "EomgenError",
+    "EomgenWarning",
     "Frame",
     "InputError",
     "IntegrationError",
+    "IntegrationStopped",
     "InternalError",
     "Joint",
     "Kernel",
@@ -84,13 +112,18 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> Any:
-    if name not in _ROOM_OF:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(f"{__name__}.{_ROOM_OF[name]}"), name)
-    globals()[name] = value
-    return value
+if not TYPE_CHECKING:  # or type checkers would take every name to be there
+
+    def __getattr__(name: str) -> Any:
+        if name in _ROOMS:
+            return import_module(f"{__name__}.{name}")
+        if name not in _ROOM_OF:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        value = getattr(import_module(f"{__name__}.{_ROOM_OF[name]}"), name)
+        globals()[name] = value
+        return value
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    hidden = {"Any", "TYPE_CHECKING", "annotations", "import_module"}
+    return sorted({*globals(), *__all__, *_ROOMS} - hidden)

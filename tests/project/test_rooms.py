@@ -7,6 +7,7 @@ import json
 import os
 import pkgutil
 import re
+import rlcompleter
 import shutil
 import subprocess
 import sys
@@ -156,10 +157,41 @@ def test_the_facade_shows_what_it_has() -> None:
         eomgen.nothing  # noqa: B018
 
 
-def test_type_checkers_see_all_of_the_facade() -> None:
-    tree = ast.parse((ROOT / "src/eomgen/__init__.py").read_text(encoding="utf-8"))
-    imported = {alias.name for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) for alias in node.names}
-    assert set(eomgen.__all__) <= imported
+def test_rooms_are_reached_through_the_facade() -> None:
+    """``eomgen.analysis`` needs no import of its own, and is in what Tab completes."""
+    code = """
+import sys
+import eomgen
+rooms = set(eomgen._ROOMS)
+assert rooms <= set(dir(eomgen)) - set(eomgen.__all__)
+assert not any(f"eomgen.{name}" in sys.modules for name in rooms)
+assert all(getattr(eomgen, name) is sys.modules[f"eomgen.{name}"] for name in rooms)
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_tab_completes_the_facade() -> None:
+    matches = rlcompleter.Completer({"eomgen": eomgen}).attr_matches("eomgen.")
+    found = {match.removeprefix("eomgen.").rstrip("()") for match in matches}
+    assert {name for name in eomgen.__all__ if not name.startswith("_")} <= found
+    assert not {"Any", "annotations", "import_module"} & found
+
+
+def test_type_checkers_see_all_of_the_facade(tmp_path: Path) -> None:
+    """Every name has a type, and a name that is not there is an error."""
+    names = [name for name in eomgen.__all__ if name != "__version__"] + list(eomgen._ROOMS)
+    lines = ["import eomgen", *(f"reveal_type(eomgen.{name})" for name in names), "eomgen.nothing"]
+    (tmp_path / "user.py").write_text("\n".join(lines) + "\n", encoding="ascii")
+    command = [sys.executable, "-m", "mypy", "--config-file", str(ROOT / "pyproject.toml")]
+    command += ["--cache-dir", str(ROOT / ".mypy_cache"), "user.py"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    types = dict(re.findall(r'^user.py:(\d+): note: Revealed type is "(.*)"$', done.stdout, re.MULTILINE))
+    assert [types[str(line)] for line in range(2, len(names) + 2) if types[str(line)] == "Any"] == []
+    assert types[str(names.index("build") + 2)].endswith("-> eomgen.runtime.kernel.Kernel")
+    assert [line for line in done.stdout.splitlines() if "error:" in line or "Found" in line] == [
+        f'user.py:{len(lines)}: error: Module has no attribute "nothing"  [attr-defined]',
+        "Found 1 error in 1 file (checked 1 source file)",
+    ]
 
 
 def test_the_facade_stays_what_it_is_after_all_modules_are_imported() -> None:
