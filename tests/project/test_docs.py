@@ -6,6 +6,7 @@ import importlib
 import importlib.util
 import inspect
 import os
+import pydoc
 import re
 import shlex
 import subprocess
@@ -202,6 +203,39 @@ def test_a_page_without_a_place_is_in_the_menu(hooks: ModuleType, tmp_path: Path
     nav = [{"Home": "index.md"}, {"How to": []}, {"Guides": [{"A": "a.md"}]}]
     found = hooks.on_config(SimpleNamespace(docs_dir=str(tmp_path), nav=nav)).nav
     assert found == [{"Home": "index.md"}, {"How to": ["fmu.md", "howto/x.md"]}, {"Guides": [{"A": "a.md"}, "new.md"]}]
+
+
+WORDS = re.compile(r"`([^`\n]+)`")
+PATH = re.compile(r"(?:benchmarks|codegen|docs|examples|src|templates|tests)/[\w./]*")
+
+
+def test_what_pages_name_exists() -> None:
+    """Files and folders of the repository, tests, and names of the package, in words set as code."""
+    tests = {path.stem: path.read_text(encoding="utf-8") for path in (ROOT / "tests").rglob("*.py")}
+    defined = set(tests) | set(re.findall(r"^def (test_\w+)", "\n".join(tests.values()), re.MULTILINE))
+    seen = dict.fromkeys(("path", "test", "name"), 0)
+    for path in [*DOCS.rglob("*.md"), *(ROOT / name for name in ("README.md", "CONTRIBUTING.md"))]:
+        text = re.sub(r"^```.*?^```$", "", path.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+        for word in WORDS.findall(text):
+            if PATH.fullmatch(word):
+                assert (ROOT / word).exists(), f"{path.name}: {word}"
+                seen["path"] += 1
+            elif re.fullmatch(r"test_\w+(\.py)?", word):
+                assert word.removesuffix(".py") in defined, f"{path.name}: {word}"
+                seen["test"] += 1
+            elif name := re.match(r"eomgen(?:\.[A-Za-z_]\w*)+", word):
+                assert located(name[0]), f"{path.name}: {word}"
+                seen["name"] += 1
+            elif path.name == "theory.md" and re.fullmatch(r"(joint|tree|closed_form)(\.[A-Za-z_]\w*)+(\(\))?", word):
+                assert located(f"eomgen.codegen.{word.removesuffix('()')}"), f"{path.name}: {word}"
+                seen["name"] += 1
+    assert min(seen.values()) > 20, seen
+
+
+def located(name: str) -> bool:
+    """Whether there is something of that full name, a field of a dataclass included."""
+    holder, _, last = name.rpartition(".")
+    return pydoc.locate(name) is not None or last in getattr(pydoc.locate(holder), "__dataclass_fields__", {})
 
 
 def test_docstrings_name_arguments_that_there_are(hooks: ModuleType) -> None:
