@@ -13,11 +13,8 @@ from pathlib import Path
 import numpy as np
 
 import eomgen
-from eomgen.analysis.modal import modes
-from eomgen.analysis.statics import deflection
-from eomgen.analysis.tool_budget import budget
-from eomgen.scenario.load import scenario_from_toml
-from eomgen.simulation.run import run_scenario
+from eomgen.analysis import budget, deflection, modes
+from eomgen.scenario import scenario_from_toml
 
 HERE = Path(__file__).parent
 POSE = {"shoulder": 0.4, "elbow": -0.9, "wrist": 0.5}
@@ -53,7 +50,7 @@ def main() -> None:
         print(f"mode at {hertz:.1f} Hz, damped {100 * ratio:.1f} %")
 
     # 3. How far is the tool off during a motion, and whose fault is it?
-    result = run_scenario(robot, scenario_from_toml(MOTION))
+    result = eomgen.run_scenario(robot, scenario_from_toml(MOTION))
     off = np.linalg.norm(result.tool_deviation, axis=1)
     print(f"in motion the fingertips are off by up to {1e6 * off.max():.0f} um")
     print("\n".join(budget(result, robot).lines()[:8]))

@@ -17,10 +17,8 @@ import jax.numpy as jnp
 import numpy as np
 
 import eomgen
-from eomgen.adapters.jax import function
-from eomgen.adapters.mappings import kernels_for
-from eomgen.description.load import robot_from_toml
-from eomgen.robot.value import Robot
+from eomgen.adapters.jax import function, kernels_for
+from eomgen.description import robot_from_toml
 
 ARM = """
 name = "rubbing_arm"
@@ -57,7 +55,7 @@ gamma = { friction = { coulomb = 0.4, viscous = 0.1, smoothing = 0.2 } }
 SAMPLES, STEP, HIDDEN, ROUNDS = 400, 5e-3, 8, 600
 
 
-def without_friction(robot: Robot) -> Robot:
+def without_friction(robot: eomgen.Robot) -> eomgen.Robot:
     joints = []
     for joint in robot.joints:
         table = {name: replace(given, friction=None) for name, given in joint.coordinates.items()}

@@ -17,9 +17,8 @@ import casadi
 import numpy as np
 
 import eomgen
-from eomgen.adapters.casadi import function
-from eomgen.adapters.mappings import kernels_for
-from eomgen.description.load import robot_from_toml
+from eomgen.adapters.casadi import function, kernels_for
+from eomgen.description import robot_from_toml
 
 ARM = """
 name = "springy_arm"

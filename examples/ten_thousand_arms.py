@@ -14,8 +14,7 @@ import tempfile
 from pathlib import Path
 
 import eomgen
-from eomgen.sweep.driver import run
-from eomgen.sweep.plan import plan_from_toml
+from eomgen.sweep import plan_from_toml, run
 
 HERE = Path(__file__).parent
 

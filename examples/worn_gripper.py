@@ -13,10 +13,7 @@ from pathlib import Path
 import numpy as np
 
 import eomgen
-from eomgen.robot.value import Robot
-from eomgen.scenario.load import scenario_from_toml
-from eomgen.simulation.result import SimulationResult
-from eomgen.simulation.run import run_scenario
+from eomgen.scenario import scenario_from_toml
 
 HERE = Path(__file__).parent
 
@@ -37,7 +34,7 @@ points = [
 """
 
 
-def unworn(robot: Robot) -> Robot:
+def unworn(robot: eomgen.Robot) -> eomgen.Robot:
     """The arm with hardly any play in its elbow."""
     elbow = robot.joint("elbow")
     tight = replace(elbow.coordinates["alpha"], clearance=1e-6, smoothing=1e-7)
@@ -45,7 +42,7 @@ def unworn(robot: Robot) -> Robot:
     return replace(robot, joints=tuple(joints))
 
 
-def say(name: str, result: SimulationResult) -> None:
+def say(name: str, result: eomgen.SimulationResult) -> None:
     """The tool's deviation, and when the elbow went from one end of its play to the other."""
     off = 1e6 * np.linalg.norm(result.tool_deviation, axis=1)
     print(f"{name}: off by {off.max():.0f} um at most, {np.sqrt(np.mean(off**2)):.0f} um rms")
@@ -66,8 +63,8 @@ def main() -> None:
         slope = kernel.residual_jacobian(q, zero, zero)[0][wrist, wrist]
         print(f"wrist at {1e3 * angle:.1f} mrad: {slope:8.0f} N m/rad, from the measured curve")
     scenario = scenario_from_toml(MOTION)
-    say("worn", run_scenario(robot, scenario))
-    say("unworn", run_scenario(unworn(robot), scenario))
+    say("worn", eomgen.run_scenario(robot, scenario))
+    say("unworn", eomgen.run_scenario(unworn(robot), scenario))
 
 
 if __name__ == "__main__":

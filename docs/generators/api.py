@@ -1,86 +1,44 @@
-"""Reference of the Python interface: one page per subject, filled from docstrings by mkdocstrings."""
+"""Reference of the Python interface: the facade, then a page per subject with its rooms, filled from docstrings."""
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Iterator
+from importlib import import_module
+
 import eomgen
 
-# What stands on which page: modules, all of whose public names are shown.
+# What stands on which page: rooms and modules, of which what ``__all__`` names is shown.
 PAGES: dict[str, tuple[str, tuple[str, ...]]] = {
-    "api_robots": ("Robots and their parts", ("eomgen.robot", "eomgen.description", "eomgen.analysis.sensitivity")),
-    "api_simulation": (
-        "Simulation",
-        (
-            *(
-                "eomgen.simulation.run",
-                "eomgen.scenario",
-                "eomgen.scenario.load",
-                "eomgen.integration.solve",
-                "eomgen.motion",
-            ),
-            *(
-                "eomgen.simulation.result",
-                "eomgen.simulation.balance",
-                "eomgen.simulation.stream",
-            ),
-        ),
-    ),
-    "api_loops": ("Closed loops", ("eomgen.loops", "eomgen.integration.closed")),
-    "api_analysis": (
-        "Analysis",
-        (
-            *(
-                "eomgen.identification.from_motion",
-                "eomgen.identification.least_squares",
-                "eomgen.analysis.structures",
-                "eomgen.analysis.statics",
-                "eomgen.analysis.compliance",
-            ),
-            *(
-                "eomgen.analysis.modal",
-                "eomgen.analysis.frequency",
-                "eomgen.analysis.matrices",
-                "eomgen.analysis.tool_budget",
-            ),
-        ),
-    ),
-    "api_adapters": (
-        "Optimal control and learning",
-        ("eomgen.adapters.mappings", "eomgen.adapters.casadi", "eomgen.adapters.jax"),
-    ),
-    "api_sweeps": ("Sweeps", ("eomgen.sweep", "eomgen.sweep.plan", "eomgen.sweep.result")),
-    "api_pictures": (
-        "Pictures",
-        (
-            "eomgen.pictures.simulation",
-            "eomgen.pictures.robot",
-            "eomgen.pictures.zeros",
-            "eomgen.pictures.page",
-            "eomgen.pictures.scene",
-        ),
-    ),
+    "api_robots": ("Robots and their parts", ("eomgen.robot", "eomgen.description")),
+    "api_simulation": ("Simulation", ("eomgen.simulation", "eomgen.scenario", "eomgen.integration", "eomgen.motion")),
+    "api_loops": ("Closed loops", ("eomgen.loops",)),
+    "api_analysis": ("Analysis about a state", ("eomgen.analysis",)),
+    "api_identification": ("Measured motion", ("eomgen.identification",)),
+    "api_adapters": ("Optimal control and learning", ("eomgen.adapters.casadi", "eomgen.adapters.jax")),
+    "api_sweeps": ("Sweeps", ("eomgen.sweep",)),
+    "api_pictures": ("Pictures", ("eomgen.pictures",)),
 }
-ERRORS = tuple(name for name in eomgen.__all__ if name.endswith("Error"))
+ERRORS = tuple(name for name in eomgen.__all__ if name.startswith("Integration") or name.endswith(("Error", "Warning")))
 
 
 def main_page() -> str:
     """What ``import eomgen`` gives, kernels first, with links to the other pages."""
-    rest = [name for name in eomgen.__all__ if name not in (*ERRORS, "Kernel", "__version__")]
-    shown = ["Kernel", *(name for name in rest if not isinstance(getattr(eomgen, name), type))]
-    links = [
-        f"- [{title}]({name}.md): {', '.join(f'`{m}`' for m in modules)}" for name, (title, modules) in PAGES.items()
-    ]
+    links = [f"- [{title}]({name}.md): {', '.join(f'`{m}`' for m in rooms)}" for name, (title, rooms) in PAGES.items()]
+    functions = [name for name in eomgen.__all__ if inspect.isfunction(getattr(eomgen, name))]
     lines = [
         "# Python interface",
         "",
         "What `import eomgen` gives; written from the docstrings. Arrays are (n,) or (N, n), SI units and radians. "
-        "Values of a robot (`Robot`, `Joint`, ...) are described in [Robots and their parts](api_robots.md).",
+        "Where a robot is asked for, a `Robot`, the name of a built-in one and the path of a description do alike. "
+        "What belongs to a subject is in its room, which needs no import of its own: `eomgen.analysis.modes(...)`.",
         "",
         *links,
         "",
-        *_shown(shown, "eomgen"),
+        *_shown("eomgen", ["Kernel", *functions]),
         "## Errors",
         "",
-        *_shown(ERRORS, "eomgen"),
+        *_shown("eomgen", ERRORS),
     ]
     return "\n".join(lines)
 
@@ -88,13 +46,39 @@ def main_page() -> str:
 def pages() -> dict[str, str]:
     """The pages by their names without ending."""
     found = {}
-    for name, (title, modules) in PAGES.items():
+    for name, (title, rooms) in PAGES.items():
         lines = [f"# {title}", ""]
-        for module in modules:
-            lines += [f"::: {module}", "    options:", "      heading_level: 2", "      members_order: source", ""]
+        for room in rooms:
+            lines += [f"## {room}", "", f"{(inspect.getdoc(import_module(room)) or '').splitlines()[0]}", ""]
+            lines += _elsewhere(room)
+            for where, names in (("eomgen", facade_classes(room)), (room, own(room))):
+                lines += _shown(where, names)
         found[name] = "\n".join(lines)
     return found
 
 
-def _shown(names: tuple[str, ...] | list[str], where: str) -> list[str]:
+def facade_classes(room: str) -> list[str]:
+    """Classes of a room that the facade has, but Kernel: they are called eomgen.NAME."""
+    values = vars(import_module(room))
+    return [name for name in eomgen.__all__ if inspect.isclass(values.get(name)) and name != "Kernel"]
+
+
+def own(room: str) -> list[str]:
+    """What a room has and the facade has not: functions, then classes."""
+    module = import_module(room)
+    names = [name for name in module.__all__ if name not in eomgen.__all__]
+    kinds = (inspect.isfunction, inspect.isclass)
+    return [name for kind in kinds for name in names if kind(getattr(module, name))]
+
+
+def _elsewhere(room: str) -> Iterator[str]:
+    """A line about functions of a room that stand on the main page."""
+    values = vars(import_module(room))
+    names = [name for name in eomgen.__all__ if inspect.isfunction(values.get(name))]
+    if names:
+        yield "On the facade: " + ", ".join(f"[`eomgen.{name}`](api.md#eomgen.{name})" for name in names) + "."
+        yield ""
+
+
+def _shown(where: str, names: list[str] | tuple[str, ...]) -> list[str]:
     return [line for name in names for line in (f"::: {where}.{name}", "")]

@@ -19,7 +19,7 @@ from image import Image, Sizes
 from task import RATE, ROBOT, Task, simulated
 
 import eomgen
-from eomgen.pipeline.stages import Options, generate
+from eomgen.pipeline import Options
 
 HERE = Path(__file__).parent
 PAGE = HERE.parents[1] / "docs" / "controllers.md"
@@ -84,7 +84,7 @@ def built(compiler: str, sine: str, task: Task, out: Path) -> Built:
     """
     folder = out / f"{compiler}_{sine}"
     folder.mkdir(parents=True, exist_ok=True)
-    package = generate(eomgen.load_robot(ROBOT), out, Options(("inverse_dynamics",), "float32"))
+    package = eomgen.generate(ROBOT, out, Options(("inverse_dynamics",), "float32"))
     (folder / "task.h").write_text(task.header(), encoding="ascii")
     tool = [*command(compiler), f"-I{package.resolve()}", f"-I{folder.resolve()}", f"-I{HERE.resolve()}"]
     sources = [package / f"{ROBOT}.c", *(HERE / f"{name}.c" for name in ("controller", "main", "board"))]
