@@ -1,16 +1,20 @@
-"""Write the generated parts of README.md: python docs/tables.py (--check: compare instead, status 1 if they differ)."""
+"""Write the generated parts of committed pages: python docs/tables.py (--check: status 1 if they differ instead)."""
 
 from __future__ import annotations
 
 import re
 import sys
+from functools import partial
 from pathlib import Path
 
 import eomgen
 from eomgen.pipeline.costs import robot_info
 
 ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT))  # for benchmarks
+sys.path[:0] = [str(ROOT), str(ROOT / "docs")]  # for benchmarks and generators
+
+from generators import rooms  # noqa: E402
+
 ROBOTS = ("one_link", "puma560", "ur5", "puma560_elastic")
 KERNELS = ("inverse_dynamics", "mass_matrix", "forward_dynamics", "bias_force", "generalized_force")
 
@@ -44,9 +48,20 @@ def peers() -> str:
     return readme(read(ROOT / "docs" / "peers.json"))
 
 
-def filled(text: str) -> str:
-    """The README with its generated parts as they are now."""
-    for name, make in (("operations", operations), ("peers", peers), ("sample", sample)):
+PARTS = {
+    "README.md": {"operations": operations, "peers": peers, "sample": sample},
+    "docs/architecture.md": {
+        "rooms": partial(rooms.floors, "rooms"),
+        "generator": partial(rooms.floors, "generator"),
+        "rules": rooms.rules,
+    },
+}
+
+
+def filled(page: str) -> str:
+    """The text of a page with its generated parts as they are now."""
+    text = (ROOT / page).read_text(encoding="utf-8")
+    for name, make in PARTS[page].items():
         begin, end = f"<!-- begin of {name} -->\n", f"<!-- end of {name} -->"
         before, rest = text.split(begin)
         text = before + begin + make() + "\n" + end + rest.split(end, 1)[1]
@@ -54,13 +69,13 @@ def filled(text: str) -> str:
 
 
 def main() -> int:
-    path = ROOT / "README.md"
-    now = path.read_text(encoding="utf-8")
-    wanted = filled(now)
-    if "--check" in sys.argv[1:]:
-        return int(now != wanted)
-    path.write_text(wanted, encoding="utf-8")
-    return 0
+    differ = False
+    for page in PARTS:
+        now, wanted = (ROOT / page).read_text(encoding="utf-8"), filled(page)
+        differ |= now != wanted
+        if "--check" not in sys.argv[1:] and now != wanted:
+            (ROOT / page).write_text(wanted, encoding="utf-8")
+    return int(differ and "--check" in sys.argv[1:])
 
 
 if __name__ == "__main__":

@@ -58,9 +58,10 @@ def pages() -> dict[str, str]:
 
 
 def facade_classes(room: str) -> list[str]:
-    """Classes of a room that the facade has, but Kernel: they are called eomgen.NAME."""
-    values = vars(import_module(room))
-    return [name for name in eomgen.__all__ if inspect.isclass(values.get(name)) and name != "Kernel"]
+    """Classes of a room that the facade has, too: they are called eomgen.NAME."""
+    module = import_module(room)
+    names = (name for name in module.__all__ if name in eomgen.__all__)
+    return [name for name in names if inspect.isclass(getattr(module, name))]
 
 
 def own(room: str) -> list[str]:
@@ -73,8 +74,8 @@ def own(room: str) -> list[str]:
 
 def _elsewhere(room: str) -> Iterator[str]:
     """A line about functions of a room that stand on the main page."""
-    values = vars(import_module(room))
-    names = [name for name in eomgen.__all__ if inspect.isfunction(values.get(name))]
+    module = import_module(room)
+    names = [name for name in module.__all__ if name in eomgen.__all__ and inspect.isfunction(getattr(module, name))]
     if names:
         yield "On the facade: " + ", ".join(f"[`eomgen.{name}`](api.md#eomgen.{name})" for name in names) + "."
         yield ""

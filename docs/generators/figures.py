@@ -16,8 +16,7 @@ from eomgen.codegen.joint.zeros import zero_map
 from eomgen.codegen.kernels.equations import derive_equations
 from eomgen.pictures.scene import link_poses
 from eomgen.pictures.style import COLORS, PROGRAM_COLOR, TOOL_COLOR, canvas
-from eomgen.robot.model import build_model
-from eomgen.robot.value import COORDINATES, LINEAR
+from eomgen.robot import COORDINATES, LINEAR, build_model
 
 ROBOT = "puma560_elastic"  # six joints with six coordinates each
 SHOWN = {"x": 0.5, "y": 0.45, "z": 0.4, "alpha": 0.45, "beta": 0.5, "gamma": 0.6}  # m, rad: large enough to be seen

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Mapping
+from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +12,9 @@ import numpy as np
 import eomgen
 from eomgen.codegen.c.metadata import operations
 from eomgen.codegen.kernels.equations import derive_equations
-from eomgen.description import load as description
-from eomgen.loops.closed import ClosedLoops
-from eomgen.pictures.robot import plot_robot
-from eomgen.pictures.zeros import plot_zeros
-from eomgen.robot.model import Model, build_model
+from eomgen.loops import ClosedLoops
+from eomgen.pictures import plot_robot, plot_zeros
+from eomgen.robot import Model, build_model
 
 KERNELS = ("inverse_dynamics", "mass_matrix", "forward_dynamics")
 CLOSING = ("constraint", "constraint_jacobian", "cut_poses")  # kernels that finding a closed pose takes
@@ -48,7 +47,7 @@ def count(model: Model) -> dict[str, str]:
 
 def about(name: str) -> str:
     """The comment that its description begins with, as Markdown."""
-    text = (Path(description.__file__).parent / "robots" / f"{name}.toml").read_text(encoding="utf-8")
+    text = (resources.files(eomgen) / "robots" / f"{name}.toml").read_text(encoding="utf-8")
     lines: list[str] = []
     for line in text.split("\nname = ")[0].splitlines():
         content = line.removeprefix("#").removeprefix(" ").replace("<", "&lt;").replace("[", r"\[").replace("*", r"\*")
@@ -93,8 +92,8 @@ def page() -> str:
         "",
         'The built-in robots. Each is loaded by its name, `eomgen.load_robot("ur5")` or `eomgen simulate ur5`; '
         "`eomgen info NAME` says what it is made of. Operations are multiplications/additions of the generated C, "
-        "counted when this page was made. Pictures are by `eomgen.pictures.robot.plot_robot`, zeros by "
-        "`eomgen.pictures.zeros.plot_zeros`.",
+        "counted when this page was made. Pictures are by `eomgen.pictures.plot_robot`, zeros by "
+        "`eomgen.pictures.plot_zeros`.",
         "",
     ]
     for name in eomgen.builtin_robots():

@@ -1,4 +1,4 @@
-"""How long work says where it is: functions that callers hand in."""
+"""Functions that callers hand in, and that long work tells how far it has come."""
 
 from __future__ import annotations
 

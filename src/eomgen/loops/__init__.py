@@ -3,6 +3,7 @@
 Uses runtime, robot and state.
 """
 
-from .closed import ClosedLoops
+from .closed import ClosedLoops, LoopDynamics, LoopForces
+from .redundant import Redundancy
 
-__all__ = ["ClosedLoops"]
+__all__ = ["ClosedLoops", "LoopDynamics", "LoopForces", "Redundancy"]

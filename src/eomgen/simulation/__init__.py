@@ -3,8 +3,18 @@
 Uses runtime, robot, description, state, motion, integration, scenario and pipeline.
 """
 
-from .result import SimulationResult, load_result
+from .balance import EnergyBalance
+from .result import Series, SimulationResult, load_result
 from .run import run_scenario, simulate
-from .stream import load_stream
+from .stream import StreamedMotion, load_stream
 
-__all__ = ["SimulationResult", "load_result", "load_stream", "run_scenario", "simulate"]
+__all__ = [
+    "EnergyBalance",
+    "Series",
+    "SimulationResult",
+    "StreamedMotion",
+    "load_result",
+    "load_stream",
+    "run_scenario",
+    "simulate",
+]
