@@ -66,7 +66,7 @@ def turning(bad: float, i: int, at: float = AT) -> Drive:
     return drive
 
 
-def check_kept(error: IntegrationStopped, whole: eomgen.Trajectory, tolerance: float) -> None:
+def check_kept(error: IntegrationStopped, whole: eomgen.integration.Trajectory, tolerance: float) -> None:
     """The trajectory ends in the last good state, is finite, and is what it would have been."""
     kept = error.trajectory
     assert kept.t[-1] == error.t

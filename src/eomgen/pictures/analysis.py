@@ -1,4 +1,4 @@
-"""Figures of the analyses about a state; vector graphics by the file's ending, in the style of ``plots``."""
+"""Figures of the analyses about a state; vector graphics by the file's ending, in the style of ``style``."""
 
 from __future__ import annotations
 

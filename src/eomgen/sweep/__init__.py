@@ -5,6 +5,6 @@ Uses runtime, robot, forms, description, state, integration, scenario, pipeline 
 
 from .driver import run
 from .plan import Plan, load_plan, plan_from_toml
-from .result import SweepResult
+from .result import Sensitivity, SweepResult
 
-__all__ = ["Plan", "SweepResult", "load_plan", "plan_from_toml", "run"]
+__all__ = ["Plan", "Sensitivity", "SweepResult", "load_plan", "plan_from_toml", "run"]
