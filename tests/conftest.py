@@ -15,9 +15,8 @@ import eomgen
 from eomgen.pipeline.cache import VARIABLE
 from eomgen.pipeline.generator_files import generator_hash
 from eomgen.robot.value import Robot
+from tests.support.builds import Build
 from tests.support.figures import Figures, gathered, lines
-
-Build = Callable[..., eomgen.Kernel]
 
 
 def pytest_configure(config: pytest.Config) -> None:

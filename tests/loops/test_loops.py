@@ -15,7 +15,7 @@ from eomgen.loops.closed import ClosedLoops
 from eomgen.robot.geometry import IDENTITY
 from eomgen.robot.value import Coordinate, Joint, Link, Loop, Placement, Robot
 from eomgen.runtime.kernel import Kernel
-from tests.conftest import Build
+from tests.support.builds import Build
 from tests.support.random_robots import Array, random_link, random_placement, random_robot, random_state, seeds
 
 pytestmark = pytest.mark.usefixtures("unoptimised")

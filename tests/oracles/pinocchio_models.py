@@ -189,3 +189,15 @@ class UrdfOracle:
 
 def _pose(placement: Placement) -> pin.SE3:
     return pin.SE3(np.array(placement.rotation), np.array(placement.xyz))
+
+
+def numerical_tangents(oracle: PinocchioOracle, q: Array, wrench: Array, frame: str) -> tuple[Array, Array, Array]:
+    """K (with the dead wrench's geometric part) and D by central differences of Pinocchio's forces, and its M."""
+    zero, h = np.zeros(len(q)), 1e-5
+
+    def force(at: Array, v: Array) -> Array:
+        return oracle.inverse_dynamics(at, v, zero) - oracle.frame_jacobian(at, frame).T @ wrench
+
+    K = np.array([(force(q + h * e, zero) - force(q - h * e, zero)) / (2 * h) for e in np.eye(len(q))]).T
+    D = np.array([(force(q, h * e) - force(q, -h * e)) / (2 * h) for e in np.eye(len(q))]).T
+    return K, D, oracle.mass_matrix(q)

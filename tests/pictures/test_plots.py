@@ -30,9 +30,9 @@ from eomgen.simulation.archive import simulated_robot
 from eomgen.simulation.result import SimulationResult
 from eomgen.simulation.run import run_scenario, simulate
 from tests.oracles.force_laws import with_laws
-from tests.oracles.springs import with_springs
 from tests.support.random_motors import with_motors
 from tests.support.random_robots import random_robot, random_state, with_random_loops
+from tests.support.random_springs import with_springs
 
 SCENARIO = """
 duration = 0.2

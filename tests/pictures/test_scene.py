@@ -14,7 +14,7 @@ import pytest
 
 import eomgen
 from eomgen.cli import entry as cli
-from eomgen.description.load import load_robot, robot_from_toml
+from eomgen.description.load import load_robot
 from eomgen.errors import InputError
 from eomgen.pictures import shapes as visuals
 from eomgen.pictures.browser import View
@@ -35,13 +35,11 @@ from eomgen.robot.value import Robot
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.result import SimulationResult
 from eomgen.simulation.run import run_scenario
-from tests.codegen.kernels.test_offsets import with_offsets
 from tests.oracles.pinocchio_models import PinocchioOracle
-from tests.oracles.springs import with_springs
-from tests.pictures.test_report import ARM
+from tests.support.bending_arm import bending_arm
 from tests.support.browser import open_page
 from tests.support.description_samples import example_urdfs
-from tests.support.random_robots import random_robot, random_state
+from tests.support.random_robots import random_robot, random_state, with_offsets
 
 SCENARIO = """
 duration = 0.4
@@ -57,7 +55,7 @@ force = [4.0, 2.0, 3.0]
 
 @pytest.fixture(scope="module")
 def robot() -> Robot:
-    return with_springs(robot_from_toml(ARM), 0)
+    return bending_arm()
 
 
 @pytest.fixture(scope="module")

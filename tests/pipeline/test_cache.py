@@ -27,7 +27,7 @@ from eomgen.pipeline.cache import KINDS, VARIABLE, is_whole
 from eomgen.pipeline.stages import Options, _cached_package, cache_keys, generate
 from eomgen.scenario import keys as scenario_keys
 from eomgen.sweep import keys as plan_keys
-from tests.conftest import Build
+from tests.support.builds import Build
 from tests.support.quick_builds import (
     BUILD,
     QUICK,

@@ -23,7 +23,7 @@ from eomgen.simulation.archive import load_result
 from eomgen.simulation.run import simulate
 from eomgen.state.equilibrium import static_equilibrium
 from eomgen.state.springs import coordinate_sizes, stiffnesses
-from tests.conftest import Build
+from tests.support.builds import Build
 from tests.support.random_robots import random_placement
 
 pytestmark = pytest.mark.usefixtures("unoptimised")

@@ -32,7 +32,7 @@ from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.run import run_scenario, simulate
 from eomgen.state.equilibrium import static_equilibrium
 from eomgen.state.springs import coordinate_sizes, stiffness_matrix, stiffnesses
-from tests.conftest import Build
+from tests.support.builds import Build
 from tests.support.description_samples import ARM
 from tests.support.random_motors import geared_robot, gears, motor_state, without_motors
 from tests.support.random_robots import Array, random_robot

@@ -31,21 +31,10 @@ from eomgen.sweep.plan import plan_from_toml
 from eomgen.sweep.result import SweepResult
 from eomgen.sweep.shipping import builds_of, pack, source_keys, unpack
 from eomgen.sweep.store import ROWS, opened
+from tests.support.sliders import RELEASE, SLIDER, STIFF, slider
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
-SLIDER = """
-name = "slider"
-gravity = [0.0, 0.0, 0.0]
-links = [{ name = "mass", mass = 2.0, com = [0.0, 0.0, 0.0] }]
-[[joints]]
-name = "rail"
-parent = "base"
-child = "mass"
-type = "prismatic"
-z = { stiffness = 800.0, damping = 0.0 }
-"""
-RELEASE = {"duration": 0.7, "initial": {"q": {"rail": 0.1}}}
 ARM = """
 name = "bending_arm"
 links = [
@@ -72,7 +61,6 @@ link = "fore"
 placement = { xyz = [0.4, 0.0, 0.0] }
 """
 REACH = {"duration": 0.4, "motion": {"type": "point_to_point", "goal": {"shoulder": 0.5, "elbow": -0.4}}}
-STIFF = "[[vary]]\nparameter = 'joints.rail.z.stiffness'\n"
 ARM_PLAN = """
 samples = 40
 seed = 5
@@ -89,10 +77,6 @@ relative = true
 parameter = "links.fore.mass"
 uniform = { low = 1.0, high = 2.0 }
 """
-
-
-def slider() -> Robot:
-    return robot_from_toml(SLIDER)
 
 
 def arm() -> Robot:

@@ -21,29 +21,19 @@ from eomgen.integration.steps import fixed_step
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Coordinate, Joint, Link, Placement, Robot, Spring
 from eomgen.state.equilibrium import static_equilibrium
-from tests.codegen.kernels.test_mujoco import elastic_robot
-from tests.conftest import Build
 from tests.oracles.complex_step import complex_steps
 from tests.oracles.mujoco_models import MujocoRobot
-from tests.oracles.springs import SpringOracle, pulled, with_springs
+from tests.oracles.springs import SpringOracle, implicit_step, pulled
+from tests.support.builds import Build
+from tests.support.closeness import close
 from tests.support.description_samples import ARM, URDF
+from tests.support.elastic_robots import elastic_robot
 from tests.support.random_robots import Array, random_robot, random_state, seeds
+from tests.support.random_springs import sprung, with_springs
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
-TYPES = ("revolute", "prismatic", "fixed", "free")
 NAMES = ("inverse_dynamics", "residual", "generalized_force", "forward_dynamics", "energy", "reactions")
-
-
-def sprung(seed: int, joints: tuple[int, int] = (1, 4), **options: Any) -> Robot:
-    """A random chain or tree with a spring of every kind; some joints with offsets."""
-    rng = np.random.default_rng(seed)
-    robot = random_robot(seed, joints=joints, tree=seed % 2 == 0, types=TYPES, **options)
-    moved = [
-        replace(j, offset=tuple(float(x) for x in rng.uniform(-0.2, 0.2, 6))) if j.coordinates and seed % 3 == 0 else j
-        for j in robot.joints
-    ]
-    return with_springs(replace(robot, joints=tuple(moved)), seed)
 
 
 def pendulum(springs: tuple[Spring, ...], mass: float = 2.0, com: float = 0.3, **gamma: Any) -> Robot:
@@ -51,10 +41,6 @@ def pendulum(springs: tuple[Spring, ...], mass: float = 2.0, com: float = 0.3, *
     link = Link("rod", mass, (com, 0.0, 0.0), (0.01, 0.05, 0.05, 0.0, 0.0, 0.0))
     joint = Joint("pivot", "base", "rod", "revolute", coordinates={"gamma": Coordinate(**gamma)})
     return Robot("pendulum", (0.0, -9.81, 0.0), (link,), (joint,), springs=springs)
-
-
-def close(found: Array, expected: Array, tolerance: float = 1e-11) -> bool:
-    return bool(np.max(np.abs(found - expected)) <= tolerance * max(1.0, float(np.max(np.abs(expected)))))
 
 
 @pytest.mark.parametrize("seed", seeds(2000, 6, 12))
@@ -252,30 +238,6 @@ def test_energy_is_conserved(seed: int, built: Build) -> None:
     energy = kernel.energy(q, v)
     assert np.ptp(energy[:, 0]) > 0.1
     assert np.ptp(energy.sum(axis=1)) <= 1e-6 * np.ptp(energy[:, 0])
-
-
-def implicit_step(
-    robot: Robot, kernel: eomgen.Kernel, q: Array, v: Array, u: Array, dt: float, given: Array | None = None
-) -> Array:
-    """Accelerations of the formula, with the whole matrix; where ``given``, u is one."""
-    k, b = (np.array([getattr(c, key) or 0.0 for j in robot.joints for c in j.coordinates.values()])
-            for key in ("stiffness", "damping"))  # fmt: skip
-    A = kernel.mass_matrix(q) + np.diag(dt * b + dt * dt * k)
-    right = u - kernel.bias_force(q, v) + kernel.generalized_force(q, v) - dt * k * v
-    arms, pairs = kernel.spring_jacobian(q), kernel.spring_forces(q, v)
-    for spring, arm, (length, now) in zip(robot.springs, arms, pairs, strict=True):
-        rate, h = float(arm @ v), 1e-6
-        e = length + dt * rate
-        ahead = pulled(spring, e, rate)
-        by_e = (pulled(spring, e + h, rate) - pulled(spring, e - h, rate)) / (2 * h)
-        by_rate = (pulled(spring, e, rate + h) - pulled(spring, e, rate - h)) / (2 * h)
-        right -= arm * (ahead - now)
-        A += max(dt * by_rate + dt * dt * by_e, 0.0) * np.outer(arm, arm)
-    if given is None:
-        return np.asarray(np.linalg.solve(A, right))
-    free, a = ~given, np.array(u)
-    a[free] = np.linalg.solve(A[np.ix_(free, free)], right[free] - A[np.ix_(free, given)] @ u[given])
-    return a
 
 
 @pytest.mark.parametrize("seed", [2060, 2061, 2062, 2063])

@@ -30,8 +30,8 @@ from eomgen.codegen.package.compile import FLAGS
 from eomgen.codegen.program.ir import Graph, Instruction, Node, Program, evaluate, finish, users, verify
 from eomgen.codegen.program.passes import PASSES, factor_sums, hoist_parameters, run_passes
 from eomgen.robot.model import build_model
-from tests.conftest import Build
 from tests.oracles.force_laws import with_laws
+from tests.support.builds import Build
 from tests.support.random_robots import random_robot, random_state
 
 DOUBLE = SCALARS["float64"]
