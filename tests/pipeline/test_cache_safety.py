@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import shutil
@@ -17,7 +18,7 @@ import eomgen
 from eomgen.errors import BuildError
 from eomgen.pipeline import cache
 from eomgen.pipeline.cache import VARIABLE, is_whole
-from eomgen.pipeline.stages import _cached_package, load_kernel
+from eomgen.pipeline.stages import load_kernel, make_package
 from tests.support.quick_builds import BUILD, QUICK, Q, answer, as_new_process, one_link, python
 
 posix = pytest.mark.skipif(not hasattr(os, "getuid"), reason="owners and modes as POSIX has them")
@@ -140,7 +141,7 @@ def test_a_manifest_answers_for_itself(empty_cache: Path, monkeypatch: pytest.Mo
     del shorter["files"]["one_link.c"]
     other = json.loads(text)
     (package / "one_link.h").write_text("/* other */")
-    other["files"]["one_link.h"] = cache._hash(b"/* other */")
+    other["files"]["one_link.h"] = hashlib.sha256(b"/* other */").hexdigest()
     for changed in (shorter, other, {"files": shorter["files"]}, {}, [], None):
         path.write_text(json.dumps(changed))
         assert not is_whole(package)
@@ -160,7 +161,7 @@ def test_what_is_loaded_is_what_was_checked(empty_cache: Path) -> None:
     expected = one_link().mass_matrix(Q)
     for name in [name for name in sys.modules if name.startswith("_eomgen_")]:
         del sys.modules[name]
-    package = _cached_package(robot, options, lambda _: None)
+    package = make_package(robot, options)
     (folder,) = (empty_cache / "packages").iterdir()
     for path in folder.rglob("*"):
         if path.is_file():
@@ -198,7 +199,7 @@ def test_where_no_copy_can_be_had_the_file_itself_is_loaded(empty_cache: Path, m
 
 
 def test_a_binary_that_does_not_load(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    package = _cached_package(eomgen.load_robot("one_link"), QUICK, lambda _: None)
+    package = make_package(eomgen.load_robot("one_link"), QUICK)
     files = {name: b"no binary" if name.endswith(".so") else data for name, data in package.files.items()}
     with pytest.raises(BuildError, match=r"the compiled module in .*packages.* does not load: "):
         load_kernel(cache.Entry("packages", "0" * 64, files), "one_link")
