@@ -17,6 +17,7 @@ from eomgen.pipeline.generator_files import generator_hash
 from eomgen.robot.value import Robot
 from tests.support.builds import Build
 from tests.support.figures import Figures, gathered, lines
+from tests.support.quick_builds import one_link
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -58,6 +59,22 @@ def empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder = tmp_path / "cache"
     monkeypatch.setenv(VARIABLE, str(folder))
     return folder
+
+
+@pytest.fixture(scope="session")
+def _one_link_cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("filled") / "cache"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(VARIABLE, str(folder))
+        one_link()
+    return folder
+
+
+@pytest.fixture
+def filled_cache(_one_link_cache: Path, empty_cache: Path) -> Path:
+    """A cache folder that ``one_link`` was built into, and nothing else."""
+    shutil.copytree(_one_link_cache, empty_cache)
+    return empty_cache
 
 
 @pytest.fixture

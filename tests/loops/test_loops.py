@@ -257,7 +257,7 @@ def test_accelerations_and_reactions_equal_pinocchios(seed: int, built: Build) -
         kind = pin.ContactType.CONTACT_3D if loop.type == "spherical" else pin.ContactType.CONTACT_6D
         sides = []
         for link, placement in zip(loop.links, loop.placements, strict=True):
-            frame = oracle.model.frames[oracle._frame(link)]
+            frame = oracle.model.frames[oracle.frame_number(link)]
             sides += [frame.parentJoint, frame.placement * pin.SE3(pose(placement))]
         cuts.append(pin.RigidConstraintModel(kind, oracle.model, *sides, pin.ReferenceFrame.LOCAL))
         data.append(cuts[len(cuts) - 1].createData())

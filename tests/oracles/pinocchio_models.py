@@ -107,14 +107,14 @@ class PinocchioOracle:
 
     def frame_pose(self, q: Array, name: str) -> Array:
         pin.framesForwardKinematics(self.model, self.data, q)
-        return np.array(self.data.oMf[self._frame(name)].homogeneous)
+        return np.array(self.data.oMf[self.frame_number(name)].homogeneous)
 
     def frame_jacobian(self, q: Array, name: str) -> Array:
         pin.computeJointJacobians(self.model, self.data, q)
         pin.updateFramePlacements(self.model, self.data)
-        return np.array(pin.getFrameJacobian(self.model, self.data, self._frame(name), pin.LOCAL_WORLD_ALIGNED))
+        return np.array(pin.getFrameJacobian(self.model, self.data, self.frame_number(name), pin.LOCAL_WORLD_ALIGNED))
 
-    def _frame(self, name: str) -> int:
+    def frame_number(self, name: str) -> int:
         """A frame of the description, or a link."""
         known = [frame.name for frame in self.model.frames]
         return known.index(f"frame {name}" if f"frame {name}" in known else name)

@@ -247,20 +247,18 @@ def test_controls_move_the_scene(view: View, result: SimulationResult, robot: Ro
     names = result.trajectory.coordinates
     tip = "link2"
     for share, power in ((0.0, 0.0), (1.0, 0.0), (0.5, 1.0)):
-        view._time.value, view._power.value = share * result.trajectory.t[-1], power
-        view.show()
-        k = int(np.abs(result.trajectory.t - view._time.value).argmin())
+        view.time, view.factor = share * result.trajectory.t[-1], 10.0**power
+        k = int(np.abs(result.trajectory.t - view.time).argmin())
         for kind, q in (("reality", exaggerated(result, 10.0**power)), ("program", program_positions(result))):
             pose = link_poses(robot, names, q[k])[tip]
-            handle = view._frames[kind][tip]
-            assert np.allclose(handle.position, pose[:3, 3], atol=1e-9)
-            assert np.allclose(handle.wxyz, quaternions(pose), atol=1e-9)
-    view._toggle()
-    start = view._time.value
+            assert np.allclose(view.drawn(kind, tip), [*pose[:3, 3], *quaternions(pose)], atol=1e-9)
+    assert not view.playing
+    view.playing = True
+    start = view.time
     deadline = time.monotonic() + 10.0
-    while view._time.value == start and time.monotonic() < deadline:
+    while view.time == start and time.monotonic() < deadline:
         time.sleep(0.02)
-    assert view._time.value != start
+    assert view.time != start
 
 
 def test_what_cannot_be_viewed(
@@ -284,17 +282,17 @@ def test_a_browser_shows_the_scene_and_its_slider_moves_it(view: View) -> None:
         page.wait_for_timeout(3000)
         sliders = page.get_by_role("slider")
         assert sliders.count() == 2
-        before, value = page.screenshot(), view._power.value
+        before, factor = page.screenshot(), view.factor
         sliders.nth(1).focus()
         for _ in range(12):
             page.keyboard.press("ArrowLeft")
         page.wait_for_timeout(2000)
-        assert view._power.value < value
+        assert view.factor < factor
         assert page.screenshot() != before
         sliders.nth(0).focus()
         for _ in range(40):
             page.keyboard.press("ArrowRight")
         page.wait_for_timeout(2000)
-        assert view._time.value > 0.0
+        assert view.time > 0.0
         assert found.errors == []
         assert all(url.startswith((view.address, "data:", "blob:", "ws:")) for url in found.requests)

@@ -117,10 +117,10 @@ DAMAGES = [
 
 @pytest.mark.parametrize(("kind", "pattern", "damage"), DAMAGES)
 def test_damaged_entries_are_made_again(
-    kind: str, pattern: str, damage: Any, empty_cache: Path, monkeypatch: pytest.MonkeyPatch
+    kind: str, pattern: str, damage: Any, filled_cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     kernel = one_link()
-    (folder,) = (empty_cache / kind).iterdir()
+    (folder,) = (filled_cache / kind).iterdir()
     (path,) = folder.glob(pattern)
     damage(path)
     assert not is_whole(folder)
@@ -129,13 +129,13 @@ def test_damaged_entries_are_made_again(
     assert np.array_equal(one_link(steps).mass_matrix(Q), kernel.mass_matrix(Q))
     assert [step.split()[0] for step in steps] == (["compiling"] if kind == "packages" else ["importing", "deriving"])
     assert is_whole(folder)
-    assert sorted(path.name for path in empty_cache.iterdir()) == ["locks", "packages", "sources"]
+    assert sorted(path.name for path in filled_cache.iterdir()) == ["locks", "packages", "sources"]
 
 
-def test_a_kernel_outlives_its_cache(empty_cache: Path) -> None:
+def test_a_kernel_outlives_its_cache(filled_cache: Path) -> None:
     kernel = one_link()
     expected = kernel.mass_matrix(Q)
-    shutil.rmtree(empty_cache)
+    shutil.rmtree(filled_cache)
     assert np.array_equal(kernel.mass_matrix(Q), expected)
     assert np.array_equal(one_link().mass_matrix(Q), expected)
 
@@ -160,9 +160,9 @@ def test_a_read_only_cache(empty_cache: Path) -> None:
 
 
 @pytest.mark.parametrize("mode", [0o770, 0o702, 0o777])
-def test_a_cache_that_others_may_write_to(mode: int, empty_cache: Path) -> None:
+def test_a_cache_that_others_may_write_to(mode: int, filled_cache: Path) -> None:
     one_link()
-    empty_cache.chmod(mode)
+    filled_cache.chmod(mode)
     with pytest.raises(BuildError) as error:
         one_link()
     assert f"may be written by others (mode {mode:o}); run chmod go-w on it" in reported(error)

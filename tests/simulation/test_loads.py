@@ -42,7 +42,7 @@ def test_wrenches_over_time_against_mujoco(seed: int) -> None:
     other = MujocoRobot(robot, step)
     q = np.zeros(other.model.nv)
     mujoco.mj_resetData(other.model, other.data)
-    other._set(q, q)
+    other.set_state(q, q)
     states = [q]
     for i in range(1000):
         t = i * step
@@ -71,7 +71,7 @@ def test_a_force_at_a_point_against_mujoco(axes: str) -> None:
     body = other.model.body(link).id
     for _ in range(5):
         q = rng.uniform(-1, 1, kernel.n)
-        other._set(q, np.zeros(kernel.n))
+        other.set_state(q, np.zeros(kernel.n))
         turn = other.data.xmat[body].reshape(3, 3)
         R, place = (turn if axes == "link" else np.eye(3)), other.data.xpos[body] + turn @ point
         found = np.zeros(kernel.n)
