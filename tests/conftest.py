@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -47,10 +47,12 @@ def built() -> Build:
     return build
 
 
-@pytest.fixture
-def unoptimised(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Builds of this test, in other processes too, without the optimiser, for the reason above (test_machine_code)."""
-    monkeypatch.setenv("CFLAGS", "-O0")
+@pytest.fixture(scope="module")
+def unoptimised() -> Iterator[None]:
+    """Builds of a module's fixtures and tests, in other processes too, without the optimiser, for the reason above."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("CFLAGS", "-O0")
+        yield
 
 
 @pytest.fixture
