@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +15,9 @@ import eomgen
 from eomgen.pipeline.cache import VARIABLE
 from eomgen.pipeline.generator_files import generator_hash
 from eomgen.robot.value import Robot
+from tests.support.builds import Build
 from tests.support.figures import Figures, gathered, lines
-
-Build = Callable[..., eomgen.Kernel]
+from tests.support.quick_builds import one_link
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -47,10 +47,12 @@ def built() -> Build:
     return build
 
 
-@pytest.fixture
-def unoptimised(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Builds of this test, in other processes too, without the optimiser, for the reason above (test_machine_code)."""
-    monkeypatch.setenv("CFLAGS", "-O0")
+@pytest.fixture(scope="module")
+def unoptimised() -> Iterator[None]:
+    """Builds of a module's fixtures and tests, in other processes too, without the optimiser, for the reason above."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("CFLAGS", "-O0")
+        yield
 
 
 @pytest.fixture
@@ -59,6 +61,22 @@ def empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder = tmp_path / "cache"
     monkeypatch.setenv(VARIABLE, str(folder))
     return folder
+
+
+@pytest.fixture(scope="session")
+def _one_link_cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("filled") / "cache"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(VARIABLE, str(folder))
+        one_link()
+    return folder
+
+
+@pytest.fixture
+def filled_cache(_one_link_cache: Path, empty_cache: Path) -> Path:
+    """A cache folder that ``one_link`` was built into, and nothing else."""
+    shutil.copytree(_one_link_cache, empty_cache)
+    return empty_cache
 
 
 @pytest.fixture

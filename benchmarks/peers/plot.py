@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from eomgen.pictures import simulation as plots
+from eomgen.pictures import style as plots
 
 from .cases import URDFS
 from .page import KERNELS

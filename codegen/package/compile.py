@@ -18,10 +18,11 @@ import shutil
 import subprocess
 import sys
 import sysconfig
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import cffi
 from cffi.recompiler import make_c_source, make_py_source
@@ -130,7 +131,7 @@ def compile_flags(compiler: Compiler, native: bool, further: Sequence[str]) -> t
     return (*own_flags(native), *compiler.flags, *further)
 
 
-def toolchain(compiler: Compiler, flags: Sequence[str]) -> dict[str, object]:
+def toolchain(compiler: Compiler, flags: Sequence[str]) -> dict[str, Any]:
     """Everything but the source that a binary depends on: flags, compiler, versions, environment, processor."""
     tuned = any(word.endswith("=native") for word in (*compiler.command, *flags))
     return {
@@ -144,15 +145,24 @@ def toolchain(compiler: Compiler, flags: Sequence[str]) -> dict[str, object]:
     }
 
 
-def build_key(source: Source, compiler: Compiler, flags: Sequence[str]) -> str:
-    """Hash of all that a package depends on."""
-    parts = {
+def dependencies(source: Source, compiler: Compiler, flags: Sequence[str]) -> dict[str, Any]:
+    """Everything that a package depends on, by names, as plain values of JSON."""
+    return {
         **toolchain(compiler, flags),
         "source": asdict(source),
         "cffi": cffi.__version__,
         "package": [path.read_text(encoding="utf-8") for path in (Path(__file__), _template())],
         "carried": {name: path.read_text(encoding="utf-8") for name, path in carried_files().items()},
     }
+
+
+def build_key(source: Source, compiler: Compiler, flags: Sequence[str]) -> str:
+    """Hash of all that a package depends on."""
+    return key_of(dependencies(source, compiler, flags))
+
+
+def key_of(parts: Mapping[str, Any]) -> str:
+    """Hash of plain values, SHA-256 in hexadecimal digits."""
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
 

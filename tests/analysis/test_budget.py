@@ -21,8 +21,8 @@ from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
 from eomgen.simulation.result import SimulationResult
 from eomgen.simulation.run import simulate
-from tests.conftest import Build
 from tests.oracles.pinocchio_models import PinocchioOracle
+from tests.support.builds import Build
 from tests.support.random_robots import Array, random_robot
 
 

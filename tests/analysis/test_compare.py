@@ -18,8 +18,8 @@ from eomgen.motion.point_to_point import PointToPoint
 from eomgen.motion.tool_path import ToolLine
 from eomgen.robot.value import Robot
 from eomgen.simulation.run import simulate
-from tests.conftest import Build
 from tests.oracles.pinocchio_models import PinocchioOracle
+from tests.support.builds import Build
 from tests.support.random_robots import random_robot
 
 pytestmark = pytest.mark.usefixtures("unoptimised")

@@ -19,9 +19,10 @@ from eomgen.description.load import robot_from_toml
 from eomgen.errors import EomgenWarning, InputError
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Coordinate, Frame, Joint, Link, Placement, Robot
-from tests.analysis.test_modes import LOOP, numerical_tangents, random_elastic
-from tests.conftest import Build
-from tests.oracles.pinocchio_models import PinocchioOracle
+from tests.oracles.pinocchio_models import PinocchioOracle, numerical_tangents
+from tests.support.builds import Build
+from tests.support.elastic_robots import random_elastic
+from tests.support.oscillators import LOOP
 
 SPRINGS = (2e5, 3e5, 5e5, 4e3, 7e3, 9e3)
 

@@ -23,9 +23,10 @@ from eomgen.errors import ArrayError, InputError, UnknownNameError
 from eomgen.integration.solve import integrate
 from eomgen.robot.model import build_model
 from eomgen.simulation.run import simulate
-from tests.analysis.test_modes import DAMPING, LOOP, MASS, STIFFNESS, chain, random_elastic
-from tests.conftest import Build
 from tests.oracles.pinocchio_models import PinocchioOracle
+from tests.support.builds import Build
+from tests.support.elastic_robots import random_elastic
+from tests.support.oscillators import DAMPING, LOOP, MASS, STIFFNESS, chain
 from tests.support.random_robots import Array, random_robot, random_state, seeds
 
 PARTS = ("x", "y", "z", "rx", "ry", "rz")

@@ -23,59 +23,13 @@ from eomgen.cli import entry as cli
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import ArrayError, EomgenWarning, InputError, SingularError, UnknownNameError
 from eomgen.robot.model import build_model
-from eomgen.robot.value import Coordinate, Frame, Joint, Link, Placement, Robot
+from eomgen.robot.value import Coordinate, Joint, Link, Robot
 from eomgen.simulation.run import simulate
-from tests.codegen.kernels.test_offsets import with_offsets
-from tests.conftest import Build
-from tests.oracles.pinocchio_models import PinocchioOracle
+from tests.oracles.pinocchio_models import PinocchioOracle, numerical_tangents
+from tests.support.builds import Build
+from tests.support.elastic_robots import random_elastic
+from tests.support.oscillators import DAMPING, LOOP, MASS, STIFFNESS, chain
 from tests.support.random_robots import Array, random_robot, seeds
-
-STIFFNESS, MASS, DAMPING = 4e4, 2.5, 3.0
-
-
-def chain(n: int, *, ends: str = "fixed-free", damping: float | None = None) -> Robot:
-    """n masses in a row between springs: links on fixed joints that give way along x, "fixed-free" or "free-free"."""
-    table = {"x": Coordinate(stiffness=STIFFNESS, damping=damping)}
-    joints, links = [], []
-    for i in range(n):
-        free = i == 0 and ends == "free-free"
-        given = {"x": Coordinate()} if free else table
-        parent = f"m{i}" if i else "base"
-        joints.append(Joint(f"j{i + 1}", parent, f"m{i + 1}", "fixed", Placement(), coordinates=given))
-        links.append(Link(f"m{i + 1}", MASS, (0.0, 0.0, 0.0), (0.1, 0.1, 0.1, 0.0, 0.0, 0.0)))
-    return Robot("chain", (0.0, 0.0, 0.0), tuple(links), tuple(joints), (Frame("tcp", f"m{n}"),))
-
-
-def random_elastic(seed: int) -> Robot:
-    """A random robot with dampers everywhere and springs on all deviations; seeds from 4 have offsets."""
-    robot = random_robot(seed, joints=(2, 3), tree=seed % 2 == 0, types=("revolute", "prismatic", "fixed"))
-    rng = np.random.default_rng(seed)
-    joints = []
-    for joint in robot.joints:
-        principal = {"revolute": "gamma", "prismatic": "z"}.get(joint.type)
-        table = {
-            name: replace(
-                given,
-                stiffness=None if name == principal else float(rng.uniform(3e3, 3e4)),
-                damping=float(rng.uniform(0.5, 20.0)),
-            )
-            for name, given in joint.coordinates.items()
-        }
-        joints.append(replace(joint, coordinates=table))
-    robot = replace(robot, joints=tuple(joints))
-    return with_offsets(robot, seed) if seed >= 4 else robot
-
-
-def numerical_tangents(oracle: PinocchioOracle, q: Array, wrench: Array, frame: str) -> tuple[Array, Array, Array]:
-    """K (with the dead wrench's geometric part) and D by central differences of Pinocchio's forces, and its M."""
-    zero, h = np.zeros(len(q)), 1e-5
-
-    def force(at: Array, v: Array) -> Array:
-        return oracle.inverse_dynamics(at, v, zero) - oracle.frame_jacobian(at, frame).T @ wrench
-
-    K = np.array([(force(q + h * e, zero) - force(q - h * e, zero)) / (2 * h) for e in np.eye(len(q))]).T
-    D = np.array([(force(q, h * e) - force(q, -h * e)) / (2 * h) for e in np.eye(len(q))]).T
-    return K, D, oracle.mass_matrix(q)
 
 
 @pytest.mark.parametrize("n", [1, 3, 7])
@@ -216,49 +170,6 @@ def test_play_is_said_and_contact_is_stiff() -> None:
     assert 2e6 * (-y - 1e-4 - 0.5e-5) == pytest.approx(3.7 * 9.81, rel=1e-9)
     assert found.eigenvalues[0] == 0.0
     assert np.abs(found.shapes[0]).argmax() == found.coordinates.index("shoulder.x")
-
-
-LOOP = """
-name = "slider_crank"
-gravity = [0.0, -9.81, 0.0]
-[[links]]
-name = "crank"
-mass = 0.7
-com = [0.1, 0.0, 0.0]
-inertia = { xx = 1e-3, yy = 4e-3, zz = 4e-3 }
-[[links]]
-name = "rod"
-mass = 0.5
-com = [0.2, 0.0, 0.0]
-inertia = { xx = 1e-3, yy = 7e-3, zz = 7e-3 }
-[[links]]
-name = "slider"
-mass = 0.9
-com = [0.0, 0.0, 0.0]
-inertia = { xx = 1e-3, yy = 1e-3, zz = 1e-3 }
-[[joints]]
-name = "turn"
-parent = "base"
-child = "crank"
-type = "revolute"
-[[joints]]
-name = "pin"
-parent = "crank"
-child = "rod"
-type = "revolute"
-placement = { xyz = [0.2, 0.0, 0.0] }
-[[joints]]
-name = "guide"
-parent = "base"
-child = "slider"
-type = "fixed"
-x = { stiffness = 3000.0, damping = 8.0, preload = 40.0 }
-[[loops]]
-name = "ball"
-links = ["rod", "slider"]
-type = "revolute"
-placements = [{ xyz = [0.4, 0.0, 0.0] }, {}]
-"""
 
 
 @pytest.mark.parametrize("held", [[], ["turn.gamma"]])

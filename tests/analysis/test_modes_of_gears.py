@@ -12,7 +12,7 @@ from eomgen.analysis.statics import deflection
 from eomgen.description.load import robot_from_toml
 from eomgen.integration.solve import integrate
 from eomgen.robot.value import Motor, Robot, Spring
-from tests.conftest import Build
+from tests.support.builds import Build
 
 
 def geared(stiffness: float = 5e3, inertia: float = 2e-4, ratio: float = 80.0) -> Robot:

@@ -19,11 +19,12 @@ from eomgen.errors import EomgenWarning, InputError
 from eomgen.forms.structure import faults
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.sweep.plan import plan_from_toml
-from tests.description import test_bad_input
-from tests.scenario import test_scenario_input
+from tests.support import bad_robots
+from tests.support.bad_plans import BAD
+from tests.support.bad_scenarios import READING
 from tests.support.description_samples import ARM
 from tests.support.mutations import DOCUMENTS, as_toml, mutant
-from tests.sweep import test_sweep_plan
+from tests.support.random_tables import ENTRIES, TOPS
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -35,7 +36,7 @@ READERS = {"robot": robot_from_toml, "scenario": scenario_from_toml, "plan": pla
 VALIDATORS = {name: jsonschema.Draft7Validator(schema_of(name)) for name in FORMATS}
 MUTANTS = {"toml": "robot", "scenario": "scenario", "plan": "plan"}  # what tests/support/mutations.py calls them
 
-# What the readers alone find, by classes of errors; cases of test_bad_input.
+# What the readers alone find, by classes of errors; cases of bad_robots.
 SEMANTIC = {
     "JSON has no NaN": {"nan", "point that is none"},
     "no body has this inertia": {"impossible inertia", "indefinite inertia", "product of inertia"},
@@ -62,12 +63,12 @@ SEMANTIC = {
     "files beside it": {"curve from nowhere", "urdf without folder"},
     "$ of Python's regular expressions stands before a newline, too": {"trailing newline", "robot name with newline"},
 }
-SCENARIO_ONLY_READ = (  # reasons of test_scenario_input that the schema does not see
+SCENARIO_ONLY_READ = (  # reasons of bad_scenarios that the schema does not see
     *("got nan", "state of rest", "with equilibrium = true only", "times or speed", "increasing", "an array of 2"),
     *("does not exist", "another point", "in the plane", "not zero", "coordinates with rows", "array of 2"),
     *("got the time 0 after 1", "needs force and/or moment", "after t0", "no body can have"),
 )
-PLAN_ONLY_READ = {  # of test_sweep_plan
+PLAN_ONLY_READ = {  # of bad_plans
     *("missing", "grids alone", "up to the period", "[integrator]", "parameter or scenario", "one of them"),
     *("one distribution", "grid, uniform", "greater than low", "8 deviations", "different", "values, or low", "once"),
 }
@@ -175,24 +176,24 @@ def test_samples_are_valid() -> None:
     assert refused("robot", {"links": []})
 
 
-@pytest.mark.parametrize("case", list(test_bad_input.TOML_CASES))
+@pytest.mark.parametrize("case", list(bad_robots.TOML_CASES))
 def test_bad_robots(case: str) -> None:
     """Structural mistakes are refused; the others are those that SEMANTIC lists, and no more."""
-    old, new, _ = test_bad_input.TOML_CASES[case]
-    sample = test_bad_input.NOTHING_MOVES if case == "nothing moves" else ARM
-    values = parsed(test_bad_input.changed(sample, old, new))
+    old, new, _ = bad_robots.TOML_CASES[case]
+    sample = bad_robots.NOTHING_MOVES if case == "nothing moves" else ARM
+    values = parsed(bad_robots.changed(sample, old, new))
     semantic = any(case in cases for cases in SEMANTIC.values())
     if values is not None:
         assert refused("robot", values) != semantic
 
 
 def test_bad_scenarios_and_plans() -> None:
-    for text, _, reason in test_scenario_input.READING:
+    for text, _, reason in READING:
         values = parsed(text)
         if values is not None:
             semantic = any(reason.startswith(part) or part in reason for part in SCENARIO_ONLY_READ)
             assert refused("scenario", values) != semantic, text
-    for text, reasons in test_sweep_plan.BAD.items():
+    for text, reasons in BAD.items():
         values = parsed(text)
         assert values is not None
         assert refused("plan", values) or PLAN_ONLY_READ & set(reasons), text
@@ -218,7 +219,7 @@ def test_what_the_schema_refuses_the_reader_refuses_many() -> None:
 
 
 @settings(max_examples=100, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
-@given(test_bad_input.TOPS)
+@given(TOPS)
 def test_any_table_that_the_schema_refuses_the_reader_refuses(top: dict[str, object]) -> None:
     check_soundness("robot", "\n".join(f"{key} = {as_toml(value)}" for key, value in top.items()))
     top = {"name": "arm", **top}
@@ -226,6 +227,6 @@ def test_any_table_that_the_schema_refuses_the_reader_refuses(top: dict[str, obj
 
 
 @settings(max_examples=100, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
-@given(*test_bad_input.ENTRIES)
+@given(*ENTRIES)
 def test_any_value_that_the_schema_refuses_the_reader_refuses(table: str, key: str, value: object) -> None:
     check_soundness("robot", ARM.replace(f"[[{table}]]\n", f"[[{table}]]\n{as_toml(key)} = {as_toml(value)}\n", 1))

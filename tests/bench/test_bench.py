@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 import shutil
 import subprocess
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,18 +16,17 @@ import pytest
 from numpy.typing import NDArray
 
 import eomgen
-from eomgen.bench import beside as bench_module
-from eomgen.bench.beside import COUNTERPARTS, bench
+from eomgen.bench.beside import COUNTERPARTS, STATES, bench, compare
 from eomgen.bench.textbook import Yardstick, compile_yardstick, instrument, newton_euler
 from eomgen.codegen.kernels.signatures import LOOP_KERNELS, SPRING_KERNELS
 from eomgen.codegen.package.compile import WARNINGS
 from eomgen.pipeline.stages import KERNEL_NAMES
 from eomgen.robot.model import build_model
 from eomgen.robot.value import COORDINATES, Coordinate, Robot
+from tests.support.builds import Build
 from tests.support.random_robots import random_robot, random_state, seeds
 
 Array = NDArray[np.float64]
-Build = Callable[..., eomgen.Kernel]  # the fixture of conftest.py
 EPS = float(np.finfo(np.float64).eps)
 DATA = Path(__file__).parents[2] / "benchmarks" / "data"
 TYPES = ("revolute", "prismatic", "fixed", "free")
@@ -181,16 +179,13 @@ def test_bench_prints_a_table_and_json(tiny: Robot) -> None:
     assert values["rows"][0]["kernel"]["operations"]["mul"] >= 0
 
 
-def test_bench_refuses_to_time_what_differs(tiny: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
-    right: Callable[..., Yardstick] = compile_yardstick
-
-    def of_another_robot(model: object, flags: tuple[str, ...]) -> Yardstick:
-        heavier = tuple(replace(link, mass=2 * link.mass) for link in tiny.links)
-        return right(build_model(replace(tiny, links=heavier)), flags)
-
-    monkeypatch.setattr(bench_module, "compile_yardstick", of_another_robot)
+def test_what_differs_is_refused(tiny: Robot, built: Build) -> None:
+    kernel, rng = built(tiny, "inverse_dynamics"), np.random.default_rng(1)
+    inputs = {label: rng.uniform(-1.0, 1.0, (STATES, kernel.n)) for label in "qva"}
+    heavier = replace(tiny, links=tuple(replace(link, mass=2 * link.mass) for link in tiny.links))
+    assert compare(kernel, compile_yardstick(build_model(tiny), ("-O0",)), inputs) < 1e-12
     with pytest.raises(eomgen.errors.InternalError, match="differs"):
-        bench(tiny, repeat=1, kernels=("inverse_dynamics",))
+        compare(kernel, compile_yardstick(build_model(heavier), ("-O0",)), inputs)
 
 
 def test_bench_says_when_a_robot_has_no_inertia(tiny: Robot) -> None:

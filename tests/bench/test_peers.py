@@ -14,7 +14,7 @@ from benchmarks.peers.contender import Contender, MissingPeer, address, build_li
 from benchmarks.peers.measure import Disagreement, compare, states
 from benchmarks.peers.report import Entry, Report, read
 from benchmarks.peers.required import AGAINST_MUJOCO, AGAINST_PINOCCHIO, bar
-from tests.conftest import Build
+from tests.support.builds import Build
 
 DOCS = Path(__file__).parents[2] / "docs"
 

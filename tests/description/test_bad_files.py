@@ -10,21 +10,10 @@ from pathlib import Path
 import pytest
 
 from eomgen.cli import entry as cli
-from eomgen.description.load import load_robot
 from eomgen.errors import DescriptionError
-from eomgen.scenario.load import load_scenario
-from eomgen.sweep.plan import load_plan
 from tests.support import fuzzing
-from tests.support.bad_files import BAD_FILES, BadFile
+from tests.support.bad_files import BAD_FILES, READERS, written
 from tests.support.fuzzing import check_message
-
-READERS = {"robot": load_robot, "scenario": load_scenario, "plan": load_plan}
-
-
-def written(case: BadFile, folder: Path) -> Path:
-    path = folder / case.name
-    path.write_bytes(case.content)
-    return path
 
 
 def test_there_are_thirty() -> None:
@@ -67,7 +56,7 @@ def test_limits_of_time_and_memory(tmp_path: Path) -> None:
 import json, signal, sys, time
 sys.path.insert(0, {str(ROOT)!r})
 from tests.support import fuzzing
-from tests.description.test_bad_files import BAD_FILES, READERS, written
+from tests.support.bad_files import BAD_FILES, READERS, written
 from pathlib import Path
 READERS["robot"]("ur5")
 contents = {{name: written(case, Path({str(tmp_path)!r})) for name, case in BAD_FILES.items()}}

@@ -12,7 +12,7 @@ import pytest
 import eomgen
 from eomgen.errors import DescriptionError, EomgenWarning, SingularError
 from eomgen.robot.value import Robot
-from tests.conftest import Build
+from tests.support.builds import Build
 from tests.support.description_samples import example_urdfs
 
 pytest.importorskip("pinocchio")

@@ -24,8 +24,9 @@ from eomgen.pipeline.stages import Options, generate
 from eomgen.robot.value import Robot
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.sweep.plan import plan_from_toml
-from tests.codegen.c.test_render import WARNINGS, source_of
-from tests.conftest import Build
+from tests.support.builds import Build
+from tests.support.c_project import WARNINGS
+from tests.support.c_sources import source_of
 from tests.support.description_samples import ARM
 from tests.support.fuzzing import check_message, check_robot
 from tests.support.hostile import WORDS, XML, hostile_name

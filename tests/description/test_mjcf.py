@@ -14,8 +14,8 @@ from eomgen.description.load import load_robot, robot_from_mjcf
 from eomgen.description.mjcf.read import root_tag
 from eomgen.errors import DescriptionError
 from eomgen.robot.value import COORDINATES
-from tests.conftest import Build
 from tests.oracles.mjcf import MjcfOracle
+from tests.support.builds import Build
 from tests.support.description_samples import MJCF, URDF, link_poses
 from tests.support.figures import Figures
 from tests.support.fuzzing import check_message

@@ -19,12 +19,12 @@ from eomgen.export.fmu.pack import KERNELS, export_fmu
 from eomgen.robot.record import robot_hash
 from eomgen.robot.value import Robot
 from eomgen.runtime.kernel import Array, Kernel
-from tests.conftest import Build
 from tests.oracles.force_laws import with_laws
-from tests.oracles.springs import with_springs
+from tests.support.builds import Build
 from tests.support.fmu_host import Host
 from tests.support.random_motors import geared_robot, motor_state
 from tests.support.random_robots import random_robot, seeds
+from tests.support.random_springs import with_springs
 
 ROBOTS = ("one_link", "worn_arm", "geared_arm", "shaken_arm")
 VERSIONS = (2, 3)

@@ -23,8 +23,8 @@ from eomgen.identification.least_squares import fit
 from eomgen.motion.files import motion_from_columns
 from eomgen.motion.smoothing import Differentiator, local_polynomials, noise_deviation
 from eomgen.robot.model import build_model
-from tests.conftest import Build
 from tests.oracles.pinocchio_models import PinocchioOracle
+from tests.support.builds import Build
 from tests.support.random_robots import random_robot
 
 Array = NDArray[np.float64]

@@ -18,7 +18,7 @@ from eomgen.motion.point_to_point import Harmonic
 from eomgen.robot.value import Robot
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.run import run_scenario
-from tests.conftest import Build
+from tests.support.builds import Build
 from tests.support.random_robots import random_robot, random_state
 
 KERNELS = (

@@ -13,7 +13,7 @@ from eomgen.integration import integrate
 from eomgen.loops.closed import ClosedLoops
 from eomgen.motion.point_to_point import Harmonic
 from eomgen.robot.value import Placement, Robot
-from tests.conftest import Build
+from tests.support.builds import Build
 from tests.support.random_robots import random_state
 
 KERNELS = (

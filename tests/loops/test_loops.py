@@ -1,4 +1,4 @@
-"""Mechanisms with closed loops: closed-form linkages, Pinocchio, another cut of the same mechanism, energy."""
+"""Mechanisms with closed loops: closed-form linkages, Pinocchio, another cut of the same mechanism."""
 
 from __future__ import annotations
 
@@ -15,21 +15,12 @@ from eomgen.loops.closed import ClosedLoops
 from eomgen.robot.geometry import IDENTITY
 from eomgen.robot.value import Coordinate, Joint, Link, Loop, Placement, Robot
 from eomgen.runtime.kernel import Kernel
-from tests.conftest import Build
+from tests.support.builds import Build
+from tests.support.linkages import KERNELS
 from tests.support.random_robots import Array, random_link, random_placement, random_robot, random_state, seeds
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
-KERNELS = (
-    "constraint",
-    "constraint_jacobian",
-    "constraint_bias",
-    "cut_poses",
-    "mass_matrix",
-    "inverse_dynamics",
-    "energy",
-    "kinematics",
-)
 FREE = {
     "revolute": ("gamma",),
     "prismatic": ("z",),
@@ -266,7 +257,7 @@ def test_accelerations_and_reactions_equal_pinocchios(seed: int, built: Build) -
         kind = pin.ContactType.CONTACT_3D if loop.type == "spherical" else pin.ContactType.CONTACT_6D
         sides = []
         for link, placement in zip(loop.links, loop.placements, strict=True):
-            frame = oracle.model.frames[oracle._frame(link)]
+            frame = oracle.model.frames[oracle.frame_number(link)]
             sides += [frame.parentJoint, frame.placement * pin.SE3(pose(placement))]
         cuts.append(pin.RigidConstraintModel(kind, oracle.model, *sides, pin.ReferenceFrame.LOCAL))
         data.append(cuts[len(cuts) - 1].createData())
@@ -338,52 +329,6 @@ def platform_at(loops: ClosedLoops, alpha: float) -> Array:
     return loops.consistent_positions(guess, held=[f"pose.{x}" for x in ("x", "y", "z", "alpha", "beta", "gamma")])
 
 
-@pytest.mark.parametrize(
-    ("name", "guess", "duration"), [("four_bar", [0.5, 0.2, 1.2], 10.0), ("bennett", [1.0, 1.5, -1.0], 10.0)]
-)
-def test_energy_stays_and_nothing_drifts(example, name: str, guess: list[float], duration: float) -> None:  # type: ignore[no-untyped-def]
-    loops = example(name)
-    q = loops.consistent_positions(guess, held=["joint1.gamma"])
-    result = integrate(loops.kernel, q, np.zeros(3), duration, step=2e-3, output_step=0.1)
-    assert result.info["gap"] <= 1e-12
-    assert result.info["gap_rate"] <= 1e-9
-    assert result.info["redundant"] == 3
-    assert np.ptp(result.energy.sum(axis=1)) <= 1e-6 * result.energy[:, 0].max()
-
-
-def test_a_driven_mechanism_takes_the_work_of_its_drive(example) -> None:  # type: ignore[no-untyped-def]
-    """A constant torque adds itself times the angle; halving the step divides the error by 16."""
-    loops = example("four_bar")
-    q = loops.consistent_positions([0.5, 0.2, 1.2], held=["joint1.gamma"])
-    errors, ends = [], []
-    for step in (4e-3, 2e-3, 5e-4):
-        result = integrate(
-            loops.kernel, q, np.zeros(3), 0.3, drive=lambda t, q, v: [4.0, 0.0, 0.0], step=step, output_step=0.3
-        )
-        energy = result.energy.sum(axis=1)
-        ends.append(result.q[-1])
-        errors.append(abs(energy[-1] - energy[0] - 4.0 * (result.q[-1, 0] - q[0])))
-    assert errors[-1] <= 1e-8
-    assert ends[-1][0] - q[0] > 2.0
-    ratio = np.abs(ends[0] - ends[2]).max() / np.abs(ends[1] - ends[2]).max()
-    assert 11.0 <= ratio <= 24.0
-
-
-def test_baumgarte_keeps_gaps_small(example) -> None:  # type: ignore[no-untyped-def]
-    loops = example("bennett")
-    q = loops.consistent_positions([1.0, 1.5, -1.0], held=["joint1.gamma"])
-    result, stabilised = (
-        integrate(loops.kernel, q, np.zeros(3), 3.0, step=2e-3, output_step=0.1, baumgarte=w) for w in (None, 50.0)
-    )
-    assert 1e-12 < stabilised.info["gap"] < 1e-6
-    assert np.abs(result.q - stabilised.q).max() <= 1e-4
-    open_q = q + [0.0, 1e-3, 0.0]
-    pulled = loops.forward_dynamics(open_q, np.zeros(3), np.zeros(3), baumgarte=20.0, rank=2)
-    wanted = -400.0 * loops.kernel.constraint(open_q)
-    J = loops.kernel.constraint_jacobian(open_q)
-    assert np.abs(J @ pulled.a - wanted).max() <= 2e-2 * np.abs(wanted).max()
-
-
 # ---- refusals
 
 
@@ -439,48 +384,3 @@ def test_a_loop_that_closes_turned_over_is_refused(built: Build) -> None:
     loops = ClosedLoops(built(replace(robot, loops=(turned,)), *KERNELS))
     with pytest.raises(LoopError, match="joint4 closes near the guess only turned over"):
         loops.consistent_positions([0.5, 0.2, 1.2])
-
-
-# ---- a published benchmark
-
-ANDREWS = ("beta", "theta", "gamma", "phi", "delta", "omega", "epsilon")  # in the order of the test set
-# F. Mazzia, C. Magherini, Test Set for IVP Solvers, release 2.4: initial values, and the solution at 0.03 s by PSIDE.
-ANDREWS_START = [
-    -0.0617138900142764496,
-    0.0,
-    0.455279819163070380,
-    0.222668390165885885,
-    0.487364979543842550,
-    -0.222668390165885885,
-    1.23054744454982120,
-]
-ANDREWS_END = [
-    15.81077119629904,
-    -15.75637105984298,
-    0.04082224013073101,
-    -0.5347301163226948,
-    0.5244099658805304,
-    0.5347301163226948,
-    1.048080741042263,
-]
-ANDREWS_RATES = [1139.920302151208, -1424.379294994111, 11.03291221937134, 19.29337464421385, 0.5735699284790808]
-
-
-def test_andrews_squeezing_mechanism(built: Build) -> None:
-    """Seven bodies, three loops through one pin with nine redundant constraints, a spring, 1100 rad/s at the end."""
-    loops = ClosedLoops(built(eomgen.load_robot("andrews"), *KERNELS))
-    places = [loops.kernel.coordinates.index(f"{name}.gamma") for name in ANDREWS]
-    q, u = np.zeros(7), np.zeros(7)
-    q[places], u[places[0]] = ANDREWS_START, 0.033
-    found = loops.forward_dynamics(q, np.zeros(7), u)
-    assert np.abs(found.a[places[:2]] - [14222.4439199541387, -10666.8329399655854]).max() <= 1e-8
-    assert np.abs(found.a[places[2:]]).max() <= 1e-8
-    assert (found.redundancy.mobility, len(found.redundancy.redundant)) == (1, 9)
-    motion = integrate(loops.kernel, q, np.zeros(7), 0.03, drive=lambda t, q, v: u, step=2e-5, output_step=0.01)
-    assert np.abs(motion.q[-1][places] - ANDREWS_END).max() <= 1e-8
-    rates = np.array(ANDREWS_RATES)
-    assert (np.abs(motion.v[-1][places[:5]] - rates) <= 1e-8 * rates.max()).all()
-    assert motion.info["gap"] <= 1e-12
-    energy = motion.energy.sum(axis=1)
-    turned = motion.q[-1, places[0]] - q[places[0]]
-    assert abs(energy[-1] - energy[0] - 0.033 * turned) <= 1e-8 * energy[-1]

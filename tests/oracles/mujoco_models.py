@@ -24,14 +24,14 @@ class MujocoRobot:
         moving = [joint for joint in robot.joints if joint.coordinates]
         self._moved = [(self.model.body(joint.child).id, np.array(joint.axis_turn)) for joint in moving]
 
-    def _set(self, q: Array, v: Array) -> None:
+    def set_state(self, q: Array, v: Array) -> None:
         self.data.qpos[:], self.data.qvel[:] = q, v
         mujoco.mj_forward(self.model, self.data)
 
     def mass_matrix(self, q: Array) -> Array:
         """M, (n, n), with armature: column by column, the force that a unit acceleration takes."""
         zero, n = np.zeros_like(q), q.size
-        self._set(q, zero)
+        self.set_state(q, zero)
         columns = np.empty((n, n))
         for i in range(n):
             mujoco.mj_mulM(self.model, self.data, columns[i], np.eye(n)[i])
@@ -39,7 +39,7 @@ class MujocoRobot:
 
     def inverse_dynamics(self, q: Array, v: Array, a: Array) -> Array:
         """M a + bias - passive forces, (n,)."""
-        self._set(q, v)
+        self.set_state(q, v)
         self.data.qacc[:] = a
         mujoco.mj_inverse(self.model, self.data)
         return np.array(self.data.qfrc_inverse)
@@ -49,7 +49,7 @@ class MujocoRobot:
 
         MuJoCo has it as moment and force about the centre of mass of all that hangs on the same root, world axes.
         """
-        self._set(q, v)
+        self.set_state(q, v)
         self.data.qacc[:] = a
         mujoco.mj_rnePostConstraint(self.model, self.data)
         found = []
@@ -62,14 +62,14 @@ class MujocoRobot:
 
     def bias_force(self, q: Array, v: Array) -> Array:
         """Coriolis and centrifugal terms, (n,): MuJoCo's bias less its value at rest, which is gravity's."""
-        self._set(q, v)
+        self.set_state(q, v)
         moving = np.array(self.data.qfrc_bias)
-        self._set(q, np.zeros_like(v))
+        self.set_state(q, np.zeros_like(v))
         return moving - np.array(self.data.qfrc_bias)
 
     def energy(self, q: Array, v: Array) -> Array:
         """(kinetic, potential), J."""
-        self._set(q, v)
+        self.set_state(q, v)
         mujoco.mj_energyPos(self.model, self.data)
         mujoco.mj_energyVel(self.model, self.data)
         return np.array([self.data.energy[1], self.data.energy[0]])
@@ -77,7 +77,7 @@ class MujocoRobot:
     def trajectory(self, q: Array, v: Array, u: Array, steps: int, every: int) -> Array:
         """States (q, v) after every so many RK4 steps under constant drives, (steps / every + 1, 2n)."""
         mujoco.mj_resetData(self.model, self.data)
-        self._set(q, v)
+        self.set_state(q, v)
         self.data.qfrc_applied[:] = u
         states = [np.concatenate([q, v])]
         for i in range(1, steps + 1):

@@ -107,14 +107,14 @@ class PinocchioOracle:
 
     def frame_pose(self, q: Array, name: str) -> Array:
         pin.framesForwardKinematics(self.model, self.data, q)
-        return np.array(self.data.oMf[self._frame(name)].homogeneous)
+        return np.array(self.data.oMf[self.frame_number(name)].homogeneous)
 
     def frame_jacobian(self, q: Array, name: str) -> Array:
         pin.computeJointJacobians(self.model, self.data, q)
         pin.updateFramePlacements(self.model, self.data)
-        return np.array(pin.getFrameJacobian(self.model, self.data, self._frame(name), pin.LOCAL_WORLD_ALIGNED))
+        return np.array(pin.getFrameJacobian(self.model, self.data, self.frame_number(name), pin.LOCAL_WORLD_ALIGNED))
 
-    def _frame(self, name: str) -> int:
+    def frame_number(self, name: str) -> int:
         """A frame of the description, or a link."""
         known = [frame.name for frame in self.model.frames]
         return known.index(f"frame {name}" if f"frame {name}" in known else name)
@@ -189,3 +189,15 @@ class UrdfOracle:
 
 def _pose(placement: Placement) -> pin.SE3:
     return pin.SE3(np.array(placement.rotation), np.array(placement.xyz))
+
+
+def numerical_tangents(oracle: PinocchioOracle, q: Array, wrench: Array, frame: str) -> tuple[Array, Array, Array]:
+    """K (with the dead wrench's geometric part) and D by central differences of Pinocchio's forces, and its M."""
+    zero, h = np.zeros(len(q)), 1e-5
+
+    def force(at: Array, v: Array) -> Array:
+        return oracle.inverse_dynamics(at, v, zero) - oracle.frame_jacobian(at, frame).T @ wrench
+
+    K = np.array([(force(q + h * e, zero) - force(q - h * e, zero)) / (2 * h) for e in np.eye(len(q))]).T
+    D = np.array([(force(q, h * e) - force(q, -h * e)) / (2 * h) for e in np.eye(len(q))]).T
+    return K, D, oracle.mass_matrix(q)

@@ -10,52 +10,11 @@ import pinocchio as pin
 from scipy.integrate import quad
 from scipy.interpolate import PchipInterpolator
 
+import eomgen
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot, Spring
 from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.support.random_robots import Array
-
-KINDS = ("linear", "zero", "zero damped", "cable", "curve", "damper")
-
-
-def random_spring(rng: np.random.Generator, name: str, links: tuple[str, str], kind: str) -> Spring:
-    """A spring of a kind whose numbers count at lengths of about 1 m."""
-    points = tuple(tuple(float(x) for x in rng.uniform(-0.5, 0.5, 3)) for _ in range(2))
-
-    def draw(low: float, high: float) -> float:
-        return float(rng.uniform(low, high))
-
-    spring = Spring(name, links, points)  # type: ignore[arg-type]
-    if kind == "linear":
-        return replace(spring, free_length=draw(0.1, 1.5), stiffness=draw(20.0, 200.0), damping=draw(0.0, 10.0))
-    if kind == "zero":
-        return replace(spring, stiffness=draw(20.0, 200.0), free_length=0.0 if rng.random() < 0.3 else None)
-    if kind == "zero damped":
-        return replace(spring, stiffness=draw(20.0, 200.0), damping=draw(1.0, 10.0))
-    if kind == "cable":
-        smoothing = draw(0.05, 0.5) if rng.random() < 0.7 else None
-        return replace(
-            spring, tension_only=True, free_length=draw(0.3, 1.0), stiffness=draw(50.0, 200.0),
-            damping=draw(1.0, 20.0), smoothing=smoothing,
-        )  # fmt: skip
-    if kind == "curve":
-        knots = np.cumsum(rng.uniform(0.1, 0.5, 5)) - 0.8
-        forces = rng.uniform(-30.0, 30.0, 5)
-        curve = tuple((float(x), float(y)) for x, y in zip(knots, forces, strict=True))
-        return replace(spring, free_length=draw(0.2, 1.0), curve=curve, damping=draw(0.0, 5.0))
-    return replace(spring, damping=draw(1.0, 20.0))
-
-
-def with_springs(robot: Robot, seed: int, kinds: tuple[str, ...] = KINDS) -> Robot:
-    """The robot with a spring of every kind between random links that move against each other."""
-    rng = np.random.default_rng(seed)
-    body_of = build_model(robot).body_of
-    links = [robot.base, *(link.name for link in robot.links)]
-    pairs = [(a, b) for a in links for b in links if body_of[a] != body_of[b]]
-    springs = []
-    for i, kind in enumerate(kinds):
-        springs.append(random_spring(rng, f"spring{i + 1}", pairs[int(rng.integers(len(pairs)))], kind))
-    return replace(robot, springs=tuple(springs))
 
 
 def pulled(spring: Spring, length: float, rate: float) -> float:
@@ -191,3 +150,27 @@ class SpringOracle:
             behind = model.frames[number].placement * pin.SE3(np.array(joint.axis_turn), np.zeros(3))
             found.append(behind.actInv(data.f[at]).vector)
         return np.array(found)
+
+
+def implicit_step(
+    robot: Robot, kernel: eomgen.Kernel, q: Array, v: Array, u: Array, dt: float, given: Array | None = None
+) -> Array:
+    """Accelerations of the formula, with the whole matrix; where ``given``, u is one."""
+    k, b = (np.array([getattr(c, key) or 0.0 for j in robot.joints for c in j.coordinates.values()])
+            for key in ("stiffness", "damping"))  # fmt: skip
+    A = kernel.mass_matrix(q) + np.diag(dt * b + dt * dt * k)
+    right = u - kernel.bias_force(q, v) + kernel.generalized_force(q, v) - dt * k * v
+    arms, pairs = kernel.spring_jacobian(q), kernel.spring_forces(q, v)
+    for spring, arm, (length, now) in zip(robot.springs, arms, pairs, strict=True):
+        rate, h = float(arm @ v), 1e-6
+        e = length + dt * rate
+        ahead = pulled(spring, e, rate)
+        by_e = (pulled(spring, e + h, rate) - pulled(spring, e - h, rate)) / (2 * h)
+        by_rate = (pulled(spring, e, rate + h) - pulled(spring, e, rate - h)) / (2 * h)
+        right -= arm * (ahead - now)
+        A += max(dt * by_rate + dt * dt * by_e, 0.0) * np.outer(arm, arm)
+    if given is None:
+        return np.asarray(np.linalg.solve(A, right))
+    free, a = ~given, np.array(u)
+    a[free] = np.linalg.solve(A[np.ix_(free, free)], right[free] - A[np.ix_(free, given)] @ u[given])
+    return a

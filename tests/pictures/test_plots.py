@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,15 +11,15 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 import eomgen
 from eomgen.errors import InputError
 from eomgen.files import FIGURE_ENDINGS
 from eomgen.pictures import energy as motion_plots
-from eomgen.pictures import zeros as zero_plots
 from eomgen.pictures.robot import plot_robot
 from eomgen.pictures.simulation import plot_result
-from eomgen.pictures.style import canvas, scale_of
+from eomgen.pictures.style import scale_of
 from eomgen.pictures.zeros import plot_zeros
 from eomgen.robot.model import build_model
 from eomgen.robot.record import record_of, robot_hash, robot_of
@@ -30,9 +28,9 @@ from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.result import SimulationResult, simulated_robot
 from eomgen.simulation.run import run_scenario, simulate
 from tests.oracles.force_laws import with_laws
-from tests.oracles.springs import with_springs
 from tests.support.random_motors import with_motors
 from tests.support.random_robots import random_robot, random_state, with_random_loops
+from tests.support.random_springs import with_springs
 
 SCENARIO = """
 duration = 0.2
@@ -53,17 +51,14 @@ def result() -> SimulationResult:
 
 @pytest.fixture
 def figures(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """The figures that are drawn, kept."""
-    kept: list[Any] = []
+    """The figures of Matplotlib that are written, kept."""
+    kept, write = list[Any](), Figure.savefig
 
-    @contextmanager
-    def keeping(*arguments: Any) -> Iterator[Any]:
-        with canvas(*arguments) as figure:
-            kept.append(figure)
-            yield figure
+    def keeping(figure: Figure, *arguments: Any, **options: Any) -> None:
+        kept.append(figure)
+        write(figure, *arguments, **options)
 
-    for module in (motion_plots, zero_plots):
-        monkeypatch.setattr(module, "canvas", keeping)
+    monkeypatch.setattr(Figure, "savefig", keeping)
     return kept
 
 
@@ -220,26 +215,16 @@ def test_a_result_of_every_kind_keeps_its_robot(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["two_arms", "four_bar", "balanced_arm", "geared_arm"])
-def test_a_robot_is_drawn_where_its_frames_are(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_robot_is_drawn_where_its_frames_are(name: str, tmp_path: Path, figures: list[Any]) -> None:
     """Faces around every joint's origin; axes, cut joints, springs and frames where poses in space have them."""
-    from eomgen.pictures import robot as robot_plots
     from eomgen.pictures.scene import link_poses, spring_lines
 
-    kept: list[Any] = []
-
-    @contextmanager
-    def keeping(*arguments: Any) -> Iterator[Any]:
-        with canvas(*arguments) as figure:
-            kept.append(figure)
-            yield figure
-
-    monkeypatch.setattr(robot_plots, "canvas", keeping)
     robot = eomgen.load_robot(name)
     coordinates = build_model(robot).coordinates
     q = np.linspace(0.1, 0.4, len(coordinates))
     path = plot_robot(robot, tmp_path / "robot.svg", dict(zip(coordinates, q.tolist(), strict=True)))
     poses = link_poses(robot, coordinates, q)
-    (axes,) = kept[0].axes
+    (axes,) = figures[0].axes
     lines = [np.array(line.get_data_3d()).T for line in axes.lines]
     moving = [poses[joint.child][:3, 3] for joint in robot.joints if joint.coordinates]
     for origin in moving:

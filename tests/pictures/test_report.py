@@ -13,52 +13,19 @@ import pytest
 import eomgen
 from eomgen.analysis.modal import modes
 from eomgen.cli import entry as cli
-from eomgen.description.load import robot_from_toml
 from eomgen.errors import InputError
 from eomgen.pictures.page import report_of
 from eomgen.robot.value import Robot
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.result import SimulationResult
 from eomgen.simulation.run import run_scenario
-from tests.oracles.springs import with_springs
+from tests.support.bending_arm import bending_arm
 from tests.support.browser import open_page
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
 VOID = {"meta", "br", "img", "link", "hr", "input"}
 HOSTILE = "<script>alert('x')</script>&amp;\"<img src=x onerror=alert(1)>"
-ARM = """
-name = "arm"
-[[links]]
-name = "link1"
-mass = 3.0
-com = [0.2, 0.0, 0.0]
-inertia = { xx = 0.01, yy = 0.05, zz = 0.05 }
-[[links]]
-name = "link2"
-mass = 1.5
-com = [0.15, 0.0, 0.0]
-inertia = { xx = 0.005, yy = 0.02, zz = 0.02 }
-[[joints]]
-name = "joint1"
-parent = "base"
-child = "link1"
-type = "revolute"
-x = { stiffness = 2e5, damping = 80.0 }
-alpha = { stiffness = 4e3, damping = 3.0 }
-[[joints]]
-name = "joint2"
-parent = "link1"
-child = "link2"
-type = "revolute"
-placement = { xyz = [0.4, 0.0, 0.0], rpy = [1.5707963267948966, 0.0, 0.0] }
-y = { stiffness = 1e5, damping = 60.0 }
-gamma = { damping = 0.2 }
-[[frames]]
-name = "tcp"
-link = "link2"
-placement = { xyz = [0.3, 0.0, 0.0] }
-"""
 SCENARIO = """
 duration = 0.2
 output_step = 0.002
@@ -116,7 +83,7 @@ def read(html: str) -> Reader:
 
 @pytest.fixture(scope="module")
 def robot() -> Robot:
-    return with_springs(robot_from_toml(ARM), 0)
+    return bending_arm()
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ import pytest
 
 import eomgen
 from eomgen.cli import entry as cli
-from eomgen.description.load import load_robot, robot_from_toml
+from eomgen.description.load import load_robot
 from eomgen.errors import InputError
 from eomgen.pictures import shapes as visuals
 from eomgen.pictures.browser import View
@@ -35,13 +35,11 @@ from eomgen.robot.value import Robot
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.result import SimulationResult
 from eomgen.simulation.run import run_scenario
-from tests.codegen.kernels.test_offsets import with_offsets
 from tests.oracles.pinocchio_models import PinocchioOracle
-from tests.oracles.springs import with_springs
-from tests.pictures.test_report import ARM
+from tests.support.bending_arm import bending_arm
 from tests.support.browser import open_page
 from tests.support.description_samples import example_urdfs
-from tests.support.random_robots import random_robot, random_state
+from tests.support.random_robots import random_robot, random_state, with_offsets
 
 SCENARIO = """
 duration = 0.4
@@ -57,7 +55,7 @@ force = [4.0, 2.0, 3.0]
 
 @pytest.fixture(scope="module")
 def robot() -> Robot:
-    return with_springs(robot_from_toml(ARM), 0)
+    return bending_arm()
 
 
 @pytest.fixture(scope="module")
@@ -249,20 +247,18 @@ def test_controls_move_the_scene(view: View, result: SimulationResult, robot: Ro
     names = result.trajectory.coordinates
     tip = "link2"
     for share, power in ((0.0, 0.0), (1.0, 0.0), (0.5, 1.0)):
-        view._time.value, view._power.value = share * result.trajectory.t[-1], power
-        view.show()
-        k = int(np.abs(result.trajectory.t - view._time.value).argmin())
+        view.time, view.factor = share * result.trajectory.t[-1], 10.0**power
+        k = int(np.abs(result.trajectory.t - view.time).argmin())
         for kind, q in (("reality", exaggerated(result, 10.0**power)), ("program", program_positions(result))):
             pose = link_poses(robot, names, q[k])[tip]
-            handle = view._frames[kind][tip]
-            assert np.allclose(handle.position, pose[:3, 3], atol=1e-9)
-            assert np.allclose(handle.wxyz, quaternions(pose), atol=1e-9)
-    view._toggle()
-    start = view._time.value
+            assert np.allclose(view.drawn(kind, tip), [*pose[:3, 3], *quaternions(pose)], atol=1e-9)
+    assert not view.playing
+    view.playing = True
+    start = view.time
     deadline = time.monotonic() + 10.0
-    while view._time.value == start and time.monotonic() < deadline:
+    while view.time == start and time.monotonic() < deadline:
         time.sleep(0.02)
-    assert view._time.value != start
+    assert view.time != start
 
 
 def test_what_cannot_be_viewed(
@@ -286,17 +282,17 @@ def test_a_browser_shows_the_scene_and_its_slider_moves_it(view: View) -> None:
         page.wait_for_timeout(3000)
         sliders = page.get_by_role("slider")
         assert sliders.count() == 2
-        before, value = page.screenshot(), view._power.value
+        before, factor = page.screenshot(), view.factor
         sliders.nth(1).focus()
         for _ in range(12):
             page.keyboard.press("ArrowLeft")
         page.wait_for_timeout(2000)
-        assert view._power.value < value
+        assert view.factor < factor
         assert page.screenshot() != before
         sliders.nth(0).focus()
         for _ in range(40):
             page.keyboard.press("ArrowRight")
         page.wait_for_timeout(2000)
-        assert view._time.value > 0.0
+        assert view.time > 0.0
         assert found.errors == []
         assert all(url.startswith((view.address, "data:", "blob:", "ws:")) for url in found.requests)

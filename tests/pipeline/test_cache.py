@@ -19,15 +19,14 @@ import pytest
 
 import eomgen
 from eomgen.cli import entry as cli
-from eomgen.codegen.package import compile as compiling
 from eomgen.description import keys as robot_keys
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import BuildError, DescriptionError, InputError
 from eomgen.pipeline.cache import KINDS, VARIABLE, is_whole
-from eomgen.pipeline.stages import Options, _cached_package, cache_keys, generate
+from eomgen.pipeline.stages import Options, cache_keys, generate, make_package
 from eomgen.scenario import keys as scenario_keys
 from eomgen.sweep import keys as plan_keys
-from tests.conftest import Build
+from tests.support.builds import Build
 from tests.support.quick_builds import (
     BUILD,
     QUICK,
@@ -40,6 +39,7 @@ from tests.support.quick_builds import (
     python,
     script,
     truncate,
+    without_headers,
 )
 
 
@@ -117,10 +117,10 @@ DAMAGES = [
 
 @pytest.mark.parametrize(("kind", "pattern", "damage"), DAMAGES)
 def test_damaged_entries_are_made_again(
-    kind: str, pattern: str, damage: Any, empty_cache: Path, monkeypatch: pytest.MonkeyPatch
+    kind: str, pattern: str, damage: Any, filled_cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     kernel = one_link()
-    (folder,) = (empty_cache / kind).iterdir()
+    (folder,) = (filled_cache / kind).iterdir()
     (path,) = folder.glob(pattern)
     damage(path)
     assert not is_whole(folder)
@@ -129,13 +129,13 @@ def test_damaged_entries_are_made_again(
     assert np.array_equal(one_link(steps).mass_matrix(Q), kernel.mass_matrix(Q))
     assert [step.split()[0] for step in steps] == (["compiling"] if kind == "packages" else ["importing", "deriving"])
     assert is_whole(folder)
-    assert sorted(path.name for path in empty_cache.iterdir()) == ["locks", "packages", "sources"]
+    assert sorted(path.name for path in filled_cache.iterdir()) == ["locks", "packages", "sources"]
 
 
-def test_a_kernel_outlives_its_cache(empty_cache: Path) -> None:
+def test_a_kernel_outlives_its_cache(filled_cache: Path) -> None:
     kernel = one_link()
     expected = kernel.mass_matrix(Q)
-    shutil.rmtree(empty_cache)
+    shutil.rmtree(filled_cache)
     assert np.array_equal(kernel.mass_matrix(Q), expected)
     assert np.array_equal(one_link().mass_matrix(Q), expected)
 
@@ -160,9 +160,9 @@ def test_a_read_only_cache(empty_cache: Path) -> None:
 
 
 @pytest.mark.parametrize("mode", [0o770, 0o702, 0o777])
-def test_a_cache_that_others_may_write_to(mode: int, empty_cache: Path) -> None:
+def test_a_cache_that_others_may_write_to(mode: int, filled_cache: Path) -> None:
     one_link()
-    empty_cache.chmod(mode)
+    filled_cache.chmod(mode)
     with pytest.raises(BuildError) as error:
         one_link()
     assert f"may be written by others (mode {mode:o}); run chmod go-w on it" in reported(error)
@@ -290,9 +290,9 @@ def test_no_key_of_a_file_names_a_compiler_or_a_flag() -> None:
 def test_without_python_headers(empty_cache: Path, monkeypatch: pytest.MonkeyPatch, built: Build) -> None:
     """cffi's ABI mode gives the same numbers, and a package that stands on its own."""
     expected = one_link()
-    monkeypatch.setattr(compiling, "_headers", lambda: None)
+    without_headers(monkeypatch)
     plain = eomgen.build(eomgen.load_robot("one_link"), flags=("-O0",))
-    assert "CompiledLib" not in type(plain._lib).__name__
+    assert len(list((empty_cache / "packages").glob("*/libone_link.so"))) == 1
     assert np.array_equal(plain.mass_matrix(Q), expected.mass_matrix(Q))
     assert plain.forward_dynamics(Q, Q, Q).shape == (2,)
     target = generate(eomgen.load_robot("one_link"), empty_cache / "out", Options(flags=("-O0",)))
@@ -360,7 +360,7 @@ def test_loading_again_does_not_import_sympy(built: Build) -> None:
     """What makes the second start of the 36 coordinates quick."""
     robot = eomgen.load_robot("puma560_elastic")
     options = Options(("mass_matrix", "inverse_dynamics", "forward_dynamics"), flags=("-O0",))
-    _cached_package(robot, options, lambda _: None)
+    make_package(robot, options)
     code = f"""
         import json, sys
         import eomgen

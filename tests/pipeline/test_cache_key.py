@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import ast
-import json
 import os
 import random
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import cffi
 import pytest
 
 import eomgen
@@ -20,7 +21,7 @@ from eomgen.codegen.c.source import Source
 from eomgen.codegen.package import compile as compiling
 from eomgen.pipeline import cache
 from eomgen.pipeline.generator_files import generator_files
-from eomgen.pipeline.stages import _cached_package, load_kernel
+from eomgen.pipeline.stages import load_kernel, make_source
 from tests.support.quick_builds import QUICK, Q
 
 EOMGEN = Path(eomgen.__path__[0])
@@ -78,130 +79,86 @@ def test_a_change_of_any_file_changes_the_hash(deep: str, tmp_path: Path) -> Non
 
 def altered(text: str, rng: random.Random) -> str:
     """One character replaced, left out or put in."""
-    at, new = rng.randrange(len(text)), rng.choice("abcxyz0123456789 .+-*/;")
+    at, new = rng.randrange(max(len(text), 1)), rng.choice("abcxyz0123456789 .+-*/;")
     return rng.choice([text[:at] + new + text[at + 1 :], text[:at] + text[at + 1 :], text[:at] + new + text[at:]])
 
 
-COMPILER = compiling.Compiler(("cc", "-m64"), "cc (Debian 12.2.0-14) 12.2.0")
+COMPILER = compiling.Compiler(("cc", "-m64"), "cc (Debian 12.2.0-14) 12.2.0", ("-DA=1",), ("-L/lib",))
 FLAGS = ("-O2", "-march=native")
-INTERFACE = compiling.interface()
-KEY_OF: dict[str, Callable[[pytest.MonkeyPatch, Source, str], str]] = {
-    **{
-        name: lambda _, source, text, name=name: compiling.build_key(replace(source, **{name: text}), COMPILER, FLAGS)
-        for name in ("header", "code", "cdef", "meta")
-    },
-    "flags": lambda _, source, text: compiling.build_key(source, COMPILER, (*FLAGS, *text.split(" "))),
-    "command": lambda _, source, text: compiling.build_key(
-        source, replace(COMPILER, command=tuple(text.split(" "))), FLAGS
-    ),
-    "version": lambda _, source, text: compiling.build_key(source, replace(COMPILER, version=text), FLAGS),
-    **{
-        name: lambda patch, source, text, name=name: (
-            patch.setattr(compiling, "interface", lambda: {**INTERFACE, name: text}),
-            compiling.build_key(source, COMPILER, FLAGS),
-        )[1]
-        for name in INTERFACE
-    },
-    "processor": lambda patch, source, text: (
-        patch.setattr(compiling, "processor", lambda: text),
-        compiling.build_key(source, COMPILER, FLAGS),
-    )[1],
-    "eomgen": lambda patch, source, text: (
-        patch.setattr(compiling, "__version__", text),
-        compiling.build_key(source, COMPILER, FLAGS),
-    )[1],
-    "cffi": lambda patch, source, text: (
-        patch.setattr(compiling.cffi, "__version__", text),
-        compiling.build_key(source, COMPILER, FLAGS),
-    )[1],
-}
 
 
-@pytest.mark.parametrize("component", KEY_OF)
-def test_the_key_covers(component: str, empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A hundred random changes of each thing that a package depends on: a hundred and one keys."""
-    rng = random.Random(component)
-    source = one_link_source()
-    start = {
-        **vars(source),
-        **INTERFACE,
-        "flags": "-DA=1 -DB=2",
-        "command": "cc -m64",
-        "version": COMPILER.version,
-        "processor": compiling.processor(),
-        "eomgen": eomgen.__version__,
-        "cffi": compiling.cffi.__version__,
-    }[component]
-    texts = {start}
-    while len(texts) < 101:
-        texts.add(altered(rng.choice(sorted(texts)) if len(start) < 40 else start, rng) or "0")
-    keys = {}
-    for text in sorted(texts):
-        with pytest.MonkeyPatch.context() as patch:
-            keys[text] = KEY_OF[component](patch, source, text)
-    assert len(set(keys.values())) == 101
-    assert KEY_OF[component](monkeypatch, source, start) == keys[start]
+@pytest.fixture(scope="module")
+def source() -> Source:
+    return make_source(eomgen.load_robot("one_link"), QUICK)
 
 
-def one_link_source() -> Source:
-    entry = _cached_package(eomgen.load_robot("one_link"), QUICK, lambda _: None)
-    assert entry.kind == "packages"
-    (folder,) = (cache.cache_folder() / "sources").iterdir()
-    return Source(**json.loads((folder / "source.json").read_text(encoding="ascii")))
+def places_in(parts: Any, way: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Ways to all texts and lists among the parts of a key."""
+    if isinstance(parts, str | list):
+        yield way
+    for key, part in parts.items() if isinstance(parts, dict) else enumerate(parts) if isinstance(parts, list) else ():
+        yield from places_in(part, (*way, key))
 
 
-@pytest.mark.parametrize("file", [*compiling.carried_files(), "compile.py", "package.py.jinja"])
-def test_the_key_covers_what_is_packed(
-    file: str, empty_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Also what is copied into a package, and how it is put together."""
-    rng, source, keys = random.Random(file), one_link_source(), set[str]()
-    if file == "compile.py":
-        text, other = Path(compiling.__file__).read_text(), tmp_path / file
-        monkeypatch.setattr(compiling, "__file__", str(other))
-    elif file == "package.py.jinja":
-        text, other = compiling._template().read_text(), tmp_path / file
-        monkeypatch.setattr(compiling, "_template", lambda: other)
-    else:
-        carried = compiling.carried_files()
-        text, other = carried[file].read_text(), tmp_path / "carried.py"
-        monkeypatch.setattr(compiling, "carried_files", lambda: {**carried, file: other})
-    texts = {text}
-    while len(texts) < 101:
-        texts.add(altered(text, rng))
-    for changed in sorted(texts):
-        other.write_text(changed)
-        keys.add(compiling.build_key(source, COMPILER, FLAGS))
-    assert len(keys) == 101
+def test_the_key_covers_every_part(source: Source) -> None:
+    """A hundred random changes of each text that a package depends on: a hundred and one keys; lists likewise."""
+    parts, rng = compiling.dependencies(source, COMPILER, FLAGS), random.Random(1)
+    assert compiling.build_key(source, COMPILER, FLAGS) == compiling.key_of(parts)
+    keys, count = {compiling.key_of(parts)}, 0
+    for *way, last in places_in(parts):
+        owner = parts
+        for key in way:
+            owner = owner[key]
+        start = owner[last]
+        texts = {start} if isinstance(start, str) else set()
+        while isinstance(start, str) and len(texts) < 101:
+            texts.add(altered(rng.choice(sorted(texts)) if len(start) < 40 else start, rng))
+        for changed in texts - {start} if texts else ([*start, "x"], ["x", *start]):
+            owner[last] = changed
+            keys.add(compiling.key_of(parts))
+            count += 1
+        owner[last] = start
+    assert len(keys) == count + 1
+    assert count > 3000
 
 
-def test_flags_and_command_are_kept_apart(empty_cache: Path) -> None:
-    source = one_link_source()
+def test_the_parts_are_all_that_a_package_depends_on(source: Source) -> None:
+    """Source, compiler, flags, the machine; what is carried and how it is put together, as the files are."""
+    parts = compiling.dependencies(source, COMPILER, FLAGS)
+    assert parts["source"] == vars(source)
+    assert (parts["command"], parts["compiler"]) == (["cc", "-m64"], COMPILER.version)
+    assert (parts["flags"], parts["environment"]) == (["-O2", "-march=native"], [["-DA=1"], ["-L/lib"]])
+    assert (parts["eomgen"], parts["cffi"]) == (eomgen.__version__, cffi.__version__)
+    assert parts["interface"] == compiling.interface()
+    assert {"suffix", "python", "headers", "system", "machine", "library"} == set(parts["interface"])
+    assert parts["carried"] == {name: (EOMGEN / name).read_text("utf-8") for name in compiling.carried_files()}
+    assert {"errors.py", "names.py", "runtime/kernel.py"} < set(parts["carried"])
+    made = [Path(compiling.__file__), EOMGEN / "templates" / "package.py.jinja"]
+    assert parts["package"] == [path.read_text("utf-8") for path in made]
+
+
+def test_flags_and_command_are_kept_apart(source: Source) -> None:
     one = compiling.build_key(source, compiling.Compiler(("ccache", "cc"), "1"), ("-O2",))
     other = compiling.build_key(source, compiling.Compiler(("cc",), "1"), ("-O2", "ccache"))
     assert one != other
 
 
-def test_only_code_for_this_processor_depends_on_it(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    source = one_link_source()
-    monkeypatch.setattr(compiling, "processor", lambda: "another one")
-    changed = [compiling.build_key(source, COMPILER, flags) for flags in ((), ("-march=native",), ("-mcpu=native",))]
-    monkeypatch.undo()
-    now = [compiling.build_key(source, COMPILER, flags) for flags in ((), ("-march=native",), ("-mcpu=native",))]
-    assert [a == b for a, b in zip(changed, now, strict=True)] == [True, False, False]
+@pytest.mark.parametrize(("flag", "tuned"), [("-O2", False), ("-march=native", True), ("-mcpu=native", True)])
+def test_only_code_for_this_processor_depends_on_it(flag: str, tuned: bool) -> None:
+    assert compiling.processor()
+    assert compiling.toolchain(COMPILER, (flag,))["processor"] == (compiling.processor() if tuned else "")
 
 
-def test_another_source_gives_another_kernel(empty_cache: Path) -> None:
+def test_another_source_gives_another_kernel(source: Source, empty_cache: Path) -> None:
     """In one process and in the same cache: what was compiled last is what runs, and the old one stays what it was."""
-    compiler, sources = compiling.find_compiler(), [one_link_source()]
-    code = sources[0].code
-    assert code.count("0.3333333333333333") > 0
-    sources += [replace(sources[0], code=code.replace("0.3333333333333333", f"{number}.25")) for number in range(1, 4)]
+    compiler = compiling.find_compiler()
+    assert source.code.count("0.3333333333333333") > 0
+    sources = [source, replace(source, code=source.code.replace("0.3333333333333333", "1.25"))]
     kernels = []
-    for source in sources:
-        key = compiling.build_key(source, compiler, ("-O0",))
+    for changed in sources:
+        key = compiling.build_key(changed, compiler, ("-O0",))
         package = cache.entry(
-            "packages", key, lambda folder, s=source: compiling.write_package(s, compiler, ("-O0",), folder)
+            "packages", key, lambda folder, s=changed: compiling.write_package(s, compiler, ("-O0",), folder)
         )
         kernels.append(load_kernel(package, "one_link"))
-    assert [kernel.mass_matrix(Q)[1, 1] for kernel in kernels] == [1.0 / 3.0, 1.25, 2.25, 3.25]
+    assert [kernel.mass_matrix(Q)[1, 1] for kernel in kernels] == [1.0 / 3.0, 1.25]

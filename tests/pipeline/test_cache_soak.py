@@ -24,7 +24,7 @@ import eomgen
 from eomgen.errors import BuildError
 from eomgen.pipeline import cache
 from eomgen.pipeline.cache import VARIABLE
-from eomgen.pipeline.stages import _cached_package
+from eomgen.pipeline.stages import make_package
 from tests.support.quick_builds import QUICK, Q, as_new_process, logging_compiler, one_link
 
 LIMIT = 5.0  # s, beyond a build, for the next call to be right
@@ -300,7 +300,7 @@ def test_every_write_that_fails_is_reported(empty_cache: Path, monkeypatch: pyte
         with monkeypatch.context() as patch:
             for name in ("write_text", "write_bytes"):
                 patch.setattr(Path, name, until(limit, getattr(Path, name)))
-            package, said = attempt(lambda: _cached_package(robot, QUICK, lambda _: None))
+            package, said = attempt(lambda: make_package(robot, QUICK))
         if package is not None:
             break
         failures += 1

@@ -10,7 +10,7 @@ import pytest
 
 import eomgen
 from eomgen.errors import ArrayError, InputError, UnknownNameError
-from tests.conftest import Build
+from tests.support.builds import Build
 
 STATES = 3
 VECTOR = "expected float64 of shape (2,) or (N, 2)"

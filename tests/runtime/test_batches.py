@@ -12,7 +12,7 @@ import pytest
 import eomgen
 from eomgen.errors import InputError, SingularError
 from eomgen.robot.value import COORDINATES, Coordinate, Joint, Link, Robot
-from tests.conftest import Build
+from tests.support.builds import Build
 from tests.support.random_robots import Array, random_robot, random_state, seeds
 
 STATES = 21  # no multiple of any number of lanes

@@ -14,10 +14,10 @@ import eomgen
 from eomgen.codegen.joint.zeros import zero_map
 from eomgen.errors import UnknownNameError
 from eomgen.robot.model import build_model
-from tests.codegen.joint.test_zeros import chain, generic
-from tests.conftest import Build
 from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.oracles.unpruned import brute_force
+from tests.support.builds import Build
+from tests.support.generic_robots import chain, generic
 from tests.support.random_robots import random_robot, random_state
 
 KERNELS = ("mass_matrix", "christoffel")

@@ -24,7 +24,7 @@ from eomgen.simulation.assembly import KERNELS as NEEDED
 from eomgen.simulation.assembly import assemble
 from eomgen.simulation.run import simulate
 from eomgen.sweep.pace import Pace, roll
-from tests.conftest import Build
+from tests.support.builds import Build
 
 METHODS = ("rk4", "RK45", "DOP853", "Radau", "BDF", "LSODA", "CVODE", "IDA")
 KERNELS = (

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 import eomgen
 from eomgen.errors import ArrayError, InputError, IntegrationError, SingularError, UnknownNameError
 from eomgen.robot.value import PRINCIPAL, Robot
-from tests.conftest import Build
+from tests.support.builds import Build
 from tests.support.random_robots import Array, random_robot, random_state
 
 TYPES = ("revolute", "prismatic", "fixed", "free")

@@ -11,9 +11,9 @@ from eomgen.adapters.mappings import FRAMES, FUNCTIONS, DifferentiableFunction, 
 from eomgen.robot.value import Robot
 from tests.oracles.force_laws import KINDS as LAWS
 from tests.oracles.force_laws import with_laws
-from tests.oracles.springs import with_springs
 from tests.support.random_motors import geared_robot, motor_state
 from tests.support.random_robots import Array, random_robot, random_state, with_random_loops
+from tests.support.random_springs import with_springs
 
 KINDS = ("plain", "laws", "motors", "springs", "loops")
 TYPES = ("revolute", "prismatic", "fixed", "free")

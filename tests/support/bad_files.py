@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from pathlib import Path
 
+from eomgen.description.load import load_robot
+from eomgen.scenario.load import load_scenario
+from eomgen.sweep.plan import load_plan
 from tests.support.description_samples import ARM, URDF
 
 SCENARIO = 'duration = 1.0\n[motion]\ntype = "point_to_point"\ngoal = [1.0]\n'
@@ -220,3 +224,12 @@ BAD_FILES = {
     ),
     "plan of two grids": bad("plan.toml", PLAN * 2, "vary[1] (line 4)", "varied before", "once"),
 }
+
+
+READERS = {"robot": load_robot, "scenario": load_scenario, "plan": load_plan}
+
+
+def written(case: BadFile, folder: Path) -> Path:
+    path = folder / case.name
+    path.write_bytes(case.content)
+    return path

@@ -22,7 +22,7 @@ from eomgen.codegen.program.passes import run_passes
 from eomgen.robot.model import Model, build_model
 from eomgen.robot.parameter_names import parameters
 from eomgen.robot.value import Robot
-from tests.runtime.test_parameters import changed
+from tests.support.other_numbers import changed
 from tests.support.random_robots import Array, random_robot, random_state
 
 ROBOTS, STATES = 1000, 100

@@ -12,13 +12,12 @@ import eomgen
 from eomgen.robot.geometry import IDENTITY
 from eomgen.robot.model import Model, build_model, parameter_values
 from eomgen.robot.value import ANGULAR, COORDINATES, LINEAR, Coordinate, Link, Placement, Robot
-from tests.codegen.kernels.test_offsets import with_offsets
-from tests.codegen.kernels.test_prescribed import some_prescribed
 from tests.oracles.force_laws import random_coordinate, resistance, with_laws
 from tests.oracles.pinocchio_models import PinocchioOracle
-from tests.oracles.springs import SpringOracle, pulled, stored, with_springs
+from tests.oracles.springs import SpringOracle, pulled, stored
 from tests.support.random_motors import MotorOracle, geared_robot, motor_state, without_motors
-from tests.support.random_robots import Array, State, random_robot
+from tests.support.random_robots import Array, State, random_robot, some_prescribed, with_offsets
+from tests.support.random_springs import with_springs
 
 DT = 0.02  # of an implicit step, s
 ALL = ("revolute", "prismatic", "fixed", "free")

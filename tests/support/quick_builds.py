@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+import sysconfig
 import textwrap
 from pathlib import Path
 from typing import Any
@@ -81,6 +82,14 @@ def exchange(path: Path, content: bytes) -> None:
     new = path.with_name("new")
     new.write_bytes(content)
     new.replace(path)
+
+
+def without_headers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A machine whose Python has no headers."""
+    own = sysconfig.get_path
+    monkeypatch.setattr(
+        sysconfig, "get_path", lambda name, *rest: "/nowhere" if name == "include" else own(name, *rest)
+    )
 
 
 def as_new_process(monkeypatch: pytest.MonkeyPatch) -> None:

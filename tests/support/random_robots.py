@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from eomgen.robot.geometry import IDENTITY, Matrix
 from eomgen.robot.model import build_model
-from eomgen.robot.value import COORDINATES, PRINCIPAL, Coordinate, Frame, Joint, Link, Loop, Placement, Robot
+from eomgen.robot.value import ANGULAR, COORDINATES, PRINCIPAL, Coordinate, Frame, Joint, Link, Loop, Placement, Robot
 
 Array = NDArray[np.float64]
 RIGHT_ANGLES = (0.0, np.pi / 2, -np.pi / 2, np.pi)
@@ -222,3 +222,32 @@ def _triple(values: Array) -> tuple[float, float, float]:
 def _matrix(values: Array) -> Matrix:
     a, b, c = (_triple(row) for row in values)
     return (a, b, c)
+
+
+def with_offsets(robot: Robot, seed: int, *, active_angles: bool = False) -> Robot:
+    """Random offsets in about half of all coordinates; ``active_angles``: of the angles, in active ones alone."""
+    rng = np.random.default_rng(seed)
+    joints = []
+    for joint in robot.joints:
+        drawn = [float(x) if rng.random() < 0.6 else None for x in rng.uniform(-0.4, 0.4, 6)]
+        for i, name in enumerate(COORDINATES):
+            if active_angles and name in ANGULAR and name not in joint.coordinates:
+                drawn[i] = None
+        joints.append(replace(joint, offset=tuple(drawn)))
+    return replace(robot, joints=tuple(joints))
+
+
+def some_prescribed(robot: Robot, seed: int) -> Robot:
+    """The robot with about a third of its coordinates prescribed, at least one, and at least one free."""
+    rng = np.random.default_rng(seed)
+    names = [(joint.name, key) for joint in robot.joints for key in joint.coordinates]
+    count = int(rng.integers(1, max(2, len(names) // 2 + 1)))
+    chosen = {names[i] for i in rng.permutation(len(names))[: min(count, len(names) - 1)]}
+    joints = tuple(
+        replace(
+            joint,
+            coordinates={k: replace(c, prescribed=(joint.name, k) in chosen) for k, c in joint.coordinates.items()},
+        )
+        for joint in robot.joints
+    )
+    return replace(robot, joints=joints)

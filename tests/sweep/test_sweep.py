@@ -13,7 +13,6 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
-from unittest import mock
 
 import numpy as np
 import pytest
@@ -31,21 +30,10 @@ from eomgen.sweep.plan import plan_from_toml
 from eomgen.sweep.result import SweepResult
 from eomgen.sweep.shipping import builds_of, pack, source_keys, unpack
 from eomgen.sweep.store import ROWS, opened
+from tests.support.sliders import RELEASE, SLIDER, STIFF, slider
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
-SLIDER = """
-name = "slider"
-gravity = [0.0, 0.0, 0.0]
-links = [{ name = "mass", mass = 2.0, com = [0.0, 0.0, 0.0] }]
-[[joints]]
-name = "rail"
-parent = "base"
-child = "mass"
-type = "prismatic"
-z = { stiffness = 800.0, damping = 0.0 }
-"""
-RELEASE = {"duration": 0.7, "initial": {"q": {"rail": 0.1}}}
 ARM = """
 name = "bending_arm"
 links = [
@@ -72,7 +60,6 @@ link = "fore"
 placement = { xyz = [0.4, 0.0, 0.0] }
 """
 REACH = {"duration": 0.4, "motion": {"type": "point_to_point", "goal": {"shoulder": 0.5, "elbow": -0.4}}}
-STIFF = "[[vary]]\nparameter = 'joints.rail.z.stiffness'\n"
 ARM_PLAN = """
 samples = 40
 seed = 5
@@ -89,10 +76,6 @@ relative = true
 parameter = "links.fore.mass"
 uniform = { low = 1.0, high = 2.0 }
 """
-
-
-def slider() -> Robot:
-    return robot_from_toml(SLIDER)
 
 
 def arm() -> Robot:
@@ -264,16 +247,23 @@ def test_threads_change_nothing(tmp_path: Path, swept: SweepResult) -> None:
     assert same(swept, run(arm(), REACH, plan_from_toml(ARM_PLAN), tmp_path, threads=8))
 
 
-def _cache_of_its_own(folder: str) -> None:
+def _cannot_derive(folder: str) -> None:
+    """A worker with a cache of its own, and without SymPy."""
     os.environ[VARIABLE] = folder
+    sys.modules["sympy"] = None  # type: ignore[assignment]
+
+
+def workers(count: int, folder: Path) -> ProcessPoolExecutor:
+    """Fresh processes that find nothing in their cache, and can derive nothing."""
+    return ProcessPoolExecutor(
+        count, mp_context=get_context("spawn"), initializer=_cannot_derive, initargs=(str(folder),)
+    )
 
 
 def test_processes_that_get_their_kernels_sent(tmp_path: Path, swept: SweepResult) -> None:
     """Workers with an empty cache: source and binary travel, nobody derives or compiles."""
     empty = tmp_path / "cache"
-    with ProcessPoolExecutor(
-        2, mp_context=get_context("spawn"), initializer=_cache_of_its_own, initargs=(str(empty),)
-    ) as pool:
+    with workers(2, empty) as pool:
         result = run(arm(), REACH, plan_from_toml(ARM_PLAN), tmp_path / "sweep", executor=pool)
     assert same(swept, result)
     own = Path(os.environ[VARIABLE])
@@ -295,7 +285,7 @@ def test_dask_changes_nothing(tmp_path: Path, swept: SweepResult) -> None:
         assert same(swept, run(arm(), REACH, plan_from_toml(ARM_PLAN), tmp_path, executor=executor))
 
 
-def test_other_machines_compile_what_they_are_sent(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_other_machines_compile_what_they_are_sent(tmp_path: Path) -> None:
     """Where the C library is another one the binary is left out, and SymPy is not asked."""
     job, design, _ = prepare(
         slider(),
@@ -307,16 +297,12 @@ def test_other_machines_compile_what_they_are_sent(empty_cache: Path, monkeypatc
     expected = work(KernelBundle(job, builds, keys), None, [0, 1], samples)
     content = pickle.loads(pickle.dumps(pack(builds)))
     assert {kind for kind, _ in content.entries} == {"sources", "packages"}
-    monkeypatch.setenv(VARIABLE, str(empty_cache / "other"))
-    unpack(replace(content, machine=("Linux", "x86_64", "glibc", "2.0")), builds, keys)
-    assert not (empty_cache / "other" / "packages").exists()
-    later = replace(job, columns=())  # another key, so that nothing is remembered
-    with (
-        mock.patch("eomgen.pipeline.stages._derive", side_effect=AssertionError),
-        mock.patch("eomgen.sweep.driver._runners", {}),
-    ):
-        assert work(KernelBundle(later, builds, keys), content, [0, 1], samples) == expected
-    assert (empty_cache / "other" / "packages").exists()
+    foreign = replace(content, machine=("Linux", "x86_64", "glibc", "2.0"))
+    with workers(1, tmp_path) as pool:
+        pool.submit(unpack, foreign, builds, keys).result()
+        assert not (tmp_path / "packages").exists()
+        assert pool.submit(work, KernelBundle(job, builds, keys), None, [0, 1], samples).result() == expected
+    assert any((tmp_path / "packages").iterdir())
     with pytest.raises(InputError, match="another one"):
         unpack(content, builds, ("0" * 64,))
 

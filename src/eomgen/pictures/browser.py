@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import threading
-import time
+from time import monotonic
 from typing import Any
 
 import numpy as np
@@ -96,9 +96,44 @@ class View:
                     self._move_lines(k, poses)
 
     @property
+    def time(self) -> float:
+        """Time that is shown, s; an assignment moves the slider and the scene."""
+        return float(self._time.value)
+
+    @time.setter
+    def time(self, t: float) -> None:
+        self._time.value = t
+        self.show()
+
+    @property
     def factor(self) -> float:
-        """Factor by which deviations are exaggerated."""
+        """Factor by which deviations are exaggerated, 1 or more; an assignment moves the slider and the scene."""
         return float(10.0**self._power.value)
+
+    @factor.setter
+    def factor(self, factor: float) -> None:
+        self._power.value = math.log10(factor)
+        self._magnify()
+
+    @property
+    def playing(self) -> bool:
+        """Whether time goes on by itself; an assignment is what the button does."""
+        return self._playing
+
+    @playing.setter
+    def playing(self, playing: bool) -> None:
+        self._playing = playing
+        self._play.label = "pause" if playing else "play"
+
+    def drawn(self, kind: str, link: str) -> Array:
+        """Position, m, and unit quaternion (w, x, y, z) of a link as it is drawn, (7,), in the base frame.
+
+        Args:
+            kind: "reality" or "program".
+            link: name of the base or of a link.
+        """
+        handle = self._frames[kind][link]
+        return np.concatenate([handle.position, handle.wxyz])
 
     def wait(self) -> None:
         """Until the view is closed."""
@@ -223,7 +258,7 @@ class View:
             hint="exaggeration; 0 is as they are",
         )
         self._playing = False
-        self._play.on_click(lambda _: self._toggle())
+        self._play.on_click(lambda _: setattr(self, "playing", not self.playing))
         self._time.on_update(lambda _: self.show())
         self._power.on_update(lambda _: self._magnify())
         parts: dict[str, list[Any]] = {
@@ -248,15 +283,11 @@ class View:
 
         box.on_update(switch)
 
-    def _toggle(self) -> None:
-        self._playing = not self._playing
-        self._play.label = "pause" if self._playing else "play"
-
     def _run(self) -> None:
         """Advance the time while it plays."""
-        end, last = float(self._result.trajectory.t[-1]), time.monotonic()
+        end, last = float(self._result.trajectory.t[-1]), monotonic()
         while not self._closed.wait(1.0 / RATE):
-            now = time.monotonic()
+            now = monotonic()
             if self._playing:
                 ahead = self._time.value + (now - last) * float(self._speed.value)
                 self._time.value = 0.0 if ahead > end else ahead  # its listeners draw

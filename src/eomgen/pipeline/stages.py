@@ -89,7 +89,7 @@ def build(
         BuildError: no compiler, a compiler that fails, a cache that cannot be written.
     """
     robot, options = as_robot(robot), Options(tuple(kernels), dtype, native, tuple(flags))
-    return load_kernel(_cached_package(robot, options, progress), robot.name)
+    return load_kernel(make_package(robot, options, progress), robot.name)
 
 
 def generate(
@@ -116,7 +116,7 @@ def generate(
         BuildError: see ``build``.
     """
     robot, folder, options = as_robot(robot), Path(folder), options or Options()
-    package = _cached_package(robot, options, progress)
+    package = make_package(robot, options, progress)
     target = folder / robot.name
     if _is_foreign(target):
         raise InputError(f"{target} exists and is not a generated package; give another folder with -o, or move it")
@@ -165,7 +165,12 @@ def _is_foreign(target: Path) -> bool:
         return any(target.iterdir())
 
 
-def _cached_package(robot: Robot, options: Options, progress: StageReport) -> store.Entry:
+def make_package(robot: Robot, options: Options, progress: StageReport = no_report) -> store.Entry:
+    """The compiled package of a robot's kernels, made or from the cache.
+
+    Raises:
+        BuildError: see ``build``.
+    """
     from ..codegen.package.compile import build_key, compile_flags, find_compiler, write_package
 
     source = make_source(robot, options, progress)

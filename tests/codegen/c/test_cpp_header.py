@@ -17,9 +17,9 @@ from eomgen.codegen.c.project import safe, view
 from eomgen.codegen.kernels.signatures import KERNELS
 from eomgen.errors import SingularError
 from eomgen.robot.value import Robot
-from tests.codegen.kernels.test_kernels import free_body
 from tests.support.c_project import COMPILERS, NO_EIGEN, PREAMBLE, need_eigen, package_of, program, run
 from tests.support.random_robots import random_robot
+from tests.support.small_robots import free_body
 
 MAY_VANISH = ("bias_force", "christoffel", "coriolis_matrix", "external_force", "spring_stiffness")
 

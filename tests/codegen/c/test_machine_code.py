@@ -27,7 +27,6 @@ from eomgen.description.load import builtin_robots
 from eomgen.pipeline.stages import Options, generate
 from eomgen.robot.model import build_model
 from eomgen.robot.value import PRINCIPAL, Robot
-from tests.codegen.c.test_render import check_symbols
 from tests.oracles.force_laws import with_laws
 from tests.support.c_driver import (
     DT,
@@ -40,6 +39,7 @@ from tests.support.c_driver import (
     run_driver,
     write_driver,
 )
+from tests.support.c_sources import check_symbols
 from tests.support.random_robots import random_robot, with_random_loops
 
 COMPILERS = ("gcc", "clang")

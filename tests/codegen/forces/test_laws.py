@@ -18,9 +18,10 @@ from eomgen.errors import DescriptionError, InputError
 from eomgen.integration.solve import integrate
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Coordinate, Friction, Joint, Link, Robot
-from tests.conftest import Build
 from tests.oracles.complex_step import complex_steps
 from tests.oracles.force_laws import LawOracle, measured, resistance, with_laws
+from tests.support.builds import Build
+from tests.support.closeness import close
 from tests.support.random_robots import Array, random_robot, random_state, seeds
 
 TYPES = ("revolute", "prismatic", "fixed", "free")
@@ -36,10 +37,6 @@ def slider(mass: float = 2.0, name: str = "slider", **forces: Any) -> Robot:
     link = Link("block", mass, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0, 0.0, 0.0, 0.0))
     joint = Joint("rail", "base", "block", "prismatic", coordinates={"z": Coordinate(**forces)})
     return Robot(name, (0.0, 0.0, 0.0), (link,), (joint,))
-
-
-def close(found: Array, expected: Array, tolerance: float = 1e-11) -> bool:
-    return bool(np.max(np.abs(found - expected)) <= tolerance * max(1.0, float(np.max(np.abs(expected)))))
 
 
 @pytest.mark.parametrize("seed", seeds(1300, 6, 12))

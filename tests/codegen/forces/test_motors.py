@@ -16,19 +16,16 @@ from eomgen.codegen.program.ir import evaluate
 from eomgen.errors import SingularError
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Coordinate, Joint, Link, Motor, Robot
-from tests.codegen.forces.test_laws import complex_steps
-from tests.conftest import Build
+from tests.oracles.complex_step import complex_steps
 from tests.oracles.force_laws import resistance
 from tests.oracles.lagrange import LagrangeOracle
 from tests.oracles.pinocchio_models import PinocchioOracle
+from tests.support.builds import Build
+from tests.support.closeness import close
 from tests.support.random_motors import KINDS, STIFF, MotorOracle, geared_robot, gears, motor_state, without_motors
 from tests.support.random_robots import Array, random_robot, seeds
 
 ROD = Link("rod", 2.0, (0.0, 0.0, 0.0), (0.3, 0.3, 0.4, 0.0, 0.0, 0.0))
-
-
-def close(found: Array, expected: Array, tolerance: float = 1e-11) -> bool:
-    return bool(np.max(np.abs(found - expected)) <= tolerance * max(1.0, float(np.max(np.abs(expected)))))
 
 
 def one_joint(motor: Motor, kind: str = "revolute", name: str = "geared") -> Robot:

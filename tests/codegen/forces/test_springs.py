@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,46 +13,25 @@ from eomgen.codegen.c.sources import render
 from eomgen.codegen.kernels.equations import derive, derive_equations
 from eomgen.codegen.tree.bound import bind
 from eomgen.codegen.tree.frames import choose_frames
-from eomgen.errors import DescriptionError, InputError
+from eomgen.errors import InputError
 from eomgen.integration.solve import choose_method, integrate
 from eomgen.integration.steps import fixed_step
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Coordinate, Joint, Link, Placement, Robot, Spring
 from eomgen.state.equilibrium import static_equilibrium
-from tests.codegen.kernels.test_mujoco import elastic_robot
-from tests.conftest import Build
 from tests.oracles.complex_step import complex_steps
 from tests.oracles.mujoco_models import MujocoRobot
-from tests.oracles.springs import SpringOracle, pulled, with_springs
-from tests.support.description_samples import ARM, URDF
+from tests.oracles.springs import SpringOracle, implicit_step, pulled
+from tests.support.builds import Build
+from tests.support.closeness import close
+from tests.support.elastic_robots import elastic_robot
+from tests.support.pendulums import pendulum
 from tests.support.random_robots import Array, random_robot, random_state, seeds
+from tests.support.random_springs import sprung, with_springs
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
-TYPES = ("revolute", "prismatic", "fixed", "free")
 NAMES = ("inverse_dynamics", "residual", "generalized_force", "forward_dynamics", "energy", "reactions")
-
-
-def sprung(seed: int, joints: tuple[int, int] = (1, 4), **options: Any) -> Robot:
-    """A random chain or tree with a spring of every kind; some joints with offsets."""
-    rng = np.random.default_rng(seed)
-    robot = random_robot(seed, joints=joints, tree=seed % 2 == 0, types=TYPES, **options)
-    moved = [
-        replace(j, offset=tuple(float(x) for x in rng.uniform(-0.2, 0.2, 6))) if j.coordinates and seed % 3 == 0 else j
-        for j in robot.joints
-    ]
-    return with_springs(replace(robot, joints=tuple(moved)), seed)
-
-
-def pendulum(springs: tuple[Spring, ...], mass: float = 2.0, com: float = 0.3, **gamma: Any) -> Robot:
-    """A rod that turns about the base's z; weight along -y; rod along x at 0."""
-    link = Link("rod", mass, (com, 0.0, 0.0), (0.01, 0.05, 0.05, 0.0, 0.0, 0.0))
-    joint = Joint("pivot", "base", "rod", "revolute", coordinates={"gamma": Coordinate(**gamma)})
-    return Robot("pendulum", (0.0, -9.81, 0.0), (link,), (joint,), springs=springs)
-
-
-def close(found: Array, expected: Array, tolerance: float = 1e-11) -> bool:
-    return bool(np.max(np.abs(found - expected)) <= tolerance * max(1.0, float(np.max(np.abs(expected)))))
 
 
 @pytest.mark.parametrize("seed", seeds(2000, 6, 12))
@@ -254,30 +231,6 @@ def test_energy_is_conserved(seed: int, built: Build) -> None:
     assert np.ptp(energy.sum(axis=1)) <= 1e-6 * np.ptp(energy[:, 0])
 
 
-def implicit_step(
-    robot: Robot, kernel: eomgen.Kernel, q: Array, v: Array, u: Array, dt: float, given: Array | None = None
-) -> Array:
-    """Accelerations of the formula, with the whole matrix; where ``given``, u is one."""
-    k, b = (np.array([getattr(c, key) or 0.0 for j in robot.joints for c in j.coordinates.values()])
-            for key in ("stiffness", "damping"))  # fmt: skip
-    A = kernel.mass_matrix(q) + np.diag(dt * b + dt * dt * k)
-    right = u - kernel.bias_force(q, v) + kernel.generalized_force(q, v) - dt * k * v
-    arms, pairs = kernel.spring_jacobian(q), kernel.spring_forces(q, v)
-    for spring, arm, (length, now) in zip(robot.springs, arms, pairs, strict=True):
-        rate, h = float(arm @ v), 1e-6
-        e = length + dt * rate
-        ahead = pulled(spring, e, rate)
-        by_e = (pulled(spring, e + h, rate) - pulled(spring, e - h, rate)) / (2 * h)
-        by_rate = (pulled(spring, e, rate + h) - pulled(spring, e, rate - h)) / (2 * h)
-        right -= arm * (ahead - now)
-        A += max(dt * by_rate + dt * dt * by_e, 0.0) * np.outer(arm, arm)
-    if given is None:
-        return np.asarray(np.linalg.solve(A, right))
-    free, a = ~given, np.array(u)
-    a[free] = np.linalg.solve(A[np.ix_(free, free)], right[free] - A[np.ix_(free, given)] @ u[given])
-    return a
-
-
 @pytest.mark.parametrize("seed", [2060, 2061, 2062, 2063])
 def test_implicit_steps_are_those_of_the_formula(seed: int, built: Build) -> None:
     robot = sprung(seed)
@@ -423,70 +376,3 @@ def test_others_keep_their_code() -> None:
     """Not a word of springs in the C of a robot that has none."""
     source = render(derive_equations(build_model(eomgen.load_robot("ur5"))), "float64")
     assert "spring_" not in source.code + source.header + source.meta
-
-
-def test_descriptions_are_read(tmp_path: Path) -> None:
-    """Defaults, a curve from a CSV file, the base of an URDF, and names of tunable numbers."""
-    text = ARM.replace(
-        "[[frames]]",
-        """[[springs]]
-name = "cable"
-links = ["base", "link2"]
-points = [[0, 1, 2], [0.5, 0, 0]]
-free_length = 2.0
-stiffness = 10
-tension_only = true
-[[springs]]
-name = "gas"
-links = ["link1", "base"]
-curve = "gas.csv"
-damping = 3
-[[frames]]""",
-    ).replace("tunable = [", 'tunable = ["springs.gas.free_length", "springs.*.points.1", ')
-    (tmp_path / "gas.csv").write_text("elongation,force\n-0.1,-20\n0.0,5\n0.2,9\n", encoding="ascii")
-    (tmp_path / "arm.toml").write_text(text, encoding="ascii")
-    robot = eomgen.load_robot(tmp_path / "arm.toml")
-    cable, gas = robot.springs
-    assert cable == Spring(
-        "cable", ("base", "link2"), ((0.0, 1.0, 2.0), (0.5, 0.0, 0.0)), 2.0, 10.0, None, True, 2e-4, None
-    )
-    assert gas == Spring("gas", ("link1", "base"), damping=3.0, curve=((-0.1, -20.0), (0.0, 5.0), (0.2, 9.0)))
-    parameters = build_model(robot).parameters
-    assert {name: value for name, value in parameters.items() if name.startswith("springs.")} == {
-        "springs.cable.free_length": 2.0,
-        "springs.cable.stiffness": 10.0,
-        "springs.cable.smoothing": 2e-4,
-        "springs.cable.points.1.x": 0.5,
-        "springs.cable.points.1.y": 0.0,
-        "springs.cable.points.1.z": 0.0,
-        "springs.gas.free_length": 0.0,
-        "springs.gas.damping": 3.0,
-        "springs.gas.curve.0": -20.0,
-        "springs.gas.curve.1": 5.0,
-        "springs.gas.curve.2": 9.0,
-        "springs.gas.points.1.x": 0.0,
-        "springs.gas.points.1.y": 0.0,
-        "springs.gas.points.1.z": 0.0,
-    }
-    refined = """urdf = "arm.urdf"
-[[springs]]
-name = "s"
-links = ["base", "lower"]
-stiffness = 1
-"""
-    (tmp_path / "arm.urdf").write_text(URDF, encoding="ascii")
-    (tmp_path / "refined.toml").write_text(refined, encoding="ascii")
-    assert eomgen.load_robot(tmp_path / "refined.toml").springs[0].links == ("ground", "lower")
-
-
-def test_robots_made_by_hand_are_checked() -> None:
-    base = Spring("s", ("base", "rod"))
-    for spring, words in (
-        (base, "springs.s: it has no force"),
-        (replace(base, links=("base", "rot"), stiffness=1.0), "springs.s.links: got 'rot'; allowed: base, rod"),
-        (replace(base, links=("rod", "rod"), stiffness=1.0), "springs.s.links: .*do not move against each other"),
-        (replace(base, stiffness=1.0, tension_only=True), "springs.s.tension_only: there is no free_length"),
-        (replace(base, name="a b", stiffness=1.0), "springs: got 'a b'"),
-    ):
-        with pytest.raises(DescriptionError, match=words):
-            build_model(pendulum((spring,)))

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+import importlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from itertools import combinations, product
-from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 import pytest
 import sympy as sp
 
 from eomgen.codegen.joint import lemmas as joint
-from eomgen.codegen.joint.lemmas import JointDerivatives, ZeroPair, joint_derivatives, joint_transform, step
+from eomgen.codegen.joint.lemmas import joint_derivatives, joint_transform, step
 from eomgen.errors import InternalError
 from eomgen.robot.geometry import rotation_from_rpy
 from eomgen.robot.value import ANGULAR, COORDINATES, LINEAR
+from tests.support.mutant import mutated, source_of
 
 SUBSETS = [active for size in range(7) for active in combinations(COORDINATES, size)]
 
@@ -110,40 +112,40 @@ def test_relations_inside_a_joint() -> None:
     joint.prove_coaxial_swap()
 
 
-def test_a_wrong_claim_is_not_proved() -> None:
-    with pytest.raises(InternalError, match="the proof failed: a wrong claim"):
-        joint._prove(step("x").generator, "a wrong claim")
+@contextmanager
+def changed(old: str, new: str) -> Iterator[Any]:
+    """The module of the lemmas with another piece of text."""
+    text = source_of("joint.lemmas")
+    assert text.count(old) == 1, old
+    with mutated("joint.lemmas", text.replace(old, new)):
+        yield importlib.import_module("eomgen.codegen.joint.lemmas")
 
 
-def test_every_proof_fails_where_its_claim_is_wrong() -> None:
+@pytest.mark.parametrize(
+    ("old", "new", "proof", "arguments"),
+    [
+        ("3] = s\n", "3] = s**2\n", "step", ("y",)),
+        ("A[j, j] = sp.cos(s)", "A[j, j] = sp.cosh(s)", "step", ("beta",)),
+        ("first = {name: A.diff(step(name).symbol)", "first = {name: A", "prove_translation_column", ()),
+        ("A, sp.ImmutableMatrix(D))", "A, sp.ones(4, 4))", "prove_antisymmetry", ()),
+        ("[[0, -a[2], a[1]]", "[[0, a[2], a[1]]", "prove_coaxial_swap", ()),
+    ],
+)
+def test_every_proof_fails_where_its_claim_is_wrong(old: str, new: str, proof: str, arguments: tuple[str, ...]) -> None:
     """With a matrix in the place of another for which the claim does not hold."""
-    wrong = sp.ImmutableMatrix(sp.ones(4, 4))
-
-    def step_with(generator: sp.Matrix) -> Callable[[str], joint.Step]:
-        return lambda name: replace(step(name), generator=generator)
-
-    symmetric = JointDerivatives(MappingProxyType(dict.fromkeys(COORDINATES, wrong)), MappingProxyType({}))
-    for name, change, proof in (
-        ("_translation", lambda name, s: joint_transform(("x",)).subs(step("x").symbol, s**2), joint.step),
-        ("_rotation", lambda name, s: sp.diag(1 + s, 1, 1, 1), joint.step),
-        ("joint_derivatives", lambda active: symmetric, joint.prove_translation_column),
-        ("step", step_with(wrong), joint.prove_antisymmetry),
-        ("_skew", lambda a: sp.ones(3, 3), joint.prove_coaxial_swap),
-    ):
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(joint, name, change)
-            arguments = {"_translation": ("y",), "_rotation": ("beta",)}.get(name, ())
-            with pytest.raises(InternalError, match="the proof failed"):
-                proof.__wrapped__(*arguments)
+    with changed(old, new) as other, pytest.raises(InternalError, match="the proof failed"):
+        getattr(other, proof)(*arguments)
 
 
-def test_a_lemma_too_many_or_too_few_is_noticed() -> None:
-    pairs = joint.prove_second_derivative_zeros()
-    joint._check_complete(pairs)
-    one_more = tuple(ZeroPair("alpha", "beta", same_joint, joint.SHARPER) for same_joint in (True, False))
-    for wrong in (pairs[1:], pairs[:-1], (*pairs, one_more[0]), (*pairs, one_more[1])):
-        with pytest.raises(InternalError, match="lemma"):
-            joint._check_complete(wrong)
+@pytest.mark.parametrize(
+    "pairs",
+    ["found[1:]", "found[:-1]"]
+    + [f'[*found, ZeroPair("alpha", "beta", {same_joint}, SHARPER)]' for same_joint in (True, False)],
+)
+def test_a_lemma_too_many_or_too_few_is_noticed(pairs: str) -> None:
+    other_pairs = f"pairs = tuple({pairs})"
+    with changed("pairs = tuple(found)", other_pairs) as other, pytest.raises(InternalError, match="lemma"):
+        other.prove_second_derivative_zeros()
 
 
 def test_what_the_proofs_say() -> None:

@@ -12,8 +12,8 @@ from eomgen.cli import entry as cli
 from eomgen.codegen.joint.zero_listing import ZeroReport, zero_report
 from eomgen.codegen.joint.zeros import zero_map
 from eomgen.robot.model import Model, build_model
-from tests.codegen.joint.test_zeros import chain, generic
 from tests.oracles.unpruned import brute_force
+from tests.support.generic_robots import chain, generic
 from tests.support.random_robots import random_robot
 
 

@@ -25,10 +25,11 @@ from eomgen.codegen.tree.recursion import inertial_rows
 from eomgen.errors import SingularError
 from eomgen.robot.geometry import ZERO
 from eomgen.robot.model import build_model
-from eomgen.robot.value import COORDINATES, Coordinate, Joint, Link, Placement, Robot
-from tests.conftest import Build
+from eomgen.robot.value import Coordinate, Joint, Link, Placement, Robot
 from tests.oracles.lagrange import LagrangeOracle
+from tests.support.builds import Build
 from tests.support.random_robots import Array, random_robot, random_state, seeds
+from tests.support.small_robots import free_body
 
 TOLERANCE = 1e-11  # relative, max-norm
 STATES = 20
@@ -264,13 +265,6 @@ def test_single_precision(case: Case, built: Build) -> None:
     assert np.abs(u - case.kernel.inverse_dynamics(*wide)).max() <= 1e-4 * case.size
     frame = case.kernel.frames[0]
     assert np.abs(single.frame_pose(arrays[0], frame) - case.kernel.frame_pose(wide[0], frame)).max() <= 1e-5
-
-
-def free_body() -> Robot:
-    """One body that may move in every way."""
-    link = Link("body", 2.0, (0.1, 0.0, 0.05), (0.1, 0.12, 0.09, 0.01, 0.0, 0.0))
-    joint = Joint("free", "base", "body", "free", coordinates=dict.fromkeys(COORDINATES, Coordinate()))
-    return Robot("free_body", (0.0, 0.0, -9.81), (link,), (joint,))
 
 
 def chain_of_free_bodies(count: int) -> Robot:

@@ -14,7 +14,7 @@ from eomgen.integration.solve import integrate
 from eomgen.integration.trajectory import Trajectory
 from eomgen.robot.model import build_model
 from eomgen.robot.value import COORDINATES, PRINCIPAL, Coordinate, Joint, Robot
-from tests.conftest import Build
+from tests.support.builds import Build
 from tests.support.figures import Figures
 from tests.support.many_motion import momenta
 from tests.support.many_robots import run, size_of

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.conftest import Build
+from tests.support.builds import Build
 from tests.support.figures import Figures
 from tests.support.many_descriptions import check_descriptions
 from tests.support.many_laws import CHECKS

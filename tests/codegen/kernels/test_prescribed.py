@@ -16,31 +16,15 @@ from eomgen.errors import ArrayError, DescriptionError, InputError
 from eomgen.integration.solve import integrate
 from eomgen.motion.point_to_point import Harmonic
 from eomgen.pipeline.costs import robot_info
-from eomgen.robot.value import COORDINATES, Robot
+from eomgen.robot.value import COORDINATES
 from eomgen.simulation.run import simulate
 from eomgen.state.equilibrium import static_equilibrium
-from tests.conftest import Build
 from tests.oracles.pinocchio_models import PinocchioOracle
-from tests.support.random_robots import Array, State, random_robot, random_state, seeds
+from tests.support.builds import Build
+from tests.support.random_robots import Array, State, random_robot, random_state, seeds, some_prescribed
 
 TYPES = ("revolute", "prismatic", "fixed", "free")
 NAMES = ("inverse_dynamics", "forward_dynamics", "mass_matrix", "energy", "rollout")
-
-
-def some_prescribed(robot: Robot, seed: int) -> Robot:
-    """The robot with about a third of its coordinates prescribed, at least one, and at least one free."""
-    rng = np.random.default_rng(seed)
-    names = [(joint.name, key) for joint in robot.joints for key in joint.coordinates]
-    count = int(rng.integers(1, max(2, len(names) // 2 + 1)))
-    chosen = {names[i] for i in rng.permutation(len(names))[: min(count, len(names) - 1)]}
-    joints = tuple(
-        replace(
-            joint,
-            coordinates={k: replace(c, prescribed=(joint.name, k) in chosen) for k, c in joint.coordinates.items()},
-        )
-        for joint in robot.joints
-    )
-    return replace(robot, joints=joints)
 
 
 def masks(kernel: eomgen.Kernel) -> tuple[Array, Array]:

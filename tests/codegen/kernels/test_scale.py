@@ -15,7 +15,7 @@ from eomgen.codegen.kernels.equations import derive_equations
 from eomgen.errors import EomgenWarning
 from eomgen.robot.model import build_model
 from eomgen.robot.value import COORDINATES, Coordinate, Joint, Link, Placement, Robot
-from tests.conftest import Build
+from tests.support.builds import Build
 from tests.support.description_samples import example_urdfs
 
 DATA = Path(__file__).parents[3] / "benchmarks" / "data"

@@ -2,37 +2,27 @@
 
 from __future__ import annotations
 
-import ast
 import math
 import re
-import subprocess
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
-from pathlib import Path
 from typing import Any
 
-import cffi
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import eomgen
-from eomgen.codegen.c import statements
 from eomgen.codegen.c.scalar_types import SCALARS
 from eomgen.codegen.c.source import Source
 from eomgen.codegen.c.sources import render
 from eomgen.codegen.c.statements import write_function
 from eomgen.codegen.kernels.equations import derive_equations
-from eomgen.codegen.kernels.signatures import KERNELS, PARTS, available
-from eomgen.codegen.package.compile import FLAGS
 from eomgen.codegen.program.ir import Graph, Instruction, Node, Program, evaluate, finish, users, verify
 from eomgen.codegen.program.passes import PASSES, factor_sums, hoist_parameters, run_passes
 from eomgen.robot.model import build_model
-from tests.conftest import Build
-from tests.oracles.force_laws import with_laws
-from tests.support.random_robots import random_robot, random_state
 
 DOUBLE = SCALARS["float64"]
 
@@ -227,8 +217,9 @@ def build_both(plan: Sequence[tuple[str, int, int]], pool: Sequence[Any], graph:
         i, j = i % len(nodes), j % len(nodes)
         x, y = nodes[i], nodes[j]
         if op in ("sin", "cos"):
-            if isinstance(x, Node):  # of a number the graph would take the true sine
-                nodes.append(graph.sincos(x)[op == "cos"])
+            found = graph.sincos(x)[op == "cos"] if isinstance(x, Node) else x
+            if isinstance(found, Node):  # of a number, also one that folding found, the graph takes the true sine
+                nodes.append(found)
                 numbers.append(opaque_sincos(numbers[i])[op == "cos"])
         elif op == "neg":
             nodes.append(graph.neg(x))
@@ -369,127 +360,6 @@ def test_evaluate_on_arrays_and_symbols() -> None:
     x, y, g = sp.symbols("x y g")
     symbolic = evaluate(program, {"q": [x], "a": [y], "p": [g]}, lambda s: (sp.sin(s), sp.cos(s)))
     assert sp.nsimplify(symbolic["out", 0] - (sp.Rational(3, 4) * y + sp.Rational(3, 2) * g * sp.sin(x))) == 0
-
-
-def float_program(rng: np.random.Generator, length: int) -> Program:
-    """A random program for floats: no division by zero, sums and products of moderate size."""
-    graph = Graph()
-    nodes: list[Any] = [graph.input("q", i) for i in range(3)] + [graph.input("v", 0), 0.7, -1.3, 1.0]
-    for _ in range(length):
-        op = str(rng.choice(["add", "sub", "mul", "neg", "sin", "div", "sqrt", "max", "step"]))
-        x, y = (nodes[int(i)] for i in rng.integers(max(0, len(nodes) - 12), len(nodes), 2))
-        if op == "sin" and isinstance(x, Node):
-            nodes.extend(graph.sincos(x))
-        elif op == "neg":
-            nodes.append(graph.neg(x))
-        elif op == "sqrt":
-            nodes.append(graph.sqrt(graph.add(graph.mul(x, x), 0.5)))
-        elif op == "step":
-            nodes.append(graph.step(x))
-        elif op == "div":
-            nodes.append(graph.div(x, graph.add(graph.mul(y, y), 1.0)))
-        elif op != "sin":
-            nodes.append(getattr(graph, op)(x, y))
-    return finish(graph, "random", {("out", i): node for i, node in enumerate(nodes[-8:])})
-
-
-CALLED = """
-static double root(double x) { return sqrt(x); }
-static double larger(double x, double y) { return x < y ? y : x; }
-static double positive(double x) { return x > 0.0 ? 1.0 : 0.0; }
-"""
-
-
-def test_evaluation_equals_compiled_code(tmp_path: Path) -> None:
-    """To the bit: brackets, signs and literals mean in C what the program means."""
-    rng = np.random.default_rng(5)
-    programs = [run_passes(float_program(rng, 60)) for _ in range(60)]
-    code, declarations = ["#include <math.h>", CALLED], []
-    for k, program in enumerate(programs):
-        (lines,) = write_function(program, DOUBLE, turning=False).chunks
-        head = f"void f{k}(const double *q, const double *v, double *out)"
-        code.append(f"{head}\n{{\n    (void)q; (void)v;\n    " + "\n    ".join(lines) + "\n}")
-        declarations.append(f"{head};")
-    (tmp_path / "f.c").write_text("#include <stddef.h>\n" + "\n".join(code), encoding="ascii")
-    command = ["cc", "-shared", "-fPIC", *FLAGS, str(tmp_path / "f.c"), "-o", str(tmp_path / "f.so"), "-lm"]
-    subprocess.run(command, check=True)
-    ffi = cffi.FFI()
-    ffi.cdef("\n".join(declarations))
-    lib = ffi.dlopen(str(tmp_path / "f.so"))
-    for k, program in enumerate(programs):
-        q, v, out = rng.uniform(-2, 2, 3), rng.uniform(-2, 2, 1), np.zeros(8)
-        pointers = [ffi.from_buffer("double[]", x) for x in (q, v, out)]
-        getattr(lib, f"f{k}")(*pointers)
-        expected = evaluate(program, {"q": q.tolist(), "v": v.tolist()})
-        assert np.array_equal(out, list(expected.values()), equal_nan=True)
-
-
-def test_split_functions_equal_whole_ones(built: Build, empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Functions of a few statements that hand values on, against one function per kernel: the same to the bit."""
-    robot = random_robot(7, joints=(3, 3), types=("revolute", "free"))
-    kernels = []
-    for name, size in (("whole", 10**9), ("split", 25)):
-        monkeypatch.setattr(statements, "CHUNK", size)
-        kernels.append(built(replace(robot, name=name)))
-    s = random_state(robot, 1)
-    whole, split = kernels
-    for name in available(build_model(robot)):
-        if not KERNELS[name].tangent_of and not {"kinematics", "rollout", "wrench"} & {name, *KERNELS[name].reads}:
-            arrays = [getattr(s, letter) for letter in KERNELS[name].reads]
-            assert np.array_equal(getattr(whole, name)(*arrays), getattr(split, name)(*arrays)), name
-    for frame in whole.frames:
-        assert np.array_equal(whole.frame_pose(s.q, frame), split.frame_pose(s.q, frame))
-        assert np.array_equal(whole.frame_jacobian(s.q, frame), split.frame_jacobian(s.q, frame))
-    package = next(path for path in (empty_cache / "packages").iterdir() if (path / "split.c").exists())
-    assert "split_forward_dynamics_part3(" in (package / "split.c").read_text()
-
-
-def operators(text: str) -> Iterator[str]:
-    """Operations of an expression, which reads the same in Python: the sign of a number is part of the number."""
-    for node in ast.walk(ast.parse(text, mode="eval")):
-        if isinstance(node, ast.BinOp):
-            yield {ast.Mult: "mul", ast.Div: "div", ast.Add: "add", ast.Sub: "add"}[type(node.op)]
-        elif isinstance(node, ast.UnaryOp) and not isinstance(node.operand, ast.Constant):
-            yield "add"
-        elif isinstance(node, ast.Call):
-            called = {"larger": "add", "positive": "add", "root": "div"}
-            yield called.get(ast.unparse(node.func)) or f"sincos {ast.unparse(node.args[0])}"
-
-
-def counted(lines: Sequence[str]) -> dict[str, int]:
-    """Operations in the statements of a function of C."""
-    found: list[str] = []
-    for line in lines:
-        if " = " in line and not line.startswith(("for ", "/*")):
-            found.extend(operators(line.rstrip(";").rsplit(" = ", 1)[1].replace("sinf(", "sin(")))
-    angles = {name for name in found if name.startswith("sincos")}
-    return {"mul": found.count("mul"), "add": found.count("add"), "div": found.count("div"), "sincos": len(angles)}
-
-
-@pytest.mark.parametrize("laws", [False, True])
-def test_operations_are_those_of_the_text(laws: bool, built: Build) -> None:
-    """What a kernel reports is what its C does."""
-    robot = random_robot(8, joints=(3, 3), tree=True, max_size=9)
-    robot = with_laws(robot, 8) if laws else robot
-    equations = derive_equations(build_model(robot))
-    kernel = built(robot)
-    for name, program in equations.programs.items():
-        function = write_function(program, DOUBLE)
-        lines = [line for chunk in function.chunks for line in chunk]
-        lines += [f"angle = sin({angle});" for angle in function.angles]
-        assert counted(lines) == program.count(), name
-        if name not in PARTS:
-            assert kernel.operations[name] == program.count(), name
-    setup = [line for chunk in write_function(equations.setup, DOUBLE, turning=False).chunks for line in chunk]
-    assert counted(setup) == kernel.operations["parameters"]
-
-
-def test_operations_of_a_loop(built: Build) -> None:
-    """A tensor C in a loop counts what it calls."""
-    robot = random_robot(9, joints=(4, 4), types=("free",), tree=True, armature=False)
-    kernel = built(robot, "christoffel", "coriolis_matrix")
-    for key, number in kernel.operations["coriolis_matrix"].items():
-        assert kernel.operations["christoffel"][key] == 24 * number
 
 
 def test_the_source_is_a_value() -> None:

@@ -15,12 +15,12 @@ from eomgen.codegen.program.ir import Graph, evaluate, finish
 from eomgen.errors import ArrayError
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
-from tests.conftest import Build
 from tests.oracles.complex_step import COMPLEX
 from tests.oracles.force_laws import with_laws
-from tests.oracles.springs import with_springs
+from tests.support.builds import Build
 from tests.support.random_motors import geared_robot, motor_state
 from tests.support.random_robots import random_robot, seeds
+from tests.support.random_springs import with_springs
 
 TANGENTS = tuple(name for name, signature in KERNELS.items() if signature.tangent_of)
 

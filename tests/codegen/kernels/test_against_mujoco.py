@@ -2,48 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 import eomgen
 from eomgen.integration.solve import integrate
-from eomgen.robot.value import COORDINATES, Coordinate, Link, Robot
-from tests.conftest import Build
 from tests.oracles.mujoco_models import MujocoRobot
-from tests.support.random_robots import random_robot, random_state
+from tests.support.builds import Build
+from tests.support.elastic_robots import elastic_robot
+from tests.support.random_robots import random_state
 
 Motion = tuple[eomgen.Kernel, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-
-
-def elastic_robot(seed: int, joints: int = 3, tree: bool = False) -> Robot:
-    """Joints of all six coordinates, each with a spring, a damper and a third with armature; compact links.
-
-    Springs of 50 to 500 N/m or N m/rad, at some kg and kg m^2: about 1 to 10 Hz.
-    """
-    rng = np.random.default_rng(seed)
-    types = ("revolute", "prismatic")
-    robot = random_robot(rng, (joints, joints), types=types, tree=tree, forces=False, name=f"mujoco{seed}")
-    links = tuple(_compact(rng, link) for link in robot.links)
-    moving = []
-    for joint in robot.joints:
-        table = {name: _properties(rng) for name in COORDINATES} if joint.coordinates else {}
-        moving.append(replace(joint, coordinates=table))
-    return replace(robot, links=links, joints=tuple(moving))
-
-
-def _properties(rng: np.random.Generator) -> Coordinate:
-    stiffness, damping = rng.uniform(50.0, 500.0), rng.uniform(0.5, 5.0)
-    armature = rng.uniform(0.01, 0.3) if rng.random() < 0.3 else None
-    return Coordinate(float(stiffness), float(damping), None if armature is None else float(armature))
-
-
-def _compact(rng: np.random.Generator, link: Link) -> Link:
-    """A body of at least a decimetre in all directions: MuJoCo takes no thin rod, and nothing swings fast."""
-    a, b, c = (float(value) for value in rng.uniform(0.02, 0.1, 3))  # principal second moments
-    com = tuple(float(0.5 * value) for value in link.com)
-    return Link(link.name, float(rng.uniform(1.0, 6.0)), com, (b + c, a + c, a + b, 0.003, -0.002, 0.001))
 
 
 @pytest.mark.parametrize(("seed", "tree"), [(1, False), (2, False), (3, True), (4, True)])

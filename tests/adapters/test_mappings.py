@@ -9,9 +9,9 @@ import eomgen
 from eomgen.adapters import mappings
 from eomgen.adapters.mappings import FUNCTIONS, DifferentiableFunction, kernels_for
 from eomgen.errors import InputError, UnknownNameError
-from tests.conftest import Build
 from tests.oracles.complex_step import complex_jacobian
 from tests.support.adapter_samples import built_for, differences, functions_of, sample, states
+from tests.support.builds import Build
 from tests.support.figures import Figures
 from tests.support.random_robots import random_robot, seeds
 

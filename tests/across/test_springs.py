@@ -25,10 +25,11 @@ from eomgen.pipeline.costs import robot_info
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Coordinate, Robot, Spring
 from eomgen.simulation.run import simulate
-from tests.codegen.forces.test_springs import close, implicit_step, sprung
-from tests.conftest import Build
-from tests.oracles.springs import SpringOracle, with_springs
+from tests.oracles.springs import SpringOracle, implicit_step
+from tests.support.builds import Build
+from tests.support.closeness import close
 from tests.support.random_robots import random_robot, random_state
+from tests.support.random_springs import sprung, with_springs
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 

@@ -23,7 +23,7 @@ from eomgen.robot.cuts import CUTS
 from eomgen.robot.geometry import IDENTITY
 from eomgen.robot.model import build_model
 from eomgen.robot.value import COORDINATES, Coordinate, Frame, Joint, Link, Loop, Placement, Robot
-from tests.conftest import Build
+from tests.support.builds import Build
 from tests.support.random_robots import Array, random_robot, random_state, seeds, with_random_loops
 
 TYPES = tuple(CUTS)

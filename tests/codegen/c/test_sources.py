@@ -20,32 +20,18 @@ from hypothesis import strategies as st
 
 import eomgen
 from eomgen.codegen.c.scalar_types import SCALARS
-from eomgen.codegen.c.source import Source
-from eomgen.codegen.c.sources import render
-from eomgen.codegen.kernels.equations import derive_equations
 from eomgen.codegen.package.compile import carried_files
 from eomgen.description.load import robot_from_urdf
 from eomgen.errors import DescriptionError, InputError
 from eomgen.pipeline.stages import generate
-from eomgen.robot.model import build_model
 from eomgen.robot.value import COORDINATES, Coordinate, Robot
-from tests.conftest import Build
 from tests.oracles.force_laws import with_laws
+from tests.support.builds import Build
+from tests.support.c_project import WARNINGS
+from tests.support.c_sources import check_symbols, elastic_tree, source_of
 from tests.support.random_robots import random_robot
 
 ROOT = Path(__file__).parents[3]
-WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror")
-
-
-def elastic_tree() -> Robot:
-    """A tree with more coordinates than are solved in straight lines, and parameters of every kind."""
-    robot = random_robot(5, joints=(4, 4), tree=True, types=("revolute", "prismatic", "free"), max_coordinates=4)
-    tunable = (
-        f"links.{robot.links[0].name}.mass",
-        f"links.{robot.links[-1].name}.com.x",
-        "joints.joint2.placement.xyz.0",
-    )
-    return replace(robot, name="elastic_tree", tunable=tunable)
 
 
 def elastic_chain() -> Robot:
@@ -70,10 +56,6 @@ ROBOTS = {
     "elastic_tree": elastic_tree,
     "elastic_chain": elastic_chain,
 }
-
-
-def source_of(robot: Robot, dtype: str = "float64") -> Source:
-    return render(derive_equations(build_model(robot)), dtype)
 
 
 def compiled(compiler: str, *arguments: str | Path) -> None:
@@ -118,17 +100,6 @@ def test_no_compiler_warns_of_vectors(name: str, flags: tuple[str, ...], tmp_pat
             check_symbols(out, source)
 
 
-def check_symbols(library: Path, source: Source) -> None:
-    """Nothing global is written, nothing is called but libm, and every global name begins with the robot's."""
-    listed = subprocess.run(["nm", library], capture_output=True, text=True, check=True).stdout
-    found = [line.split()[-2:] for line in listed.splitlines()]
-    libm = {"sin", "cos", "sincos", "sinf", "cosf", "sincosf", "sqrt", "sqrtf"}
-    compilers_own = {"memset", "memcpy", "memmove", "_GLOBAL_OFFSET_TABLE_", "__stack_chk_fail"}
-    for kind, name in found:
-        assert kind in "TtUrR", (kind, name)  # no data, no bss
-        assert name in libm | compilers_own if kind == "U" else kind != "T" or name.startswith(f"{source.name}_")
-
-
 def test_no_heap_and_no_static_state() -> None:
     for name, make in ROBOTS.items():
         code = source_of(make()).code
@@ -168,7 +139,7 @@ def test_header_in_cpp(tmp_path: Path) -> None:
 DIGEST = """
 import hashlib, sys
 sys.path.insert(0, {tests!r})
-from tests.codegen.c.test_render import elastic_tree, source_of
+from tests.support.c_sources import elastic_tree, source_of
 source = source_of(elastic_tree())
 print(hashlib.sha256("".join((source.header, source.code, source.cdef, source.meta)).encode()).hexdigest())
 """

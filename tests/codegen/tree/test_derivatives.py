@@ -15,8 +15,8 @@ from eomgen.codegen.solve.factorised import solve_operations
 from eomgen.errors import ArrayError, SingularError, UnknownNameError
 from eomgen.robot.model import build_model
 from eomgen.robot.value import COORDINATES, Coordinate, Joint, Link, Robot
-from tests.conftest import Build
 from tests.oracles.pinocchio_models import PinocchioOracle
+from tests.support.builds import Build
 from tests.support.random_robots import Array, State, random_robot, random_state, seeds
 
 TYPES = ("revolute", "prismatic", "fixed", "free")

@@ -15,12 +15,12 @@ from eomgen.description.load import robot_from_mjcf
 from eomgen.errors import EomgenWarning, InputError
 from eomgen.export.mujoco import LEAST, left_out, mjcf
 from eomgen.robot.value import COORDINATES, LINEAR, Coordinate, Friction, Robot
-from tests.conftest import Build
 from tests.oracles.mujoco_models import MujocoRobot
-from tests.oracles.springs import with_springs
+from tests.support.builds import Build
 from tests.support.figures import Figures
 from tests.support.random_motors import with_motors
 from tests.support.random_robots import random_robot, seeds
+from tests.support.random_springs import with_springs
 
 KERNELS = ("mass_matrix", "inverse_dynamics", "energy")
 

@@ -17,8 +17,8 @@ import eomgen
 from eomgen.adapters.jax import function
 from eomgen.adapters.mappings import kernels_for
 from eomgen.errors import ArrayError, InputError
-from tests.conftest import Build
 from tests.support.adapter_samples import built_for, functions_of, sample, states
+from tests.support.builds import Build
 from tests.support.figures import Figures
 from tests.support.random_robots import Array, random_robot, random_state, seeds
 

@@ -10,7 +10,7 @@ from eomgen.robot.model import FIXED_BODY, build_model
 from eomgen.robot.value import Robot
 from eomgen.runtime.kernel import Kernel
 from eomgen.state.equilibrium import static_equilibrium
-from tests.conftest import Build
+from tests.support.builds import Build
 from tests.support.random_robots import Array, random_robot, random_state
 
 

@@ -16,24 +16,11 @@ from eomgen.description.load import robot_from_toml
 from eomgen.errors import ArrayError, DescriptionError, InputError, UnknownNameError
 from eomgen.robot.model import build_model
 from eomgen.robot.value import ANGULAR, COORDINATES, Robot
-from tests.conftest import Build
 from tests.oracles.pinocchio_models import PinocchioOracle
-from tests.support.random_robots import Array, random_robot, random_state, seeds
+from tests.support.builds import Build
+from tests.support.random_robots import Array, random_robot, random_state, seeds, with_offsets
 
 TYPES = ("revolute", "prismatic", "fixed", "free")
-
-
-def with_offsets(robot: Robot, seed: int, *, active_angles: bool = False) -> Robot:
-    """Random offsets in about half of all coordinates; ``active_angles``: of the angles, in active ones alone."""
-    rng = np.random.default_rng(seed)
-    joints = []
-    for joint in robot.joints:
-        drawn = [float(x) if rng.random() < 0.6 else None for x in rng.uniform(-0.4, 0.4, 6)]
-        for i, name in enumerate(COORDINATES):
-            if active_angles and name in ANGULAR and name not in joint.coordinates:
-                drawn[i] = None
-        joints.append(replace(joint, offset=tuple(drawn)))
-    return replace(robot, joints=tuple(joints))
 
 
 def distance(found: Array, expected: Array) -> float:

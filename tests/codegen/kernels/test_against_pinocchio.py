@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 import eomgen
 from eomgen.errors import EomgenWarning, SingularError
 from eomgen.robot.value import COORDINATES, PRINCIPAL, Coordinate, Robot
-from tests.conftest import Build
+from tests.support.builds import Build
 from tests.support.description_samples import example_urdfs
 from tests.support.random_robots import Array, random_robot, random_state, seeds
 

@@ -17,8 +17,8 @@ from eomgen.adapters.external import external_library
 from eomgen.adapters.mappings import DifferentiableFunction, kernels_for
 from eomgen.errors import BuildError, InputError
 from eomgen.pipeline import cache
-from tests.conftest import Build
 from tests.support.adapter_samples import built_for, functions_of, sample, states
+from tests.support.builds import Build
 from tests.support.figures import Figures
 from tests.support.random_robots import Array, random_robot, random_state, seeds
 

@@ -1,0 +1,219 @@
+"""Integrators against closed forms and laws; motions that cannot go on, and arguments that are refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eomgen import ArrayError, InputError, IntegrationError, SingularError
+from eomgen.errors import IntegrationStopped
+from eomgen.integration.solve import integrate
+from eomgen.integration.system import System
+from eomgen.robot.value import Coordinate
+from tests.support.builds import Build
+from tests.support.swinging import DAMPING, MASS, NEEDED, STIFFNESS, elastic_arm, oscillator
+
+
+def closed_form(t: np.ndarray, q0: float, v0: float) -> np.ndarray:
+    decay = DAMPING / (2.0 * MASS)
+    w = np.sqrt(STIFFNESS / MASS - decay**2)
+    return np.exp(-decay * t) * (q0 * np.cos(w * t) + (v0 + decay * q0) / w * np.sin(w * t))
+
+
+@pytest.mark.parametrize(
+    ("method", "options", "bound"),
+    [
+        ("DOP853", {"rtol": 1e-10}, 1e-9),
+        ("RK45", {"rtol": 1e-9}, 1e-8),
+        ("Radau", {"rtol": 1e-8}, 1e-8),
+        ("BDF", {"rtol": 1e-8}, 1e-6),
+        ("LSODA", {"rtol": 1e-9}, 1e-7),
+        ("rk4", {"step": 1e-4}, 1e-10),
+        ("auto", {"rtol": 1e-8}, 1e-8),
+    ],
+)
+def test_oscillator_equals_its_closed_form(method: str, options: dict[str, float], bound: float, built: Build) -> None:
+    kernel = built(oscillator(), *NEEDED)
+    motion = integrate(kernel, [0.1], [0.5], 1.0, method=method, **options)
+    assert motion.t.shape == (1001,)
+    assert motion.q.shape == motion.v.shape == motion.u.shape == (1001, 1)
+    assert np.abs(motion.of("slide.z") - closed_form(motion.t, 0.1, 0.5)).max() <= bound
+    energy = 0.5 * MASS * motion.v[:, 0] ** 2, 0.5 * STIFFNESS * motion.q[:, 0] ** 2
+    assert np.allclose(motion.energy, np.transpose(energy), rtol=1e-12, atol=1e-15)
+    assert motion.method == ("Radau" if method == "auto" else method)
+    assert min(motion.info["steps"], motion.info["evaluations"]) > 0
+
+
+@pytest.mark.parametrize("method", ["DOP853", "Radau", "rk4"])
+def test_times_of_samples_are_free(method: str, built: Build) -> None:
+    """The state given is that at the first time, drives see the times themselves; what is recorded is the samples."""
+    kernel = built(oscillator(), *NEEDED)
+    times = np.array([0.3, 0.31, 0.5, 0.77, 1.0])
+    seen: list[tuple[np.ndarray, np.ndarray]] = []
+    options = {"method": method, "rtol": 1e-9, "step": 1e-4, "drive": lambda t, _q, _v: [np.cos(3.0 * t)]}
+    record = lambda t, y: seen.append((t.copy(), y.copy()))  # noqa: E731
+    part = integrate(kernel, [0.1], [0.5], 1.0, times=times, record=record, **options)
+    shifted = {**options, "drive": lambda t, _q, _v: [np.cos(3.0 * (t + 0.3))]}
+    whole = integrate(kernel, [0.1], [0.5], 0.7, output_step=0.01, **shifted)
+    assert np.array_equal(part.t, times)
+    assert np.abs(part.q - whole.q[[0, 1, 20, 47, 70]]).max() < 1e-7
+    assert np.array_equal(np.concatenate([t for t, _ in seen]), times[1:])
+    assert np.array_equal(np.concatenate([y for _, y in seen]), np.hstack([part.q, part.v])[1:])
+
+
+def test_default_fixed_step_resolves_the_spring(built: Build) -> None:
+    kernel = built(oscillator(), *NEEDED)
+    motion = integrate(kernel, [0.1], [0.0], 0.5, method="rk4", output_step=0.1)
+    assert motion.t.tolist() == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4, 0.5])
+    assert np.abs(motion.q[:, 0] - closed_form(motion.t, 0.1, 0.0)).max() < 1e-7
+
+
+def test_rk4_is_of_order_four(built: Build) -> None:
+    kernel = built(oscillator(), *NEEDED)
+    ends = [
+        integrate(kernel, [0.1], [0.5], 1.0, method="rk4", step=h, output_step=1.0).q[-1, 0] for h in (8e-3, 4e-3, 2e-3)
+    ]
+    errors = np.abs(np.array(ends) - closed_form(np.array(1.0), 0.1, 0.5))
+    orders = np.log2(errors[:-1] / errors[1:])
+    assert np.abs(orders - 4.0).max() < 0.25
+
+
+@pytest.mark.parametrize(("method", "rtol"), [("DOP853", 1e-11), ("Radau", 1e-10)])
+def test_energy_is_conserved_without_damping(method: str, rtol: float, built: Build) -> None:
+    robot = elastic_arm(damping=0.0)
+    kernel = built(robot, *NEEDED)
+    rng = np.random.default_rng(0)
+    q0, v0 = rng.uniform(-0.1, 0.1, kernel.n), rng.uniform(-0.5, 0.5, kernel.n)
+    motion = integrate(kernel, q0, v0, 1.0, method=method, rtol=rtol, output_step=0.01)
+    total = motion.energy.sum(axis=1)
+    assert np.abs(total - total[0]).max() <= 1e-9 * motion.energy[:, 0].max()
+    assert motion.energy[:, 0].max() > 3.0 * motion.energy[:, 0].min()
+
+
+def test_dampers_and_drives_account_for_the_energy(built: Build) -> None:
+    kernel = built(oscillator(), *NEEDED)
+    motion = integrate(kernel, [0.1], [0.0], 1.0, drive=lambda t, _q, _v: [3.0 * np.sin(15.0 * t)], rtol=1e-9)
+    power = motion.u[:, 0] * motion.v[:, 0] - DAMPING * motion.v[:, 0] ** 2
+    work = np.sum(0.5 * (power[1:] + power[:-1]) * np.diff(motion.t))
+    assert motion.energy[-1].sum() - motion.energy[0].sum() == pytest.approx(work, abs=1e-5)
+
+
+def test_implicit_equals_explicit(built: Build) -> None:
+    kernel = built(elastic_arm(), *NEEDED)
+    q0, v0 = np.full(kernel.n, 0.02), np.full(kernel.n, -0.1)
+    motions = [
+        integrate(kernel, q0, v0, 0.5, method=method, rtol=rtol, output_step=0.01)
+        for method, rtol in (("DOP853", 1e-11), ("Radau", 1e-9), ("BDF", 1e-9), ("LSODA", 1e-10))
+    ]
+    for motion in motions[1:]:
+        assert np.abs(motion.q - motions[0].q).max() < 1e-6
+        assert motion.info["jacobians"] > 0 or motion.method == "LSODA"  # which takes none while nothing is stiff
+
+
+def test_a_wrench_acts_as_its_generalized_force(built: Build) -> None:
+    kernel = built(elastic_arm(), *NEEDED, "external_force")
+    wrench = np.random.default_rng(1).uniform(-5.0, 5.0, (len(kernel.links), 6))
+    zero = np.zeros(kernel.n)
+    options = {"method": "DOP853", "output_step": 0.05, "rtol": 1e-10}
+    given = integrate(kernel, zero, zero, 0.3, wrench=wrench, **options)
+    called = integrate(kernel, zero, zero, 0.3, wrench=lambda _t, _q, _v: wrench, **options)
+    as_drive = integrate(kernel, zero, zero, 0.3, drive=lambda _t, q, _v: kernel.external_force(q, wrench), **options)
+    assert (given.q == called.q).all()
+    assert np.abs(given.q - as_drive.q).max() < 1e-9
+    implicit = integrate(kernel, zero, zero, 0.3, wrench=wrench, method="Radau", output_step=0.05, rtol=1e-8)
+    assert np.abs(given.q - implicit.q).max() < 1e-6
+
+
+@pytest.mark.parametrize("batched", [True, False])
+def test_jacobian_is_the_derivative(batched: bool, built: Build) -> None:
+    kernel = built(elastic_arm(), *NEEDED)
+    drive = Spring()
+    drive.batched = batched
+    system = System(kernel, drive, None)
+    y = np.random.default_rng(2).uniform(-0.3, 0.3, 2 * kernel.n)
+    central = np.empty((y.size, y.size))
+    for i, e in enumerate(1e-5 * np.eye(y.size)):
+        central[:, i] = (system.derivative(0.1, y + e) - system.derivative(0.1, y - e)) / 2e-5
+    assert np.abs(system.jacobian(0.1, y) - central).max() <= 1e-5 * np.abs(central).max()
+
+
+class Spring:
+    """A drive that depends on time and state, of one state or a batch."""
+
+    batched = True
+
+    def __call__(self, t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return -3.0 * q + 0.5 * np.roll(q, 1, axis=-1) - 0.7 * v + t
+
+
+def runaway(_t: float, q: np.ndarray, _v: np.ndarray) -> np.ndarray:
+    """A drive that throws the mass to infinity in finite time."""
+    return 1e3 * q**3
+
+
+@pytest.mark.parametrize("method", ["rk4", "DOP853", "RK45", "Radau", "BDF", "LSODA"])
+def test_divergence_names_coordinate_and_time(method: str, built: Build) -> None:
+    kernel = built(oscillator(), *NEEDED)
+    with pytest.raises(IntegrationStopped, match=r"oscillator, t = 0\.\d+ s: .*slide\.z") as caught:
+        integrate(kernel, [2.0], [0.0], 1.0, drive=runaway, method=method, step=1e-3)
+    error = caught.value
+    assert isinstance(error, IntegrationError)
+    assert error.coordinate == "slide.z"
+    assert 0.0 < error.t < 0.2
+    assert np.isfinite(error.q).all()
+    assert np.isfinite(error.v).all()
+    assert error.q[0] > 2.0
+
+
+def test_a_state_that_cannot_move_is_refused(built: Build) -> None:
+    """A point mass on a revolute axis: nothing that the joint could turn."""
+    robot = oscillator()
+    point = replace(robot.links[0], inertia=(0.0,) * 6)
+    joint = replace(robot.joints[0], type="revolute", coordinates={"gamma": Coordinate()})
+    kernel = built(replace(robot, name="point_robot", links=(point,), joints=(joint,)), *NEEDED)
+    with pytest.raises(SingularError, match=r"slide\.gamma"):
+        integrate(kernel, [0.0], [0.0], 1.0)
+
+
+def test_a_drive_that_fails_later(built: Build) -> None:
+    kernel = built(oscillator(), *NEEDED)
+    with pytest.raises(IntegrationStopped, match=r"drive: slide\.z is nan at t = 0\.5"):
+        integrate(kernel, [0.1], [0.0], 1.0, drive=lambda t, _q, _v: [np.nan if t > 0.5 else 0.0])
+    with pytest.raises(ArrayError, match="drive: expected forces of shape"):
+        integrate(kernel, [0.1], [0.0], 1.0, drive=lambda _t, _q, _v: [1.0, 2.0])
+    with pytest.raises(ZeroDivisionError):
+        integrate(kernel, [0.1], [0.0], 1.0, drive=lambda _t, _q, _v: [1 / 0])
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"method": "euler"}, "method: 'euler' is unknown; allowed: auto, Radau"),
+        ({"duration": 0.0}, "duration: 0.0 s"),
+        ({"duration": np.nan}, "duration: nan s"),
+        ({"output_step": -1.0}, "output_step: -1.0 s"),
+        ({"method": "rk4", "step": 0.0}, "step: 0.0 s"),
+        ({"rtol": 0.0}, "rtol: 0.0; allowed"),
+        ({"rtol": 2.0}, "rtol: 2.0; allowed"),
+        ({"atol": -1.0}, "atol: "),
+        ({"atol": [1.0, 1.0, 1.0]}, "atol: expected a number or shape"),
+        ({"times": [0.0, 0.5, 0.4, 1.0]}, "times: allowed: two or more finite times, increasing"),
+        ({"times": [1.0]}, "times: allowed: two or more"),
+        ({"times": [0.0, 0.5]}, "times: end at 0.5 s; allowed: at the duration, 1 s"),
+        ({"times": [0.0, 1.0], "output_step": 0.1}, "times and output_step are both given"),
+        ({"q0": [0.0, 0.0]}, r"q0: expected float64 of shape \(1,\)"),
+        ({"v0": [np.nan]}, "v0: slide.z is nan"),
+        ({"v0": "fast"}, "v0: expected 1 numbers"),
+    ],
+)
+def test_arguments_that_are_refused(changes: dict[str, object], text: str, built: Build) -> None:
+    arguments: dict[str, object] = {"q0": [0.0], "v0": [0.0], "duration": 1.0, **changes}
+    with pytest.raises(InputError, match=text):
+        integrate(built(oscillator(), *NEEDED), **arguments)  # type: ignore[arg-type]
+
+
+def test_single_precision_is_refused(built: Build) -> None:
+    with pytest.raises(InputError, match="needs a float64 kernel"):
+        integrate(built(oscillator(), *NEEDED, dtype="float32"), [0.0], [0.0], 1.0)

@@ -1,0 +1,318 @@
+"""Descriptions in TOML that the reader refuses: what is changed in ARM, and what the message must say."""
+
+from __future__ import annotations
+
+import re
+
+from tests.support.description_samples import ARM
+
+
+def changed(sample: str, old: str, new: str) -> str:
+    assert sample.count(old) >= 1, old
+    return sample.replace(old, new, 1)
+
+
+def loop(extra: str, links: str = 'links = ["link2", "base"]', kind: str = 'type = "fixed"') -> tuple[str, str]:
+    """What is replaced, and a loop in its place: keys that ``extra`` gives are not given twice."""
+    lines = [line for line in (links, kind) if line.split(" ")[0] != extra.split(" ")[0]]
+    return "[[frames]]", "\n".join(["[[loops]]", 'name = "loop"', *lines, extra, "[[frames]]"])
+
+
+def spring(*extra: str, links: str = 'links = ["link2", "base"]') -> tuple[str, str]:
+    """What is replaced, and a spring of these lines in its place."""
+    return "[[frames]]", "\n".join(["[[springs]]", 'name = "rope"', links, *extra, "[[frames]]"])
+
+
+# what is replaced, by what, and what the message must say: the place, the value, what is allowed
+TOML_CASES = {
+    "syntax": ("mass = 3.0", "mass = = 3.0", ["my.toml:8:8: "]),
+    "unknown key": (
+        "stiffness = 1e6",
+        "stiffnes = 1e6",
+        ["joints.joint1.x", "'stiffnes'", "mean 'stiffness'", "damping"],
+    ),
+    "unknown top key": ("gravity =", "gravitiy =", ["'gravitiy'", "mean 'gravity'", "allowed: name"]),
+    "unknown coordinate": ("x = { stiff", "delta = { stiff", ["joints.joint1", "'delta'", "allowed", "gamma"]),
+    "key with control characters": ("gravity =", '"\\u001b[31m\\n" =', [r"'\x1b[31m\n'", "allowed"]),
+    "duplicate key": ("mass = 3.0", "mass = 3.0\nmass = 4.0", ["my.toml:9:"]),
+    "string for number": ("mass = 3.0", 'mass = "3.0"', ["links.link1.mass", "'3.0'", "at least 0"]),
+    "boolean for number": ("mass = 3.0", "mass = true", ["links.link1.mass", "true", "at least 0"]),
+    "number for table": (
+        "x = { stiffness = 1e6, damping = 10 }",
+        "x = 1e6",
+        ["joints.joint1.x", "1000000.0", "a table"],
+    ),
+    "number for name": ('name = "link1"', "name = 1", ["links[0].name", "1", "a string"]),
+    "date for number": ("mass = 3.0", "mass = 1979-05-27", ["links.link1.mass", "1979", "allowed"]),
+    "table for array": ("gravity = [0.0, 0.0, -9.81]", "gravity = { z = -9.81 }", ["gravity", "a table", "3 numbers"]),
+    "short vector": ("[0.1, 0.0, 0.0]", "[0.1, 0.0]", ["links.link1.com", "[0.1, 0.0]", "an array of 3 numbers"]),
+    "text in vector": ("[0.1, 0.0, 0.0]", '[0.1, "a", 0.0]', ["links.link1.com.1", "'a'", "a finite number"]),
+    "nested vector": ("[0.1, 0.0, 0.0]", "[[0.1], 0.0, 0.0]", ["links.link1.com.0", "[0.1]", "a finite number"]),
+    "table for array of tables": ("[[frames]]", "[frames]", ["frames", "a table", "[[frames]]"]),
+    "nan": ("mass = 3.0", "mass = nan", ["links.link1.mass", "nan", "at least 0"]),
+    "inf": ("-9.81", "-inf", ["gravity.2", "-inf", "a finite number"]),
+    "huge number": ("mass = 3.0", "mass = 1e200", ["links.link1.mass", "1e+200", "1e+30"]),
+    "huge integer": ("mass = 3.0", "mass = 0x" + "f" * 9000, ["links.link1.mass", "36000 bits", "1e+30"]),
+    "integer of 5000 digits": ("mass = 3.0", "mass = " + "9" * 5000, ["not valid TOML"]),
+    "negative mass": ("mass = 3.0", "mass = -3.0", ["links.link1.mass", "-3.0", "at least 0"]),
+    "negative stiffness": ("1e6", "-1e6", ["joints.joint1.x.stiffness", "-1000000.0", "at least 0"]),
+    "negative damping": ("damping = 10", "damping = -10", ["joints.joint1.x.damping", "-10", "at least 0"]),
+    "negative armature": ("0.02", "-0.02", ["joints.joint1.gamma.armature", "-0.02", "at least 0"]),
+    "impossible inertia": ("zz = 0.2", "zz = 0.5", ["links.link1.inertia", "-0.1", '"warn"', '"project"', "--inertia"]),
+    "indefinite inertia": ("xx = 0.1", "xx = -0.1", ["links.link1.inertia", "(-0.1, 0.2, 0.2", "allowed"]),
+    "product of inertia": ("zz = 0.2", "zz = 0.2, xy = 0.3", ["links.link1.inertia", "eigenvalue -", "allowed"]),
+    "inertia without zz": (", zz = 0.2", "", ["links.link1.inertia", "'zz'", "missing", "kg m^2"]),
+    "mass missing": ("mass = 3.0\n", "", ["links.link1", "'mass'", "missing"]),
+    "name missing": ('name = "link1"\n', "", ["links[0]", "'name'", "missing"]),
+    "robot name missing": ('name = "arm"\n', "", ["'name'", "missing", "lower-case"]),
+    "parent missing": ('parent = "base"\n', "", ["joints.joint1", "'parent'", "missing", "'base'"]),
+    "type missing": ('type = "revolute"\n', "", ["joints.joint1", "'type'", "missing", "prismatic"]),
+    "unknown type": ('"revolute"', '"revolut"', ["joints.joint1.type", "'revolut'", "mean 'revolute'", "free"]),
+    "type of URDF": ('"revolute"', '"continuous"', ["joints.joint1.type", "'continuous'", "mean 'revolute'"]),
+    "unsupported type": (
+        '"revolute"',
+        '"planar"',
+        ["joints.joint1.type", "'planar'", "revolute, prismatic, fixed, free"],
+    ),
+    "unknown parent": (
+        'parent = "link1"',
+        'parent = "lnk1"',
+        ["joints.joint2.parent", "'lnk1'", "mean 'link1'", "base"],
+    ),
+    "unknown child": ('child = "link2"', 'child = "lnk2"', ["joints.joint2.child", "'lnk2'", "mean 'link2'"]),
+    "unknown link of frame": ('link = "link2"', 'link = "hand"', ["frames.tcp.link", "'hand'", "'link1', 'link2'"]),
+    "two parents": ('child = "link2"', 'child = "link1"', ["joints.joint2.child", "'link1'", "'joint1'", "one parent"]),
+    "cycle": ('parent = "base"', 'parent = "link2"', ["joints.joint", "'joint1', 'joint2'", "cycle", "a tree"]),
+    "own parent": ('parent = "link1"', 'parent = "link2"', ["joints.joint2", "'joint2'", "cycle"]),
+    "base as child": ('child = "link2"', 'child = "base"', ["joints.joint2.child", "'base'", "a link"]),
+    "link without joint": ("[[frames]]", '[[links]]\nname = "far"\nmass = 1\n[[frames]]', ["links.far", "one joint"]),
+    "link named base": ('name = "link1"', 'name = "base"', ["links.base.name", "another name"]),
+    "duplicate link": ('name = "link2"', 'name = "link1"', ["links.link1", "unique"]),
+    "duplicate joint": ('name = "joint2"', 'name = "joint1"', ["joints.joint1", "unique"]),
+    "no identifier": ('name = "link1"', 'name = "link 1"', ["links[0].name", "'link 1'", "letter", "'link_1'"]),
+    "trailing newline": ('name = "link1"', 'name = "link1\\n"', ["links[0].name", r"'link1\n'", "letter"]),
+    "code in a name": ('name = "link1"', 'name = "*/ int x; /*"', ["links[0].name", "'*/ int x; /*'", "letter"]),
+    "foreign letters": (
+        'name = "joint1"',
+        'name = "\N{GREEK SMALL LETTER PHI}"',
+        ["joints[0].name", r"'\u03c6'", "letter"],
+    ),
+    "empty name": ('name = "link1"', 'name = ""', ["links[0].name", "''", "letter"]),
+    "long name": ('name = "link1"', f'name = "{"l" * 5000}"', ["links[0].name", "lll...'", "128"]),
+    "robot name in capitals": ('name = "arm"', 'name = "Arm"', ["name", "'Arm'", "lower-case", "'arm'"]),
+    "robot name with newline": ('name = "arm"', 'name = "arm\\n"', ["name", r"'arm\n'", "lower-case"]),
+    "long robot name": ('name = "arm"', f'name = "{"a" * 49}"', ["name", "'aaaa", "48"]),
+    "dh and placement": ("dh =", "placement = {}\ndh =", ["joints.joint1", "both dh and placement", "one of them"]),
+    "limits reversed": ("limits = [-1, 2]", "limits = [2, -1]", ["joints.joint1.limits", "[2, -1]", "lower <= upper"]),
+    "limits of a fixed joint": ('type = "revolute"', 'type = "fixed"', ["joints.joint1.limits", "fixed", "revolute"]),
+    "clearance without stiffness": (
+        "stiffness = 1e6",
+        "clearance = 1e-4",
+        ["joints.joint1.x.clearance", "no stiffness", "stiffness > 0"],
+    ),
+    "key of a loop": (*loop("a = 1"), ["loops.loop", "unknown key 'a'", "placements"]),
+    "key of a spring": (*spring("stifness = 1"), ["springs.rope", "'stifness'", "mean 'stiffness'", "tension_only"]),
+    "spring without links": (*spring("stiffness = 1", links=""), ["springs.rope", "'links' is missing", "two names"]),
+    "spring of three links": (
+        *spring("stiffness = 1", links='links = ["base", "link1", "link2"]'),
+        ["springs.rope.links", "two names, each 'base' or a link"],
+    ),
+    "spring of no link": (
+        *spring("stiffness = 1", links='links = ["link2", "lnk1"]'),
+        ["springs.rope.links.1", "'lnk1'", "mean 'link1'"],
+    ),
+    "spring of one link": (
+        *spring("stiffness = 1", links='links = ["link2", "link2"]'),
+        ["springs.rope.links", "both ends are on one link", "two different links"],
+    ),
+    "spring without force": (*spring("free_length = 1"), ["springs.rope", "no force", "stiffness, damping or curve"]),
+    "negative spring": (*spring("stiffness = -1"), ["springs.rope.stiffness", "-1", "at least 0"]),
+    "negative length": (
+        *spring("stiffness = 1", "free_length = -0.1"),
+        ["springs.rope.free_length", "-0.1", "at least 0"],
+    ),
+    "negative damper": (*spring("damping = -2.0"), ["springs.rope.damping", "-2.0", "at least 0"]),
+    "infinite spring": (*spring("stiffness = inf"), ["springs.rope.stiffness", "inf", "at least 0"]),
+    "one point": (*spring("stiffness = 1", "points = [[0, 0, 0]]"), ["springs.rope.points", "1 values", "two points"]),
+    "flat point": (*spring("stiffness = 1", "points = [[0, 0], [0, 0, 0]]"), ["springs.rope.points.0", "3 numbers"]),
+    "point that is none": (
+        *spring("stiffness = 1", "points = [[0, 0, nan], [0, 0, 0]]"),
+        ["springs.rope.points.0.2", "nan", "finite"],
+    ),
+    "cable of a word": (
+        *spring("stiffness = 1", 'tension_only = "yes"'),
+        ["springs.rope.tension_only", "true or false"],
+    ),
+    "cable of no length": (
+        *spring("stiffness = 1", "tension_only = true"),
+        ["springs.rope.tension_only", "no free_length and no smoothing"],
+    ),
+    "smoothing of no cable": (
+        *spring("stiffness = 1", "smoothing = 0.1"),
+        ["springs.rope.smoothing", "with tension_only = true"],
+    ),
+    "sharp cable": (
+        *spring("stiffness = 1", "tension_only = true", "smoothing = 0"),
+        ["springs.rope.smoothing", "at least 1e-12"],
+    ),
+    "curve and stiffness of a spring": (
+        *spring("stiffness = 1", "curve = [[0, 0], [1, 1]]"),
+        ["springs.rope.curve", "stiffness is given, too"],
+    ),
+    "curve of a cable": (
+        *spring("tension_only = true", "smoothing = 0.1", "curve = [[0, 0], [1, 1]]"),
+        ["springs.rope.curve", "tension_only is given, too"],
+    ),
+    "curve of a spring that falls back": (
+        *spring("curve = [[0, 0], [1, 1], [0.5, 2]]"),
+        ["springs.rope.curve", "point 2", "elongation 0.5", "elongations that rise"],
+    ),
+    "spring twice": (
+        *spring("stiffness = 1", "[[springs]]", 'name = "rope"', 'links = ["link1", "base"]', "damping = 1"),
+        ["springs.rope", "'rope' is taken"],
+    ),
+    "name of a spring": (*spring("stiffness = 1", "[[springs]]", 'name = "a b; x"'), ["springs[1].name", "'a b; x'"]),
+    "tunable of a spring": (
+        "tunable = [",
+        'tunable = ["springs.rope.stiffness", ',
+        ["tunable", "'springs.rope.stiffness'", "springs.SPRING.points"],
+    ),
+    "loop of three links": (*loop('links = ["base", "link1", "link2"]'), ["loops.loop.links", "two names"]),
+    "loop of a string": (*loop('links = "link1"'), ["loops.loop.links", "strings"]),
+    "loop of no link": (*loop('links = ["link2", "lnk1"]'), ["loops.loop.links.1", "'lnk1'", "mean 'link1'"]),
+    "loop of one link": (*loop('links = ["link2", "link2"]'), ["loops.loop.links", "to itself", "different"]),
+    "loop without links": (*loop('type = "fixed"', links=""), ["loops.loop", "'links' is missing", "two names"]),
+    "loop without type": (*loop("", kind=""), ["loops.loop", "'type' is missing", "revolute", "planar"]),
+    "type of a loop": (*loop("", kind='type = "hinge"'), ["loops.loop.type", "'hinge'", "mean 'revolute'"]),
+    "placements of a loop": (*loop("placements = [{}]"), ["loops.loop.placements", "two tables"]),
+    "placement of a loop": (*loop("placements = [{}, {xy = 1}]"), ["loops.loop.placements.1", "'xy'", "xyz, rpy"]),
+    "origin of a loop": (*loop("placements = [{}, {xyz = [1]}]"), ["loops.loop.placements.1.xyz", "3 numbers"]),
+    "negative clearance": (
+        "stiffness = 1e6",
+        "stiffness = 1e6, clearance = -1e-4",
+        ["joints.joint1.x.clearance", "-0.0001", "at least 0"],
+    ),
+    "clearance of stiffness zero": (
+        "stiffness = 1e6",
+        "stiffness = 0, clearance = 1e-4",
+        ["joints.joint1.x.clearance", "stiffness > 0"],
+    ),
+    "sharp clearance": (
+        "stiffness = 1e6",
+        "stiffness = 1, clearance = 0",
+        ["joints.joint1.x.clearance", "no smoothing", "1e-12"],
+    ),
+    "smoothing zero": (
+        "stiffness = 1e6",
+        "stiffness = 1, clearance = 1, smoothing = 0",
+        ["joints.joint1.x.smoothing", "0", "1e-12"],
+    ),
+    "smoothing of nothing": (
+        "stiffness = 1e6",
+        "stiffness = 1, smoothing = 1e-5",
+        ["joints.joint1.x.smoothing", "no clearance"],
+    ),
+    "restitution of nothing": (
+        "stiffness = 1e6",
+        "restitution_damping = 1.0",
+        ["joints.joint1.x.restitution_damping", "no clearance"],
+    ),
+    "negative restitution damping": (
+        "stiffness = 1e6",
+        "stiffness = 1, clearance = 1, restitution_damping = -1",
+        ["joints.joint1.x.restitution_damping", "-1", "at least 0"],
+    ),
+    "one side only": (
+        "stiffness = 1e6",
+        "stiffness_negative = 1e6",
+        ["joints.joint1.x.stiffness_negative", "with stiffness"],
+    ),
+    "falling cubic": ("stiffness = 1e6", "cubic = -1.0", ["joints.joint1.x.cubic", "-1", "at least 0"]),
+    "endless preload": ("stiffness = 1e6", "preload = inf", ["joints.joint1.x.preload", "inf", "finite"]),
+    "friction as a number": (
+        "stiffness = 1e6",
+        "friction = 1.0",
+        ["joints.joint1.x.friction", "1.0", "a table", "coulomb"],
+    ),
+    "friction without coulomb": (
+        "stiffness = 1e6",
+        "friction = { viscous = 1.0 }",
+        ["joints.joint1.x.friction", "'coulomb' is missing"],
+    ),
+    "static without stribeck": (
+        "stiffness = 1e6",
+        "friction = { coulomb = 1.0, static = 2.0 }",
+        ["joints.joint1.x.friction", "static and stribeck"],
+    ),
+    "stribeck without static": (
+        "stiffness = 1e6",
+        "friction = { coulomb = 1.0, stribeck = 0.1 }",
+        ["joints.joint1.x.friction", "static and stribeck"],
+    ),
+    "static below coulomb": (
+        "stiffness = 1e6",
+        "friction = { coulomb = 2.0, static = 1.0, stribeck = 0.1 }",
+        ["joints.joint1.x.friction.static", "1.0", "at least coulomb, 2.0"],
+    ),
+    "stribeck zero": (
+        "stiffness = 1e6",
+        "friction = { coulomb = 1.0, static = 2.0, stribeck = 0.0 }",
+        ["joints.joint1.x.friction.stribeck", "0.0", "1e-12"],
+    ),
+    "unknown friction": (
+        "stiffness = 1e6",
+        "friction = { coulomb = 1.0, statik = 2.0 }",
+        ["joints.joint1.x.friction", "'statik'", "mean 'static'"],
+    ),
+    "curve of one point": ("stiffness = 1e6", "curve = [[0, 0]]", ["joints.joint1.x.curve", "1 points", "2 to 64"]),
+    "curve of many points": (
+        "stiffness = 1e6",
+        f"curve = {[[i, 0] for i in range(65)]}",
+        ["joints.joint1.x.curve", "65 points", "2 to 64"],
+    ),
+    "curve that turns back": (
+        "stiffness = 1e6",
+        "curve = [[0, 0], [1, 2], [1, 3]]",
+        ["joints.joint1.x.curve", "point 2", "1.0 after 1.0", "rise"],
+    ),
+    "curve of triples": (
+        "stiffness = 1e6",
+        "curve = [[0, 0, 1], [1, 2, 3]]",
+        ["joints.joint1.x.curve.0", "[0, 0, 1]", "2 numbers"],
+    ),
+    "curve of words": ("stiffness = 1e6", 'curve = [[0, 0], [1, "a"]]', ["joints.joint1.x.curve.1.1", "'a'", "finite"]),
+    "curve as a number": ("stiffness = 1e6", "curve = 3", ["joints.joint1.x.curve", "3", "array of arrays"]),
+    "curve from nowhere": ("stiffness = 1e6", 'curve = "a.csv"', ["joints.joint1.x.curve", "'a.csv'", "relative"]),
+    "curve and stiffness": (
+        "stiffness = 1e6",
+        "stiffness = 1, curve = [[0, 0], [1, 2]]",
+        ["joints.joint1.x.curve", "stiffness is given, too", "instead of"],
+    ),
+    "curve and friction that is none": (
+        "stiffness = 1e6",
+        "curve = [[0, 0], [1, 2]], friction = { coulomb = 1, static = 2 }",
+        ["joints.joint1.x.friction", "static and stribeck"],
+    ),
+    "prescribed": ("limits =", 'prescribed = ["w"]\nlimits =', ["joints.joint1.prescribed", "'w'", "x, y, z, alpha"]),
+    "role": ("stiffness = 1e6", 'role = "drive"', ["joints.joint1.x.role", "'drive'", "free, locked, prescribed"]),
+    "inertia policy": ("tunable =", 'inertia = "ignore"\ntunable =', ["inertia", "'ignore'", "error, warn, project"]),
+    "urdf without folder": ("tunable =", 'urdf = "a.urdf"\ntunable =', ["urdf", "'a.urdf'", "relative"]),
+    "tunable of no link": ("links.link2.mass", "links.lnk2.mass", ["tunable", "lnk2.mass", "links.link2.mass"]),
+    "tunable of no joint": (
+        "links.link2.mass",
+        "joints.joint3.x.damping",
+        ["tunable", "joint3.x", "joints.joint1.x.damping"],
+    ),
+    "tunable of inactive": ("links.link2.mass", "joints.joint2.x.damping", ["tunable", "joint2.x", "allowed: gravity"]),
+    "tunable rpy of dh": ("links.link2.mass", "joints.joint1.placement.rpy", ["tunable", "joint1", "dh does not"]),
+    "tunable half wildcard": (
+        "links.link2.mass",
+        "links.link*.mass",
+        ["tunable", "'links.link*.mass'", "any one component"],
+    ),
+    "tunable number": ('["links.link2.mass"]', "[3]", ["tunable", "[3]", "an array of strings"]),
+    "nothing moves": ('"revolute"', '"fixed"', ["joints", "allowed"]),
+}
+
+
+NOTHING_MOVES = re.sub("^(x|gamma|limits) = .*\n", "", ARM, flags=re.MULTILINE).replace('"prismatic"', '"fixed"')

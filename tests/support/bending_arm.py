@@ -1,0 +1,45 @@
+"""An arm of two links whose joints bend, for pictures."""
+
+from __future__ import annotations
+
+from eomgen.description.load import robot_from_toml
+from eomgen.robot.value import Robot
+from tests.support.random_springs import with_springs
+
+ARM = """
+name = "arm"
+[[links]]
+name = "link1"
+mass = 3.0
+com = [0.2, 0.0, 0.0]
+inertia = { xx = 0.01, yy = 0.05, zz = 0.05 }
+[[links]]
+name = "link2"
+mass = 1.5
+com = [0.15, 0.0, 0.0]
+inertia = { xx = 0.005, yy = 0.02, zz = 0.02 }
+[[joints]]
+name = "joint1"
+parent = "base"
+child = "link1"
+type = "revolute"
+x = { stiffness = 2e5, damping = 80.0 }
+alpha = { stiffness = 4e3, damping = 3.0 }
+[[joints]]
+name = "joint2"
+parent = "link1"
+child = "link2"
+type = "revolute"
+placement = { xyz = [0.4, 0.0, 0.0], rpy = [1.5707963267948966, 0.0, 0.0] }
+y = { stiffness = 1e5, damping = 60.0 }
+gamma = { damping = 0.2 }
+[[frames]]
+name = "tcp"
+link = "link2"
+placement = { xyz = [0.3, 0.0, 0.0] }
+"""
+
+
+def bending_arm() -> Robot:
+    """The arm with a spring of every kind between its links."""
+    return with_springs(robot_from_toml(ARM), 0)

@@ -1,0 +1,63 @@
+"""Robots whose vibrations have closed forms: masses in a row between springs, and a slider-crank on a spring."""
+
+from __future__ import annotations
+
+from eomgen.robot.value import Coordinate, Frame, Joint, Link, Placement, Robot
+
+STIFFNESS, MASS, DAMPING = 4e4, 2.5, 3.0
+
+
+def chain(n: int, *, ends: str = "fixed-free", damping: float | None = None) -> Robot:
+    """n masses in a row between springs: links on fixed joints that give way along x, "fixed-free" or "free-free"."""
+    table = {"x": Coordinate(stiffness=STIFFNESS, damping=damping)}
+    joints, links = [], []
+    for i in range(n):
+        free = i == 0 and ends == "free-free"
+        given = {"x": Coordinate()} if free else table
+        parent = f"m{i}" if i else "base"
+        joints.append(Joint(f"j{i + 1}", parent, f"m{i + 1}", "fixed", Placement(), coordinates=given))
+        links.append(Link(f"m{i + 1}", MASS, (0.0, 0.0, 0.0), (0.1, 0.1, 0.1, 0.0, 0.0, 0.0)))
+    return Robot("chain", (0.0, 0.0, 0.0), tuple(links), tuple(joints), (Frame("tcp", f"m{n}"),))
+
+
+LOOP = """
+name = "slider_crank"
+gravity = [0.0, -9.81, 0.0]
+[[links]]
+name = "crank"
+mass = 0.7
+com = [0.1, 0.0, 0.0]
+inertia = { xx = 1e-3, yy = 4e-3, zz = 4e-3 }
+[[links]]
+name = "rod"
+mass = 0.5
+com = [0.2, 0.0, 0.0]
+inertia = { xx = 1e-3, yy = 7e-3, zz = 7e-3 }
+[[links]]
+name = "slider"
+mass = 0.9
+com = [0.0, 0.0, 0.0]
+inertia = { xx = 1e-3, yy = 1e-3, zz = 1e-3 }
+[[joints]]
+name = "turn"
+parent = "base"
+child = "crank"
+type = "revolute"
+[[joints]]
+name = "pin"
+parent = "crank"
+child = "rod"
+type = "revolute"
+placement = { xyz = [0.2, 0.0, 0.0] }
+[[joints]]
+name = "guide"
+parent = "base"
+child = "slider"
+type = "fixed"
+x = { stiffness = 3000.0, damping = 8.0, preload = 40.0 }
+[[loops]]
+name = "ball"
+links = ["rod", "slider"]
+type = "revolute"
+placements = [{ xyz = [0.4, 0.0, 0.0] }, {}]
+"""

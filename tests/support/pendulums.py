@@ -1,0 +1,38 @@
+"""A pendulum whose joint the tests describe."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from eomgen.description.load import robot_from_toml
+from eomgen.robot.value import Coordinate, Joint, Link, Robot, Spring
+
+MOTOR = "motor = { inertia = 1e-4, ratio = 100, stiffness = 2e4 }"
+
+
+def described(motor: str, kind: str = "revolute", more: str = "", tunable: str = "[]") -> Robot:
+    """A pendulum with that line in its joint."""
+    return robot_from_toml(f"""
+name = "pendulum"
+gravity = [0.0, -9.81, 0.0]
+tunable = {tunable}
+[[links]]
+name = "rod"
+mass = 2.0
+com = [0.25, 0.0, 0.0]
+inertia = {{ xx = 0.0, yy = 0.05, zz = 0.05 }}
+[[joints]]
+name = "joint1"
+parent = "base"
+child = "rod"
+type = "{kind}"
+{motor}
+{more}
+""")
+
+
+def pendulum(springs: tuple[Spring, ...], mass: float = 2.0, com: float = 0.3, **gamma: Any) -> Robot:
+    """A rod that turns about the base's z; weight along -y; rod along x at 0."""
+    link = Link("rod", mass, (com, 0.0, 0.0), (0.01, 0.05, 0.05, 0.0, 0.0, 0.0))
+    joint = Joint("pivot", "base", "rod", "revolute", coordinates={"gamma": Coordinate(**gamma)})
+    return Robot("pendulum", (0.0, -9.81, 0.0), (link,), (joint,), springs=springs)

@@ -1,0 +1,69 @@
+"""Tables of a description with any keys and values, for Hypothesis."""
+
+from __future__ import annotations
+
+from hypothesis import strategies as st
+
+KEYS = [
+    "x",
+    "curve",
+    "friction",
+    "clearance",
+    "name",
+    "gravity",
+    "urdf",
+    "inertia",
+    "tunable",
+    "links",
+    "joints",
+    "frames",
+    "loops",
+    "springs",
+    "points",
+    "tension_only",
+    "free_length",
+    "mass",
+    "com",
+    "parent",
+    "child",
+    "type",
+    "dh",
+    "placement",
+    "x",
+    "gamma",
+    "limits",
+    "prescribed",
+    "placements",
+    "xyz",
+    "rpy",
+    "xx",
+    "stiffness",
+    "a",
+]
+
+
+SCALARS = st.one_of(
+    st.none().map(lambda _: "base"),
+    st.sampled_from(
+        ["arm", "link1", "joint1", "revolute", "fixed", "free", "project", "links.*.mass", "*", "a.urdf", ""]
+    ),
+    st.text(max_size=8),
+    st.integers(-(2**70), 2**70),
+    st.floats(),
+    st.booleans(),
+)
+
+
+TABLES = st.recursive(
+    SCALARS,
+    lambda inner: st.one_of(
+        st.lists(inner, max_size=4), st.dictionaries(st.sampled_from(KEYS) | st.text(max_size=4), inner, max_size=6)
+    ),
+    max_leaves=25,
+)
+
+
+TOPS = st.dictionaries(st.sampled_from(KEYS), TABLES, max_size=6)
+
+
+ENTRIES = (st.sampled_from(["links", "joints", "frames", "loops", "springs"]), st.sampled_from(KEYS), TABLES)

@@ -1,0 +1,12 @@
+"""Small robots that several tests use."""
+
+from __future__ import annotations
+
+from eomgen.robot.value import COORDINATES, Coordinate, Joint, Link, Robot
+
+
+def free_body() -> Robot:
+    """One body that may move in every way."""
+    link = Link("body", 2.0, (0.1, 0.0, 0.05), (0.1, 0.12, 0.09, 0.01, 0.0, 0.0))
+    joint = Joint("free", "base", "body", "free", coordinates=dict.fromkeys(COORDINATES, Coordinate()))
+    return Robot("free_body", (0.0, 0.0, -9.81), (link,), (joint,))
