@@ -66,6 +66,9 @@ def copy(tmp_path: Path) -> Path:
         ("integration/solve.py", "from eomgen.codegen.c.source import Source", "An integration builds nothing"),
         ("errors.py", "import matplotlib", "import eomgen brings neither"),
         ("surprise.py", "", "A room uses rooms below it only"),
+        ("cli/bench.py", "from eomgen.cli.cache import COMMANDS", "No group of commands uses another"),
+        ("cli/shared.py", "from eomgen.cli.bench import COMMANDS", "No group of commands uses another"),
+        ("cli/surprise.py", "", "No group of commands uses another"),
     ],
 )
 def test_an_import_of_the_wrong_room_is_seen(module: str, line: str, contract: str, copy: Path) -> None:

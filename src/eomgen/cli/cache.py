@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import json
 from typing import Any
 
+from .shared import Command, add_json, show_json
 
-def add_cache(commands: Any) -> None:
-    """``eomgen cache``."""
-    text = "where compiled kernels are kept, how many, how large"
-    parser = commands.add_parser("cache", help=text, description=f"{text[0].upper()}{text[1:]}.")
+
+def _add_cache(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--clear", action="store_true", help="remove them; kernels that are loaded go on")
-    parser.add_argument("--json", action="store_true", help="print JSON")
-    parser.set_defaults(command=_cache)
+    add_json(parser)
 
 
 def _cache(options: argparse.Namespace) -> None:
@@ -30,10 +27,21 @@ def _cache(options: argparse.Namespace) -> None:
     if removed is not None:
         about["removed"] = removed
     if options.json:
-        print(json.dumps(about, indent=1))
+        show_json(about)
         return
     print(about["folder"])
     counts = [f"{about[kind]} {kind}" for kind in KINDS if about[kind]]
     print(f"{', '.join(counts) or 'nothing'}, {size / 1e6:.1f} MB")
     if removed is not None:
         print(f"removed {removed} entries")
+
+
+COMMANDS = (
+    Command(
+        "cache",
+        "where compiled kernels are kept, how many, how large",
+        _add_cache,
+        _cache,
+        (("cache --clear", "remove compiled kernels"),),
+    ),
+)

@@ -6,18 +6,21 @@ import argparse
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from ..errors import InputError
-from ..export.fmu.pack import METHODS, VERSIONS, export_fmu
-from ..export.mujoco import export_mjcf, left_out
-from ..robot.value import Robot
-from .states import Command, Load, Progress
+from ..progress import StageReport
+from .shared import Command, add_robot, read_robot, show_written, stage_bar
 
-Export = Callable[[Robot, argparse.Namespace, Callable[[str], None]], list[Path]]
+if TYPE_CHECKING:
+    from ..robot.value import Robot
+
+Export = Callable[["Robot", argparse.Namespace, StageReport], list[Path]]
 
 
-def _export_fmu(robot: Robot, options: argparse.Namespace, report: Callable[[str], None]) -> list[Path]:
+def _export_fmu(robot: Robot, options: argparse.Namespace, report: StageReport) -> list[Path]:
+    from ..export.fmu.pack import VERSIONS, export_fmu
+
     return [
         export_fmu(
             robot,
@@ -31,7 +34,9 @@ def _export_fmu(robot: Robot, options: argparse.Namespace, report: Callable[[str
     ]
 
 
-def _export_mjcf(robot: Robot, options: argparse.Namespace, report: Callable[[str], None]) -> list[Path]:
+def _export_mjcf(robot: Robot, options: argparse.Namespace, report: StageReport) -> list[Path]:
+    from ..export.mujoco import export_mjcf, left_out
+
     output: Path = options.output
     path = output if output.suffix == ".xml" else output / f"{robot.name}.xml"
     report("finding the step of the integrator")
@@ -41,36 +46,48 @@ def _export_mjcf(robot: Robot, options: argparse.Namespace, report: Callable[[st
     return [written]
 
 
-FORMATS: Mapping[str, tuple[str, Export]] = {  # what an option is called, what it says, and what it does
+FORMATS: Mapping[str, tuple[str, Export]] = {  # an option's name, what it says, and what it does
     "fmu": ("functional mock-up units for model exchange and co-simulation", _export_fmu),
     "mjcf": ("a model of MuJoCo", _export_mjcf),
 }
 
 
-def add_export(commands: Any, robot_command: Command, load: Load, progress: Progress) -> None:
-    """``eomgen export``; ``robot_command`` makes a command that takes a robot, ``load`` reads it."""
+def _add_export(parser: argparse.ArgumentParser) -> None:
+    from ..export.fmu.pack import METHODS, VERSIONS
 
-    def run_command(options: argparse.Namespace) -> None:
-        wanted = [name for name in FORMATS if getattr(options, name)]
-        if not wanted:
-            raise InputError(f"export: no format is given; allowed: {', '.join(f'--{name}' for name in FORMATS)}")
-        robot = load(options)
-        with progress("exporting") as report:
-            written = [
-                path for name in wanted for path in FORMATS[name][1](robot, options, lambda text: report(0.0, text))
-            ]
-        for path in written:
-            print(f"wrote {path}")
-
-    command = robot_command(commands, "export", run_command, "write the robot for other tools")
+    add_robot(parser)
     for name, (text, _) in FORMATS.items():
-        command.add_argument(f"--{name}", action="store_true", help=text)
-    command.add_argument(
+        parser.add_argument(f"--{name}", action="store_true", help=text)
+    parser.add_argument(
         "-o", "--output", type=Path, default=Path("out"), help="folder to write to (out); of MJCF, or a .xml file"
     )
-    command.add_argument("--step", type=float, metavar="S", help="(greatest) step of integration, s (what rk4 needs)")
-    units = command.add_argument_group("functional mock-up units")
+    parser.add_argument("--step", type=float, metavar="S", help="(greatest) step of integration, s (what rk4 needs)")
+    units = parser.add_argument_group("functional mock-up units")
     units.add_argument("--fmi", type=int, choices=VERSIONS, help="version of the interface (both)")
     units.add_argument("--method", choices=METHODS, default="rk4", help="of co-simulation (rk4)")
-    models = command.add_argument_group("models of MuJoCo")
+    models = parser.add_argument_group("models of MuJoCo")
     models.add_argument("--approximate", action="store_true", help="leave out what MuJoCo has no equal for, with notes")
+
+
+def _export(options: argparse.Namespace) -> None:
+    wanted = [name for name in FORMATS if getattr(options, name)]
+    if not wanted:
+        raise InputError(f"export: no format is given; allowed: {', '.join(f'--{name}' for name in FORMATS)}")
+    robot = read_robot(options)
+    with stage_bar("exporting") as report:
+        written = [path for name in wanted for path in FORMATS[name][1](robot, options, report)]
+    show_written(written)
+
+
+COMMANDS = (
+    Command(
+        "export",
+        "write the robot for other tools",
+        _add_export,
+        _export,
+        (
+            ("export arm.toml --fmu -o out", "functional mock-up units of FMI 2.0 and 3.0"),
+            ("export arm.toml --mjcf -o arm.xml", "the same robot for MuJoCo"),
+        ),
+    ),
+)

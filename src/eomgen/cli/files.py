@@ -1,39 +1,30 @@
-"""The commands about files that people write: new, check, schema."""
+"""Commands about files that people write: new, check, schema."""
 
 from __future__ import annotations
 
 import argparse
-import json
 import warnings
 from pathlib import Path
-from typing import Any
 
 from ..errors import EomgenWarning, InputError
+from .shared import Command, add_json, show_json
 
 
-def add_files(commands: Any) -> None:
-    """``eomgen new``, ``eomgen check`` and ``eomgen schema``."""
-    new = _command(commands, "new", _new, "write a commented description to begin with")
-    new.add_argument("name", metavar="NAME", help="of the robot: lower-case letters, digits and _")
-    new.add_argument("-o", "--output", type=Path, metavar="FILE", help="a file that does not exist yet (NAME.toml)")
-    new.add_argument("--scenario", action="store_true", help="a scenario for such a robot instead")
-    check = _command(commands, "check", _check, "check descriptions, scenarios and plans without generating anything")
-    check.add_argument("files", metavar="FILE", nargs="+", help="path of a .toml, .urdf or .xml (MJCF) file")
-    check.add_argument("--json", action="store_true", help="print JSON")
-    schema = _command(commands, "schema", _schema, "print the JSON Schema of a file format, for editors")
-    schema.add_argument("format", nargs="?", default="robot", help="robot, scenario or plan (robot)")
-
-
-def _command(commands: Any, name: str, function: Any, text: str) -> argparse.ArgumentParser:
-    parser: argparse.ArgumentParser = commands.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
-    parser.set_defaults(command=function)
-    return parser
+def _add_new(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("name", metavar="NAME", help="of the robot: lower-case letters, digits and _")
+    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="a file that does not exist yet (NAME.toml)")
+    parser.add_argument("--scenario", action="store_true", help="a scenario for such a robot instead")
 
 
 def _new(options: argparse.Namespace) -> None:
     from ..authoring.new import write_starter
 
     print(f"wrote {write_starter(options.name, options.output, 'scenario' if options.scenario else 'robot')}")
+
+
+def _add_check(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("files", metavar="FILE", nargs="+", help="path of a .toml, .urdf or .xml (MJCF) file")
+    add_json(parser)
 
 
 def _check(options: argparse.Namespace) -> None:
@@ -43,7 +34,7 @@ def _check(options: argparse.Namespace) -> None:
         warnings.simplefilter("ignore", EomgenWarning)  # the notes say the same
         checked = [check_file(name) for name in options.files]
     if options.json:
-        print(json.dumps([file.as_dict() for file in checked], indent=1))
+        show_json([file.as_dict() for file in checked])
     else:
         print("\n".join(line for file in checked for line in file.lines))
     bad = sum(bool(file.errors) for file in checked)
@@ -51,7 +42,36 @@ def _check(options: argparse.Namespace) -> None:
         raise InputError(f"check: {bad} of {len(checked)} files cannot be used; allowed: what is said of each")
 
 
+def _add_schema(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("format", nargs="?", default="robot", help="robot, scenario or plan (robot)")
+
+
 def _schema(options: argparse.Namespace) -> None:
     from ..authoring.schemas import schema_text
 
     print(schema_text(options.format), end="")
+
+
+COMMANDS = (
+    Command(
+        "new",
+        "write a commented description to begin with",
+        _add_new,
+        _new,
+        (("new arm", "write arm.toml, a commented description to begin with"),),
+    ),
+    Command(
+        "check",
+        "check descriptions, scenarios and plans without generating anything",
+        _add_check,
+        _check,
+        (("check arm.toml", "is it right? every error with file:line:column"),),
+    ),
+    Command(
+        "schema",
+        "print the JSON Schema of a file format, for editors",
+        _add_schema,
+        _schema,
+        (("schema robot", "JSON Schema, with which editors complete and check"),),
+    ),
+)

@@ -1,0 +1,32 @@
+"""The command bench: what the generated equations cost, beside textbook algorithms."""
+
+from __future__ import annotations
+
+import argparse
+
+from .shared import Command, add_json, add_robot, read_robot, show_result, stage_bar
+
+
+def _add_bench(parser: argparse.ArgumentParser) -> None:
+    add_robot(parser)
+    add_json(parser)
+
+
+def _bench(options: argparse.Namespace) -> None:
+    from ..bench.beside import bench
+
+    robot = read_robot(options)
+    with stage_bar("measuring") as report:
+        result = bench(robot, progress=report)
+    show_result(options, result)
+
+
+COMMANDS = (
+    Command(
+        "bench",
+        "operation counts and times beside a Newton-Euler algorithm in C",
+        _add_bench,
+        _bench,
+        (("bench ur5", "operation counts and times beside Newton-Euler"),),
+    ),
+)

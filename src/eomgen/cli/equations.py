@@ -1,0 +1,84 @@
+"""Commands that write equations of motion, to be read or to be compiled: derive, generate."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from .shared import Command, add_robot, read_robot, show_written, stage_bar
+
+
+def _add_derive(parser: argparse.ArgumentParser) -> None:
+    add_robot(parser)
+    style = parser.add_mutually_exclusive_group()
+    style.add_argument("--text", action="store_true", help="plain text (the default)")
+    style.add_argument("--latex", action="store_true", help="a LaTeX fragment for amsmath")
+    parser.add_argument("--numbers", action="store_true", help="keep the description's numbers, no symbols for them")
+    parser.add_argument("-o", "--output", type=Path, help="file to write to (standard output)")
+
+
+def _derive(options: argparse.Namespace) -> None:
+    from ..codegen.closed_form.readable import readable_form
+    from ..files import write_atomically
+    from ..robot.model import build_model
+
+    form = readable_form(build_model(read_robot(options)), numbers=options.numbers)
+    text = (form.latex() if options.latex else "\n".join(form.lines())) + "\n"
+    if options.output is None:
+        print(text, end="")
+        return
+    show_written([write_atomically(options.output, lambda stream: stream.write(text.encode()))])
+
+
+def _add_generate(parser: argparse.ArgumentParser) -> None:
+    from ..pipeline.stages import DTYPES, KERNEL_NAMES
+
+    add_robot(parser)
+    parser.add_argument("-o", "--output", type=Path, default=Path("generated"), help="folder to write to (generated)")
+    parser.add_argument("--dtype", choices=DTYPES, default="float64", help="type of all numbers (float64)")
+    parser.add_argument("--native", action="store_true", help="compile for this processor alone")
+    parser.add_argument("--cmake", action="store_true", help="with a C++17 header, a CMake package, a pkg-config file")
+    parser.add_argument(
+        "--kernels",
+        action="extend",
+        type=_names,
+        default=[],
+        metavar="NAME[,NAME...]",
+        help=f"only these (all but tangents): {', '.join(KERNEL_NAMES)}",
+    )
+
+
+def _names(text: str) -> list[str]:
+    """Names with commas in between."""
+    return [name.strip() for name in text.split(",")]
+
+
+def _generate(options: argparse.Namespace) -> None:
+    from ..pipeline.stages import Options, generate
+
+    robot = read_robot(options)
+    chosen = Options(tuple(options.kernels), options.dtype, options.native)
+    with stage_bar("generating") as report:
+        target = generate(robot, options.output, chosen, cmake=options.cmake, progress=report)
+    print(target)
+
+
+COMMANDS = (
+    Command(
+        "derive",
+        "closed-form equations of a small robot, for a reader",
+        _add_derive,
+        _derive,
+        (("derive one_link --latex", "equations in closed form, for small robots"),),
+    ),
+    Command(
+        "generate",
+        "write and compile an importable package",
+        _add_generate,
+        _generate,
+        (
+            ("generate arm.toml -o generated", "write and compile generated/arm, then: import arm"),
+            ("generate arm.toml --cmake", "the same, with a CMake package and a header for C++17"),
+        ),
+    ),
+)

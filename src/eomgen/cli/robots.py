@@ -1,0 +1,62 @@
+"""Commands about robots as they are described: robots, info."""
+
+from __future__ import annotations
+
+import argparse
+
+from .shared import Command, add_json, add_robot, read_robot, show_json, show_result, stage_bar
+
+
+def _robots(options: argparse.Namespace) -> None:
+    from ..description.load import builtin_robots, load_robot
+    from ..robot.model import build_model
+
+    rows = []
+    for name in builtin_robots():
+        model = build_model(load_robot(name))
+        rows.append({"name": name, "coordinates": model.size, "links": len(model.links)})
+    if options.json:
+        show_json(rows)
+        return
+    for row in rows:
+        print(f"{row['name']:<18} {row['coordinates']:>3} coordinates, {row['links']:>2} moving links")
+
+
+def _add_info(parser: argparse.ArgumentParser) -> None:
+    add_robot(parser)
+    parser.add_argument("--zeros", action="store_true", help="every zero of M and C with its reason, by joints")
+    add_json(parser)
+
+
+def _info(options: argparse.Namespace) -> None:
+    robot = read_robot(options)
+    if options.zeros:
+        from ..codegen.joint.zero_listing import zero_report
+        from ..robot.model import build_model
+
+        show_result(options, zero_report(build_model(robot)))
+        return
+    from ..pipeline.costs import robot_info
+
+    with stage_bar("deriving") as report:
+        info = robot_info(robot, progress=report)
+    show_result(options, info)
+
+
+COMMANDS = (
+    Command(
+        "robots",
+        "list the built-in robots",
+        add_json,
+        _robots,
+        (("robots", "the built-in robots"),),
+        description="",
+    ),
+    Command(
+        "info",
+        "what a robot is made of, and what its equations cost",
+        _add_info,
+        _info,
+        (("info puma560_elastic", "coordinates, parameters, zero blocks, operation counts"),),
+    ),
+)

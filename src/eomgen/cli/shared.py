@@ -1,0 +1,259 @@
+"""What the commands share: a robot as argument, options about a state, progress, results as text or JSON."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..errors import InputError
+from ..progress import Progress, StageReport, no_progress
+
+if TYPE_CHECKING:
+    from ..robot.value import Robot
+
+TRAJECTORY = "trajectory.npz"
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command of ``eomgen``.
+
+    name: the word that calls it.
+    help: one line about it, in the list of all commands.
+    add_arguments: adds its arguments to its parser; imports what their choices are taken from.
+    run: does it; imports what it needs.
+    examples: lines of the epilog of ``eomgen --help``: the words behind ``eomgen``, and what they do.
+    description: text of its own ``--help``; by default ``help`` as a sentence.
+    """
+
+    name: str
+    help: str
+    add_arguments: Callable[[argparse.ArgumentParser], None]
+    run: Callable[[argparse.Namespace], None]
+    examples: tuple[tuple[str, str], ...]
+    description: str | None = None
+
+
+class OldName(argparse.Action):
+    """An option under the name that it had before: does what the new name does, with a note on standard error.
+
+    Usage: ``add_argument("--old", action=OldName, new="--new", dest="new", help=argparse.SUPPRESS)``.
+    """
+
+    def __init__(self, *arguments: Any, new: str, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self.new = new
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: str | None = None
+    ) -> None:
+        print(f"note: {option} is now called {self.new}", file=sys.stderr)
+        setattr(namespace, self.dest, values)
+
+
+# Robots and results that commands begin with
+
+
+def add_robot(parser: argparse.ArgumentParser) -> None:
+    """A ROBOT and the options of reading it."""
+    parser.add_argument("robot", metavar="ROBOT", help="built-in name, or path of a .toml, .urdf or .xml (MJCF) file")
+    _add_reading(
+        parser,
+        "an inertia that no body can have: refuse it, take it as it is, or take the nearest one (error)",
+        "read <dynamics damping=...> of an URDF",
+    )
+
+
+def add_robot_of_result(parser: argparse.ArgumentParser, default: str) -> None:
+    """The option --robot of a command about a result; ``default`` says which it is where the option is not given."""
+    parser.add_argument("--robot", help=f"the robot that was simulated ({default})")
+    _add_reading(parser, "as in the other commands (error)", "as in the other commands")
+
+
+def _add_reading(parser: argparse.ArgumentParser, inertia: str, damping: str) -> None:
+    parser.add_argument("--inertia", choices=("error", "warn", "project"), help=inertia)
+    parser.add_argument("--urdf-damping", action="store_true", help=damping)
+
+
+def read_robot(options: argparse.Namespace) -> Robot:
+    """The robot of ``options.robot``; its notes are printed on standard error.
+
+    Raises:
+        InputError: see ``eomgen.load_robot``.
+    """
+    from ..description.load import load_robot
+
+    robot = load_robot(options.robot, inertia=options.inertia, urdf_damping=options.urdf_damping)
+    for note in robot.notes:
+        print(f"note: {note}", file=sys.stderr)
+    return robot
+
+
+def result_path(path: Path) -> Path:
+    """The file of a result: the path itself, or ``trajectory.npz`` in a folder.
+
+    Raises:
+        InputError: there is none.
+    """
+    if path.is_dir():
+        if not (path / TRAJECTORY).is_file():
+            raise InputError(f"{path}: has no {TRAJECTORY}; allowed: a folder that eomgen simulate wrote, or a .npz")
+        return path / TRAJECTORY
+    return path
+
+
+# What is shown
+
+
+@contextmanager
+def progress_bar(title: str) -> Iterator[Progress]:
+    """A progress bar on a terminal, nothing in a pipe."""
+    if not sys.stderr.isatty():
+        yield no_progress
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import Progress as Bars
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Bars(*columns, console=Console(stderr=True), transient=True) as bars:
+        task = bars.add_task(title, total=None)
+
+        def report(fraction: float, text: str) -> None:
+            bars.update(task, description=text or title, total=1.0 if fraction > 0 else None, completed=fraction)
+
+        yield report
+
+
+@contextmanager
+def stage_bar(title: str) -> Iterator[StageReport]:
+    """A progress bar for work that names its stages and cannot tell how long they take."""
+    with progress_bar(title) as report:
+        yield lambda text: report(0.0, text)
+
+
+def add_json(parser: argparse.ArgumentParser) -> None:
+    """The option --json of all commands that print results."""
+    parser.add_argument("--json", action="store_true", help="print JSON")
+
+
+def show_json(values: Any) -> None:
+    """Print values as JSON, one to a line."""
+    print(json.dumps(values, indent=1))
+
+
+def show_result(options: argparse.Namespace, result: Any) -> None:
+    """Print a result that has ``lines`` and ``as_dict``: as text, or as JSON with --json."""
+    if options.json:
+        show_json(result.as_dict())
+    else:
+        print("\n".join(result.lines()))
+
+
+def show_files(
+    options: argparse.Namespace, lines: Sequence[str], values: Mapping[str, Any], written: Iterable[Path]
+) -> None:
+    """Print a result as ``lines`` or as JSON of ``values``, with the files that were written."""
+    if options.json:
+        show_json({"files": [str(path) for path in written], **values})
+        return
+    print("\n".join(lines))
+    show_written(written)
+
+
+def show_written(paths: Iterable[Path]) -> None:
+    """Print the paths of files that were written."""
+    for path in paths:
+        print(f"wrote {path}")
+
+
+# Options about a state of a robot
+
+
+def add_state(
+    parser: argparse.ArgumentParser, *, drives: str = "locked", choices: Sequence[str] = ("locked", "free", "pd")
+) -> None:
+    """Options that say about which state a robot is looked at, and --json."""
+    parser.add_argument(
+        "--pose", nargs="+", metavar="Q", help="principal coordinates, rad or m: all in order, or NAME=VALUE"
+    )
+    parser.add_argument("--drives", choices=choices, default=drives, help=f"what drives do about the state ({drives})")
+    parser.add_argument("--kp", nargs="+", metavar="K", help="gains of pd: one number, or NAME=VALUE")
+    parser.add_argument("--kd", nargs="+", metavar="K", help="gains of pd by rates, the same way (0)")
+    parser.add_argument("--held", nargs="*", metavar="NAME", help="coordinates that stay, instead of principal ones")
+    parser.add_argument(
+        "--load",
+        nargs=7,
+        action="append",
+        default=[],
+        metavar=("FRAME", "FX", "FY", "FZ", "MX", "MY", "MZ"),
+        help="dead force and moment at a frame or link, base axes, N and N m; more than once",
+    )
+    parser.add_argument("--frame", help="frame or link to look at (tcp, or the end of the robot)")
+    parser.add_argument(
+        "--set", nargs="+", default=[], metavar="NAME=VALUE", help="parameters, such as gravity.z=0", dest="parameters"
+    )
+    add_json(parser)
+
+
+def state_options(options: argparse.Namespace, report: StageReport) -> dict[str, Any]:
+    """Keywords that all analyses about a state take, but for the pose.
+
+    Raises:
+        InputError: a value is no number.
+    """
+    return {
+        "drives": options.drives,
+        "kp": _gains("kp", options.kp),
+        "kd": _gains("kd", options.kd),
+        "held": options.held,
+        "loads": {row[0]: [_number("load", value) for value in row[1:]] for row in options.load} or None,
+        "frame": options.frame,
+        "parameters": _by_name("set", options.parameters) or None,
+        "progress": report,
+    }
+
+
+def coordinate_values(label: str, texts: Sequence[str] | None) -> list[float] | dict[str, float] | None:
+    """Numbers in order, numbers by name if a text is NAME=VALUE, or None where no texts are given.
+
+    Raises:
+        InputError: a value is no number, or has no name where others have one; it begins with the label.
+    """
+    if texts is None:
+        return None
+    if any("=" in text for text in texts):
+        return _by_name(label, texts)
+    return [_number(label, text) for text in texts]
+
+
+def _gains(label: str, texts: Sequence[str] | None) -> float | dict[str, float] | None:
+    found = coordinate_values(label, texts)
+    if isinstance(found, list):
+        if len(found) != 1:
+            raise InputError(f"{label}: {len(found)} numbers; allowed: one number, or NAME=VALUE for each")
+        return found[0]
+    return found
+
+
+def _by_name(label: str, texts: Sequence[str]) -> dict[str, float]:
+    found = {}
+    for text in texts:
+        name, sign, value = text.partition("=")
+        if not sign:
+            raise InputError(f"{label}: {text!r}; allowed: NAME=VALUE")
+        found[name.strip()] = _number(f"{label}: {name}", value)
+    return found
+
+
+def _number(label: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"{label}: {text!r} is not a number") from None

@@ -1,0 +1,68 @@
+"""The command simulate: a robot over time."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from ..errors import InputError, IntegrationStopped
+from .shared import TRAJECTORY, Command, add_json, add_robot, progress_bar, read_robot, show_files
+
+
+def _add_simulate(parser: argparse.ArgumentParser) -> None:
+    add_robot(parser)
+    parser.add_argument("-o", "--output", type=Path, default=Path("out"), help="folder for results and plots (out)")
+    parser.add_argument("--scenario", metavar="FILE", help="a scenario: path of a .toml file, or a built-in name")
+    parser.add_argument("--stream", metavar="FOLDER", help="write states there while they are integrated (Zarr)")
+    parser.add_argument("--duration", type=float, metavar="S", help="duration in seconds (2)")
+    parser.add_argument("--method", help="auto, Radau, BDF, LSODA, CVODE, IDA, DOP853, RK45 or rk4 (auto)")
+    parser.add_argument(
+        "--goal", type=float, nargs="+", metavar="Q", help="goal of the principal coordinates, rad or m, joint by joint"
+    )
+    parser.add_argument("--no-plots", action="store_true", help="write the trajectory only")
+    add_json(parser)
+
+
+def _simulate(options: argparse.Namespace) -> None:
+    from ..scenario.load import load_scenario
+    from ..simulation.run import run_scenario, simulate
+
+    given = {key: getattr(options, key) for key in ("duration", "method", "goal") if getattr(options, key) is not None}
+    if options.scenario and given:
+        raise InputError(f"--{next(iter(given))}: given together with --scenario, which says it; allowed: one of both")
+    if options.stream and not options.scenario:
+        raise InputError("--stream: given without --scenario; allowed: with a scenario")
+    robot = read_robot(options)
+    scenario = load_scenario(options.scenario) if options.scenario else None
+    try:
+        with progress_bar("simulating") as report:
+            if scenario is not None:
+                result = run_scenario(robot, scenario, progress=report, stream=options.stream)
+            else:
+                result = simulate(robot, progress=report, **given)
+    except IntegrationStopped as error:
+        if error.result is not None:  # what there is of it, marked as stopped; the status says so, too
+            path = error.result.save(options.output / TRAJECTORY)
+            print(f"wrote {path}: the motion until it stopped", file=sys.stderr)
+        raise
+    written = [result.save(options.output / TRAJECTORY)]
+    if not options.no_plots:
+        from ..pictures.simulation import plot_result
+
+        written += plot_result(result, options.output)
+    show_files(options, result.summary_lines(), result.summary(), written)
+
+
+COMMANDS = (
+    Command(
+        "simulate",
+        "run a programmed motion of all coordinates",
+        _add_simulate,
+        _simulate,
+        (
+            ("simulate puma560_elastic -o out", "programmed motion; trajectory.npz and plots"),
+            ("simulate arm.toml --scenario s.toml", "motions, drives, wrenches, payloads of a scenario file"),
+        ),
+    ),
+)

@@ -1,0 +1,42 @@
+"""The command compare: several robots for one task."""
+
+from __future__ import annotations
+
+import argparse
+
+from .shared import Command, add_json, add_robot, progress_bar, read_robot, show_result
+
+
+def _add_compare(parser: argparse.ArgumentParser) -> None:
+    add_robot(parser)
+    parser.add_argument("others", metavar="ROBOT", nargs="+", help="the robots to compare it with")
+    parser.add_argument("--duration", type=float, default=2.0, metavar="S", help="duration in seconds (2)")
+    task = parser.add_mutually_exclusive_group()
+    task.add_argument("--goal", type=float, nargs="+", metavar="Q", help="goal of the principal coordinates, rad or m")
+    task.add_argument("--line", type=float, nargs=6, metavar="X", help="tool's line: three numbers from, three to, m")
+    parser.add_argument("--tool", help="frame or link of all robots (each robot's own)")
+    add_json(parser)
+
+
+def _compare(options: argparse.Namespace) -> None:
+    from ..analysis.structures import compare
+
+    names = [options.robot, *options.others]
+    robots = [read_robot(argparse.Namespace(**{**vars(options), "robot": name})) for name in names]
+    line = (options.line[:3], options.line[3:]) if options.line else None
+    with progress_bar("comparing") as report:
+        found = compare(
+            robots, duration=options.duration, goal=options.goal, line=line, tool=options.tool, progress=report
+        )
+    show_result(options, found)
+
+
+COMMANDS = (
+    Command(
+        "compare",
+        "alternative robots for one task",
+        _add_compare,
+        _compare,
+        (("compare arm.toml other.toml", "drives, reactions, tool deviations for one task"),),
+    ),
+)
