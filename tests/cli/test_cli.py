@@ -101,6 +101,16 @@ def test_simulate_writes_trajectory_and_plots(tmp_path: Path, capsys: pytest.Cap
     assert np.isfinite(result.trajectory.q).all()
 
 
+def test_a_result_is_its_folder_or_its_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(capsys, "simulate", "one_link", "-o", str(tmp_path), "--duration", "0.1", "--no-plots")[0] == 0
+    for words in (("budget",), ("modes", "one_link", "--points", "2", "--along"), ("linearize", "one_link", "--along")):
+        folder, file = (run(capsys, *words, str(path)) for path in (tmp_path, tmp_path / "trajectory.npz"))
+        assert folder == file
+        assert folder[0] == 0
+        (tmp_path / "empty").mkdir(exist_ok=True)
+        assert "has no trajectory.npz" in run(capsys, *words, str(tmp_path / "empty"))[2]
+
+
 def test_bench_compares_with_newton_euler(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     from eomgen.bench import beside as bench
 

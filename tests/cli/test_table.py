@@ -77,3 +77,9 @@ def test_an_option_under_its_old_name_is_taken_with_a_note(capsys: pytest.Captur
     assert parser.parse_args(["--old", "3"]).new == 3.0
     assert capsys.readouterr().err == "note: --old is now called --new\n"
     assert "--old" not in parser.format_help()
+
+
+def test_old_names_of_options(capsys: pytest.CaptureFixture[str]) -> None:
+    for words, name, value in ((["compare", "puma560", "ur5", "--tool", "tcp"], "frame", "tcp"),):
+        assert vars(entry.make_parser().parse_args(words))[name] == value
+        assert capsys.readouterr().err.startswith("note: ")

@@ -5,19 +5,15 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from .shared import Command, add_robot_of_result, progress_bar, read_robot, result_path, show_written
+from .shared import Command, add_result, add_robot_of_result, progress_bar, read_robot, result_path, show_written
 
 KEPT = "the one that the result keeps"
-
-
-def _add_result(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("result", metavar="OUT", type=Path, help="folder of eomgen simulate, or its trajectory.npz")
 
 
 def _add_plot(parser: argparse.ArgumentParser) -> None:
     from ..files import FIGURE_ENDINGS
 
-    _add_result(parser)
+    add_result(parser)
     parser.add_argument("-o", "--output", type=Path, metavar="FOLDER", help="folder to write to (the result's)")
     parser.add_argument(
         "--format", choices=[ending[1:] for ending in FIGURE_ENDINGS], default="pdf", help="of files (pdf)"
@@ -33,7 +29,7 @@ def _plot(options: argparse.Namespace) -> None:
 
 
 def _add_report(parser: argparse.ArgumentParser) -> None:
-    _add_result(parser)
+    add_result(parser)
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="page to write (report.html at the result)")
     parser.add_argument("--no-modes", action="store_true", help="without frequencies along the program")
     add_robot_of_result(parser, KEPT)
@@ -54,7 +50,7 @@ def _report(options: argparse.Namespace) -> None:
 
 
 def _add_view(parser: argparse.ArgumentParser) -> None:
-    _add_result(parser)
+    add_result(parser)
     parser.add_argument("--port", type=int, default=8080, help="to listen at on this machine (8080, or the next free)")
     parser.add_argument("--no-browser", action="store_true", help="print the address only")
     add_robot_of_result(parser, KEPT)

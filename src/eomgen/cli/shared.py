@@ -70,6 +70,11 @@ def add_robot(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_result(parser: argparse.ArgumentParser) -> None:
+    """A RESULT of a simulation."""
+    parser.add_argument("result", metavar="RESULT", type=Path, help="folder of eomgen simulate, or its trajectory.npz")
+
+
 def add_robot_of_result(parser: argparse.ArgumentParser, default: str) -> None:
     """The option --robot of a command about a result; ``default`` says which it is where the option is not given."""
     parser.add_argument("--robot", help=f"the robot that was simulated ({default})")

@@ -10,11 +10,13 @@ from ..errors import InputError
 from .shared import (
     Command,
     add_json,
+    add_result,
     add_robot,
     add_robot_of_result,
     add_state,
     coordinate_values,
     read_robot,
+    result_path,
     show_result,
     stage_bar,
     state_options,
@@ -61,7 +63,7 @@ def _response(options: argparse.Namespace) -> None:
     spaced = np.linspace if options.linear else np.geomspace
     with stage_bar("responding") as report:
         about = state_options(options, report)
-        frame = tool_of(robot, about.pop("frame"))
+        frame = tool_of(robot, about.pop("frame"), "frame")
         inputs = options.input or [f"{frame}.f{axis}" for axis in "xyz"]
         outputs = options.output_of or [f"{frame}.{axis}" for axis in "xyz"]
         pose = coordinate_values("pose", options.pose)
@@ -79,7 +81,7 @@ def _add_linearize(parser: argparse.ArgumentParser) -> None:
     add_robot(parser)
     add_state(parser, drives="free")
     _add_ports(parser)
-    parser.add_argument("--along", type=Path, metavar="RESULT", help="a trajectory.npz: about its motion at --time")
+    parser.add_argument("--along", type=Path, metavar="RESULT", help="of a simulation: about its motion at --time")
     parser.add_argument("--time", type=float, default=0.0, metavar="S", help="of the motion, the nearest sample (0)")
     parser.add_argument("-o", "--output", type=Path, help="write all matrices and names, .npz")
 
@@ -107,7 +109,7 @@ def _state_at(path: Path, time: float) -> dict[str, Any]:
 
     from ..simulation.result import load_result
 
-    motion = load_result(path).trajectory
+    motion = load_result(result_path(path)).trajectory
     if not motion.t[0] <= time <= motion.t[-1]:
         raise InputError(f"time: {time:g} s; allowed: {motion.t[0]:g} to {motion.t[-1]:g} s")
     k = int(np.abs(motion.t - time).argmin())
@@ -119,7 +121,7 @@ def _state_at(path: Path, time: float) -> dict[str, Any]:
 
 
 def _add_budget(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("result", metavar="RESULT", type=Path, help="the trajectory.npz of eomgen simulate")
+    add_result(parser)
     add_robot_of_result(parser, "the built-in one of the result's name")
     parser.add_argument("--frame", help="frame or link to look at (that of the result)")
     add_json(parser)
@@ -131,7 +133,7 @@ def _budget(options: argparse.Namespace) -> None:
     from ..description.load import builtin_robots
     from ..simulation.result import load_result
 
-    result = load_result(options.result)
+    result = load_result(result_path(options.result))
     if options.robot is None:
         if result.robot not in builtin_robots():
             raise InputError(f"robot: {options.result} is of {result.robot}, which is not built in; give --robot")

@@ -14,6 +14,7 @@ from .shared import (
     coordinate_values,
     progress_bar,
     read_robot,
+    result_path,
     show_result,
     stage_bar,
     state_options,
@@ -68,7 +69,7 @@ def _add_modes(parser: argparse.ArgumentParser) -> None:
     add_state(parser)
     path = parser.add_mutually_exclusive_group()
     path.add_argument("--goal", nargs="+", metavar="Q", help="end of a path of the principal coordinates, as --pose")
-    path.add_argument("--along", type=Path, metavar="RESULT", help="a trajectory.npz: modes along its program")
+    path.add_argument("--along", type=Path, metavar="RESULT", help="of a simulation: modes along its program")
     parser.add_argument("--points", type=int, default=21, metavar="N", help="poses along the path (21)")
     parser.add_argument("-o", "--output", type=Path, help="figure of the path's modes: .svg, .pdf or .png")
 
@@ -107,7 +108,7 @@ def _poses_along(robot: Robot, options: argparse.Namespace) -> Any:
     if options.along is None:
         begin, end = (pose_of(robot, kernel, coordinate_values(k, getattr(options, k))) for k in ("pose", "goal"))
         return begin + np.linspace(0.0, 1.0, options.points)[:, np.newaxis] * (end - begin)
-    result = load_result(options.along)
+    result = load_result(result_path(options.along))
     if result.trajectory.coordinates != kernel.coordinates:
         raise InputError(f"{options.along}: has not the coordinates of {robot.name}; allowed: a result of this robot")
     rows = np.unique(np.linspace(0, len(result.program_q) - 1, options.points).round().astype(int))

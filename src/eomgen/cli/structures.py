@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from .shared import Command, add_json, add_robot, progress_bar, read_robot, show_result
+from .shared import Command, OldName, add_json, add_robot, progress_bar, read_robot, show_result
 
 
 def _add_compare(parser: argparse.ArgumentParser) -> None:
@@ -14,7 +14,8 @@ def _add_compare(parser: argparse.ArgumentParser) -> None:
     task = parser.add_mutually_exclusive_group()
     task.add_argument("--goal", type=float, nargs="+", metavar="Q", help="goal of the principal coordinates, rad or m")
     task.add_argument("--line", type=float, nargs=6, metavar="X", help="tool's line: three numbers from, three to, m")
-    parser.add_argument("--tool", help="frame or link of all robots (each robot's own)")
+    parser.add_argument("--frame", help="frame or link to look at, known to all robots (each robot's own)")
+    parser.add_argument("--tool", action=OldName, new="--frame", dest="frame", help=argparse.SUPPRESS)
     add_json(parser)
 
 
@@ -26,7 +27,7 @@ def _compare(options: argparse.Namespace) -> None:
     line = (options.line[:3], options.line[3:]) if options.line else None
     with progress_bar("comparing") as report:
         found = compare(
-            robots, duration=options.duration, goal=options.goal, line=line, tool=options.tool, progress=report
+            robots, duration=options.duration, goal=options.goal, line=line, tool=options.frame, progress=report
         )
     show_result(options, found)
 
