@@ -15,8 +15,15 @@ from tests.support.archives import build_archives
 from tests.support.pythons import PYTHONS, interpreter
 
 NEEDED = ("pytest>=7.4", "pytest-xdist>=3.3", "hypothesis>=6.90", "pin>=3.0", "mujoco>=3.0", "example-robot-data>=4.1")
-CORE = ("arrays", "cache", "cli", "description", "kernels", "parameters", "pinocchio")
-BROAD = (*CORE, "batches", "errata", "loops", "reactions", "result", "rollout", "simulate")
+CORE = (
+    *("cli", "description/test_description.py", "codegen/kernels/test_kernels.py", "codegen/kernels/test_pinocchio.py"),
+    *("pipeline/test_cache.py", "runtime/test_arrays.py", "runtime/test_parameters.py"),
+)
+BROAD = (
+    *(*CORE, "codegen/joint/test_errata.py", "codegen/kernels/test_reactions.py", "loops/test_loops.py"),
+    *("runtime/test_batches.py", "runtime/test_rollout.py", "simulation/test_result.py", "simulation/test_simulate.py"),
+)
+TESTS = Path(__file__).parents[1]
 WHERE = "import eomgen, eomgen.codegen as c, eomgen.templates as t; print(eomgen.__file__, c.__file__, t.__file__)"
 
 
@@ -29,6 +36,11 @@ def command(words: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
     """Run in a folder, without what would lead to the tree of these tests."""
     clean = {key: value for key, value in os.environ.items() if not key.startswith(("PYTEST", "PYTHON", "EOMGEN"))}
     return subprocess.run(words, cwd=folder, env=clean, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize("name", BROAD)
+def test_the_tests_to_be_passed_are_there(name: str) -> None:
+    assert (TESTS / name).exists()
 
 
 @pytest.mark.soak
@@ -53,7 +65,7 @@ def test_the_installed_package_passes_the_tests(wanted: str, archives: tuple[Pat
     assert len(where) == 3
     assert all(place.startswith(str(tmp_path / "venv")) for place in where), where
     here = sys.version_info[:2] == tuple(map(int, wanted.split(".")))
-    files = [f"tests/test_{name}.py" for name in (BROAD if here else CORE)]
+    files = [f"tests/{name}" for name in (BROAD if here else CORE)]
     found = command([other, "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", *files], tree)
     assert found.returncode == 0, found.stdout[-6000:] + found.stderr[-2000:]
     print(f"Python {wanted}: {found.stdout.strip().splitlines()[-1]}, {time.perf_counter() - began:.0f} s in all")
