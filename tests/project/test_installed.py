@@ -16,11 +16,16 @@ from tests.support.pythons import PYTHONS, interpreter
 
 NEEDED = ("pytest>=7.4", "pytest-xdist>=3.3", "hypothesis>=6.90", "pin>=3.0", "mujoco>=3.0", "example-robot-data>=4.1")
 CORE = (
-    *("cli", "description/test_description.py", "codegen/kernels/test_kernels.py", "codegen/kernels/test_pinocchio.py"),
+    *(
+        "cli",
+        "description/test_description.py",
+        "codegen/kernels/test_kernels.py",
+        "codegen/kernels/test_against_pinocchio.py",
+    ),
     *("pipeline/test_cache.py", "runtime/test_arrays.py", "runtime/test_parameters.py"),
 )
 BROAD = (
-    *(*CORE, "codegen/joint/test_errata.py", "codegen/kernels/test_reactions.py", "loops/test_loops.py"),
+    *(*CORE, "codegen/joint/test_errata.py", "codegen/tree/test_reactions.py", "loops/test_loops.py"),
     *("runtime/test_batches.py", "runtime/test_rollout.py", "simulation/test_result.py", "simulation/test_simulate.py"),
 )
 TESTS = Path(__file__).parents[1]
