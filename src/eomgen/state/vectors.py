@@ -1,4 +1,4 @@
-"""TODO."""
+"""Vectors of a state, what drives and motions over time look like, and numbers that all who solve for a state share."""
 
 from __future__ import annotations
 
@@ -8,23 +8,23 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ArrayError
+from ..runtime.kernel import Kernel
 
 Array = NDArray[np.float64]
 
-
 RANK = 1e-7  # singular values below this part of the greatest one belong to redundant constraints
+Q_STEP, V_STEP = 1e-7, 1e-6  # finite differences: small beside 1 rad, 1e9 times the round-off of a force
 
-
+# Functions of time (s) and state (n,): drives, (n,); wrenches, (links, 6); and what prescribed coordinates do, by time
+# alone: positions, rates and accelerations, (m,) each.
 DriveFunction = Callable[[float, Array, Array], ArrayLike]
-
-
 WrenchFunction = Callable[[float, Array, Array], ArrayLike]
-
-
 MotionFunction = Callable[[float], tuple[ArrayLike, ArrayLike, ArrayLike]]
 
 
-Q_STEP, V_STEP = 1e-7, 1e-6  # finite differences: small beside 1 rad, 1e9 times the round-off of a force
+def prescribed_mask(kernel: Kernel) -> NDArray[np.bool_]:
+    """Which coordinates are prescribed, (n,)."""
+    return np.array([name in kernel.prescribed for name in kernel.coordinates])
 
 
 def state_vector(label: str, value: ArrayLike, coordinates: tuple[str, ...]) -> Array:
