@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ..errors import InputError
+from ..optional import optional_import
 from ..pipeline.load import linked
 from ..runtime.kernel import Kernel
 from .external import external_library
@@ -47,10 +48,8 @@ def function(
         InputError: CasADi is not installed, or another argument cannot be used.
         BuildError: no compiler, or a compiler that fails.
     """
-    try:
+    with optional_import("CasADi", "functions of CasADi need"):
         import casadi
-    except ImportError:
-        raise InputError('functions of CasADi need CasADi: pip install "eomgen[casadi]"') from None
     differentiable = DifferentiableFunction(kernel, name, frame, cut=cut)
     parts = ["eom", kernel.name, name, *([] if frame is None else [frame])]
     chosen = re.sub(r"_+", "_", re.sub(r"\W", "_", "_".join(parts))).rstrip("_") if called is None else called

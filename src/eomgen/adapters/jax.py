@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ArrayError, InputError
+from ..optional import optional_import
 from ..runtime.kernel import Kernel
 from .mappings import FRAMES, FUNCTIONS, DifferentiableFunction, jacobian_derivative, kernels_for, pose_derivative
 
@@ -42,11 +43,9 @@ def function(kernel: Kernel, name: str, frame: str | None = None, *, cut: bool =
         UnknownNameError: no function or frame of that name, or a kernel that it takes was not built.
         InputError: JAX is not installed, or another argument cannot be used.
     """
-    try:
+    with optional_import("JAX", "functions of JAX need"):
         import jax
         import jax.numpy as jnp
-    except ImportError:
-        raise InputError('functions of JAX need JAX: pip install "eomgen[jax]"') from None
     there = DifferentiableFunction(kernel, name, frame, cut=cut)
     compute = _frame_functions(jax, jnp, there) if name in FRAMES else _with_jacobian(jax, jnp, there)
 

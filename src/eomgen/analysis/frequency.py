@@ -19,12 +19,14 @@ from numpy.typing import ArrayLike, NDArray
 from ..description import RobotLike
 from ..errors import ArrayError, InputError
 from ..files import write_atomically
+from ..optional import optional_import
 from ..progress import StageReport
+from ..robot.coordinates import force_unit_of
 from .at_rest import system_at_rest
 from .holding import PoseLike
 from .modal import ROUND_OFF
 from .options import StateKeywords, prepared, warn_of
-from .ports import checked_kind, input_matrix, output_matrices, unit_of_input, unit_of_output
+from .ports import checked_kind, input_matrix, output_matrices, unit_of_output
 from .tangent_system import LinearSystem
 
 if TYPE_CHECKING:
@@ -67,7 +69,7 @@ class Response:
 
     def unit(self, output: str, source: str) -> str:
         """Its unit, such as "m/s per N"."""
-        return f"{unit_of_output(output, self.kind)} per {unit_of_input(source)}"
+        return f"{unit_of_output(output, self.kind)} per {force_unit_of(source)}"
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values, for JSON; complex numbers as [real, imaginary]."""
@@ -195,10 +197,8 @@ def h1(
         ArrayError: signals of different lengths, or not finite.
         InputError: times that are not equally far apart, a segment that does not fit, SciPy is not installed.
     """
-    try:
+    with optional_import("SciPy", "H1 of signals needs"):
         from scipy import signal
-    except ImportError:
-        raise InputError('H1 of signals needs SciPy: pip install "eomgen[sim]"') from None
     times, f, x = (np.asarray(values, dtype=np.float64) for values in (t, force, motion))
     if not (times.ndim == 1 and times.shape == f.shape == x.shape and len(times) > 2):
         raise ArrayError(f"t, force, motion: shapes {times.shape}, {f.shape}, {x.shape}; allowed: one shape (T,)")

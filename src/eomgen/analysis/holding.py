@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..errors import ArrayError, DescriptionError, InputError, UnknownNameError
 from ..motion.ends import default_motion
-from ..names import show
+from ..names import joint_of, show
 from ..robot.model import build_model
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
@@ -127,7 +127,7 @@ def pose_of(robot: Robot, kernel: Kernel, pose: PoseLike | None) -> Array:
             rigid = ()  # nothing is driven
         if rigid:
             q[[names.index(name) for name in rigid]] = default_motion(robot, 1.0, rigid).start
-        places = {names[i].rpartition(".")[0]: i for i in model.principal} | {name: i for i, name in enumerate(names)}
+        places = {joint_of(names[i]): i for i in model.principal} | {name: i for i, name in enumerate(names)}
         for name, value in (pose or {}).items():
             if name not in places:
                 raise UnknownNameError(f"pose: {show(str(name))} is unknown; known: {', '.join(names)}")

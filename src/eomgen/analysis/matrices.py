@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..description import RobotLike
 from ..errors import InputError
 from ..files import write_atomically
+from ..names import component_name
 from ..progress import StageReport
 from ..robot.coordinates import MOTIONS
 from ..robot.model import tool_of
@@ -149,7 +150,7 @@ def linearize(
     if inputs is None:
         inputs = [name for i, name in enumerate(kernel.coordinates) if fixation.driven[i] and not fixation.locked[i]]
     if outputs is None:
-        outputs = [f"{frame}.{part}" for part in MOTIONS]
+        outputs = [component_name(frame, part) for part in MOTIONS]
     return state_space(system, fixation, arm.robot.name, inputs, outputs, kind)
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..description import RobotLike
 from ..errors import InputError
+from ..optional import optional_import
 from ..progress import StageReport
 from ..robot.model import tool_of
 from .at_rest import system_at_rest
@@ -149,10 +150,8 @@ def _most_real(scaled: Complex) -> Complex:
 
 
 def _tracked(found: Sequence[Modes], metrics: Sequence[Array]) -> NDArray[np.intp]:
-    try:
+    with optional_import("SciPy", "modes along a path need"):
         from scipy.optimize import linear_sum_assignment
-    except ImportError:
-        raise InputError('modes along a path need SciPy: pip install "eomgen[sim]"') from None
     tracks = [[k] for k in range(len(found[0].eigenvalues))]
     last = [(0, k) for k in range(len(tracks))]  # pose and mode where a track was seen
     for i in range(1, len(found)):

@@ -8,12 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..robot.coordinates import unit_of
+from ..robot.coordinates import MOTIONS, unit_of
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-
-FRAME_PARTS = ("x", "y", "z", "rx", "ry", "rz")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,7 +74,7 @@ class Modes:
                     "damping_ratio": ratio if np.isfinite(ratio) else None,
                     "eigenvalue": [s.real, s.imag],
                     "shape": dict(zip(self.coordinates, _pairs(self.shapes[k]), strict=True)),
-                    "frame_shape": dict(zip(FRAME_PARTS, _pairs(self.frame_shapes[k]), strict=True)),
+                    "frame_shape": dict(zip(MOTIONS, _pairs(self.frame_shapes[k]), strict=True)),
                 }
             )
         return {

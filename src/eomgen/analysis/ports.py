@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, UnknownNameError
-from ..names import show
+from ..names import show, split_component
 from ..robot.coordinates import FORCES, MOTIONS, unit_of
 from ..runtime.kernel import Kernel
 from .holding import Fixation
@@ -72,23 +72,13 @@ def checked_kind(kind: str) -> str:
     return kind
 
 
-def unit_of_input(name: str) -> str:
-    """ "N" or "N m" by an input's name."""
-    last = name.rpartition(".")[2]
-    if last in FORCES:
-        return "N" if last.startswith("f") else "N m"
-    return "N" if unit_of(name) == "m" else "N m"
-
-
 def unit_of_output(name: str, kind: str) -> str:
     """Unit of an output by its name and kind: "m", "rad/s", "m/s^2", ..."""
-    last = name.rpartition(".")[2]
-    unit = "rad" if last in MOTIONS[3:] else unit_of(name)
-    return unit + {"displacement": "", "velocity": "/s", "acceleration": "/s^2"}[kind]
+    return unit_of(name) + {"displacement": "", "velocity": "/s", "acceleration": "/s^2"}[kind]
 
 
 def _component(label: str, name: str, kernel: Kernel, parts: Sequence[str]) -> tuple[str, int]:
-    frame, _, part = str(name).rpartition(".")
+    frame, part = split_component(str(name))
     if part in parts and frame in kernel.frames:
         return frame, parts.index(part)
     raise UnknownNameError(

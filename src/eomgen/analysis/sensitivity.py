@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..description import RobotLike, as_robot
 from ..errors import ArrayError
+from ..names import joint_of, kind_of, parameter_name
 from ..pipeline.stages import build
 from ..robot.model import build_model
 from ..robot.value import COORDINATES, Coordinate
@@ -55,5 +56,5 @@ def offset_sensitivity(
     full = np.zeros((*given.shape[:-1], kernel.n))
     moving = [i for i, name in enumerate(own) if name in kernel.coordinates]
     full[..., [kernel.coordinates.index(own[i]) for i in moving]] = given[..., moving]
-    names = tuple(f"joints.{name.replace('.', '.offset.')}" for name in kernel.coordinates)
+    names = tuple(parameter_name("joints", joint_of(name), "offset", kind_of(name)) for name in kernel.coordinates)
     return names, np.asarray(kernel.frame_jacobian(full, frame))

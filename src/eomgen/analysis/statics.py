@@ -12,6 +12,7 @@ from ..description import RobotLike
 from ..errors import InputError
 from ..loops.closed import ClosedLoops
 from ..progress import StageReport
+from ..robot.coordinates import MOTIONS
 from ..robot.model import tool_of
 from ..runtime.kernel import Kernel
 from .at_rest import rest
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-PARTS = ("x", "y", "z", "rx", "ry", "rz")
 RANK = 1e-9  # of the greatest principal compliance: what is taken to be zero
 SOFT = 1e-13  # of the greatest stiffness, scaled: nothing holds what has less
 
@@ -69,8 +69,8 @@ class Deflection:
             "frame": self.frame,
             "q": dict(zip(self.coordinates, self.q.tolist(), strict=True)),
             "u": dict(zip(self.coordinates, self.u.tolist(), strict=True)),
-            "deflection": dict(zip(PARTS, self.deflection.tolist(), strict=True)),
-            "by_loads": dict(zip(PARTS, self.by_loads.tolist(), strict=True)),
+            "deflection": dict(zip(MOTIONS, self.deflection.tolist(), strict=True)),
+            "by_loads": dict(zip(MOTIONS, self.by_loads.tolist(), strict=True)),
             "compliance": self.compliance.tolist(),
             "stiffness": None if self.stiffness is None else self.stiffness.tolist(),
             "rank": self.rank,
@@ -81,7 +81,7 @@ class Deflection:
         """Deflection and stiffness for people."""
         lines = [f"{self.robot}: {self.frame} beside that of the rigid robot, base axes", ""]
         lines.append(f"{'':<10}{'deflection':>14}{'of it by loads':>16}")
-        for k, part in enumerate(PARTS):
+        for k, part in enumerate(MOTIONS):
             unit = "um" if k < 3 else "urad"
             lines.append(
                 f"{part + ' [' + unit + ']':<10}{1e6 * self.deflection[k]:>14.5g}{1e6 * self.by_loads[k]:>16.5g}"

@@ -18,9 +18,10 @@ from ..description import RobotLike, as_robot
 from ..errors import InputError
 from ..motion.ends import default_motion, principal_limits
 from ..motion.tool_path import ToolLine
+from ..names import joint_of, kind_of
 from ..pipeline.stages import build
 from ..progress import Progress
-from ..robot.coordinates import index_of, unit_of
+from ..robot.coordinates import force_unit_of, index_of, unit_of
 from ..robot.model import build_model, tool_of
 from ..robot.value import PRINCIPAL, Robot
 from ..simulation.assembly import RIGID_KERNELS
@@ -62,7 +63,7 @@ class Entry:
         for name, (mul, add) in self.operations.items():
             rows[f"{name}, mul/add"] = f"{mul}/{add}"
         for name, value in self.drives.items():
-            rows[f"drive {name} [{'N' if unit_of(name) == 'm' else 'N m'}]"] = f"{value:.4g}"
+            rows[f"drive {name} [{force_unit_of(name)}]"] = f"{value:.4g}"
         for name, (force, moment) in self.reactions.items():
             rows[f"support force {name} [N]"] = f"{force:.4g}"
             rows[f"support moment {name} [N m]"] = f"{moment:.4g}"
@@ -153,7 +154,7 @@ def _movable(robot: Robot) -> list[str]:
     """Names of the principal coordinates (of free joints there are none)."""
     names = build_model(robot.rigid()).coordinates
     kinds = {joint.name: PRINCIPAL.get(joint.type) for joint in robot.joints}
-    return [name for name in names if kinds[name.rpartition(".")[0]] == name.rpartition(".")[2]]
+    return [name for name in names if kinds[joint_of(name)] == kind_of(name)]
 
 
 def _common_motion(robots: Sequence[Robot], duration: float, goal: Sequence[float] | None) -> tuple[Array, Array]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..description import RobotLike, as_robot
 from ..errors import InputError
+from ..names import joint_of
 from ..pipeline.stages import build
 from ..robot.coordinates import index_of
 from ..robot.model import build_model, tool_of
@@ -107,7 +108,7 @@ class Budget:
         """Contributions summed over each joint's coordinates, (T, 6) by joint."""
         found: dict[str, Array] = {}
         for name, values in zip(self.coordinates, self._columns(), strict=True):
-            joint = name.rpartition(".")[0]
+            joint = joint_of(name)
             found[joint] = found.get(joint, np.zeros_like(self.deviation)) + values
         return found
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from ..forms.keys import Choice, Either, FileName, Flag, Key, Listed, Name, Number, Numbers, RobotName, Strings, Text
 from ..forms.tables import Entries, Form, Pair, Sub
 from ..names import IDENTIFIER_RULE, ROBOT_RULE
+from ..robot.coordinates import UNITS
 from ..robot.cuts import CUTS
 from ..robot.inertia_policy import POLICIES
 from ..robot.rules import POINTS
@@ -152,7 +153,7 @@ JOINT = Form(
         "offset": Sub(
             "constants that are added to the coordinates, whether they move or not",
             "m, rad",
-            inner=Form({key: Number(axis, "m" if key in LINEAR else "rad") for key, axis in _AXES.items()}),
+            inner=Form({key: Number(axis, UNITS[key]) for key, axis in _AXES.items()}),
         ),
     },
     refines=True,

@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from ..errors import UnknownNameError
+from ..names import parameter_name
 
 KEYS = ("stiffness", "damping")
 
@@ -66,7 +67,7 @@ class FitResult:
             for key in KEYS:
                 estimate = getattr(entry, key)
                 if estimate is not None and estimate.value >= 0.0:
-                    found[f"joints.{entry.coordinate}.{key}"] = estimate.value
+                    found[parameter_name("joints", entry.coordinate, key)] = estimate.value
         return found
 
     def as_dict(self) -> dict[str, Any]:

@@ -20,9 +20,10 @@ from ..errors import InputError
 from ..files import write_atomically
 from ..motion.files import MeasuredMotion, measured_motion
 from ..motion.smoothing import local_polynomials
+from ..names import parameter_path, split_component
 from ..pipeline.stages import build
 from ..progress import StageReport
-from ..robot.coordinates import unit_of
+from ..robot.coordinates import FORCES, force_unit_of
 from ..runtime.kernel import Kernel
 from ..state.motors import deflections
 from ..state.springs import coordinate_numbers
@@ -30,7 +31,6 @@ from .estimates import KEYS
 
 Array = NDArray[np.float64]
 WINDOW, DEGREE = 11, 4
-WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,7 +112,7 @@ class ForcesResult:
         lines = [f"{self.robot}: {len(self.t)} samples, {facts['duration']:g} s; largest values over time", ""]
         lines.append(f"{'coordinate':<28}" + "".join(f"{part:>12}" for part in self.parts))
         for name, row in facts["coordinates"].items():
-            label = f"{name} [{'N' if unit_of(name) == 'm' else 'N m'}]"
+            label = f"{name} [{force_unit_of(name)}]"
             lines.append(f"{label:<28}" + "".join(f"{entry['value']:>12.4g}" for entry in row.values()))
         lines += self._spring_lines(facts.get("springs", {}))
         lines += ["", f"{'support reaction':<28}{'force [N]':>12}{'at [s]':>10}{'moment [N m]':>14}{'at [s]':>10}"]
@@ -146,7 +146,7 @@ class ForcesResult:
         for i, name in enumerate(self.springs):
             found |= {f"{name}.length": self.lengths[:, i], f"{name}.tension": self.tensions[:, i]}
         for k, name in enumerate(self.joints):
-            found |= {f"{name}.reaction.{axis}": self.reactions[:, k, i] for i, axis in enumerate(WRENCH)}
+            found |= {f"{name}.reaction.{axis}": self.reactions[:, k, i] for i, axis in enumerate(FORCES)}
         return found
 
     def save(self, path: Path | str) -> Path:
@@ -243,7 +243,8 @@ def _refuse_transmissions(kernel: Kernel, motion: MeasuredMotion) -> None:
                 raise InputError(
                     f"forces: {name} was not measured; allowed: both ends of the transmission in the motion"
                 )
-        laws = [name for name in kernel.parameters if name.startswith(f"joints.{motor}.") and not _is_plain(name)]
+        own = ("joints", *split_component(motor))
+        laws = [name for name in kernel.parameters if parameter_path(name)[:3] == own and not _is_plain(name)]
         if laws:
             raise InputError(f"forces: {laws[0]}: allowed: transmissions of stiffness and damping alone")
 

@@ -24,7 +24,8 @@ from ..description import RobotLike, as_robot
 from ..errors import InputError, UnknownNameError
 from ..motion.files import MeasuredMotion, measured_motion
 from ..motion.smoothing import Differentiator, bell, filtered, noise_deviation
-from ..names import nearest
+from ..names import component_name, nearest, split_component
+from ..optional import optional_import
 from ..pipeline.stages import build
 from ..progress import StageReport
 from ..robot.value import MOTOR, PRINCIPAL, Robot
@@ -187,14 +188,12 @@ def _estimate(
     """The parameter with its interval, by Student's t."""
     if solution is None:
         return None
-    try:
+    with optional_import("SciPy", "fit needs"):
         from scipy.stats import t as student
-    except ImportError:
-        raise InputError("fit needs SciPy; install eomgen[sim]") from None
     quantile = float(student.ppf(0.5 + confidence / 2, solution.blocks - len(solution.columns)))
     value = float(solution.values[solution.columns.index(column)])
     error = float(np.sqrt(solution.variance(column)))
-    joint, _, short = name.rpartition(".")
+    joint, short = split_component(name)
     described = getattr(robot.joint(joint).coordinates[short], KEYS[column]) or 0.0
     low, high = value - quantile * error, value + quantile * error
     return Estimate(value, error, low, high, described, 2 * solution.half * step, solution.unexplained)
@@ -231,7 +230,7 @@ def _even_step(motion: MeasuredMotion) -> float:
 
 def _columns(robot: Robot, name: str) -> tuple[int, ...]:
     """Which of (stiffness, damping) are fitted: both for a deviation, else those that the description gives."""
-    joint, _, short = name.rpartition(".")
+    joint, short = split_component(name)
     if PRINCIPAL.get(robot.joint(joint).type) != short:
         return (0, 1)
     given = robot.joint(joint).coordinates[short]
@@ -245,7 +244,7 @@ def _wanted(robot: Robot, motion: MeasuredMotion, asked: Sequence[str]) -> tuple
             raise UnknownNameError(f"coordinates: {name!r} is unknown{nearest(name, motion.coordinates)}")
     wanted, warnings = [], []
     for name in asked or motion.coordinates:
-        joint, _, short = name.rpartition(".")
+        joint, short = split_component(name)
         if robot.joint(joint).motor is not None and short in (MOTOR, PRINCIPAL[robot.joint(joint).type]):
             if asked:
                 warnings.append(f"{name} hangs on a transmission between motor and joint, which is not fitted")
@@ -270,7 +269,7 @@ def _doubts(entry: FittedCoordinate) -> list[str]:
         estimate: Estimate | None = getattr(entry, key)
         if estimate is None:
             continue
-        name = f"{entry.coordinate}.{key}"
+        name = component_name(entry.coordinate, key)
         if estimate.low <= 0.0 <= estimate.high:
             found.append(f"{name}: its interval holds zero, so the motion does not determine it")
         elif estimate.value < 0.0:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
+from ..names import parameter_name
 from ..progress import Progress
 from ..runtime.kernel import Kernel
 from ..state.springs import stiffnesses
@@ -133,21 +134,34 @@ def integrate(
 
 
 def choose_method(kernel: Kernel, method: str = "auto") -> str:
-    """The method that ``integrate`` takes: "auto" becomes Radau if anything has a stiffness, else DOP853;
-    rk4 where there are loops.
+    """The method that ``integrate`` takes: see ``method_of``; rk4 where there are loops.
 
     Raises:
         InputError: the method is unknown, or does not keep loops closed.
     """
-    if method not in METHODS:
-        raise InputError(f"method: {method!r} is unknown; allowed: {', '.join(METHODS)}")
-    if kernel.loops:
-        if method not in ("auto", "rk4"):
-            raise InputError(f"method: {kernel.name} has loops, which {method!r} does not keep closed; allowed: rk4")
-        return "rk4"
-    if method != "auto":
-        return method
-    stiff = bool(stiffnesses(kernel).any()) or any(
-        kernel.parameters.get(f"springs.{name}.stiffness", 0.0) or name in kernel.knots for name in kernel.springs
-    )
+    taken = method_of(method, _is_stiff(kernel))
+    if not kernel.loops:
+        return taken
+    if method not in ("auto", "rk4"):
+        raise InputError(f"method: {kernel.name} has loops, which {method!r} does not keep closed; allowed: rk4")
+    return "rk4"
+
+
+def _is_stiff(kernel: Kernel) -> bool:
+    """Whether anything has a stiffness now: a coordinate, a transmission, two points."""
+    if stiffnesses(kernel).any() or any(name in kernel.knots for name in kernel.springs):
+        return True
+    return any(kernel.parameters.get(parameter_name("springs", name, "stiffness")) for name in kernel.springs)
+
+
+def method_of(asked: str, stiff: bool) -> str:
+    """The method asked for; for "auto" Radau where anything has a stiffness, else DOP853.
+
+    Raises:
+        InputError: the method is unknown.
+    """
+    if asked not in METHODS:
+        raise InputError(f"method: {asked!r} is unknown; allowed: {', '.join(METHODS)}")
+    if asked != "auto":
+        return asked
     return "Radau" if stiff else "DOP853"

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ArrayError, EomgenError, InputError, IntegrationStopped
+from ..optional import optional_import
 from ..progress import Progress
 from ..runtime.kernel import Kernel
 from ..state.springs import coordinate_sizes, line_rates, stiffness_matrix
@@ -144,10 +145,8 @@ def rk4(
 
 def start_solver(system: System, y0: Array, times: Array, method: str, rtol: float, atol: Array) -> Any:
     """SciPy's solver at the first time: the classes that solve_ivp drives, stepped here to show progress."""
-    try:
+    with optional_import("SciPy", f"method {method} needs", '"rk4" works without'):
         from scipy import integrate as scipy_integrate
-    except ImportError:
-        raise InputError(f'method {method} needs SciPy: pip install "eomgen[sim]"; "rk4" works without') from None
     system.derivative(float(times[0]), y0)  # a state that cannot move is the caller's: its error comes as it is
     options: dict[str, Any] = {"rtol": rtol, "atol": atol}
     if method in SCIPY_IMPLICIT:

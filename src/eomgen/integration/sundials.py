@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import EomgenError, InputError, IntegrationError
+from ..errors import EomgenError, IntegrationError
+from ..optional import optional_import
 from ..progress import Progress
 from .contacts import ContactWatch
 
@@ -73,11 +74,9 @@ def sundials_states(
 
 
 def _start(system: System, y0: Array, t0: float, method: str, rtol: float, atol: Array, watch: ContactWatch) -> Any:
-    try:
+    with optional_import("scikit-sundae", f"method {method} needs"):
         from sksundae.cvode import CVODE
         from sksundae.ida import IDA
-    except ImportError:
-        raise InputError(f'method {method} needs scikit-sundae: pip install "eomgen[sim]"') from None
     functions = _ida(system, watch) if method == "IDA" else _cvode(system, watch)
     options: dict[str, Any] = {"rtol": rtol, "atol": atol, "max_num_steps": MOST_STEPS, "jacfn": functions[1]}
     if len(watch):

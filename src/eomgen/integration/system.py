@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import ArrayError, InputError, IntegrationStopped
 from ..runtime.kernel import Kernel
 from ..state.springs import coordinate_sizes
-from ..state.vectors import Q_STEP, V_STEP, DriveFunction, MotionFunction, WrenchFunction
+from ..state.vectors import Q_STEP, V_STEP, DriveFunction, MotionFunction, WrenchFunction, prescribed_mask
 
 Array = NDArray[np.float64]
 
@@ -33,7 +33,7 @@ class System:
         self._drive = drive
         self._prescribed = prescribed
         self._given = [kernel.coordinates.index(name) for name in kernel.prescribed]
-        self._free = np.array([name not in kernel.prescribed for name in kernel.coordinates])
+        self._free = ~prescribed_mask(kernel)
         if self._given and prescribed is None:
             raise InputError(f"prescribed: the motion of {', '.join(kernel.prescribed)} is not given")
         if prescribed is not None and not self._given:

@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError, LoopError, SingularError, UnknownNameError
+from ..robot.coordinates import unit_of
 from ..robot.cuts import CUTS, UPRIGHT
 from ..runtime.kernel import Kernel
 from ..state.equilibrium import known_coordinates
-from ..state.vectors import state_vector
+from ..state.vectors import prescribed_mask, state_vector
 from .redundant import Factors, Redundancy, least_drives
 
 Array = NDArray[np.float64]
@@ -77,7 +78,7 @@ class ClosedLoops:
             raise InputError(f"loops need a float64 kernel; {kernel.name} is {kernel.dtype}")
         self.kernel = kernel
         self._owner = [loop for loop, kind in kernel.loops.items() for _ in CUTS[kind]]
-        self._moving = np.array([name not in kernel.prescribed for name in kernel.coordinates])
+        self._moving = ~prescribed_mask(kernel)
 
     def consistent_positions(self, q_guess: ArrayLike, *, held: Iterable[str] = ()) -> Array:
         """Coordinates near a guess that close all loops, (n,); Levenberg-Marquardt method.
@@ -344,7 +345,7 @@ class ClosedLoops:
         """The error that names the loop with the greatest gap."""
         worst = int(np.abs(gaps).argmax())
         name, loop = self.kernel.constraints[worst], self._owner[worst]
-        unit = ("m" if name.endswith((".x", ".y", ".z")) else "rad") + per
+        unit = unit_of(name) + per
         gap = float(abs(gaps[worst]))
         return LoopError(
             f"{self.kernel.name}: loop {loop} {what}: {name} is left with {gap:.3g} {unit}; allowed: {allowed}",

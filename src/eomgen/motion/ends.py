@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, UnknownNameError
+from ..names import joint_of, split_component
 from ..robot.coordinates import unit_of
 from ..robot.value import PRINCIPAL, Robot
 from .point_to_point import PointToPoint
@@ -27,7 +28,7 @@ def principal_limits(robot: Robot, coordinate: str) -> tuple[float, float]:
 
 def _limits(robot: Robot, coordinate: str) -> tuple[tuple[float, float], bool]:
     """Limits of a driven coordinate (infinite if there are none), and whether it is held: one of a free joint."""
-    joint_name, _, name = coordinate.rpartition(".")
+    joint_name, name = split_component(coordinate)
     joint = robot.joint(joint_name)
     if PRINCIPAL.get(joint.type) != name:
         return (-np.inf, np.inf), True
@@ -87,7 +88,7 @@ def point_of(robot: Robot, coordinates: Sequence[str], label: str, given: Point 
     point: Array = default.copy()
     movable = [i for i, name in enumerate(coordinates) if not _limits(robot, name)[1]]
     if isinstance(given, Mapping):
-        places = {coordinates[i]: i for i in movable} | {coordinates[i].rpartition(".")[0]: i for i in movable}
+        places = {coordinates[i]: i for i in movable} | {joint_of(coordinates[i]): i for i in movable}
         for name, value in given.items():
             if name not in places:
                 known = ", ".join(coordinates[i] for i in movable)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import InputError
+from ..optional import optional_import
 from .point_to_point import Program
 
 Array = NDArray[np.float64]
@@ -41,10 +41,8 @@ class Spline:
     """
 
     def __init__(self, t: ArrayLike, points: ArrayLike, *, at_rest: bool) -> None:
-        try:
+        with optional_import("SciPy", "splines need"):
             from scipy.interpolate import make_interp_spline
-        except ImportError:
-            raise InputError('splines need SciPy: pip install "eomgen[sim]"') from None
         self.t, points = np.asarray(t, dtype=np.float64), np.asarray(points, dtype=np.float64)
         zero = np.zeros(points.shape[1])
         ends = [(1, zero), (2, zero)]

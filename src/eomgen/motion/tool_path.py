@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ArrayError, InputError
+from ..optional import optional_import
 from ..runtime.kernel import Kernel
 from .point_to_point import PointToPoint
 
@@ -50,10 +51,8 @@ class ToolPath:
         start_time: float = 0.0,
         name: str = "path",
     ) -> None:
-        try:
+        with optional_import("SciPy", f"a {name} of the tool needs"):
             from scipy.interpolate import make_interp_spline
-        except ImportError:
-            raise InputError(f"a {name} of the tool needs SciPy; install eomgen[sim]") from None
         self.profile = PointToPoint(np.zeros(1), np.ones(1), duration, start_time)
         along = np.linspace(0.0, 1.0, POINTS)
         close = CLOSE * max(1.0, float(np.abs(points).max()))

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..description import RobotLike
 from ..errors import BuildError, InputError
+from ..optional import optional_import
 from ..pipeline.stages import build
 from ..simulation.result import SimulationResult, simulated_robot
 from .scene import (
@@ -305,8 +306,6 @@ def _plain(text: str) -> str:
 
 
 def _viser() -> Any:
-    try:
+    with optional_import("viser", "the view needs"):
         import viser
-    except ImportError:
-        raise InputError('the view needs viser: pip install "eomgen[view]"') from None
     return viser

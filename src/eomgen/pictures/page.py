@@ -12,6 +12,7 @@ import numpy as np
 from ..description import RobotLike
 from ..errors import EomgenError
 from ..files import write_atomically
+from ..names import component_name
 from ..pipeline.costs import RobotInfo, robot_info
 from ..progress import Progress, no_progress
 from ..robot.coordinates import UNITS
@@ -155,7 +156,7 @@ def _coordinate_table(robot: Robot) -> Table:
             role = "principal" if name == PRINCIPAL.get(joint.type) else "motor" if motor else "deviation"
             role = "prescribed" if given.prescribed else "free" if joint.type == "free" else role
             law = _law(given) if motor is None else f"ratio {motor.ratio:.6g}, rotor {_law(given)}"
-            label = f"{joint.name}.{name}"
+            label = component_name(joint.name, name)
             unit = UNITS[name]
             rows.append((label, joint.type, ends, unit, _number(spring.stiffness), _number(spring.damping), role, law))
     head = ("coordinate", "joint", "links", "unit", "stiffness", "damping", "role", "further")

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import EomgenError, EomgenWarning, InputError
+from ..names import component_name
 from ..progress import Progress
 from ..robot.coordinates import index_of
 from ..robot.model import build_model
@@ -84,7 +85,7 @@ def _modes(result: SimulationResult, robot: Robot, folder: str) -> list[Path]:
     from ..analysis.modal import modes_along
 
     springs = {
-        f"{joint.name}.{name}"
+        component_name(joint.name, name)
         for joint in robot.joints
         for name, given in joint.coordinates.items()
         if given.stiffness or given.curve

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..names import component_name, kind_of
 from ..robot.coordinates import index_of
 from ..robot.value import ANGULAR, COORDINATES, LINEAR, MOTOR, Joint, Placement, Robot
 from ..runtime.kernel import Kernel
@@ -67,10 +68,9 @@ def _placed(placement: Placement) -> Array:
 
 def _motion(joint: Joint, column: Mapping[str, Array], shape: tuple[int, ...]) -> Array:
     """T(x, y, z) Rx(alpha) Ry(beta) Rz(gamma) of eq. (3), (*shape, 4, 4)."""
-    s = {
-        name: (offset or 0.0) + (column.get(f"{joint.name}.{name}", 0.0) if name in joint.coordinates else 0.0)
-        for name, offset in zip(COORDINATES, joint.offset, strict=True)
-    }
+    s: dict[str, Array | float] = {name: offset or 0.0 for name, offset in zip(COORDINATES, joint.offset, strict=True)}
+    for name in joint.coordinates:
+        s[name] = s[name] + column.get(component_name(joint.name, name), 0.0)
     pose = np.zeros((*shape, 4, 4))
     pose[..., range(4), range(4)] = 1.0
     for axis, name in enumerate(LINEAR):
@@ -112,7 +112,7 @@ def largest_factor(result: SimulationResult, robot: Robot) -> float:
     size = extent(robot)
     share = 0.0
     for name, value in zip(names, off, strict=True):
-        kind = name.rpartition(".")[2]
+        kind = kind_of(name)
         if kind != MOTOR:
             share = max(share, float(value) / (size / 3.0 if kind in LINEAR else 0.5))
     return float(10.0 ** np.clip(np.floor(-np.log10(max(share, 1e-300))), 0.0, 9.0))

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
+from ..names import component_name, joint_of, kind_of
 from ..robot.coordinates import unit_of
 from ..simulation.result import SimulationResult
 from .energy import plot_energy, plot_tracking
@@ -69,7 +70,7 @@ def plot_deviations(result: SimulationResult, path: Path | str) -> Path:
     Raises:
         InputError: see ``plot_result``, or the robot has no deviations.
     """
-    joints = list(dict.fromkeys(name.rpartition(".")[0] for name in result.deviation_coordinates))
+    joints = list(dict.fromkeys(joint_of(name) for name in result.deviation_coordinates))
     units = [unit for unit in COLORS if any(unit_of(name) == unit for name in result.deviation_coordinates)]
     if not joints:
         raise InputError(f"{result.robot} has no deviations to plot")
@@ -148,7 +149,7 @@ def _draw_joint(panel: Any, result: SimulationResult, joint: str, unit: str) -> 
     t, values = result.trajectory.t, MICRO * result.deviations
     drawn = False
     for name, color in COLORS[unit].items():
-        full = f"{joint}.{name}"
+        full = component_name(joint, name)
         if full in result.deviation_coordinates:
             panel.plot(t, values[:, result.deviation_coordinates.index(full)], color=color)
             drawn = True
@@ -166,7 +167,7 @@ def _legend(figure: Any, result: SimulationResult) -> None:
     """One legend of all panels, of the coordinates that occur."""
     from matplotlib.lines import Line2D
 
-    present = {name.rpartition(".")[2] for name in result.deviation_coordinates}
+    present = {kind_of(name) for name in result.deviation_coordinates}
     names = {name: color for colors in COLORS.values() for name, color in colors.items() if name in present}
     lines: list[Any] = [Line2D([], [], color=color) for color in names.values()]
     labels = [f"{name}, {'um' if name in COLORS['m'] else 'urad'}" for name in names]

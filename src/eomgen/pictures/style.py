@@ -14,6 +14,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..files import FIGURE_ENDINGS, write_atomically
+from ..optional import optional_import
 from ..simulation.result import SimulationResult
 
 COLORS = {  # Okabe and Ito: told apart by colour-blind readers
@@ -63,12 +64,10 @@ def ticker() -> Any:
 
 def _figure(width: float, height: float) -> tuple[Any, Any]:
     """Matplotlib, and a figure of that size in inches that needs no display and leaves pyplot's state alone."""
-    try:
+    with optional_import("Matplotlib", "plots need"):
         import matplotlib
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
-    except ImportError:
-        raise InputError('plots need Matplotlib: pip install "eomgen[sim]"') from None
     figure = Figure(figsize=(width, height), dpi=DPI)
     FigureCanvasAgg(figure)
     return matplotlib, figure

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError
+from ..optional import optional_import
 from ..sweep.result import SweepResult
 
 MOST_BARS = 15
@@ -19,10 +19,8 @@ def plot_sweep(result: SweepResult, folder: Path, column: str | None = None) -> 
     Raises:
         InputError: Matplotlib is not installed.
     """
-    try:
+    with optional_import("Matplotlib", "plots need"):
         import matplotlib
-    except ImportError:
-        raise InputError('plots need Matplotlib: pip install "eomgen[sim]"') from None
     matplotlib.use("Agg")
     from matplotlib import pyplot
 

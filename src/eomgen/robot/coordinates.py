@@ -7,16 +7,27 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from .value import LINEAR, MOTOR
+from ..names import component_name, kind_of
+from .value import LINEAR, MOTOR, Robot
 
 UNITS = {"x": "m", "y": "m", "z": "m", "alpha": "rad", "beta": "rad", "gamma": "rad", MOTOR: "rad"}
 MOTIONS = ("x", "y", "z", "rx", "ry", "rz")  # of a frame: displacement (m) and rotation vector (rad)
 FORCES = ("fx", "fy", "fz", "mx", "my", "mz")  # of a wrench: force (N) and moment (N m)
 
 
-def unit_of(coordinate: str) -> str:
-    """Unit of a coordinate by its name, "m" or "rad"."""
-    return "m" if coordinate.rpartition(".")[2] in LINEAR else "rad"
+def unit_of(name: str) -> str:
+    """Unit of a coordinate, or of a component of a frame's motion, by its name: "m" or "rad"."""
+    return "m" if kind_of(name) in LINEAR else "rad"
+
+
+def force_unit_of(name: str) -> str:
+    """Unit of what acts along a coordinate, or of a component of a wrench, by its name: "N" or "N m"."""
+    return "N" if kind_of(name) in (*LINEAR, *FORCES[:3]) else "N m"
+
+
+def coordinate_names(robot: Robot) -> tuple[str, ...]:
+    """Names of all coordinates, motors among them, in the order of q."""
+    return tuple(component_name(joint.name, kind) for joint in robot.joints for kind in joint.all_coordinates)
 
 
 def index_of(names: Sequence[str], wanted: Sequence[str]) -> NDArray[np.intp]:

@@ -11,7 +11,17 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from ..errors import DescriptionError, InputError, UnknownNameError
-from ..names import IDENTIFIER_RULE, ROBOT_RULE, is_identifier, is_robot_name, show
+from ..names import (
+    IDENTIFIER_RULE,
+    ROBOT_RULE,
+    component_name,
+    is_identifier,
+    is_robot_name,
+    joint_of,
+    kind_of,
+    parameter_path,
+    show,
+)
 from .cuts import CUTS
 from .rules import conflict, motor_conflict, spring_conflict
 from .value import (
@@ -92,7 +102,7 @@ class Model:
     @property
     def constraints(self) -> tuple[str, ...]:
         """Names of the components of the loops' constraint g(q) = 0 ("loop1.x", ...), in their order."""
-        return tuple(f"{loop.name}.{part.name}" for loop in self.robot.loops for part in CUTS[loop.type])
+        return tuple(component_name(loop.name, part.name) for loop in self.robot.loops for part in CUTS[loop.type])
 
     @property
     def principal(self) -> tuple[int, ...]:
@@ -108,15 +118,10 @@ class Model:
     @property
     def motors(self) -> dict[int, int]:
         """Index of every motor's coordinate, and that of the principal coordinate that it drives."""
-        principal = {self._joint_of(index): index for index in self.principal}
+        principal = {joint_of(self.coordinates[index]): index for index in self.principal}
         return {
-            index: principal[self._joint_of(index)]
-            for index, name in enumerate(self.coordinates)
-            if name.rpartition(".")[2] == MOTOR
+            index: principal[joint_of(name)] for index, name in enumerate(self.coordinates) if kind_of(name) == MOTOR
         }
-
-    def _joint_of(self, index: int) -> str:
-        return self.coordinates[index].rpartition(".")[0]
 
     @property
     def driven(self) -> tuple[int, ...]:
@@ -168,7 +173,7 @@ def build_model(robot: Robot) -> Model:
             body_of[joint.child] = len(bodies)
             bodies.append(Body(joint.name, parent, len(coordinates), tuple(joint.coordinates), (joint.child,)))
             links.append([joint.child])
-            coordinates.extend(f"{joint.name}.{name}" for name in joint.all_coordinates)
+            coordinates.extend(component_name(joint.name, kind) for kind in joint.all_coordinates)
         else:
             body_of[joint.child] = parent
             if parent != FIXED_BODY:
@@ -269,7 +274,7 @@ def _parameters(robot: Robot) -> dict[str, float]:
     values = dict(parameter_values(robot))
 
     def always(name: str) -> bool:
-        path = name.split(".")
+        path = parameter_path(name)
         return path[0] == "gravity" or (
             path[0] == "joints" and (path[-1] in ("stiffness", "damping") or path[2] == "offset")
         )
@@ -334,6 +339,17 @@ def _placement_values(owner: str, placement: Placement) -> Iterator[tuple[str, f
         yield f"{owner}.placement.xyz.{i}", value
     for i, value in enumerate(placement.rpy or ()):
         yield f"{owner}.placement.rpy.{i}", value
+
+
+def program_coordinates(robot: Robot) -> tuple[str, ...]:
+    """Names of the coordinates that a program moves: those of the rigid robot that are not prescribed.
+
+    A drive moves each of them, itself or through its motor (``Model.driven``); of free joints all six are among them.
+    """
+    if not any(joint.coordinates for joint in robot.rigid().joints):
+        return ()
+    model = build_model(robot.rigid())
+    return tuple(name for i, name in enumerate(model.coordinates) if i not in model.prescribed)
 
 
 def refuse_loops(robot: Robot) -> None:

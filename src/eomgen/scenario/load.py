@@ -16,12 +16,13 @@ from ..forms.toml_place import located
 from ..forms.toml_text import parse_toml, read_text
 from ..motion.timetable import TimeTable
 from ..names import nearest, show, show_path
+from ..robot.coordinates import FORCES
 from ..robot.geometry import ZERO
 from ..robot.inertia_policy import second_moments
 from ..robot.value import INERTIA_KEYS, Link
 from .keys import SCENARIO
 from .tables import CONTROL_READERS, MOTION_READERS, read_sampled, time_table
-from .value import COMPONENTS, Initial, Integrator, Payload, Scenario, Section, Wrench
+from .value import Initial, Integrator, Payload, Scenario, Section, Wrench
 
 _BUILTIN = Path(__file__).parents[1] / "scenarios"
 
@@ -136,9 +137,9 @@ def _wrench(entry: Table, folder: Path | None) -> Wrench:
             entry.fail("allowed: with rows or file only", "interpolation")
         zero = (0.0, 0.0, 0.0)
         row = [*(constant.get("force") or zero), *(constant.get("moment") or zero)]
-        table = TimeTable(COMPONENTS, np.zeros(1), np.array([row]), True)
+        table = TimeTable(FORCES, np.zeros(1), np.array([row]), True)
     else:
-        table = time_table(entry, folder, COMPONENTS)
+        table = time_table(entry, folder, FORCES)
     axes = entry.choice("axes") or "base"
     return Wrench(entry.text("link") or "", table, axes, entry.vector("point"), *_times(entry))
 

@@ -19,8 +19,6 @@ from ..forms.toml_place import refusal
 from ..motion.timetable import TimeTable
 from ..robot.geometry import Vector
 
-COMPONENTS = ("fx", "fy", "fz", "mx", "my", "mz")
-
 
 @dataclass(frozen=True)
 class Section:
@@ -62,7 +60,7 @@ class Wrench:
     """Force (N) and moment (N m) on a link, from t0 to t1 (s).
 
     axes: "base" or "link".  point: where the force acts, link frame, m; None is the centre of mass.  table: of
-    COMPONENTS over time; one row where they are constant.
+    robot.coordinates.FORCES over time; one row where they are constant.
     """
 
     link: str

@@ -9,16 +9,16 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import DescriptionError, InputError
-from ..integration.solve import EXPLICIT
+from ..errors import InputError
+from ..integration.solve import EXPLICIT, method_of
 from ..motion.point_to_point import Program
 from ..motion.splines import Standstill
 from ..motion.timetable import TimeTable
-from ..names import nearest, show
+from ..names import joint_of, nearest, show, split_component
 from ..pipeline.stages import build
 from ..progress import Progress
-from ..robot.coordinates import index_of
-from ..robot.model import build_model
+from ..robot.coordinates import coordinate_names, index_of
+from ..robot.model import build_model, program_coordinates
 from ..robot.value import PRINCIPAL, Robot
 from ..runtime.kernel import Kernel
 from ..scenario.value import Scenario, Section
@@ -64,7 +64,12 @@ def assemble(
     check_loads(scenario, robot)
     prescribed = PrescribedMotion(scenario, model.coordinates, names) if names or scenario.prescribed else None
     control = scenario.control or Section("none" if scenario.motion is None else "computed_torque")
-    driven = _driven(robot, needed=control.type in ("pd", "computed_torque"))
+    driven = program_coordinates(robot)
+    if not driven and control.type in ("pd", "computed_torque"):
+        raise InputError(
+            f"{robot.name}: no joint has a principal coordinate, so there is nothing to drive; "
+            "eomgen.integration.integrate integrates free motions"
+        )
     if scenario.motion is not None and control.type in ("none", "torque"):
         scenario.fail(
             "motion", f"nothing follows it under control.type = {control.type!r}; allowed: pd, computed_torque"
@@ -98,7 +103,8 @@ def assemble(
 
 def kernels_of(robot: Robot, scenario: Scenario) -> tuple[str, ...]:
     """Names of the kernels that the scenario's integrator calls."""
-    return IMPLICIT_KERNELS if _is_implicit(scenario.integrator.method, robot) else KERNELS
+    explicit = method_of(scenario.integrator.method, _has_springs(robot)) in EXPLICIT
+    return KERNELS if explicit else IMPLICIT_KERNELS
 
 
 def with_kernel(assembly: Assembly, robot: Robot, scenario: Scenario, kernel: Kernel) -> Assembly:
@@ -107,34 +113,17 @@ def with_kernel(assembly: Assembly, robot: Robot, scenario: Scenario, kernel: Ke
     return replace(assembly, kernel=kernel, wrenches=wrenches)
 
 
-def _is_implicit(method: str, robot: Robot) -> bool:
-    """Whether the integrator asks for Jacobians; the default does where there is any spring."""
-    if method != "auto":
-        return method not in EXPLICIT
+def _has_springs(robot: Robot) -> bool:
+    """Whether the description gives a stiffness to anything: a coordinate, a transmission, two points."""
     tables = [c for joint in robot.joints for c in joint.all_coordinates.values()]
     return (
         bool(robot.springs) or any(joint.motor for joint in robot.joints) or any(c.stiffness or c.curve for c in tables)
     )
 
 
-def _driven(robot: Robot, needed: bool) -> tuple[str, ...]:
-    """Names of the coordinates of the rigid model that are not prescribed."""
-    try:
-        model = build_model(robot.rigid())
-    except DescriptionError:
-        model = None
-    driven = () if model is None else tuple(x for i, x in enumerate(model.coordinates) if i not in model.prescribed)
-    if needed and not driven:
-        raise InputError(
-            f"{robot.name}: no joint has a principal coordinate, so there is nothing to drive; "
-            "eomgen.integration.integrate integrates free motions"
-        )
-    return driven
-
-
 def by_coordinate(robot: Robot, scenario: Scenario, key: str, given: Mapping[str, float]) -> dict[str, float]:
     """Numbers of ``[initial]`` by the full names of coordinates that are not prescribed."""
-    places = coordinate_names(robot)
+    places = names_in_scenarios(robot)
     found: dict[str, float] = {}
     for name, value in given.items():
         where = f"initial.{key}.{name}"
@@ -143,21 +132,21 @@ def by_coordinate(robot: Robot, scenario: Scenario, key: str, given: Mapping[str
         full = places[name]
         if full in found:
             scenario.fail(where, f"{full} is given twice; allowed: once")
-        joint, _, coordinate = full.rpartition(".")
+        joint, coordinate = split_component(full)
         if robot.joint(joint).all_coordinates[coordinate].prescribed:
             scenario.fail(where, f"{full} is prescribed, and [[prescribed]] says where it begins; allowed: others")
         found[full] = value
     return found
 
 
-def coordinate_names(robot: Robot) -> dict[str, str]:
+def names_in_scenarios(robot: Robot) -> dict[str, str]:
     """Full names of coordinates by what a scenario may call them: by their joint alone if they are principal."""
     names = {}
-    for joint in robot.joints:
-        for name in joint.all_coordinates:
-            names[f"{joint.name}.{name}"] = f"{joint.name}.{name}"
-            if PRINCIPAL.get(joint.type) == name:
-                names[joint.name] = f"{joint.name}.{name}"
+    for full in coordinate_names(robot):
+        names[full] = full
+        joint, kind = split_component(full)
+        if PRINCIPAL.get(robot.joint(joint).type) == kind:
+            names[joint] = full
     return names
 
 
@@ -188,8 +177,8 @@ def _drive(
 
 def _torque(robot: Robot, scenario: Scenario, table: TimeTable, kernel: Kernel) -> TableTorque:
     """Columns by the coordinates that they drive; a joint's name alone stands for its motor, if there is one."""
-    places = coordinate_names(robot)
-    places |= {motor.rpartition(".")[0]: motor for motor in kernel.motors}
+    places = names_in_scenarios(robot)
+    places |= {joint_of(motor): motor for motor in kernel.motors}
     for name in table.columns:
         if name not in places or places[name] in kernel.prescribed:
             known = ", ".join(x for x in places if places[x] not in kernel.prescribed)
@@ -217,7 +206,7 @@ def _gains(
     """A gain of every driven coordinate; those that a table does not name have none."""
     if not isinstance(given, Mapping):
         return np.full(len(driven), float(given))
-    gains, places = np.zeros(len(driven)), coordinate_names(robot)
+    gains, places = np.zeros(len(driven)), names_in_scenarios(robot)
     for name, value in given.items():
         if places.get(name) not in driven:
             scenario.fail(

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..runtime.kernel import Kernel
+from ..state.vectors import prescribed_mask
 
 Array = NDArray[np.float64]
 
@@ -92,7 +93,7 @@ def with_nodes(edges: Array) -> Array:
 
 def works(kernel: Kernel, t: Array, q: Array, v: Array, u: Array, wrench: ArrayLike | None) -> Array:
     """Work between the edges of ``with_nodes``, (E - 1, 5), J: TERMS; t, q, v, u and wrench at all of its times."""
-    given = np.array([name in kernel.prescribed for name in kernel.coordinates])
+    given = prescribed_mask(kernel)
     power = np.zeros((t.size, len(TERMS)))
     by_drive = u * v
     power[:, 0], power[:, 1] = by_drive[:, ~given].sum(axis=1), by_drive[:, given].sum(axis=1)

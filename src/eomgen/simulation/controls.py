@@ -15,6 +15,7 @@ from ..motion.timetable import TimeTable
 from ..robot.coordinates import index_of
 from ..runtime.kernel import Kernel
 from ..state.motors import shafts
+from ..state.vectors import prescribed_mask
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -118,7 +119,7 @@ class ComputedTorque:
 
     @property
     def _driven(self) -> NDArray[np.bool_]:
-        return np.array([name not in self.rigid.prescribed for name in self.rigid.coordinates])
+        return ~prescribed_mask(self.rigid)
 
     def __call__(self, t: float, q: Array, v: Array) -> Array:
         q_d, v_d, a_d = self.motion.at(t)
@@ -175,8 +176,8 @@ class JointPD:
         if self.rigid is not None and self.rigid_actuators is not None:
             q_m = self.rigid_actuators.measured(q)
             zero = np.zeros_like(q_m)
-            free = [name not in self.rigid.prescribed for name in self.rigid.coordinates]
-            u += self.rigid_actuators.torques(np.where(free, self.rigid.inverse_dynamics(q_m, zero, zero), 0.0), q)
+            held = np.where(prescribed_mask(self.rigid), 0.0, self.rigid.inverse_dynamics(q_m, zero, zero))
+            u += self.rigid_actuators.torques(held, q)
         return u
 
     def resting(self) -> Control:

@@ -14,7 +14,7 @@ from ..scenario.value import Scenario
 from ..state.equilibrium import static_equilibrium
 from ..state.motors import shafts, turn_motors
 from ..state.springs import stiffnesses
-from .assembly import Assembly, by_coordinate, coordinate_names
+from .assembly import Assembly, by_coordinate, names_in_scenarios
 from .loads import loaded_parameters
 
 Array = NDArray[np.float64]
@@ -42,13 +42,13 @@ def initial_state(robot: Robot, scenario: Scenario, assembly: Assembly) -> tuple
         return q, v, ()
     held = initial.held if initial else ()
     for name in held:
-        if name not in coordinate_names(robot):
+        if name not in names_in_scenarios(robot):
             known = ", ".join(kernel.coordinates)
             scenario.fail(
                 "initial.held", f"{show(name)}{nearest(name, kernel.coordinates)} is unknown; allowed: {known}"
             )
     return (
-        _balanced(robot, scenario, assembly, q, {coordinate_names(robot)[name] for name in held}),
+        _balanced(robot, scenario, assembly, q, {names_in_scenarios(robot)[name] for name in held}),
         v,
         _loose(assembly),
     )

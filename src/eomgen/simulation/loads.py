@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..names import nearest, show
+from ..names import nearest, parameter_name, show
 from ..robot.model import build_model
 from ..robot.value import INERTIA_KEYS, Link, Robot
 from ..runtime.kernel import Kernel
@@ -63,9 +63,8 @@ class Wrenches:
 
     def _center(self, link: str) -> Array:
         given = self._com[link]
-        return np.array(
-            [self._kernel.parameters.get(f"links.{link}.com.{a}", x) for a, x in zip(_AXES, given, strict=True)]
-        )
+        names = [parameter_name("links", link, "com", axis) for axis in _AXES]
+        return np.array([self._kernel.parameters.get(name, x) for name, x in zip(names, given, strict=True)])
 
 
 def with_payload_parameters(robot: Robot, scenario: Scenario) -> Robot:
@@ -83,7 +82,8 @@ def with_payload_parameters(robot: Robot, scenario: Scenario) -> Robot:
 def body_parameters(link: Link) -> dict[str, float]:
     """Mass, centre of mass and inertia by the names of parameters."""
     names = ["mass", *(f"com.{axis}" for axis in _AXES), *(f"inertia.{key}" for key in INERTIA_KEYS)]
-    return {f"links.{link.name}.{key}": x for key, x in zip(names, (link.mass, *link.com, *link.inertia), strict=True)}
+    values = (link.mass, *link.com, *link.inertia)
+    return {parameter_name("links", link.name, key): x for key, x in zip(names, values, strict=True)}
 
 
 def loaded_parameters(robot: Robot, scenario: Scenario, t: float) -> dict[str, float]:

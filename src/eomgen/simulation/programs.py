@@ -16,6 +16,7 @@ from ..motion.point_to_point import PointToPoint, Program
 from ..motion.splines import Columns, Spline
 from ..motion.tool_path import ToolCircle, ToolLine
 from ..names import nearest, show
+from ..robot.coordinates import coordinate_names
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..scenario.value import Scenario, Section
@@ -120,7 +121,7 @@ def make_program(
     if section.type == "via":
         return _via(section, robot, driven, label, start)
     if section.type == "sampled":
-        motion = read_motion(section.get("file"), build_names(robot))
+        motion = read_motion(section.get("file"), coordinate_names(robot))
         names = [name for name in motion.measured if name in driven]
         if not names or motion.t.size < 2:
             scenario.fail(
@@ -130,11 +131,6 @@ def make_program(
         points[:, [driven.index(name) for name in names]] = motion.q[:, [motion.coordinates.index(n) for n in names]]
         return Spline(motion.t, points, at_rest=False)
     return _tool_program(scenario, section, robot, driven, rigid(), tool, given, (start + goal) / 2, (begin, duration))
-
-
-def build_names(robot: Robot) -> tuple[str, ...]:
-    """Names of all coordinates."""
-    return tuple(f"{joint.name}.{name}" for joint in robot.joints for name in joint.coordinates)
 
 
 def _via(section: Section, robot: Robot, driven: Sequence[str], label: Callable[[str], str], start: Array) -> Spline:

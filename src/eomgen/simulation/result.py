@@ -15,8 +15,8 @@ from ..description import RobotLike, as_robot
 from ..errors import InputError, UnknownNameError
 from ..integration.contacts import Contact
 from ..integration.trajectory import Trajectory
-from ..names import listed, nearest, show
-from ..robot.coordinates import index_of, unit_of
+from ..names import kind_of, listed, nearest, show
+from ..robot.coordinates import force_unit_of, index_of, unit_of
 from ..robot.record import robot_hash, robot_of
 from ..robot.value import MOTOR, Robot
 from .archive import open_archive, write_archive
@@ -90,7 +90,7 @@ class SimulationResult:
         """Names of the coordinates that no program or prescribed motion moves; motors follow their joints'."""
         others = (*self.program_coordinates, *self.prescribed)
         names = self.trajectory.coordinates
-        return tuple(name for name in names if name not in others and name.rpartition(".")[2] != MOTOR)
+        return tuple(name for name in names if name not in others and kind_of(name) != MOTOR)
 
     @property
     def deviations(self) -> Array:
@@ -209,7 +209,7 @@ class SimulationResult:
         for i, name in enumerate(motion.coordinates):
             unit = unit_of(name)
             found[name], found[f"{name}.rate"] = (unit, motion.q[:, i]), (f"{unit}/s", motion.v[:, i])
-            found[f"{name}.drive"] = ("N" if unit == "m" else "N m", motion.u[:, i])
+            found[f"{name}.drive"] = (force_unit_of(name), motion.u[:, i])
         for i, name in enumerate(self.program_coordinates if self.programmed else ()):
             found[f"{name}.program"] = (unit_of(name), self.program_q[:, i])
         found[f"{self.tool}.position"] = ("m", self.pose[:, :3, 3])

@@ -19,17 +19,17 @@ import numpy as np
 from .._version import __version__
 from ..description import RobotLike, as_robot
 from ..errors import InputError, IntegrationStopped
-from ..integration.solve import METHODS, choose_method
+from ..integration.solve import EXPLICIT, method_of
 from ..integration.steps import output_times
 from ..motion.ends import Point
 from ..motion.point_to_point import Program
 from ..motion.splines import Spline
+from ..names import component_name
 from ..progress import Progress, no_progress
 from ..robot.coordinates import index_of
 from ..robot.model import refuse_loops, tool_of
 from ..robot.record import record_of, robot_hash
 from ..robot.value import MOTOR, Robot
-from ..runtime.kernel import Kernel
 from ..scenario.value import Integrator, Scenario, Section
 from .assembly import BANDWIDTH, Assembly, assemble
 from .initial import initial_state
@@ -81,8 +81,7 @@ def simulate(
         raise InputError(f"bandwidth: {bandwidth!r} rad/s; a finite number greater than 0 is allowed")
     if not (np.isfinite(duration) and duration > 0.0):
         raise InputError(f"duration: {duration!r} s; a finite time greater than 0 is allowed")
-    if method not in METHODS:
-        raise InputError(f"method: {method!r} is unknown; allowed: {', '.join(METHODS)}")
+    method_of(method, stiff=False)  # an unknown one is refused before anything is built
     if motion is not None and (start is not None or goal is not None):
         raise InputError("motion is given together with start or goal; allowed: one of them")
     ends = {key: value for key, value in (("start", start), ("goal", goal)) if value is not None}
@@ -151,7 +150,7 @@ def run_assembly(
     given = index_of(kernel.coordinates, kernel.prescribed)
     rigid_q[:, driven], rigid_q[:, given] = program_q, q[:, given]
     notes = [
-        *_method_note(kernel, scenario.integrator.method, found.trajectory.method),
+        *_method_note(scenario.integrator.method, found.trajectory.method),
         *_assumptions(robot, loose, scenario, assembly.program is not None),
         found.balance.note(),
     ]
@@ -187,10 +186,11 @@ def _stop_record(stop: IntegrationStopped) -> dict[str, Any]:
     return {"reason": str(stop), "t": stop.t, "coordinate": stop.coordinate, **state}
 
 
-def _method_note(kernel: Kernel, asked: str, taken: str) -> tuple[str, ...]:
-    if asked != "auto":
+def _method_note(asked: str, taken: str) -> tuple[str, ...]:
+    """A line about what "auto" came to, and why."""
+    if asked == taken:
         return ()
-    if choose_method(kernel) == "DOP853":
+    if taken in EXPLICIT:
         return (f"method: {taken} (explicit), because nothing has a stiffness",)
     return (
         f"method: {taken} (implicit), because there are springs; its steps follow the motion, not the fastest spring",
@@ -205,7 +205,7 @@ def _assumptions(robot: Robot, loose: tuple[str, ...], scenario: Scenario, progr
     free = [joint.name for joint in robot.joints if joint.type == "free"]
     if free and programmed:
         notes.append(f"free joint {', '.join(free)}: held where it is by drives on all its six coordinates")
-    motors = [f"{joint.name}.{MOTOR}" for joint in robot.joints if joint.motor]
+    motors = [component_name(joint.name, MOTOR) for joint in robot.joints if joint.motor]
     if motors and programmed:
         notes.append(f"drives act at {', '.join(motors)} and know their angles alone, not their joints'")
     if loose:

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..optional import optional_import
 from ..robot.coordinates import unit_of
 from .result import Series
 
@@ -138,8 +139,6 @@ def load_stream(folder: Path | str) -> StreamedMotion:
 
 
 def _zarr() -> Any:
-    try:
+    with optional_import("Zarr (Python 3.11 or later)", "streams need"):
         import zarr
-    except ImportError:
-        raise InputError('streams need Zarr (Python 3.11 or later): pip install "eomgen[sweep]"') from None
     return zarr

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ArrayError
+from ..runtime.kernel import Kernel
 
 Array = NDArray[np.float64]
 DriveFunction = Callable[[float, Array, Array], ArrayLike]  # (t, q, v) -> u, (n,), N or N m
@@ -16,6 +17,11 @@ MotionFunction = Callable[[float], tuple[ArrayLike, ArrayLike, ArrayLike]]  # t 
 
 RANK = 1e-7  # singular values below this part of the greatest one belong to redundant constraints
 Q_STEP, V_STEP = 1e-7, 1e-6  # finite differences: small beside 1 rad, 1e9 times the round-off of a force
+
+
+def prescribed_mask(kernel: Kernel) -> NDArray[np.bool_]:
+    """Which coordinates are prescribed, (n,)."""
+    return np.array([name in kernel.prescribed for name in kernel.coordinates])
 
 
 def state_vector(label: str, value: ArrayLike, coordinates: tuple[str, ...]) -> Array:

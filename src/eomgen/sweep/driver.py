@@ -25,7 +25,7 @@ from .._version import __version__
 from ..description import RobotLike, as_robot
 from ..errors import EomgenError, InputError
 from ..forms.toml_text import parse_toml
-from ..names import show
+from ..names import parameter_path, show
 from ..progress import Progress, no_progress
 from ..robot.model import refuse_loops, tool_of
 from ..robot.parameter_names import expand_tunable
@@ -160,7 +160,8 @@ def _dimensions(
         except InputError as error:
             plan.fail(f"vary[{i}].parameter", getattr(error, "message", str(error)))
         for name in names:
-            if name.startswith("links.") and name.split(".")[1] in carrying:
+            kind, owner, *_ = parameter_path(name)
+            if kind == "links" and owner in carrying:
                 plan.fail(
                     f"vary[{i}].parameter",
                     f"{name}: the scenario has a payload on this link; allowed: others, or payloads.0.mass as scenario",

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..robot.coordinates import index_of, unit_of
+from ..names import joint_of
+from ..robot.coordinates import force_unit_of, index_of, unit_of
 from ..runtime.kernel import Kernel
 from ..scenario.value import Scenario
 from ..simulation.assembly import Assembly
@@ -75,7 +76,7 @@ def _drives(name: str, result: SimulationResult, assembly: Assembly) -> Measured
     for coordinate in (motors.get(x, x) for x in assembly.driven):
         u = motion.u[:, motion.coordinates.index(coordinate)]
         value = np.abs(u).max() if name == "drive_max" else _rms(u)
-        found.append((f"{name}.{coordinate}", "N" if unit_of(coordinate) == "m" else "N m", float(value)))
+        found.append((f"{name}.{coordinate}", force_unit_of(coordinate), float(value)))
     return found
 
 
@@ -91,7 +92,7 @@ def _deviations(name: str, result: SimulationResult, _: Assembly) -> Measured:
     for coordinate, value in zip(result.deviation_coordinates, largest.tolist(), strict=True):
         for part, unit in PARTS:
             if unit_of(coordinate) == unit:
-                key = (f"{name}.{coordinate.partition('.')[0]}.{part}", unit)
+                key = (f"{name}.{joint_of(coordinate)}.{part}", unit)
                 found[key] = max(found.get(key, 0.0), value)
     return [(*key, value) for key, value in found.items()]
 

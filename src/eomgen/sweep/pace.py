@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from ..errors import ArrayError, EomgenError, IntegrationStopped
 from ..integration.steps import fixed_step
 from ..integration.trajectory import Trajectory
+from ..robot.model import build_model
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..runtime.many_steps import FAR, METHODS
@@ -65,7 +66,8 @@ class Pace:
 
 def why_not(robot: Robot) -> str | None:
     """Reason why rollouts cannot do the robot's scenarios; None if they can."""
-    names = [f"{j.name}.{name}" for j in robot.joints for name, c in j.all_coordinates.items() if c.prescribed]
+    model = build_model(robot)
+    names = [model.coordinates[i] for i in model.prescribed]
     return f"{', '.join(names)}: motions that are prescribed are not part of rollouts" if names else None
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ..errors import InputError, UnknownNameError
 from ..files import write_atomically
 from ..names import nearest, show
+from ..optional import optional_import
 from .store import read_manifest, read_rows
 
 Array = NDArray[np.float64]
@@ -151,11 +152,9 @@ class SweepResult:
             return write_atomically(path, lambda stream: stream.write(text.getvalue().encode()))
         if path.suffix != ".parquet":
             raise InputError(f"{path}: the suffix {path.suffix!r} is no table; allowed: .csv, .parquet")
-        try:
+        with optional_import("pyarrow", "Parquet needs", ".csv works without"):
             import pyarrow
             from pyarrow import parquet
-        except ImportError:
-            raise InputError('Parquet needs pyarrow: pip install "eomgen[sweep]"; .csv works without') from None
         return write_atomically(path, lambda stream: parquet.write_table(pyarrow.table(columns), stream))
 
     def as_dict(self) -> dict[str, Any]:
