@@ -1,4 +1,4 @@
-"""What the templates of a kernel's header and C know."""
+"""Contexts of the templates of a kernel's header and C: every name that they use."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def _functions(public: list[Function]) -> dict[str, Any]:
 
 
 def number_context(equations: Equations, dtype: str) -> dict[str, Any]:
-    """What C for one state at a time knows beside the header's names, and that for several states, too."""
+    """Names that C uses beside those of the header, where a number is one state's."""
     model, scalar = equations.model, SCALARS[dtype]
     programs = equations.programs.values()
     public = [name for name in equations.kernels if SIGNATURES[name].kind != "frames"]
@@ -120,7 +120,7 @@ def _tables(model: Model) -> dict[str, Any]:
 
 
 def lane_context(equations: Equations, dtype: str) -> dict[str, Any]:
-    """What is different for several states at a time, where a number is a vector of states."""
+    """Names that mean something else in C for several states at a time, where a number is a vector of states."""
     model, lanes = equations.model, SCALARS[dtype].lanes()
     together = batched(equations)
     wanted = {program for name in together for program in calls_of(equations, name)}

@@ -33,7 +33,7 @@ def batched(equations: Equations) -> list[str]:
 
 
 def _has_lanes(equations: Equations, name: str) -> bool:
-    """Whether there is C of the kernel for vectors: a program, or a template that is written for both."""
+    """True if there is C of the kernel for vectors: a program, or a template that is written for both."""
     return name in equations.programs or KERNELS[name].kind in ("composed", "rollout")
 
 
@@ -54,7 +54,7 @@ class Shuffle:
 
 @dataclass(frozen=True)
 class Square:
-    """How as many rows as a vector has lanes swap rows and columns.
+    """Shuffles that transpose a square of numbers, as many rows as a vector has lanes.
 
     Blocks of 1, 2, 4 ... numbers swap across the diagonal, so that x0, x1, ... become ``rows``.
     """

@@ -1,4 +1,4 @@
-"""What a package says of its kernels, for Python and for headers of other languages: the content of NAME.json."""
+"""Metadata of a package, NAME.json: all that Python and headers of other languages need to know of its kernels."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def knots(model: Model) -> dict[str, list[float]]:
 
 
 def _motor_metadata(model: Model) -> dict[str, Any]:
-    """Which coordinate every motor drives, and the description's ratio, where there are motors."""
+    """The coordinate that every motor drives, and the description's ratio, where there are motors."""
     motors = {}
     for index, principal in model.motors.items():
         name = model.coordinates[index]
@@ -85,7 +85,7 @@ def _loop_metadata(model: Model) -> dict[str, Any]:
 
 
 def survivors(model: Model) -> dict[str, list[str]]:
-    """What does not vanish identically: bits as hexadecimal digits, the first entry in the highest bit.
+    """Entries that do not vanish identically: bits as hexadecimal digits, the first entry in the highest bit.
 
     A text per coordinate s: of M_sv the bits of all v, of C_s,vw those of all v <= w, row by row.
     """

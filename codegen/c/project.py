@@ -67,7 +67,7 @@ def project_files(meta: Mapping[str, Any], flags: Sequence[str]) -> dict[str, st
 
 
 def _numeric(version: str) -> str:
-    """What CMake takes of a version: its numbers."""
+    """The numbers of a version, all that CMake takes of it."""
     found = re.match(r"\d+(\.\d+){0,3}", version)
     return found[0] if found else "0"
 
@@ -78,7 +78,7 @@ def quoted(text: str) -> str:
 
 
 def _header_context(meta: Mapping[str, Any]) -> dict[str, Any]:
-    """What the templates of the headers know."""
+    """Names that the templates of the headers use."""
     name, scalar = meta["name"], SCALARS[meta["dtype"]]
     public = functions(meta["kernels"])
     return {
@@ -99,7 +99,7 @@ def _header_context(meta: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _tables(meta: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """What arrays are numbered by: names with identifiers; frames are numbers of a type of their own."""
+    """Tables of names by which arrays are numbered, with identifiers; frames are numbers of a type of their own."""
     names = {key: meta[f"{key}s"] for key in ("coordinate", "joint", "link", "frame", "parameter")}
     names |= {key: meta[f"{key}s"] for key in ("spring", "constraint") if f"{key}s" in meta}
     return [{"key": key, "names": identifiers(list(x)), "has_type": key == "frame"} for key, x in names.items()]

@@ -74,7 +74,7 @@ def write_function(program: Program, scalar: Scalar, *, turning: bool = True) ->
 
 
 def _reads(chunk: Sequence[str], array: str) -> bool:
-    """Whether any of the statements reads the array."""
+    """True if any of the statements reads the array."""
     return any(re.search(rf"\b{array}\[", line) for line in chunk)
 
 

@@ -1,4 +1,4 @@
-"""What every kernel reads and writes: the one table of kernels, without SymPy."""
+"""The one table of kernels: arrays that each reads and writes, where its C comes from; without SymPy."""
 
 from __future__ import annotations
 
@@ -193,17 +193,17 @@ class Function:
 
     @property
     def is_framed(self) -> bool:
-        """Whether the number of a frame comes before the result."""
+        """True if the number of a frame comes before the result."""
         return self.kind == "frames"
 
     @property
     def is_rollout(self) -> bool:
-        """Whether one call does many steps."""
+        """True if one call does many steps."""
         return self.kind == "rollout"
 
 
 def functions(names: Iterable[str]) -> list[Function]:
-    """What users of these kernels call, in the order in which headers and packages have it.
+    """Functions that users of these kernels call, in the order in which headers and packages have them.
 
     That is the order of KERNELS, with functions of a frame's number behind the others, and rollouts last.
     """

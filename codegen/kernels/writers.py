@@ -1,4 +1,4 @@
-"""What each kernel writes, from the quantities of a derivation."""
+"""Writers of the kernels: outputs of each from the quantities of a derivation."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import UnknownNameError
-from .parameters import nearest
+from ..names import nearest_or_all
 
 Array = NDArray[Any]
 Mask = NDArray[np.bool_]
@@ -76,7 +76,7 @@ class BlockMap(Mapping[tuple[str, ...], Array]):
             raise UnknownNameError(f"{self._symbol}: {key!r} is no block; allowed: a tuple of {rank} names")
         for name in key:
             if name not in self._places:
-                raise UnknownNameError(f"{self._symbol}: {name!r} is unknown{nearest(str(name), list(self._places))}")
+                raise UnknownNameError(f"{self._symbol}: {name!r} is unknown{nearest_or_all(str(name), self._places)}")
         return tuple(self._places[name] for name in key)
 
 

@@ -33,7 +33,7 @@ class Subject(Protocol):
 
 
 class Rule:
-    """How derivatives follow.
+    """A way in which derivatives follow from kernels.
 
     Attributes:
         template: file of ``templates/casadi`` with the body of C that computes them.
@@ -79,7 +79,7 @@ class ByKernel(Rule):
 
 
 class ResidualRule(ByKernel):
-    """As the rule of inverse dynamics; the residual is linear in the drives, which come last, with -1."""
+    """A kernel writes the derivatives by q, v and a; by the drives, which come last, the residual's is -1."""
 
     template = "residual"
 
@@ -128,7 +128,7 @@ class BiasRule(Rule):
 
 
 class ForceRule(BiasRule):
-    """What the residual's derivatives with forces miss to those without."""
+    """Derivatives of the residual without forces less those with them."""
 
     template = "generalized_force"
 
@@ -166,7 +166,7 @@ class TangentRule(Rule):
 
 
 class EnergyRule(TangentRule):
-    """As all that goes by tangents; potential energy does not change with the rates."""
+    """Directional derivatives; potential energy does not change with the rates."""
 
     def patterns(self, f: Subject) -> tuple[Array, list[Array]]:
         whole, blocks = super().patterns(f)

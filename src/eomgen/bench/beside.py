@@ -197,7 +197,7 @@ def _call_from_python(kernel: Kernel, name: str, inputs: Mapping[str, Array], ro
 
 
 def _extra(function: RawFunction) -> tuple[int, ...]:
-    """What a function takes before its result: the number of the first frame, or nothing."""
+    """Arguments that a function takes before its result: the number of the first frame, or nothing."""
     return (0,) if function.is_framed else ()
 
 

@@ -364,7 +364,7 @@ upward = fpu.control()
 assert upward != before
 call_all()
 check("rounding upward", upward)
-print("kept", len(names))
+print("kept", len(functions))
 """
 
 
