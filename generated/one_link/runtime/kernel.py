@@ -76,7 +76,7 @@ class Kernel:
         self._survivors = meta["survivors"]
         self._ratios: dict[str, float] = {name: ratio for name, (_, ratio) in meta.get("motors", {}).items()}
         self.knots: dict[str, tuple[float, ...]] = {k: tuple(x) for k, x in meta["knots"].items()}
-        self.parameters = Parameters(self.raw, meta["parameters"])
+        self.parameters = Parameters.of(self.raw, meta["parameters"])
         self.calls = Calls(self.raw, self.parameters, self.coordinates, self.links)
 
     def __repr__(self) -> str:
@@ -165,7 +165,7 @@ class Kernel:
 
     @property
     def checks(self) -> bool:
-        """Whether arrays with NaN or infinity are refused by the name of the coordinate, True at first.
+        """True if arrays with NaN or infinity are refused by the name of the coordinate, which is so at first.
 
         With False such numbers go through the C, and what depends on them is not finite, or of no use where a law
         compares them; a call costs less (``eomgen bench`` says how much).  Shapes and dtypes are checked all the same,
@@ -358,7 +358,7 @@ class Kernel:
         out: Array | None = None,
         cut: bool = False,
     ) -> Array:
-        """What each joint exerts on its child link, (joints, 6): force (N), moment (N m) at the joint.
+        """Wrench that each joint exerts on its child link, (joints, 6): force (N), moment (N m) at the joint.
 
         In the axes of the joint's frame after its motion (z is the principal axis), at that frame's origin.  The
         joint's own springs, dampers and drives are part of it.  Springs between points act on the links, so that what
@@ -435,7 +435,7 @@ class Kernel:
         return self.calls.run("spring_jacobian", out, (q,))
 
     def spring_stiffness(self, q: ArrayLike, *, out: Array | None = None) -> Array:
-        """What the springs between points stiffen at most, (n, n), N/m, N or N m/rad; at least semidefinite.
+        """Upper bound of the springs' stiffness in the coordinates, (n, n), N/m, N or N m/rad; at least semidefinite.
 
         The sum of k D^T D, D the derivative by q of the vector between a spring's points, seen from the last link that
         moves both, k its stiffness in all directions: of a curve that of its steepest piece, of a cable as if taut.

@@ -88,7 +88,7 @@ def rollout(
 def _not_finite(
     calls: Calls, starts: Sequence[tuple[Array, int]], drives: Sequence[tuple[Array, int, int]]
 ) -> ArrayError | None:
-    """What says that an input is not finite, which ``checks`` may have let through."""
+    """The error that names an input that is not finite (``checks`` may have let it through), or None."""
     given = [(array, 0) for array, _ in starts] + [(array, apart) for array, _, apart in drives]
     for label, (array, apart) in zip(("q0", "v0", "u", "target"), given, strict=False):
         try:
@@ -242,7 +242,7 @@ def _begins_well(
     step: int,
     method: int,
 ) -> bool:
-    """Whether there are accelerations at the q where a step that failed begins, so that dt is to blame."""
+    """True if there are accelerations at the q where a step that failed begins, so that dt is to blame."""
     (q, _), n = starts[0], calls.n
     if step > 0:
         ends = np.empty((2, n), calls.dtype), np.empty((2, n), calls.dtype)

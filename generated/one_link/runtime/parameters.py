@@ -36,18 +36,19 @@ class Parameters(MutableMapping[str, float]):
         setup: the values as arrays, and what functions of C read of them; replaced as a whole on assignment.
     """
 
-    def __init__(self, raw: RawKernel, values: Mapping[str, float]) -> None:
-        self._raw = raw
-        self._slots = {name: slot for slot, name in enumerate(values)}
-        self._lock = threading.Lock()
-        self.setup = Setup(raw, np.array(list(values.values()), raw.dtype))
+    def __init__(self, raw: RawKernel, slots: Mapping[str, int], setup: Setup) -> None:
+        self._raw, self._slots, self._lock = raw, slots, threading.Lock()
+        self.setup = setup
+
+    @classmethod
+    def of(cls, raw: RawKernel, values: Mapping[str, float]) -> Parameters:
+        """Parameters of a compiled module, whose order is that of the values."""
+        slots = {name: slot for slot, name in enumerate(values)}
+        return cls(raw, slots, Setup(raw, np.array(list(values.values()), raw.dtype)))
 
     def copy(self) -> Parameters:
         """The same names and values for the same code; neither sees the other's assignments."""
-        other = Parameters.__new__(Parameters)
-        other._raw, other._slots, other._lock = self._raw, self._slots, threading.Lock()
-        other.setup = self.setup  # replaced as a whole on assignment
-        return other
+        return Parameters(self._raw, self._slots, self.setup)  # which is replaced as a whole on assignment
 
     def __getitem__(self, name: str) -> float:
         return float(self.setup.values[self._slot(name)])

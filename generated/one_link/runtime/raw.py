@@ -50,7 +50,7 @@ class RawFunction:
 
     @property
     def is_framed(self) -> bool:
-        """Whether the number of a frame comes before the result."""
+        """True if the number of a frame comes before the result."""
         return self.kind == FRAMES
 
 
