@@ -57,10 +57,11 @@ def page(results: list[BenchResult], command: str) -> str:
         "",
         "Operation counts are those of the emitted C and hold on every machine (a subtraction or a change of sign"
         " counts as an addition, a sine with its cosine as one). Beside a kernel stands a textbook algorithm as one"
-        " writes it by hand, a loop over a table of links (`templates/newton_euler.c.jinja`): recursive Newton-Euler"
-        " for inverse dynamics, composite bodies for the mass matrix, articulated bodies for forward dynamics. Its"
-        " operations are counted by running an instrumented copy of the same text. It knows nothing of zeros in the"
-        " table beyond what is cheaper along a principal axis; leaving out the others is what a generator is for.",
+        " writes it by hand, a loop over a table of links (`templates/bench/newton_euler.c.jinja`): recursive"
+        " Newton-Euler for inverse dynamics, composite bodies for the mass matrix, articulated bodies for forward"
+        " dynamics. Its operations are counted by running an instrumented copy of the same text. It knows nothing of"
+        " zeros in the table beyond what is cheaper along a principal axis; leaving out the others is what a generator"
+        " is for.",
         "",
         "The last column is the textbook's time per call by the kernel's: median over"
         f" {first.rounds} rounds in which both took turns (one process, the loop in C, {first.states} random states),"

@@ -13,7 +13,7 @@ import pytest
 
 import eomgen
 from eomgen.pipeline.cache import VARIABLE
-from eomgen.pipeline.generator_files import generator_hash
+from eomgen.pipeline.generator_key import generator_hash
 from eomgen.robot.value import Robot
 from tests.support.builds import Build
 from tests.support.figures import Figures, gathered, lines

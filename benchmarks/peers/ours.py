@@ -30,10 +30,9 @@ class Ours:
 
     def contender(self, kernel: str, *, batch: bool = False) -> Contender:
         """A kernel for one state, or for all states in one call."""
-        ffi, lib, name = self.kernel._ffi, self.kernel._lib, NAMES.get(kernel, kernel)
-        code = ffi.addressof(lib, f"{self.kernel.name}_{name}{'_batch' if batch else ''}")
-        h = address(ffi, self.kernel.parameters._setup.pointer)
-        return Contender(BATCH if batch else NAME, address(ffi, code), h, batch=batch, kept=self)
+        code = self.kernel.raw.address(NAMES.get(kernel, kernel), batch=batch)
+        setup = self.kernel.parameters.setup
+        return Contender(BATCH if batch else NAME, code, setup.address, batch=batch, kept=(self, setup))
 
     def step(self, dt: float) -> Contender:
         """One linearly implicit step of so many seconds, q and v after it.
@@ -47,11 +46,10 @@ class Ours:
         text = STEP.read_text(encoding="ascii")
         path = build_library("ours_step", "cc", [("-std=c99", "-O2", STEP.name)], (), {STEP.name: text})
         library = FFI.dlopen(str(path))
-        rollout = address(kernel._ffi, kernel._ffi.addressof(kernel._lib, f"{kernel.name}_rollout"))
-        h = address(kernel._ffi, kernel.parameters._setup.pointer)
-        given = FFI.new("OurStep *", (FFI.cast("void *", rollout), FFI.cast("double *", h), dt, kernel.n))
+        rollout, setup = kernel.raw.address("rollout"), kernel.parameters.setup
+        given = FFI.new("OurStep *", (FFI.cast("void *", rollout), FFI.cast("double *", setup.address), dt, kernel.n))
         code = address(FFI, FFI.addressof(library, "ours_step"))
-        return Contender(NAME, code, address(FFI, given), kept=(self, library, given))
+        return Contender(NAME, code, address(FFI, given), kept=(self, setup, library, given))
 
 
 class Textbook:

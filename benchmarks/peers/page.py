@@ -94,7 +94,7 @@ def page(report: Report) -> str:
         "",
         "- eomgen: one kernel per robot, the description's numbers folded in, gravity and parameters at run time.",
         "- textbook: recursive Newton-Euler, composite bodies and articulated bodies as loops over a table of links"
-        " (`templates/newton_euler.c.jinja`), with eomgen's compiler and flags.",
+        " (`templates/bench/newton_euler.c.jinja`), with eomgen's compiler and flags.",
         "- Pinocchio: `rnea`, `crba`, `aba`, `computeRNEADerivatives`; results stay in its `Data`, the mass matrix is"
         " the upper triangle. It reads an URDF itself; a 6-DOF joint is six joints of one coordinate with no bodies"
         " in between.",

@@ -1,7 +1,4 @@
-"""Facts about a kernel beside its C, which the package keeps as JSON and its NumPy face reads.
-
-Names and shapes, what each kernel reads and writes, measured curves, entries of M and C that survive, operations.
-"""
+"""Metadata of a package, NAME.json: all that Python and headers of other languages need to know of its kernels."""
 
 from __future__ import annotations
 
@@ -15,12 +12,16 @@ from eomgen.robot.value import MOTOR
 
 from ..joint.zeros import zero_map
 from ..kernels.equations import Equations
-from ..kernels.signatures import KERNELS, shapes
-from ..solve.factorised import solve_operations
+from ..kernels.operations import operations
+from ..kernels.signatures import KERNELS, functions, shapes
 
 
 def metadata(equations: Equations, dtype: str) -> dict[str, Any]:
-    """What the Python face of a kernel knows of it."""
+    """Plain values for JSON: names, shapes, parameters, functions, operations, and what vanishes identically.
+
+    "kernels" and "functions" say what each reads and writes; users call the functions, which are the kernels but for
+    those of the kind "frames", and ``RawFunction`` says what a kind means.
+    """
     model = equations.model
     return {
         "generator": f"eomgen {__version__}",
@@ -41,11 +42,21 @@ def metadata(equations: Equations, dtype: str) -> dict[str, Any]:
             for name in KERNELS
             if name in equations.kernels
         },
+        "functions": {
+            function.name: {
+                "kernel": function.kernel,
+                "kind": function.kind,
+                "reads": function.signature.reads,
+                "writes": function.signature.writes,
+                **({"tangent_of": function.signature.tangent_of} if function.signature.tangent_of else {}),
+            }
+            for function in functions(equations.kernels)
+        },
         "knots": knots(model),
         "operations": operations(equations),
         **_loop_metadata(model),
         **({"springs": [spring.name for spring in model.robot.springs]} if model.robot.springs else {}),
-        "survivors": survivors(model) if "christoffel" in equations.kernels else {},
+        "survivors": survivors(model) if any(KERNELS[name].mapped for name in equations.kernels) else {},
     }
 
 
@@ -57,7 +68,7 @@ def knots(model: Model) -> dict[str, list[float]]:
 
 
 def _motor_metadata(model: Model) -> dict[str, Any]:
-    """Which coordinate every motor drives, and the description's ratio, where there are motors."""
+    """The coordinate that every motor drives, and the description's ratio, where there are motors."""
     motors = {}
     for index, principal in model.motors.items():
         name = model.coordinates[index]
@@ -74,7 +85,7 @@ def _loop_metadata(model: Model) -> dict[str, Any]:
 
 
 def survivors(model: Model) -> dict[str, list[str]]:
-    """What does not vanish identically: bits as hexadecimal digits, the first entry in the highest bit.
+    """Entries that do not vanish identically: bits as hexadecimal digits, the first entry in the highest bit.
 
     A text per coordinate s: of M_sv the bits of all v, of C_s,vw those of all v <= w, row by row.
     """
@@ -85,17 +96,3 @@ def survivors(model: Model) -> dict[str, list[str]]:
         "christoffel": zeros.christoffel.mask[:, v, w],
     }
     return {name: [np.packbits(row).tobytes().hex() for row in array] for name, array in rows.items()}
-
-
-def operations(equations: Equations) -> dict[str, dict[str, int]]:
-    """Multiplications, additions, divisions and sine-cosine pairs of every kernel's C, and of the parameters' setup."""
-    counts = {name: equations.programs[name].count() for name in equations.programs}
-    if "christoffel" in equations.loops:
-        counts["christoffel"] = {key: equations.model.size * n for key, n in counts["coriolis_matrix"].items()}
-    if "forward_dynamics_jacobian" in equations.loops:
-        parts = (counts["forward_dynamics"], counts["residual_jacobian"], solve_operations(equations.model))
-        counts["forward_dynamics_jacobian"] = {key: sum(part[key] for part in parts) for key in parts[0]}
-    if "rollout" in equations.loops:
-        counts["rollout"] = counts["implicit_step"]  # of one linearly implicit step
-    public = {name: counts[name] for name in KERNELS if name in counts and name in equations.kernels}
-    return {**public, "parameters": equations.setup.count()}

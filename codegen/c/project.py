@@ -13,12 +13,11 @@ from typing import Any
 
 from eomgen._version import __version__
 
-from ..kernels.signatures import KERNELS
+from ..kernels.signatures import Function, functions
 from .scalar_types import SCALARS
 from .source import environment
 
 BY_VALUE = 8192  # numbers that a function of C++ returns by value: they lie on the stack
-SYMMETRIC = ("mass_matrix", "spring_stiffness")  # to the bit: storing by rows or by columns is the same
 IEEE = "-fno-fast-math"  # a whole project's -ffast-math would take NaN for a number
 LEVELS = ("-O0", "-O1", "-O2", "-O3", "-Os", "-Og", "-Ofast", "-Oz")
 
@@ -41,7 +40,7 @@ def project_files(meta: Mapping[str, Any], flags: Sequence[str]) -> dict[str, st
     """Names and texts of the files that make a generated package a project of C and C++, beside its .h and .c.
 
     Args:
-        meta: of ``render.metadata``, as in the package's .json.
+        meta: of ``metadata``, as in the package's .json.
         flags: of the compiler.
     """
     name = meta["name"]
@@ -54,18 +53,21 @@ def project_files(meta: Mapping[str, Any], flags: Sequence[str]) -> dict[str, st
         "level": level,
     }
     templates = {
-        "CMakeLists.txt": "CMakeLists.txt.jinja",
-        f"{name}Config.cmake": "Config.cmake.jinja",
-        f"{name}.pc.in": "kernel.pc.in.jinja",
+        "CMakeLists.txt": "package/CMakeLists.txt.jinja",
+        f"{name}Config.cmake": "package/Config.cmake.jinja",
+        f"{name}.pc.in": "package/kernel.pc.in.jinja",
     }
     files = {file: environment().get_template(template).render(context) for file, template in templates.items()}
-    for file, template in ((f"{name}_names.h", "kernel_names.h.jinja"), (f"{name}.hpp", "kernel.hpp.jinja")):
+    for file, template in (
+        (f"{name}_names.h", "package/kernel_names.h.jinja"),
+        (f"{name}.hpp", "package/kernel.hpp.jinja"),
+    ):
         files[file] = environment().get_template(template).render(_header_context(meta))
     return files
 
 
 def _numeric(version: str) -> str:
-    """What CMake takes of a version: its numbers."""
+    """The numbers of a version, all that CMake takes of it."""
     found = re.match(r"\d+(\.\d+){0,3}", version)
     return found[0] if found else "0"
 
@@ -76,9 +78,9 @@ def quoted(text: str) -> str:
 
 
 def _header_context(meta: Mapping[str, Any]) -> dict[str, Any]:
-    """What the templates of the headers know."""
+    """Names that the templates of the headers use."""
     name, scalar = meta["name"], SCALARS[meta["dtype"]]
-    kernels = _kernels(meta)
+    public = functions(meta["kernels"])
     return {
         "name": name,
         "space": safe(name),
@@ -88,48 +90,35 @@ def _header_context(meta: Mapping[str, Any]) -> dict[str, Any]:
         "real": scalar.name,
         "n": len(meta["coordinates"]),
         "hoisted": max(meta["hoisted"], 1),
-        "tables": {
-            "coordinate": identifiers(meta["coordinates"]),
-            "joint": identifiers(meta["joints"]),
-            "link": identifiers(meta["links"]),
-            "frame": identifiers(meta["frames"]),
-            "parameter": identifiers(list(meta["parameters"])),
-            **{key: identifiers(meta[f"{key}s"]) for key in ("spring", "constraint") if f"{key}s" in meta},
-        },
-        "defaults": [scalar.literal(value) for value in meta["parameters"].values()],
-        "kernels": kernels,
-        "rolls": "rollout" in meta["kernels"],
-        "solving": "rollout" in meta["kernels"] or any(kernel["solves"] for kernel in kernels),
+        "tables": _tables(meta),
+        "parameters": [(key, scalar.literal(value)) for key, value in meta["parameters"].items()],
+        "functions": [_function(function, meta["shapes"]) for function in public if not function.is_rollout],
+        "rolls": any(function.is_rollout for function in public),
+        "solving": any(function.signature.solves for function in public),
     }
 
 
-def _kernels(meta: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Functions of the header for C++: names, views of what they read and write."""
-    shapes = {key: tuple(shape) for key, shape in meta["shapes"].items()}
-    shapes.update(pose=(4, 4), jacobian=(6, len(meta["coordinates"])))
-    found = {
-        name: (entry["reads"], entry["writes"], KERNELS[name].text)
-        for name, entry in meta["kernels"].items()
-        if name not in ("kinematics", "rollout")
+def _tables(meta: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Tables of names by which arrays are numbered, with identifiers; frames are numbers of a type of their own."""
+    names = {key: meta[f"{key}s"] for key in ("coordinate", "joint", "link", "frame", "parameter")}
+    names |= {key: meta[f"{key}s"] for key in ("spring", "constraint") if f"{key}s" in meta}
+    return [{"key": key, "names": identifiers(list(x)), "has_type": key == "frame"} for key, x in names.items()]
+
+
+def _function(function: Function, shapes: Mapping[str, Sequence[int]]) -> dict[str, Any]:
+    """A function of the header for C++: names, views of what it reads and writes."""
+    own, shape = function.signature, shapes[function.signature.writes]
+    return {
+        "name": function.name,
+        "text": own.text,
+        "shape": " x ".join(map(str, shape)),
+        "reads": [{"name": array, "view": view(shapes[array])} for array in own.reads],
+        "out": view(shape) + (", true" if own.symmetric else ""),
+        "size": math.prod(shape),
+        "by_value": math.prod(shape) <= BY_VALUE,
+        "solves": own.solves,
+        "is_framed": function.is_framed,
     }
-    if "kinematics" in meta["kernels"]:
-        found["frame_pose"] = (["q"], "pose", "Pose A_0k of a frame in the base; eqs. (1) and (2).")
-        text = "Velocity of a frame's origin (3 rows) and angular velocity (3 rows) per coordinate rate, base axes."
-        found["frame_jacobian"] = (["q"], "jacobian", text)
-    return [
-        {
-            "name": name,
-            "text": text,
-            "shape": " x ".join(map(str, shapes[writes])),
-            "reads": [{"name": array, "view": view(shapes[array])} for array in reads],
-            "out": view(shapes[writes]) + (", true" if name in SYMMETRIC else ""),
-            "size": math.prod(shapes[writes]),
-            "by_value": math.prod(shapes[writes]) <= BY_VALUE,
-            "solves": name in KERNELS and KERNELS[name].solves,
-            "framed": name.startswith("frame_"),
-        }
-        for name, (reads, writes, text) in found.items()
-    ]
 
 
 def view(shape: Sequence[int]) -> str:

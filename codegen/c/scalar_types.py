@@ -17,15 +17,22 @@ class Scalar:
     name: the type.
     suffix: of literals and of the functions of <math.h>.
     spread: macro that makes a vector of a number; empty where numbers are no vectors.
+    inner: type of the numbers in a vector; empty where they are none.
     """
 
     name: str
     suffix: str
     spread: str = ""
+    inner: str = ""
+
+    @property
+    def number(self) -> str:
+        """The type of one number."""
+        return self.inner or self.name
 
     def lanes(self) -> Scalar:
-        """Vectors of these numbers, named as in ``batches.c.jinja``."""
-        return replace(self, name="lanes", spread="ALL")
+        """Vectors of these numbers, named as in ``kernel/batches.c.jinja``."""
+        return replace(self, name="lanes", spread="ALL", inner=self.name)
 
     def whole(self, text: str) -> str:
         """A number where a value of this type has to stand."""
@@ -46,7 +53,7 @@ class Scalar:
 
 @dataclass(frozen=True)
 class Turn:
-    """Numbers of the sines and cosines of ``vectors.jinja`` for one type, as literals of C.
+    """Numbers of the sines and cosines of ``kernel/vectors.jinja`` for one type, as literals of C.
 
     integer: of the same width.  shift: what brings a number's units into the lowest bits.  quarter: pi/2 in parts,
     products of all but the last exact.  sine, cosine: coefficients of powers of z = r^2, the lowest first, in

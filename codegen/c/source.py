@@ -10,7 +10,7 @@ import jinja2
 
 @dataclass(frozen=True)
 class Source:
-    """What is compiled: ``header``, ``code``, ``cdef`` (the header's declarations, for cffi), ``meta`` for Python.
+    """Texts to compile: ``header``, ``code``, ``cdef`` (the header's declarations, for cffi), ``meta`` for Python.
 
     ``statements`` is the length of the code in values.
     """
@@ -25,7 +25,7 @@ class Source:
 
 @cache
 def environment() -> jinja2.Environment:
-    """Where the templates are; a name that is not given is an error."""
+    """Jinja's environment with the templates; a name that a template is not given is an error."""
     return jinja2.Environment(
         loader=jinja2.PackageLoader("eomgen.templates", ""),
         undefined=jinja2.StrictUndefined,

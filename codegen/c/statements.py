@@ -16,7 +16,7 @@ from .scalar_types import Scalar
 
 CHUNK = 900  # values per function
 INLINE = 72  # longest expression, in characters, that is written into another one
-NAMES = {"sqrt": "root", "max": "larger", "step": "positive"}  # functions of ``vectors.jinja``
+NAMES = {"sqrt": "root", "max": "larger", "step": "positive"}  # functions of ``kernel/vectors.jinja``
 FILL = 16  # from so many zeros on an output is cleared in a loop
 
 
@@ -36,8 +36,8 @@ class Function:
     outputs: tuple[str, ...]
 
     @property
-    def run(self) -> str:
-        """Where the angles stand, if they stand side by side already; or nothing."""
+    def contiguous_angles(self) -> str:
+        """Address of the first angle, if the angles stand side by side in an array already; or nothing."""
         places = [re.fullmatch(r"(\w+)\[(\d+)\]", angle) for angle in self.angles]
         if not places or not all(places):
             return ""
@@ -50,7 +50,7 @@ def write_function(program: Program, scalar: Scalar, *, turning: bool = True) ->
     """Program -> statements of C.
 
     Args:
-        turning: take all sines and cosines at once in front (``turn`` of ``vectors.jinja``), not one by one.
+        turning: take all sines and cosines at once in front (``turn`` of ``kernel/vectors.jinja``), not one by one.
     """
     signature = SIGNATURES.get(program.name)
     arrays: tuple[str, ...] = tuple(a for a in ("h", "p", "q", "v", "a", "u", "wrench") if a in program.inputs())
@@ -74,11 +74,11 @@ def write_function(program: Program, scalar: Scalar, *, turning: bool = True) ->
 
 
 def _reads(chunk: Sequence[str], array: str) -> bool:
-    """Whether any of the statements reads the array."""
+    """True if any of the statements reads the array."""
     return any(re.search(rf"\b{array}\[", line) for line in chunk)
 
 
-def turned(program: Program) -> set[int]:
+def trig_values(program: Program) -> set[int]:
     """Sines and cosines, and what they alone need: values that are no statements of their own."""
     needs = [0] * len(program.instructions)  # statements and outputs that need a value
     for index in program.outputs.values():
@@ -120,7 +120,7 @@ class _Writer:
         self.stores: dict[int, list[str]] = {}
         for (array, position), index in program.outputs.items():
             self.stores.setdefault(index, []).append(f"{array}[{position}]")
-        apart = turned(program) if turning else set()
+        apart = trig_values(program) if turning else set()
         self.angles: list[str] = []
         self.turns: dict[int, str] = {}  # sines and cosines that are taken in front
         self._take_turns(apart)

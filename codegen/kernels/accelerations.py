@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from ..forces.rows import effects, stretches
@@ -16,6 +16,7 @@ from ..tree.spatial import Scalar
 from .derivation import Derivation, Outputs
 
 FACTORISED = "M = L^T D L factorised"
+STRAIGHT_SOLVE = 12  # up to so many coordinates the factorisation is tried beside the elimination
 
 
 def _solved(d: Derivation, acceleration: list[Scalar], pivots: list[tuple[Scalar, Scalar]]) -> Outputs:
@@ -136,7 +137,20 @@ def _along(pull: Along, accelerations: Sequence[Scalar]) -> Scalar:
     return total
 
 
-SOLVERS: Mapping[str, Callable[[Derivation], Outputs]] = {
-    FACTORISED: _factorised,
-    "joints eliminated in O(n)": _eliminated,
+@dataclass(frozen=True)
+class Way:
+    """One of several ways to write a kernel.
+
+    most: coordinates up to which it is tried beside the others, because its program would be long; None for any number.
+    prescribes: whether it can do with coordinates whose motion is given.
+    """
+
+    write: Callable[[Derivation], Outputs]
+    most: int | None = None
+    prescribes: bool = True
+
+
+SOLVERS: Mapping[str, Way] = {
+    FACTORISED: Way(_factorised, STRAIGHT_SOLVE, prescribes=False),  # M would have to be divided by what is known
+    "joints eliminated in O(n)": Way(_eliminated),
 }

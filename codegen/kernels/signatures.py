@@ -1,28 +1,53 @@
-"""What every kernel reads and writes: the one table of kernels, without SymPy."""
+"""The one table of kernels: arrays that each reads and writes, where its C comes from; without SymPy."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Literal
 
 from eomgen.robot.model import Model
+
+Kind = Literal["program", "tangent", "frames", "composed", "rollout"]
+KINDS: Mapping[Kind, str] = {  # in the order in which C and packages have them
+    "program": "straight-line code of one writer",
+    "tangent": "straight-line code, differentiated from another kernel's; there only if it is asked for",
+    "frames": "straight-line code that nobody calls but functions of a frame's number",
+    "composed": "a template of its own, which calls programs: ``templates/composed``",
+    "rollout": "the same, with a call of its own: many steps at once",
+}
 
 
 @dataclass(frozen=True)
 class Signature:
     """Arrays that a kernel reads and the one that it writes, by their names in ``shapes``, and what it computes.
 
-    ``calls``: the programs that a kernel's C calls, where it is no program of its own.  ``tangent_of``: the kernel that
-    this one differentiates; such a one is there only if it is asked for.
-    ``solves``: whether it inverts the mass matrix, and so fails where that is singular; the others always return 0.
+    kind: where its C comes from and how it is called, one of KINDS.
+    calls: the programs that its C calls, where the kind is "composed" or "rollout".
+    counts: of these the ones whose operations count as the kernel's.
+    tangent_of: the kernel that it differentiates, where the kind is "tangent".
+    functions: what users call instead of it, where the kind is "frames".
+    columns_of: the program that a template of its own calls once for every coordinate, where its own program would be
+        too long.
+    solves: whether it inverts the mass matrix, and so fails where that is singular; the others always return 0.
+    symmetric: whether it writes a matrix that is symmetric to the bit.
+    needs: what a robot must have for it: "loops", "springs" or nothing.
+    mapped: whether packages say which of its entries vanish identically.
     """
 
     reads: tuple[str, ...]
     writes: str
     text: str
+    kind: Kind = "program"
     calls: tuple[str, ...] = ()
+    counts: tuple[str, ...] = ()
     tangent_of: str = ""
+    functions: Mapping[str, Signature] = field(default_factory=dict)
+    columns_of: str = ""
     solves: bool = False
+    symmetric: bool = False
+    needs: Literal["", "loops", "springs"] = ""
+    mapped: bool = False
 
 
 RATES = {"q": "dq", "v": "dv", "a": "da", "wrench": "dwrench"}  # of what tangents move
@@ -31,11 +56,11 @@ RATES = {"q": "dq", "v": "dv", "a": "da", "wrench": "dwrench"}  # of what tangen
 def _tangent(kernel: str, *reads: str, writes: str) -> dict[str, Signature]:
     rates = tuple(RATES[array] for array in reads)
     text = f"What {kernel} changes by along {', '.join(rates)}."
-    return {f"{kernel}_tangent": Signature((*reads, *rates), writes, text, tangent_of=kernel)}
+    return {f"{kernel}_tangent": Signature((*reads, *rates), writes, text, "tangent", tangent_of=kernel)}
 
 
 KERNELS: Mapping[str, Signature] = {
-    "mass_matrix": Signature(("q",), "matrix", "Mass matrix M(q), eq. (11)."),
+    "mass_matrix": Signature(("q",), "matrix", "Mass matrix M(q), eq. (11).", symmetric=True),
     "bias_force": Signature(("q", "v"), "vector", "Coriolis and centrifugal terms, eq. (12) contracted."),
     "generalized_force": Signature(("q", "v"), "vector", "Springs, dampers, gravity: Q_P + Q_G, eqs. (13), (14)."),
     "external_force": Signature(
@@ -55,15 +80,32 @@ KERNELS: Mapping[str, Signature] = {
         ("q", "v", "u"),
         "derivatives",
         "Derivatives of the accelerations by q, v and u: three matrices.",
+        "composed",
         calls=("forward_dynamics", "residual_jacobian"),
+        counts=("forward_dynamics", "residual_jacobian"),
         solves=True,
     ),
     "coriolis_matrix": Signature(("q", "v"), "matrix", "Coriolis matrix C(q, v) with C v = bias and M_dot = C + C^T."),
-    "christoffel": Signature(("q",), "tensor", "Christoffel symbols of the first kind, the tensor C of eq. (12)."),
+    "christoffel": Signature(
+        ("q",),
+        "tensor",
+        "Christoffel symbols of the first kind, the tensor C of eq. (12).",
+        columns_of="coriolis_matrix",
+        mapped=True,
+    ),
     "kinematics": Signature(
         ("q",),
         "kinematics",
         "Frames [R | X], bodies' origins, coordinates' axes; eqs. (1)-(3).",
+        "frames",
+        functions={
+            "frame_pose": Signature(("q",), "pose", "Pose A_0k of a frame in the base; eqs. (1) and (2)."),
+            "frame_jacobian": Signature(
+                ("q",),
+                "jacobian",
+                "Velocity of a frame's origin (3 rows) and angular velocity (3 rows) per coordinate rate, base axes.",
+            ),
+        },
     ),
     "energy": Signature(("q", "v"), "pair", "Kinetic energy, eq. (4), and potential energy of gravity and springs."),
     "reactions": Signature(
@@ -79,28 +121,40 @@ KERNELS: Mapping[str, Signature] = {
     **_tangent("reactions", "q", "v", "a", writes="reactions"),
     **_tangent("external_reactions", "q", "wrench", writes="reactions"),
     "euler_cosines": Signature(("q",), "joints", "Cosine of beta of every joint with three angles, 1 for the others."),
-    "constraint": Signature(("q",), "constraints", "Constraint g(q) of the cut joints; zero where loops are closed."),
-    "constraint_jacobian": Signature(("q",), "constraint_rows", "Jacobian J = dg/dq of the constraint."),
-    "constraint_bias": Signature(("q", "v"), "constraints", "J_dot v: g_ddot = J a + J_dot v."),
-    "cut_poses": Signature(
-        ("q",), "cut_poses", "Per loop the cut frame on its second link seen from that on its first."
+    "constraint": Signature(
+        ("q",), "constraints", "Constraint g(q) of the cut joints; zero where loops are closed.", needs="loops"
     ),
-    "spring_forces": Signature(("q", "v"), "spring_pairs", "Per spring between two points its length and tension."),
-    "spring_jacobian": Signature(("q",), "spring_rows", "Derivatives of the springs' lengths by q: moment arms."),
+    "constraint_jacobian": Signature(("q",), "constraint_rows", "Jacobian J = dg/dq of the constraint.", needs="loops"),
+    "constraint_bias": Signature(("q", "v"), "constraints", "J_dot v: g_ddot = J a + J_dot v.", needs="loops"),
+    "cut_poses": Signature(
+        ("q",), "cut_poses", "Per loop the cut frame on its second link seen from that on its first.", needs="loops"
+    ),
+    "spring_forces": Signature(
+        ("q", "v"), "spring_pairs", "Per spring between two points its length and tension.", needs="springs"
+    ),
+    "spring_jacobian": Signature(
+        ("q",), "spring_rows", "Derivatives of the springs' lengths by q: moment arms.", needs="springs"
+    ),
     "spring_stiffness": Signature(
-        ("q",), "matrix", "What the springs between points stiffen at most: sum of k (dd/dq)^T dd/dq."
+        ("q",),
+        "matrix",
+        "What the springs between points stiffen at most: sum of k (dd/dq)^T dd/dq.",
+        symmetric=True,
+        needs="springs",
     ),
     "rollout": Signature(
         ("q", "v", "u"),
         "vector",
         "Many steps of one integration.",
+        "rollout",
         calls=("forward_dynamics", "implicit_step"),
+        counts=("implicit_step",),  # those of one linearly implicit step
         solves=True,
     ),
 }
 
-LOOP_KERNELS = ("constraint", "constraint_jacobian", "constraint_bias", "cut_poses")  # of robots with loops alone
-SPRING_KERNELS = ("spring_forces", "spring_jacobian", "spring_stiffness")  # of robots with springs between points
+LOOP_KERNELS = tuple(name for name, signature in KERNELS.items() if signature.needs == "loops")
+SPRING_KERNELS = tuple(name for name, signature in KERNELS.items() if signature.needs == "springs")
 
 PARTS: Mapping[str, Signature] = {  # programs that only other kernels call
     "implicit_step": Signature(
@@ -115,9 +169,52 @@ SIGNATURES: Mapping[str, Signature] = {**KERNELS, **PARTS}
 
 def available(model: Model) -> tuple[str, ...]:
     """Names of the kernels that there are for a model."""
-    missing: tuple[str, ...] = () if model.robot.loops else LOOP_KERNELS
-    missing += () if model.robot.springs else SPRING_KERNELS
-    return tuple(name for name in KERNELS if name not in missing)
+    has = {"": True, "loops": bool(model.robot.loops), "springs": bool(model.robot.springs)}
+    return tuple(name for name, signature in KERNELS.items() if has[signature.needs])
+
+
+def by_kind(names: Iterable[str]) -> list[str]:
+    """Kernels in the order of KINDS; those of one kind in the order of KERNELS."""
+    order, place = list(KINDS), list(SIGNATURES)
+    return sorted(names, key=lambda name: (order.index(SIGNATURES[name].kind), place.index(name)))
+
+
+@dataclass(frozen=True)
+class Function:
+    """A function of C that users call: its name, the kernel that it belongs to, and its signature.
+
+    ``kind`` is its kernel's.
+    """
+
+    name: str
+    kernel: str
+    kind: Kind
+    signature: Signature
+
+    @property
+    def is_framed(self) -> bool:
+        """True if the number of a frame comes before the result."""
+        return self.kind == "frames"
+
+    @property
+    def is_rollout(self) -> bool:
+        """True if one call does many steps."""
+        return self.kind == "rollout"
+
+
+def functions(names: Iterable[str]) -> list[Function]:
+    """Functions that users of these kernels call, in the order in which headers and packages have them.
+
+    That is the order of KERNELS, with functions of a frame's number behind the others, and rollouts last.
+    """
+    wanted = set(names)
+    kernels = {name: signature for name, signature in KERNELS.items() if name in wanted}
+    found = [
+        Function(name, kernel, owner.kind, own)
+        for kernel, owner in kernels.items()
+        for name, own in (owner.functions or {kernel: owner}).items()
+    ]
+    return sorted(found, key=lambda function: (function.is_rollout, function.is_framed))
 
 
 def shapes(model: Model) -> dict[str, tuple[int, ...]]:
@@ -141,5 +238,7 @@ def shapes(model: Model) -> dict[str, tuple[int, ...]]:
         "dt": (2,),
         "joints": (len(model.bodies),),
         "reactions": (len(model.bodies), 6),
+        "pose": (4, 4),
+        "jacobian": (6, n),
         "kinematics": (12 * len(model.frames) + 3 * len(model.bodies) + 3 * n,),
     }

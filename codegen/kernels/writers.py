@@ -1,4 +1,4 @@
-"""What each kernel writes, from the quantities of a derivation."""
+"""Writers of the kernels: outputs of each from the quantities of a derivation."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..tree.derivatives import residual_derivatives
 from ..tree.kinematics import body_poses, external_rows, frame_poses, potential_energy
 from ..tree.recursion import Wrench, inertial_rows, kinetic_energy
 from ..tree.spatial import Scalar
-from .accelerations import implicit_step
+from .accelerations import SOLVERS, Way, implicit_step
 from .derivation import Derivation, Outputs, vector
 from .signatures import LOOP_KERNELS
 
@@ -206,3 +206,5 @@ WRITERS: Mapping[str, Callable[[Derivation], Outputs]] = {
     "spring_stiffness": _spring_stiffness,
     "implicit_step": implicit_step,
 }
+
+WAYS: Mapping[str, Mapping[str, Way]] = {"forward_dynamics": SOLVERS}  # kernels that can be written in several ways

@@ -174,7 +174,7 @@ def carried_files() -> dict[str, Path]:
 
 
 def _template() -> Path:
-    return Path(str(environment().get_template("package.py.jinja").filename))
+    return Path(str(environment().get_template("package/package.py.jinja").filename))
 
 
 def write_package(source: Source, compiler: Compiler, flags: Sequence[str], folder: Path) -> None:
@@ -187,7 +187,7 @@ def write_package(source: Source, compiler: Compiler, flags: Sequence[str], fold
     (folder / f"{name}.h").write_text(source.header, encoding="ascii")
     (folder / f"{name}.c").write_text(source.code, encoding="ascii")
     (folder / f"{name}.json").write_text(source.meta, encoding="ascii")
-    package = environment().get_template("package.py.jinja").render(name=name, version=__version__)
+    package = environment().get_template("package/package.py.jinja").render(name=name, version=__version__)
     (folder / "__init__.py").write_text(package, encoding="ascii")
     for place, original in carried_files().items():
         (folder / place).parent.mkdir(exist_ok=True)

@@ -23,14 +23,14 @@ from .spatial import (
     PseudoInertia,
     Scalar,
     Vec,
-    _mat,
-    _vec,
     add,
     congruence,
+    mat3,
     matmul,
     matvec,
     scale,
     transpose,
+    vec3,
 )
 
 
@@ -151,7 +151,7 @@ class _Binder:
         self.model, self.value, self.sincos = model, value, sincos
 
     def triple(self, prefix: str, numbers: Sequence[float], keys: Sequence[str] = "xyz") -> Vec:
-        return _vec(self.value(f"{prefix}.{key}", number) for key, number in zip(keys, numbers, strict=True))
+        return vec3(self.value(f"{prefix}.{key}", number) for key, number in zip(keys, numbers, strict=True))
 
     def offset(self, joint: Joint, name: str) -> Scalar:
         """The constant that is added to one of a joint's six coordinates."""
@@ -163,7 +163,7 @@ class _Binder:
 
     def shift(self, joint: Joint) -> Pose:
         """The offsets of x, y and z: they come first, so that they belong to the placement."""
-        return Pose(IDENTITY, _vec(self.offset(joint, name) for name in LINEAR))
+        return Pose(IDENTITY, vec3(self.offset(joint, name) for name in LINEAR))
 
     def turn(self, joint: Joint) -> Pose:
         """The offsets of the angles of a joint that does not move, Rx Ry Rz."""
@@ -228,7 +228,7 @@ class _Binder:
             (-xz, -yz, (xx + yy - zz) * 0.5),
         )
         first = scale(mass, com)
-        second = _mat(tuple(about_com[i][j] + first[i] * com[j] for j in range(3)) for i in range(3))
+        second = mat3(tuple(about_com[i][j] + first[i] * com[j] for j in range(3)) for i in range(3))
         return PseudoInertia(second, first, mass), com
 
     def frames(self, poses: dict[str, tuple[int, Pose]]) -> dict[str, tuple[int, Pose]]:

@@ -26,7 +26,7 @@ class PseudoInertia:
             tuple(a + b for a, b in zip(r, s, strict=True)) for r, s in zip(self.second, other.second, strict=True)
         )
         first = tuple(a + b for a, b in zip(self.first, other.first, strict=True))
-        return PseudoInertia(_mat(second), _vec(first), self.mass + other.mass)
+        return PseudoInertia(mat3(second), vec3(first), self.mass + other.mass)
 
 
 @dataclass(frozen=True)
@@ -47,18 +47,20 @@ def congruence(pose: Pose, inertia: PseudoInertia) -> PseudoInertia:
     RJ = matmul(R, inertia.second)
     J = matmul(RJ, transpose(R))
     upper = [[J[i][j] + p[i] * h[j] + (h[i] + m * p[i]) * p[j] if j >= i else None for j in range(3)] for i in range(3)]
-    second = _mat(tuple(upper[min(i, j)][max(i, j)] for j in range(3)) for i in range(3))
+    second = mat3(tuple(upper[min(i, j)][max(i, j)] for j in range(3)) for i in range(3))
     return PseudoInertia(second, add(h, scale(m, p)), m)
 
 
-def _vec(items: Any) -> Vec:
+def vec3(items: Any) -> Vec:
+    """The three items of an iterable."""
     a, b, c = items
     return (a, b, c)
 
 
-def _mat(rows: Any) -> Mat:
+def mat3(rows: Any) -> Mat:
+    """The three rows of an iterable of iterables."""
     a, b, c = rows
-    return (_vec(a), _vec(b), _vec(c))
+    return (vec3(a), vec3(b), vec3(c))
 
 
 def add(a: Vec, b: Vec) -> Vec:
@@ -83,7 +85,7 @@ def cross(a: Vec, b: Vec) -> Vec:
 
 def transpose(R: Mat) -> Mat:
     """R^T."""
-    return _mat(zip(*R, strict=True))
+    return mat3(zip(*R, strict=True))
 
 
 def matvec(R: Mat, a: Vec) -> Vec:
@@ -94,7 +96,7 @@ def matvec(R: Mat, a: Vec) -> Vec:
 def matmul(R: Mat, S: Mat) -> Mat:
     """R S."""
     columns = transpose(S)
-    return _mat(tuple(dot(row, column) for column in columns) for row in R)
+    return mat3(tuple(dot(row, column) for column in columns) for row in R)
 
 
 def is_zero(x: Scalar) -> bool:

@@ -110,6 +110,20 @@ def parameter_path(name: str) -> tuple[str, ...]:
 
 def nearest(name: str, allowed: Iterable[str]) -> str:
     """``; did you mean 'x'?`` for the nearest allowed name, or nothing."""
+    found = _nearest(name, allowed)
+    return "" if found is None else f"; did you mean {show(found)}?"
+
+
+def nearest_or_all(name: str, known: Iterable[str]) -> str:
+    """``; did you mean 'x'?`` for the nearest known name, or ``; known: x, y`` with all of them where none is near."""
+    names = list(known)
+    found = _nearest(name, names)
+    if found is not None:
+        return f"; did you mean {found!r}?"
+    return f"; known: {', '.join(names)}" if names else "; there are none"
+
+
+def _nearest(name: str, allowed: Iterable[str]) -> str | None:
     name = name[:NAME_LENGTH]
     candidates, pairs = [], _PAIRS
     for item in allowed:
@@ -118,7 +132,7 @@ def nearest(name: str, allowed: Iterable[str]) -> str:
             break
         candidates.append(item)
     found = difflib.get_close_matches(name, candidates, 1, 0.6)
-    return f"; did you mean {show(found[0])}?" if found else ""
+    return found[0] if found else None
 
 
 def to_identifier(text: str) -> str:

@@ -17,6 +17,8 @@ import eomgen
 from eomgen.adapters.jax import function
 from eomgen.adapters.mappings import kernels_for
 from eomgen.errors import ArrayError, InputError
+from eomgen.runtime.calls import Calls
+from eomgen.runtime.raw import RawFunction
 from tests.support.adapter_samples import built_for, functions_of, sample, states
 from tests.support.builds import Build
 from tests.support.figures import Figures
@@ -34,15 +36,15 @@ def doubles() -> Iterator[None]:
 def calls(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, int | None]]:
     """Every call of C with its number of states."""
     found: list[tuple[str, int | None]] = []
-    own = eomgen.Kernel._call
+    own = Calls.call
 
     def counted(
-        self: eomgen.Kernel, name: str, arrays: Any, steps: Any, extra: Any, count: int | None, out: Any
+        self: Calls, function: RawFunction, arrays: Any, steps: Any, extra: Any, count: int | None, out: Any
     ) -> int:
-        found.append((name, count))
-        return own(self, name, arrays, steps, extra, count, out)
+        found.append((function.name, count))
+        return own(self, function, arrays, steps, extra, count, out)
 
-    monkeypatch.setattr(eomgen.Kernel, "_call", counted)
+    monkeypatch.setattr(Calls, "call", counted)
     return found
 
 

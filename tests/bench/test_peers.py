@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.peers import contender, page, plot
 from benchmarks.peers.cases import CHAIN, ELASTIC, TITLES, case, chain
-from benchmarks.peers.contender import Contender, MissingPeer, address, build_library
+from benchmarks.peers.contender import Contender, MissingPeer, build_library
 from benchmarks.peers.measure import Disagreement, compare, states
 from benchmarks.peers.report import Entry, Report, read
 from benchmarks.peers.required import AGAINST_MUJOCO, AGAINST_PINOCCHIO, bar
@@ -87,11 +87,9 @@ def test_contenders_that_differ_are_refused(built: Build) -> None:
     found = []
     for given in (robot, robot, heavier):
         kernel = built(given, "inverse_dynamics")
-        code = kernel._ffi.addressof(kernel._lib, f"{kernel.name}_inverse_dynamics")
-        h = address(kernel._ffi, kernel.parameters._setup.pointer)
-        found.append(Contender("ours", address(kernel._ffi, code), h, kept=kernel))
-    batch = kernel._ffi.addressof(kernel._lib, f"{kernel.name}_inverse_dynamics_batch")
-    many = Contender("batch", address(kernel._ffi, batch), h, batch=True, kept=kernel)
+        h = kernel.parameters.setup.address
+        found.append(Contender("ours", kernel.raw.address("inverse_dynamics"), h, kept=kernel))
+    many = Contender("batch", kernel.raw.address("inverse_dynamics", batch=True), h, batch=True, kept=kernel)
     arrays = [states(robot, 5)[name] for name in ("q", "v", "a")]
     assert compare(found[:2], arrays, 6, 1e-12, "") == 0
     assert compare([found[2], many], arrays, 6, 1e-12, "") < 1e-12

@@ -65,7 +65,7 @@ def check_forward_dynamics(case: Case, solver: str, expected: Array) -> None:
     factorised = solver == codegen("kernels.accelerations").FACTORISED
     if factorised and codegen("kernels.derivation").Derivation(case.model).model.prescribed:
         return  # that one knows no prescribed coordinates
-    program, name = equations.derive_forward_dynamics(case.model, solver)
+    program, name = equations.derive_cheapest(case.model, "forward_dynamics", solver)
     assert name == solver
     found, pivots = run(program, case.inputs)
     close(found, expected, CLOSE, f"{case.name}: forward_dynamics, {solver}")
@@ -163,7 +163,7 @@ def check_parameters() -> None:
     assert found.kernels == ("mass_matrix", "inverse_dynamics", "forward_dynamics_jacobian")
     assert set(found.programs) == {"mass_matrix", "inverse_dynamics", "forward_dynamics", "residual_jacobian"}
     assert found.loops == {"forward_dynamics_jacobian"}
-    assert found.choices == {"forward_dynamics": equations.derive_forward_dynamics(case.model)[1]}
+    assert found.choices == {"forward_dynamics": equations.derive_cheapest(case.model, "forward_dynamics")[1]}
     prepared = codegen("program.ir").evaluate(found.setup, case.inputs)
     inputs = {**case.inputs, "h": [prepared["h", i] for i in range(len(prepared))]}
     for kernel, program in found.programs.items():

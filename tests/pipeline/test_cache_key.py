@@ -20,7 +20,7 @@ import eomgen
 from eomgen.codegen.c.source import Source
 from eomgen.codegen.package import compile as compiling
 from eomgen.pipeline import cache
-from eomgen.pipeline.generator_files import generator_files
+from eomgen.pipeline.generator_key import generator_files
 from eomgen.pipeline.stages import load_kernel, make_source
 from tests.support.quick_builds import QUICK, Q
 
@@ -67,7 +67,7 @@ def test_a_change_of_any_file_changes_the_hash(deep: str, tmp_path: Path) -> Non
     shutil.copytree(EOMGEN, tmp_path / "eomgen", ignore=shutil.ignore_patterns("__pycache__"))
     target = tmp_path / "eomgen" / deep
     target.parent.mkdir(exist_ok=True)
-    code = "from eomgen.pipeline.generator_files import generator_hash; print(generator_hash())"
+    code = "from eomgen.pipeline.generator_key import generator_hash; print(generator_hash())"
     hashes = set()
     for text in ("", "# one\n", "# two\n"):
         target.write_text(text)

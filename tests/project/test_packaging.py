@@ -66,7 +66,7 @@ def test_the_wheel_holds_what_the_tree_holds(wheel: Path) -> None:
         found = {name: archive.read(name) for name in archive.namelist() if ".dist-info/" not in name}
     assert sorted(found) == sorted(expected)
     assert found == expected
-    assert {"eomgen/py.typed", "eomgen/templates/kernel.c.jinja", "eomgen/robots/one_link.toml"} <= set(found)
+    assert {"eomgen/py.typed", "eomgen/templates/kernel/kernel.c.jinja", "eomgen/robots/one_link.toml"} <= set(found)
 
 
 def test_metadata_of_the_wheel(wheel: Path) -> None:

@@ -313,5 +313,5 @@ def test_absent_parameters_are_asked_for_quickly(built: Build) -> None:
     assert kernel.parameters.get("joints.joint1.x.clearance", 7.0) == 7.0
     assert kernel.parameters.get("joints.joint1.x.stiffness", 7.0) == 1e4
     assert "joints.joint1.x.clearance" not in kernel.parameters
-    with mock.patch("eomgen.runtime.parameters.nearest", side_effect=AssertionError):
+    with mock.patch("eomgen.runtime.parameters.nearest_or_all", side_effect=AssertionError):
         kernel.parameters.get("nothing")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from eomgen.codegen.joint.zeros import zero_map
-from eomgen.codegen.kernels.equations import STRAIGHT_CHRISTOFFEL
+from eomgen.codegen.kernels.equations import STRAIGHT_COLUMNS
 from eomgen.robot.value import INERTIA_KEYS, LINEAR
 from tests.oracles.unpruned import brute_force
 from tests.support.figures import Figures
@@ -193,7 +193,7 @@ def check_zeros(s: Subject, figures: Figures) -> None:
     if "christoffel" in s.form:
         T = s.kernel.christoffel(s.q)
         figures.at_most("christoffel - unpruned", differences(T, C, size_C), PRUNED)
-        looped = n * sum(s.program("coriolis_matrix").count().values()) > STRAIGHT_CHRISTOFFEL
+        looped = n * sum(s.program("coriolis_matrix").count().values()) > STRAIGHT_COLUMNS
         figures.count("tensors in a loop of C" if looped else "tensors written out")
         if not looped:
             assert not T[:, ~kept_C].any(), "a pruned entry of C is not zero"

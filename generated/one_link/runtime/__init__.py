@@ -4,5 +4,6 @@ Uses NumPy, cffi's objects, and of eomgen ``errors`` and ``names`` alone.
 """
 
 from .kernel import Kernel
+from .raw import RawFunction, RawKernel
 
-__all__ = ["Kernel"]
+__all__ = ["Kernel", "RawFunction", "RawKernel"]

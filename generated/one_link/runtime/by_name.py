@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import UnknownNameError
-from .parameters import nearest
+from ..names import nearest_or_all
 
 Array = NDArray[Any]
 Mask = NDArray[np.bool_]
@@ -30,20 +30,21 @@ class BlockMap(Mapping[tuple[str, ...], Array]):
 
     Attributes:
         whole: the array with all coordinates, (n, n) or (n, n, n).
+        places: index or slice of every coordinate and joint by its name.
         mask: same shape, True where an entry does not vanish identically for joints of this kind in this order.
     """
 
     def __init__(self, symbol: str, whole: Array, mask: Mask, coordinates: Sequence[str]) -> None:
         self.whole, self.mask, self._symbol = whole, mask, symbol
-        self._places: dict[str, Index] = {name: i for i, name in enumerate(coordinates)}
+        self.places: dict[str, Index] = {name: i for i, name in enumerate(coordinates)}
         self._joints: dict[str, slice] = {}
         for i, name in enumerate(coordinates):
             joint = name.rpartition(".")[0]
             self._joints[joint] = slice(self._joints.get(joint, slice(i, i)).start, i + 1)
-        self._places.update(self._joints)
+        self.places.update(self._joints)
 
     def __getitem__(self, key: tuple[str, ...]) -> Array:
-        place = self._index(key)
+        place = self.index(key)
         if not self.mask[place].any():
             raise UnknownNameError(
                 f"{self._symbol} of {', '.join(key)} vanishes identically; .get({key!r}, 0.0) gives a zero for it"
@@ -54,10 +55,10 @@ class BlockMap(Mapping[tuple[str, ...], Array]):
 
     def get(self, key: tuple[str, ...], default: Any = None) -> Any:
         """The block, or the default where it vanishes identically; UnknownNameError for a name that is none."""
-        return self[key] if self.mask[self._index(key)].any() else default
+        return self[key] if self.mask[self.index(key)].any() else default
 
     def __contains__(self, key: object) -> bool:
-        return isinstance(key, tuple) and bool(self.mask[self._index(key)].any())
+        return isinstance(key, tuple) and bool(self.mask[self.index(key)].any())
 
     def __iter__(self) -> Iterator[tuple[str, ...]]:
         for key in product(self._joints, repeat=self.mask.ndim):
@@ -70,14 +71,19 @@ class BlockMap(Mapping[tuple[str, ...], Array]):
     def __repr__(self) -> str:
         return f"<{len(self)} blocks of {self._symbol} by {self.mask.ndim} joints>"
 
-    def _index(self, key: Sequence[str]) -> tuple[Index, ...]:
+    def index(self, key: Sequence[str]) -> tuple[Index, ...]:
+        """Places of a key's names in ``whole``: an index for a coordinate, a slice for a joint.
+
+        Raises:
+            UnknownNameError: a name that is none, or another number of them.
+        """
         rank = self.mask.ndim
         if not isinstance(key, tuple) or len(key) != rank:
             raise UnknownNameError(f"{self._symbol}: {key!r} is no block; allowed: a tuple of {rank} names")
         for name in key:
-            if name not in self._places:
-                raise UnknownNameError(f"{self._symbol}: {name!r} is unknown{nearest(str(name), list(self._places))}")
-        return tuple(self._places[name] for name in key)
+            if name not in self.places:
+                raise UnknownNameError(f"{self._symbol}: {name!r} is unknown{nearest_or_all(str(name), self.places)}")
+        return tuple(self.places[name] for name in key)
 
 
 class Blocks:
@@ -98,12 +104,12 @@ class Blocks:
     def row(self, s: str, v: str) -> Array:
         """M_i^sv of eq. (11), (joints,): coordinate s ("joint1.x") against v ("gamma") of every joint; 0 where a
         joint has no such coordinate.  UnknownNameError for a name that is none."""
-        (i,) = self.mass._index((s, s))[:1]
+        (i,) = self.mass.index((s, s))[:1]
         return self._spread(self.mass.whole[..., i, :], (s, v))
 
     def matrix(self, s: str, v: str, w: str) -> Array:
         """C_i^svw of eqs. (10) and (12), (joints, joints): rows are v of every joint, columns w of every joint."""
-        (i,) = self.christoffel._index((s, s, s))[:1]
+        (i,) = self.christoffel.index((s, s, s))[:1]
         return self._spread(self.christoffel.whole[..., i, :, :], (s, v, w))
 
     def _spread(self, part: Array, names: tuple[str, ...]) -> Array:
@@ -117,7 +123,7 @@ class Blocks:
         for kind in kinds:
             if kind not in KINDS:
                 raise UnknownNameError(f"{kind!r} is no kind of coordinate; allowed: {', '.join(KINDS)}")
-            found = {k: self.mass._places.get(f"{joint}.{kind}") for k, joint in enumerate(self._joints)}
+            found = {k: self.mass.places.get(f"{joint}.{kind}") for k, joint in enumerate(self._joints)}
             into.append([k for k, place in found.items() if place is not None])
             take.append([place for place in found.values() if place is not None])
         target: tuple[Any, ...] = (..., *np.ix_(*into))

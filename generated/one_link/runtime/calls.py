@@ -5,18 +5,20 @@ A generated package carries a copy of this file, which imports NumPy and its nei
 
 from __future__ import annotations
 
+import copy
 import functools
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import ArrayError, SingularError, UnknownNameError
-from .parameters import Parameters, nearest
+from ..errors import ArrayError, SingularError
+from .parameters import Parameters
+from .raw import RawFunction, RawKernel
 
 Array = NDArray[Any]
 
@@ -25,47 +27,49 @@ WRENCHES = ("wrench", "dwrench")  # arguments with rows of links
 
 
 class Calls:
-    """How the functions of a compiled module are called; ``Kernel`` gives them their names and their meaning."""
+    """Checked calls of a raw kernel's functions, by their names.
 
-    parameters: Parameters
+    Attributes:
+        raw: the functions.
+        parameters: the run-time parameters that calls take.
+        coordinates: names of the coordinates, for messages.
+        links: names of the links that wrenches act on, for messages.
+        threads: how many threads share a batch.
+        checks: whether NaN and infinity are refused.
+    """
 
-    def __init__(self, ffi: Any, lib: Any, meta: Mapping[str, Any]) -> None:
-        self.name: str = meta["name"]
-        self.coordinates: tuple[str, ...] = tuple(meta["coordinates"])
-        self.links: tuple[str, ...] = tuple(meta["links"])
-        self.frames: tuple[str, ...] = tuple(meta["frames"])
-        self.dtype: np.dtype[Any] = np.dtype(meta["dtype"])
-        self._ffi, self._lib = ffi, lib
-        self._pointer = {"float64": "double[]", "float32": "float[]"}[meta["dtype"]]
-        self._shapes = {key: tuple(shape) for key, shape in meta["shapes"].items()}
-        n = len(self.coordinates)
-        self._shapes.update(pose=(4, 4), jacobian=(6, n))
-        self._functions = {
-            name: (tuple(entry["reads"]), entry["writes"])
-            for name, entry in meta["kernels"].items()
-            if name not in ("kinematics", "rollout")
-        }
-        if "kinematics" in meta["kernels"]:
-            self._functions.update(frame_pose=(("q",), "pose"), frame_jacobian=(("q",), "jacobian"))
-        self._code = {name: getattr(lib, f"{self.name}_{name}") for name in self._functions}
-        self._batch_code = {name: getattr(lib, f"{self.name}_{name}_batch") for name in self._functions}
-        self._threads, self._checks = 1, True
+    def __init__(
+        self, raw: RawKernel, parameters: Parameters, coordinates: tuple[str, ...], links: tuple[str, ...]
+    ) -> None:
+        self.raw, self.parameters, self.coordinates, self.links = raw, parameters, coordinates, links
+        self.dtype, self.n = raw.dtype, len(coordinates)
+        self.threads, self.checks = 1, True
 
-    def _shared(self, run: Callable[[int, int], int], count: int | None, least: int) -> int:
-        """run(first, last) over all states in as many threads as there shall be; -1, or the first failure."""
-        parts = min(self._threads, (count or 0) // least)
+    def with_parameters(self, parameters: Parameters) -> Calls:
+        """The same calls, with the same threads and checks, by other parameters of the same code."""
+        other = copy.copy(self)
+        other.parameters = parameters
+        return other
+
+    def shared(self, run: Callable[[int, int], int], count: int | None, least: int) -> int:
+        """Run a batch in as many threads as there shall be.
+
+        Args:
+            run: ``run(first, last)`` does some of the states; its value is -1, or a failure's number.
+            count: the number of states; None for a single one.
+            least: states that are worth a thread.
+
+        Returns:
+            -1, or the first failure.
+        """
+        parts = min(self.threads, (count or 0) // least)
         if parts < 2:
             return run(0, 1 if count is None else count)
         edges = [(count or 0) * part // parts for part in range(parts + 1)]
         failures = [found for found in _pool(parts).map(run, edges[:-1], edges[1:]) if found >= 0]
         return min(failures, default=-1)
 
-    def _frame(self, name: str) -> tuple[int]:
-        if name not in self.frames:
-            raise UnknownNameError(f"frame: {name!r} is unknown{nearest(str(name), self.frames)}")
-        return (self.frames.index(name),)
-
-    def _run_with(
+    def run_with_wrench(
         self,
         name: str,
         out: Array | None,
@@ -74,16 +78,23 @@ class Calls:
         sign: float,
         part: str = "external_force",
     ) -> Array:
-        """A kernel's result plus what the wrenches add to it (the kernel ``part``), times a sign."""
+        """A function's result plus what wrenches add to it, times a sign.
+
+        Args:
+            name, out, values: as of ``run``.
+            wrench: external wrenches, (links, 6), or None.
+            sign: 1 or -1.
+            part: the function of q and the wrenches that is added; it writes an array of the same shape.
+        """
         if wrench is None:
-            return self._run(name, out, values)
-        external = self._run(part, None, (values[0], wrench))
-        single = self._shapes["vector" if part == "external_force" else "reactions"]
-        result = self._run(name, out, values, count=len(external) if external.ndim > len(single) else None)
+            return self.run(name, out, values)
+        external = self.run(part, None, (values[0], wrench))
+        single = self.raw.shapes[self.raw.functions[part].writes]
+        result = self.run(name, out, values, count=len(external) if external.ndim > len(single) else None)
         result += self.dtype.type(sign) * external
         return result
 
-    def _run(
+    def run(
         self,
         name: str,
         out: Array | None,
@@ -91,61 +102,91 @@ class Calls:
         extra: tuple[int, ...] = (),
         count: int | None = None,
     ) -> Array:
-        """Check the arrays, call the C, and say what went wrong."""
-        found = self._functions.get(name)
-        if found is None:
-            raise UnknownNameError(
-                f"{self.name} was built without the kernel {name}; built: {', '.join(self._functions)}"
-            )
-        reads, writes = found
+        """Check the arrays, call the C, and say what went wrong.
+
+        Args:
+            name: a function of ``raw``.
+            out: array to write to, or None.
+            values: what it reads, for one state or a batch; a single state beside a batch stands for all of it.
+            extra: the number of a frame, for a function that takes one.
+            count: the number of states, where it is known to be a batch.
+
+        Raises:
+            UnknownNameError: the kernel was built without this function.
+            ArrayError: an array of wrong shape or dtype, or with NaN or infinity.
+            SingularError: the mass matrix cannot be inverted in a state.
+        """
+        raw = self.raw
+        function = raw.functions.get(name)
+        if function is None:
+            raise raw.missing(name)
         arrays: list[Array] = []
         steps: list[int] = []
-        for label, value in zip(reads, values, strict=True):
-            shape = self._shapes[label]
-            array, states = self._array(label, value, shape)
+        for label, value in zip(function.reads, values, strict=True):
+            shape = raw.shapes[label]
+            array, states = self.array(label, value, shape)
             if states is not None:
                 if count not in (None, states):
                     raise ArrayError(f"{label}: {states} states, but {count} in other arrays")
                 count = states
             arrays.append(array)
             steps.append(math.prod(shape) if states is not None else 0)
-        shape = self._shapes[writes] if count is None else (count, *self._shapes[writes])
+        shape = raw.shapes[function.writes] if count is None else (count, *raw.shapes[function.writes])
         result = np.empty(shape, self.dtype) if out is None else self._checked_out(out, shape, arrays)
-        failed = self._call(name, arrays, steps, extra, count, result)
+        failed = self.call(function, arrays, steps, extra, count, result)
         if failed >= 0:
-            for label, array in zip(reads, arrays, strict=True):  # NaN has no pivot, either
-                self.refuse_not_finite(label, array, self._shapes[label])
-            state, coordinate = divmod(failed, len(self.coordinates))
-            self._raise_singular(name, coordinate, "" if count is None else f" in state {state}")
+            for label, array in zip(function.reads, arrays, strict=True):  # NaN has no pivot, either
+                self.refuse_not_finite(label, array, raw.shapes[label])
+            state, coordinate = divmod(failed, self.n)
+            raise self.singular(name, coordinate, "" if count is None else f" in state {state}")
         return result
 
-    def _call(
+    def call(
         self,
-        name: str,
+        function: RawFunction,
         arrays: Sequence[Array],
         steps: Sequence[int],
         extra: tuple[int, ...],
         count: int | None,
         result: Array,
     ) -> int:
-        """Call the C for a state, or for a batch in as many threads as there shall be; -1, or the first failure."""
-        setup, view, pointer = self.parameters._setup, self._ffi.from_buffer, self._pointer
+        """Call the C for a state, or for a batch in as many threads as there shall be.
+
+        Args:
+            function: of ``raw``.
+            arrays: what it reads, C-contiguous and of the kernel's dtype.
+            steps: how many numbers apart the states of each array lie, 0 where one is the same for all.
+            extra: the number of a frame, for a function that takes one.
+            count: the number of states, None for a single one.
+            result: what it writes.
+
+        Returns:
+            -1, or state * n + i where the mass matrix cannot be inverted at coordinate i.
+        """
+        setup, view = self.parameters.setup, self.raw.view
         if count is None:
-            pointers = [view(pointer, array) for array in arrays]
-            return int(self._code[name](setup.pointer, *pointers, *extra, view(pointer, result))) - 1
-        batch = self._batch_code[name]
+            return int(function.code(setup.pointer, *map(view, arrays), *extra, view(result))) - 1
 
         def run(first: int, last: int) -> int:
             arguments: list[Any] = []
             for array, step in zip(arrays, steps, strict=True):
-                arguments += [view(pointer, array[first:last] if step else array), step]
-            failed = batch(last - first, setup.pointer, *arguments, *extra, view(pointer, result[first:last]))
-            return int(failed) + first * len(self.coordinates) if failed >= 0 else -1
+                arguments += [view(array[first:last] if step else array), step]
+            failed = function.batch(last - first, setup.pointer, *arguments, *extra, view(result[first:last]))
+            return int(failed) + first * self.n if failed >= 0 else -1
 
-        return self._shared(run, count, SHARE)
+        return self.shared(run, count, SHARE)
 
-    def _array(self, label: str, value: ArrayLike, shape: tuple[int, ...]) -> tuple[Array, int | None]:
-        """The value as a C-contiguous array of this kernel's dtype, and the number of states if it is a batch."""
+    def array(self, label: str, value: ArrayLike, shape: tuple[int, ...]) -> tuple[Array, int | None]:
+        """A value as a C-contiguous array of the kernel's dtype, and the number of states if it is a batch.
+
+        Args:
+            label: the argument's name.
+            value: what was given for it.
+            shape: its shape for one state.
+
+        Raises:
+            ArrayError: another shape, a dtype that is not converted exactly, or NaN or infinity (see ``checks``).
+        """
         if type(value) is np.ndarray and value.dtype == self.dtype and value.flags.c_contiguous and value.flags.aligned:
             array = value
         else:
@@ -156,7 +197,7 @@ class Calls:
             states = array.shape[0]
         else:
             raise ArrayError(f"{label}: expected {self._expected(shape)}, got shape {array.shape}")
-        if self._checks:
+        if self.checks:
             self.refuse_not_finite(label, array, shape)
         return array, states
 
@@ -222,8 +263,15 @@ class Calls:
             raise ArrayError("out: overlaps an argument; give it memory of its own")
         return out
 
-    def _raise_singular(self, name: str, coordinate: int, place: str) -> None:
-        raise SingularError(
+    def singular(self, name: str, coordinate: int, place: str) -> SingularError:
+        """The error that says that a function cannot invert the mass matrix.
+
+        Args:
+            name: the function.
+            coordinate: index of the coordinate where it fails.
+            place: what follows the coordinate's name, such as " in state 3".
+        """
+        return SingularError(
             f"{name}: the mass matrix cannot be inverted at {self.coordinates[coordinate]}{place}; either"
             " the links that it moves have no inertia along it, or an angle beta is at +-pi/2, where Euler angles are"
             " singular"

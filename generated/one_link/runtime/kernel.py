@@ -5,6 +5,7 @@ A generated package carries a copy of this file, which imports NumPy and its nei
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -12,15 +13,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ArrayError, BuildError, InputError, UnknownNameError
+from ..names import nearest_or_all
 from .by_name import Blocks, make_blocks
 from .calls import Calls
 from .many_steps import rollout
-from .parameters import Parameters, nearest
+from .parameters import Parameters
+from .raw import RawKernel
 
 Array = NDArray[Any]
 
 
-class Kernel(Calls):
+class Kernel:
     """Compiled equations of motion of one robot.
 
     Arrays are (n,) for one state or (N, n) for N states, and the result gains the same leading axis; a single state
@@ -45,6 +48,8 @@ class Kernel(Calls):
             parameters.
         operations: per kernel the multiplications, additions, divisions and sine-cosine pairs of its C.
         dtype: the dtype of all arrays.
+        raw: the functions of C as they are, for programs that call them without checks.
+        calls: checked calls of those functions by their names.
 
     Raises (all methods):
         ArrayError: an array of wrong shape, of a dtype that is not converted exactly, or with NaN or infinity (see
@@ -52,7 +57,12 @@ class Kernel(Calls):
     """
 
     def __init__(self, ffi: Any, lib: Any, meta: Mapping[str, Any], read: Callable[[str], str] | None = None) -> None:
-        super().__init__(ffi, lib, meta)
+        self.raw = RawKernel(ffi, lib, meta)
+        self.name: str = self.raw.name
+        self.dtype: np.dtype[Any] = self.raw.dtype
+        self.coordinates: tuple[str, ...] = tuple(meta["coordinates"])
+        self.links: tuple[str, ...] = tuple(meta["links"])
+        self.frames: tuple[str, ...] = tuple(meta["frames"])
         self.joints: tuple[str, ...] = tuple(meta["joints"])
         self.loops: dict[str, str] = dict(meta.get("loops", {}))
         self.constraints: tuple[str, ...] = tuple(meta.get("constraints", ()))
@@ -64,10 +74,10 @@ class Kernel(Calls):
         self._driven = tuple(meta["driven"])
         self._given = [self.coordinates.index(name) for name in self.prescribed]
         self._survivors = meta["survivors"]
-        self._rolls = "rollout" in meta["kernels"]
         self._ratios: dict[str, float] = {name: ratio for name, (_, ratio) in meta.get("motors", {}).items()}
         self.knots: dict[str, tuple[float, ...]] = {k: tuple(x) for k, x in meta["knots"].items()}
-        self.parameters = Parameters(self, meta["parameters"], meta["hoisted"])
+        self.parameters = Parameters.of(self.raw, meta["parameters"])
+        self.calls = Calls(self.raw, self.parameters, self.coordinates, self.links)
 
     def __repr__(self) -> str:
         return f"<Kernel {self.name}: {len(self.coordinates)} coordinates, {self.dtype}>"
@@ -109,55 +119,77 @@ class Kernel(Calls):
         Raises:
             UnknownNameError, InputError: as for an assignment to ``parameters``.
         """
-        other = object.__new__(type(self))
-        other.__dict__.update(self.__dict__)
-        other.parameters = self.parameters.copy_for(other)
+        other = copy.copy(self)
+        other.parameters = self.parameters.copy()
+        other.calls = self.calls.with_parameters(other.parameters)
         if values:
             other.parameters.update(values)
+        return other
+
+    def with_threads(self, number: int) -> Kernel:
+        """The same compiled code with parameters of its own, whose batches so many threads share (see ``threads``).
+
+        Raises:
+            InputError: not a whole number from 1 on.
+        """
+        other = self.with_parameters()
+        other.threads = number
+        return other
+
+    def with_checks(self, wanted: bool) -> Kernel:
+        """The same compiled code with parameters of its own, which refuses NaN and infinity or not (see ``checks``).
+
+        Raises:
+            InputError: neither True nor False.
+        """
+        other = self.with_parameters()
+        other.checks = wanted
         return other
 
     @property
     def threads(self) -> int:
         """Threads that share a batch, 1 at first; results do not depend on it.
 
+        ``with_parameters``, ``with_threads`` and ``with_checks`` copy the choice.
+
         Raises:
             InputError: on assignment of anything but a whole number from 1 on.
         """
-        return self._threads
+        return self.calls.threads
 
     @threads.setter
     def threads(self, number: int) -> None:
         if isinstance(number, bool) or not isinstance(number, (int, np.integer)) or number < 1:
             raise InputError(f"threads: {number!r} is not a number of threads; a whole number from 1 on is allowed")
-        self._threads = int(number)
+        self.calls.threads = int(number)
 
     @property
     def checks(self) -> bool:
-        """Whether arrays with NaN or infinity are refused by the name of the coordinate, True at first.
+        """True if arrays with NaN or infinity are refused by the name of the coordinate, which is so at first.
 
         With False such numbers go through the C, and what depends on them is not finite, or of no use where a law
         compares them; a call costs less (``eomgen bench`` says how much).  Shapes and dtypes are checked all the same,
         integrators look for such numbers in any case, and where a mass matrix cannot be inverted because of one, it is
-        still named.  ``with_parameters`` copies the choice.
+        still named.  ``with_parameters``, ``with_threads`` and ``with_checks`` copy the choice.
 
         Raises:
             InputError: on assignment of anything but True or False.
         """
-        return self._checks
+        return self.calls.checks
 
     @checks.setter
     def checks(self, wanted: bool) -> None:
         if not isinstance(wanted, (bool, np.bool_)):
             raise InputError(f"checks: {wanted!r} is neither True nor False")
-        self._checks = bool(wanted)
+        self.calls.checks = bool(wanted)
 
     def mass_matrix(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """M(q), (n, n), symmetric; eq. (11).  Entry units: kg, kg m or kg m^2 by the kinds of its coordinates."""
-        return self._run("mass_matrix", out, (q,))
+        return self.calls.run("mass_matrix", out, (q,))
 
     def bias_force(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
         """Coriolis and centrifugal terms, (n,), N or N m: sum_vw C^svw v w of eq. (12)."""
-        return self._run("bias_force", out, (q, v))
+        return self.calls.run("bias_force", out, (q, v))
 
     def generalized_force(
         self, q: ArrayLike, v: ArrayLike, *, wrench: ArrayLike | None = None, out: Array | None = None
@@ -169,7 +201,7 @@ class Kernel(Calls):
             wrench: (links, 6), per link force (N) then moment (N m) about its centre of mass, base axes.
             out: array to write to.
         """
-        return self._run_with("generalized_force", out, (q, v), wrench, 1.0)
+        return self.calls.run_with_wrench("generalized_force", out, (q, v), wrench, 1.0)
 
     def residual(
         self,
@@ -182,7 +214,7 @@ class Kernel(Calls):
         out: Array | None = None,
     ) -> Array:
         """M a + bias - generalized_force - u, (n,), N or N m; zero on a motion."""
-        return self._run_with("residual", out, (q, v, a, u), wrench, -1.0)
+        return self.calls.run_with_wrench("residual", out, (q, v, a, u), wrench, -1.0)
 
     def inverse_dynamics(
         self,
@@ -194,7 +226,7 @@ class Kernel(Calls):
         out: Array | None = None,
     ) -> Array:
         """The drives u, (n,), N or N m, that make the residual zero."""
-        return self._run_with("inverse_dynamics", out, (q, v, a), wrench, -1.0)
+        return self.calls.run_with_wrench("inverse_dynamics", out, (q, v, a), wrench, -1.0)
 
     def forward_dynamics(
         self,
@@ -223,13 +255,13 @@ class Kernel(Calls):
         """
         self.refuse_loops("forward_dynamics", cut=cut)
         if wrench is not None:
-            drives, states = self._array("u", u, self._shapes["u"])
+            drives, states = self.calls.array("u", u, self.raw.shapes["u"])
             external = self.external_force(q, wrench)
             if states is not None and external.ndim > 1 and len(external) != states:
                 raise ArrayError(f"wrench: {len(external)} states, but {states} in u")
             external[..., self._given] = 0  # where u is an acceleration
             u = drives + external
-        return self._run("forward_dynamics", out, (q, v, u))
+        return self.calls.run("forward_dynamics", out, (q, v, u))
 
     def residual_jacobian(
         self, q: ArrayLike, v: ArrayLike, a: ArrayLike, u: ArrayLike | None = None, *, out: Array | None = None
@@ -244,8 +276,8 @@ class Kernel(Calls):
             out: array (3, n, n) to write to; the result are views of it.
         """
         if u is not None:
-            self._array("u", u, self._shapes["u"])
-        return _three(self._run("residual_jacobian", out, (q, v, a)))
+            self.calls.array("u", u, self.raw.shapes["u"])
+        return _three(self.calls.run("residual_jacobian", out, (q, v, a)))
 
     def forward_dynamics_jacobian(
         self, q: ArrayLike, v: ArrayLike, u: ArrayLike, *, out: Array | None = None, cut: bool = False
@@ -265,7 +297,7 @@ class Kernel(Calls):
             InputError: the robot has loops, and they are not to be open.
         """
         self.refuse_loops("forward_dynamics_jacobian", cut=cut)
-        return _three(self._run("forward_dynamics_jacobian", out, (q, v, u)))
+        return _three(self.calls.run("forward_dynamics_jacobian", out, (q, v, u)))
 
     def euler_cosines(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """Per joint with three angles the cosine of beta, (joints,); 1 for other joints.
@@ -273,19 +305,19 @@ class Kernel(Calls):
         At 0 the Euler angles are singular (beta = +-pi/2) and forward dynamics has no solution; near it,
         accelerations of alpha and gamma lose as many digits as the cosine has zeros.
         """
-        return self._run("euler_cosines", out, (q,))
+        return self.calls.run("euler_cosines", out, (q,))
 
     def external_force(self, q: ArrayLike, wrench: ArrayLike, *, out: Array | None = None) -> Array:
         """Q_F of eq. (14), its moment term corrected, (n,), N or N m, of wrenches (links, 6) in base axes."""
-        return self._run("external_force", out, (q, wrench))
+        return self.calls.run("external_force", out, (q, wrench))
 
     def coriolis_matrix(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
         """C(q, v), (n, n), the Christoffel one: C v = bias, M_dot = C + C^T."""
-        return self._run("coriolis_matrix", out, (q, v))
+        return self.calls.run("coriolis_matrix", out, (q, v))
 
     def christoffel(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """Christoffel symbols of the first kind, (n, n, n): C^svw of eq. (12), symmetric in the last two indices."""
-        return self._run("christoffel", out, (q,))
+        return self.calls.run("christoffel", out, (q,))
 
     def blocks(self, q: ArrayLike) -> Blocks:
         """M and C of eqs. (10)-(12) by names, for one state or a batch; needs mass_matrix and christoffel.
@@ -302,7 +334,7 @@ class Kernel(Calls):
         Raises:
             UnknownNameError: no frame or link of that name.
         """
-        return self._run("frame_pose", out, (q,), self._frame(frame))
+        return self.calls.run("frame_pose", out, (q,), (self.frame_index(frame),))
 
     def frame_jacobian(self, q: ArrayLike, frame: str, *, out: Array | None = None) -> Array:
         """Velocity of a frame's origin and angular velocity per coordinate rate, (6, n): linear, angular, base axes.
@@ -310,11 +342,11 @@ class Kernel(Calls):
         Raises:
             UnknownNameError: no frame or link of that name.
         """
-        return self._run("frame_jacobian", out, (q,), self._frame(frame))
+        return self.calls.run("frame_jacobian", out, (q,), (self.frame_index(frame),))
 
     def energy(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
         """(kinetic, potential) energy, (2,), J: eq. (4); gravity (zero at the base's origin) and springs."""
-        return self._run("energy", out, (q, v))
+        return self.calls.run("energy", out, (q, v))
 
     def reactions(
         self,
@@ -326,7 +358,7 @@ class Kernel(Calls):
         out: Array | None = None,
         cut: bool = False,
     ) -> Array:
-        """What each joint exerts on its child link, (joints, 6): force (N), moment (N m) at the joint.
+        """Wrench that each joint exerts on its child link, (joints, 6): force (N), moment (N m) at the joint.
 
         In the axes of the joint's frame after its motion (z is the principal axis), at that frame's origin.  The
         joint's own springs, dampers and drives are part of it.  Springs between points act on the links, so that what
@@ -342,7 +374,7 @@ class Kernel(Calls):
             InputError: the robot has loops, and forces pass through them.
         """
         self.refuse_loops("reactions", cut=cut)
-        return self._run_with("reactions", out, (q, v, a), wrench, 1.0, "external_reactions")
+        return self.calls.run_with_wrench("reactions", out, (q, v, a), wrench, 1.0, "external_reactions")
 
     def tangent(self, name: str, *arrays: ArrayLike, out: Array | None = None) -> Array:
         """The exact directional derivative of another kernel's result, by rates of what that kernel reads.
@@ -358,15 +390,15 @@ class Kernel(Calls):
         Raises:
             UnknownNameError: the kernel was built without this tangent.
         """
-        known = [kernel.removesuffix("_tangent") for kernel in self._functions if kernel.endswith("_tangent")]
-        if name not in known:
+        tangents = {f.tangent_of: f for f in self.raw.functions.values() if f.tangent_of}
+        if name not in tangents:
             raise UnknownNameError(
-                f"tangent: {self.name} was built without that of {name!r}{nearest(str(name), known)}"
+                f"tangent: {self.name} was built without that of {name!r}{nearest_or_all(str(name), tangents)}"
             )
-        reads = self._functions[f"{name}_tangent"][0]
-        if len(arrays) != len(reads):
-            raise InputError(f"tangent: {name} got {len(arrays)} arrays; allowed: {', '.join(reads)}")
-        return self._run(f"{name}_tangent", out, arrays)
+        function = tangents[name]
+        if len(arrays) != len(function.reads):
+            raise InputError(f"tangent: {name} got {len(arrays)} arrays; allowed: {', '.join(function.reads)}")
+        return self.calls.run(function.name, out, arrays)
 
     def constraint(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """g(q), (constraints,): zero where the loops are closed.
@@ -374,41 +406,41 @@ class Kernel(Calls):
         Of frame b on a loop's second link, seen from frame a on its first: x, y, z (m) of its origin, and sines of its
         turns alpha, beta, gamma about x, y, z, as far as the cut joint blocks them (``eomgen.robot.cuts``).
         """
-        return self._run("constraint", out, (q,))
+        return self.calls.run("constraint", out, (q,))
 
     def constraint_jacobian(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """J = dg/dq, (constraints, n), exact; J v is the rate of g."""
-        return self._run("constraint_jacobian", out, (q,))
+        return self.calls.run("constraint_jacobian", out, (q,))
 
     def constraint_bias(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
         """J_dot v, (constraints,): the second derivative of g is J a + J_dot v."""
-        return self._run("constraint_bias", out, (q, v))
+        return self.calls.run("constraint_bias", out, (q, v))
 
     def cut_poses(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """Per loop the pose of frame b seen from frame a, (loops, 4, 4), m: what the cut joint does."""
-        return self._run("cut_poses", out, (q,))
+        return self.calls.run("cut_poses", out, (q,))
 
     def spring_forces(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
         """Length (m) and tension (N) of every spring between two points, (springs, 2), in the order of ``springs``.
 
         Tension is positive where the spring pulls its points together; dampers are part of it.
         """
-        return self._run("spring_forces", out, (q, v))
+        return self.calls.run("spring_forces", out, (q, v))
 
     def spring_jacobian(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """Derivatives of the springs' lengths by q, (springs, n), m or m/rad: the tensions' moment arms.
 
         The springs' generalized force is minus its transpose times the tensions.
         """
-        return self._run("spring_jacobian", out, (q,))
+        return self.calls.run("spring_jacobian", out, (q,))
 
     def spring_stiffness(self, q: ArrayLike, *, out: Array | None = None) -> Array:
-        """What the springs between points stiffen at most, (n, n), N/m, N or N m/rad; at least semidefinite.
+        """Upper bound of the springs' stiffness in the coordinates, (n, n), N/m, N or N m/rad; at least semidefinite.
 
         The sum of k D^T D, D the derivative by q of the vector between a spring's points, seen from the last link that
         moves both, k its stiffness in all directions: of a curve that of its steepest piece, of a cable as if taut.
         """
-        return self._run("spring_stiffness", out, (q,))
+        return self.calls.run("spring_stiffness", out, (q,))
 
     def rollout(
         self,
@@ -454,7 +486,33 @@ class Kernel(Calls):
             InputError: another argument is wrong, or the robot has loops (``eomgen.loops`` integrates them).
         """
         self.refuse_loops("rollout")
-        return rollout(self, q0, v0, u, dt, steps, method=method, every=every, kp=kp, kd=kd, target=target)
+        return rollout(
+            self.calls, self._driven, q0, v0, u, dt, steps, method=method, every=every, kp=kp, kd=kd, target=target
+        )
+
+    def frame_index(self, name: str) -> int:
+        """The number of a frame or link in ``frames``, by which functions of C take it.
+
+        Raises:
+            UnknownNameError: no frame or link of that name.
+        """
+        if name not in self.frames:
+            raise UnknownNameError(f"frame: {name!r} is unknown{nearest_or_all(str(name), self.frames)}")
+        return self.frames.index(name)
+
+    def refuse_not_finite(self, label: str, array: Array, shape: tuple[int, ...], place: str = "") -> None:
+        """Refuse NaN and infinity in an argument of a kernel, or in a batch of them, whatever ``checks`` says.
+
+        Args:
+            label: the argument's name; "wrench" has rows of links, everything else numbers of coordinates.
+            array: of that shape, or (N, *shape).
+            shape: (n,); (steps, n); or (links, 6).
+            place: what follows the number, such as " at t = 1 s".
+
+        Raises:
+            ArrayError: there is such a number; coordinate, state and step of the first one are named.
+        """
+        self.calls.refuse_not_finite(label, array, shape, place)
 
     def refuse_loops(self, name: str, *, cut: bool | None = None) -> None:
         """Refuse what would be wrong without the forces in the loops.

@@ -93,27 +93,38 @@ def render(function: DifferentiableFunction, called: str) -> str:
         block_table(f"jac_{function.result}_{label}", pattern, function.output)
         for label, pattern in zip(function.reads, masks, strict=True)
     ]
+    sizes, size = [math.prod(shape) for shape in function.inputs], math.prod(function.output)
+    total, room = sum(sizes), max(math.prod(function.output) * sum(sizes), 3 * kernel.n**2)
+    read = function.rule.reads(function)
     context = {
         "called": called,
         "version": __version__,
         "robot": kernel.name,
         "function": function.name,
+        "derivatives": f"casadi/{function.rule.template}.c.jinja",
+        "by_kernel": function.rule.kernel,
         "n": kernel.n,
-        "wrench": 6 * len(kernel.links),
-        "frame": kernel.frames.index(function.frame) if function.frame is not None else 0,
+        "frame": None if function.frame is None else kernel.frame_index(function.frame),
         "inputs": inputs,
         "result": result,
         "blocks": blocks,
         "previous": table(f"out_{function.result}", np.zeros(_matrix(function.output), np.bool_)),
-        "size": math.prod(function.output),
-        "sizes": [math.prod(shape) for shape in function.inputs],
+        "size": size,
+        "sizes": sizes,
+        "total": total,
+        "room": room,
+        "work": total + room + function.rule.spare(function),
+        "places_of_inputs": dict(zip(function.reads, np.cumsum([0, *sizes]).tolist(), strict=False)),
+        "read_by_derivatives": read,
+        "places_of_blocks": (size * np.cumsum([0, *sizes])).tolist()[: len(sizes)],
         "setups": {
-            name: [_literal(x) for x in owner.parameters._setup.computed]
+            name: [_literal(x) for x in owner.parameters.setup.computed]
             for name, owner in (("h", kernel), ("h_free", function.free))
             if owner is not None
         },
+        "has_free": function.free is not None,
     }
-    return environment().get_template("casadi.c.jinja").render(context)
+    return environment().get_template("casadi/external.c.jinja").render(context)
 
 
 def _literal(number: float) -> str:

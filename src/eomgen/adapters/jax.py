@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from ..errors import ArrayError, InputError
 from ..optional import optional_import
 from ..runtime.kernel import Kernel
-from .mappings import FRAMES, FUNCTIONS, DifferentiableFunction, jacobian_derivative, kernels_for, pose_derivative
+from .frames import jacobian_derivative, pose_derivative
+from .mappings import FUNCTIONS, DifferentiableFunction, kernels_for
 
 Array = NDArray[Any]
 SWITCH = 'jax.config.update("jax_enable_x64", True)'
@@ -47,7 +48,7 @@ def function(kernel: Kernel, name: str, frame: str | None = None, *, cut: bool =
         import jax
         import jax.numpy as jnp
     there = DifferentiableFunction(kernel, name, frame, cut=cut)
-    compute = _frame_functions(jax, jnp, there) if name in FRAMES else _with_jacobian(jax, jnp, there)
+    compute = (_with_jacobian if there.frame is None else _frame_functions)(jax, jnp, there)
 
     def checked(*arrays: Any) -> Any:
         if len(arrays) != len(there.reads):
@@ -133,16 +134,17 @@ def _frame_functions(jax: Any, jnp: Any, there: DifferentiableFunction) -> Calla
     """Pose or Jacobian of a frame: derivatives of any order follow from the Jacobian."""
     kernel, frame = there.kernel, there.frame
     assert frame is not None
-    shapes = {"frame_pose": (4, 4), "frame_jacobian": (6, kernel.n)}
+    index = kernel.frame_index(frame)
 
     def raw(name: str) -> Any:
         def call(q: Array) -> Array:
-            return np.asarray(getattr(kernel, name)(q, frame))
+            return kernel.calls.run(name, None, (q,), (index,))
 
-        result = jax.ShapeDtypeStruct(shapes[name], kernel.dtype)
+        result = jax.ShapeDtypeStruct(kernel.raw.shapes[kernel.raw.functions[name].writes], kernel.dtype)
         return jax.custom_jvp(_callback(jax, call, there.inputs, result))
 
-    pose, jacobian = raw("frame_pose"), raw("frame_jacobian")
+    both = {name: raw(name) for name in ("frame_pose", "frame_jacobian")}
+    pose, jacobian = both.values()
 
     @pose.defjvp  # type: ignore[untyped-decorator,unused-ignore]
     def pose_tangent(primals: Any, tangents: Any) -> Any:
@@ -154,7 +156,7 @@ def _frame_functions(jax: Any, jnp: Any, there: DifferentiableFunction) -> Calla
         J = jacobian(*primals)
         return J, jacobian_derivative(J, jnp) @ tangents[0]
 
-    return pose if there.name == "frame_pose" else jacobian  # type: ignore[no-any-return,unused-ignore]
+    return both[there.name]  # type: ignore[no-any-return,unused-ignore]
 
 
 __all__ = ["FUNCTIONS", "function", "kernels_for"]

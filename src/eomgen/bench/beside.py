@@ -29,16 +29,12 @@ from ..progress import StageReport, no_report
 from ..robot.model import build_model
 from ..robot.value import PRINCIPAL, Robot
 from ..runtime.kernel import Kernel
+from ..runtime.raw import RawFunction
 from .clock import FRAME, Timed
-from .textbook import Yardstick, compile_yardstick
+from .textbook import COUNTERPARTS, Yardstick, compile_yardstick
 
 Array = NDArray[np.float64]
 
-COUNTERPARTS = {
-    "inverse_dynamics": "recursive Newton-Euler",
-    "mass_matrix": "composite bodies",
-    "forward_dynamics": "articulated bodies",
-}
 STATES = 16  # random states that every sample cycles through: enough to defeat a lucky one, all in the first cache
 CALLS = 200  # from Python, of a sample
 TOLERANCE = 1e-9  # greatest relative difference between contenders that are timed
@@ -163,11 +159,11 @@ def bench(
     progress("comparing results")
     error = compare(kernel, yardstick, inputs)
     rows = []
-    for name in kernel._functions:
-        progress(f"timing {name}")
-        rows.append(_measure(kernel, yardstick, name, inputs, repeat))
-    names = sorted((row.kernel.name for row in rows if not row.note), key=lambda name: name != "inverse_dynamics")
-    called = names[0] if names else ""
+    for function in kernel.raw.functions.values():
+        progress(f"timing {function.name}")
+        rows.append(_measure(kernel, yardstick, function, inputs, repeat))
+    timed = [row.kernel.name for row in rows if not row.note]
+    called = next((name for name in (*COUNTERPARTS, *timed) if name in timed), "")
     call = _call_from_python(kernel, called, inputs, repeat) if called else (0.0, 0.0)
     return BenchResult(
         robot=robot.name,
@@ -186,21 +182,23 @@ def bench(
 
 def _call_from_python(kernel: Kernel, name: str, inputs: Mapping[str, Array], rounds: int) -> tuple[float, float]:
     """Median times of a call with one state through ``Kernel``, ns, with its checks and without, in turns."""
-    reads = kernel._functions[name][0]
-    arrays = [np.ascontiguousarray(inputs[label][0]).reshape(kernel._shapes[label]) for label in reads]
-    extra = (0,) if name.startswith("frame_") else ()
-    out, times = np.zeros(kernel._shapes[kernel._functions[name][1]]), np.zeros((rounds, 2))
-    kinds = [kernel.with_parameters(), kernel.with_parameters()]
-    for kind, wanted in zip(kinds, (True, False), strict=True):
-        kind.checks = wanted
+    function, shapes = kernel.raw.functions[name], kernel.raw.shapes
+    arrays = [np.ascontiguousarray(inputs[label][0]).reshape(shapes[label]) for label in function.reads]
+    out, times = np.zeros(shapes[function.writes]), np.zeros((rounds, 2))
+    extra, kinds = _extra(function), [kernel.with_checks(True), kernel.with_checks(False)]
     for turn in times:
         for i, kind in enumerate(kinds):
             begin = time.perf_counter_ns()
             for _ in range(CALLS):
-                kind._run(name, out, arrays, extra)
+                kind.calls.run(name, out, arrays, extra)
             turn[i] = (time.perf_counter_ns() - begin) / CALLS
     with_checks, without = (float(x) for x in np.median(times, axis=0))
     return with_checks, without
+
+
+def _extra(function: RawFunction) -> tuple[int, ...]:
+    """Arguments that a function takes before its result: the number of the first frame, or nothing."""
+    return (0,) if function.is_framed else ()
 
 
 def processor_name() -> str:
@@ -242,8 +240,8 @@ def _inputs(robot: Robot, kernel: Kernel) -> dict[str, Array]:
 
 def counterparts(kernel: Kernel) -> tuple[str, ...]:
     """Kernels beside which there is a textbook's algorithm; articulated bodies know no prescribed coordinate."""
-    known = (name for name in COUNTERPARTS if name in kernel._functions)
-    return tuple(name for name in known if name != "forward_dynamics" or not kernel.prescribed)
+    known = (name for name in COUNTERPARTS if name in kernel.raw.functions)
+    return tuple(name for name in known if COUNTERPARTS[name].prescribes or not kernel.prescribed)
 
 
 def compare(kernel: Kernel, yardstick: Yardstick, inputs: Mapping[str, Array]) -> float:
@@ -254,58 +252,55 @@ def compare(kernel: Kernel, yardstick: Yardstick, inputs: Mapping[str, Array]) -
     """
     worst = 0.0
     for name in counterparts(kernel):
+        function = kernel.raw.functions[name]
         for state in range(STATES):
-            arrays = [np.ascontiguousarray(inputs[label][state]) for label in kernel._functions[name][0]]
-            shape = (kernel.n, kernel.n) if name == "mass_matrix" else (kernel.n,)
-            ours, textbook = np.zeros(shape), np.zeros(shape)
-            failed = _call(kernel, name, arrays, ours), yardstick.run(name, arrays, textbook)
+            arrays = [np.ascontiguousarray(inputs[label][state]) for label in function.reads]
+            ours, textbook = (np.zeros(kernel.raw.shapes[function.writes]) for _ in range(2))
+            failed = _call(kernel, function, arrays, ours), yardstick.run(name, arrays, textbook)
             if any(failed):
                 continue  # singular: said in the row
             error = float(np.max(np.abs(ours - textbook)) / max(np.max(np.abs(textbook)), 1e-300))
             allowed = TOLERANCE
-            if name == "forward_dynamics":
+            if COUNTERPARTS[name].solves:
                 matrix = np.zeros((kernel.n, kernel.n))
                 yardstick.run("mass_matrix", arrays[:1], matrix)
                 allowed = max(allowed, 100.0 * float(np.linalg.cond(matrix)) * float(np.finfo(np.float64).eps))
             if not error <= allowed:
                 raise InternalError(
-                    f"{kernel.name}: {name} differs from the {COUNTERPARTS[name]} by {error:.1e} (relative, at most"
-                    f" {allowed:.0e} is allowed) in state {state}; nothing was timed"
+                    f"{kernel.name}: {name} differs from the {COUNTERPARTS[name].title} by {error:.1e} (relative, at"
+                    f" most {allowed:.0e} is allowed) in state {state}; nothing was timed"
                 )
             worst = max(worst, error)
     return worst
 
 
-def _call(kernel: Kernel, name: str, arrays: Sequence[Array], out: Array) -> int:
-    """Call a kernel for one state through C alone, so that a status comes back instead of an exception."""
-    ffi = kernel._ffi
-    pointers = [ffi.from_buffer("double[]", array) for array in arrays]
-    extra = (0,) if name.startswith("frame_") else ()
-    function = getattr(kernel._lib, f"{kernel.name}_{name}")
-    return int(function(kernel.parameters._setup.pointer, *pointers, *extra, ffi.from_buffer("double[]", out)))
+def _call(kernel: Kernel, function: RawFunction, arrays: Sequence[Array], out: Array) -> int:
+    """Call a function for one state through C alone, so that a status comes back instead of an exception."""
+    view, setup = kernel.raw.view, kernel.parameters.setup
+    return int(function.code(setup.pointer, *map(view, arrays), *_extra(function), view(out)))
 
 
-def _measure(kernel: Kernel, yardstick: Yardstick, name: str, inputs: Mapping[str, Array], rounds: int) -> Row:
-    """Time a kernel and its counterpart in turns."""
-    reads = kernel._functions[name][0]
-    arrays = [inputs[label] for label in reads]
-    out = np.zeros(int(np.prod(kernel._shapes[kernel._functions[name][1]])))
-    counts = dict(kernel.operations["kinematics" if name.startswith("frame_") else name])
+def _measure(
+    kernel: Kernel, yardstick: Yardstick, function: RawFunction, inputs: Mapping[str, Array], rounds: int
+) -> Row:
+    """Time a kernel's function and its counterpart in turns."""
+    name, raw, setup = function.name, kernel.raw, kernel.parameters.setup
+    arrays = [inputs[label] for label in function.reads]
+    out = np.zeros(int(np.prod(raw.shapes[function.writes])))
+    counts = dict(kernel.operations[function.kernel])
     names, operations = [name], [counts]
-    ffi, target = kernel._ffi, int(out.ctypes.data)
-    h = int(ffi.cast("intptr_t", kernel.parameters._setup.pointer))
-    code = int(ffi.cast("intptr_t", ffi.addressof(kernel._lib, f"{kernel.name}_{name}")))
-    timed = [Timed(code, h, target)]
+    target = int(out.ctypes.data)
+    timed = [Timed(raw.address(name), setup.address, target)]
     if name in counterparts(kernel):
-        names.append(COUNTERPARTS[name])
+        names.append(COUNTERPARTS[name].title)
         timed.append(Timed(yardstick.address(name), 0, target))
         operations.append(yardstick.operations(name, [np.ascontiguousarray(array[0]) for array in arrays], out))
     for state in range(STATES):
-        failed = _call(kernel, name, [np.ascontiguousarray(array[state]) for array in arrays], out)
+        failed = _call(kernel, function, [np.ascontiguousarray(array[state]) for array in arrays], out)
         if failed:
             note = f"not timed: no inertia along {kernel.coordinates[failed - 1]} in state {state}"
             return Row(Contender(name, counts, 0.0, 0.0), note=note)
-    ns = yardstick.stopwatch.time(timed, FRAME if name.startswith("frame_") else len(reads), arrays, rounds)
+    ns = yardstick.stopwatch.time(timed, FRAME if function.is_framed else len(arrays), arrays, rounds)
     contenders = [
         Contender(label, count, float(min(column)), statistics.median(column.tolist()))
         for label, count, column in zip(names, operations, ns.T, strict=True)

@@ -1,7 +1,7 @@
 """The textbook algorithms that kernels are measured against: C over a table of links, and its operation counts.
 
     stage               input    output
-    newton_euler        Model    C            templates/newton_euler.c.jinja with the description's numbers
+    newton_euler        Model    C            templates/bench/newton_euler.c.jinja with the description's numbers
     instrument          C        C            the same text, counting its operations as it runs
     compile_yardstick   Model    Yardstick    both, and the stopwatch, loaded
 
@@ -34,7 +34,29 @@ _DECLARATIONS = """
 extern long operations[4];
 void operations_clear(void);
 """
-_READS = {"inverse_dynamics": 3, "mass_matrix": 1, "forward_dynamics": 3}
+
+
+@dataclass(frozen=True)
+class Counterpart:
+    """A textbook's algorithm that does what a kernel does.
+
+    title: what it is called.
+    reads: how many arrays it reads, which are the kernel's.
+    solves: whether it inverts the mass matrix, so that its round-off grows with the matrix's condition number.
+    prescribes: whether it can do with coordinates whose motion is given.
+    """
+
+    title: str
+    reads: int
+    solves: bool = False
+    prescribes: bool = True
+
+
+COUNTERPARTS: Mapping[str, Counterpart] = {
+    "inverse_dynamics": Counterpart("recursive Newton-Euler", 3),
+    "mass_matrix": Counterpart("composite bodies", 1),
+    "forward_dynamics": Counterpart("articulated bodies", 3, solves=True, prescribes=False),
+}
 
 
 def newton_euler(model: Model) -> str:
@@ -72,7 +94,7 @@ def newton_euler(model: Model) -> str:
     ]
     return (
         environment()
-        .get_template("newton_euler.c.jinja")
+        .get_template("bench/newton_euler.c.jinja")
         .render(
             name=model.name,
             version=__version__,
@@ -138,7 +160,7 @@ class Yardstick:
     counting: Any
 
     def run(self, name: str, arrays: Sequence[Array], out: Array, *, counted: bool = False) -> int:
-        """Call an algorithm for one state; 0, or 1 + the coordinate that has no inertia."""
+        """Call an algorithm of COUNTERPARTS for one state; 0, or 1 + the coordinate that has no inertia."""
         function = getattr(self.counting if counted else self.lib, f"newton_euler_{name}")
         pointers = [self.ffi.from_buffer("double[]", array) for array in arrays]
         return int(function(self.ffi.NULL, *pointers, self.ffi.from_buffer("double[]", out)))
@@ -171,10 +193,10 @@ def compile_yardstick(model: Model, flags: Sequence[str]) -> Yardstick:
 
     ffi = cffi.FFI()
     ffi.cdef(DECLARATIONS + _DECLARATIONS)
-    for name, reads in _READS.items():
-        ffi.cdef(f"int newton_euler_{name}(const double *h{', const double *' * reads}, double *out);")
+    for name, counterpart in COUNTERPARTS.items():
+        ffi.cdef(f"int newton_euler_{name}(const double *h{', const double *' * counterpart.reads}, double *out);")
     code = newton_euler(model)
-    stopwatch = environment().get_template("stopwatch.c.jinja").render()
+    stopwatch = environment().get_template("bench/stopwatch.c.jinja").render()
     with tempfile.TemporaryDirectory(prefix="eomgen-bench-") as private:
         folder = Path(private)
         for file, text in (("textbook", code), ("stopwatch", stopwatch), ("counting", instrument(code))):

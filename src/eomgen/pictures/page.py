@@ -23,7 +23,7 @@ from ..simulation.result import SimulationResult, simulated_robot
 from .page_figures import Figure, figures_of
 
 ROWS = 12  # of a table that a scenario shows of a long one
-TEMPLATE = "report.html.jinja"
+TEMPLATE = "report/report.html.jinja"
 
 
 @dataclass(frozen=True)

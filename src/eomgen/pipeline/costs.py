@@ -123,9 +123,9 @@ class RobotInfo:
 
 def robot_info(robot: RobotLike, *, progress: StageReport = no_report) -> RobotInfo:
     """Derive the robot's equations and say what came out; nothing is compiled."""
-    from ..codegen.c.metadata import operations
     from ..codegen.joint.zeros import zero_map
     from ..codegen.kernels.equations import derive_equations
+    from ..codegen.kernels.operations import operations
 
     model = build_model(as_robot(robot))
     progress(f"deriving the equations of {model.size} coordinates")

@@ -32,7 +32,7 @@ from ..robot.record import robot_hash
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from . import cache as store
-from .generator_files import generator_hash
+from .generator_key import generator_hash
 from .load import load_module
 
 if TYPE_CHECKING:

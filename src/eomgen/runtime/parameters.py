@@ -5,18 +5,16 @@ A generated package carries a copy of this file.
 
 from __future__ import annotations
 
-import difflib
 import threading
-from collections.abc import Iterator, Mapping, MutableMapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator, Mapping, MutableMapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, UnknownNameError
-
-if TYPE_CHECKING:
-    from .kernel import Kernel
+from ..names import nearest_or_all
+from .raw import RawKernel, Setup
 
 Array = NDArray[Any]
 NOT_NEGATIVE = (
@@ -27,45 +25,33 @@ DIVISORS = ("smoothing", "stribeck")
 SMALLEST = 1e-12  # as in descriptions
 
 
-class Setup:
-    """Parameters and what is computed from them; replaced as a whole, so that a running call keeps its own."""
-
-    def __init__(self, ffi: Any, lib: Any, name: str, pointer: str, values: Array, hoisted: int) -> None:
-        self.values = values
-        self.computed = np.zeros(max(hoisted, 1), values.dtype)
-        self.pointer = ffi.from_buffer(pointer, self.computed)
-        padded = values if values.size else np.zeros(1, values.dtype)
-        getattr(lib, f"{name}_setup")(ffi.from_buffer(pointer, padded), self.pointer)
-
-
 class Parameters(MutableMapping[str, float]):
     """Run-time parameters by name; assigning computes what depends on them alone.
 
     ``update`` sets several at once.  Masses, stiffnesses, dampings, armatures, clearances, free lengths and friction
     forces are at least 0, smoothings and Stribeck rates SMALLEST; that an inertia stays one that a body can have is
     up to the caller.
+
+    Attributes:
+        setup: the values as arrays, and what functions of C read of them; replaced as a whole on assignment.
     """
 
-    def __init__(self, kernel: Kernel, values: Mapping[str, float], hoisted: int) -> None:
-        self._kernel, self._hoisted = kernel, hoisted
-        self._slots = {name: slot for slot, name in enumerate(values)}
-        self._lock = threading.Lock()
-        self._set(np.array(list(values.values()), kernel.dtype))
+    def __init__(self, raw: RawKernel, slots: Mapping[str, int], setup: Setup) -> None:
+        self._raw, self._slots, self._lock = raw, slots, threading.Lock()
+        self.setup = setup
 
-    def copy_for(self, kernel: Kernel) -> Parameters:
-        """The same names and values for another kernel of the same code; neither sees the other's assignments."""
-        other = Parameters.__new__(Parameters)
-        other._kernel, other._hoisted, other._slots = kernel, self._hoisted, self._slots
-        other._lock = threading.Lock()
-        other._setup = self._setup  # replaced as a whole on assignment
-        return other
+    @classmethod
+    def of(cls, raw: RawKernel, values: Mapping[str, float]) -> Parameters:
+        """Parameters of a compiled module, whose order is that of the values."""
+        slots = {name: slot for slot, name in enumerate(values)}
+        return cls(raw, slots, Setup(raw, np.array(list(values.values()), raw.dtype)))
 
-    def _set(self, values: Array) -> None:
-        kernel = self._kernel
-        self._setup = Setup(kernel._ffi, kernel._lib, kernel.name, kernel._pointer, values, self._hoisted)
+    def copy(self) -> Parameters:
+        """The same names and values for the same code; neither sees the other's assignments."""
+        return Parameters(self._raw, self._slots, self.setup)  # which is replaced as a whole on assignment
 
     def __getitem__(self, name: str) -> float:
-        return float(self._setup.values[self._slot(name)])
+        return float(self.setup.values[self._slot(name)])
 
     def __setitem__(self, name: str, value: float) -> None:
         self.update({name: value})
@@ -109,9 +95,9 @@ class Parameters(MutableMapping[str, float]):
                 raise InputError(f"parameters: {name} = {value!r} is too small; at least {SMALLEST:g} is allowed")
             wanted[slot] = float(value)
         with self._lock:  # assignments of other threads are kept
-            values = self._setup.values.copy()
+            values = self.setup.values.copy()
             values[list(wanted)] = list(wanted.values())
-            self._set(values)
+            self.setup = Setup(self._raw, values)
 
     def _slot(self, name: str) -> int:
         try:
@@ -119,13 +105,6 @@ class Parameters(MutableMapping[str, float]):
         except (KeyError, TypeError):
             pass
         raise UnknownNameError(
-            f"parameters: {name!r} is not a run-time parameter of {self._kernel.name}"
-            f"{nearest(str(name), list(self._slots))}; list other numbers of the description under `tunable`"
+            f"parameters: {name!r} is not a run-time parameter of {self._raw.name}"
+            f"{nearest_or_all(str(name), self._slots)}; list other numbers of the description under `tunable`"
         )
-
-
-def nearest(name: str, known: Sequence[str]) -> str:
-    close = difflib.get_close_matches(name, known, 1)
-    if close:
-        return f"; did you mean {close[0]!r}?"
-    return f"; known: {', '.join(known)}" if known else "; there are none"

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,21 +119,18 @@ class _Steps:
     """Steps of one length over a period, in C, with buffers of their own."""
 
     def __init__(self, kernel: Kernel, method: str, steps: int, step: float, gains: tuple[Array, Array] | None) -> None:
-        n, ffi = kernel.n, kernel._ffi
-        self.steps, self.step, self._kernel = steps, step, kernel
+        n, view = kernel.n, kernel.raw.view
+        assert kernel.raw.rollout is not None
+        self.steps, self.step, self._parameters = steps, step, kernel.parameters
         rows = steps if gains else 1
         self._u, self._target = np.zeros((rows, n)), np.zeros((rows, n))
         self._start, self._ends = np.empty((2, n)), np.empty((2, 2, n))
-
-        def view(array: Array) -> Any:
-            return ffi.from_buffer(kernel._pointer, array)
-
         fields = {"u": view(self._u), "u_step": n if gains else 0}
         if gains:
             fields |= {"kp": view(gains[0]), "kd": view(gains[1]), "target": view(self._target), "target_step": n}
-        self._drive, self._kept = ffi.new(f"{kernel.name}_drive *", fields), (fields, gains)
+        self._drive, self._kept = kernel.raw.drive(**fields), (fields, gains)
         self._views = [view(x) for x in (*self._start, *self._ends)]
-        self._code = getattr(kernel._lib, f"{kernel.name}_rollout")
+        self._code = kernel.raw.rollout.code
         self._how = step, steps, steps, METHODS[method]
 
     def run(self, q: Array, v: Array, u: Array, command: tuple[Array, Array] | None) -> tuple[int, Array]:
@@ -145,7 +141,7 @@ class _Steps:
             self._target[:] = command[1]
         self._start[0], self._start[1] = q, v
         start, rates, *ends = self._views
-        code = self._code(self._kernel.parameters._setup.pointer, start, rates, self._drive, *self._how, *ends)
+        code = self._code(self._parameters.setup.pointer, start, rates, self._drive, *self._how, *ends)
         return int(code), self._ends[:, 1]
 
 

@@ -17,6 +17,7 @@ from eomgen.codegen.c.project import safe, view
 from eomgen.codegen.kernels.signatures import KERNELS
 from eomgen.errors import SingularError
 from eomgen.robot.value import Robot
+from eomgen.runtime.raw import RawFunction
 from tests.support.c_project import COMPILERS, NO_EIGEN, PREAMBLE, need_eigen, package_of, program, run
 from tests.support.random_robots import random_robot
 from tests.support.small_robots import free_body
@@ -64,20 +65,19 @@ def all_functions(name: str, kernel: eomgen.Kernel, states: dict[str, NDArray[np
     for label, array in states.items():
         for part, values in (("", array[0]), ("_two", array)):
             lines.append(f"const std::array<arm::real, {values.size}> {label}{part}{literals(values)};")
-    for function, (reads, writes) in kernel._functions.items():
-        lines += calls(
-            function, reads, view(kernel._shapes[writes]), int(np.prod(kernel._shapes[writes])), kernel.frames[-1]
-        )
+    for function in kernel.raw.functions.values():
+        lines += calls(function, kernel.raw.shapes[function.writes], kernel.frames[-1])
     return "\n".join([*lines, "return 0;", "}", ""])
 
 
-def calls(function: str, reads: Sequence[str], shape: str, size: int, frame: str) -> list[str]:
+def calls(called: RawFunction, writes: Sequence[int], frame: str) -> list[str]:
     """Lines that call one function in every way; statuses other than 0 say where the ways differ."""
-    frame = f", arm::Frame::{frame}" if function.startswith("frame_") else ""
+    function, reads, shape, size = called.name, called.reads, view(writes), int(np.prod(writes))
+    frame = f", arm::Frame::{frame}" if called.is_framed else ""
     one = ", ".join(reads) + frame
     mixed = ", ".join([f"{reads[0]}_two.data()", *reads[1:]]) + frame  # the first state for all but the first array
     two = ", ".join(f"{{{label}_two.data(), {label}.size()}}" for label in reads) + frame
-    check = "if (!{}) return 1;" if KERNELS.get(function) and KERNELS[function].solves else "{};"
+    check = "if (!{}) return 1;" if function in KERNELS and KERNELS[function].solves else "{};"
     by_value = [f"if (found(arm::{function}(setup, {one})) != written) return 2;"]
     matrix = f"arm::EigenMatrix<{shape}> matrix;"
     if size > project.BY_VALUE:
@@ -132,11 +132,9 @@ def compare(robot: Robot, dtype: str, compiler: str, eigen: bool, tmp_path: Path
     """Compare every function of the header with the kernel; the value is how many numbers there were."""
     package, kernel = package_of(robot, tmp_path, dtype=dtype), kernel_of(robot, dtype=dtype)
     generator = np.random.default_rng(7)
-    labels = {label for reads, _ in kernel._functions.values() for label in reads}
-    states = {
-        label: generator.uniform(-0.4, 0.4, (2, *kernel._shapes[label])).astype(kernel.dtype)
-        for label in sorted(labels)
-    }
+    functions, shapes = kernel.raw.functions, kernel.raw.shapes
+    labels = {label for function in functions.values() for label in function.reads}
+    states = {label: generator.uniform(-0.4, 0.4, (2, *shapes[label])).astype(kernel.dtype) for label in sorted(labels)}
     code = all_functions(robot.name, kernel, states)
     made = program(compiler, code, [package], tmp_path, *(need_eigen() if eigen else (NO_EIGEN,)))
     answers = {}
@@ -144,17 +142,17 @@ def compare(robot: Robot, dtype: str, compiler: str, eigen: bool, tmp_path: Path
         name, *numbers = line.split()
         answers[name] = np.array([float.fromhex(x) for x in numbers], kernel.dtype)
     assert np.array_equal(answers.pop("parameters"), np.array([*kernel.parameters.values()], kernel.dtype))
-    assert len(answers) == 3 * len(kernel._functions)
+    assert len(answers) == 3 * len(functions)
     count = 0
-    for function, (reads, _) in kernel._functions.items():
-        frame = (kernel._frame(kernel.frames[-1]),) if function.startswith("frame_") else ()
-        one, two = ([states[label][:states_here] for label in reads] for states_here in (1, 2))
+    for name, function in functions.items():
+        frame = (kernel.frame_index(kernel.frames[-1]),) if function.is_framed else ()
+        one, two = ([states[label][:states_here] for label in function.reads] for states_here in (1, 2))
         mixed = [two[0], *(x[0] for x in one[1:])]
         for end, arrays in (("", [x[0] for x in one]), ("_batch", two), ("_mixed", mixed)):
-            expected = np.asarray(kernel._run(function, None, tuple(arrays), *frame)).ravel()
+            expected = kernel.calls.run(name, None, arrays, frame).ravel()
             count += expected.size
-            assert np.array_equal(answers[function + end], expected), function + end
-            assert np.any(expected != 0) or function in MAY_VANISH, function
+            assert np.array_equal(answers[name + end], expected), name + end
+            assert np.any(expected != 0) or name in MAY_VANISH, name
     return count
 
 

@@ -234,10 +234,10 @@ def test_the_driver_finds_what_the_kernel_finds(name: str, dtype: str, tmp_path:
             last = len(call.reads) - 1
             arrays = []
             for i, label in enumerate(call.reads):
-                rows = x[label].reshape(-1, *kernel._shapes[label])
+                rows = x[label].reshape(-1, *kernel.raw.shapes[label])
                 one = call.count is None or (call.shared and i == last)
                 arrays.append(np.ascontiguousarray(rows[call.state] if one else rows[: call.count]))
-            expected = kernel._run(call.name, None, arrays, () if call.frame is None else (call.frame,))
+            expected = kernel.calls.run(call.name, None, arrays, () if call.frame is None else (call.frame,))
         assert status in (0, -1)
         assert result.tobytes() == expected.tobytes(), call
         seen.add(call.name)
@@ -336,15 +336,15 @@ def check(what, expected=before):
 
 check("import")
 kernel = one_link.kernel
-states, names = np.full((600, 2), 0.1), [n for n in kernel._functions]
+states, functions = np.full((600, 2), 0.1), kernel.raw.functions
 def call_all():
     expected = fpu.control()
-    for name, (reads, _) in kernel._functions.items():
-        extra = (0,) if name.startswith("frame_") else ()
+    for name, function in functions.items():
+        extra = (0,) if function.is_framed else ()
         for one in (True, False):
-            arrays = [np.full(kernel._shapes[r], 0.1) for r in reads]
+            arrays = [np.full(kernel.raw.shapes[r], 0.1) for r in function.reads]
             arrays[0] = arrays[0] if one else np.full((600, 2), 0.1)
-            kernel._run(name, None, arrays, extra)
+            kernel.calls.run(name, None, arrays, extra)
             check(name, expected)
     kernel.rollout(states, states[0], states[0], 1e-3, 5)
     check("rollout", expected)
@@ -364,7 +364,7 @@ upward = fpu.control()
 assert upward != before
 call_all()
 check("rounding upward", upward)
-print("kept", len(names))
+print("kept", len(functions))
 """
 
 

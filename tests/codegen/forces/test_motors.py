@@ -11,7 +11,7 @@ import sympy as sp
 import eomgen
 from eomgen.codegen.closed_form.trace import closed_form
 from eomgen.codegen.joint.zeros import zero_map
-from eomgen.codegen.kernels.equations import derive, derive_forward_dynamics
+from eomgen.codegen.kernels.equations import derive, derive_cheapest
 from eomgen.codegen.program.ir import evaluate
 from eomgen.errors import SingularError
 from eomgen.robot.model import build_model
@@ -123,7 +123,7 @@ def test_both_solvers_agree(seed: int) -> None:
     inputs = {"q": s.q, "v": s.v, "a": s.a, "u": s.u, "p": list(model.parameters.values())}
     found = []
     for solver in ("M = L^T D L factorised", "joints eliminated in O(n)"):
-        values = evaluate(derive_forward_dynamics(model, solver)[0], inputs)
+        values = evaluate(derive_cheapest(model, "forward_dynamics", solver)[0], inputs)
         found.append(np.array([values["out", i] for i in range(model.size)]))
     assert close(found[0], found[1], 1e-9)
 

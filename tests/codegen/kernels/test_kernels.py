@@ -14,6 +14,7 @@ import eomgen
 from eomgen.codegen.closed_form.trace import closed_form
 from eomgen.codegen.forces.rows import elastic_rows
 from eomgen.codegen.kernels import equations
+from eomgen.codegen.kernels.accelerations import FACTORISED, SOLVERS
 from eomgen.codegen.kernels.derivation import Derivation
 from eomgen.codegen.kernels.equations import derive
 from eomgen.codegen.kernels.writers import WRITERS
@@ -220,7 +221,7 @@ def test_loop_equals_straight_line(built: Build, empty_cache: Path, monkeypatch:
     robot = random_robot(44, joints=(4, 4), tree=True, types=("revolute", "free"), max_coordinates=3)
     kernels = []
     for name, limit in (("in_loops", 0), ("in_lines", 10**9)):  # the cache does not know of the limit
-        monkeypatch.setattr(equations, "STRAIGHT_CHRISTOFFEL", limit)
+        monkeypatch.setattr(equations, "STRAIGHT_COLUMNS", limit)
         kernels.append(built(replace(robot, name=name), "christoffel"))
     loop, line = kernels
     assert loop.operations != line.operations
@@ -237,8 +238,8 @@ def test_solvers_of_forward_dynamics_agree(seed: int) -> None:
     model, s = build_model(robot), random_state(robot, seed)
     inputs = {"q": s.q, "v": s.v, "u": s.u, "p": list(model.parameters.values())}
     found = []
-    for name in equations.SOLVERS:
-        program, chosen = equations.derive_forward_dynamics(model, name)
+    for name in SOLVERS:
+        program, chosen = equations.derive_cheapest(model, "forward_dynamics", name)
         assert chosen == name
         values = evaluate(program, inputs)
         found.append(np.array([values["out", i] for i in range(model.size)]))
@@ -250,8 +251,8 @@ def test_solvers_of_forward_dynamics_agree(seed: int) -> None:
 
 def test_cheaper_solver_is_chosen() -> None:
     six, thirty_six = (build_model(eomgen.load_robot(name)) for name in ("puma560", "puma560_elastic"))
-    assert equations.derive_forward_dynamics(six)[1] == equations.FACTORISED
-    assert equations.derive_forward_dynamics(thirty_six)[1] != equations.FACTORISED
+    assert equations.derive_cheapest(six, "forward_dynamics")[1] == FACTORISED
+    assert equations.derive_cheapest(thirty_six, "forward_dynamics")[1] != FACTORISED
 
 
 def test_single_precision(case: Case, built: Build) -> None:
@@ -318,7 +319,7 @@ def test_a_rotor_makes_a_massless_tip_move(built: Build) -> None:
 
 
 @pytest.mark.parametrize("tilt", [(0.4, 0.5, 0.6), (0.5, 0.1, 0.0), (1.0, 0.3, 0.2), (0.2, 0.9, 0.1), (0.7, 0.2, 0.4)])
-@pytest.mark.parametrize("solver", equations.SOLVERS)
+@pytest.mark.parametrize("solver", SOLVERS)
 def test_a_massless_link_between_slides(solver: str, tilt: tuple[float, float, float]) -> None:
     """Five coordinates move one mass: what the first slide leaves of the inertia is round-off, not a pivot."""
     body = free_body()
@@ -328,7 +329,7 @@ def test_a_massless_link_between_slides(solver: str, tilt: tuple[float, float, f
     second = Joint("slide", "hollow", "body", "prismatic", tilted, coordinates={"z": Coordinate()})
     hollow = Link("hollow", 0.0, ZERO, (0.0,) * 6)
     model = build_model(replace(body, links=(hollow, body.links[0]), joints=(first, second)))
-    program, _ = equations.derive_forward_dynamics(model, solver)
+    program, _ = equations.derive_cheapest(model, "forward_dynamics", solver)
     inputs = {letter: [0.1, -0.2, 0.3, 0.4, 0.5] for letter in "qvu"}
     found = evaluate(program, {**inputs, "p": list(model.parameters.values())})
     assert any(not found["pivot", 2 * i] > 1e-12 * found["pivot", 2 * i + 1] for i in range(model.size))

@@ -70,7 +70,7 @@ def test_tangents_in_c(built: Build) -> None:
     kernel, values = built(robot, *TANGENTS), inputs(robot, 5)
     for name in TANGENTS:
         of = KERNELS[name].tangent_of
-        arrays = [values[label].reshape(kernel._shapes[label]) for label in KERNELS[name].reads]
+        arrays = [values[label].reshape(kernel.raw.shapes[label]) for label in KERNELS[name].reads]
         found = kernel.tangent(of, *arrays)
         close(found.ravel(), complex_derivative(robot, of, values))
         both = kernel.tangent(of, *(np.stack([x, x]) for x in arrays))

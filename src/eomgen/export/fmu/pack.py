@@ -117,8 +117,8 @@ def _files(
         "prescribed": model.prescribed,
         "method": method,
     }
-    kinds = {f"unit.{end}": f"fmu_unit.{end}" for end in "hc"} | {
-        f"fmi{version}.{end}": f"fmi{version}.{end}" for end in "hc"
+    kinds = {f"unit.{end}": f"fmu/unit.{end}" for end in "hc"} | {
+        f"fmi{version}.{end}": f"fmu/fmi{version}.{end}" for end in "hc"
     }
     texts = _rendered(kinds, {**context, "token": ""})
     token = _token([source.header, source.code, *texts.values()])

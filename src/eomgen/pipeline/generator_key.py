@@ -1,6 +1,6 @@
-"""Which files shape the generated C: the generator's own, its templates, and all of eomgen that it imports.
+"""Hash of the files that shape the generated C: the generator's own, its templates, and all of eomgen that it imports.
 
-Their hash is part of the key of every source in the cache, so that changed code never serves an old entry.
+It is part of the key of every source in the cache, so that changed code never serves an old entry.
 """
 
 from __future__ import annotations

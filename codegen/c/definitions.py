@@ -1,0 +1,101 @@
+"""Programs as definitions of functions of C: everything that a template writes, chosen here."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..kernels.signatures import SIGNATURES
+from ..program.ir import Program
+from .scalar_types import Scalar
+from .statements import Function, write_function
+
+SHARED = ("h", "p")  # arrays with one number for all states
+
+
+@dataclass(frozen=True)
+class Turns:
+    """The call that takes a function's sines and cosines.
+
+    angles: expressions that are gathered in an array first; none where the angles stand side by side already.
+    size: numbers in the arrays of sines and cosines, as C.
+    arguments: of the call, as C.
+    """
+
+    angles: tuple[str, ...]
+    size: str
+    arguments: str
+
+
+@dataclass(frozen=True)
+class Definition:
+    """A function of C.
+
+    name: with the robot's in front.
+    text: what it computes.
+    linkage: "static " or nothing.
+    inputs: types and names of the arrays that it reads.
+    outputs: types and names of those that it writes.
+    turns: how sines and cosines are taken in front; None where there are none.
+    parts: per part its statements, and the arrays that these do not read; one part is written in place.
+    workspace: numbers that parts hand on.
+    has_pivots: whether it has a pivot for every coordinate, which says whether the mass matrix can be inverted.
+    """
+
+    name: str
+    text: str
+    linkage: str
+    inputs: tuple[tuple[str, str], ...]
+    outputs: tuple[tuple[str, str], ...]
+    turns: Turns | None
+    parts: tuple[tuple[tuple[str, ...], tuple[str, ...]], ...]
+    workspace: int
+    has_pivots: bool
+
+
+def define(program: Program, robot: str, scalar: Scalar, *, public: bool) -> Definition:
+    """A kernel's program on numbers, or on vectors with one state in every lane where ``scalar`` is such a vector.
+
+    Args:
+        program: of a kernel.
+        robot: its name, in front of the function's.
+        scalar: type of the numbers.
+        public: whether users call the function.
+    """
+    function = write_function(program, scalar)
+    lanes = scalar.spread
+    name = f"{robot}_{program.name}{'_lanes' if lanes else ''}"
+    return _definition(function, name, scalar, _turns(function, scalar), "" if public and not lanes else "static ")
+
+
+def define_setup(program: Program, robot: str, scalar: Scalar) -> Definition:
+    """The program that computes what depends on parameters alone."""
+    return _definition(write_function(program, scalar, turning=False), f"{robot}_setup", scalar, None, "")
+
+
+def _definition(function: Function, name: str, scalar: Scalar, turns: Turns | None, linkage: str) -> Definition:
+    one = scalar.number
+    signature = SIGNATURES.get(function.name)
+    return Definition(
+        name,
+        "" if signature is None else signature.text,
+        linkage,
+        tuple((one if array in SHARED else scalar.name, array) for array in function.arrays),
+        tuple((scalar.name, array) for array in function.outputs),
+        turns,
+        tuple(zip(function.chunks, function.unused, strict=True)),
+        function.workspace,
+        "pivot" in function.outputs,
+    )
+
+
+def _turns(function: Function, scalar: Scalar) -> Turns | None:
+    """Vectors are turned where they stand; numbers are gathered in an array whose length fits vectors."""
+    count = len(function.angles)
+    if not count:
+        return None
+    if not scalar.spread:
+        size = f"PADDED({count})"
+        return Turns(function.angles, size, f"angle, {size}, sine, cosine")
+    place, number = function.contiguous_angles, scalar.number
+    arguments = f"(const {number} *)({place or 'angle'}), {count} * LANES, ({number} *)sine, ({number} *)cosine"
+    return Turns(() if place else function.angles, str(count), arguments)

@@ -1,0 +1,84 @@
+"""Several states at a time, one in every lane of a vector: which kernels fit, and how squares of numbers turn over."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..kernels.equations import Equations
+from ..kernels.signatures import KERNELS, SIGNATURES, shapes
+from .statements import handed_on, split, trig_values
+
+VECTORS = (16, 32, 64)  # bytes of a vector
+LANE_VALUES = 8192  # values that a kernel for several states may keep on the stack: 512 KB of the longest vectors
+
+
+def batched(equations: Equations) -> list[str]:
+    """Public kernels that work on several states at a time: those whose arrays fit the stack as vectors."""
+    size = {key: int(np.prod(shape)) for key, shape in shapes(equations.model).items()}
+
+    def values(name: str) -> int:
+        signature = SIGNATURES[name]
+        arrays = sum(size[array] for array in (*signature.reads, signature.writes))
+        if name in equations.programs:
+            program = equations.programs[name]
+            apart = trig_values(program)
+            return arrays + 3 * len(apart) + len(handed_on(program, split(program, apart)))
+        return arrays + max(values(program) for program in calls_of(equations, name))
+
+    public = [name for name in KERNELS if name in equations.kernels and _has_lanes(equations, name)]
+    return [name for name in public if values(name) <= LANE_VALUES]
+
+
+def _has_lanes(equations: Equations, name: str) -> bool:
+    """True if there is C of the kernel for vectors: a program, or a template that is written for both."""
+    return name in equations.programs or KERNELS[name].kind in ("composed", "rollout")
+
+
+def calls_of(equations: Equations, name: str) -> tuple[str, ...]:
+    """Programs that the C of a kernel needs."""
+    return equations.calls.get(name, (name,))
+
+
+@dataclass(frozen=True)
+class Shuffle:
+    """A row that two rows make: names of the rows, and for every lane its place in both, one behind the other."""
+
+    row: str
+    first: str
+    second: str
+    lanes: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Square:
+    """Shuffles that transpose a square of numbers, as many rows as a vector has lanes.
+
+    Blocks of 1, 2, 4 ... numbers swap across the diagonal, so that x0, x1, ... become ``rows``.
+    """
+
+    size: int
+    shuffles: tuple[Shuffle, ...]
+    rows: tuple[str, ...]
+
+
+def square(size: int) -> Square:
+    """The square of a vector with so many lanes, a power of two."""
+    shuffles, rows, distance = [], [f"x{i}" for i in range(size)], 1
+    while distance < size:
+        turned = [f"y{distance}_{i}" for i in range(size)]
+        for i in (i for i in range(size) if not i & distance):
+            j = i + distance
+            lower = tuple(size + lane - distance if lane & distance else lane for lane in range(size))
+            upper = tuple(size + lane if lane & distance else lane + distance for lane in range(size))
+            shuffles.append(Shuffle(turned[i], rows[i], rows[j], lower))
+            shuffles.append(Shuffle(turned[j], rows[i], rows[j], upper))
+        rows, distance = turned, 2 * distance
+    return Square(size, tuple(shuffles), tuple(rows))
+
+
+SQUARES: Mapping[str, tuple[Square, ...]] = {
+    dtype: tuple(square(width // np.dtype(dtype).itemsize) for width in VECTORS) for dtype in ("float64", "float32")
+}
