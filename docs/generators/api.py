@@ -12,6 +12,7 @@ import eomgen
 PAGES: dict[str, tuple[str, tuple[str, ...]]] = {
     "api_robots": ("Robots and their parts", ("eomgen.robot", "eomgen.description")),
     "api_simulation": ("Simulation", ("eomgen.simulation", "eomgen.scenario", "eomgen.integration", "eomgen.motion")),
+    "api_runtime": ("Compiled kernels as they are", ("eomgen.runtime.raw",)),
     "api_loops": ("Closed loops", ("eomgen.loops",)),
     "api_analysis": ("Analysis about a state", ("eomgen.analysis",)),
     "api_identification": ("Measured motion", ("eomgen.identification",)),

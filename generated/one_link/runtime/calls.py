@@ -5,7 +5,6 @@ A generated package carries a copy of this file, which imports NumPy and its nei
 
 from __future__ import annotations
 
-import copy
 import functools
 import math
 import os
@@ -47,8 +46,8 @@ class Calls:
 
     def with_parameters(self, parameters: Parameters) -> Calls:
         """The same calls, with the same threads and checks, by other parameters of the same code."""
-        other = copy.copy(self)
-        other.parameters = parameters
+        other = Calls(self.raw, parameters, self.coordinates, self.links)
+        other.threads, other.checks = self.threads, self.checks
         return other
 
     def shared(self, run: Callable[[int, int], int], count: int | None, least: int) -> int:

@@ -5,7 +5,6 @@ A generated package carries a copy of this file, which imports NumPy and its nei
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -119,7 +118,8 @@ class Kernel:
         Raises:
             UnknownNameError, InputError: as for an assignment to ``parameters``.
         """
-        other = copy.copy(self)
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__)  # a third of the time of copy.copy
         other.parameters = self.parameters.copy()
         other.calls = self.calls.with_parameters(other.parameters)
         if values:

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..description import RobotLike, as_robot
-from ..errors import ArrayError, EomgenWarning, InputError, UnknownNameError
-from ..names import nearest
+from ..errors import ArrayError, EomgenWarning, InputError
 from ..pipeline.stages import build
 from ..progress import StageReport, no_report
 from ..robot.model import build_model
@@ -129,8 +128,7 @@ def checked_loads(kernel: Kernel, loads: FrameLoads | None) -> dict[str, Array]:
     """
     found = {}
     for frame, value in (loads or {}).items():
-        if frame not in kernel.frames:
-            raise UnknownNameError(f"frame: {frame!r} is unknown{nearest(str(frame), kernel.frames)}")
+        kernel.frame_index(frame)  # refuses a name that is none
         try:
             wrench = np.array(value, dtype=np.float64)
         except (TypeError, ValueError):

@@ -17,6 +17,8 @@ from ..errors import UnknownNameError
 
 Array = NDArray[Any]
 
+__all__ = ["RawFunction", "RawKernel", "Setup"]
+
 POINTERS = {"float64": "double[]", "float32": "float[]"}
 FRAMES, ROLLOUT = "frames", "rollout"  # kinds of functions that are called otherwise than all others
 

@@ -1,0 +1,109 @@
+"""The table of kernels: kinds that agree with what an entry says, and functions that follow from it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import eomgen
+from eomgen.codegen.c import lanes
+from eomgen.codegen.c.sources import render
+from eomgen.codegen.kernels.equations import derive_equations
+from eomgen.codegen.kernels.operations import OWN
+from eomgen.codegen.kernels.signatures import KERNELS, KINDS, SIGNATURES, Signature, by_kind, functions, shapes
+from eomgen.codegen.kernels.writers import WAYS, WRITERS
+from eomgen.robot.model import build_model
+from tests.support.builds import Build
+
+TEMPLATES = Path(eomgen.__path__[0], "templates", "composed")
+OF_A_KIND: dict[str, Callable[[str, Signature], bool]] = {
+    "program": lambda name, _: name in {**WRITERS, **WAYS},
+    "tangent": lambda name, entry: entry.tangent_of in KERNELS and name not in WRITERS,
+    "frames": lambda name, entry: name in WRITERS and bool(entry.functions) and is_written(name),
+    "composed": lambda name, entry: set(entry.calls) >= set(entry.counts) != set() and is_written(name),
+    "rollout": lambda name, entry: set(entry.calls) >= set(entry.counts) != set() and is_written(name),
+}
+
+
+def is_written(name: str) -> bool:
+    return (TEMPLATES / f"{name}.c.jinja").is_file()
+
+
+@pytest.mark.parametrize("name", SIGNATURES)
+def test_an_entry_has_what_its_kind_needs(name: str) -> None:
+    entry = SIGNATURES[name]
+    assert entry.kind in KINDS
+    assert OF_A_KIND[entry.kind](name, entry)
+    assert (entry.tangent_of != "") == (entry.kind == "tangent")
+    assert (entry.functions != {}) == (entry.kind == "frames")
+    assert (entry.calls != ()) == (entry.kind in ("composed", "rollout"))
+    assert set(entry.calls) <= {*WRITERS, *WAYS}
+    assert entry.columns_of == "" or (entry.columns_of in WRITERS and is_written(name))
+    assert (name in OWN) <= (entry.kind == "composed")
+
+
+def test_every_array_has_a_shape() -> None:
+    robots = [eomgen.load_robot(name) for name in ("one_link", "four_bar", "balanced_arm")]
+    known = {key for robot in robots for key in shapes(build_model(robot))}
+    parts = [part for entry in KERNELS.values() for part in entry.functions.values()]
+    for entry in (*SIGNATURES.values(), *parts):
+        assert {*entry.reads, entry.writes} <= known
+
+
+def test_functions_are_in_the_order_of_packages() -> None:
+    """Frames behind all others, rollouts last."""
+    found = functions(reversed(KERNELS))
+    assert found == functions(iter(KERNELS))
+    assert [function.name for function in found[-3:]] == ["frame_pose", "frame_jacobian", "rollout"]
+    assert [function.name for function in found[:-3]] == [x for x in KERNELS if x not in ("kinematics", "rollout")]
+    assert [function.kernel for function in found[-3:]] == ["kinematics", "kinematics", "rollout"]
+    assert functions([]) == []
+    assert by_kind(["rollout", "forward_dynamics_jacobian", "kinematics", "mass_matrix"]) == [
+        "mass_matrix",
+        "kinematics",
+        "forward_dynamics_jacobian",
+        "rollout",
+    ]
+
+
+def test_kernels_too_large_for_vectors(built: Build, empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Their batches, of every kind, are loops over single states and give the same numbers."""
+    robot = eomgen.load_robot("one_link")
+    kernels = []
+    for name, limit in (("in_lanes", lanes.LANE_VALUES), ("in_loops", 0)):  # the cache does not know of the limit
+        monkeypatch.setattr(lanes, "LANE_VALUES", limit)
+        kernels.append(built(replace(robot, name=name)))
+    fast, slow = kernels
+    code = slow.source("c")
+    assert "_lanes(" not in code.split("several states at a time")[1]
+    assert "in_loops_frame_pose_batch" in code
+    assert "in_loops_kinematics_batch" not in code
+    rng = np.random.default_rng(5)
+    q, v, u = rng.uniform(-1.0, 1.0, (3, 9, 2))
+    for frame in fast.frames:
+        assert np.array_equal(slow.frame_pose(q, frame), fast.frame_pose(q, frame))
+        assert np.array_equal(slow.frame_jacobian(q, frame), fast.frame_jacobian(q, frame))
+    assert np.array_equal(slow.inverse_dynamics(q, v, u), fast.inverse_dynamics(q, v, u))
+    assert np.array_equal(slow.forward_dynamics_jacobian(q, v, u), fast.forward_dynamics_jacobian(q, v, u))
+    for method in ("rk4", "implicit"):
+        ends = [kernel.rollout(q, v, u, 1e-4, 8, method=method) for kernel in kernels]
+        assert np.array_equal(*ends)
+
+
+def test_metadata_keeps_what_older_readers_know() -> None:
+    """The key "kernels" holds what each reads and writes and nothing else; kinds are in "functions"."""
+    meta = json.loads(render(derive_equations(build_model(eomgen.load_robot("one_link"))), "float64").meta)
+    assert meta["kernels"]["mass_matrix"] == {"reads": ["q"], "writes": "matrix"}
+    assert {"kinematics", "rollout"} <= set(meta["kernels"])
+    assert meta["functions"]["frame_pose"] == {
+        "kernel": "kinematics",
+        "kind": "frames",
+        "reads": ["q"],
+        "writes": "pose",
+    }
+    assert set(meta["functions"]) - set(meta["kernels"]) == {"frame_pose", "frame_jacobian"}

@@ -1,0 +1,143 @@
+"""The raw face of kernels: pointers in, a status out, and addresses that C can call."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import cffi
+import numpy as np
+import pytest
+
+import eomgen
+from eomgen.errors import ArrayError, InputError, UnknownNameError
+from eomgen.runtime import Kernel
+from tests.support.builds import Build
+from tests.support.random_robots import random_robot, with_random_loops
+
+Q, V = np.array([0.02, 0.4]), np.array([0.3, -0.5])
+
+
+@pytest.fixture
+def kernel(built: Build) -> Kernel:
+    return built(eomgen.load_robot("one_link"))
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_every_function_does_what_its_call_does(dtype: str, built: Build) -> None:
+    """One state and a batch, beside a checked call of the same name."""
+    robot = with_random_loops(random_robot(901, joints=(3, 3), tree=True), 901, ("revolute",))
+    kernel = built(robot, dtype=dtype)
+    raw, rng, seen = kernel.raw, np.random.default_rng(1), set()
+    for name, function in raw.functions.items():
+        arrays = [rng.uniform(-0.5, 0.5, (3, *raw.shapes[label])).astype(dtype) for label in function.reads]
+        extra = (len(kernel.frames) - 1,) if function.is_framed else ()
+        one, many = (np.full((count, *raw.shapes[function.writes]), np.nan, dtype) for count in (1, 3))
+        pointer = kernel.parameters.setup.pointer
+        assert function.code(pointer, *(raw.view(x[0]) for x in arrays), *extra, raw.view(one)) == 0, name
+        steps = [item for x in arrays for item in (raw.view(x), x[0].size)]
+        assert function.batch(3, pointer, *steps, *extra, raw.view(many)) == -1, name
+        expected = kernel.calls.run(name, None, arrays, extra)
+        assert np.array_equal(many, expected), name
+        assert np.array_equal(one[0], kernel.calls.run(name, None, [x[0] for x in arrays], extra)), name
+        assert function.kernel in kernel.operations
+        seen.add(function.kind)
+    assert seen == {"program", "composed", "frames"}
+
+
+def test_functions_of_every_kind(built: Build) -> None:
+    kernel = built(eomgen.load_robot("one_link"), "energy", "energy_tangent", "kinematics", "rollout")
+    kinds = {name: function.kind for name, function in kernel.raw.functions.items()}
+    assert kinds == {
+        "energy": "program",
+        "energy_tangent": "tangent",
+        "frame_pose": "frames",
+        "frame_jacobian": "frames",
+    }
+    assert kernel.raw.functions["energy_tangent"].tangent_of == "energy"
+    assert kernel.raw.rollout is not None
+    assert (kernel.raw.rollout.name, kernel.raw.rollout.kind) == ("rollout", "rollout")
+    assert built(eomgen.load_robot("one_link"), "energy").raw.rollout is None
+
+
+def test_an_address_can_be_called(kernel: Kernel) -> None:
+    """By another library of cffi, with the address of what the parameters give."""
+    ffi = cffi.FFI()
+    call = ffi.cast("int (*)(const double *, const double *, double *)", kernel.raw.address("mass_matrix"))
+    many = "long long (*)(size_t, const double *, const double *, size_t, double *)"
+    batch = ffi.cast(many, kernel.raw.address("mass_matrix", batch=True))
+    h, found, two = ffi.cast("double *", kernel.parameters.setup.address), np.empty((2, 2)), np.empty((2, 2, 2))
+    assert call(h, ffi.from_buffer("double[]", Q), ffi.from_buffer("double[]", found)) == 0
+    assert np.array_equal(found, kernel.mass_matrix(Q))
+    assert batch(2, h, ffi.from_buffer("double[]", np.array([Q, V])), 2, ffi.from_buffer("double[]", two)) == -1
+    assert np.array_equal(two, kernel.mass_matrix(np.array([Q, V])))
+    assert kernel.raw.address("rollout") != kernel.raw.address("rollout", batch=True)
+    with pytest.raises(UnknownNameError, match="one_link was built without the kernel kinematics; built: mass_matrix,"):
+        kernel.raw.address("kinematics")
+
+
+def test_a_rollout_by_its_pointers(kernel: Kernel) -> None:
+    raw, u, ends = kernel.raw, np.array([0.1, -0.2]), np.empty((2, 2, 2))
+    assert raw.rollout is not None
+    drive = raw.drive(u=raw.view(u))
+    arrays = [raw.view(x) for x in (Q, V)]
+    pointer = kernel.parameters.setup.pointer
+    assert raw.rollout.code(pointer, *arrays, drive, 1e-3, 5, 5, 0, raw.view(ends[0]), raw.view(ends[1])) == -1
+    q, v = kernel.rollout(Q, V, u, 1e-3, 5, every=5)
+    assert np.array_equal(ends, [q, v])
+
+
+def test_what_parameters_give_is_replaced_as_a_whole(kernel: Kernel) -> None:
+    mine = kernel.with_parameters()
+    before = mine.parameters.setup
+    computed = before.computed.copy()
+    mine.parameters["joints.joint1.x.stiffness"] = 3.0
+    assert mine.parameters.setup is not before
+    assert np.array_equal(before.computed, computed)
+    assert 3.0 in mine.parameters.setup.values
+    assert mine.parameters.setup.address == mine.parameters.setup.computed.ctypes.data
+    assert kernel.parameters.setup is before
+
+
+def test_frames_have_numbers(kernel: Kernel) -> None:
+    assert [kernel.frame_index(name) for name in kernel.frames] == list(range(len(kernel.frames)))
+    with pytest.raises(UnknownNameError, match=r"frame: 'tpc' is unknown; did you mean 'tcp'\?"):
+        kernel.frame_index("tpc")
+
+
+@pytest.mark.parametrize(
+    ("make", "threads", "checks"),
+    [
+        (lambda kernel: kernel.with_threads(3), 3, True),
+        (lambda kernel: kernel.with_checks(False), 1, False),
+        (lambda kernel: kernel.with_checks(False).with_threads(2), 2, False),
+        (lambda kernel: kernel.with_threads(2).with_checks(False).with_parameters(), 2, False),
+    ],
+)
+def test_another_kernel_of_the_same_code(
+    make: Callable[[Kernel], Kernel], threads: int, checks: bool, kernel: Kernel
+) -> None:
+    """It has threads, checks and parameters of its own; the first one stays as it is."""
+    other = make(kernel)
+    assert (other.threads, other.checks) == (threads, checks)
+    assert (kernel.threads, kernel.checks) == (1, True)
+    assert other.raw is kernel.raw
+    if not checks:
+        assert np.isnan(other.mass_matrix([np.nan, np.nan])).any()
+    with pytest.raises(ArrayError, match="nan"):
+        kernel.mass_matrix([np.nan, np.nan])
+    before = kernel.generalized_force(Q, V)
+    other.parameters["joints.joint1.x.stiffness"] = 1.0
+    assert np.array_equal(kernel.generalized_force(Q, V), before)
+    assert not np.array_equal(other.generalized_force(Q, V), before)
+    many = np.random.default_rng(3).uniform(-1.0, 1.0, (2000, 2))
+    assert np.array_equal(other.mass_matrix(many), kernel.mass_matrix(many))
+    other.threads, other.checks = 4, True
+    assert (kernel.threads, kernel.checks) == (1, True)
+
+
+@pytest.mark.parametrize("number", [0, -1, 1.5, True, "2"])
+def test_threads_that_cannot_be(number: object, kernel: Kernel) -> None:
+    with pytest.raises(InputError, match="threads"):
+        kernel.with_threads(number)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="checks"):
+        kernel.with_checks(number if isinstance(number, str) else 1)  # type: ignore[arg-type]
