@@ -19,7 +19,7 @@ from eomgen.robot.model import Model
 from ..joint.zeros import zero_map
 from ..kernels.equations import Equations
 from ..kernels.signatures import KERNELS, SIGNATURES, shapes
-from ..program.ir import CALLS
+from ..program.operations import CALLS
 from ..solve.factorised import coordinate_parents
 from .metadata import metadata
 from .scalar_types import SCALARS, TURNS

@@ -78,15 +78,15 @@ def tension(numbers: Numbers, knots: Sequence[float], e: Scalar, rate: Scalar, f
     k, c = numbers["stiffness"], numbers["damping"]
     if "smoothing" in numbers:
         w = numbers["smoothing"]
-        beyond = f.larger(e - w, 0.0)
-        part = f.larger(e, 0.0) - beyond
+        beyond = f.max(e - w, 0.0)
+        part = f.max(e, 0.0) - beyond
         inverse = 1.0 / w
         slope = part * inverse
         d, bend = 0.5 * (part * slope) + beyond, (f.step(e) - f.step(e - w)) * inverse
         pull = k * d + c * (slope * rate)
         taut = f.step(pull)
         energy = k * (part * part * slope * (1.0 / 6.0) + 0.5 * beyond * (beyond + w))
-        return Effect(f.larger(pull, 0.0), taut * (k * slope + c * (bend * rate)), taut * (c * slope), energy)
+        return Effect(f.max(pull, 0.0), taut * (k * slope + c * (bend * rate)), taut * (c * slope), energy)
     total = Effect(k * e + c * rate, k, c, 0.5 * (k * (e * e)))
     if knots:
         total = total + _curve(knots, [numbers[f"curve.{i}"] for i in range(len(knots))], e, f)
@@ -97,7 +97,7 @@ def steepest(knots: Sequence[float], forces: Sequence[Scalar], f: Functions) -> 
     """The slope of the steepest rising piece between a curve's points, at least 0."""
     most: Scalar = 0.0
     for (a, b), (low, high) in zip(pairwise(knots), pairwise(forces), strict=True):
-        most = f.larger((high - low) * (1.0 / (b - a)), most)
+        most = f.max((high - low) * (1.0 / (b - a)), most)
     return most
 
 
@@ -105,7 +105,7 @@ def _springs(numbers: Numbers, s: Scalar, f: Functions) -> Effect:
     total = Effect()
     if "stiffness_negative" in numbers:
         k = numbers["stiffness_negative"]
-        more, beyond = numbers["stiffness"] - k, f.larger(s, 0.0)
+        more, beyond = numbers["stiffness"] - k, f.max(s, 0.0)
         energy = (k * s * s + more * beyond * beyond) * 0.5
         total = Effect(k * s + more * beyond, k + more * f.step(s), energy=energy)
     if "cubic" in numbers:
@@ -131,8 +131,8 @@ def _contact(numbers: Numbers, k: Scalar, s: Scalar, v: Scalar, f: Functions) ->
     """
     w = numbers["smoothing"]
     x = s - numbers["clearance"]
-    beyond = f.larger(x - w, 0.0)
-    part = f.larger(x, 0.0) - beyond  # of x within the smoothing
+    beyond = f.max(x - w, 0.0)
+    part = f.max(x, 0.0) - beyond  # of x within the smoothing
     slope = part * (1.0 / w)
     d = 0.5 * (part * slope) + beyond
     force, by_s = k * d, k * slope
@@ -147,7 +147,7 @@ def _contact(numbers: Numbers, k: Scalar, s: Scalar, v: Scalar, f: Functions) ->
     if "restitution_damping" in numbers:
         c = numbers["restitution_damping"]
         raised = 1.0 + c * v
-        factor = f.larger(raised, 0.0)
+        factor = f.max(raised, 0.0)
         return Effect(force * factor, by_s * factor, force * (c * f.step(raised)), energy)
     return Effect(force, by_s, energy=energy)
 
@@ -181,7 +181,7 @@ def _curve(knots: Sequence[float], forces: Sequence[Scalar], s: Scalar, f: Funct
 def _along(knots: Sequence[float], forces: Sequence[Scalar], s: Scalar, f: Functions) -> tuple[Any, Any, Any]:
     """Force, slope and energy from the first knot on: what every piece adds within its interval."""
     slopes, pieces = curve_pieces(knots, forces, f)
-    beyond = [f.larger(s - knot, 0.0) for knot in knots]
+    beyond = [f.max(s - knot, 0.0) for knot in knots]
     before = (s - knots[0]) - beyond[0]  # at most 0
     force = forces[0] + slopes[0] * before + slopes[-1] * beyond[-1]
     by_s = slopes[0]
