@@ -118,7 +118,7 @@ class IntegrationStopped(IntegrationError):
         self.stored: Any = None
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """To another process goes the last good state; what may be large stays where it was found."""
+        """Pickle the last good state alone; the trajectory and the result, which may be large, stay behind."""
         return type(self), (self.args[0], self.t, self.q, self.v, self.coordinate)
 
 

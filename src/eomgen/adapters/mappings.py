@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, UnknownNameError
+from ..robot.laws import number_of
 from ..runtime.kernel import Kernel
 
 Array = NDArray[Any]
 FRAMES = ("frame_pose", "frame_jacobian")
-STAYS = ("armature", "inertia", "ratio", "clearance", "free_length", "smoothing", "stribeck")
-PLACES = ("offset", "placement", "points")
 
 
 @dataclass(frozen=True)
@@ -198,13 +197,11 @@ def jacobian_derivative(J: Any, xp: Any = np) -> Any:
 
 
 def _without_forces(kernel: Kernel) -> Kernel:
-    """The kernel with all force parameters at zero, so that its residual is M a + bias."""
-
-    def is_force(name: str) -> bool:
-        path = name.split(".")
-        return path[0] not in ("links", "frames") and path[-1] not in STAYS and not set(path) & set(PLACES)
-
-    free = kernel.with_parameters({name: 0.0 for name in kernel.parameters if is_force(name)})
+    """The kernel without gravity and with all laws idle, so that its residual is M a + bias."""
+    numbers = {name: number_of(name) for name in kernel.parameters}
+    idle = {name: number.idle for name, number in numbers.items() if number is not None}
+    idle |= dict.fromkeys((name for name in kernel.parameters if name.startswith("gravity.")), 0.0)
+    free = kernel.with_parameters({name: value for name, value in idle.items() if value is not None})
     rng = np.random.default_rng(0)
     states = rng.uniform(-1.0, 1.0, (2, 8, kernel.n)).astype(kernel.dtype)
     forces = free.generalized_force(*states)

@@ -67,7 +67,7 @@ class Kernel(Calls):
         self._rolls = "rollout" in meta["kernels"]
         self._ratios: dict[str, float] = {name: ratio for name, (_, ratio) in meta.get("motors", {}).items()}
         self.knots: dict[str, tuple[float, ...]] = {k: tuple(x) for k, x in meta["knots"].items()}
-        self.parameters = Parameters(self, meta["parameters"], meta["hoisted"])
+        self.parameters = Parameters(self, meta["parameters"], meta["least"], meta["hoisted"])
 
     def __repr__(self) -> str:
         return f"<Kernel {self.name}: {len(self.coordinates)} coordinates, {self.dtype}>"

@@ -19,12 +19,6 @@ if TYPE_CHECKING:
     from .kernel import Kernel
 
 Array = NDArray[Any]
-NOT_NEGATIVE = (
-    *("mass", "stiffness", "damping", "armature", "cubic", "stiffness_negative", "clearance"),
-    *("restitution_damping", "coulomb", "static", "viscous", "free_length"),
-)
-DIVISORS = ("smoothing", "stribeck")
-SMALLEST = 1e-12  # as in descriptions
 
 
 class Setup:
@@ -42,12 +36,13 @@ class Parameters(MutableMapping[str, float]):
     """Run-time parameters by name; assigning computes what depends on them alone.
 
     ``update`` sets several at once.  Masses, stiffnesses, dampings, armatures, clearances, free lengths and friction
-    forces are at least 0, smoothings and Stribeck rates SMALLEST; that an inertia stays one that a body can have is
-    up to the caller.
+    forces are at least 0, what is divided by 1e-12; that an inertia stays one that a body can have is up to the caller.
+
+    least: the least value of each parameter that has one.
     """
 
-    def __init__(self, kernel: Kernel, values: Mapping[str, float], hoisted: int) -> None:
-        self._kernel, self._hoisted = kernel, hoisted
+    def __init__(self, kernel: Kernel, values: Mapping[str, float], least: Mapping[str, float], hoisted: int) -> None:
+        self._kernel, self._least, self._hoisted = kernel, least, hoisted
         self._slots = {name: slot for slot, name in enumerate(values)}
         self._lock = threading.Lock()
         self._set(np.array(list(values.values()), kernel.dtype))
@@ -55,7 +50,7 @@ class Parameters(MutableMapping[str, float]):
     def copy_for(self, kernel: Kernel) -> Parameters:
         """The same names and values for another kernel of the same code; neither sees the other's assignments."""
         other = Parameters.__new__(Parameters)
-        other._kernel, other._hoisted, other._slots = kernel, self._hoisted, self._slots
+        other._kernel, other._least, other._hoisted, other._slots = kernel, self._least, self._hoisted, self._slots
         other._lock = threading.Lock()
         other._setup = self._setup  # replaced as a whole on assignment
         return other
@@ -103,10 +98,10 @@ class Parameters(MutableMapping[str, float]):
                 raise InputError(f"parameters: {name} = {value!r} is not a number")
             if not np.isfinite(value):
                 raise InputError(f"parameters: {name} = {value!r} is not finite")
-            if value < 0 and name.rpartition(".")[2] in NOT_NEGATIVE:
-                raise InputError(f"parameters: {name} = {value!r} is negative; at least 0 is allowed")
-            if value < SMALLEST and name.rpartition(".")[2] in DIVISORS:
-                raise InputError(f"parameters: {name} = {value!r} is too small; at least {SMALLEST:g} is allowed")
+            least = self._least.get(name)
+            if least is not None and value < least:
+                wrong = "too small" if least > 0.0 else "negative"
+                raise InputError(f"parameters: {name} = {value!r} is {wrong}; at least {least:g} is allowed")
             wanted[slot] = float(value)
         with self._lock:  # assignments of other threads are kept
             values = self._setup.values.copy()

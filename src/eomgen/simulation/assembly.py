@@ -112,9 +112,7 @@ def _is_implicit(method: str, robot: Robot) -> bool:
     if method != "auto":
         return method not in EXPLICIT
     tables = [c for joint in robot.joints for c in joint.all_coordinates.values()]
-    return (
-        bool(robot.springs) or any(joint.motor for joint in robot.joints) or any(c.stiffness or c.curve for c in tables)
-    )
+    return bool(robot.springs) or any(joint.motor for joint in robot.joints) or any(c.has_stiffness for c in tables)
 
 
 def _driven(robot: Robot, needed: bool) -> tuple[str, ...]:
