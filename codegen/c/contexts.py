@@ -13,7 +13,7 @@ from eomgen.robot.model import Model
 from ..joint.zeros import zero_map
 from ..kernels.equations import Equations
 from ..kernels.signatures import KERNELS, SIGNATURES, Function, by_kind, functions, shapes
-from ..program.ir import CALLS
+from ..program.operations import CALLS
 from ..solve.factorised import coordinate_parents
 from .definitions import define, define_setup
 from .lanes import SQUARES, batched, calls_of

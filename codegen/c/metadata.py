@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from eomgen._version import __version__
+from eomgen.robot.laws import least_of
 from eomgen.robot.model import Model
 from eomgen.robot.value import MOTOR
 
@@ -35,6 +36,7 @@ def metadata(equations: Equations, dtype: str) -> dict[str, Any]:
         "prescribed": [model.coordinates[i] for i in model.prescribed],
         **_motor_metadata(model),
         "parameters": dict(model.parameters),
+        "least": {name: least for name in model.parameters if (least := least_of(name)) is not None},
         "hoisted": len(equations.setup.outputs),
         "shapes": {key: list(shape) for key, shape in shapes(model).items()},
         "kernels": {

@@ -11,12 +11,12 @@ from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from ..kernels.signatures import SIGNATURES
-from ..program.ir import CALLS, Program, users
+from ..program.ir import Program, users
+from ..program.operations import CALLS
 from .scalar_types import Scalar
 
 CHUNK = 900  # values per function
 INLINE = 72  # longest expression, in characters, that is written into another one
-NAMES = {"sqrt": "root", "max": "larger", "step": "positive"}  # functions of ``kernel/vectors.jinja``
 FILL = 16  # from so many zeros on an output is cleared in a loop
 
 
@@ -235,7 +235,7 @@ class _Writer:
         instruction = self.program.instructions[index]
         if instruction.op in CALLS:
             whole = [self._whole(arg, text) for arg, text in zip(instruction.args, args, strict=True)]
-            return f"{NAMES[instruction.op]}{'_lanes' if self.scalar.spread else ''}({', '.join(whole)})"
+            return f"{CALLS[instruction.op].function}{'_lanes' if self.scalar.spread else ''}({', '.join(whole)})"
         return self._expression(instruction.op, args)
 
     def _expression(self, op: str, args: Sequence[str]) -> str:

@@ -24,13 +24,23 @@ from eomgen.robot.model import FIXED_BODY, Body, Model
 from ..forces.rows import effects, resisting_rows, stretches
 from ..forces.scalar_functions import Functions
 from ..joint.lemmas import Matrix, joint_derivatives, joint_transform, step
+from ..program.operations import CALLS
 from ..tree.bound import Bound, bind
 from ..tree.spatial import Pose, PseudoInertia
 
 Expr = Any  # sympy.Expr
 Array = NDArray[np.float64]
 Row = tuple[Expr, ...]
-SYMBOLS = Functions(sp.sqrt, sp.Max, lambda x: sp.Heaviside(x, 0))
+
+
+def _expression(op: str, *x: Expr) -> Expr:
+    """A function of expressions, by the name of its operation."""
+    write = CALLS[op].sympy
+    assert write is not None, op
+    return write(sp, *x)
+
+
+SYMBOLS = Functions(_expression)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Forces of one coordinate beyond a linear spring and damper: what a deviation s at the rate v is resisted with.
+"""Formulas of the laws in ``robot.laws``: what a deviation s at the rate v is resisted with.
 
 Every law is a function of s and v with its slopes and the energy that it stores (zero at s = 0), over any kind of
 scalar.  There are no branches: u = max(s - a, 0) is what of s lies beyond a, and a difference of two such is the part
@@ -11,10 +11,12 @@ Control of Systems with Friction", IEEE Transactions on Automatic Control 40 (19
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
+
+from eomgen.robot.laws import LAWS, given_laws
 
 from ..tree.spatial import Scalar
 from .monotone_curve import curve_pieces
@@ -41,28 +43,28 @@ class Effect:
         )
 
 
-def effect(numbers: Numbers, knots: Sequence[float], s: Scalar, v: Scalar, f: Functions) -> Effect:
-    """All forces of a coordinate but stiffness and damping of straight lines.
+@dataclass(frozen=True)
+class Deflection:
+    """Where a law is evaluated: the numbers of the coordinate's laws, deviations of its curve, deviation s and rate v.
 
-    Args:
-        numbers: ``Coordinate.law`` by name; "stiffness" is there if it belongs to a clearance or to one side.
-        knots: deviations of its curve.
-        s, v: deviation (m, rad) and rate.
-        f: functions of the scalars.
+    numbers: by the names of ``robot.laws``; "stiffness" is there if a law takes it.
+    s: m or rad; v: per s.  f: functions of the scalars.
     """
-    total = Effect()
-    if "preload" in numbers:
-        p = numbers["preload"]
-        total = total + Effect(p, energy=p * s)
-    if "clearance" in numbers:
-        total = total + _contacts(numbers, s, v, f)
-    else:
-        total = total + _springs(numbers, s, f)
-    if "friction.coulomb" in numbers:
-        total = total + _friction(numbers, v, f)
-    if knots:
-        forces = [numbers[f"curve.{i}"] for i in range(len(knots))]
-        total = total + _curve(knots, forces, s, f)
+
+    numbers: Numbers
+    knots: Sequence[float]
+    s: Scalar
+    v: Scalar
+    f: Functions
+
+
+def effect(numbers: Numbers, knots: Sequence[float], s: Scalar, v: Scalar, f: Functions) -> Effect:
+    """All forces of a coordinate but stiffness and damping of straight lines; arguments as of ``Deflection``."""
+    given = {law.name for law in given_laws(numbers)}
+    acting = given.difference(*(LAWS[name].absorbs for name in given))
+    x, total = Deflection(numbers, knots, s, v, f), Effect()
+    for group in GROUPS:
+        total = total + sum((formula(x) for name, formula in group.items() if name in acting), Effect())
     return total
 
 
@@ -78,18 +80,18 @@ def tension(numbers: Numbers, knots: Sequence[float], e: Scalar, rate: Scalar, f
     k, c = numbers["stiffness"], numbers["damping"]
     if "smoothing" in numbers:
         w = numbers["smoothing"]
-        beyond = f.larger(e - w, 0.0)
-        part = f.larger(e, 0.0) - beyond
+        beyond = f.max(e - w, 0.0)
+        part = f.max(e, 0.0) - beyond
         inverse = 1.0 / w
         slope = part * inverse
         d, bend = 0.5 * (part * slope) + beyond, (f.step(e) - f.step(e - w)) * inverse
         pull = k * d + c * (slope * rate)
         taut = f.step(pull)
         energy = k * (part * part * slope * (1.0 / 6.0) + 0.5 * beyond * (beyond + w))
-        return Effect(f.larger(pull, 0.0), taut * (k * slope + c * (bend * rate)), taut * (c * slope), energy)
+        return Effect(f.max(pull, 0.0), taut * (k * slope + c * (bend * rate)), taut * (c * slope), energy)
     total = Effect(k * e + c * rate, k, c, 0.5 * (k * (e * e)))
     if knots:
-        total = total + _curve(knots, [numbers[f"curve.{i}"] for i in range(len(knots))], e, f)
+        total = total + _through_points([numbers[f"curve.{i}"] for i in range(len(knots))], knots, e, f)
     return total
 
 
@@ -97,28 +99,32 @@ def steepest(knots: Sequence[float], forces: Sequence[Scalar], f: Functions) -> 
     """The slope of the steepest rising piece between a curve's points, at least 0."""
     most: Scalar = 0.0
     for (a, b), (low, high) in zip(pairwise(knots), pairwise(forces), strict=True):
-        most = f.larger((high - low) * (1.0 / (b - a)), most)
+        most = f.max((high - low) * (1.0 / (b - a)), most)
     return most
 
 
-def _springs(numbers: Numbers, s: Scalar, f: Functions) -> Effect:
-    total = Effect()
-    if "stiffness_negative" in numbers:
-        k = numbers["stiffness_negative"]
-        more, beyond = numbers["stiffness"] - k, f.larger(s, 0.0)
-        energy = (k * s * s + more * beyond * beyond) * 0.5
-        total = Effect(k * s + more * beyond, k + more * f.step(s), energy=energy)
-    if "cubic" in numbers:
-        c, square = numbers["cubic"], s * s
-        total = total + Effect(c * square * s, 3.0 * c * square, energy=0.25 * c * square * square)
-    return total
+def _preload(x: Deflection) -> Effect:
+    p = x.numbers["preload"]
+    return Effect(p, energy=p * x.s)
 
 
-def _contacts(numbers: Numbers, s: Scalar, v: Scalar, f: Functions) -> Effect:
+def _two_sides(x: Deflection) -> Effect:
+    k, s = x.numbers["stiffness_negative"], x.s
+    more, beyond = x.numbers["stiffness"] - k, x.f.max(s, 0.0)
+    energy = (k * s * s + more * beyond * beyond) * 0.5
+    return Effect(k * s + more * beyond, k + more * x.f.step(s), energy=energy)
+
+
+def _cubic(x: Deflection) -> Effect:
+    c, square = x.numbers["cubic"], x.s * x.s
+    return Effect(c * square * x.s, 3.0 * c * square, energy=0.25 * c * square * square)
+
+
+def _contacts(x: Deflection) -> Effect:
     """Both ends of a clearance."""
-    k = numbers["stiffness"]
-    ahead = _contact(numbers, k, s, v, f)
-    behind = _contact(numbers, numbers.get("stiffness_negative", k), -s, -v, f)
+    k = x.numbers["stiffness"]
+    ahead = _contact(x.numbers, k, x.s, x.v, x.f)
+    behind = _contact(x.numbers, x.numbers.get("stiffness_negative", k), -x.s, -x.v, x.f)
     return Effect(
         ahead.force - behind.force, ahead.by_s + behind.by_s, ahead.by_v + behind.by_v, ahead.energy + behind.energy
     )
@@ -131,8 +137,8 @@ def _contact(numbers: Numbers, k: Scalar, s: Scalar, v: Scalar, f: Functions) ->
     """
     w = numbers["smoothing"]
     x = s - numbers["clearance"]
-    beyond = f.larger(x - w, 0.0)
-    part = f.larger(x, 0.0) - beyond  # of x within the smoothing
+    beyond = f.max(x - w, 0.0)
+    part = f.max(x, 0.0) - beyond  # of x within the smoothing
     slope = part * (1.0 / w)
     d = 0.5 * (part * slope) + beyond
     force, by_s = k * d, k * slope
@@ -147,15 +153,16 @@ def _contact(numbers: Numbers, k: Scalar, s: Scalar, v: Scalar, f: Functions) ->
     if "restitution_damping" in numbers:
         c = numbers["restitution_damping"]
         raised = 1.0 + c * v
-        factor = f.larger(raised, 0.0)
+        factor = f.max(raised, 0.0)
         return Effect(force * factor, by_s * factor, force * (c * f.step(raised)), energy)
     return Effect(force, by_s, energy=energy)
 
 
-def _friction(numbers: Numbers, v: Scalar, f: Functions) -> Effect:
+def _friction(x: Deflection) -> Effect:
+    numbers, v = x.numbers, x.v
     smoothing = numbers["friction.smoothing"]
     square = smoothing * smoothing
-    inverse = 1.0 / f.sqrt(v * v + square)
+    inverse = 1.0 / x.f.sqrt(v * v + square)
     sign, sign_slope = v * inverse, square * (inverse * inverse * inverse)
     level: Scalar = numbers["friction.coulomb"]
     level_slope: Scalar = 0.0
@@ -172,7 +179,11 @@ def _friction(numbers: Numbers, v: Scalar, f: Functions) -> Effect:
     return total
 
 
-def _curve(knots: Sequence[float], forces: Sequence[Scalar], s: Scalar, f: Functions) -> Effect:
+def _curve(x: Deflection) -> Effect:
+    return _through_points([x.numbers[f"curve.{i}"] for i in range(len(x.knots))], x.knots, x.s, x.f)
+
+
+def _through_points(forces: Sequence[Scalar], knots: Sequence[float], s: Scalar, f: Functions) -> Effect:
     """The curve through measured points; its energy is zero at s = 0."""
     force, by_s, energy = _along(knots, forces, s, f)
     return Effect(force, by_s, energy=energy - _along(knots, forces, 0.0, f)[2])
@@ -181,7 +192,7 @@ def _curve(knots: Sequence[float], forces: Sequence[Scalar], s: Scalar, f: Funct
 def _along(knots: Sequence[float], forces: Sequence[Scalar], s: Scalar, f: Functions) -> tuple[Any, Any, Any]:
     """Force, slope and energy from the first knot on: what every piece adds within its interval."""
     slopes, pieces = curve_pieces(knots, forces, f)
-    beyond = [f.larger(s - knot, 0.0) for knot in knots]
+    beyond = [f.max(s - knot, 0.0) for knot in knots]
     before = (s - knots[0]) - beyond[0]  # at most 0
     force = forces[0] + slopes[0] * before + slopes[-1] * beyond[-1]
     by_s = slopes[0]
@@ -193,3 +204,14 @@ def _along(knots: Sequence[float], forces: Sequence[Scalar], s: Scalar, f: Funct
         inner = slopes[i] * 0.5 + t * (square * (1.0 / 3.0) + t * (cube * 0.25))
         energy = energy + t * (forces[i] + t * inner)
     return force, by_s, energy
+
+
+# In the order of the sums in the generated code; a group is summed first by itself.
+GROUPS: Sequence[Mapping[str, Callable[[Deflection], Effect]]] = (
+    {"preload": _preload},
+    {"stiffness_negative": _two_sides, "cubic": _cubic},
+    {"clearance": _contacts},
+    {"friction": _friction},
+    {"curve": _curve},
+)
+FORMULAS = {name: formula for group in GROUPS for name, formula in group.items()}

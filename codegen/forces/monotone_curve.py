@@ -45,12 +45,12 @@ def _inner_slope(before: float, behind: float, one: Scalar, other: Scalar, f: Fu
         below = (2.0 * behind + before) * b + (behind + 2.0 * before) * a
         return 3.0 * (before + behind) * (a * b) / (below + (1.0 - f.step(below)))
 
-    rising = mean(f.larger(one, 0.0), f.larger(other, 0.0))
-    return rising - mean(f.larger(-one, 0.0), f.larger(-other, 0.0))
+    rising = mean(f.max(one, 0.0), f.max(other, 0.0))
+    return rising - mean(f.max(-one, 0.0), f.max(-other, 0.0))
 
 
 def _end_slope(h: float, next_h: float, one: Scalar, other: Scalar, f: Functions) -> Scalar:
     """The slope of the parabola through three points, brought between 0 and three times the first secant."""
     parabola = ((2.0 * h + next_h) * one - h * other) * (1.0 / (h + next_h))
-    most, least = 3.0 * f.larger(one, 0.0), -3.0 * f.larger(-one, 0.0)
-    return -f.larger(-f.larger(parabola, least), -most)
+    most, least = 3.0 * f.max(one, 0.0), -3.0 * f.max(-one, 0.0)
+    return -f.max(-f.max(parabola, least), -most)

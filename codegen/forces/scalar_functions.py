@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from functools import partial
 
-from ..program.ir import CALLS, Graph
+from ..program.operations import CALLS
 from ..tree.spatial import Scalar
 
 
-@dataclass(frozen=True)
 class Functions:
-    """Square root, the larger of two, and 1 where greater than 0 else 0, of one kind of scalar."""
+    """Functions of one kind of scalar, by the names of their operations: ``f.sqrt(x)``, ``f.max(x, y)``, ``f.step(x)``.
 
-    sqrt: Callable[[Scalar], Scalar]
-    larger: Callable[[Scalar, Scalar], Scalar]
-    step: Callable[[Scalar], Scalar]
+    call: (name, *arguments) -> value, such as ``Graph.call``.
+    """
 
-    @classmethod
-    def of(cls, graph: Graph) -> Functions:
-        """Those of a program under construction."""
-        return cls(graph.sqrt, graph.max, graph.step)
+    def __init__(self, call: Callable[..., Scalar]) -> None:
+        self._call = call
 
-
-FLOATS = Functions(CALLS["sqrt"], CALLS["max"], CALLS["step"])
+    def __getattr__(self, name: str) -> Callable[..., Scalar]:
+        if name not in CALLS:
+            raise AttributeError(f"{name!r} is no operation; known: {', '.join(CALLS)}")
+        return partial(self._call, name)

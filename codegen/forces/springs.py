@@ -20,8 +20,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from eomgen.robot.geometry import IDENTITY
+from eomgen.robot.laws import SMALLEST
 from eomgen.robot.model import Model
-from eomgen.robot.value import SMALLEST
 
 from ..tree.bound import Bound, BoundSpring
 from ..tree.composite import Rows

@@ -88,13 +88,13 @@ def implicit_step(d: Derivation) -> Outputs:
     for i, (stiffness, damping) in enumerate(zip(d.bound.stiffness, d.bound.damping, strict=True)):
         armature[i] = armature[i] + (dt * damping + square * stiffness)
     for i, law in effects(d.bound, ahead, d.v, d.functions).items():
-        armature[i] = armature[i] + d.functions.larger(dt * law.by_v + square * law.by_s, 0.0)
+        armature[i] = armature[i] + d.functions.max(dt * law.by_v + square * law.by_s, 0.0)
     for place, i in enumerate(d.own):
         if i in d.model.driven:
             armature[i] = armature[i] + d.graph.input("added", place)
     slopes = {}
     for i, stretch in stretches(d.bound, ahead, d.v, d.functions).items():
-        bent = d.functions.larger(dt * stretch.bent.by_v + square * stretch.bent.by_s, 0.0)
+        bent = d.functions.max(dt * stretch.bent.by_v + square * stretch.bent.by_s, 0.0)
         slopes[i] = dt * stretch.linear.by_v + square * stretch.linear.by_s + bent
     accelerations, pivots = _by_elimination(d, d.bound, armature, drives, d.v, slopes)
     return _solved(d, _with_lines(d, armature, accelerations, pulls, dt, square, slopes), pivots)
@@ -121,7 +121,7 @@ def _with_lines(
         answers.append(_by_elimination(d, rest, armature, drives, d.still, slopes)[0])
     found = list(accelerations)
     for place, pull in enumerate(pulls):
-        own, slope = answers[place], d.functions.larger(dt * pull.by_rate + square * pull.by_e, 0.0)
+        own, slope = answers[place], d.functions.max(dt * pull.by_rate + square * pull.by_e, 0.0)
         share = slope / (1.0 + slope * _along(pull, own))
         for other in (found, *answers[place + 1 :]):
             taken = share * _along(pull, other)

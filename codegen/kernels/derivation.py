@@ -45,7 +45,7 @@ class Derivation:
         self.bound: Bound = regroup(self.model, choose_frames(self.model, bound)) if regrouped else bound
         self.joints: list[JointGeometry] = geometry(self.model, self.bound, self.q, self.graph.sincos)
         self.still: list[Scalar] = [0.0] * self.model.size
-        self.functions = Functions.of(self.graph)
+        self.functions = Functions(self.graph.call)
 
     def _inputs(self, name: str) -> list[Scalar]:
         found: list[Scalar] = [0.0] * self.model.size

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from .ir import Graph, Instruction, Node, Program, Value, finish
+from .operations import OPERATIONS
 
 
 def tangent(program: Program, rates: Mapping[str, str], name: str) -> Program:
@@ -43,20 +44,8 @@ def _rate(
         return graph.input(rates[array], place) if array in rates else 0.0
     x = [values[arg] for arg in instruction.args]
     dx = [moving[arg] for arg in instruction.args]
-    if op in ("const", "step") or not any(isinstance(rate, Node) or rate != 0.0 for rate in dx):
+    derivative = OPERATIONS[op].rate
+    if derivative is None or not any(isinstance(rate, Node) or rate != 0.0 for rate in dx):
         return 0.0
-    if op == "neg":
-        return -dx[0]
-    if op == "sin":
-        return graph.sincos(x[0])[1] * dx[0]
-    if op == "cos":
-        return -(graph.sincos(x[0])[0] * dx[0])
-    if op == "sqrt":
-        return 0.5 * dx[0] / this
-    if op == "mul":
-        return dx[0] * x[1] + x[0] * dx[1]
-    if op == "div":
-        return (dx[0] - this * dx[1]) / x[1]
-    if op == "max":
-        return dx[0] + graph.step(x[1] - x[0]) * (dx[1] - dx[0])
-    return dx[0] + dx[1] if op == "add" else dx[0] - dx[1]
+    found: Value = derivative(graph, x, this, dx)
+    return found

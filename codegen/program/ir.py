@@ -2,8 +2,8 @@
 
 A ``Graph`` is under construction; a ``Program`` is finished and immutable.  A value's name is its index, and its
 arguments have smaller indices, so single assignment and topological order hold by construction.  Values are real
-scalars.  There is no control flow, no loop, no array and no call but sine, cosine and square root, and all that is
-compared is which of two values is larger: a kernel that needs more has it in its template.
+scalars.  There is no control flow, no loop, no array and no call but those of ``operations``: a kernel that needs more
+has it in its template.
 
 Nodes are interned (the same operation on the same arguments is one node) and 0, 1 and -1 fold where a node is built,
 so sharing is a dictionary and most pruning is free.
@@ -12,29 +12,18 @@ so sharing is a dictionary and most pruning is free.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any
 
-ARITY = {"const": 0, "input": 0, "neg": 1, "sin": 1, "cos": 1, "add": 2, "sub": 2, "mul": 2, "div": 2}
-ARITY |= {"sqrt": 1, "max": 2, "step": 1}
-
-
-def _larger(x: float, y: float) -> float:
-    """y where it is larger, else x: not a number stays not a number in x."""
-    return y if x < y else x
-
-
-CALLS: Mapping[str, Callable[..., Any]] = {  # on floats
-    "sqrt": math.sqrt,
-    "max": _larger,
-    "step": lambda x: 1.0 if x > 0.0 else 0.0,
-}
+from .operations import CALLS, OPERATIONS, VALUES
 
 
 @dataclass(frozen=True)
 class Instruction:
-    """One value: ``op`` of ARITY, arguments by index; ``leaf`` is a constant's number or an input's (array, index)."""
+    """One value: an operation, its arguments by index; ``leaf`` is a constant's number or an input's (array, index)."""
 
     op: str
     args: tuple[int, ...] = ()
@@ -114,23 +103,16 @@ class Graph:
             x = number
         return math.sin(x), math.cos(x)
 
-    def sqrt(self, x: Value) -> Value:
-        """Square root of x."""
-        return self._call("sqrt", x)
-
-    def max(self, x: Value, y: Value) -> Value:
-        """The larger of x and y; if one may be no number, it belongs in x, where it stays."""
-        return x if isinstance(x, Node) and isinstance(y, Node) and x.index == y.index else self._call("max", x, y)
-
-    def step(self, x: Value) -> Value:
-        """1 where x is greater than 0, else 0."""
-        return self._call("step", x)
-
-    def _call(self, op: str, *args: Value) -> Value:
+    def call(self, op: str, *args: Value) -> Value:
+        """A function of values, by its name in ``operations.CALLS``; of max(x, y), x is where no number may come."""
+        operation, first = CALLS[op], args[0]
+        if operation.idempotent and len({(x.index,) if isinstance(x, Node) else x for x in args}) == 1:
+            return first
         numbers = [self._number(x) if isinstance(x, Node) else float(x) for x in args]
         known = [x for x in numbers if x is not None]
-        if len(known) == len(args) and not (op == "sqrt" and known[0] < 0.0):
-            return float(CALLS[op](*known))
+        found = operation.compute(*known) if len(known) == len(args) else None
+        if found is not None:
+            return found
         nodes = [x if isinstance(x, Node) else self.constant(x) for x in args]
         return self._node(op, tuple(x.index for x in nodes))
 
@@ -281,9 +263,8 @@ class Graph:
 
     def _binary(self, op: str, x: Node, y: Node) -> Value:
         a, b = self._number(x), self._number(y)
-        if a is not None and b is not None and not (op == "div" and b == 0.0):
-            return {"add": a + b, "sub": a - b, "mul": a * b, "div": a / b if b else 0.0}[op]
-        return self._node(op, (x.index, y.index))
+        found = None if a is None or b is None else OPERATIONS[op].compute(a, b)
+        return self._node(op, (x.index, y.index)) if found is None else found
 
     def _number(self, x: Node) -> float | None:
         """The number of a constant node, or None."""
@@ -309,15 +290,15 @@ class Program:
     notes: Mapping[int, str] = field(default_factory=dict)
 
     def count(self) -> dict[str, int]:
-        """Operations of one run: sums, negations, maxima and steps as "add", square roots as "div".
-
-        Sine and cosine of an angle are one.
-        """
-        ops = [instruction.op for instruction in self.instructions]
+        """Operations of one run, by their ``cost``; sine and cosine of an angle are one."""
+        found = Counter(OPERATIONS[instruction.op].cost for instruction in self.instructions)
         angles = {i.args[0] for i in self.instructions if i.op in ("sin", "cos")}
-        add = sum(ops.count(op) for op in ("add", "sub", "neg", "max", "step"))
-        div = ops.count("div") + ops.count("sqrt")
-        return {"mul": ops.count("mul"), "add": add, "div": div, "sincos": len(angles)}
+        return {
+            "mul": found["mul"],
+            "add": found["add"],
+            "div": found["div"],
+            "sincos": found["sincos"] + len(angles),
+        }
 
     def inputs(self) -> set[str]:
         """Names of the input arrays that are read."""
@@ -368,10 +349,11 @@ def verify(program: Program) -> Program:
             constant that is not finite, or an output that does not exist.
     """
     for index, (op, args, leaf) in enumerate((i.op, i.args, i.leaf) for i in program.instructions):
-        assert op in ARITY, f"{program.name}: value {index}, unknown operation {op}"
-        assert len(args) == ARITY[op], f"{program.name}: value {index}, {op} takes {ARITY[op]} arguments"
+        assert op in OPERATIONS, f"{program.name}: value {index}, unknown operation {op}"
+        arity = OPERATIONS[op].arity
+        assert len(args) == arity, f"{program.name}: value {index}, {op} takes {arity} arguments"
         assert all(0 <= arg < index for arg in args), f"{program.name}: value {index} uses a later one"
-        assert (leaf is None) == (ARITY[op] > 0), f"{program.name}: value {index}, leaf {leaf!r} of {op}"
+        assert (leaf is None) == (arity > 0), f"{program.name}: value {index}, leaf {leaf!r} of {op}"
         assert op != "const" or math.isfinite(leaf), f"{program.name}: value {index} is {leaf!r}"
     for key, index in program.outputs.items():
         assert 0 <= index < len(program.instructions), f"{program.name}: output {key} is not defined"
@@ -382,11 +364,12 @@ def evaluate(
     program: Program,
     inputs: Mapping[str, Sequence[Any]],
     sincos: Callable[[Any], tuple[Any, Any]] = lambda x: (math.sin(x), math.cos(x)),
-    calls: Mapping[str, Callable[..., Any]] = CALLS,
+    calls: Mapping[str, Callable[..., Any]] = MappingProxyType({}),
 ) -> dict[tuple[str, int], Any]:
     """Run the program on floats, or on anything that has arithmetic (SymPy expressions, NumPy arrays).
 
-    ``sincos`` and ``calls`` (square root, maximum and step by their operations' names) are those of its kind.
+    ``sincos`` and ``calls`` (functions by the names of their operations, which arithmetic does not give) are those of
+    its kind; of floats where there are none.
     """
     values: list[Any] = []
     for instruction in program.instructions:
@@ -409,16 +392,7 @@ def _apply(
         return inputs[instruction.leaf[0]][instruction.leaf[1]]
     if op in ("sin", "cos"):
         return sincos(args[0])[op == "cos"]
-    if op in calls:
-        return calls[op](*args)
-    if op == "neg":
-        return -args[0]
-    x, y = args
-    if op == "add":
-        return x + y
-    if op == "sub":
-        return x - y
-    return x * y if op == "mul" else x / y
+    return (calls.get(op) or VALUES[op])(*args)
 
 
 def users(program: Program) -> list[int]:

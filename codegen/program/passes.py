@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from .ir import Graph, Instruction, Node, Program, Value, finish, select, users, verify
+from .operations import CALLS
 
 PARAMETERS = "p"  # the input array of run-time parameters
 
@@ -172,7 +173,7 @@ def _folded(graph: Graph, op: str, nodes: Sequence[Node]) -> Value:
     args: list[Value] = [node if x is None else x for node, x in zip(nodes, numbers, strict=True)]
     if op in ("sin", "cos"):
         return graph.sincos(args[0])[op == "cos"]
-    value: Value = getattr(graph, op)(*args)
+    value: Value = graph.call(op, *args) if op in CALLS else getattr(graph, op)(*args)
     return value
 
 

@@ -14,6 +14,7 @@ from typing import Any
 
 from eomgen.errors import InputError
 from eomgen.robot.geometry import IDENTITY, snap
+from eomgen.robot.laws import given_laws
 from eomgen.robot.model import FIXED_BODY, Model
 from eomgen.robot.value import ANGULAR, COORDINATES, INERTIA_KEYS, LINEAR, MOTOR, Coordinate, Joint, Placement
 
@@ -325,4 +326,4 @@ def _knots(given: Coordinate) -> tuple[float, ...]:
 
 def _is_bent(given: Coordinate) -> bool:
     """Whether the stiffness is not that of one straight line."""
-    return given.clearance is not None or given.stiffness_negative is not None
+    return any(law.takes_stiffness for law in given_laws(given.law()))

@@ -77,6 +77,37 @@ def listed(names: Iterable[str], most: int = 8) -> str:
     return text if len(names) == len(shown) else f"{text} and {len(names) - len(shown)} more"
 
 
+def component_name(owner: str, part: str) -> str:
+    """Name of a part of something: ``joint1.x``, a coordinate of a joint; ``tcp.fx``, a component at a frame."""
+    return f"{owner}.{part}"
+
+
+def split_component(name: str) -> tuple[str, str]:
+    """Owner and part of the name that ``component_name`` made."""
+    owner, _, part = name.rpartition(".")
+    return owner, part
+
+
+def joint_of(coordinate: str) -> str:
+    """The joint's name in a coordinate's: ``joint1`` of ``joint1.x``."""
+    return split_component(coordinate)[0]
+
+
+def kind_of(coordinate: str) -> str:
+    """What coordinate of its joint it is: ``x`` of ``joint1.x``."""
+    return split_component(coordinate)[1]
+
+
+def parameter_name(*path: str) -> str:
+    """Name of a parameter: ``joints.joint1.x.stiffness``, of any parts, such as a coordinate's whole name."""
+    return ".".join(path)
+
+
+def parameter_path(name: str) -> tuple[str, ...]:
+    """The parts of a parameter's name: (``joints``, ``joint1``, ``x``, ``stiffness``)."""
+    return tuple(name.split("."))
+
+
 def nearest(name: str, allowed: Iterable[str]) -> str:
     """``; did you mean 'x'?`` for the nearest allowed name, or nothing."""
     found = _nearest(name, allowed)

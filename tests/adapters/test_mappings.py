@@ -101,7 +101,7 @@ def test_refusals(built: Build, monkeypatch: pytest.MonkeyPatch) -> None:
         DifferentiableFunction(kernel, "generalized_force", "tcp")
     with pytest.raises(UnknownNameError, match="'tpc' is unknown; did you mean 'tcp'"):
         DifferentiableFunction(kernel, "frame_pose", "tpc")
-    monkeypatch.setattr(rules, "STAYS", ("x", "y", "z"))  # a force that nothing switches off
+    monkeypatch.setattr(rules, "number_of", lambda parameter: None)  # forces that nothing switches off
     with pytest.raises(InputError, match="is no run-time parameter, so that bias_force"):
         DifferentiableFunction(kernel, "generalized_force")
 

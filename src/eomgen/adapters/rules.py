@@ -12,12 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..robot.laws import number_of
 from ..runtime.kernel import Kernel
 from .frames import jacobian_derivative, pose_derivative
 
 Array = NDArray[Any]
-STAYS = ("armature", "inertia", "ratio", "clearance", "free_length", "smoothing", "stribeck")
-PLACES = ("offset", "placement", "points")
 
 
 class Subject(Protocol):
@@ -209,17 +208,15 @@ class FrameJacobianRule(Rule):
 
 
 def without_forces(kernel: Kernel) -> Kernel:
-    """The kernel with all force parameters at zero, so that its residual is M a + bias.
+    """The kernel without gravity and with all laws idle, so that its residual is M a + bias.
 
     Raises:
         InputError: a force is no run-time parameter.
     """
-
-    def is_force(name: str) -> bool:
-        path = name.split(".")
-        return path[0] not in ("links", "frames") and path[-1] not in STAYS and not set(path) & set(PLACES)
-
-    free = kernel.with_parameters({name: 0.0 for name in kernel.parameters if is_force(name)})
+    numbers = {name: number_of(name) for name in kernel.parameters}
+    idle = {name: number.idle for name, number in numbers.items() if number is not None}
+    idle |= dict.fromkeys((name for name in kernel.parameters if name.startswith("gravity.")), 0.0)
+    free = kernel.with_parameters({name: value for name, value in idle.items() if value is not None})
     rng = np.random.default_rng(0)
     states = rng.uniform(-1.0, 1.0, (2, 8, kernel.n)).astype(kernel.dtype)
     forces = free.generalized_force(*states)

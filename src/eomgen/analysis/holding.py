@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 from ..errors import ArrayError, DescriptionError, InputError, UnknownNameError
 from ..motion.ends import default_motion
 from ..names import joint_of, show
+from ..robot.laws import LAWS
 from ..robot.model import build_model
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..state.motors import deflections, turn_motors
+from ..state.springs import clearances, law_numbers
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -22,7 +24,7 @@ PoseLike = Mapping[str, float] | Sequence[float] | Array
 Gains = float | Mapping[str, float]
 
 DRIVES = ("locked", "free", "pd")
-SPRINGS = ("stiffness", "stiffness_negative", "cubic", "curve.0")
+SPRINGS = ("stiffness", *(law.first for law in LAWS.values() if law.is_spring))
 
 
 @dataclass(frozen=True)
@@ -149,16 +151,15 @@ def pose_of(robot: Robot, kernel: Kernel, pose: PoseLike | None) -> Array:
 
 def floating(kernel: Kernel, q: Array) -> tuple[str, ...]:
     """Names of the coordinates that touch no end of their clearance at q, (n,)."""
-    gaps = [kernel.parameters.get(f"joints.{name}.clearance", -1.0) for name in kernel.coordinates]
-    inside = np.abs(deflections(kernel) @ q) <= gaps
+    gaps = clearances(kernel)
+    inside = np.abs(deflections(kernel) @ q) <= [gaps.get(name, -1.0) for name in kernel.coordinates]
     return tuple(name for name, floats in zip(kernel.coordinates, inside, strict=True) if floats)
 
 
 def _loose(kernel: Kernel) -> Mask:
     """Coordinates that no spring of their own, no transmission and no spring between points holds, (n,)."""
     own = [
-        name in kernel.knots or any(kernel.parameters.get(f"joints.{name}.{key}") for key in SPRINGS)
-        for name in kernel.coordinates
+        name in kernel.knots or any(given.get(key) for key in SPRINGS) for name, given in law_numbers(kernel).items()
     ]
     held = np.array(own) | _mask(kernel.coordinates, map(kernel.coordinates.index, kernel.motors.values()))
     if kernel.springs:

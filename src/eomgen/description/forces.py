@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from ..forms.keys import Number
-from ..forms.tables import Table
+from ..forms.tables import Sub, Table
 from ..names import show
 from ..robot.rules import conflict
-from ..robot.value import Coordinate, Curve, Friction, Motor
+from ..robot.value import Coordinate, Curve, Motor
 from .keys import COORDINATE
 
 _ROTOR = "role", "friction"  # of the motor's own coordinate; the rest of its table is the transmission's
-_NUMBERS = tuple(key for key, kind in COORDINATE.keys.items() if isinstance(kind, Number))
-
 ReadText = Callable[[str], str]  # the text of a file beside the description
 
 
@@ -28,19 +27,21 @@ def read_coordinate(table: Table, old: Coordinate, read_text: ReadText) -> Coord
     Raises:
         DescriptionError: a number out of range, a curve that does not rise, or numbers that do not go together.
     """
-    given: dict[str, object] = {key: table.number(key) for key in _NUMBERS if key in table.values}
-    friction, curve = _friction(table), read_curve(table, read_text)
-    if friction is not None:
-        given["friction"] = friction
-    if curve is not None:
-        given["curve"] = curve
-    role = table.choice("role")
-    if role == "locked" and given:
-        table.fail(f"the coordinate is locked, so that its {', '.join(given)} would do nothing; leave it out", "role")
-    merged = {**vars(old), **given, "prescribed": old.prescribed if role is None else role == "prescribed"}
-    if "clearance" in given and "smoothing" not in given:
-        merged["smoothing"] = None  # that of the new clearance
-    made = Coordinate(**merged)
+    numbers: dict[str, float] = {}
+    for key, kind in table.keys.items():
+        if isinstance(kind, Sub):
+            numbers |= _inner_numbers(table, key)
+        elif isinstance(kind, Number) and (number := table.number(key)) is not None:
+            numbers[key] = number
+    curve, role = read_curve(table, read_text), table.choice("role")
+    if role == "locked" and len(table.values) > 1:
+        given = ", ".join(key for key in table.keys if key in table and key != "role")
+        table.fail(f"the coordinate is locked, so that its {given} would do nothing; leave it out", "role")
+    made = replace(
+        old.with_numbers(numbers),
+        curve=old.curve if curve is None else curve,
+        prescribed=old.prescribed if role is None else role == "prescribed",
+    )
     found = conflict(made)
     if found is not None:
         key, message = found
@@ -58,16 +59,15 @@ def read_motor(table: Table, read_text: ReadText) -> Motor:
     spring = {key: value for key, value in table.values.items() if key in COORDINATE.keys and key not in _ROTOR}
     inner = COORDINATE.read(spring, table.where, table.source, table.path)
     transmission = read_coordinate(inner, Coordinate(), read_text)
-    return Motor(inertia, ratio, transmission, _friction(table), table.text("role") == "prescribed")
+    friction = Coordinate().with_numbers(_inner_numbers(table, "friction")).friction
+    return Motor(inertia, ratio, transmission, friction, table.text("role") == "prescribed")
 
 
-def _friction(table: Table) -> Friction | None:
-    inner = table.table("friction")
-    if inner is None:
-        return None
-    coulomb = inner.number("coulomb")
-    assert coulomb is not None
-    return Friction(coulomb, **{key: inner.number(key) for key in ("static", "stribeck", "viscous", "smoothing")})
+def _inner_numbers(table: Table, name: str) -> dict[str, float]:
+    """Numbers of a law that has a table of its own, by their names: "friction.coulomb"."""
+    inner = table.table(name)
+    read = {} if inner is None else {f"{name}.{key}": inner.number(key) for key in inner.keys}
+    return {key: number for key, number in read.items() if number is not None}
 
 
 def read_curve(table: Table, read_text: ReadText, what: str = "deviation") -> Curve | None:

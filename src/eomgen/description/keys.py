@@ -5,11 +5,12 @@ from __future__ import annotations
 from ..forms.keys import Choice, Either, FileName, Flag, Key, Listed, Name, Number, Numbers, RobotName, Strings, Text
 from ..forms.tables import Entries, Form, Pair, Sub
 from ..names import IDENTIFIER_RULE, ROBOT_RULE
+from ..robot import laws
 from ..robot.coordinates import UNITS
 from ..robot.cuts import CUTS
 from ..robot.inertia_policy import POLICIES
 from ..robot.rules import POINTS
-from ..robot.value import COORDINATES, INERTIA_KEYS, JOINT_TYPES, LINEAR, MOTOR, SMALLEST
+from ..robot.value import COORDINATES, INERTIA_KEYS, JOINT_TYPES, LINEAR, MOTOR
 
 ROLES = ("free", "locked", "prescribed")
 _LINKS = "two names, each 'base' or a link"
@@ -31,13 +32,19 @@ def inertia(needed: str) -> Form:
     )
 
 
-def _curve(what: str, unit: str) -> Either:
+def _number(given: laws.Number) -> Number:
+    """The key of a law's number."""
+    return Number(given.about, " or ".join(given.unit), given.needed, minimum=given.least)
+
+
+def _curve(given: laws.Number, what: str, unit: str) -> Either:
+    """The key of a curve: force over ``what``, whose unit is given."""
     return Either(
-        f"measured points [[{what}, force], ...], or a CSV file of two columns; in the place of stiffness",
+        given.about,
         options=(
             Listed(
                 f"{POINTS[0]} to {POINTS[1]} points, {what} rising",
-                unit,
+                f"{unit}, {' or '.join(given.unit)}",
                 item=Numbers("", count=2),
                 fewest=POINTS[0],
                 most=POINTS[1],
@@ -48,36 +55,17 @@ def _curve(what: str, unit: str) -> Either:
     )
 
 
-FRICTION = Form(
-    {
-        "coulomb": Number("force that resists any motion", "N or N m", "a force in N or N m", minimum=0.0),
-        "static": Number("force from rest, at least coulomb; with stribeck", "N or N m", minimum=0.0),
-        "stribeck": Number(
-            "rate over which static friction falls to coulomb; with static", "m/s or rad/s", minimum=SMALLEST
-        ),
-        "viscous": Number("force per rate", "N s/m or N m s/rad", minimum=0.0),
-        "smoothing": Number(
-            "rate over which friction turns round; default stribeck / 10, or 1e-3", "m/s or rad/s", minimum=SMALLEST
-        ),
-    }
-)
-_LAW: dict[str, Key] = {
-    "stiffness": Number("linear spring", "N/m or N m/rad", minimum=0.0),
-    "damping": Number("linear damper", "N s/m or N m s/rad", minimum=0.0),
-    "armature": Number("inertia of a drive, added to the diagonal of the mass matrix", "kg or kg m^2", minimum=0.0),
-    "preload": Number("constant force; a positive one pushes towards negative values", "N or N m"),
-    "cubic": Number("cubic spring, times the third power of the deviation", "N/m^3 or N m/rad^3", minimum=0.0),
-    "stiffness_negative": Number("in the place of stiffness at negative values", "N/m or N m/rad", minimum=0.0),
-    "clearance": Number("half the gap in which no spring acts; with stiffness", "m or rad", minimum=0.0),
-    "restitution_damping": Number(
-        "multiplies a contact's force by 1 + restitution_damping * rate; with clearance", "s/m or s/rad", minimum=0.0
-    ),
-    "smoothing": Number(
-        "over which a contact sets in; with clearance, default clearance / 20", "m or rad", minimum=SMALLEST
-    ),
-    "friction": Sub("dry friction: coulomb, static, stribeck, viscous, smoothing", inner=FRICTION),
-    "curve": _curve("deviation", "m or rad, N or N m"),
-}
+def _law(law: laws.Law) -> dict[str, Key]:
+    """The keys of a law in the table of its coordinate."""
+    if law.has_points:
+        return {law.name: _curve(law.numbers[0], "deviation", " or ".join(laws.LENGTH))}
+    keys = {number.key.removeprefix(f"{law.name}."): _number(number) for number in law.numbers}
+    return {law.name: Sub(law.about, inner=Form(keys))} if law.has_table else {**keys}
+
+
+_LAW: dict[str, Key] = {number.key: _number(number) for number in laws.BASIC}
+for _entry in laws.LAWS.values():
+    _LAW |= _law(_entry)
 COORDINATE = Form(
     {**_LAW, "role": Choice("free (moves), locked (does not), prescribed (its motion is given)", words=ROLES)}
 )
@@ -185,12 +173,10 @@ SPRING = Form(
             most=2,
             rule="two points, one on each link",
         ),
-        "free_length": Number("length without force; default 0", "m", minimum=0.0),
-        "stiffness": Number("force per elongation", "N/m", minimum=0.0),
-        "damping": Number("force per rate of the length", "N s/m", minimum=0.0),
+        **{key: _number(laws.BETWEEN_POINTS[key]) for key in ("free_length", "stiffness", "damping")},
         "tension_only": Flag("true: a cable, which never pushes"),
-        "smoothing": Number("over which a cable's tension sets in; default free_length / 10000", "m", minimum=SMALLEST),
-        "curve": _curve("elongation", "m, N"),
+        "smoothing": _number(laws.BETWEEN_POINTS["smoothing"]),
+        "curve": _curve(laws.BETWEEN_POINTS["curve"], "elongation", "m"),
     }
 )
 ROBOT = Form(

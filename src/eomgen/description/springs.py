@@ -6,6 +6,7 @@ from ..forms.keys import Listed
 from ..forms.tables import Table
 from ..names import show
 from ..robot.geometry import ZERO, Vector
+from ..robot.laws import BETWEEN_POINTS
 from ..robot.rules import spring_conflict
 from ..robot.value import Spring
 from .draft import Draft
@@ -26,7 +27,7 @@ def read_spring(name: str, entry: Table, read_text: ReadText) -> Spring:
     links = entry.strings("links")
     if links[0] == links[1]:
         entry.fail(f"got {show(links)}; both ends are on one link; allowed: two different links", "links")
-    given = {key: entry.number(key) for key in ("free_length", "stiffness", "damping", "smoothing")}
+    given = {key: entry.number(key) for key in BETWEEN_POINTS if key != "curve"}
     spring = Spring(
         name,
         (links[0], links[1]),

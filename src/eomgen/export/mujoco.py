@@ -22,6 +22,7 @@ from ..files import write_atomically
 from ..names import show
 from ..robot.geometry import IDENTITY
 from ..robot.inertia_policy import second_moments
+from ..robot.laws import given_laws
 from ..robot.value import (
     ANGULAR,
     COORDINATES,
@@ -143,16 +144,11 @@ def _unknown(given: Coordinate) -> Iterator[str]:
     """Numbers of a coordinate's forces that joints and tendons lack."""
     if given.prescribed:
         yield "prescribed: free to move"
-    if given.clearance is not None:
-        yield "clearance: a spring without play"
-    if given.stiffness_negative is not None:
-        yield "stiffness_negative: stiffness on both sides"
-    if given.curve is not None:
-        yield "curve: left out"
-    if given.preload and (given.cubic or not given.stiffness):
-        yield "preload: left out (springref shifts a linear spring alone)"
-    if given.friction is not None and (given.friction.coulomb or given.friction.static):
-        yield "friction: frictionloss, a soft constraint, without smoothing and Stribeck part"
+    numbers = given.law() | ({} if given.stiffness is None else {"stiffness": given.stiffness})
+    for law in given_laws(numbers):
+        note = law.mjcf(numbers)
+        if note:
+            yield f"{law.name}: {note}"
 
 
 def _add_body(parent: ElementTree.Element, joint: Joint, link: Link) -> ElementTree.Element:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..runtime.kernel import Kernel
 from ..state.motors import deflections
+from ..state.springs import clearances
 
 Array = NDArray[np.float64]
 
@@ -43,8 +44,8 @@ class ContactWatch:
 
     def __init__(self, kernel: Kernel) -> None:
         self.names = kernel.coordinates
-        clearances = [kernel.parameters.get(f"joints.{name}.clearance") for name in self.names]
-        ends = [(i, side, c) for i, c in enumerate(clearances) if c is not None for side in (1, -1)]
+        gaps = clearances(kernel)
+        ends = [(i, side, gaps[name]) for i, name in enumerate(self.names) if name in gaps for side in (1, -1)]
         self.index = [i for i, _, _ in ends]
         self.side = [side for _, side, _ in ends]
         self.clearance = np.array([c for _, _, c in ends])

@@ -16,6 +16,7 @@ from ..names import component_name
 from ..pipeline.costs import RobotInfo, robot_info
 from ..progress import Progress, no_progress
 from ..robot.coordinates import UNITS
+from ..robot.laws import number_texts
 from ..robot.model import build_model
 from ..robot.value import MOTOR, PRINCIPAL, Coordinate, Robot
 from ..simulation.balance import TERMS
@@ -136,11 +137,9 @@ def _number(value: float | None) -> str:
 
 def _law(coordinate: Coordinate) -> str:
     """What acts in a coordinate beyond stiffness and damping."""
-    parts = [f"{key} {value:.4g}" for key, value in coordinate.law().items() if not key.startswith("curve.")]
+    parts = number_texts(coordinate.law())
     if coordinate.armature is not None:
         parts.insert(0, f"armature {coordinate.armature:.4g}")
-    if coordinate.curve is not None:
-        parts.append(f"curve of {len(coordinate.curve)} points")
     return ", ".join(parts)
 
 
@@ -179,10 +178,8 @@ def _body_tables(robot: Robot) -> Iterator[Table]:
     springs = []
     for spring in robot.springs:
         kind = "cable" if spring.tension_only else "spring"
-        law = [f"{key} {value:.4g}" for key, value in spring.law().items() if not key.startswith("curve.")]
-        law += [f"curve of {len(spring.curve)} points"] if spring.curve is not None else []
         ends = [f"{link} at {_vector(point)}" for link, point in zip(spring.links, spring.points, strict=True)]
-        springs.append((spring.name, kind, *ends, ", ".join(law)))
+        springs.append((spring.name, kind, *ends, ", ".join(number_texts(spring.law()))))
     yield Table("Springs between points", ("name", "kind", "from, m", "to, m", "law, SI units"), tuple(springs))
     frames = [(frame.name, frame.link, _vector(frame.placement.xyz)) for frame in robot.frames]
     yield Table("Frames", ("frame", "link", "origin, m"), tuple(frames))

@@ -9,6 +9,7 @@ from typing import Any
 from ..description import RobotLike, as_robot
 from ..progress import StageReport, no_report
 from ..robot.coordinates import UNITS
+from ..robot.laws import number_texts
 from ..robot.model import Model, build_model
 from ..robot.value import MOTOR, PRINCIPAL
 
@@ -88,10 +89,7 @@ class RobotInfo:
                 label = f"{body.joint}.{name} [{UNITS[name]}]"
                 role = "  prescribed" if given.prescribed else ""
                 lines.append(f"{label:<30} {texts[0]:>12}{texts[1]:>12}{texts[2]:>12}{role}")
-                law = {**(spring.law() if motor else {}), **given.law()}
-                further = [f"{key} {number:.4g}" for key, number in law.items() if not key.startswith("curve.")]
-                if spring.curve is not None:
-                    further.append(f"curve of {len(spring.curve)} points")
+                further = number_texts({**(spring.law() if motor else {}), **given.law()})
                 if motor is not None:
                     further.insert(0, f"drives {body.joint}.{PRINCIPAL[joint.type]}, ratio {motor.ratio:.6g}")
                 lines += [f"  {', '.join(further)}"] if further else []
@@ -108,9 +106,8 @@ class RobotInfo:
         lines = []
         for spring in self.model.robot.springs:
             kind = "cable" if spring.tension_only else "spring"
-            numbers = [f"{key} {number:.4g}" for key, number in spring.law().items() if not key.startswith("curve.")]
-            numbers += [f"curve of {len(spring.curve)} points"] if spring.curve is not None else []
-            lines.append(f"{kind} {spring.name} from {spring.links[0]} to {spring.links[1]}: {', '.join(numbers)}")
+            numbers = ", ".join(number_texts(spring.law()))
+            lines.append(f"{kind} {spring.name} from {spring.links[0]} to {spring.links[1]}: {numbers}")
         return [*lines, ""] if lines else []
 
     def _operation_lines(self) -> list[str]:

@@ -18,7 +18,11 @@ from .value import Robot
 
 
 def record_of(robot: Robot) -> dict[str, Any]:
-    """The robot as nested dicts, lists, numbers and texts; ``robot_of`` makes an equal robot of it."""
+    """The robot as nested dicts, lists, numbers and texts; ``robot_of`` makes an equal robot of it.
+
+    Fields that are marked LATER are left out where they are empty, so that records and hashes of robots that do not use
+    them stay what they were.
+    """
     plain = _plain(robot)
     assert isinstance(plain, dict)
     return plain
@@ -40,7 +44,8 @@ def robot_of(record: Mapping[str, Any]) -> Robot:
 
 def _plain(value: object) -> Any:
     if dataclasses.is_dataclass(value):
-        return {item.name: _plain(getattr(value, item.name)) for item in dataclasses.fields(value)}
+        fields = {item: getattr(value, item.name) for item in dataclasses.fields(value)}
+        return {item.name: _plain(x) for item, x in fields.items() if x or not item.metadata.get("later")}
     if isinstance(value, Mapping):
         return {key: _plain(x) for key, x in value.items()}
     if isinstance(value, (tuple, list)):

@@ -7,12 +7,18 @@ Each rule returns the key and the message of the first that does not, so that re
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 
 from ..limits import LARGEST
-from .value import MOTOR, PRINCIPAL, SMALLEST, Coordinate, Curve, Friction, Motor, Spring
+from ..names import show
+from .laws import LAWS, NUMBERS, SMALLEST, given_laws, law_conflict
+from .value import MOTOR, PRINCIPAL, Coordinate, Curve, Motor, Spring
 
 POINTS = (2, 64)  # fewest and most points of a curve
+STIFF = tuple(law.name for law in LAWS.values() if law.stiffness and not law.takes_stiffness)
+FURTHER = tuple(  # numbers of laws that a Coordinate has no field for
+    key for key in NUMBERS if key.partition(".")[0] not in {item.name for item in fields(Coordinate)}
+)
 
 
 def motor_conflict(given: Motor, kind: str, active: Mapping[str, Coordinate]) -> tuple[str, str] | None:
@@ -31,8 +37,11 @@ def motor_conflict(given: Motor, kind: str, active: Mapping[str, Coordinate]) ->
     if not 1.0 / LARGEST <= abs(given.ratio) <= LARGEST:
         return "ratio", f"got {given.ratio!r}; allowed: a finite number that is not 0"
     spring = given.transmission
-    if spring.stiffness is None and spring.curve is None:
-        return "stiffness", "there is no spring between motor and joint; allowed: with a stiffness or a curve"
+    if spring.stiffness is None and not any(law.name in STIFF for law in given_laws(spring.law())):
+        return (
+            "stiffness",
+            f"there is no spring between motor and joint; allowed: with stiffness or {' or '.join(STIFF)}",
+        )
     if spring.friction is not None or spring.armature is not None or spring.prescribed:
         return "", f"friction and role belong to the {MOTOR} itself, and a transmission has no armature"
     return conflict(replace(spring, friction=given.friction))
@@ -40,26 +49,14 @@ def motor_conflict(given: Motor, kind: str, active: Mapping[str, Coordinate]) ->
 
 def conflict(given: Coordinate) -> tuple[str, str] | None:
     """The key and the message of numbers that do not go together; None if all do."""
-    springs = (given.stiffness, given.stiffness_negative)
-    if given.clearance is not None:
-        if given.stiffness is None or not any(springs):
-            return "clearance", "there is no stiffness at the end of it; allowed: with stiffness > 0"
-        if given.smoothing is None:
-            return "clearance", f"got 0 and no smoothing; allowed: 0 with a smoothing of at least {SMALLEST:g}"
-    for key in ("restitution_damping", "smoothing"):
-        if given.clearance is None and getattr(given, key) is not None:
-            return key, f"there is no clearance; allowed: {key} with clearance"
-    if given.stiffness_negative is not None and given.stiffness is None:
-        return "stiffness_negative", "there is no stiffness for positive values; allowed: with stiffness"
-    if given.curve is not None:
-        others = ("stiffness", "stiffness_negative", "cubic", "clearance")
-        taken = [key for key in others if getattr(given, key) is not None]
-        if taken:
-            return "curve", f"{taken[0]} is given, too; allowed: a curve instead of {', '.join(others)}"
-        found = curve_conflict(given.curve)
-        if found is not None:
-            return found
-    return None if given.friction is None else _friction_conflict(given.friction)
+    for key in given.further:
+        if key not in FURTHER:
+            return "further", f"{show(key)} is no number of a law; allowed: {', '.join(FURTHER) or 'none'}"
+    numbers = given.law()
+    if given.stiffness is not None:
+        numbers["stiffness"] = given.stiffness
+    found = law_conflict(numbers)
+    return curve_conflict(given.curve) if found is None and given.curve is not None else found
 
 
 def curve_conflict(curve: Curve, what: str = "deviation") -> tuple[str, str] | None:
@@ -73,14 +70,6 @@ def curve_conflict(curve: Curve, what: str = "deviation") -> tuple[str, str] | N
                 f"point {i} has the {what} {curve[i][0]!r} after {curve[i - 1][0]!r}; "
                 f"allowed: {what}s that rise by at least {SMALLEST:g}"
             )
-    return None
-
-
-def _friction_conflict(given: Friction) -> tuple[str, str] | None:
-    if (given.static is None) != (given.stribeck is None):
-        return "friction", "static and stribeck belong together; allowed: both or none"
-    if given.static is not None and given.static < given.coulomb:
-        return "friction.static", f"got {given.static!r}; allowed: at least coulomb, {given.coulomb!r}"
     return None
 
 

@@ -13,8 +13,10 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
+from typing import Any
 
 from .geometry import IDENTITY, ZERO, Matrix, Vector, rotation_from_rpy, snap
+from .laws import BASIC, BETWEEN_POINTS, NUMBERS, SMALLEST, defaults, given_laws
 
 LINEAR = ("x", "y", "z")
 ANGULAR = ("alpha", "beta", "gamma")
@@ -22,14 +24,12 @@ COORDINATES = LINEAR + ANGULAR
 JOINT_TYPES = ("revolute", "prismatic", "fixed", "free")
 PRINCIPAL = {"revolute": "gamma", "prismatic": "z"}
 MOTOR = "motor"  # the coordinate of a joint's motor, behind the six
-COORDINATE_NUMBERS = ("stiffness", "damping", "armature")  # of a coordinate; any may be a run-time parameter
+COORDINATE_NUMBERS = tuple(number.key for number in BASIC)  # of any coordinate; each may be a run-time parameter
 INERTIA_KEYS = ("xx", "yy", "zz", "xy", "xz", "yz")
 BASE = "base"
 Curve = tuple[tuple[float, float], ...]  # (deviation, force)
-SMALLEST = 1e-12  # least smoothing and Stribeck rate, m, rad or per s: what is divided by
-SHARE = 0.05  # of a clearance over which contact sets in
 TAUT = 1e-4  # of a cable's free length over which its tension sets in: a tenth of steel's strain at 200 MPa
-SMOOTHING = 1e-3  # m/s or rad/s in which friction turns round
+LATER: Mapping[str, bool] = MappingProxyType({"later": True})  # marks fields that older records do not have
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Friction:
     """Dry friction at the rate v: sgn(v) (coulomb + (static - coulomb) / (1 + (v / stribeck)^2)) + viscous v.
 
     coulomb, static: N or N m; stribeck: m/s or rad/s; viscous: N s/m or N m s/rad.  sgn(v) is v / sqrt(v^2 +
-    smoothing^2); smoothing (m/s or rad/s) becomes a tenth of stribeck, or SMOOTHING, where it is None.
+    smoothing^2); smoothing (m/s or rad/s) becomes a tenth of stribeck, or 1e-3, where it is None.
     """
 
     coulomb: float
@@ -71,9 +71,12 @@ class Friction:
     smoothing: float | None = None
 
     def __post_init__(self) -> None:
-        if self.smoothing is None:
-            smoothing = SMOOTHING if self.stribeck is None else max(0.1 * self.stribeck, SMALLEST)
-            object.__setattr__(self, "smoothing", smoothing)
+        for key, value in defaults(self.numbers()).items():
+            object.__setattr__(self, key.removeprefix("friction."), value)
+
+    def numbers(self) -> dict[str, float]:
+        """The numbers that are given, by their names: "friction.coulomb"."""
+        return {f"friction.{key}": value for key, value in vars(self).items() if value is not None}
 
 
 @dataclass(frozen=True)
@@ -87,7 +90,8 @@ class Coordinate:
     N m/rad^3) times s^3; ``stiffness_negative`` in the place of stiffness where s < 0; ``friction``; ``curve``,
     measured points (s, force) in the place of springs.  With a ``clearance`` (half the gap, m or rad) springs act on
     the penetration d of its ends alone, times 1 + ``restitution_damping`` (s/m or s/rad) d_dot, never pulling, and set
-    in over ``smoothing`` (m or rad), which becomes SHARE of the clearance where it is None.
+    in over ``smoothing`` (m or rad), which becomes a twentieth of the clearance where it is None.
+    ``further``: the numbers of laws that have no field here, by their names in ``laws.NUMBERS``.
     """
 
     stiffness: float | None = None
@@ -102,19 +106,47 @@ class Coordinate:
     friction: Friction | None = None
     curve: Curve | None = None
     prescribed: bool = False
+    further: Mapping[str, float] = field(default_factory=dict, hash=False, metadata=LATER)
 
     def __post_init__(self) -> None:
-        if self.clearance and self.smoothing is None:
-            object.__setattr__(self, "smoothing", max(SHARE * self.clearance, SMALLEST))
+        further = dict(self.further)
+        for key, value in defaults(self.law()).items():
+            if key in vars(self):
+                object.__setattr__(self, key, value)
+            else:
+                further[key] = value
+        object.__setattr__(self, "further", MappingProxyType(further))
+
+    def __reduce__(self) -> tuple[object, ...]:
+        values = (dict(value) if name == "further" else value for name, value in vars(self).items())
+        return (Coordinate, tuple(values))  # a mapping proxy cannot be pickled
+
+    @property
+    def has_stiffness(self) -> bool:
+        """Whether anything that is given counts as a stiffness."""
+        return bool(self.stiffness) or any(law.stiffness for law in given_laws(self.law()))
 
     def law(self) -> dict[str, float]:
         """What is given beyond stiffness, damping and armature, by its name: "cubic", "friction.coulomb", "curve.0"."""
-        keys = ("preload", "cubic", "stiffness_negative", "clearance", "restitution_damping", "smoothing")
-        given = {key: getattr(self, key) for key in keys}
-        if self.friction is not None:
-            given |= {f"friction.{key}": value for key, value in vars(self.friction).items()}
-        given |= {f"curve.{i}": force for i, (_, force) in enumerate(self.curve or ())}
-        return {key: value for key, value in given.items() if value is not None}
+        given = {**vars(self), **(self.friction.numbers() if self.friction else {}), **self.further}
+        found = {key: given[key] for key in NUMBERS if key != "curve" and given.get(key) is not None}
+        return found | {f"curve.{i}": force for i, (_, force) in enumerate(self.curve or ())}
+
+    def with_numbers(self, numbers: Mapping[str, float]) -> Coordinate:
+        """The coordinate with these numbers, by the names of ``law`` or "stiffness", in the place of its own.
+
+        A law that descriptions give as a table is replaced as a whole, and numbers that follow from others follow anew.
+        """
+        kept = {key: value for key, value in self.law().items() if key in NUMBERS}
+        for law in given_laws(numbers):
+            for number in law.numbers:
+                if law.has_table or number.default:
+                    kept.pop(number.key, None)
+        kept.update(numbers)
+        fields: dict[str, Any] = {key: kept.pop(key, None) for key in NUMBERS if key in vars(self) and key != "curve"}
+        fields |= {key: kept.pop(key, getattr(self, key)) for key in COORDINATE_NUMBERS}
+        rubbing = {key[9:]: kept.pop(key) for key in NUMBERS if key.startswith("friction.") and key in kept}
+        return replace(self, **fields, friction=Friction(**rubbing) if rubbing else None, further=kept)
 
 
 @dataclass(frozen=True)
@@ -255,7 +287,7 @@ class Spring:
 
     def law(self) -> dict[str, float]:
         """The numbers that are given, by their names: "stiffness", "free_length", "curve.0"."""
-        given = {key: getattr(self, key) for key in ("free_length", "stiffness", "damping", "smoothing")}
+        given = {key: getattr(self, key) for key in BETWEEN_POINTS if key != "curve"}
         given |= {f"curve.{i}": force for i, (_, force) in enumerate(self.curve or ())}
         return {key: value for key, value in given.items() if value is not None}
 

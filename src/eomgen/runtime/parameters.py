@@ -17,38 +17,35 @@ from ..names import nearest_or_all
 from .raw import RawKernel, Setup
 
 Array = NDArray[Any]
-NOT_NEGATIVE = (
-    *("mass", "stiffness", "damping", "armature", "cubic", "stiffness_negative", "clearance"),
-    *("restitution_damping", "coulomb", "static", "viscous", "free_length"),
-)
-DIVISORS = ("smoothing", "stribeck")
-SMALLEST = 1e-12  # as in descriptions
 
 
 class Parameters(MutableMapping[str, float]):
     """Run-time parameters by name; assigning computes what depends on them alone.
 
     ``update`` sets several at once.  Masses, stiffnesses, dampings, armatures, clearances, free lengths and friction
-    forces are at least 0, smoothings and Stribeck rates SMALLEST; that an inertia stays one that a body can have is
-    up to the caller.
+    forces are at least 0, what is divided by 1e-12; that an inertia stays one that a body can have is up to the caller.
 
     Attributes:
         setup: the values as arrays, and what functions of C read of them; replaced as a whole on assignment.
     """
 
-    def __init__(self, raw: RawKernel, slots: Mapping[str, int], setup: Setup) -> None:
-        self._raw, self._slots, self._lock = raw, slots, threading.Lock()
+    def __init__(self, raw: RawKernel, slots: Mapping[str, int], least: Mapping[str, float], setup: Setup) -> None:
+        self._raw, self._slots, self._least, self._lock = raw, slots, least, threading.Lock()
         self.setup = setup
 
     @classmethod
-    def of(cls, raw: RawKernel, values: Mapping[str, float]) -> Parameters:
-        """Parameters of a compiled module, whose order is that of the values."""
+    def of(cls, raw: RawKernel, values: Mapping[str, float], least: Mapping[str, float]) -> Parameters:
+        """Parameters of a compiled module, whose order is that of the values.
+
+        Args:
+            least: the least value of each parameter that has one.
+        """
         slots = {name: slot for slot, name in enumerate(values)}
-        return cls(raw, slots, Setup(raw, np.array(list(values.values()), raw.dtype)))
+        return cls(raw, slots, least, Setup(raw, np.array(list(values.values()), raw.dtype)))
 
     def copy(self) -> Parameters:
         """The same names and values for the same code; neither sees the other's assignments."""
-        return Parameters(self._raw, self._slots, self.setup)  # which is replaced as a whole on assignment
+        return Parameters(self._raw, self._slots, self._least, self.setup)  # which is replaced as a whole on assignment
 
     def __getitem__(self, name: str) -> float:
         return float(self.setup.values[self._slot(name)])
@@ -89,10 +86,10 @@ class Parameters(MutableMapping[str, float]):
                 raise InputError(f"parameters: {name} = {value!r} is not a number")
             if not np.isfinite(value):
                 raise InputError(f"parameters: {name} = {value!r} is not finite")
-            if value < 0 and name.rpartition(".")[2] in NOT_NEGATIVE:
-                raise InputError(f"parameters: {name} = {value!r} is negative; at least 0 is allowed")
-            if value < SMALLEST and name.rpartition(".")[2] in DIVISORS:
-                raise InputError(f"parameters: {name} = {value!r} is too small; at least {SMALLEST:g} is allowed")
+            least = self._least.get(name)
+            if least is not None and value < least:
+                wrong = "too small" if least > 0.0 else "negative"
+                raise InputError(f"parameters: {name} = {value!r} is {wrong}; at least {least:g} is allowed")
             wanted[slot] = float(value)
         with self._lock:  # assignments of other threads are kept
             values = self.setup.values.copy()

@@ -116,9 +116,7 @@ def with_kernel(assembly: Assembly, robot: Robot, scenario: Scenario, kernel: Ke
 def _has_springs(robot: Robot) -> bool:
     """Whether the description gives a stiffness to anything: a coordinate, a transmission, two points."""
     tables = [c for joint in robot.joints for c in joint.all_coordinates.values()]
-    return (
-        bool(robot.springs) or any(joint.motor for joint in robot.joints) or any(c.stiffness or c.curve for c in tables)
-    )
+    return bool(robot.springs) or any(joint.motor for joint in robot.joints) or any(c.has_stiffness for c in tables)
 
 
 def by_coordinate(robot: Robot, scenario: Scenario, key: str, given: Mapping[str, float]) -> dict[str, float]:

@@ -9,11 +9,10 @@ from ..errors import IntegrationError
 from ..names import nearest, show
 from ..robot.coordinates import index_of
 from ..robot.value import Robot
-from ..runtime.kernel import Kernel
 from ..scenario.value import Scenario
 from ..state.equilibrium import static_equilibrium
 from ..state.motors import shafts, turn_motors
-from ..state.springs import stiffnesses
+from ..state.springs import clearances, stiffnesses
 from .assembly import Assembly, by_coordinate, names_in_scenarios
 from .loads import loaded_parameters
 
@@ -61,16 +60,12 @@ def _loose(assembly: Assembly) -> tuple[str, ...]:
     kernel = assembly.kernel
     motors = shafts(kernel)
     moved = {*kernel.prescribed, *(motors.get(name, name) for name in assembly.driven)}
-    played = {kernel.motors.get(name, name) for name in kernel.coordinates if _has_play(kernel, name)}
+    played = {kernel.motors.get(name, name) for name in clearances(kernel)}
     return tuple(
         name
         for name, k in zip(kernel.coordinates, stiffnesses(kernel), strict=True)
         if (k == 0.0 or name in played) and name not in moved
     )
-
-
-def _has_play(kernel: Kernel, name: str) -> bool:
-    return f"joints.{name}.clearance" in kernel.parameters
 
 
 def _balanced(robot: Robot, scenario: Scenario, assembly: Assembly, q: Array, held: set[str]) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..robot.laws import stiffness_of
 from ..runtime.kernel import Kernel
 from .motors import deflections
 
@@ -16,8 +17,9 @@ REFERENCE_ACCELERATION = 10.0  # m/s^2, rad/s^2: about 1 g; what it does to a sp
 def stiffnesses(kernel: Kernel) -> Array:
     """Stiffness of every coordinate as the kernel has it now, (n,), N/m or N m/rad; 0 where there is no spring.
 
-    Of two sides the stiffer one, of a clearance that of its end, of a curve that of its steepest piece.  A transmission
-    holds its motor with stiffness / ratio^2 and its joint with the stiffness, each as if the other stood still.
+    Laws count by their ``stiffness``: of two sides the stiffer one, of a clearance that of its end, of a curve that of
+    its steepest piece.  A transmission holds its motor with stiffness / ratio^2 and its joint with the stiffness, each
+    as if the other stood still.
     """
     return np.array(np.diagonal(stiffness_matrix(kernel)))
 
@@ -30,13 +32,23 @@ def stiffness_matrix(kernel: Kernel) -> Array:
 
 def _own_stiffnesses(kernel: Kernel) -> Array:
     """Stiffness of every coordinate's own table, (n,); of a motor's that of its transmission."""
-    found = np.maximum(coordinate_numbers(kernel, "stiffness"), coordinate_numbers(kernel, "stiffness_negative"))
-    for i, coordinate in enumerate(kernel.coordinates):
-        if coordinate in kernel.knots:
-            knots = kernel.knots[coordinate]
-            forces = [kernel.parameters[f"joints.{coordinate}.curve.{j}"] for j in range(len(knots))]
-            found[i] = max(0.0, float(np.max(np.diff(forces) / np.diff(knots))))
+    numbers = law_numbers(kernel)
+    return np.array([stiffness_of(numbers[name], kernel.knots.get(name, ())) for name in kernel.coordinates])
+
+
+def law_numbers(kernel: Kernel) -> dict[str, dict[str, float]]:
+    """Numbers of the forces of every coordinate as the kernel has them now, by their names in the table of laws."""
+    found: dict[str, dict[str, float]] = {name: {} for name in kernel.coordinates}
+    for name, value in kernel.parameters.items():
+        path = name.split(".", 3)
+        if path[0] == "joints" and ".".join(path[1:3]) in found:
+            found[".".join(path[1:3])][path[3]] = value
     return found
+
+
+def clearances(kernel: Kernel) -> dict[str, float]:
+    """Half the gap of every coordinate with a clearance, m or rad, by its name; of a transmission by the motor's."""
+    return {name: given["clearance"] for name, given in law_numbers(kernel).items() if "clearance" in given}
 
 
 def line_rates(kernel: Kernel, q: Array) -> tuple[Array, Array]:

@@ -20,6 +20,7 @@ from eomgen.codegen.kernels.equations import derive_equations
 from eomgen.codegen.kernels.signatures import KERNELS, PARTS, available
 from eomgen.codegen.package.compile import FLAGS
 from eomgen.codegen.program.ir import Graph, Node, Program, evaluate, finish
+from eomgen.codegen.program.operations import CALLS
 from eomgen.codegen.program.passes import run_passes
 from eomgen.robot.model import build_model
 from tests.oracles.force_laws import with_laws
@@ -86,7 +87,7 @@ def operators(text: str) -> Iterator[str]:
         elif isinstance(node, ast.UnaryOp) and not isinstance(node.operand, ast.Constant):
             yield "add"
         elif isinstance(node, ast.Call):
-            called = {"larger": "add", "positive": "add", "root": "div"}
+            called = {operation.function: operation.cost for operation in CALLS.values()}
             yield called.get(ast.unparse(node.func)) or f"sincos {ast.unparse(node.args[0])}"
 
 
@@ -131,16 +132,16 @@ def float_program(rng: np.random.Generator, length: int) -> Program:
     graph = Graph()
     nodes: list[Any] = [graph.input("q", i) for i in range(3)] + [graph.input("v", 0), 0.7, -1.3, 1.0]
     for _ in range(length):
-        op = str(rng.choice(["add", "sub", "mul", "neg", "sin", "div", "sqrt", "max", "step"]))
+        op = str(rng.choice(["add", "sub", "mul", "neg", "sin", "div", *CALLS]))
         x, y = (nodes[int(i)] for i in rng.integers(max(0, len(nodes) - 12), len(nodes), 2))
         if op == "sin" and isinstance(x, Node):
             nodes.extend(graph.sincos(x))
         elif op == "neg":
             nodes.append(graph.neg(x))
         elif op == "sqrt":
-            nodes.append(graph.sqrt(graph.add(graph.mul(x, x), 0.5)))
-        elif op == "step":
-            nodes.append(graph.step(x))
+            nodes.append(graph.call(op, graph.add(graph.mul(x, x), 0.5)))
+        elif op in CALLS:
+            nodes.append(graph.call(op, *(x, y)[: CALLS[op].arity]))
         elif op == "div":
             nodes.append(graph.div(x, graph.add(graph.mul(y, y), 1.0)))
         elif op != "sin":

@@ -6,37 +6,43 @@ then what is computed: der(q), accelerations a, poses of frames, reactions of jo
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from eomgen.robot.coordinates import FORCES, unit_of
+from eomgen.robot.laws import BASIC, NUMBERS, least_of, number_of
 from eomgen.robot.model import FIXED_BODY, Model
 from eomgen.robot.value import LINEAR, MOTOR, PRINCIPAL, Robot
-from eomgen.runtime.parameters import DIVISORS, NOT_NEGATIVE, SMALLEST
 
-UNITS: Mapping[str, Mapping[str, int]] = {  # exponents of SI base units, and of rad
-    "1": {},
-    "s": {"s": 1},
-    "m": {"m": 1},
-    "rad": {"rad": 1},
-    "m/s": {"m": 1, "s": -1},
-    "rad/s": {"rad": 1, "s": -1},
-    "m/s2": {"m": 1, "s": -2},
-    "rad/s2": {"rad": 1, "s": -2},
-    "kg": {"kg": 1},
-    "kg.m2": {"kg": 1, "m": 2},
+BASE = {  # exponents of SI base units, and of rad
     "N": {"kg": 1, "m": 1, "s": -2},
-    "N.m": {"kg": 1, "m": 2, "s": -2},
     "J": {"kg": 1, "m": 2, "s": -2},
-    "N/m": {"kg": 1, "s": -2},
-    "N.m/rad": {"kg": 1, "m": 2, "s": -2, "rad": -1},
-    "N.s/m": {"kg": 1, "s": -1},
-    "N.m.s/rad": {"kg": 1, "m": 2, "s": -1, "rad": -1},
-    "N/m3": {"kg": 1, "m": -2, "s": -2},
-    "N.m/rad3": {"kg": 1, "m": 2, "s": -2, "rad": -3},
-    "s/m": {"s": 1, "m": -1},
-    "s/rad": {"s": 1, "rad": -1},
-    "rad/m": {"rad": 1, "m": -1},
+}
+
+
+def unit_name(text: str) -> str:
+    """The name of a unit in FMI: "N.m/rad3" of "N m/rad^3"."""
+    return text.replace(" ", ".").replace("^", "")
+
+
+def exponents(name: str) -> dict[str, int]:
+    """Exponents of the SI base units, and of rad, in a unit of FMI."""
+    found: dict[str, int] = {}
+    for sign, part in zip((1, -1), name.split("/"), strict=False):
+        for unit, power in re.findall(r"([A-Za-z]+)(\d*)", part):
+            for base, exponent in BASE.get(unit, {unit: 1}).items():
+                found[base] = found.get(base, 0) + sign * int(power or 1) * exponent
+    return {base: exponent for base, exponent in found.items() if exponent}
+
+
+_OF_LAWS = (unit_name(unit) for number in (*BASIC, *NUMBERS.values()) for unit in number.unit)
+UNITS: Mapping[str, Mapping[str, int]] = {
+    name: exponents(name)
+    for name in (
+        *("1", "s", "m", "rad", "m/s", "rad/s", "m/s2", "rad/s2", "kg", "kg.m2", "N", "N.m", "J", "N/m", "N.m/rad"),
+        *("N.s/m", "N.m.s/rad", "N/m3", "N.m/rad3", "s/m", "s/rad", "rad/m", *_OF_LAWS),
+    )
 }
 STEP = "solver.step"
 SHORTEST = 1e-9  # s, of a step
@@ -105,9 +111,8 @@ def make_layout(model: Model, step: float) -> Layout:
 
 def _parameters(model: Model) -> Iterator[Variable]:
     for name, value in model.parameters.items():
-        key = name.rpartition(".")[2]
-        least = 0.0 if key in NOT_NEGATIVE else SMALLEST if key in DIVISORS else None
-        yield Variable(name, "parameter", parameter_unit(model.robot, name), "Parameter", value, least)
+        unit = parameter_unit(model.robot, name)
+        yield Variable(name, "parameter", unit, "Parameter", value, least_of(name))
 
 
 def _states(model: Model, kind: str, text: str, per: str, first: int) -> Iterator[Variable]:
@@ -183,34 +188,15 @@ def parameter_unit(robot: Robot, name: str) -> str:
         return "m/s2"
     if parts[0] == "links":
         return {"mass": "kg", "com": "m", "inertia": "kg.m2"}[parts[2]]
+    number = number_of(name)
     if parts[0] == "springs":
-        return "m" if parts[2] == "points" else _law_unit(parts[2:], linear=True)
+        return "m" if number is None else unit_name(number.unit[0])
     if parts[2] == "placement":
         return "m" if parts[3] == "xyz" else "rad"
     if parts[2] == "offset":
         return "m" if parts[3] in LINEAR else "rad"
-    if parts[2] != MOTOR:
-        return _law_unit(parts[3:], linear=parts[2] in LINEAR)
-    linear = PRINCIPAL[robot.joint(parts[1]).type] in LINEAR
-    if parts[3] == "inertia":
-        return "kg.m2"
-    if parts[3] == "ratio":
-        return "rad/m" if linear else "1"
-    return _law_unit(parts[3:], linear=linear and parts[3] != "friction")
-
-
-def _law_unit(key: Sequence[str], *, linear: bool) -> str:
-    """Unit of a number of a force law, by what follows its coordinate in its name."""
-    length, force, rate = ("m", "N", "N.s/m") if linear else ("rad", "N.m", "N.m.s/rad")
-    if key[0] == "friction":
-        return {"coulomb": force, "static": force, "viscous": rate}.get(key[1], f"{length}/s")
-    return {
-        "stiffness": f"{force}/{length}",
-        "stiffness_negative": f"{force}/{length}",
-        "damping": rate,
-        "armature": "kg" if linear else "kg.m2",
-        "preload": force,
-        "cubic": f"{force}/{length}3",
-        "restitution_damping": f"s/{length}",
-        "curve": force,
-    }.get(key[0], length)  # clearance, smoothing, free_length
+    linear = PRINCIPAL[robot.joint(parts[1]).type] in LINEAR if parts[2] == MOTOR else parts[2] in LINEAR
+    if number is None:  # of a motor
+        return {"inertia": "kg.m2", "ratio": "rad/m" if linear else "1"}[parts[3]]
+    at_shaft = parts[2] == MOTOR and parts[3] == "friction"
+    return unit_name(number.unit[0 if linear and not at_shaft else 1])

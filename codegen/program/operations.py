@@ -1,0 +1,84 @@
+"""Operations of programs, one row each: value, derivative, and what C, SymPy and the counts make of it."""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+Rate = Callable[[Any, Sequence[Any], Any, Sequence[Any]], Any]
+
+
+@dataclass(frozen=True)
+class Operation:
+    """An operation on real scalars.
+
+    Attributes:
+        arity: number of its arguments; 0 for constants and inputs, which are no operations of C.
+        cost: what ``Program.count`` counts it as, "add", "mul", "div" or "sincos"; empty for what costs nothing, and
+            for sine and cosine, which are counted by their angles.
+        value: its value, of floats; of arithmetic, for anything that has it.
+        rate: (graph, x, y, dx) -> dy, where y is its value at the arguments x; None where it is always zero.
+        function: the function of ``vectors.jinja`` that C calls, for one number and with the suffix _lanes for a
+            vector of them; empty where C has an operator, or a function of <math.h>.
+        sympy: (sympy, *x) -> its expression, of a function; SymPy's module is given, so that programs import none.
+        idempotent: whether op(x, x) is x.
+    """
+
+    arity: int
+    cost: str = ""
+    value: Callable[..., Any] | None = None
+    rate: Rate | None = None
+    function: str = ""
+    sympy: Callable[..., Any] | None = None
+    idempotent: bool = False
+
+    def compute(self, *numbers: float) -> float | None:
+        """The value at these numbers; None where it is not defined or no float."""
+        assert self.value is not None
+        try:
+            return float(self.value(*numbers))
+        except (ArithmeticError, ValueError):
+            return None
+
+
+def _larger(x: float, y: float) -> float:
+    """y where it is larger, else x: not a number stays not a number in x."""
+    return y if x < y else x
+
+
+OPERATIONS: Mapping[str, Operation] = MappingProxyType(
+    {
+        "const": Operation(0),
+        "input": Operation(0),
+        "neg": Operation(1, "add", operator.neg, lambda g, x, y, dx: -dx[0]),
+        "sin": Operation(1, value=math.sin, rate=lambda g, x, y, dx: g.sincos(x[0])[1] * dx[0]),
+        "cos": Operation(1, value=math.cos, rate=lambda g, x, y, dx: -(g.sincos(x[0])[0] * dx[0])),
+        "add": Operation(2, "add", operator.add, lambda g, x, y, dx: dx[0] + dx[1]),
+        "sub": Operation(2, "add", operator.sub, lambda g, x, y, dx: dx[0] - dx[1]),
+        "mul": Operation(2, "mul", operator.mul, lambda g, x, y, dx: dx[0] * x[1] + x[0] * dx[1]),
+        "div": Operation(2, "div", operator.truediv, lambda g, x, y, dx: (dx[0] - y * dx[1]) / x[1]),
+        "sqrt": Operation(
+            1, "div", math.sqrt, lambda g, x, y, dx: 0.5 * dx[0] / y, "root", lambda sympy, x: sympy.sqrt(x)
+        ),
+        "max": Operation(  # where both are equal, the rate is that of the first
+            2,
+            "add",
+            _larger,
+            lambda g, x, y, dx: dx[0] + g.call("step", x[1] - x[0]) * (dx[1] - dx[0]),
+            "larger",
+            lambda sympy, x, y: sympy.Max(x, y),
+            idempotent=True,
+        ),
+        "step": Operation(  # 1 where greater than 0, else 0
+            1, "add", lambda x: 1.0 if x > 0.0 else 0.0, None, "positive", lambda sympy, x: sympy.Heaviside(x, 0)
+        ),
+    }
+)
+CALLS: Mapping[str, Operation] = MappingProxyType({name: op for name, op in OPERATIONS.items() if op.function})
+VALUES: Mapping[str, Callable[..., Any]] = MappingProxyType(
+    {name: op.value for name, op in OPERATIONS.items() if op.value is not None}
+)

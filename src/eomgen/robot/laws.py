@@ -1,0 +1,343 @@
+"""The table of laws: which forces a coordinate may have beyond a linear spring and damper, and what is said of each.
+
+Reading, JSON Schemas, conflicts, parameters, units, reports and exports take what they need from here; a law's formula
+stands under its name in ``codegen.forces.laws``.  Numbers of laws go by their names below the coordinate, which are
+also those of the run-time parameters: "cubic", "friction.coulomb", "curve.0".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from types import MappingProxyType
+
+Values = Mapping[str, float]
+Conflict = tuple[str, str]  # key, message
+
+SMALLEST = 1e-12  # least value of what is divided by, m, rad or per s
+SHARE = 0.05  # of a clearance over which contact sets in
+SMOOTHING = 1e-3  # m/s or rad/s in which friction turns round
+
+FORCE, LENGTH, RATE = ("N", "N m"), ("m", "rad"), ("m/s", "rad/s")
+STIFFNESS, DAMPING, INERTIA = ("N/m", "N m/rad"), ("N s/m", "N m s/rad"), ("kg", "kg m^2")
+
+
+@dataclass(frozen=True)
+class Number:
+    """One number of a law.
+
+    Attributes:
+        key: its name below the coordinate, with a dot where the law has a table of its own.
+        about: a line for who writes a description.
+        unit: of translations and of rotations.
+        least: the least value, None where any will do.
+        needed: what the message says is allowed where it is missing; empty where it may be.
+        idle: the value that takes its force away, None where that is no matter of this number.
+        default: its value by the law's other numbers, None where nothing follows from them.
+    """
+
+    key: str
+    about: str
+    unit: tuple[str, ...]
+    least: float | None = 0.0
+    needed: str = ""
+    idle: float | None = 0.0
+    default: Callable[[Values], float | None] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Law:
+    """A force of a coordinate beyond stiffness and damping.
+
+    Attributes:
+        numbers: the first of them says whether the law is there.
+        about: a line about its table, where its numbers have one.
+        is_spring: whether it holds its coordinate.
+        stiffness: (k, numbers, deviations of a curve) -> stiffness (N/m, N m/rad) of a coordinate that has k without
+            this law: what the choice of a method and the sizes of coordinates look at; None where it stays k.
+        mjcf: numbers -> what becomes of it in MuJoCo where it is not written as it is; empty where it is.
+        takes_stiffness: whether its formula is that of the coordinate's stiffness, too.
+        absorbs: springs that act within its formula.
+        excludes: numbers and laws that it cannot stand beside; ``instead`` is what the message says is allowed.
+        rule: numbers, "stiffness" among them -> key and message of what does not go together, None if all does.
+        has_points: whether it is a curve: its forces are the numbers "NAME.0", "NAME.1", ...
+    """
+
+    name: str
+    numbers: tuple[Number, ...]
+    is_spring: bool
+    stiffness: Callable[[float, Values, Sequence[float]], float] | None
+    mjcf: Callable[[Values], str]
+    about: str = ""
+    takes_stiffness: bool = False
+    absorbs: tuple[str, ...] = ()
+    excludes: tuple[str, ...] = ()
+    instead: str = ""
+    rule: Callable[[Values], Conflict | None] | None = None
+    has_points: bool = False
+
+    @property
+    def first(self) -> str:
+        """The parameter that is there where the law is."""
+        return f"{self.name}.0" if self.has_points else self.numbers[0].key
+
+    @property
+    def has_table(self) -> bool:
+        """Whether descriptions give its numbers in a table of its name."""
+        return "." in self.numbers[0].key
+
+
+def _no_preload_alone(given: Values) -> str:
+    alone = given["preload"] and (given.get("cubic") or not given.get("stiffness"))
+    return "left out (springref shifts a linear spring alone)" if alone else ""
+
+
+def _two_sides(given: Values) -> Conflict | None:
+    if "stiffness" in given:
+        return None
+    return "stiffness_negative", "there is no stiffness for positive values; allowed: with stiffness"
+
+
+def _ends(given: Values) -> Conflict | None:
+    """What a contact needs."""
+    if "stiffness" not in given or not (given["stiffness"] or given.get("stiffness_negative")):
+        return "clearance", "there is no stiffness at the end of it; allowed: with stiffness > 0"
+    if "smoothing" not in given:
+        return "clearance", f"got 0 and no smoothing; allowed: 0 with a smoothing of at least {SMALLEST:g}"
+    return None
+
+
+def _stribeck(given: Values) -> Conflict | None:
+    coulomb, static = given["friction.coulomb"], given.get("friction.static")
+    if (static is None) != ("friction.stribeck" not in given):
+        return "friction", "static and stribeck belong together; allowed: both or none"
+    if static is not None and static < coulomb:
+        return "friction.static", f"got {static!r}; allowed: at least coulomb, {coulomb!r}"
+    return None
+
+
+def _friction_smoothing(given: Values) -> float:
+    return max(0.1 * given["friction.stribeck"], SMALLEST) if "friction.stribeck" in given else SMOOTHING
+
+
+def _steepest(k: float, given: Values, knots: Sequence[float]) -> float:
+    """The slope of the steepest rising piece of a curve, at least k."""
+    forces = [given[f"curve.{i}"] for i in range(len(knots))]
+    pairs = zip(pairwise(forces), pairwise(knots), strict=True)
+    return max(k, *((high - low) / (b - a) for (low, high), (a, b) in pairs))
+
+
+BASIC = (
+    Number("stiffness", "linear spring", STIFFNESS),
+    Number("damping", "linear damper", DAMPING),
+    Number("armature", "inertia of a drive, added to the diagonal of the mass matrix", INERTIA, idle=None),
+)
+_LAWS = (
+    Law(
+        name="preload",
+        numbers=(
+            Number("preload", "constant force; a positive one pushes towards negative values", FORCE, least=None),
+        ),
+        is_spring=False,
+        stiffness=None,
+        mjcf=_no_preload_alone,
+    ),
+    Law(
+        name="cubic",
+        numbers=(Number("cubic", "cubic spring, times the third power of the deviation", ("N/m^3", "N m/rad^3")),),
+        is_spring=True,
+        stiffness=None,
+        mjcf=lambda given: "",
+    ),
+    Law(
+        name="stiffness_negative",
+        numbers=(Number("stiffness_negative", "in the place of stiffness at negative values", STIFFNESS),),
+        is_spring=True,
+        stiffness=lambda k, given, knots: max(k, given["stiffness_negative"]),
+        mjcf=lambda given: "stiffness on both sides",
+        takes_stiffness=True,
+        rule=_two_sides,
+    ),
+    Law(
+        name="clearance",
+        numbers=(
+            Number("clearance", "half the gap in which no spring acts; with stiffness", LENGTH, idle=None),
+            Number(
+                "restitution_damping",
+                "multiplies a contact's force by 1 + restitution_damping * rate; with clearance",
+                ("s/m", "s/rad"),
+            ),
+            Number(
+                "smoothing",
+                "over which a contact sets in; with clearance, default clearance / 20",
+                LENGTH,
+                least=SMALLEST,
+                idle=None,
+                default=lambda given: max(SHARE * given["clearance"], SMALLEST) if given["clearance"] else None,
+            ),
+        ),
+        is_spring=False,
+        stiffness=None,
+        mjcf=lambda given: "a spring without play",
+        takes_stiffness=True,
+        absorbs=("stiffness_negative", "cubic"),
+        rule=_ends,
+    ),
+    Law(
+        name="friction",
+        about="dry friction: coulomb, static, stribeck, viscous, smoothing",
+        numbers=(
+            Number("friction.coulomb", "force that resists any motion", FORCE, needed="a force in N or N m"),
+            Number("friction.static", "force from rest, at least coulomb; with stribeck", FORCE),
+            Number(
+                "friction.stribeck",
+                "rate over which static friction falls to coulomb; with static",
+                RATE,
+                least=SMALLEST,
+                idle=None,
+            ),
+            Number("friction.viscous", "force per rate", DAMPING),
+            Number(
+                "friction.smoothing",
+                "rate over which friction turns round; default stribeck / 10, or 1e-3",
+                RATE,
+                least=SMALLEST,
+                idle=None,
+                default=_friction_smoothing,
+            ),
+        ),
+        is_spring=False,
+        stiffness=None,
+        mjcf=lambda given: (
+            "frictionloss, a soft constraint, without smoothing and Stribeck part"
+            if given["friction.coulomb"] or given.get("friction.static")
+            else ""
+        ),
+        rule=_stribeck,
+    ),
+    Law(
+        name="curve",
+        numbers=(
+            Number(
+                "curve",
+                "measured points [[deviation, force], ...], or a CSV file of two columns; in the place of stiffness",
+                FORCE,
+                least=None,
+            ),
+        ),
+        is_spring=True,
+        stiffness=_steepest,
+        mjcf=lambda given: "left out",
+        excludes=("stiffness", "stiffness_negative", "cubic", "clearance"),
+        instead="a curve instead of stiffness, stiffness_negative, cubic, clearance",
+        has_points=True,
+    ),
+)
+LAWS: Mapping[str, Law] = MappingProxyType({law.name: law for law in _LAWS})
+NUMBERS: Mapping[str, Number] = MappingProxyType({number.key: number for law in _LAWS for number in law.numbers})
+BETWEEN_POINTS: Mapping[str, Number] = MappingProxyType(  # of springs between two points
+    {
+        number.key: number
+        for number in (
+            Number("free_length", "length without force; default 0", ("m",), idle=None),
+            Number("stiffness", "force per elongation", ("N/m",)),
+            Number("damping", "force per rate of the length", ("N s/m",)),
+            Number(
+                "smoothing",
+                "over which a cable's tension sets in; default free_length / 10000",
+                ("m",),
+                least=SMALLEST,
+                idle=None,
+            ),
+            Number(
+                "curve",
+                "measured points [[elongation, force], ...], or a CSV file of two columns; in the place of stiffness",
+                ("N",),
+                least=None,
+            ),
+        )
+    }
+)
+
+
+def given_laws(numbers: Values) -> Iterator[Law]:
+    """The laws that numbers belong to, in the order of the table."""
+    return (law for law in _LAWS if law.first in numbers)
+
+
+def defaults(numbers: Values) -> dict[str, float]:
+    """Numbers that are not given and follow from those that are."""
+    found = {}
+    for law in given_laws(numbers):
+        for number in law.numbers:
+            value = number.default(numbers) if number.default and number.key not in numbers else None
+            if value is not None:
+                found[number.key] = value
+    return found
+
+
+def law_conflict(numbers: Values) -> Conflict | None:
+    """The key and the message of numbers that do not go together; None if all do.
+
+    Args:
+        numbers: of all laws of a coordinate, and "stiffness" where it is given.
+    """
+    for law in _LAWS:
+        first, *others = law.numbers
+        if law.first not in numbers:
+            for number in others:
+                if number.key in numbers:
+                    return number.key, f"there is no {first.key}; allowed: {number.key} with {first.key}"
+            continue
+        for number in others:
+            if number.needed and number.key not in numbers:
+                return number.key, f"it is missing; allowed: {number.needed}"
+        for name in law.excludes:
+            if (LAWS[name].first if name in LAWS else name) in numbers:
+                return law.name, f"{name} is given, too; allowed: {law.instead}"
+        found = law.rule(numbers) if law.rule else None
+        if found is not None:
+            return found
+    return None
+
+
+def stiffness_of(numbers: Values, knots: Sequence[float]) -> float:
+    """Stiffness of a coordinate's springs, N/m or N m/rad; 0 where there is none.
+
+    Args:
+        numbers: of all laws of the coordinate, and "stiffness" where it is given.
+        knots: deviations of its curve.
+    """
+    k = numbers.get("stiffness", 0.0)
+    for law in given_laws(numbers):
+        k = law.stiffness(k, numbers, knots) if law.stiffness else k
+    return k
+
+
+def number_texts(numbers: Values) -> list[str]:
+    """Numbers of laws for people: "cubic 3", "curve of 5 points"."""
+    texts = [f"{key} {number:.4g}" for key, number in numbers.items() if not key.startswith("curve.")]
+    points = len(numbers) - len(texts)
+    return [*texts, f"curve of {points} points"] if points else texts
+
+
+def number_of(parameter: str) -> Number | None:
+    """The table's number that a run-time parameter of a joint or spring is; None of what is no force."""
+    kind, *path = parameter.split(".")
+    if kind not in ("joints", "springs"):
+        return None
+    key = ".".join(path[2 if kind == "joints" else 1 :])
+    table = _OF_COORDINATES if kind == "joints" else BETWEEN_POINTS
+    return table.get(key) or table.get(key.partition(".")[0])
+
+
+_OF_COORDINATES = MappingProxyType({**{number.key: number for number in BASIC}, **NUMBERS})
+
+
+def least_of(parameter: str) -> float | None:
+    """The least value that a run-time parameter may have; None where any number will do."""
+    if parameter.startswith("links.") and parameter.endswith(".mass"):
+        return 0.0
+    number = number_of(parameter)
+    return None if number is None else number.least
