@@ -54,7 +54,7 @@ class Letter:
 
 
 @dataclass(frozen=True)
-class ReadableForm:
+class ReadableClosedForm:
     """Simplified M, C and Q of a robot with their symbols; ``lines`` is text, ``latex`` a LaTeX fragment.
 
     mass_matrix: {(s, v): entry}, s <= v; christoffel: {(s, v, w): entry}, v <= w; by index, zeros left out.
@@ -123,7 +123,7 @@ class ReadableForm:
         return f"{below}}}^{{{' '.join(names)}"
 
 
-def readable_form(model: Model, *, numbers: bool = False) -> ReadableForm:
+def readable_closed_form(model: Model, *, numbers: bool = False) -> ReadableClosedForm:
     """Derive and simplify the closed form.
 
     Args:
@@ -160,7 +160,7 @@ def readable_form(model: Model, *, numbers: bool = False) -> ReadableForm:
     christoffel = {key: entry for key, entry in christoffel.items() if entry != 0}
     used = set().union(*(expr.free_symbols for expr in (*mass.values(), *christoffel.values(), *force)))
     named = [letter for letter in letters.values() if letter.symbol in used]
-    return ReadableForm(model, (*_coordinates(model, form), *named), form, mass, christoffel, force)
+    return ReadableClosedForm(model, (*_coordinates(model, form), *named), form, mass, christoffel, force)
 
 
 def simplified(expression: Expr) -> Expr:

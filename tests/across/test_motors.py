@@ -13,7 +13,7 @@ import eomgen
 from eomgen.analysis.sensitivity import offset_sensitivity
 from eomgen.analysis.structures import compare
 from eomgen.bench.beside import bench
-from eomgen.codegen.closed_form.readable import readable_form
+from eomgen.codegen.closed_form.readable import readable_closed_form
 from eomgen.codegen.joint.zero_listing import zero_report
 from eomgen.errors import InputError
 from eomgen.identification.from_motion import forces
@@ -249,7 +249,7 @@ def test_reports() -> None:
 
 
 def test_readable_equations() -> None:
-    form = readable_form(build_model(described(MOTOR)))
+    form = readable_closed_form(build_model(described(MOTOR)))
     motor = form.lines()[-1].strip()
     wanted = "J_motor_joint1*motorddot_1 = D_motor_1 + "
     assert motor.startswith(wanted)

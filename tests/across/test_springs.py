@@ -13,7 +13,7 @@ import eomgen
 from eomgen.analysis.structures import compare
 from eomgen.bench.beside import bench
 from eomgen.cli import entry as cli
-from eomgen.codegen.closed_form.readable import readable_form
+from eomgen.codegen.closed_form.readable import readable_closed_form
 from eomgen.codegen.closed_form.trace import closed_form
 from eomgen.errors import InputError
 from eomgen.identification.from_motion import forces
@@ -181,7 +181,7 @@ def test_information(capsys: pytest.CaptureFixture[str]) -> None:
 def test_what_knows_no_springs_refuses_them(capsys: pytest.CaptureFixture[str]) -> None:
     robot = eomgen.load_robot("balanced_arm")
     model = build_model(robot)
-    for derive in (closed_form, readable_form):
+    for derive in (closed_form, readable_closed_form):
         with pytest.raises(InputError, match=r"knows no springs between points \(balance, tendon, stop\)"):
             derive(model)  # type: ignore[operator]
     with pytest.raises(InputError, match="balance, tendon, stop: the textbook's algorithms know no springs"):

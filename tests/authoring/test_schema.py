@@ -152,8 +152,8 @@ def test_every_property_is_described(name: str) -> None:
     [
         *(("robot", path) for path in sorted(ROOT.glob("src/eomgen/robots/*.toml"))),
         *(("scenario", path) for path in sorted(ROOT.glob("src/eomgen/scenarios/*.toml"))),
-        ("robot", ROOT / "src/eomgen/starters/robot.toml"),
-        ("scenario", ROOT / "src/eomgen/starters/scenario.toml"),
+        ("robot", ROOT / "src/eomgen/new_files/robot.toml"),
+        ("scenario", ROOT / "src/eomgen/new_files/scenario.toml"),
         *(
             ("plan" if "vary" in text else "scenario" if "\nduration" in text else "robot", path)
             for path in sorted(ROOT.glob("examples/*.toml"))

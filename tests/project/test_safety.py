@@ -98,7 +98,7 @@ def test_no_text_becomes_an_expression(monkeypatch: pytest.MonkeyPatch) -> None:
 
     import eomgen
     from eomgen.codegen.closed_form import trace
-    from eomgen.codegen.closed_form.readable import readable_form
+    from eomgen.codegen.closed_form.readable import readable_closed_form
     from eomgen.robot.model import build_model
 
     came: set[type] = set()
@@ -110,6 +110,6 @@ def test_no_text_becomes_an_expression(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(trace.sp, "sympify", watched)
     for numbers in (False, True):
-        readable_form(build_model(eomgen.load_robot("one_link")), numbers=numbers)
+        readable_closed_form(build_model(eomgen.load_robot("one_link")), numbers=numbers)
     assert came
     assert not any(issubclass(kind, (str, bytes)) for kind in came)

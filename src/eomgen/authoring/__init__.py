@@ -1,4 +1,10 @@
-"""Files that people write: what is wrong with one, a first one to begin with, their JSON Schemas.
+"""Files that people write: checks of one, a new one to begin with, their JSON Schemas.
 
 Uses forms, and the keys and readers of description, scenario and sweep; nothing is generated.
 """
+
+from .check import check_file
+from .new import write_new_file
+from .schemas import schema_path, schema_text
+
+__all__ = ["check_file", "schema_path", "schema_text", "write_new_file"]

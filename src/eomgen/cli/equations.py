@@ -18,11 +18,11 @@ def _add_derive(parser: argparse.ArgumentParser) -> None:
 
 
 def _derive(options: argparse.Namespace) -> None:
-    from ..codegen.closed_form.readable import readable_form
+    from ..codegen.closed_form.readable import readable_closed_form
     from ..files import write_atomically
     from ..robot.model import build_model
 
-    form = readable_form(build_model(read_robot(options)), numbers=options.numbers)
+    form = readable_closed_form(build_model(read_robot(options)), numbers=options.numbers)
     text = (form.latex() if options.latex else "\n".join(form.lines())) + "\n"
     if options.output is None:
         print(text, end="")

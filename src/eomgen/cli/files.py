@@ -17,9 +17,9 @@ def _add_new(parser: argparse.ArgumentParser) -> None:
 
 
 def _new(options: argparse.Namespace) -> None:
-    from ..authoring.new import write_starter
+    from ..authoring.new import write_new_file
 
-    print(f"wrote {write_starter(options.name, options.output, 'scenario' if options.scenario else 'robot')}")
+    print(f"wrote {write_new_file(options.name, options.output, 'scenario' if options.scenario else 'robot')}")
 
 
 def _add_check(parser: argparse.ArgumentParser) -> None:

@@ -11,14 +11,14 @@ from matplotlib.mathtext import MathTextParser
 
 import eomgen
 from eomgen.cli import entry as cli
-from eomgen.codegen.closed_form.readable import ReadableForm, readable_form, simplified
+from eomgen.codegen.closed_form.readable import ReadableClosedForm, readable_closed_form, simplified
 from eomgen.robot.model import build_model
 from tests.oracles.paper_example import equal
 from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.support.random_robots import random_robot, random_state
 
 
-def parsed(form: ReadableForm) -> list[tuple[sp.Expr, sp.Expr]]:
+def parsed(form: ReadableClosedForm) -> list[tuple[sp.Expr, sp.Expr]]:
     """Both sides of the printed equations."""
     form_lines = form.lines()
     equations = form_lines[form_lines.index("equations of motion, eq. (10)") + 1 :]
@@ -29,7 +29,7 @@ def parsed(form: ReadableForm) -> list[tuple[sp.Expr, sp.Expr]]:
 
 def test_the_papers_example_reads_as_in_the_paper() -> None:
     """Eqs. (17) to (19) with c = l/2 and I = m l^2 / 12; gravity along -Y0, see the errata."""
-    form = readable_form(build_model(eomgen.load_robot("one_link")))
+    form = readable_closed_form(build_model(eomgen.load_robot("one_link")))
     m, length, a, g, x, gamma, xd, gd, xdd, gdd, D = sp.symbols("m l a g x gamma xd gd xdd gdd D")
     letters = {
         "m_link1": m,
@@ -70,7 +70,7 @@ def test_the_papers_example_reads_as_in_the_paper() -> None:
 def test_printed_equations_of_random_robots_are_those_of_pinocchio(seed: int, numbers: bool) -> None:
     robot = random_robot(seed, max_size=3)
     form, oracle, state = (
-        readable_form(build_model(robot), numbers=numbers),
+        readable_closed_form(build_model(robot), numbers=numbers),
         PinocchioOracle(robot),
         random_state(robot, seed),
     )
@@ -87,7 +87,7 @@ def test_printed_equations_of_random_robots_are_those_of_pinocchio(seed: int, nu
 
 def test_latex_is_mathematics() -> None:
     """Every formula is read by another program."""
-    latex = readable_form(build_model(random_robot(1, max_size=3)), numbers=True).latex()
+    latex = readable_closed_form(build_model(random_robot(1, max_size=3)), numbers=True).latex()
     parser = MathTextParser("path")
     rows = [row for row in latex.splitlines() if not row.startswith(("%", "\\begin", "\\end"))]
     assert len(rows) > 5
