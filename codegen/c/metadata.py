@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from eomgen._version import __version__
+from eomgen.names import component_name, joint_of
 from eomgen.robot.laws import least_of
 from eomgen.robot.model import Model
 from eomgen.robot.value import MOTOR
@@ -64,8 +65,12 @@ def metadata(equations: Equations, dtype: str) -> dict[str, Any]:
 
 def knots(model: Model) -> dict[str, list[float]]:
     """Deviations of every measured curve, by its coordinate; of a transmission's by the motor's."""
-    given = {f"{joint.name}.{name}": c for joint in model.robot.joints for name, c in joint.coordinates.items()}
-    given |= {f"{joint.name}.{MOTOR}": joint.motor.transmission for joint in model.robot.joints if joint.motor}
+    given = {
+        component_name(joint.name, name): c for joint in model.robot.joints for name, c in joint.coordinates.items()
+    }
+    given |= {
+        component_name(joint.name, MOTOR): joint.motor.transmission for joint in model.robot.joints if joint.motor
+    }
     return {name: [deviation for deviation, _ in c.curve] for name, c in given.items() if c.curve is not None}
 
 
@@ -74,7 +79,7 @@ def _motor_metadata(model: Model) -> dict[str, Any]:
     motors = {}
     for index, principal in model.motors.items():
         name = model.coordinates[index]
-        motor = model.robot.joint(name.rpartition(".")[0]).motor
+        motor = model.robot.joint(joint_of(name)).motor
         assert motor is not None
         motors[name] = [model.coordinates[principal], motor.ratio]
     return {"motors": motors} if motors else {}

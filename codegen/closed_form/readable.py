@@ -14,8 +14,10 @@ import sympy as sp
 from sympy.simplify.fu import TR10i
 
 from eomgen.errors import InputError
+from eomgen.names import parameter_path, split_component
+from eomgen.robot.coordinates import unit_of
 from eomgen.robot.model import Model, parameter_values
-from eomgen.robot.value import ANGULAR, LINEAR, MOTOR
+from eomgen.robot.value import ANGULAR, MOTOR
 
 from .trace import ClosedForm, closed_form, refuse_springs
 
@@ -116,7 +118,7 @@ class ReadableClosedForm:
         """Subscript and superscript of eq. (11) or (12): joints, then coordinates; one joint is named once."""
         names, joints = [], []
         for i in key:
-            joint, _, name = self.model.coordinates[i].rpartition(".")
+            joint, name = split_component(self.model.coordinates[i])
             joints.append(str(1 + next(k for k, body in enumerate(self.model.bodies) if body.joint == joint)))
             names.append(_greek(name))
         below = joints[0] if len(self.model.bodies) == 1 else ",".join(joints)
@@ -204,8 +206,7 @@ def _driven(model: Model) -> set[int]:
 
 def _coordinates(model: Model, form: ClosedForm) -> Iterator[Letter]:
     for symbol, name in zip(form.q, model.coordinates, strict=True):
-        unit = "m" if name.rpartition(".")[2] in LINEAR else "rad"
-        yield Letter(symbol, _latex_of(str(symbol)), name, None, unit)
+        yield Letter(symbol, _latex_of(str(symbol)), name, None, unit_of(name))
 
 
 def _parameters(model: Model) -> Iterator[tuple[str, Letter]]:
@@ -217,7 +218,7 @@ def _parameters(model: Model) -> Iterator[tuple[str, Letter]]:
     for name, value in parameter_values(model.robot):
         if value is None or value == 0.0:
             continue
-        parts = name.split(".")
+        parts = parameter_path(name)
         kind = next((part for part in parts if part in SYMBOLS), "")
         if not kind:
             continue

@@ -19,6 +19,7 @@ import sympy as sp
 from numpy.typing import NDArray
 
 from eomgen.errors import InputError
+from eomgen.names import split_component
 from eomgen.robot.model import FIXED_BODY, Body, Model
 
 from ..forces.rows import effects, resisting_rows, stretches
@@ -170,7 +171,7 @@ def _number(number: Any) -> Expr:
 def _symbols(model: Model) -> tuple[Row, Row, Row, Row]:
     """Symbols like the paper's: x_1, its derivatives xdot_1 and xddot_1, and the drive D_x_1."""
     number = {body.joint: k + 1 for k, body in enumerate(model.bodies)}
-    names = [(name, number[joint]) for joint, _, name in (label.rpartition(".") for label in model.coordinates)]
+    names = [(name, number[joint]) for joint, name in map(split_component, model.coordinates)]
     patterns = ("{}_{}", "{}dot_{}", "{}ddot_{}", "D_{}_{}")
     q, v, a, u = (tuple(sp.Symbol(p.format(*name), real=True) for name in names) for p in patterns)
     return q, v, a, u

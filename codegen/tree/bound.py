@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from eomgen.errors import InputError
+from eomgen.names import joint_of
 from eomgen.robot.geometry import IDENTITY, snap
 from eomgen.robot.laws import given_laws
 from eomgen.robot.model import FIXED_BODY, Model
@@ -297,7 +298,7 @@ class _Binder:
         found: dict[int, Transmission] = {}
         for index, principal in self.model.motors.items():
             name = self.model.coordinates[index]
-            motor = self.model.robot.joint(name.rpartition(".")[0]).motor
+            motor = self.model.robot.joint(joint_of(name)).motor
             assert motor is not None
             prefix, spring = f"joints.{name}", motor.transmission
             stiffness = 0.0 if _is_bent(spring) else self.value(f"{prefix}.stiffness", spring.stiffness or 0.0)

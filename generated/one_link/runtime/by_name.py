@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import UnknownNameError
-from ..names import nearest_or_all
+from ..names import joint_of, nearest_or_all
 
 Array = NDArray[Any]
 Mask = NDArray[np.bool_]
@@ -39,7 +39,7 @@ class BlockMap(Mapping[tuple[str, ...], Array]):
         self.places: dict[str, Index] = {name: i for i, name in enumerate(coordinates)}
         self._joints: dict[str, slice] = {}
         for i, name in enumerate(coordinates):
-            joint = name.rpartition(".")[0]
+            joint = joint_of(name)
             self._joints[joint] = slice(self._joints.get(joint, slice(i, i)).start, i + 1)
         self.places.update(self._joints)
 
@@ -141,7 +141,7 @@ def make_blocks(mass: Array, christoffel: Array, meta: Mapping[str, Sequence[str
     v, w = np.triu_indices(n)
     mask[:, v, w] = upper
     mask |= np.swapaxes(mask, 1, 2)
-    joints = list(dict.fromkeys(name.rpartition(".")[0] for name in names))
+    joints = list(dict.fromkeys(map(joint_of, names)))
     return Blocks(BlockMap("M", mass, rows, names), BlockMap("C", christoffel, mask, names), joints)
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
+from ..optional import optional_import
 from .shared import Command, add_json, add_robot, progress_bar, read_robot, show_files
 
 
@@ -81,10 +82,8 @@ def _executor(options: argparse.Namespace) -> Iterator[Any]:
     if address is None:
         yield None
         return
-    try:
+    with optional_import("Dask", "--dask needs"):
         import distributed
-    except ImportError:
-        raise InputError('--dask needs Dask: pip install "eomgen[sweep]"') from None
     try:
         client: Any = distributed.Client(address, timeout="10s")  # type: ignore[no-untyped-call,unused-ignore]
     except (OSError, ValueError, TimeoutError) as error:

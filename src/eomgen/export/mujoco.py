@@ -19,7 +19,8 @@ from ..description import RobotLike, as_robot
 from ..description.mjcf.values import about, matrix, triple
 from ..errors import EomgenWarning, InputError
 from ..files import write_atomically
-from ..names import show
+from ..names import component_name, show
+from ..robot.coordinates import coordinate_names
 from ..robot.geometry import IDENTITY
 from ..robot.inertia_policy import second_moments
 from ..robot.laws import given_laws
@@ -99,7 +100,7 @@ def mjcf(
     _add_tendons(root, robot, bodies)
     if actuators:
         part = ElementTree.SubElement(root, "actuator")
-        for name in (f"{joint.name}.{key}" for joint in robot.joints for key in joint.all_coordinates):
+        for name in coordinate_names(robot):
             ElementTree.SubElement(part, "motor", name=name, joint=name)
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode") + "\n"
@@ -177,10 +178,10 @@ def _add_body(parent: ElementTree.Element, joint: Joint, link: Link) -> ElementT
     for name, axis in reversed(motions):
         _add_joint(body, joint, name, axis, offset[name])
     if joint.motor is not None:
-        rotor = ElementTree.SubElement(body, "body", name=f"{joint.name}.{MOTOR}", pos=_text(link.com))
+        rotor = ElementTree.SubElement(body, "body", name=component_name(joint.name, MOTOR), pos=_text(link.com))
         least = {"mass": repr(LEAST), "pos": "0 0 0", "diaginertia": _text([LEAST] * 3)}
         ElementTree.SubElement(rotor, "inertial", least)
-        name = f"{joint.name}.{MOTOR}"
+        name = component_name(joint.name, MOTOR)
         armature = max(joint.motor.inertia - LEAST, 0.0)  # the rest is the body's
         given = {"name": name, "type": "hinge", "axis": _text(turn[:, 2]), "armature": repr(armature)}
         ElementTree.SubElement(rotor, "joint", given | _friction(joint.motor.friction))
@@ -189,7 +190,11 @@ def _add_body(parent: ElementTree.Element, joint: Joint, link: Link) -> ElementT
 
 def _add_joint(body: ElementTree.Element, joint: Joint, name: str, axis: Array, offset: float) -> None:
     given = joint.coordinates[name]
-    values = {"name": f"{joint.name}.{name}", "type": "hinge" if name in ANGULAR else "slide", "axis": _text(axis)}
+    values = {
+        "name": component_name(joint.name, name),
+        "type": "hinge" if name in ANGULAR else "slide",
+        "axis": _text(axis),
+    }
     values |= _spring_of(given)
     if given.preload and given.stiffness and not given.cubic:
         values["springref"] = repr(-given.preload / given.stiffness)
@@ -255,7 +260,7 @@ def _add_tendons(root: ElementTree.Element, robot: Robot, bodies: Bodies) -> Non
         tendon = ElementTree.SubElement(tendons, "fixed", values)
         ends = ((MOTOR, 1.0 / joint.motor.ratio), (PRINCIPAL[joint.type], -1.0))
         for name, coefficient in ends:
-            ElementTree.SubElement(tendon, "joint", joint=f"{joint.name}.{name}", coef=repr(coefficient))
+            ElementTree.SubElement(tendon, "joint", joint=component_name(joint.name, name), coef=repr(coefficient))
     for spring in springs:
         _add_spring(tendons, bodies, spring)
 

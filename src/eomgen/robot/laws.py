@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 from types import MappingProxyType
 
+from ..names import parameter_name, parameter_path
+
 Values = Mapping[str, float]
 Conflict = tuple[str, str]  # key, message
 
@@ -324,10 +326,10 @@ def number_texts(numbers: Values) -> list[str]:
 
 def number_of(parameter: str) -> Number | None:
     """The table's number that a run-time parameter of a joint or spring is; None of what is no force."""
-    kind, *path = parameter.split(".")
+    kind, *path = parameter_path(parameter)
     if kind not in ("joints", "springs"):
         return None
-    key = ".".join(path[2 if kind == "joints" else 1 :])
+    key = parameter_name(*path[2 if kind == "joints" else 1 :])
     table = _OF_COORDINATES if kind == "joints" else BETWEEN_POINTS
     return table.get(key) or table.get(key.partition(".")[0])
 

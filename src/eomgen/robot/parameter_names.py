@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from ..errors import DescriptionError
-from ..names import nearest, show
+from ..names import nearest, parameter_name, parameter_path, show
 from .value import COORDINATE_NUMBERS, COORDINATES, INERTIA_KEYS, LINEAR, MOTOR, Placement, Robot
 
 FORMS = (
@@ -44,15 +44,15 @@ def parameters(robot: Robot) -> Iterator[Parameter]:
             for key in COORDINATE_NUMBERS:
                 yield Parameter(("joints", joint.name, name, key), getattr(coordinate, key) is not None)
             for key in coordinate.law():
-                yield Parameter(("joints", joint.name, name, *key.split(".")))
+                yield Parameter(("joints", joint.name, name, *parameter_path(key)))
         for key, value in (joint.motor.numbers() if joint.motor else {}).items():
-            yield Parameter(("joints", joint.name, MOTOR, *key.split(".")), value is not None)
+            yield Parameter(("joints", joint.name, MOTOR, *parameter_path(key)), value is not None)
     for frame in robot.frames:
         yield from _placement(("frames", frame.name), frame.placement)
     for spring in robot.springs:
         given = spring.law()
         for key in dict.fromkeys((*spring.optional, *given)):
-            yield Parameter(("springs", spring.name, *key.split(".")), key in given)
+            yield Parameter(("springs", spring.name, *parameter_path(key)), key in given)
         for index in "01":
             for axis in LINEAR:
                 yield Parameter(("springs", spring.name, "points", index, axis))
@@ -78,12 +78,12 @@ def expand_tunable(robot: Robot, patterns: Sequence[str]) -> tuple[str, ...]:
     known = list(parameters(robot))
     chosen: set[tuple[str, ...]] = set()
     for pattern in patterns:
-        wanted = tuple(pattern.split("."))
+        wanted = parameter_path(pattern)
         found = {item.path for item in known if _matches(wanted, item)}
         if not found:
             _refuse(robot, pattern, wanted, known)
         chosen |= found
-    return tuple(".".join(item.path) for item in known if item.path in chosen)
+    return tuple(parameter_name(*item.path) for item in known if item.path in chosen)
 
 
 def _matches(wanted: tuple[str, ...], item: Parameter) -> bool:
@@ -104,5 +104,7 @@ def _refuse(robot: Robot, pattern: str, wanted: tuple[str, ...], known: Sequence
     if "rpy" in wanted and wanted[0] in ("joints", "frames"):
         reason += " (an rpy can be tuned only where the description gives it; dh does not)"
     paths = (item.path for item in known)
-    hint = nearest(pattern, (".".join(path[:n]) for path in paths for n in range(_shortest(path), len(path) + 1)))
+    hint = nearest(
+        pattern, (parameter_name(*path[:n]) for path in paths for n in range(_shortest(path), len(path) + 1))
+    )
     raise DescriptionError(f"{show(pattern)}: {reason}{hint} (allowed: {FORMS})", where="tunable", source=robot.source)

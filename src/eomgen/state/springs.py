@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..names import parameter_name, parameter_path
 from ..robot.laws import stiffness_of
 from ..runtime.kernel import Kernel
 from .motors import deflections
@@ -40,9 +41,10 @@ def law_numbers(kernel: Kernel) -> dict[str, dict[str, float]]:
     """Numbers of the forces of every coordinate as the kernel has them now, by their names in the table of laws."""
     found: dict[str, dict[str, float]] = {name: {} for name in kernel.coordinates}
     for name, value in kernel.parameters.items():
-        path = name.split(".", 3)
-        if path[0] == "joints" and ".".join(path[1:3]) in found:
-            found[".".join(path[1:3])][path[3]] = value
+        kind, *path = parameter_path(name)
+        coordinate = parameter_name(*path[:2])
+        if kind == "joints" and coordinate in found:
+            found[coordinate][parameter_name(*path[2:])] = value
     return found
 
 
@@ -56,13 +58,15 @@ def line_rates(kernel: Kernel, q: Array) -> tuple[Array, Array]:
     if not kernel.springs:
         return np.zeros((kernel.n, kernel.n)), np.zeros((kernel.n, kernel.n))
     arms = kernel.spring_jacobian(q)
-    damping = np.array([kernel.parameters.get(f"springs.{name}.damping", 0.0) for name in kernel.springs])
+    damping = np.array(
+        [kernel.parameters.get(parameter_name("springs", name, "damping"), 0.0) for name in kernel.springs]
+    )
     return np.asarray(kernel.spring_stiffness(q)), np.asarray(arms.T @ (damping[:, None] * arms))
 
 
 def coordinate_numbers(kernel: Kernel, key: str) -> Array:
     """A parameter of every coordinate, such as "damping", (n,); 0 where there is none."""
-    names = (f"joints.{coordinate}.{key}" for coordinate in kernel.coordinates)
+    names = (parameter_name("joints", coordinate, key) for coordinate in kernel.coordinates)
     return np.array([kernel.parameters.get(name, 0.0) for name in names])
 
 

@@ -10,7 +10,8 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from eomgen.robot.coordinates import FORCES, unit_of
+from eomgen.names import parameter_path
+from eomgen.robot.coordinates import FORCES, force_unit_of, unit_of
 from eomgen.robot.laws import BASIC, NUMBERS, least_of, number_of
 from eomgen.robot.model import FIXED_BODY, Model
 from eomgen.robot.value import LINEAR, MOTOR, PRINCIPAL, Robot
@@ -128,7 +129,7 @@ def _drives(model: Model) -> Iterator[Variable]:
         if i in model.prescribed:
             yield Variable(f"u.{name}", "input", f"{unit}/s2", "Given acceleration", 0.0)
         else:
-            yield Variable(f"u.{name}", "input", "N" if unit == "m" else "N.m", "Drive", 0.0)
+            yield Variable(f"u.{name}", "input", unit_name(force_unit_of(name)), "Drive", 0.0)
 
 
 def _wrenches(
@@ -183,7 +184,7 @@ def _energies(states: tuple[int, ...]) -> Iterator[Variable]:
 
 def parameter_unit(robot: Robot, name: str) -> str:
     """A name of UNITS: that of a run-time parameter."""
-    parts = name.split(".")
+    parts = parameter_path(name)
     if parts[0] == "gravity":
         return "m/s2"
     if parts[0] == "links":
