@@ -19,7 +19,7 @@ STYLES = {  # Okabe and Ito: told apart by colour-blind readers
     "eomgen": ("#0072b2", "o"),
     "eomgen, batch": ("#009e73", "D"),
 }
-RC: Any = {**style.RC, "svg.hashsalt": "eomgen"}  # the same ids on every run
+RC: Any = {**plots.RC, "svg.hashsalt": "eomgen"}  # the same ids on every run
 
 
 def plot(report: Report, path: Path) -> None:
