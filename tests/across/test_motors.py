@@ -35,6 +35,8 @@ from tests.support.pendulums import MOTOR, described
 from tests.support.random_motors import geared_robot, gears, motor_state, without_motors
 from tests.support.random_robots import Array, random_robot
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 
 def test_static_equilibrium_is_the_closed_form(built: Build) -> None:
     """A pendulum on its spring: the drive carries the weight over the ratio, the spring winds up by weight / k."""

@@ -211,7 +211,7 @@ def test_springs_between_links_that_motors_drive(built: Build) -> None:
     robot = eomgen.load_robot("geared_arm")
     spring = Spring("balance", ("column", "upper"), ((0.0, 0.0, 0.3), (0.2, 0.0, 0.0)), stiffness=800.0, damping=5.0)
     robot = replace(robot, springs=(spring,), name="balanced_gears")
-    kernel = built(robot)
+    kernel = built(robot, "forward_dynamics", "residual", "rollout")
     rng = np.random.default_rng(3)
     q = np.zeros(kernel.n)
     v, u = 0.3 * rng.normal(size=kernel.n), 0.02 * rng.normal(size=kernel.n)

@@ -25,6 +25,8 @@ from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.support.builds import Build
 from tests.support.random_robots import Array, random_robot
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 
 def made_up(robot: Robot, seed: int, size: float) -> SimulationResult:
     """A result of that robot with smooth deviations of a size, not simulated; poses by Pinocchio."""

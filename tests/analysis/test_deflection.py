@@ -24,6 +24,8 @@ from tests.support.builds import Build
 from tests.support.elastic_robots import random_elastic
 from tests.support.oscillators import LOOP
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 SPRINGS = (2e5, 3e5, 5e5, 4e3, 7e3, 9e3)
 
 

@@ -30,6 +30,8 @@ from tests.support.elastic_robots import random_elastic
 from tests.support.oscillators import DAMPING, LOOP, MASS, STIFFNESS, chain
 from tests.support.random_robots import Array, random_robot, random_state, seeds
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 PARTS = ("x", "y", "z", "rx", "ry", "rz")
 FORCES = ("fx", "fy", "fz", "mx", "my", "mz")
 

@@ -31,6 +31,8 @@ from tests.support.elastic_robots import random_elastic
 from tests.support.oscillators import DAMPING, LOOP, MASS, STIFFNESS, chain
 from tests.support.random_robots import Array, random_robot, seeds
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 
 @pytest.mark.parametrize("n", [1, 3, 7])
 def test_chain_of_masses_and_springs(n: int) -> None:

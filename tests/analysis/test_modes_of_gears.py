@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 import eomgen
 from eomgen.analysis.modal import modes
@@ -13,6 +14,9 @@ from eomgen.description.load import robot_from_toml
 from eomgen.integration.solve import integrate
 from eomgen.robot.value import Motor, Robot, Spring
 from tests.support.builds import Build
+from tests.support.swinging import NEEDED
+
+pytestmark = pytest.mark.usefixtures("unoptimised")
 
 
 def geared(stiffness: float = 5e3, inertia: float = 2e-4, ratio: float = 80.0) -> Robot:
@@ -75,6 +79,6 @@ def test_springs_between_points_hold_what_has_no_spring(built: Build) -> None:
     expected = np.sqrt(2 * 300.0 / mass) / (2 * np.pi)
     found = modes(robot)
     assert np.abs(found.frequencies - expected).max() <= 1e-9
-    kernel = built(robot)
+    kernel = built(robot, *NEEDED)
     swing = integrate(kernel, [1e-4], [0.0], 1.0 / expected, rtol=1e-9)
     assert abs(swing.q[-1, 0] - 1e-4) <= 1e-8

@@ -14,6 +14,8 @@ from eomgen.cli import entry as cli
 from tests.support.bad_files import PLAN, SCENARIO
 from tests.support.description_samples import ARM, URDF
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 BAD = (
     ARM.replace("mass = 3.0", "mass = -3.0")
     .replace("stiffness = 1e6", 'stifness = 1e6, clearance = "a"')

@@ -27,6 +27,8 @@ from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.support.builds import Build
 from tests.support.random_robots import random_robot
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 Array = NDArray[np.float64]
 
 ARM = """

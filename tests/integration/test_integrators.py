@@ -21,6 +21,8 @@ from eomgen.simulation.run import run_scenario
 from tests.support.builds import Build
 from tests.support.random_robots import random_robot, random_state
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 KERNELS = (
     "forward_dynamics",
     "inverse_dynamics",

@@ -32,6 +32,8 @@ from tests.support.random_motors import with_motors
 from tests.support.random_robots import random_robot, random_state, with_random_loops
 from tests.support.random_springs import with_springs
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 SCENARIO = """
 duration = 0.2
 output_step = 0.005

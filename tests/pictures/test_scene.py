@@ -41,6 +41,8 @@ from tests.support.browser import open_page
 from tests.support.description_samples import example_urdfs
 from tests.support.random_robots import random_robot, random_state, with_offsets
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 SCENARIO = """
 duration = 0.4
 output_step = 0.002

@@ -12,6 +12,8 @@ import eomgen
 from eomgen.errors import ArrayError, InputError, UnknownNameError
 from tests.support.builds import Build
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 STATES = 3
 VECTOR = "expected float64 of shape (2,) or (N, 2)"
 

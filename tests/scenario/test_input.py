@@ -15,6 +15,8 @@ from eomgen.scenario.load import load_scenario, scenario_from_toml
 from eomgen.simulation.run import run_scenario
 from tests.support.bad_scenarios import DURATION, MOTION, READING
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 MEETING = [  # what a robot cannot do: robot, text, place, reason
     ("one_link", "frame = 'hand'", "frame", "'hand' is unknown; known: tcp"),
     ("one_link", "[initial]\nq = { joint9 = 1 }", "initial.q.joint9", "did you mean 'joint1'"),

@@ -23,6 +23,8 @@ from eomgen.simulation.run import run_scenario
 from eomgen.sweep.job import SampleRow
 from eomgen.sweep.store import opened, read_rows
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 SCENARIO = "duration = 0.2\noutput_step = 0.005\n[motion]\ntype = 'point_to_point'\ngoal = [0.3]\n"
 
 

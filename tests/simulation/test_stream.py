@@ -19,6 +19,8 @@ from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.run import run_scenario
 from eomgen.simulation.stream import MotionStream
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 zarr = pytest.importorskip("zarr")  # which needs Python 3.11
 
 SHAKE = "\n".join(

@@ -27,6 +27,8 @@ from eomgen.sweep.result import SweepResult, sensitivity_of
 from tests.support.bad_plans import BAD, GRID
 from tests.support.sliders import RELEASE, SLIDER, STIFF, slider
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 ROOT = Path(__file__).parents[2]
 
 UNFIT = {  # plans that are good and do not fit slider and RELEASE

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import json
 import subprocess
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -15,6 +16,7 @@ import pytest
 
 from eomgen.codegen.c import statements
 from eomgen.codegen.c.scalar_types import SCALARS
+from eomgen.codegen.c.sources import render
 from eomgen.codegen.c.statements import write_function
 from eomgen.codegen.kernels.equations import derive_equations
 from eomgen.codegen.kernels.signatures import KERNELS, PARTS, available
@@ -61,7 +63,7 @@ def test_evaluation_equals_compiled_code(tmp_path: Path) -> None:
 
 def test_split_functions_equal_whole_ones(built: Build, empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Functions of a few statements that hand values on, against one function per kernel: the same to the bit."""
-    robot = random_robot(7, joints=(3, 3), types=("revolute", "free"))
+    robot = random_robot(7, joints=(2, 2), types=("revolute", "free"))
     kernels = []
     for name, size in (("whole", 10**9), ("split", 25)):
         monkeypatch.setattr(statements, "CHUNK", size)
@@ -102,21 +104,21 @@ def counted(lines: Sequence[str]) -> dict[str, int]:
 
 
 @pytest.mark.parametrize("laws", [False, True])
-def test_operations_are_those_of_the_text(laws: bool, built: Build) -> None:
+def test_operations_are_those_of_the_text(laws: bool) -> None:
     """What a kernel reports is what its C does."""
     robot = random_robot(8, joints=(3, 3), tree=True, max_size=9)
     robot = with_laws(robot, 8) if laws else robot
     equations = derive_equations(build_model(robot))
-    kernel = built(robot)
+    reported = json.loads(render(equations, "float64").meta)["operations"]
     for name, program in equations.programs.items():
         function = write_function(program, DOUBLE)
         lines = [line for chunk in function.chunks for line in chunk]
         lines += [f"angle = sin({angle});" for angle in function.angles]
         assert counted(lines) == program.count(), name
         if name not in PARTS:
-            assert kernel.operations[name] == program.count(), name
+            assert reported[name] == program.count(), name
     setup = [line for chunk in write_function(equations.setup, DOUBLE, turning=False).chunks for line in chunk]
-    assert counted(setup) == kernel.operations["parameters"]
+    assert counted(setup) == reported["parameters"]
 
 
 def test_operations_of_a_loop(built: Build) -> None:

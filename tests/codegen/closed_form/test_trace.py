@@ -103,7 +103,7 @@ def compare(robot: Robot, seed: int, external_forces: bool = False, states: int 
         assert kinetic == pytest.approx(s.v @ M @ s.v / 2, rel=1e-12)
 
 
-@pytest.mark.parametrize("seed", seeds(0, 5, 10))
+@pytest.mark.parametrize("seed", [*seeds(0, 2, 3), *seeds(3, 2, 7)])
 def test_random_robots_against_lagranges_method(seed: int) -> None:
     compare(random_robot(seed, max_size=3), seed)
 

@@ -22,6 +22,9 @@ from eomgen.state.equilibrium import static_equilibrium
 from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.support.builds import Build
 from tests.support.random_robots import Array, State, random_robot, random_state, seeds, some_prescribed
+from tests.support.swinging import NEEDED
+
+pytestmark = pytest.mark.usefixtures("unoptimised")
 
 TYPES = ("revolute", "prismatic", "fixed", "free")
 NAMES = ("inverse_dynamics", "forward_dynamics", "mass_matrix", "energy", "rollout")
@@ -158,9 +161,9 @@ def test_a_pendulum_on_a_shaken_pivot(method: str, built: Build) -> None:
 def test_a_steady_acceleration_is_gravity(built: Build) -> None:
     """A platform that gains speed evenly: its arm feels another gravity, and moves as one that stands there."""
     robot = eomgen.load_robot("shaken_arm")
-    kernel = built(robot)
+    kernel = built(robot, *NEEDED)
     push = np.array([3.0, -2.0, 1.5])
-    still = built(replace(robot, name="still", gravity=tuple(np.array(robot.gravity) - push)))
+    still = built(replace(robot, name="still", gravity=tuple(np.array(robot.gravity) - push)), *NEEDED)
     given = np.concatenate([push, np.zeros(3)])
     at = np.zeros(6)
     arm = np.array([0.3, 0.0, 0.0, -0.4, 0.7])
@@ -182,7 +185,7 @@ def test_a_steady_acceleration_is_gravity(built: Build) -> None:
 def test_power_balance_of_a_shaken_arm(built: Build) -> None:
     """What the platform's drives put in is kinetic and potential energy, or goes into the dampers."""
     robot = eomgen.load_robot("shaken_arm")
-    kernel = built(robot)
+    kernel = built(robot, *NEEDED)
     shake = Harmonic(
         [0.02, 0.01, 0.03, 0.05, 0.04, 0.1], [2.0, 3.0, 1.5, 1.0, 2.0, 3.0], [0.0, 1.0, 0.5, 0.2, 0.1, 0.0]
     )
@@ -205,7 +208,7 @@ def test_bench_and_info_know_what_is_prescribed() -> None:
 
 
 def test_equilibrium_holds_what_is_prescribed(built: Build) -> None:
-    kernel = built(eomgen.load_robot("shaken_arm"))
+    kernel = built(eomgen.load_robot("shaken_arm"), *NEEDED)
     guess = np.zeros(11)
     guess[:6] = 0.1
     q, u = static_equilibrium(kernel, guess, held=("waist.gamma", "shoulder.gamma", "elbow.gamma"))
@@ -252,7 +255,13 @@ def test_integrations_that_are_refused(built: Build) -> None:
     refused(ArrayError, "three arrays of 1 finite numbers", lambda t: (np.zeros(2), np.zeros(2), np.zeros(2)))
     refused(ArrayError, "three arrays of 1 finite numbers", lambda t: ([np.nan], [0.0], [0.0]))
     with pytest.raises(InputError, match="has no prescribed coordinate"):
-        integrate(built(eomgen.load_robot("one_link")), np.zeros(2), np.zeros(2), 0.1, prescribed=Harmonic([1.0], 1.0))
+        integrate(
+            built(eomgen.load_robot("one_link"), *NEEDED),
+            np.zeros(2),
+            np.zeros(2),
+            0.1,
+            prescribed=Harmonic([1.0], 1.0),
+        )
     with pytest.raises(ArrayError, match="frequency"):
         Harmonic([1.0, 2.0], [1.0, 2.0, 3.0])
     with pytest.raises(

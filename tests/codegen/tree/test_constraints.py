@@ -26,6 +26,8 @@ from eomgen.robot.value import COORDINATES, Coordinate, Frame, Joint, Link, Loop
 from tests.support.builds import Build
 from tests.support.random_robots import Array, random_robot, random_state, seeds, with_random_loops
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
 TYPES = tuple(CUTS)
 FREE = {  # coordinates of eq. (3) that a cut joint leaves free
     "revolute": ("gamma",),
