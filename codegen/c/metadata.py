@@ -14,11 +14,11 @@ from eomgen.robot.value import MOTOR
 
 from ..joint.zeros import zero_map
 from ..kernels.equations import Equations
-from ..kernels.operations import operations
+from ..kernels.operation_counts import operations
 from ..kernels.signatures import KERNELS, functions, shapes
 
 
-def metadata(equations: Equations, dtype: str) -> dict[str, Any]:
+def kernel_metadata(equations: Equations, dtype: str) -> dict[str, Any]:
     """Plain values for JSON: names, shapes, parameters, functions, operations, and what vanishes identically.
 
     "kernels" and "functions" say what each reads and writes; users call the functions, which are the kernels but for

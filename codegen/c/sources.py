@@ -14,7 +14,7 @@ import jinja2.meta
 
 from ..kernels.equations import Equations
 from .contexts import header_context, lane_context, number_context
-from .metadata import metadata
+from .metadata import kernel_metadata
 from .source import Source, environment
 
 
@@ -25,7 +25,7 @@ def render(equations: Equations, dtype: str, *, batches: bool = True) -> Source:
         dtype: "float64" or "float32".
         batches: with the functions for several states in one call.
     """
-    meta = metadata(equations, dtype)
+    meta = kernel_metadata(equations, dtype)
     names = header_context(equations, dtype, meta, batches)
     context = {**names, **number_context(equations, dtype)}
     header = _fill("kernel/kernel.h.jinja", names)

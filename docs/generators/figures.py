@@ -13,7 +13,7 @@ import numpy as np
 import eomgen
 from eomgen.codegen.joint.zeros import zero_map
 from eomgen.codegen.kernels.equations import derive_equations
-from eomgen.codegen.kernels.operations import operations
+from eomgen.codegen.kernels.operation_counts import operations
 from eomgen.pictures.scene import link_poses
 from eomgen.pictures.style import COLORS, PROGRAM_COLOR, TOOL_COLOR, canvas
 from eomgen.robot import COORDINATES, LINEAR, build_model

@@ -11,7 +11,7 @@ import numpy as np
 
 import eomgen
 from eomgen.codegen.kernels.equations import derive_equations
-from eomgen.codegen.kernels.operations import operations
+from eomgen.codegen.kernels.operation_counts import operations
 from eomgen.loops import ClosedLoops
 from eomgen.pictures import plot_robot, plot_zeros
 from eomgen.robot import Model, build_model

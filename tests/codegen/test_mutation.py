@@ -25,7 +25,7 @@ from tests.oracles.mutation import (
 from tests.support.mutant import dependents, imports_of, modules, mutated, source_of
 from tests.support.mutation_cases import cases, small_cases
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[2]
 PAGE, ARGUMENTS = ROOT / "docs" / "mutation.md", ROOT / "benchmarks" / "mutation" / "survivors.toml"
 
 # Module, what it says, what it says instead, and the check that sees it: a robot, or one of the others by name.

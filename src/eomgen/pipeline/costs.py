@@ -122,7 +122,7 @@ def robot_info(robot: RobotLike, *, progress: StageReport = no_report) -> RobotI
     """Derive the robot's equations and say what came out; nothing is compiled."""
     from ..codegen.joint.zeros import zero_map
     from ..codegen.kernels.equations import derive_equations
-    from ..codegen.kernels.operations import operations
+    from ..codegen.kernels.operation_counts import operations
 
     model = build_model(as_robot(robot))
     progress(f"deriving the equations of {model.size} coordinates")

@@ -17,7 +17,7 @@ from eomgen.codegen.joint.lemmas import joint_derivatives, joint_transform, step
 from eomgen.errors import InternalError
 from eomgen.robot.geometry import rotation_from_rpy
 from eomgen.robot.value import ANGULAR, COORDINATES, LINEAR
-from tests.support.mutant import mutated, source_of
+from tests.support.mutant import mutated
 
 SUBSETS = [active for size in range(7) for active in combinations(COORDINATES, size)]
 
@@ -112,36 +112,41 @@ def test_relations_inside_a_joint() -> None:
     joint.prove_coaxial_swap()
 
 
+def text_now() -> str:
+    """The text of the module of the lemmas as it is imported now."""
+    name = "eomgen.codegen.joint.lemmas"
+    found: str = importlib.import_module(name).__loader__.get_source(name)
+    return found
+
+
 @contextmanager
 def changed(old: str, new: str) -> Iterator[Any]:
-    """The module of the lemmas with another piece of text."""
-    text = source_of("joint.lemmas")
+    """The module of the lemmas, which may be a mutant, with another piece of text."""
+    text = text_now()
     assert text.count(old) == 1, old
     with mutated("joint.lemmas", text.replace(old, new)):
         yield importlib.import_module("eomgen.codegen.joint.lemmas")
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "proof", "arguments"),
-    [
-        ("3] = s\n", "3] = s**2\n", "step", ("y",)),
-        ("A[j, j] = sp.cos(s)", "A[j, j] = sp.cosh(s)", "step", ("beta",)),
-        ("first = {name: A.diff(step(name).symbol)", "first = {name: A", "prove_translation_column", ()),
-        ("A, sp.ImmutableMatrix(D))", "A, sp.ones(4, 4))", "prove_antisymmetry", ()),
-        ("[[0, -a[2], a[1]]", "[[0, a[2], a[1]]", "prove_coaxial_swap", ()),
-    ],
-)
+WRONG = [  # a piece of text, what it is replaced by, and the proof that must fail then, with its arguments
+    ("3] = s\n", "3] = s**2\n", "step", ("y",)),
+    ("A[j, j] = sp.cos(s)", "A[j, j] = sp.cosh(s)", "step", ("beta",)),
+    ("first = {name: A.diff(step(name).symbol)", "first = {name: A", "prove_translation_column", ()),
+    ("A, sp.ImmutableMatrix(D))", "A, sp.ones(4, 4))", "prove_antisymmetry", ()),
+    ("[[0, -a[2], a[1]]", "[[0, a[2], a[1]]", "prove_coaxial_swap", ()),
+]
+PAIRS = ["found[1:]", "found[:-1]"]  # a lemma too few, and too many
+PAIRS += [f'[*found, ZeroPair("alpha", "beta", {same_joint}, SHARPER)]' for same_joint in (True, False)]
+
+
+@pytest.mark.parametrize(("old", "new", "proof", "arguments"), WRONG)
 def test_every_proof_fails_where_its_claim_is_wrong(old: str, new: str, proof: str, arguments: tuple[str, ...]) -> None:
     """With a matrix in the place of another for which the claim does not hold."""
     with changed(old, new) as other, pytest.raises(InternalError, match="the proof failed"):
         getattr(other, proof)(*arguments)
 
 
-@pytest.mark.parametrize(
-    "pairs",
-    ["found[1:]", "found[:-1]"]
-    + [f'[*found, ZeroPair("alpha", "beta", {same_joint}, SHARPER)]' for same_joint in (True, False)],
-)
+@pytest.mark.parametrize("pairs", PAIRS)
 def test_a_lemma_too_many_or_too_few_is_noticed(pairs: str) -> None:
     other_pairs = f"pairs = tuple({pairs})"
     with changed("pairs = tuple(found)", other_pairs) as other, pytest.raises(InternalError, match="lemma"):

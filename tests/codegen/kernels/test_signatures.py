@@ -14,7 +14,7 @@ import eomgen
 from eomgen.codegen.c import lanes
 from eomgen.codegen.c.sources import render
 from eomgen.codegen.kernels.equations import derive_equations
-from eomgen.codegen.kernels.operations import OWN
+from eomgen.codegen.kernels.operation_counts import OWN
 from eomgen.codegen.kernels.signatures import KERNELS, KINDS, SIGNATURES, Signature, by_kind, functions, shapes
 from eomgen.codegen.kernels.writers import WAYS, WRITERS
 from eomgen.robot.model import build_model
