@@ -70,6 +70,7 @@ KERNELS = (
     "coriolis_matrix",
     "christoffel",
     "energy",
+    "kinematics",
 )
 
 
