@@ -1,6 +1,6 @@
 """A kernel in one state: motors behind their gears, springs and their stiffness, static equilibrium.
 
-Uses runtime.
+Uses runtime and robot.
 """
 
 from .equilibrium import static_equilibrium
