@@ -238,6 +238,7 @@ _LAWS = (
 )
 LAWS: Mapping[str, Law] = MappingProxyType({law.name: law for law in _LAWS})
 NUMBERS: Mapping[str, Number] = MappingProxyType({number.key: number for law in _LAWS for number in law.numbers})
+_OF_COORDINATES: Mapping[str, Number] = MappingProxyType({**{number.key: number for number in BASIC}, **NUMBERS})
 BETWEEN_POINTS: Mapping[str, Number] = MappingProxyType(  # of springs between two points
     {
         number.key: number
@@ -332,9 +333,6 @@ def number_of(parameter: str) -> Number | None:
     key = parameter_name(*path[2 if kind == "joints" else 1 :])
     table = _OF_COORDINATES if kind == "joints" else BETWEEN_POINTS
     return table.get(key) or table.get(key.partition(".")[0])
-
-
-_OF_COORDINATES = MappingProxyType({**{number.key: number for number in BASIC}, **NUMBERS})
 
 
 def least_of(parameter: str) -> float | None:

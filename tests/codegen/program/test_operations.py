@@ -25,7 +25,7 @@ def test_every_operation_costs_something_but_leaves() -> None:
 @pytest.mark.parametrize("name", CALLS)
 def test_functions_are_in_c_and_in_sympy(name: str) -> None:
     operation = CALLS[name]
-    text = importlib.resources.files("eomgen.templates").joinpath("vectors.jinja").read_text(encoding="utf-8")
+    text = importlib.resources.files("eomgen.templates").joinpath("kernel", "vectors.jinja").read_text(encoding="utf-8")
     assert f'if "{name}" in called' in text
     assert f"{operation.function}{{{{ suffix }}}}(" in text
     x = sp.symbols("x y", real=True)[: operation.arity]
