@@ -162,6 +162,27 @@ _LAWS = (
         rule=_two_sides,
     ),
     Law(
+        name="exponential",
+        about="exponential spring: force times exp(s / scale) - 1 at the deviation s",
+        numbers=(
+            Number("exponential.force", "times exp(s / scale) - 1", FORCE, needed="a force in N or N m"),
+            Number(
+                "exponential.scale",
+                "deviation over which the spring grows by the factor e",
+                LENGTH,
+                least=SMALLEST,
+                needed="a deviation in m or rad, greater than 0",
+                idle=1e9,  # exp(s / scale) stays finite, whatever s
+            ),
+        ),
+        is_spring=True,
+        stiffness=lambda k, given, knots: k + given["exponential.force"] / given["exponential.scale"],
+        mjcf=lambda given: "left out",
+        excludes=("clearance", "curve"),
+        instead="an exponential spring without clearance, whose ends act on the penetration, and without curve, which"
+        " stands in the place of springs",
+    ),
+    Law(
         name="clearance",
         numbers=(
             Number("clearance", "half the gap in which no spring acts; with stiffness", LENGTH, idle=None),
