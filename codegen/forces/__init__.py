@@ -1,4 +1,5 @@
 """Generalized forces: laws of coordinates, measured curves, springs between points, wrenches.
 
+A new law is an entry of ``robot.laws`` and its formula in ``laws``.
 Uses robot, program and tree.
 """

@@ -120,6 +120,14 @@ def _cubic(x: Deflection) -> Effect:
     return Effect(c * square * x.s, 3.0 * c * square, energy=0.25 * c * square * square)
 
 
+def _exponential(x: Deflection) -> Effect:
+    F, scale = x.numbers["exponential.force"], x.numbers["exponential.scale"]
+    rate = 1.0 / scale
+    grown = x.f.exp(x.s * rate)
+    force = F * (grown - 1.0)
+    return Effect(force, F * rate * grown, energy=scale * force - F * x.s)
+
+
 def _contacts(x: Deflection) -> Effect:
     """Both ends of a clearance."""
     k = x.numbers["stiffness"]
@@ -209,7 +217,7 @@ def _along(knots: Sequence[float], forces: Sequence[Scalar], s: Scalar, f: Funct
 # In the order of the sums in the generated code; a group is summed first by itself.
 GROUPS: Sequence[Mapping[str, Callable[[Deflection], Effect]]] = (
     {"preload": _preload},
-    {"stiffness_negative": _two_sides, "cubic": _cubic},
+    {"stiffness_negative": _two_sides, "cubic": _cubic, "exponential": _exponential},
     {"clearance": _contacts},
     {"friction": _friction},
     {"curve": _curve},

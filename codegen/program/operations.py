@@ -76,6 +76,9 @@ OPERATIONS: Mapping[str, Operation] = MappingProxyType(
         "step": Operation(  # 1 where greater than 0, else 0
             1, "add", lambda x: 1.0 if x > 0.0 else 0.0, None, "positive", lambda sympy, x: sympy.Heaviside(x, 0)
         ),
+        "exp": Operation(
+            1, "sincos", math.exp, lambda g, x, y, dx: y * dx[0], "exponential", lambda sympy, x: sympy.exp(x)
+        ),
     }
 )
 CALLS: Mapping[str, Operation] = MappingProxyType({name: op for name, op in OPERATIONS.items() if op.function})

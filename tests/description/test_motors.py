@@ -57,7 +57,11 @@ def test_a_description() -> None:
         (MOTOR.replace("100", "inf"), "", r"motor\.ratio: got inf; allowed"),
         (MOTOR.replace("ratio = 100,", ""), "", r"motor: the key 'ratio' is missing"),
         (MOTOR.replace("inertia = 1e-4,", ""), "", r"motor: the key 'inertia' is missing"),
-        (MOTOR.replace(", stiffness = 2e4", ""), "", r"motor\.stiffness: there is no spring .*with stiffness or curve"),
+        (
+            MOTOR.replace(", stiffness = 2e4", ""),
+            "",
+            r"motor\.stiffness: there is no spring .*one of stiffness, .*curve",
+        ),
         (MOTOR.replace(" }", ", armature = 1.0 }"), "", r"motor: unknown key 'armature'"),
         (MOTOR.replace(" }", ", backlash = 1.0 }"), "", r"motor: unknown key 'backlash'"),
         (MOTOR.replace(" }", ', role = "locked" }'), "", r"motor\.role: .*leave its table out"),

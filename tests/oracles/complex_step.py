@@ -17,6 +17,7 @@ COMPLEX = {
     "sqrt": cmath.sqrt,
     "max": lambda x, y: y if complex(x).real < complex(y).real else x,
     "step": lambda x: float(complex(x).real > 0.0),
+    "exp": cmath.exp,
 }
 
 

@@ -14,7 +14,7 @@ from eomgen.robot.value import Coordinate, Friction, Robot
 from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.support.random_robots import Array
 
-KINDS = ("clearance", "one-sided", "curve", "friction", "cubic", "preload", "plain")
+KINDS = ("clearance", "one-sided", "curve", "friction", "cubic", "preload", "exponential", "plain")
 
 
 def random_coordinate(rng: np.random.Generator, kind: str, old: Coordinate) -> Coordinate:
@@ -39,6 +39,13 @@ def random_coordinate(rng: np.random.Generator, kind: str, old: Coordinate) -> C
         )
     if kind == "one-sided":
         return replace(old, stiffness=draw(10.0, 200.0), stiffness_negative=draw(0.0, 100.0), cubic=maybe(1.0, 20.0))
+    if kind == "exponential":
+        return replace(
+            old,
+            further={"exponential.force": draw(1.0, 10.0), "exponential.scale": draw(0.5, 2.0)},
+            preload=maybe(-5.0, 5.0),
+            cubic=maybe(1.0, 10.0),
+        )
     if kind == "curve":
         count = int(rng.integers(2, 9))
         knots = np.cumsum(rng.uniform(0.05, 0.5, count)) - draw(0.0, 1.5)
@@ -95,6 +102,8 @@ def resistance(c: Coordinate, s: float, v: float) -> float:
         total += side * elastic * max(0.0, 1.0 + (c.restitution_damping or 0.0) * side * v)
     else:
         total += (k if s > 0.0 else k_negative) * s + cubic * s**3
+    if "exponential.force" in c.further:
+        total += c.further["exponential.force"] * np.expm1(s / c.further["exponential.scale"])
     if c.curve is not None:
         total += measured(c, s)
     if c.friction is not None:

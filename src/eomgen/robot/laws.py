@@ -162,6 +162,27 @@ _LAWS = (
         rule=_two_sides,
     ),
     Law(
+        name="exponential",
+        about="exponential spring: force times exp(s / scale) - 1 at the deviation s",
+        numbers=(
+            Number("exponential.force", "times exp(s / scale) - 1", FORCE, needed="a force in N or N m"),
+            Number(
+                "exponential.scale",
+                "deviation over which the spring grows by the factor e",
+                LENGTH,
+                least=SMALLEST,
+                needed="a deviation in m or rad, greater than 0",
+                idle=1e9,  # exp(s / scale) stays finite, whatever s
+            ),
+        ),
+        is_spring=True,
+        stiffness=lambda k, given, knots: k + given["exponential.force"] / given["exponential.scale"],
+        mjcf=lambda given: "left out",
+        excludes=("clearance", "curve"),
+        instead="an exponential spring without clearance, whose ends act on the penetration, and without curve, which"
+        " stands in the place of springs",
+    ),
+    Law(
         name="clearance",
         numbers=(
             Number("clearance", "half the gap in which no spring acts; with stiffness", LENGTH, idle=None),
@@ -238,6 +259,7 @@ _LAWS = (
 )
 LAWS: Mapping[str, Law] = MappingProxyType({law.name: law for law in _LAWS})
 NUMBERS: Mapping[str, Number] = MappingProxyType({number.key: number for law in _LAWS for number in law.numbers})
+_OF_COORDINATES: Mapping[str, Number] = MappingProxyType({**{number.key: number for number in BASIC}, **NUMBERS})
 BETWEEN_POINTS: Mapping[str, Number] = MappingProxyType(  # of springs between two points
     {
         number.key: number
@@ -332,9 +354,6 @@ def number_of(parameter: str) -> Number | None:
     key = parameter_name(*path[2 if kind == "joints" else 1 :])
     table = _OF_COORDINATES if kind == "joints" else BETWEEN_POINTS
     return table.get(key) or table.get(key.partition(".")[0])
-
-
-_OF_COORDINATES = MappingProxyType({**{number.key: number for number in BASIC}, **NUMBERS})
 
 
 def least_of(parameter: str) -> float | None:

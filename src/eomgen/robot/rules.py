@@ -15,7 +15,7 @@ from .laws import LAWS, NUMBERS, SMALLEST, given_laws, law_conflict
 from .value import MOTOR, PRINCIPAL, Coordinate, Curve, Motor, Spring
 
 POINTS = (2, 64)  # fewest and most points of a curve
-STIFF = tuple(law.name for law in LAWS.values() if law.stiffness and not law.takes_stiffness)
+STIFF = ("stiffness", *(law.name for law in LAWS.values() if law.stiffness and not law.takes_stiffness))  # by itself
 FURTHER = tuple(  # numbers of laws that a Coordinate has no field for
     key for key in NUMBERS if key.partition(".")[0] not in {item.name for item in fields(Coordinate)}
 )
@@ -38,10 +38,7 @@ def motor_conflict(given: Motor, kind: str, active: Mapping[str, Coordinate]) ->
         return "ratio", f"got {given.ratio!r}; allowed: a finite number that is not 0"
     spring = given.transmission
     if spring.stiffness is None and not any(law.name in STIFF for law in given_laws(spring.law())):
-        return (
-            "stiffness",
-            f"there is no spring between motor and joint; allowed: with stiffness or {' or '.join(STIFF)}",
-        )
+        return "stiffness", f"there is no spring between motor and joint; allowed: with one of {', '.join(STIFF)}"
     if spring.friction is not None or spring.armature is not None or spring.prescribed:
         return "", f"friction and role belong to the {MOTOR} itself, and a transmission has no armature"
     return conflict(replace(spring, friction=given.friction))

@@ -34,6 +34,7 @@ CALLED = """
 static double root(double x) { return sqrt(x); }
 static double larger(double x, double y) { return x < y ? y : x; }
 static double positive(double x) { return x > 0.0 ? 1.0 : 0.0; }
+static double exponential(double x) { return exp(x); }
 """
 
 
@@ -142,6 +143,8 @@ def float_program(rng: np.random.Generator, length: int) -> Program:
             nodes.append(graph.neg(x))
         elif op == "sqrt":
             nodes.append(graph.call(op, graph.add(graph.mul(x, x), 0.5)))
+        elif op == "exp":
+            nodes.append(graph.call(op, graph.neg(graph.mul(x, x))))
         elif op in CALLS:
             nodes.append(graph.call(op, *(x, y)[: CALLS[op].arity]))
         elif op == "div":

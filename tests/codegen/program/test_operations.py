@@ -53,8 +53,9 @@ def test_what_is_not_defined_is_left_to_c() -> None:
     assert OPERATIONS["sqrt"].compute(-1.0) is None
     assert OPERATIONS["div"].compute(1.0, 0.0) is None
     assert OPERATIONS["max"].compute(math.inf, 0.0) == math.inf
+    assert OPERATIONS["exp"].compute(1000.0) is None
 
 
 def test_an_unknown_function_is_refused() -> None:
-    with pytest.raises(AttributeError, match="'cbrt' is no operation; known: sqrt, max, step"):
+    with pytest.raises(AttributeError, match="'cbrt' is no operation; known: sqrt, max, step, exp"):
         SYMBOLS.cbrt(1.0)
