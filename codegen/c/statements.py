@@ -95,7 +95,7 @@ def trig_values(program: Program) -> set[int]:
 
 
 def split(program: Program, apart: Container[int]) -> dict[int, int]:
-    """For every value that is computed, the function that computes it; but for those that are ``apart``."""
+    """Index of the function that computes each value, but for those that are ``apart``."""
     size = len(program.instructions)
     computed = [i for i in range(size) if program.instructions[i].op not in ("const", "input") and i not in apart]
     return {index: order // CHUNK for order, index in enumerate(computed)}

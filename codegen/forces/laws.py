@@ -45,7 +45,7 @@ class Effect:
 
 @dataclass(frozen=True)
 class Deflection:
-    """Where a law is evaluated: the numbers of the coordinate's laws, deviations of its curve, deviation s and rate v.
+    """Arguments of a law: the numbers of the coordinate's laws, deviations of its curve, deviation s and rate v.
 
     numbers: by the names of ``robot.laws``; "stiffness" is there if a law takes it.
     s: m or rad; v: per s.  f: functions of the scalars.
@@ -59,7 +59,7 @@ class Deflection:
 
 
 def effect(numbers: Numbers, knots: Sequence[float], s: Scalar, v: Scalar, f: Functions) -> Effect:
-    """All forces of a coordinate but stiffness and damping of straight lines; arguments as of ``Deflection``."""
+    """Sum of a coordinate's laws beyond linear stiffness and damping; arguments as of ``Deflection``."""
     given = {law.name for law in given_laws(numbers)}
     acting = given.difference(*(LAWS[name].absorbs for name in given))
     x, total = Deflection(numbers, knots, s, v, f), Effect()
@@ -129,7 +129,7 @@ def _exponential(x: Deflection) -> Effect:
 
 
 def _contacts(x: Deflection) -> Effect:
-    """Both ends of a clearance."""
+    """Contact at both ends of a clearance."""
     k = x.numbers["stiffness"]
     ahead = _contact(x.numbers, k, x.s, x.v, x.f)
     behind = _contact(x.numbers, x.numbers.get("stiffness_negative", k), -x.s, -x.v, x.f)

@@ -41,7 +41,7 @@ def _inner_slope(before: float, behind: float, one: Scalar, other: Scalar, f: Fu
     """The weighted harmonic mean of two secants of one sign; 0 of two signs."""
 
     def mean(a: Scalar, b: Scalar) -> Scalar:
-        """Of what is positive; 0 where that is nothing."""
+        """Weighted harmonic mean of the positive values, 0 if there is none."""
         below = (2.0 * behind + before) * b + (behind + 2.0 * before) * a
         return 3.0 * (before + behind) * (a * b) / (below + (1.0 - f.step(below)))
 

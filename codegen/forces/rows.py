@@ -31,19 +31,19 @@ def elastic_rows(bound: Bound, q: Sequence[Scalar], v: Sequence[Scalar]) -> list
 
 @dataclass(frozen=True)
 class Stretch:
-    """What a transmission does: ``linear`` by its stiffness and damping, ``bent`` by its law."""
+    """Effects of a transmission: ``linear`` by its stiffness and damping, ``nonlinear`` by its laws."""
 
     linear: Effect
-    bent: Effect
+    nonlinear: Effect
 
     @property
     def whole(self) -> Effect:
-        """Both together."""
-        return self.linear + self.bent
+        """Sum of both effects."""
+        return self.linear + self.nonlinear
 
 
 def stretches(bound: Bound, q: Sequence[Scalar], v: Sequence[Scalar], f: Functions) -> dict[int, Stretch]:
-    """What transmissions do, by the index of the motor's coordinate; forces in units of the joint's side."""
+    """Effects of transmissions by the index of the motor's coordinate; forces in units of the joint's side."""
     found = {}
     for motor, between in bound.transmissions.items():
         phi, rate = (x[motor] * between.inverse_ratio - x[between.principal] for x in (q, v))
@@ -54,7 +54,7 @@ def stretches(bound: Bound, q: Sequence[Scalar], v: Sequence[Scalar], f: Functio
 
 
 def effects(bound: Bound, q: Sequence[Scalar], v: Sequence[Scalar], f: Functions) -> dict[int, Effect]:
-    """What laws beyond eq. (13) do, by the index of the coordinate."""
+    """Effects of laws beyond eq. (13), by the index of the coordinate."""
     return {i: effect(law, bound.knots.get(i, ()), q[i], v[i], f) for i, law in bound.laws.items()}
 
 

@@ -58,7 +58,7 @@ class Pull:
 
 @dataclass(frozen=True)
 class Along:
-    """What a linearly implicit step takes of a spring: T, dL/dq, and the slopes of T by elongation and rate."""
+    """Terms of a spring in a linearly implicit step: T, dL/dq, and the slopes of T by elongation and rate."""
 
     tension: Scalar
     arms: dict[int, Scalar]
@@ -150,7 +150,7 @@ class Line:
         }
 
     def wrenches(self) -> Iterator[tuple[int, Wrench]]:
-        """What joints exert on the bodies between both points for p, each at its body's origin in its axes."""
+        """Wrenches of joints on the bodies between both points for p, each at its body's origin in its axes."""
         force = scale(self.pull().ratio, self.d)
         for side, sign in self.sides:
             held = scale(sign, force)
@@ -161,7 +161,7 @@ class Line:
 
 
 def _arms(side: Side, sign: float, own: Vec, other: Vec) -> Iterator[Arm]:
-    """From the common body to the point; a rotation reads g off the moment of d, which its joint's others share."""
+    """Moment arms from the common body to the point; a rotation reads g off the moment of d, shared in its joint."""
     pull = subtract(other, own)  # sign d is -pull
     for column in side.columns(own):
         e, arm = column.axis, column.arm

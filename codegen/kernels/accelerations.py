@@ -94,8 +94,8 @@ def implicit_step(d: Derivation) -> Outputs:
             armature[i] = armature[i] + d.graph.input("added", place)
     slopes = {}
     for i, stretch in stretches(d.bound, ahead, d.v, d.functions).items():
-        bent = d.functions.max(dt * stretch.bent.by_v + square * stretch.bent.by_s, 0.0)
-        slopes[i] = dt * stretch.linear.by_v + square * stretch.linear.by_s + bent
+        nonlinear = d.functions.max(dt * stretch.nonlinear.by_v + square * stretch.nonlinear.by_s, 0.0)
+        slopes[i] = dt * stretch.linear.by_v + square * stretch.linear.by_s + nonlinear
     accelerations, pivots = _by_elimination(d, d.bound, armature, drives, d.v, slopes)
     return _solved(d, _with_lines(d, armature, accelerations, pulls, dt, square, slopes), pivots)
 

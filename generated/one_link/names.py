@@ -94,7 +94,7 @@ def joint_of(coordinate: str) -> str:
 
 
 def kind_of(coordinate: str) -> str:
-    """What coordinate of its joint it is: ``x`` of ``joint1.x``."""
+    """Kind of a coordinate: ``x`` of ``joint1.x``."""
     return split_component(coordinate)[1]
 
 

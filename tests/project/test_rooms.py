@@ -252,3 +252,12 @@ def test_the_makefile_sees_every_file(tmp_path: Path) -> None:
         (tmp_path / place / "deep" / "deeper" / "new.py").touch()
         stamps.add(files())
     assert len(stamps) == 1 + len(PLACES)
+
+
+def test_docstrings_begin_with_a_verb_or_a_noun() -> None:
+    """Not with a word that leans on what stands before: "Of x", "That of x", "What x does", "As y"."""
+    for name, path in MODULES.items():
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
+                text = ast.get_docstring(node) or ""
+                assert not re.match(r"(Of|That|Those|As|What) ", text), f"{name}.{node.name}: {text}"

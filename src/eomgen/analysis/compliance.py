@@ -73,7 +73,7 @@ class ComplianceMap:
         }
 
     def lines(self) -> list[str]:
-        """What the map holds, for people."""
+        """Lines of text about the map."""
         values = self.softest
         known = np.isfinite(values)
         lines = [f"{self.robot}: {self.frame} reaches {int(known.sum())} of {values.size} points"]

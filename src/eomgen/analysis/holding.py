@@ -29,7 +29,7 @@ SPRINGS = ("stiffness", *(law.first for law in LAWS.values() if law.is_spring))
 
 @dataclass(frozen=True)
 class Fixation:
-    """What stays, and what drives add.
+    """Which coordinates are fixed, and the drives' gains.
 
     Attributes:
         drives: "locked", "free" or "pd".
@@ -58,7 +58,7 @@ def fixation_of(
     kd: Gains | None = None,
     held: Iterable[str] | None = None,
 ) -> Fixation:
-    """What stays in an analysis.
+    """Which coordinates an analysis holds fixed, and its drives' gains.
 
     Prescribed coordinates always do.  About the state principal coordinates are locked, or free under constant
     drives, or held by gains ("pd").  At the state itself they stay where they are put, and with them what nothing

@@ -43,7 +43,7 @@ class StateKeywords(TypedDict, total=False):
 
 @dataclass(frozen=True, kw_only=True)
 class StateOptions:
-    """How a robot is held in the state that an analysis looks at, what loads it there, and with which numbers.
+    """Options of an analysis about a state: how the robot is held, what loads it there, and with which numbers.
 
     Attributes:
         drives: "locked" (principal coordinates do not move), "free" (they move under the constant forces that hold the

@@ -81,7 +81,7 @@ class Number(Key):
 
     @property
     def rule(self) -> str:
-        """What is allowed."""
+        """Rule for messages: the values that are allowed."""
         if self.below is not None:
             return f"from {self.minimum:g} to less than {self.below:g}"
         if self.above is not None:
@@ -199,7 +199,7 @@ class FileName(Text):
 
     @property
     def rule(self) -> str:
-        """What is allowed."""
+        """Rule for messages: the values that are allowed."""
         an = "an" if self.suffixes[0][1] in "aeiou" else "a"
         return f"the path of {an} {' or '.join(self.suffixes)} file, relative to this file"
 

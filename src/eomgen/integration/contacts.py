@@ -58,7 +58,7 @@ class ContactWatch:
         return len(self.index)
 
     def gaps(self, y: Array) -> Array:
-        """How far each coordinate is beyond each of its ends, m or rad, below 0 inside; y = (q, v) or q."""
+        """Distances of coordinates beyond each of their ends, m or rad, below 0 inside; y = (q, v) or q."""
         return np.asarray(self.rows @ y[: len(self.names)] - self.clearance)
 
     def find(self, t0: float, y0: Array, t1: float, y1: Array, at: Callable[[float], Array] | None = None) -> None:

@@ -54,7 +54,7 @@ class System:
         return y
 
     def about(self, q: Array, v: Array) -> dict[str, float]:
-        """What is said of the motion whose samples are q and v, (T, n): counts of what was called."""
+        """Counts of calls, and more that is said of the motion with samples q and v, (T, n)."""
         return dict(self.counts)
 
     def prescribe(self, t: float, q: Array, v: Array) -> Array:
@@ -129,7 +129,7 @@ class System:
         return result
 
     def trial(self, t: float, y: Array) -> Array:
-        """As ``derivative``, but NaN where that is impossible: a method with step control then takes a shorter step."""
+        """y' of one state, NaN where there is none: a method with step control then takes a shorter step."""
         try:
             return self.derivative(t, y)
         except (ValueError, ArithmeticError) as error:  # a state that is not finite, or M is singular there

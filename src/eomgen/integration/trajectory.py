@@ -54,7 +54,7 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class FiniteMotion:
-    """What of a motion is finite: t (T,), q, v and u (T, n)."""
+    """The finite part of a motion: t (T,), q, v and u (T, n)."""
 
     t: Array
     q: Array

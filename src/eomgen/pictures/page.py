@@ -136,7 +136,7 @@ def _number(value: float | None) -> str:
 
 
 def _law(coordinate: Coordinate) -> str:
-    """What acts in a coordinate beyond stiffness and damping."""
+    """Text about the laws of a coordinate beyond stiffness and damping."""
     parts = number_texts(coordinate.law())
     if coordinate.armature is not None:
         parts.insert(0, f"armature {coordinate.armature:.4g}")

@@ -31,5 +31,5 @@ def coordinate_names(robot: Robot) -> tuple[str, ...]:
 
 
 def index_of(names: Sequence[str], wanted: Sequence[str]) -> NDArray[np.intp]:
-    """Where the wanted coordinates are among the names."""
+    """Indices of the wanted coordinates among the names."""
     return np.array([names.index(name) for name in wanted], dtype=np.intp)

@@ -102,7 +102,7 @@ def _two_sides(given: Values) -> Conflict | None:
 
 
 def _ends(given: Values) -> Conflict | None:
-    """What a contact needs."""
+    """Conflict of a clearance whose ends have no stiffness or no smoothing, None if they have both."""
     if "stiffness" not in given or not (given["stiffness"] or given.get("stiffness_negative")):
         return "clearance", "there is no stiffness at the end of it; allowed: with stiffness > 0"
     if "smoothing" not in given:

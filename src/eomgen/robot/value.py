@@ -127,7 +127,7 @@ class Coordinate:
         return bool(self.stiffness) or any(law.stiffness for law in given_laws(self.law()))
 
     def law(self) -> dict[str, float]:
-        """What is given beyond stiffness, damping and armature, by its name: "cubic", "friction.coulomb", "curve.0"."""
+        """Numbers beyond stiffness, damping and armature, by their names: "cubic", "friction.coulomb", "curve.0"."""
         given = {**vars(self), **(self.friction.numbers() if self.friction else {}), **self.further}
         found = {key: given[key] for key in NUMBERS if key != "curve" and given.get(key) is not None}
         return found | {f"curve.{i}": force for i, (_, force) in enumerate(self.curve or ())}
@@ -171,11 +171,11 @@ class Motor:
 
     @property
     def rotor(self) -> Coordinate:
-        """What acts on the motor's coordinate alone; its inertia as an armature."""
+        """Coordinate properties of the rotor alone; its inertia as an armature."""
         return Coordinate(armature=self.inertia, friction=self.friction, prescribed=self.prescribed)
 
     def numbers(self) -> dict[str, float | None]:
-        """All numbers by the names of parameters: "inertia", "stiffness", "friction.coulomb"; None where not given."""
+        """Numbers by the names of parameters: "inertia", "stiffness", "friction.coulomb"; None where not given."""
         spring = self.transmission
         own = {"inertia": self.inertia, "ratio": self.ratio, "stiffness": spring.stiffness, "damping": spring.damping}
         return {**own, **spring.law(), **self.rotor.law()}

@@ -300,7 +300,7 @@ class Kernel:
         return _three(self.calls.run("forward_dynamics_jacobian", out, (q, v, u)))
 
     def euler_cosines(self, q: ArrayLike, *, out: Array | None = None) -> Array:
-        """Per joint with three angles the cosine of beta, (joints,); 1 for other joints.
+        """Cosine of beta of each joint with three angles, (joints,); 1 for other joints.
 
         At 0 the Euler angles are singular (beta = +-pi/2) and forward dynamics has no solution; near it,
         accelerations of alpha and gamma lose as many digits as the cosine has zeros.
@@ -417,7 +417,7 @@ class Kernel:
         return self.calls.run("constraint_bias", out, (q, v))
 
     def cut_poses(self, q: ArrayLike, *, out: Array | None = None) -> Array:
-        """Per loop the pose of frame b seen from frame a, (loops, 4, 4), m: what the cut joint does."""
+        """Pose of frame b seen from frame a of each loop, (loops, 4, 4), m: the motion of the cut joint."""
         return self.calls.run("cut_poses", out, (q,))
 
     def spring_forces(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:

@@ -39,14 +39,14 @@ class EnergyBalance:
 
     @property
     def residue(self) -> Array:
-        """What does not balance, (T,), J: the error of integration and of quadrature."""
+        """Energy that does not balance, (T,), J: the error of integration and of quadrature."""
         total = self.energy.sum(axis=1)
         found: Array = total - total[0] - self.work[:, :4].sum(axis=1) + self.work[:, 4]
         return found
 
     @property
     def size(self) -> float:
-        """What the residue is compared with, J: the largest of the works, and the ranges of both energies."""
+        """Size that the residue is compared with, J: the largest of the works and of the ranges of both energies."""
         return float(max(np.abs(self.work).max(), np.ptp(self.energy, axis=0).max()))
 
     @property

@@ -66,7 +66,7 @@ class TableTorque:
 
 @dataclass(frozen=True, eq=False)
 class Actuators:
-    """Where drives act and what they measure: coordinates themselves, or the motors in front of them.
+    """Coordinates at which drives act and measure: principal ones, or the motors in front of them.
 
     Attributes:
         index: places of those among the robot's coordinates, (m,).
@@ -88,7 +88,7 @@ class Actuators:
 
 
 def actuators(kernel: Kernel, names: Sequence[str]) -> Actuators:
-    """Those of principal coordinates, in the order of their names."""
+    """Actuators of principal coordinates, in the order of their names."""
     motors = shafts(kernel)
     index = index_of(kernel.coordinates, [motors.get(name, name) for name in names])
     ratios = [kernel.ratio(motors[name]) if name in motors else 1.0 for name in names]

@@ -32,7 +32,7 @@ def check_loads(scenario: Scenario, robot: Robot) -> None:
 
 
 class Wrenches:
-    """All wrenches of a scenario: (t, q, v) -> (links, 6), as kernels take them: about centres of mass, base axes.
+    """The wrenches of a scenario: (t, q, v) -> (links, 6), as kernels take them: about centres of mass, base axes.
 
     The centre of mass is that of the link with what it carries.
     """

@@ -94,7 +94,7 @@ class SimulationResult:
 
     @property
     def deviations(self) -> Array:
-        """Those coordinates over time, (T, n - p), m or rad."""
+        """Deviations over time, (T, n - p), m or rad."""
         return self.trajectory.q[:, index_of(self.trajectory.coordinates, self.deviation_coordinates)]
 
     @property
@@ -121,7 +121,7 @@ class SimulationResult:
         return tuple(unit_of(name) for name in self.trajectory.coordinates)
 
     def summary(self) -> dict[str, Any]:
-        """What came out, as plain numbers and texts that JSON can hold; SI units, rad."""
+        """Results in short, as plain numbers and texts that JSON can hold; SI units, rad."""
         motion, tool = self.trajectory, np.linalg.norm(self.tool_deviation, axis=1)
         return {
             "robot": self.robot,
@@ -174,7 +174,7 @@ class SimulationResult:
         return lines + [f"  {note}" for note in self.notes]
 
     def _contact_lines(self) -> list[str]:
-        """How often clearances closed, and the first time of each."""
+        """Lines that say how often clearances closed, and the first time of each."""
         lines = []
         for name in dict.fromkeys(contact.coordinate for contact in self.trajectory.contacts):
             times = [c.t for c in self.trajectory.contacts if c.coordinate == name and c.closes]
@@ -184,7 +184,7 @@ class SimulationResult:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What ``series`` knows."""
+        """Names that ``series`` knows."""
         return tuple(self._series())
 
     def series(self, name: str) -> Series:

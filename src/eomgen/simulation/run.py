@@ -181,7 +181,7 @@ def run_assembly(
 
 
 def _stop_record(stop: IntegrationStopped) -> dict[str, Any]:
-    """What a result keeps of the reason why it ends too early: values that JSON holds."""
+    """Record of why a result ends too early, in values that JSON holds."""
     state = {name: getattr(stop, name).tolist() for name in ("q", "v")}
     return {"reason": str(stop), "t": stop.t, "coordinate": stop.coordinate, **state}
 

@@ -37,7 +37,7 @@ MOST_KNOTS = 200  # of a table without jumps at which a piece ends; of more, som
 
 @dataclass(frozen=True)
 class Loads:
-    """What acts: drives and wrenches (t, q, v) -> (n,), (links, 6), and the motion of prescribed coordinates.
+    """Loads of a motion: drives and wrenches (t, q, v) -> (n,), (links, 6), and the motion of prescribed coordinates.
 
     ends: times at which the drives' program may jump, s.
     """

@@ -32,7 +32,7 @@ _NAMES = ("q", "v", "t")  # in the order of writing
 
 @dataclass(frozen=True)
 class StreamedMotion:
-    """What a stream has: t (T,), s; q and v (T, n), m, rad, per s; ``complete`` if it came to its end.
+    """A motion read from a stream: t (T,), s; q and v (T, n), m, rad, per s; ``complete`` if it came to its end.
 
     meta: robot, robot_hash, scenario and versions as ``SimulationResult`` has them.
     """
@@ -117,7 +117,7 @@ class MotionStream:
 
 
 def load_stream(folder: Path | str) -> StreamedMotion:
-    """What a stream has, also while it is written, or after its writer was killed.
+    """Load what a stream has, also while it is written, or after its writer was killed.
 
     Raises:
         InputError: Zarr is not installed, or the folder is no stream.

@@ -290,7 +290,7 @@ class KernelBundle:
 
 
 class MissingKernels:
-    """What a worker answers that has no kernel for the samples."""
+    """Answer of a worker that has no kernel for the samples."""
 
     def __init__(self, indices: list[int], samples: list[tuple[float, ...]]) -> None:
         self.indices, self.samples = indices, samples

@@ -45,7 +45,7 @@ class Dimension:
 
 @dataclass(frozen=True, kw_only=True)
 class Job:
-    """What is the same for all samples.
+    """Everything that is the same for all samples of a sweep.
 
     robot: with all parameters that change among its ``tunable``.  values: of the scenario's TOML file, ``source`` and
     ``folder`` as ``scenario_from_values`` takes them.  pace: of rollouts, None where samples are integrated one by
@@ -106,7 +106,7 @@ def set_path(values: dict[str, Any], path: str, number: float) -> None:
 
 
 def get_path(values: Mapping[str, Any], path: str) -> Any:
-    """What is where a dotted path leads; None where a table has no such key yet."""
+    """Value at a dotted path; None where a table has no such key yet."""
     place, key = _place(values, path)
     return place.get(key) if isinstance(place, dict) else place[key]
 
@@ -152,7 +152,7 @@ def file_hashes(job: Job) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class SampleRow:
-    """What became of sample ``index`` with its numbers: what was recorded, or an error."""
+    """Outcome of sample ``index`` with its numbers: what was recorded, or an error."""
 
     index: int
     sample: tuple[float, ...]
