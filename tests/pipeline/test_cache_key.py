@@ -133,7 +133,7 @@ def test_the_parts_are_all_that_a_package_depends_on(source: Source) -> None:
     assert {"suffix", "python", "headers", "system", "machine", "library"} == set(parts["interface"])
     assert parts["carried"] == {name: (EOMGEN / name).read_text("utf-8") for name in compiling.carried_files()}
     assert {"errors.py", "names.py", "runtime/kernel.py"} < set(parts["carried"])
-    made = [Path(compiling.__file__), EOMGEN / "templates" / "package.py.jinja"]
+    made = [Path(compiling.__file__), EOMGEN / "templates" / "package" / "package.py.jinja"]
     assert parts["package"] == [path.read_text("utf-8") for path in made]
 
 
