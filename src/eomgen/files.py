@@ -1,19 +1,71 @@
-"""Files that are written whole or not at all."""
+"""Files that are written whole or not at all, and read only where they are files, and no larger than expected."""
 
 from __future__ import annotations
 
+import errno
 import glob
 import os
 import secrets
+import stat
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from .errors import InputError
 
 FIGURE_ENDINGS = (".svg", ".pdf", ".png")  # of files that figures are written to
+
+_KINDS = {  # what a path may lead to, and what a reader would wait for, or never come to the end of
+    stat.S_IFIFO: "a FIFO",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+    stat.S_IFSOCK: "a socket",
+    stat.S_IFDIR: "a folder",
+}
+
+
+@contextmanager
+def open_regular(path: Path, most: int) -> Iterator[BinaryIO]:
+    """Open a file to be read, and give the stream to a block; nothing is waited for.
+
+    Args:
+        path: of a file, or of a link to one.
+        most: bytes that it may have.
+
+    Raises:
+        OSError: there is no such file, it cannot be opened, it is a folder, a FIFO, a device or a socket, or it is
+            larger; ``strerror`` says which.
+        ValueError: the path holds a NUL.
+    """
+    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0) | getattr(os, "O_BINARY", 0)
+    descriptor = os.open(path, flags)
+    try:
+        found = os.fstat(descriptor)
+        if not stat.S_ISREG(found.st_mode):
+            kind = _KINDS.get(stat.S_IFMT(found.st_mode), "no file")
+            raise OSError(errno.EINVAL, f"it is {kind}; allowed: a regular file", str(path))
+        if found.st_size > most:
+            raise _too_large(f"{found.st_size} bytes", most, path)
+    except BaseException:
+        os.close(descriptor)
+        raise
+    with os.fdopen(descriptor, "rb") as stream:
+        yield stream
+
+
+def read_regular(path: Path, most: int) -> bytes:
+    """All bytes of a file; arguments and errors as ``open_regular``, also for a file that grows meanwhile."""
+    with open_regular(path, most) as stream:
+        data = stream.read(most + 1)
+    if len(data) > most:
+        raise _too_large("more bytes than that", most, path)
+    return data
+
+
+def _too_large(size: str, most: int, path: Path) -> OSError:
+    return OSError(errno.EFBIG, f"the file has {size}; allowed: up to {most}", str(path))
 
 
 def write_atomically(target: Path, write: Callable[[Any], None]) -> Path:

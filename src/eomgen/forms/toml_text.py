@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from ..errors import DescriptionError
+from ..files import read_regular
 from ..limits import LARGEST
 
 if sys.version_info >= (3, 11):
@@ -53,12 +54,9 @@ def read_text(path: Path, source: str, kind: str = ".toml, .urdf or .xml file") 
     """The text of a file, UTF-8; DescriptionError with the source if there is none."""
     source = source if source.isascii() and source.isprintable() else ascii(source)
     try:
-        if not path.is_file():
-            raise DescriptionError(f"there is no such file; allowed: an existing {kind}", source=source)
-        size, most = path.stat().st_size, _MOST_XML if path.suffix in _XML else _MOST_BYTES
-        if size > most:
-            raise DescriptionError(f"the file has {size} bytes; allowed: up to {most}", source=source)
-        return path.read_bytes().decode("utf-8-sig")
+        return read_regular(path, _MOST_XML if path.suffix in _XML else _MOST_BYTES).decode("utf-8-sig")
+    except FileNotFoundError:
+        raise DescriptionError(f"there is no such file; allowed: an existing {kind}", source=source) from None
     except UnicodeDecodeError as error:
         message = f"byte {error.start} is no UTF-8; allowed: UTF-8 text"
         refusal = DescriptionError(message, source=source)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import math
-import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..names import listed, nearest, show
+from ..npz import read_npz
 
 Array = NDArray[np.float64]
 
@@ -146,11 +146,7 @@ def _number(place: str, name: str, text: str) -> float:
 
 
 def _read_npz(path: Path) -> tuple[dict[str, Array], None]:
-    try:
-        with np.load(path, allow_pickle=False) as data:
-            arrays = {name: np.array(data[name]) for name in data.files}
-    except (ValueError, zipfile.BadZipFile, EOFError, KeyError) as error:
-        raise InputError(f"{path}: is no .npz of arrays ({error})") from None
+    arrays = read_npz(path)
     if "t" not in arrays:
         raise InputError(f"{path}: has no array t; allowed: {_RULE}")
     size = arrays["t"].shape

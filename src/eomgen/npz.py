@@ -1,0 +1,130 @@
+"""Arrays of .npz files: what a file says of itself is looked at before anything is taken into memory."""
+
+from __future__ import annotations
+
+import os
+import struct
+import tokenize
+import zipfile
+import zlib
+from math import prod
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import InputError
+from .files import open_regular
+from .names import show
+
+VARIABLE = "EOMGEN_NPZ_MB"  # of the environment: megabytes that the arrays of a file may have
+_MOST_MB = 256
+_MOST_DIRECTORY = 1 << 20  # bytes of a file's directory: some ten thousand arrays
+_END = struct.Struct("<4s4H2LH")  # of the directory, as the ZIP format has it
+_BLOCK = 1 << 20
+_KINDS = "biufUS"  # of dtypes: numbers and texts
+_DAMAGED = (  # what NumPy and zipfile raise for files that are not what NumPy wrote
+    ValueError,
+    KeyError,
+    TypeError,
+    AttributeError,
+    EOFError,
+    NotImplementedError,
+    RuntimeError,  # also RecursionError
+    SyntaxError,
+    MemoryError,
+    OverflowError,
+    struct.error,
+    tokenize.TokenError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+
+
+def read_npz(path: Path | str) -> dict[str, NDArray[Any]]:
+    """Read arrays of numbers and texts by name, as ``numpy.savez`` and ``numpy.savez_compressed`` write them.
+
+    Arrays may have 256 MB together; the environment's ``EOMGEN_NPZ_MB`` says otherwise.  It is known before anything is
+    unpacked, so that a small file cannot become a large one.
+
+    Raises:
+        InputError: the file cannot be read, is no such file or a damaged one, holds a name twice or an array of
+            something else, or is larger.
+    """
+    most = _most_bytes()
+    try:
+        with open_regular(Path(path), most) as stream:
+            _check_end(stream, path)
+            with zipfile.ZipFile(stream) as archive:
+                return _arrays(archive, path, most)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except _DAMAGED as error:
+        raise InputError(f"{path}: is no .npz as NumPy writes it ({show(str(error))})") from None
+
+
+def _most_bytes() -> int:
+    text = os.environ.get(VARIABLE, str(_MOST_MB))
+    if not (text.isascii() and text.isdecimal() and int(text[:9]) > 0 and len(text) <= 9):
+        raise InputError(f"the environment's {VARIABLE} is {show(text)}; allowed: a number of megabytes")
+    return int(text) << 20
+
+
+def _check_end(stream: BinaryIO, path: Path | str) -> None:
+    """Refuse a file whose directory alone would take long: its end says how large it is."""
+    stream.seek(0, os.SEEK_END)
+    size = stream.tell()
+    stream.seek(max(size - _END.size - 20, 0))
+    tail = stream.read()
+    if len(tail) < _END.size or tail[-_END.size :][:4] != b"PK\5\6" or tail[: -_END.size].startswith(b"PK\6\7"):
+        raise InputError(f"{path}: is no .npz as NumPy writes it (its end is not that of a ZIP file)")
+    directory = _END.unpack(tail[-_END.size :])[5]
+    if directory > _MOST_DIRECTORY:
+        raise InputError(f"{path}: its directory has {directory} bytes; allowed: up to {_MOST_DIRECTORY}")
+
+
+def _arrays(archive: zipfile.ZipFile, path: Path | str, most: int) -> dict[str, NDArray[Any]]:
+    entries: dict[str, zipfile.ZipInfo] = {}
+    for entry in archive.infolist():
+        name = entry.filename.removesuffix(".npy")
+        if name in entries:
+            raise InputError(f"{path}: array {show(name)} is there twice; allowed: once")
+        entries[name] = entry
+    total = sum(entry.file_size for entry in entries.values())
+    if total > most:
+        raise InputError(
+            f"{path}: its arrays have {total} bytes; allowed: up to {most} (the environment's {VARIABLE} has their MB)"
+        )
+    found = {}
+    for name, entry in entries.items():
+        with archive.open(entry) as member:
+            found[name] = _array(member, entry.file_size, f"{path}: array {show(name)}")
+    return found
+
+
+def _array(member: Any, size: int, place: str) -> NDArray[Any]:
+    """The array of an entry of that size."""
+    if np.lib.format.read_magic(member) != (1, 0):
+        raise InputError(f"{place}: is of another format than (1, 0), which NumPy writes for numbers and texts")
+    shape, by_columns, dtype = np.lib.format.read_array_header_1_0(member)
+    if dtype.kind not in _KINDS or dtype.itemsize == 0 or dtype.hasobject:
+        raise InputError(f"{place}: has dtype {show(str(dtype))}; allowed: numbers and texts")
+    counts = all(isinstance(n, int) and not isinstance(n, bool) and n >= 0 for n in shape)
+    if not counts or prod(max(n, 1) for n in shape) >= 1 << 62:
+        raise InputError(f"{place}: has shape {show(str(shape))}; allowed: whole numbers that an array can have")
+    if prod(shape) * dtype.itemsize != size - member.tell():
+        raise InputError(f"{place}: has {size - member.tell()} bytes; its shape and dtype ask for another number")
+    whole = np.empty(shape, dtype, order="F" if by_columns else "C")
+    flat = whole.reshape(-1, order="A").view(np.uint8).data if whole.size else memoryview(b"")
+    for start in range(0, len(flat), _BLOCK):
+        block = flat[start : start + _BLOCK]
+        filled = 0
+        while filled < len(block):
+            count = member.readinto(block[filled:])
+            if not count:
+                raise InputError(f"{place}: ends after {start + filled} of {len(flat)} bytes")
+            filled += count
+    if member.read(1):
+        raise InputError(f"{place}: goes on behind its end")
+    return whole
