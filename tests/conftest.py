@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import shutil
 import time
@@ -31,6 +32,7 @@ def pytest_configure(config: pytest.Config) -> None:
         if other != here and other.stat().st_mtime < time.time() - 86400:
             shutil.rmtree(other, ignore_errors=True)
     os.environ[VARIABLE] = str(here)
+    gc.set_threshold(100_000, 20, 20)  # SymPy's caches and many modules make every search for cycles long
 
 
 @pytest.fixture(scope="session")
@@ -38,11 +40,14 @@ def built() -> Build:
     """``built(robot, kernel names..., options)``: a kernel of its own, compiled without optimisation.
 
     The C may not contract or reorder anything, so the level changes no result; the optimiser takes most of the time.
+    Large robots are built whole where several tests, or a page of the documentation, ask for them: once for all.
     """
 
     def build(robot: Robot, *kernels: str, **options: object) -> eomgen.Kernel:
-        options.setdefault("flags", ("-O0",))
-        return eomgen.build(robot, kernels=kernels, **options)  # type: ignore[arg-type]
+        with pytest.MonkeyPatch.context() as patch:
+            if "flags" not in options:
+                patch.setenv("CFLAGS", "-O0")  # as ``unoptimised`` does, so that both find the same in the cache
+            return eomgen.build(robot, kernels=kernels, **options)  # type: ignore[arg-type]
 
     return build
 

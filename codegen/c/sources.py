@@ -12,12 +12,15 @@ from typing import Any
 
 import jinja2.meta
 
+from eomgen.memory import without_collection
+
 from ..kernels.equations import Equations
 from .contexts import header_context, lane_context, number_context
 from .metadata import kernel_metadata
 from .source import Source, environment
 
 
+@without_collection()
 def render(equations: Equations, dtype: str, *, batches: bool = True) -> Source:
     """Equations -> Source.
 

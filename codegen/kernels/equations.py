@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from eomgen.errors import InputError
+from eomgen.memory import without_collection
 from eomgen.robot.model import Model
 
 from ..program.forward_mode import tangent
@@ -36,6 +37,7 @@ class Equations:
     choices: Mapping[str, str]
 
 
+@without_collection()
 def derive_equations(model: Model, kernels: Sequence[str] = ()) -> Equations:
     """Model -> Equations, with every pass run.
 
@@ -80,6 +82,7 @@ def _columns_cost(model: Model, kernel: str, known: Mapping[str, Program]) -> in
     return model.size * sum(program.count().values())
 
 
+@without_collection()
 def derive(model: Model, kernel: str) -> Program:
     """The program of one entry of WRITERS or WAYS, or of a tangent."""
     if kernel in WAYS:

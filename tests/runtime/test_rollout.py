@@ -127,8 +127,7 @@ def test_order_of_the_error(method: str, order: int, built: Build) -> None:
 
 def test_implicit_steps_are_stable_where_springs_are_stiff(built: Build) -> None:
     """The elastic arm at a hundred times the step that rk4 can take: it comes to rest."""
-    robot = eomgen.load_robot("puma560_elastic")
-    kernel = built(robot, "rollout", "energy")
+    kernel = built(eomgen.load_robot("puma560_elastic"))
     q = 1e-4 * np.random.default_rng(1).standard_normal(kernel.n)
     none = np.zeros(kernel.n)
     with pytest.raises(IntegrationError, match=r"step \d.*; take a shorter dt, or method='implicit'"):
@@ -270,8 +269,7 @@ def test_a_singular_state_is_named(built: Build) -> None:
 
 def test_steps_that_are_too_long_are_to_blame(built: Build) -> None:
     """A step that runs into a singular state, though it begins in another one."""
-    robot = eomgen.load_robot("puma560_elastic")
-    kernel = built(robot, "rollout", "energy")
+    kernel = built(eomgen.load_robot("puma560_elastic"))
     q = 1e-4 * np.random.default_rng(1).standard_normal((3, kernel.n))
     none = np.zeros(kernel.n)
     with pytest.raises(IntegrationError, match=r"step \d+ of state \d.*; take a shorter dt, or method='implicit'"):

@@ -53,7 +53,7 @@ def test_the_elastic_puma(elastic: eomgen.SimulationResult) -> None:
     assert not motion.u[:, ~driven].any()
     assert np.abs(elastic.tracking_error).max() < 1e-4
     # in balance at the start: nothing rings
-    kernel = eomgen.build(eomgen.load_robot("puma560_elastic"), kernels=("forward_dynamics",))
+    kernel = eomgen.build("puma560_elastic")
     assert not motion.v[0].any()
     assert np.abs(kernel.forward_dynamics(motion.q[0], motion.v[0], motion.u[0])).max() < 1e-9
 

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import gc
 import re
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 from ..errors import DescriptionError
 from ..files import read_regular
 from ..limits import LARGEST
+from ..memory import without_collection
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -79,7 +77,7 @@ def parse_toml(text: str, source: str) -> dict[str, object]:
             error.line, error.column = line_and_column(text, found.start())
             raise error
     try:
-        with _no_collection():
+        with without_collection():
             values: dict[str, object] = tomllib.loads(text)
     except RecursionError:
         message = "not TOML that can be read: it is nested too deeply; allowed: tables and arrays a few levels deep"
@@ -87,18 +85,6 @@ def parse_toml(text: str, source: str) -> dict[str, object]:
     except ValueError as error:  # TOMLDecodeError, or what Python says of an integer or a date
         raise _refusal(text, str(error), source) from None
     return values
-
-
-@contextmanager
-def _no_collection() -> Iterator[None]:
-    """No search for cycles meanwhile: there are none, and it takes four times as long as reading many tables."""
-    enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if enabled:
-            gc.enable()
 
 
 def _refusal(text: str, said: str, source: str) -> DescriptionError:

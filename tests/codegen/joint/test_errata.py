@@ -73,7 +73,7 @@ def second_rate() -> dict[str, Array]:
     rng = np.random.default_rng(0)
     numbers: dict[Any, float] = {}
     for f in s.values():
-        numbers |= {f.diff(t, k): value for k, value in enumerate(rng.uniform(0.2, 0.9, 3))}
+        numbers |= {f.diff(t, k): sp.Float(value) for k, value in enumerate(rng.uniform(0.2, 0.9, 3))}
 
     def term(first: str, second: str, rate: str, other: str) -> Any:
         return A.diff(s[first]).diff(s[second]) * s[rate].diff(t) * s[other].diff(t)
@@ -94,8 +94,7 @@ def second_rate() -> dict[str, Array]:
     }
 
     def evaluate(expression: Any) -> Array:
-        ordered = sorted(numbers, key=lambda f: -sp.ode_order(f, t) if f.has(sp.Derivative) else 0)
-        values: Array = np.array(expression.doit().subs([(f, numbers[f]) for f in ordered]), dtype=np.float64)
+        values: Array = np.array(expression.doit().xreplace(numbers).evalf(), dtype=np.float64)
         return values
 
     return {name: evaluate(expression) for name, expression in sums.items()}

@@ -123,7 +123,7 @@ def test_ur5_with_six_coordinates_in_every_joint(built: Build) -> None:
 
 def test_elastic_puma(built: Build) -> None:
     robot = eomgen.load_robot("puma560_elastic")
-    check_dynamics(built(robot, *DYNAMICS), PinocchioOracle(robot), random_states(robot, 3))
+    check_dynamics(built(robot), PinocchioOracle(robot), random_states(robot, 3))
 
 
 @pytest.mark.parametrize("seed", range(3))

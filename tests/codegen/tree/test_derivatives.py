@@ -85,12 +85,12 @@ def test_by_velocity_is_twice_the_coriolis_matrix(seed: int, built: Build) -> No
 def test_of_the_elastic_arm(built: Build) -> None:
     """36 coordinates with springs, dampers and armatures."""
     robot = eomgen.load_robot("puma560_elastic")
-    kernel, s = built(robot, *JACOBIANS), random_state(robot, 1)
+    kernel, s = built(robot), random_state(robot, 1)
     for block, expected in zip(kernel.residual_jacobian(s.q, s.v, s.a), by_pinocchio(robot, s), strict=True):
         assert distance(block, expected) < 1e-11
 
 
-@pytest.mark.parametrize("seed", seeds(940, 5, 16))
+@pytest.mark.parametrize("seed", seeds(940, 3, 16))
 def test_forward_dynamics_jacobian_is_pinocchios(seed: int, built: Build) -> None:
     """Against the articulated body algorithm's; springs and dampers by the chain rule."""
     robot = random_robot(seed, joints=(1, 5), tree=seed % 2 == 0, types=TYPES)
