@@ -48,7 +48,7 @@ def deviations(text: str, built: Build, states: int = 5) -> tuple[dict[str, floa
     return worst, list(robot.notes)
 
 
-@pytest.mark.parametrize("seed", seeds(0, 4, 80))
+@pytest.mark.parametrize("seed", seeds(0, 3, 80))
 def test_random_models_move_as_mujocos(seed: int, built: Build, figures: Figures) -> None:
     worst, _ = deviations(random_model(seed), built)
     for key, value in worst.items():

@@ -11,7 +11,7 @@ from eomgen.robot.value import Robot
 from eomgen.runtime.kernel import Kernel
 from eomgen.state.equilibrium import static_equilibrium
 from tests.support.builds import Build
-from tests.support.random_robots import Array, random_robot, random_state
+from tests.support.random_robots import Array, random_robot, random_state, seeds
 
 
 def on_the_base(robot: Robot, kernel: Kernel, q: Array, reactions: Array) -> Array:
@@ -28,7 +28,7 @@ def on_the_base(robot: Robot, kernel: Kernel, q: Array, reactions: Array) -> Arr
     return total
 
 
-@pytest.mark.parametrize("seed", range(60, 72))
+@pytest.mark.parametrize("seed", seeds(60, 6, 12))
 def test_the_base_carries_weights_and_loads(seed: int, built: Build) -> None:
     """At rest the joints next to the base hold the weights of all moving links, and external wrenches on them."""
     robot = random_robot(seed, joints=(3, 6), tree=True, types=("revolute", "prismatic", "free"))
