@@ -175,7 +175,7 @@ def show_files(
 
 @contextmanager
 def can_be_left_out(what: str) -> Iterator[None]:
-    """Around work that a command does besides: where a package for it is missing, one line says that, and it goes on."""
+    """Around work that a command does besides: where its package is missing, a line says so, and the rest goes on."""
     try:
         yield
     except NotInstalledError as error:
