@@ -62,7 +62,7 @@ def readme(report: Report) -> str:
 
 
 def called(report: Report) -> list[str]:
-    """What calls from Python cost beside the C, in microseconds."""
+    """Lines about calls from Python beside the C, in microseconds."""
     if not report.calls:
         return []
     ways = list(dict.fromkeys(way for call in report.calls for way in call.ns))

@@ -24,7 +24,7 @@ class Shown:
         cls.__repr__ = Shown.__repr__  # type: ignore[method-assign]  # in the class itself, or dataclass writes its own
 
     def facts(self) -> dict[str, str]:
-        """What is shown: names and short texts; of the fields those that are not empty."""
+        """Names and short texts that are shown: of all fields that are not empty."""
         assert is_dataclass(self)
         values = {field.name: getattr(self, field.name) for field in fields(self) if field.repr}
         return {name: text_of(value) for name, value in values.items() if not _is_empty(value)}

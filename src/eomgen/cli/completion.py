@@ -31,7 +31,7 @@ class Completion(argparse.Action):
 
 
 def completion_script(parser: argparse.ArgumentParser, shell: str) -> str:
-    """What a shell reads to complete the words of a parser; its arguments are marked with what they take.
+    """Write the script that a shell completes the words of a parser with; marks arguments with what they take.
 
     Raises:
         InputError: shtab is not installed.
@@ -65,7 +65,7 @@ def _arguments(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
 
 
 def _kind(action: argparse.Action) -> str | None:
-    """What an argument takes, by what it is called."""
+    """The kind of thing that an argument takes, by what it is called; None for numbers, names and flags."""
     if action.metavar == "ROBOT" or action.dest == "robot":
         return "robot"
     if action.dest == "scenario":

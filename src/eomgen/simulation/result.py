@@ -229,7 +229,7 @@ class SimulationResult(Shown, Tabular):
         return found
 
     def facts(self) -> dict[str, str]:
-        """What ``repr`` and notebooks show."""
+        """Names and short texts that ``repr`` and notebooks show."""
         motion = self.trajectory
         shown = {"robot": show(self.robot), "coordinates": str(len(motion.coordinates))}
         shown |= {"driven": str(len(self.program_coordinates) if self.programmed else 0), "samples": str(motion.t.size)}

@@ -140,7 +140,7 @@ class SweepResult(Shown, Tabular):
         return sensitivity_of(self.varied, self.samples[good], y[good])
 
     def facts(self) -> dict[str, str]:
-        """What ``repr`` and notebooks show."""
+        """Names and short texts that ``repr`` and notebooks show."""
         shown = {"robot": show(self.meta["robot"]), "samples": f"{self.index.size} of {self.total}"}
         shown |= {"failed": str(len(self.errors)), "varied": text_of(self.varied), "columns": text_of(self.columns)}
         return shown | {"folder": text_of(self.folder)}
