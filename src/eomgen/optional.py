@@ -52,5 +52,5 @@ def optional_import(package: str, needed_by: str, otherwise: str = "") -> Iterat
 
 
 def _quoted(name: str) -> str:
-    """What a shell takes for one word, brackets and all."""
+    """The name as a shell takes it for one word, brackets and all."""
     return f'"{name}"' if "[" in name else name
