@@ -234,7 +234,7 @@ class SimulationResult(Shown, Tabular):
         shown = {"robot": show(self.robot), "coordinates": str(len(motion.coordinates))}
         shown |= {"driven": str(len(self.program_coordinates) if self.programmed else 0), "samples": str(motion.t.size)}
         shown |= {"duration": f"{motion.t[-1]:.6g} s", "method": show(motion.method), "tool": show(self.tool)}
-        shown["off"] = f"{1e6 * float(np.linalg.norm(self.tool_deviation, axis=1).max()):.3g} um"
+        shown["tool_deviation"] = f"{1e6 * float(np.linalg.norm(self.tool_deviation, axis=1).max()):.3g} um"
         return shown | ({"stopped": show(self.stopped.get("reason", ""))} if self.stopped else {})
 
     def as_rows(self) -> Rows:
