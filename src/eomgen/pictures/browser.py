@@ -252,9 +252,9 @@ class View:
         self._power = gui.add_slider(
             "deviations x 10^",
             0.0,
-            largest_power(self._result, self._robot),
+            round(largest_power(self._result, self._robot), 9),
             step=STEP,
-            initial_value=math.log10(first_factor(self._result, self._robot)),
+            initial_value=round(math.log10(first_factor(self._result, self._robot)), 9),
             hint="exaggeration; 0 is as they are",
         )
         self._playing = False
