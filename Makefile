@@ -21,7 +21,10 @@ BIN := $(VENV)/bin
 # An editable install links file by file (mypy needs that), so a new or renamed file asks for a new install.
 FILES := $(sort $(shell find src/eomgen codegen templates -type f -not -name "*.pyc"))
 STAMP := $(shell echo '$(FILES)' | cksum | cut -d ' ' -f 1)
-INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --config-settings editable_mode=strict
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+INSTALL := $(PIP) --config-settings editable_mode=strict
+# What the extra "wheel" lists, without eomgen and what it needs to run.
+WHEEL_TOOLS := $(shell sed -n 's/^wheel = \[\(.*\)\]$$/\1/p' pyproject.toml | tr ',' ' ')
 
 .PHONY: demo test lint bench soak mutation docs sample tables schemas misra wheel clean
 
@@ -64,7 +67,7 @@ schemas: $(VENV)/.sim-$(STAMP)
 misra: $(VENV)/.test-$(STAMP)
 	$(BIN)/python docs/misra.py
 
-wheel: $(VENV)/.test-$(STAMP)
+wheel: $(VENV)/.wheel
 	rm -rf build/lib dist
 	$(BIN)/python -m build
 	$(BIN)/twine check --strict dist/*
@@ -90,6 +93,10 @@ $(VENV)/.bench-$(STAMP): pyproject.toml | $(BIN)/python
 $(VENV)/.test-$(STAMP): pyproject.toml | $(BIN)/python
 	$(INSTALL) -e '.[test]'
 	touch $@ $(VENV)/.sim-$(STAMP)
+
+$(VENV)/.wheel: pyproject.toml | $(BIN)/python
+	$(PIP) $(WHEEL_TOOLS)
+	touch $@
 
 $(VENV)/.mutation-$(STAMP): pyproject.toml | $(BIN)/python
 	$(INSTALL) -e '.[mutation]'

@@ -1,14 +1,16 @@
-"""Command line: ``python -m benchmarks.peers [--repeat ROUNDS] [--page] [--quick] [ROBOT ...]``."""
+"""Command line: ``python -m benchmarks.peers [--repeat ROUNDS] [--page] [--calls] [ROBOT ...]``."""
 
 from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 from . import page
 from .cases import GROWING, TITLES
 from .plot import plot
+from .python_calls import python_calls
 from .report import read
 from .run import run
 
@@ -24,6 +26,7 @@ def main() -> int:
     parser.add_argument("robots", nargs="*", metavar="ROBOT", help=f"of {', '.join(TITLES)}: prints, writes nothing")
     parser.add_argument("--repeat", type=int, default=100, metavar="ROUNDS", help="rounds per row (default 100)")
     parser.add_argument("--page", action="store_true", help="write page and plot from docs/peers.json, time nothing")
+    parser.add_argument("--calls", action="store_true", help="time calls from Python alone; the rest stays as it is")
     arguments = parser.parse_args()
     unknown = [name for name in arguments.robots if name not in TITLES]
     if unknown:
@@ -31,7 +34,10 @@ def main() -> int:
     if arguments.repeat < 1:
         parser.error(f"--repeat: {arguments.repeat} is not a number of rounds; at least 1")
     disagreements: list[str] = []
-    if not arguments.page:
+    if arguments.calls:
+        last = read(DOCS / "peers.json")
+        replace(last, calls=python_calls(arguments.repeat)).write(DOCS / "peers.json")
+    elif not arguments.page:
         progress = (lambda line: print(line, file=sys.stderr)) if sys.stderr.isatty() else (lambda line: None)
         growing = () if arguments.robots else GROWING
         report, disagreements = run(arguments.repeat, progress, arguments.robots, growing)
@@ -45,8 +51,9 @@ def main() -> int:
         report.write(DOCS / "peers.json")
     report = read(DOCS / "peers.json")
     (DOCS / "peers.md").write_text(page.page(report), encoding="ascii")
-    plot(report, DOCS / "peers.svg")
-    print("wrote docs/peers.json, docs/peers.md and docs/peers.svg; make tables copies the table to README.md")
+    if not arguments.calls:
+        plot(report, DOCS / "peers.svg")
+    print("wrote docs/peers.*; make tables copies the table to README.md")
     return int(bool(disagreements))
 
 

@@ -58,7 +58,26 @@ def _cell(entry: Entry | None, peer: str) -> str:
 
 def readme(report: Report) -> str:
     """The part of README.md."""
-    return "\n".join(summary(report))
+    return "\n".join([*summary(report), *called(report)])
+
+
+def called(report: Report) -> list[str]:
+    """Lines about calls from Python beside the C, in microseconds."""
+    if not report.calls:
+        return []
+    ways = list(dict.fromkeys(way for call in report.calls for way in call.ns))
+    lines = [
+        "",
+        "These are times of C beside C. A call from Python takes longer, for its arrays and the way into C and back:"
+        f" microseconds per state, {report.calls[0].title} on {report.calls[0].processor}, the least of many rounds.",
+        "",
+        f"| microseconds | {' | '.join(ways)} |",
+        "|---" + "|---:" * len(ways) + "|",
+    ]
+    for call in report.calls:
+        cells = [f"{1e-3 * call.ns[way]:.3g}" if way in call.ns else NONE for way in ways]
+        lines.append(f"| {KERNELS[call.kernel]} | {' | '.join(cells)} |")
+    return lines
 
 
 def page(report: Report) -> str:
@@ -73,6 +92,7 @@ def page(report: Report) -> str:
         " brackets the ratio to hold. Where Pinocchio has two conventions (`crba`, `aba`), the faster one counts.",
         "",
         *summary(report),
+        *called(report),
         "",
         "![time over degrees of freedom](peers.svg)",
         "",

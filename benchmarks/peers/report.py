@@ -42,8 +42,21 @@ class Entry:
 
 
 @dataclass(frozen=True)
+class Call:
+    """A kernel of a robot called in several ways; ns: least times by way, nanoseconds per state."""
+
+    title: str
+    processor: str
+    kernel: str
+    ns: Mapping[str, float]
+
+
+@dataclass(frozen=True)
 class Report:
-    """A run: where, how, and its entries; ``growing`` are chains of more and more joints, for the plot."""
+    """A run: where, how, and its entries; ``growing`` are chains of more and more joints, for the plot.
+
+    calls: what calls from Python cost.
+    """
 
     machine: Mapping[str, str]
     rounds: int
@@ -52,6 +65,7 @@ class Report:
     missing: Mapping[str, str]
     entries: tuple[Entry, ...]
     growing: tuple[Entry, ...] = ()
+    calls: tuple[Call, ...] = ()
 
     def entry(self, case: str, kernel: str, batch: bool = False) -> Entry | None:
         """The entry of a kernel of a robot, or None."""
@@ -70,6 +84,7 @@ def read(path: Path) -> Report:
             Entry(**{**entry, "ratios": {label: tuple(x) for label, x in entry["ratios"].items()}})
             for entry in values[key]
         )
+    values["calls"] = tuple(Call(**call) for call in values.get("calls", ()))
     return Report(**values)
 
 

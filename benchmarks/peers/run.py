@@ -27,7 +27,8 @@ from .measure import BATCH_STATES, STATES, Disagreement, measure
 from .mujoco_peer import MujocoPeer
 from .ours import BATCH, NAME, TEXTBOOK, USED, Ours, Textbook
 from .pinocchio_peer import PinocchioPeer
-from .report import Entry, Report
+from .python_calls import python_calls
+from .report import Call, Entry, Report
 
 Progress = Callable[[str], None]
 STANDARD = ("inverse_dynamics", "mass_matrix", "forward_dynamics")
@@ -171,7 +172,15 @@ def run(
     for joints in growing:
         progress(f"chain of {joints} joints:")
         chains += going.growing(chain(joints))
-    report = Report(machine(going.missing), rounds, STATES, BATCH_STATES, going.missing, tuple(entries), tuple(chains))
+    calls: tuple[Call, ...] = ()
+    if not keys:
+        progress("calls from Python:")
+        try:
+            calls = python_calls(rounds)
+        except (MissingPeer, Disagreement) as error:
+            going.disagreements += [str(error)] * isinstance(error, Disagreement)
+    about = machine(going.missing)
+    report = Report(about, rounds, STATES, BATCH_STATES, going.missing, tuple(entries), tuple(chains), calls)
     return report, going.disagreements
 
 

@@ -70,7 +70,7 @@ def _default() -> tuple[str, ...]:
     if importlib.util.find_spec("ziglang") is None:
         raise BuildError(
             "no C compiler found: $CC is not set, and cc, gcc and clang are not on the path; install one"
-            " (Debian: apt install gcc; or pip install eomgen[compiler]), or set CC to its command"
+            " (Debian: apt install gcc; or pip install ziglang, as eomgen[compiler] does), or set CC to its command"
         )
     return (sys.executable, "-m", "ziglang", "cc")
 

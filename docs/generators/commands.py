@@ -18,6 +18,10 @@ def page() -> str:
         "Written from the parser. ROBOT is the name of a built-in robot, or the path of a `.toml` or `.urdf` file. "
         "Exit status: 0; 1 for input that cannot be used; 2 for usage; 70 for a bug of eomgen.",
         "",
+        "`eomgen --completion bash` (or zsh, fish) prints what the shell completes commands, options, built-in robots "
+        "and files with, where shtab is installed (`pip install shtab`); for bash it goes into "
+        "`~/.local/share/bash-completion/completions/eomgen`.",
+        "",
     ]
     for name, text, command in commands(parser):
         usage = " ".join(command.format_usage().removeprefix("usage: ").split())

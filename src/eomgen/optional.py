@@ -7,17 +7,24 @@ from contextlib import contextmanager
 
 from .errors import InputError
 
-EXTRAS = {  # the extra of eomgen that installs a package, by the package's name as people write it
-    "SciPy": "sim",
-    "Matplotlib": "sim",
-    "scikit-sundae": "sim",
-    "Zarr (Python 3.11 or later)": "sweep",
-    "Dask": "sweep",
-    "pyarrow": "sweep",
-    "viser": "view",
-    "CasADi": "casadi",
-    "JAX": "jax",
+PACKAGES = {  # name as people write it: what pip installs it by, and the extra of eomgen that brings it
+    "SciPy": ("scipy", "sim"),
+    "Matplotlib": ("matplotlib", "sim"),
+    "scikit-sundae": ("scikit-sundae", "sim"),
+    "Zarr (Python 3.11 or later)": ("zarr", "sweep"),
+    "Dask": ("dask[distributed]", "sweep"),
+    "pyarrow": ("pyarrow", "sweep"),
+    "pandas": ("pandas", "tables"),
+    "xarray": ("xarray", "tables"),
+    "shtab": ("shtab", "completion"),
+    "viser": ("viser", "view"),
+    "CasADi": ("casadi", "casadi"),
+    "JAX": ("jax", "jax"),
 }
+
+
+class NotInstalledError(InputError):
+    """A package that need not be there is asked for, and cannot be imported."""
 
 
 @contextmanager
@@ -25,16 +32,25 @@ def optional_import(package: str, needed_by: str, otherwise: str = "") -> Iterat
     """Around imports of a package that need not be there: ``with optional_import("SciPy", "splines need"):``.
 
     Args:
-        package: one of EXTRAS.
+        package: one of PACKAGES.
         needed_by: what needs it, with the verb; the message begins with it.
         otherwise: what works without it; the message ends with it.
 
     Raises:
-        InputError: an import fails; says what needs the package, and how to install it.
+        NotInstalledError: an import fails; says what needs the package, whether it is missing or broken, and how to
+            install it.
     """
     try:
         yield
-    except ImportError:
-        advice = f'pip install "eomgen[{EXTRAS[package]}]"'
-        text = "; ".join(filter(None, (f"{needed_by} {package}: {advice}", otherwise)))
-        raise InputError(text) from None
+    except ImportError as error:
+        missing = isinstance(error, ModuleNotFoundError)
+        state = "which is not installed" if missing else f"which cannot be imported ({error})"
+        name, extra = PACKAGES[package]
+        advice = f'pip install {_quoted(name)}, or pip install "eomgen[{extra}]"'
+        text = "; ".join(filter(None, (f"{needed_by} {package}, {state}: {advice}", otherwise)))
+        raise NotInstalledError(text) from None
+
+
+def _quoted(name: str) -> str:
+    """The name as a shell takes it for one word, brackets and all."""
+    return f'"{name}"' if "[" in name else name

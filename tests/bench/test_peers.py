@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.peers import contender, page, plot
+from benchmarks.peers import contender, page, plot, python_calls
 from benchmarks.peers.cases import CHAIN, ELASTIC, TITLES, case, chain
 from benchmarks.peers.contender import Contender, MissingPeer, build_library
 from benchmarks.peers.measure import Disagreement, compare, states
-from benchmarks.peers.report import Entry, Report, read
+from benchmarks.peers.report import Call, Entry, Report, read
 from benchmarks.peers.required import AGAINST_MUJOCO, AGAINST_PINOCCHIO, bar
 from tests.support.builds import Build
 
@@ -33,7 +33,12 @@ def report() -> Report:
     missed = replace(held, kernel="inverse_dynamics", ratios={"Pinocchio": (4.4, 4.5, 4.6)})
     unbuilt = replace(held, kernel="derivatives", ratios={}, missing={"eomgen": "not built: no such kernel"})
     machine = {"Processor": "some"}
-    return Report(machine, 3, 16, 4096, {"CasADi": "the wheel casadi is not installed"}, (held, missed, unbuilt))
+    missing = {"CasADi": "the wheel casadi is not installed"}
+    calls = (
+        Call("UR5 URDF (6 DOF)", "some", "mass_matrix", {"C": 50.0, "Python": 2345.0, python_calls.MANY: 70.0}),
+        Call("UR5 URDF (6 DOF)", "some", "inverse_dynamics", {"C": 66.0, "Python": 3456.0}),
+    )
+    return Report(machine, 3, 16, 4096, missing, (held, missed, unbuilt), calls=calls)
 
 
 def test_the_page_is_that_of_the_last_run() -> None:
@@ -49,10 +54,22 @@ def test_every_required_ratio_has_an_entry() -> None:
         assert entry.ratios or entry.missing, (key, kernel, batch)
 
 
+def test_the_committed_run_says_what_calls_from_python_cost() -> None:
+    """All ways of all kernels; a call is never faster than its C."""
+    calls = read(DOCS / "peers.json").calls
+    assert [call.kernel for call in calls] == list(python_calls.KERNELS)
+    for call in calls:
+        assert set(call.ns) >= {"C", "Python", "Python, with checks", python_calls.MANY}
+        assert call.ns["Python"] > call.ns["C"] > 0.0
+
+
 def test_tables_of_a_report(report: Report) -> None:
     table = page.readme(report)
     assert "| mass matrix | 4.5 (4) | - | - |" in table  # the faster convention counts
     assert "| derivatives of inverse dynamics | not built (6) | - | - |" in table
+    assert "| microseconds | C | Python | Python, per state of 4096 |" in table
+    assert "| mass matrix | 0.05 | 2.35 | 0.07 |\n| inverse dynamics | 0.066 | 3.46 | - |" in table
+    assert page.called(replace(report, calls=())) == []
     said = page.lines(report)
     assert [line.split()[-1] for line in said[:2]] == ["held", "MISSED"]
     assert "not built" in said[2]

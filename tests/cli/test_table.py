@@ -22,7 +22,9 @@ ORDER = (
     *("deflection", "modes", "response", "linearize", "budget", "sweep", "export", "plot", "report", "view"),
     *("bench", "cache"),
 )
-GROUPS = sorted({module.name for module in pkgutil.iter_modules(eomgen.cli.__path__)} - {"entry", "shared"})
+GROUPS = sorted(
+    {module.name for module in pkgutil.iter_modules(eomgen.cli.__path__)} - {"completion", "entry", "shared"}
+)
 HEAVY = ("numpy", "sympy", "scipy", "matplotlib", "cffi", "jinja2", "rich", "concurrent.futures")
 
 

@@ -18,7 +18,7 @@ from eomgen.errors import InputError
 from eomgen.files import FIGURE_ENDINGS
 from eomgen.pictures import energy as motion_plots
 from eomgen.pictures.robot import plot_robot
-from eomgen.pictures.simulation import plot_result
+from eomgen.pictures.simulation import plot_deviations, plot_result
 from eomgen.pictures.style import scale_of
 from eomgen.pictures.zeros import plot_zeros
 from eomgen.robot.model import build_model
@@ -75,6 +75,20 @@ def test_driven_coordinates_are_drawn_beside_their_program(
     factor = {"rad": 1.0, "mrad": 1e3, "urad": 1e6, "nrad": 1e9}[lower.get_title(loc="left").split(", ")[1]]
     assert np.allclose(lower.get_lines()[0].get_ydata() / factor, reality - program, atol=0, rtol=1e-14)
     assert np.abs(reality - program).max() > 0.0
+
+
+def test_panels_of_rigid_joints_are_left_out(result: SimulationResult, figures: list[Any], tmp_path: Path) -> None:
+    names = ("j1.x", "j1.gamma", "j2.alpha", "j2.beta", "j3.y", "j3.alpha")
+    motion = result.trajectory
+    values = np.arange(6.0) + np.linspace(0.0, 0.1, motion.t.size)[:, None]
+    many = replace(motion, coordinates=names, q=values, v=values, u=values)
+    found = replace(result, trajectory=many, program_coordinates=("j1.gamma",))
+    plot_deviations(found, tmp_path / "deviations.svg")
+    panels = [panel for panel in figures[0].axes if panel.get_visible()]
+    assert [panel.get_title(loc="left") for panel in panels] == ["j1, um", "j3, um", "j2, urad", "j3, urad"]
+    drawn = [[line.get_ydata()[0] for line in panel.get_lines() if len(line.get_ydata()) > 2] for panel in panels]
+    assert np.allclose([x for row in drawn for x in row], 1e6 * np.array([0.0, 4.0, 2.0, 3.0, 5.0]))
+    assert [panel.get_xlabel() for panel in panels] == ["", "", "time, s", "time, s"]
 
 
 def test_drawn_energies_balance(result: SimulationResult, figures: list[Any], tmp_path: Path) -> None:

@@ -117,6 +117,20 @@ def test_the_page_is_well_formed_and_by_itself(page: str) -> None:
     assert sum(tag == "svg" for tag, _ in reader.elements) == len(figures)
 
 
+def test_all_figures_have_one_type_size(page: str) -> None:
+    """On the page: points of the figure by the part of the page's width that each of its own widths takes."""
+    sizes = {}
+    for figure, svg in re.findall(r'<figure id="figure-(\w+)">(.*?)</figure>', page, re.DOTALL):
+        (width,) = re.findall(r'<svg [^>]*viewBox="0 0 ([0-9.]+) ', svg)
+        (share,) = re.findall(r"<svg [^>]*width:([0-9.]+)%", svg)
+        found = {float(x) for x in re.findall(r"font(?:-size)?: (?:[a-z0-9]+ )?([0-9.]+)px", svg)}
+        assert found, figure
+        sizes |= {(figure, size): size * float(share) / float(width) for size in found}
+        assert svg.count("<text") <= len(re.findall(r"font(?:-size)?: ", svg)), figure
+    assert len({figure for figure, _ in sizes}) == 6
+    assert np.allclose(list(sizes.values()), next(iter(sizes.values())), rtol=1e-3), sizes
+
+
 def test_the_tables_have_the_numbers_of_others(page: str, robot: Robot, result: SimulationResult) -> None:
     rows = {row[0]: row[1:] for row in read(page).cells}
     for joint in robot.joints:
@@ -218,6 +232,6 @@ def test_a_browser_shows_the_page_without_a_word(page: str, tmp_path: Path) -> N
         assert found.requests == [address]
         boxes = [element.bounding_box() for element in found.page.query_selector_all("figure > svg")]
         assert len(boxes) == 6
-        assert all(box["width"] > 600 and box["height"] > 200 for box in boxes)
+        assert all(box["width"] > 400 and box["height"] > 200 for box in boxes)
         width = found.page.evaluate("document.documentElement.scrollWidth")
         assert width <= 1000

@@ -18,19 +18,20 @@ from eomgen.description.load import load_robot
 from eomgen.errors import InputError
 from eomgen.pictures import shapes as visuals
 from eomgen.pictures.browser import View
+from eomgen.pictures.framing import Camera, drawn_points, first_factor, framed, largest_power, up_of
 from eomgen.pictures.scene import (
     accelerations,
     capsule_mesh,
     capsules,
     exaggerated,
     extent,
-    largest_factor,
     link_poses,
     program_positions,
     quaternions,
     reaction_forces,
     spring_lines,
 )
+from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.result import SimulationResult
@@ -90,10 +91,6 @@ def test_program_and_exaggeration(result: SimulationResult, robot: Robot) -> Non
     assert np.array_equal(exaggerated(result, 0.0), program_positions(result))
     off, ten = result.trajectory.q - program_positions(result), exaggerated(result, 10.0) - program_positions(result)
     assert np.allclose(ten, 10.0 * off, rtol=1e-9, atol=1e-15)
-    factor = largest_factor(result, robot)
-    linear = np.array([unit == "m" for unit in result.units])
-    share = max(np.abs(off[:, linear]).max() / (extent(robot) / 3.0), np.abs(off[:, ~linear]).max() / 0.5)
-    assert factor * share <= 1.0 < 10.0 * factor * share
 
 
 def test_capsules_reach_what_is_on_their_links(robot: Robot) -> None:
@@ -174,6 +171,84 @@ def test_reactions_carry_what_accelerates_and_weighs(result: SimulationResult, r
     assert np.abs(accelerations(kernel, found) - exact)[inner].max() < 1e-2 * np.abs(exact).max()
 
 
+# The first look
+
+NOTHING_MOVES = """
+duration = 0.1
+output_step = 0.01
+[motion]
+type = "point_to_point"
+goal = [0.3]
+"""
+
+
+def projected(camera: Camera, points: np.ndarray) -> np.ndarray:
+    """Place of points in a square window, whose edges are at 1 and -1, and their depth, (P, 3)."""
+    ahead = (camera.look_at - camera.position) / np.linalg.norm(camera.look_at - camera.position)
+    right = np.cross(ahead, camera.up)
+    right /= np.linalg.norm(right)
+    off = points - camera.position
+    depth = off @ ahead
+    place = off @ np.stack([right, np.cross(right, ahead)], axis=1) / (depth * np.tan(0.5 * camera.fov))[:, None]
+    return np.concatenate([place, depth[:, None]], axis=1)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_the_camera_sees_all_points_and_little_else(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    up = rng.normal(size=3)
+    up /= np.linalg.norm(up)
+    points = rng.normal(size=(int(rng.integers(1, 30)), 3)) * rng.choice([0.0, 1e-3, 1.0], size=3) + rng.normal(size=3)
+    found = projected(framed(points, up, 0.8, margin=1e-3), points)
+    assert (found[:, 2] > 0.0).all()
+    assert np.abs(found[:, :2]).max() < 0.81
+    assert np.ptp(points, axis=0).max() < 0.1 or np.abs(found[:, :2]).max() > 0.3
+
+
+@pytest.mark.parametrize("name", ["worn_arm", "puma560", "andrews", "one_link"])
+def test_up_is_against_gravity_and_plane_robots_are_seen_from_the_front(name: str) -> None:
+    robot = load_robot(name)
+    up = up_of(robot)
+    assert np.linalg.norm(up) == pytest.approx(1.0)
+    if any(robot.gravity):
+        assert up @ np.array(robot.gravity) == pytest.approx(-np.linalg.norm(robot.gravity))
+    names = build_model(robot).coordinates
+    states = np.random.default_rng(0).uniform(-1.0, 1.0, (20, len(names)))
+    states[:, [i for i, one in enumerate(names) if not one.endswith(".gamma")]] = 0.0
+    camera = framed(drawn_points(robot, names, states).reshape(-1, 3), up, 0.8)
+    direction = (camera.position - camera.look_at) / np.linalg.norm(camera.position - camera.look_at)
+    assert name == "puma560" or direction[2] > 0.8  # they move in the plane of x and y
+    assert direction @ up > 0.1
+
+
+def test_deviations_are_visible_at_first(result: SimulationResult, robot: Robot) -> None:
+    """The largest is a tenth of the robot's size, or 0.5 rad, less than a step of the slider below."""
+    factor = first_factor(result, robot)
+    assert factor > 1.0
+    names, program = result.trajectory.coordinates, program_positions(result)
+    points = drawn_points(robot, names, result.trajectory.q) - drawn_points(robot, names, program)
+    angles = [i for i, unit in enumerate(result.units) if unit == "rad"]
+    share = np.linalg.norm(points, axis=2).max() / (0.1 * extent(robot))
+    share = max(share, np.abs(result.trajectory.q - program)[:, angles].max() / 0.5)
+    assert 10.0**-0.05 < factor * share * (1.0 + 1e-9) <= 1.0 + 2e-9
+    assert largest_power(result, robot) == pytest.approx(np.log10(factor) + 1.0)
+    large = replace(result, trajectory=replace(result.trajectory, q=program + 1e6 * (result.trajectory.q - program)))
+    assert (first_factor(large, robot), largest_power(large, robot)) == (1.0, 1.0)
+
+
+def test_a_rigid_robot_is_drawn_as_it_is() -> None:
+    rigid = replace(load_robot("one_link").with_coordinates({}), name="rigid")
+    rigid = replace(
+        rigid, joints=tuple(replace(j, coordinates={"gamma": j.coordinates["gamma"]}) for j in rigid.joints)
+    )
+    found = run_scenario(rigid, scenario_from_toml(NOTHING_MOVES))
+    assert found.deviation_coordinates == ()
+    assert (first_factor(found, rigid), largest_power(found, rigid)) == (1.0, 1.0)
+    off = found.program_q + np.linspace(0.0, 1e-3, found.trajectory.t.size)[:, None]  # a drive that follows poorly
+    poor = replace(found, trajectory=replace(found.trajectory, q=off))
+    assert (first_factor(poor, rigid), largest_power(poor, rigid) > 2.5) == (1.0, True)
+
+
 # Meshes
 
 
@@ -243,6 +318,19 @@ def test_the_server_answers(view: View) -> None:
     protocol = f"viser-v{viser.__version__}"
     with connect(view.address.replace("http", "ws"), subprotocols=[protocol], max_size=None) as stream:  # type: ignore[list-item]
         assert len(stream.recv(timeout=20)) > 100
+
+
+def test_the_first_view_frames_the_whole_motion(view: View, result: SimulationResult, robot: Robot) -> None:
+    assert view.factor == pytest.approx(first_factor(result, robot))
+    given = view._server.initial_camera
+    camera = Camera(given.position, given.look_at, given.up, given.fov)
+    assert np.allclose(given.up, up_of(robot))
+    rows = [program_positions(result), exaggerated(result, view.factor)]
+    points = drawn_points(robot, result.trajectory.coordinates, np.concatenate(rows)).reshape(-1, 3)
+    found = projected(camera, points)
+    assert 0.5 < np.abs(found[:, :2]).max() < 1.0
+    assert (found[:, 2] > given.near).all()
+    assert (found[:, 2] < given.far).all()
 
 
 def test_controls_move_the_scene(view: View, result: SimulationResult, robot: Robot) -> None:

@@ -14,10 +14,12 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
+from urllib.parse import unquote, urlsplit
 
 import pytest
 
 import eomgen
+from tests.support.browser import open_page
 from tests.support.doc_blocks import blocks_of, run_page
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -111,16 +113,20 @@ def test_a_wrong_block_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
             run_page(page, tmp_path)
 
 
-def test_the_site_builds(tmp_path: Path) -> None:
-    """Without a warning: pages that are in no menu, links and anchors that lead nowhere are warnings."""
-    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "-d", str(tmp_path / "site")]
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of the site, built without a warning: pages that are in no menu, links and anchors that lead nowhere
+    are warnings."""
+    folder = tmp_path_factory.mktemp("docs") / "site"
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "-d", str(folder)]
     environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, env=environment)
     assert done.returncode == 0, done.stderr
-    pages = {
-        path.relative_to(tmp_path / "site").as_posix(): path.read_text(encoding="utf-8")
-        for path in (tmp_path / "site").rglob("*.html")
-    }
+    return folder
+
+
+def test_the_site_builds(site: Path) -> None:
+    pages = {path.relative_to(site).as_posix(): path.read_text(encoding="utf-8") for path in site.rglob("*.html")}
     for name in PAGES:
         assert name.replace(".md", ".html") in pages
     for name, page in pages.items():
@@ -129,11 +135,32 @@ def test_the_site_builds(tmp_path: Path) -> None:
         assert "arithmatex" not in page, f"{name}: a formula was left as text"
         begun, ended = (set(re.findall(rf"<{slash}([a-z][a-z0-9]*)", page)) for slash in ("", "/"))
         assert begun - ended <= VOID, f"{name}: text in pointed brackets became an element"
-    for style in (tmp_path / "site").rglob("*.css"):
+    for style in site.rglob("*.css"):
         assert not re.search(r"url\([\"']?(https?:)?//", style.read_text(encoding="utf-8")), style
     for text in ("inverse_dynamics", "eomgen.SingularError"):
         assert text in pages["reference/api.html"]
     assert pages["equations.html"].count("<math") > 10
+    # what a search needs where nothing may be asked for: the index as a script, and workers without a server
+    assert (site / "search" / "search_index.js").read_text(encoding="utf-8").startswith("var __index = {")
+    for name, page in pages.items():
+        (shim,) = re.findall(r'<script src="([^"]*iframe-worker[^"]*)"', page)
+        assert name == "404.html" or (site / name).parent.joinpath(shim).resolve().is_file(), name
+
+
+def test_the_site_is_searched_from_disk(request: pytest.FixtureRequest) -> None:
+    with open_page() as found:
+        folder = request.getfixturevalue("site")
+        found.page.goto((folder / "index.html").as_uri())
+        found.page.locator("input.md-search__input").click()
+        found.page.keyboard.type("backlash")
+        first = found.page.locator("a.md-search-result__link").first
+        first.wait_for(timeout=30000)
+        assert found.errors == []
+        assert all(address.startswith(("file:", "data:", "blob:", "about:")) for address in found.requests)
+        assert "backlash" in first.inner_text().lower()
+        target = Path(unquote(urlsplit(first.evaluate("link => link.href")).path))
+        assert target.is_file()
+        assert target.is_relative_to(folder)
 
 
 def test_generated_pages_are_complete(hooks: ModuleType) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from eomgen.cli import entry as cli
 from tests.support.archives import build_archives
 from tests.support.pythons import PYTHONS, interpreter
 
@@ -29,6 +30,8 @@ BROAD = (
     *("runtime/test_batches.py", "runtime/test_rollout.py", "simulation/test_result.py", "simulation/test_simulate.py"),
 )
 TESTS = Path(__file__).parents[1]
+EXTRA_MODULES = ("scipy", "matplotlib")
+SIMULATE = ("simulate", "one_link", "--method", "rk4")
 WHERE = "import eomgen, eomgen.codegen as c, eomgen.templates as t; print(eomgen.__file__, c.__file__, t.__file__)"
 
 
@@ -74,3 +77,39 @@ def test_the_installed_package_passes_the_tests(wanted: str, archives: tuple[Pat
     found = command([other, "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", *files], tree)
     assert found.returncode == 0, found.stdout[-6000:] + found.stderr[-2000:]
     print(f"Python {wanted}: {found.stdout.strip().splitlines()[-1]}, {time.perf_counter() - began:.0f} s in all")
+
+
+def test_without_extras_a_simulation_is_whole_but_for_its_plots(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in EXTRA_MODULES:
+        monkeypatch.setitem(sys.modules, name, None)
+    assert cli.main([*SIMULATE, "-o", str(tmp_path)]) == 0
+    shown = capsys.readouterr()
+    check_simulation(shown.out, shown.err, tmp_path)
+    assert cli.main(["simulate", "one_link", "-o", str(tmp_path)]) == 1
+    assert 'needs SciPy, which is not installed: pip install scipy, or pip install "eomgen[sim]"; "rk4" works' in (
+        capsys.readouterr().err
+    )
+
+
+@pytest.mark.soak
+def test_the_base_install_simulates(archives: tuple[Path, Path], tmp_path: Path) -> None:
+    subprocess.run([sys.executable, "-m", "venv", tmp_path / "venv"], check=True, capture_output=True)
+    python, eomgen = (str(tmp_path / "venv" / "bin" / name) for name in ("python", "eomgen"))
+    done = command([python, "-m", "pip", "install", "-q", "--disable-pip-version-check", str(archives[1])], tmp_path)
+    assert done.returncode == 0, done.stderr[-3000:]
+    for name in EXTRA_MODULES:
+        assert command([python, "-c", f"import {name}"], tmp_path).returncode == 1
+    done = command([eomgen, *SIMULATE, "-o", "out"], tmp_path)
+    assert done.returncode == 0, done.stderr
+    check_simulation(done.stdout, done.stderr, tmp_path / "out")
+
+
+def check_simulation(out: str, err: str, folder: Path) -> None:
+    """The summary, the result, and one line on standard error about what is left out."""
+    assert out.startswith("one_link: 2 coordinates")
+    assert out.endswith(f"wrote {folder if folder.name != 'out' else Path('out')}/trajectory.npz\n")
+    assert [path.name for path in folder.iterdir()] == ["trajectory.npz"]
+    (line,) = err.splitlines()
+    assert line.startswith("note: plots are left out: plots need Matplotlib, which is not installed: pip install matp")

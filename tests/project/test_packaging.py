@@ -6,6 +6,8 @@ import importlib.metadata
 import json
 import os
 import re
+import shlex
+import shutil
 import subprocess
 import sys
 import tarfile
@@ -16,6 +18,7 @@ import pytest
 
 import eomgen
 from tests.support.archives import ROOT, build_archives
+from tests.support.pythons import PYTHONS
 
 PLACES = {
     "src/eomgen": "eomgen",
@@ -53,6 +56,25 @@ def test_an_index_can_show_them(archives: tuple[Path, Path]) -> None:
     result = subprocess.run(command, capture_output=True, text=True, check=False)
     assert result.returncode == 0, result.stdout + result.stderr
     assert result.stdout.count("PASSED") == 2
+
+
+def test_to_make_them_takes_two_tools(tmp_path: Path) -> None:
+    """In an empty environment ``make wheel`` installs what builds and checks, and nothing that is built."""
+    if shutil.which("make") is None:
+        pytest.skip("there is no make here")
+    command = ["make", "-n", "wheel", f"VENV={tmp_path / 'venv'}"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    (words,) = [shlex.split(line) for line in done.stdout.splitlines() if " pip install " in line]
+    installed = [word for word in words[words.index("install") + 1 :] if not word.startswith("-")]
+    assert [re.split("[<>=]", word)[0] for word in installed] == ["build", "twine"]
+
+
+def test_the_classifiers_name_the_pythons_that_tests_install_it_for(wheel: Path) -> None:
+    with zipfile.ZipFile(wheel) as archive:
+        metadata = archive.read(f"eomgen-{eomgen.__version__}.dist-info/METADATA").decode()
+    found = re.findall(r"^Classifier: Programming Language :: Python :: (3\.\d+)$", metadata, re.MULTILINE)
+    assert tuple(found) == PYTHONS
+    assert f"\nRequires-Python: >={PYTHONS[0]}\n" in metadata
 
 
 def test_the_wheel_holds_what_the_tree_holds(wheel: Path) -> None:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ..errors import IntegrationError
 from ..loops.closed import CLOSED, ClosedLoops
 from ..runtime.kernel import Kernel
+from ..shown import Shown
 from ..state.vectors import RANK
 from .holding import Fixation, floating
 from .tangent_system import LinearSystem, Tangent, load_force, moving_basis, reduced, tangent
@@ -33,7 +34,7 @@ SMALL = 1e-11  # of a coordinate's size: round-off
 
 
 @dataclass(frozen=True)
-class RestState:
+class RestState(Shown):
     """A state of rest.
 
     Attributes:

@@ -18,6 +18,7 @@ from ..motion.tool_path import CLOSE, reach, space_point, starting_points, withi
 from ..progress import Progress, no_progress
 from ..robot.model import build_model, tool_of
 from ..runtime.kernel import Kernel
+from ..shown import Shown
 from .holding import PoseLike
 from .options import StateKeywords, prepared
 from .statics import deflection_of, fixed_at_rest
@@ -31,7 +32,7 @@ GUESSES = 12  # of coordinates, per point that a neighbour's do not lead to
 
 
 @dataclass(frozen=True, kw_only=True)
-class ComplianceMap:
+class ComplianceMap(Shown):
     """Compliance over a grid of the tool's places; NaN where the tool cannot be.
 
     Attributes:

@@ -22,6 +22,8 @@ from ..files import write_atomically
 from ..optional import optional_import
 from ..progress import StageReport
 from ..robot.coordinates import force_unit_of
+from ..shown import Shown
+from ..tabular import Rows, TableColumn, Tabular
 from .at_rest import system_at_rest
 from .holding import PoseLike
 from .modal import ROUND_OFF
@@ -37,7 +39,7 @@ Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Response:
+class Response(Shown, Tabular):
     """Frequency responses about a state of rest.
 
     Attributes:
@@ -70,6 +72,13 @@ class Response:
     def unit(self, output: str, source: str) -> str:
         """Its unit, such as "m/s per N"."""
         return f"{unit_of_output(output, self.kind)} per {force_unit_of(source)}"
+
+    def as_rows(self) -> Rows:
+        """A row per frequency: the complex response of every output to every input, "tcp.x from tcp.fx"."""
+        columns = [
+            TableColumn(f"{y} from {x}", self.unit(y, x), self.of(y, x)) for y in self.outputs for x in self.inputs
+        ]
+        return Rows("frequency", "Hz", self.frequencies, columns, {"robot": self.robot, "kind": self.kind})
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values, for JSON; complex numbers as [real, imaginary]."""

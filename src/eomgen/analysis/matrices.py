@@ -17,6 +17,7 @@ from ..names import component_name
 from ..progress import StageReport
 from ..robot.coordinates import MOTIONS
 from ..robot.model import tool_of
+from ..shown import Shown
 from ..state.vectors import state_vector
 from .at_rest import system_at_rest
 from .holding import Fixation, PoseLike, floating
@@ -31,7 +32,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
-class StateSpace:
+class StateSpace(Shown):
     """x' = A x + B w, y = C x + D w: small changes about a state of rest, or about a motion at one time.
 
     Attributes:

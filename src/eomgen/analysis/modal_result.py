@@ -9,13 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..robot.coordinates import MOTIONS, unit_of
+from ..shown import Shown
+from ..tabular import Rows, TableColumn, Tabular
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Modes:
+class Modes(Shown, Tabular):
     """Modes of small motions about a state of rest, by rising natural frequency; m of them.
 
     A pair of conjugate eigenvalues s is one mode, a real eigenvalue is one, too (overdamped, or divergent).
@@ -87,6 +89,21 @@ class Modes:
             "notes": list(self.notes),
         }
 
+    def as_rows(self) -> Rows:
+        """A row per mode, from 1 on: frequencies, damping ratio, eigenvalue, shape by coordinates and of the frame."""
+        shape = TableColumn("shape", "m or rad", self.shapes, self.coordinates, "coordinate")
+        moved = TableColumn(f"{self.frame}.shape", "m or rad", self.frame_shapes, MOTIONS, "motion")
+        columns = [
+            TableColumn("frequency", "Hz", self.frequencies),
+            TableColumn("damped_frequency", "Hz", self.damped_frequencies),
+            TableColumn("damping_ratio", "1", self.damping_ratios),
+            TableColumn("eigenvalue", "1/s", self.eigenvalues),
+            shape,
+            moved,
+        ]
+        about = {"robot": self.robot, "frame": self.frame}
+        return Rows("mode", "1", np.arange(1, len(self.eigenvalues) + 1), columns, about)
+
     def lines(self, largest: int = 3) -> list[str]:
         """A table for people: each mode with the coordinates that take the largest part in it."""
         lines = [f"{self.robot}: {len(self.eigenvalues)} modes; {self.frame} moves by this per unit of modal mass", ""]
@@ -105,7 +122,7 @@ class Modes:
 
 
 @dataclass(frozen=True)
-class TrackedModes:
+class TrackedModes(Shown, Tabular):
     """Modes along a path: track k is one mode that is followed from pose to pose.
 
     Attributes:
@@ -138,6 +155,13 @@ class TrackedModes:
             "damping_ratios": plain("damping_ratios"),
             "notes": list(dict.fromkeys(note for modes in self.modes for note in modes.notes)),
         }
+
+    def as_rows(self) -> Rows:
+        """A row per pose, from 0 on: frequencies and damping ratios of the tracks, from 1 on, NaN where none is."""
+        tracks = tuple(str(k + 1) for k in range(self.tracks.shape[1]))
+        units = {"frequencies": "Hz", "damped_frequencies": "Hz", "damping_ratios": "1"}
+        columns = [TableColumn(name, unit, self.values(name), tracks, "track") for name, unit in units.items()]
+        return Rows("pose", "1", np.arange(len(self.modes)), columns, {"robot": self.modes[0].robot})
 
     def lines(self) -> list[str]:
         """Range of every track for people."""

@@ -15,6 +15,7 @@ from ..progress import StageReport
 from ..robot.coordinates import MOTIONS
 from ..robot.model import tool_of
 from ..runtime.kernel import Kernel
+from ..shown import Shown
 from .at_rest import rest
 from .holding import Fixation, PoseLike, floating
 from .options import HeldRobot, StateKeywords, prepared, warn_of
@@ -30,7 +31,7 @@ SOFT = 1e-13  # of the greatest stiffness, scaled: nothing holds what has less
 
 
 @dataclass(frozen=True, kw_only=True)
-class Deflection:
+class Deflection(Shown):
     """A frame under load, beside the rigid robot.
 
     Attributes:

@@ -24,6 +24,7 @@ from ..progress import Progress
 from ..robot.coordinates import force_unit_of, index_of, unit_of
 from ..robot.model import build_model, tool_of
 from ..robot.value import PRINCIPAL, Robot
+from ..shown import Shown
 from ..simulation.assembly import RIGID_KERNELS
 from ..simulation.controls import actuators
 from ..simulation.programs import MOVING_PART
@@ -76,7 +77,7 @@ class Entry:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class Comparison(Shown):
     """Robots side by side; ``task`` says in words what they all do."""
 
     task: str

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError, SingularError
 from ..runtime.kernel import Kernel
+from ..shown import Shown
 from ..state.vectors import RANK
 from .holding import Fixation
 
@@ -63,7 +64,7 @@ def load_force(kernel: Kernel, q: Array, loads: Mapping[str, Array]) -> Array:
 
 
 @dataclass(frozen=True)
-class Tangent:
+class Tangent(Shown):
     """Derivatives of the left sides at a state, (n, n) each: by q (with geometric stiffness), v and a."""
 
     K: Array
@@ -111,7 +112,7 @@ def moving_basis(kernel: Kernel, q: Array, moving: NDArray[np.bool_]) -> tuple[A
 
 
 @dataclass(frozen=True, kw_only=True)
-class LinearSystem:
+class LinearSystem(Shown):
     """M e'' + D e' + K e = basis^T f about a state; e the change of m independent coordinates, f generalized forces.
 
     Attributes:

@@ -16,10 +16,12 @@ from ..description import RobotLike, as_robot
 from ..errors import InputError
 from ..names import joint_of
 from ..pipeline.stages import build
-from ..robot.coordinates import index_of
+from ..robot.coordinates import MOTIONS, index_of
 from ..robot.model import build_model, tool_of
 from ..runtime.kernel import Kernel
+from ..shown import Shown
 from ..simulation.result import SimulationResult
+from ..tabular import Rows, TableColumn, Tabular
 from .statics import motion_between
 
 Array = NDArray[np.float64]
@@ -41,7 +43,7 @@ class BudgetRow:
 
 
 @dataclass(frozen=True)
-class Budget:
+class Budget(Shown, Tabular):
     """The deviation of a frame over time, taken apart.
 
     Attributes:
@@ -65,6 +67,16 @@ class Budget:
     def remainder(self) -> Array:
         """The deviation less all contributions, (T, 6): of second order in the coordinates' deviations."""
         return np.asarray(self.deviation - self.contributions.sum(axis=1))
+
+    def as_rows(self) -> Rows:
+        """A row per time: the deviation, what every coordinate contributes, and the remainder, each in six components.
+
+        x, y and z are in m, rx, ry and rz in rad.
+        """
+        parts = {"deviation": self.deviation, **dict(zip(self.coordinates, self._columns(), strict=True))}
+        parts["remainder"] = self.remainder
+        columns = [TableColumn(name, "m or rad", values, MOTIONS, "motion") for name, values in parts.items()]
+        return Rows("t", "s", self.t, columns, {"robot": self.robot, "frame": self.frame})
 
     def table(self, part: str = "displacement", by: str = "coordinate") -> tuple[BudgetRow, ...]:
         """Rows of all coordinates, or joints, by falling rms, the remainder last.

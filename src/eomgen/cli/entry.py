@@ -29,6 +29,7 @@ from . import (
     structures,
     sweep,
 )
+from .completion import SHELLS, Completion
 from .shared import Command
 
 OK, INPUT_ERROR, BUG = 0, 1, 70
@@ -56,8 +57,8 @@ EXAMPLE_WIDTH = 46  # of the words of an example; longer ones move what is said 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; the value is the exit status."""
     words = sys.argv[1:] if arguments is None else arguments
-    options = make_parser(words).parse_args(words)
     try:
+        options = make_parser(words).parse_args(words)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", EomgenWarning)  # the robot's notes say the same, and are printed
             run: Callable[[argparse.Namespace], None] = options.run
@@ -91,6 +92,13 @@ def make_parser(names: Collection[str] = NAMES) -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"eomgen {__version__}")
+    parser.add_argument(
+        "--completion",
+        action=Completion,
+        choices=SHELLS,
+        parser=make_parser,
+        help="print what a shell completes commands, options and built-in robots with",
+    )
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     for command in COMMANDS:
         sentence = f"{command.help[0].upper()}{command.help[1:]}."

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
+from ..optional import NotInstalledError
 from ..progress import Progress, StageReport, no_progress
 
 if TYPE_CHECKING:
@@ -170,6 +171,15 @@ def show_files(
         return
     print("\n".join(lines))
     show_written(written)
+
+
+@contextmanager
+def can_be_left_out(what: str) -> Iterator[None]:
+    """Around work that a command does besides: where its package is missing, a line says so, and the rest goes on."""
+    try:
+        yield
+    except NotInstalledError as error:
+        print(f"note: {what} left out: {error}", file=sys.stderr)
 
 
 def show_written(paths: Iterable[Path]) -> None:

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from ..errors import InputError, IntegrationStopped
-from .shared import TRAJECTORY, Command, add_json, add_robot, progress_bar, read_robot, show_files
+from .shared import TRAJECTORY, Command, add_json, add_robot, can_be_left_out, progress_bar, read_robot, show_files
 
 
 def _add_simulate(parser: argparse.ArgumentParser) -> None:
@@ -50,7 +50,8 @@ def _simulate(options: argparse.Namespace) -> None:
     if not options.no_plots:
         from ..pictures.simulation import plot_result
 
-        written += plot_result(result, options.output)
+        with can_be_left_out("plots are"):
+            written += plot_result(result, options.output)
     show_files(options, result.summary_lines(), result.summary(), written)
 
 

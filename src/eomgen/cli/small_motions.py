@@ -68,13 +68,13 @@ def _response(options: argparse.Namespace) -> None:
         outputs = options.output_of or [f"{frame}.{axis}" for axis in "xyz"]
         pose = coordinate_values("pose", options.pose)
         found = response(robot, inputs, outputs, spaced(low, high, count), pose, kind=options.kind, **about)
+    show_result(options, found)
     if options.output is not None and options.output.suffix in (".csv", ".npz"):
         found.save(options.output)
     elif options.output is not None:
         from ..pictures.analysis import plot_response
 
         plot_response(found, options.output)
-    show_result(options, found)
 
 
 def _add_linearize(parser: argparse.ArgumentParser) -> None:
@@ -139,11 +139,11 @@ def _budget(options: argparse.Namespace) -> None:
             raise InputError(f"robot: {options.result} is of {result.robot}, which is not built in; give --robot")
         options.robot = result.robot
     found = budget(result, read_robot(options), frame=options.frame)
+    show_result(options, found)
     if options.output is not None:
         from ..pictures.analysis import plot_budget
 
         plot_budget(found, options.output)
-    show_result(options, found)
 
 
 COMMANDS = (

@@ -55,13 +55,13 @@ def _deflection(options: argparse.Namespace) -> None:
         corner, first, second = options.map[:3], options.map[3:6], options.map[6:]
         about["progress"] = report
         found = compliance_map(robot, corner, first, second, tuple(options.points), pose=pose, **about)
+    show_result(options, found)
     if options.output is not None and options.output.suffix == ".npz":
         found.save(options.output)
     elif options.output is not None:
         from ..pictures.analysis import plot_compliance
 
         plot_compliance(found, options.output)
-    show_result(options, found)
 
 
 def _add_modes(parser: argparse.ArgumentParser) -> None:
@@ -86,11 +86,11 @@ def _modes(options: argparse.Namespace) -> None:
             show_result(options, modes(robot, coordinate_values("pose", options.pose), **about))
             return
         found = modes_along(robot, _poses_along(robot, options), **about)
+    show_result(options, found)
     if options.output is not None:
         from ..pictures.analysis import plot_tracks
 
         plot_tracks(found, options.output)
-    show_result(options, found)
 
 
 def _poses_along(robot: Robot, options: argparse.Namespace) -> Any:

@@ -11,7 +11,7 @@ from typing import Any
 
 from ..errors import InputError
 from ..optional import optional_import
-from .shared import Command, add_json, add_robot, progress_bar, read_robot, show_files
+from .shared import Command, add_json, add_robot, can_be_left_out, progress_bar, read_robot, show_files
 
 
 def _add_sweep(parser: argparse.ArgumentParser) -> None:
@@ -56,7 +56,8 @@ def _sweep(options: argparse.Namespace) -> None:
     if not options.no_plots:
         from ..pictures.sweep import plot_sweep
 
-        written += plot_sweep(result, options.output)
+        with can_be_left_out("plots are"):
+            written += plot_sweep(result, options.output)
     show_files(options, result.lines(), result.as_dict(), written)
 
 

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from typing import Any
+
+import numpy as np
 
 from ..errors import UnknownNameError
 from ..names import parameter_name
+from ..shown import Shown
+from ..tabular import Rows, TableColumn, Tabular
 
 KEYS = ("stiffness", "damping")
 
@@ -43,7 +47,7 @@ class FittedCoordinate:
 
 
 @dataclass(frozen=True)
-class FitResult:
+class FitResult(Shown, Tabular):
     """Fitted coordinates, warnings about what could not be found, and notes about the method."""
 
     robot: str
@@ -69,6 +73,21 @@ class FitResult:
                 if estimate is not None and estimate.value >= 0.0:
                     found[parameter_name("joints", entry.coordinate, key)] = estimate.value
         return found
+
+    def as_rows(self) -> Rows:
+        """A row per parameter that was found: value, standard error, interval, what is described; SI units."""
+        found = {
+            parameter_name(entry.coordinate, key): getattr(entry, key)
+            for entry in self.fitted
+            for key in KEYS
+            if getattr(entry, key) is not None
+        }
+        columns = []
+        for field in fields(Estimate):
+            unit = {"width": "s", "unexplained": "1"}.get(field.name, "SI")
+            values = np.array([getattr(estimate, field.name) for estimate in found.values()], dtype=np.float64)
+            columns.append(TableColumn(field.name, unit, values))
+        return Rows("parameter", "", np.array(list(found), dtype=object), columns, {"robot": self.robot})
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""

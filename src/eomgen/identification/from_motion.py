@@ -23,10 +23,12 @@ from ..motion.smoothing import local_polynomials
 from ..names import parameter_path, split_component
 from ..pipeline.stages import build
 from ..progress import StageReport
-from ..robot.coordinates import FORCES, force_unit_of
+from ..robot.coordinates import FORCES, force_unit_of, unit_of
 from ..runtime.kernel import Kernel
+from ..shown import Shown
 from ..state.motors import deflections
 from ..state.springs import coordinate_numbers
+from ..tabular import Rows, TableColumn, Tabular
 from .estimates import KEYS
 
 Array = NDArray[np.float64]
@@ -34,7 +36,7 @@ WINDOW, DEGREE = 11, 4
 
 
 @dataclass(frozen=True, kw_only=True)
-class ForcesResult:
+class ForcesResult(Shown, Tabular):
     """Forces of a measured motion.
 
     In every coordinate required = drive + spring + damper + line: what accelerates the links against gravity, and what
@@ -79,6 +81,23 @@ class ForcesResult:
     def parts(self) -> tuple[str, ...]:
         """Names of the forces of a coordinate: "line" where there are springs between points."""
         return ("required", "drive", "spring", "damper", *(("line",) if self.springs else ()))
+
+    def as_rows(self) -> Rows:
+        """A row per time: every coordinate, with .rate, .acceleration and each of ``parts``; springs with .length and
+        .tension; joints with .reaction, in six components, N and N m.
+        """
+        columns = []
+        for i, name in enumerate(self.coordinates):
+            unit, force = unit_of(name), force_unit_of(name)
+            columns += [TableColumn(name, unit, self.q[:, i]), TableColumn(f"{name}.rate", f"{unit}/s", self.v[:, i])]
+            columns.append(TableColumn(f"{name}.acceleration", f"{unit}/s^2", self.a[:, i]))
+            columns += [TableColumn(f"{name}.{part}", force, getattr(self, part)[:, i]) for part in self.parts]
+        for i, name in enumerate(self.springs):
+            columns.append(TableColumn(f"{name}.length", "m", self.lengths[:, i]))
+            columns.append(TableColumn(f"{name}.tension", "N", self.tensions[:, i]))
+        for k, name in enumerate(self.joints):
+            columns.append(TableColumn(f"{name}.reaction", "N or N m", self.reactions[:, k], FORCES, "force"))
+        return Rows("t", "s", self.t, columns, {"robot": self.robot})
 
     def as_dict(self) -> dict[str, Any]:
         """Largest values with their signs and times, plain values, for JSON."""

@@ -1,6 +1,6 @@
 """A kernel over time: the system of equations, steps, solvers, contacts, loops that stay closed.
 
-Uses runtime, state and loops; never the generator or the pipeline, so that it builds nothing behind your back.
+Uses runtime, robot, state and loops; never the generator or the pipeline, so that it builds nothing behind your back.
 """
 
 from .contacts import Contact

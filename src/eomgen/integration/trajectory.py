@@ -10,6 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ArrayError, InputError, IntegrationStopped
+from ..robot.coordinates import force_unit_of, unit_of
+from ..shown import Shown
+from ..tabular import Rows, TableColumn, Tabular
 from .contacts import Contact, ContactWatch
 from .steps import Samples
 from .system import System
@@ -18,7 +21,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Trajectory:
+class Trajectory(Shown, Tabular):
     """A motion, sampled at equal distances in time (where it was stopped, the last sample may be nearer).
 
     Attributes:
@@ -51,9 +54,20 @@ class Trajectory:
             raise InputError(f"coordinate: {coordinate!r} is unknown; known: {', '.join(self.coordinates)}")
         return self.q[:, self.coordinates.index(coordinate)]
 
+    def as_rows(self) -> Rows:
+        """A row per time: every coordinate, with .rate and .drive, and energy.kinetic and energy.potential."""
+        columns = []
+        for i, name in enumerate(self.coordinates):
+            unit = unit_of(name)
+            columns += [TableColumn(name, unit, self.q[:, i]), TableColumn(f"{name}.rate", f"{unit}/s", self.v[:, i])]
+            columns.append(TableColumn(f"{name}.drive", force_unit_of(name), self.u[:, i]))
+        for i, name in enumerate(("energy.kinetic", "energy.potential")):
+            columns.append(TableColumn(name, "J", self.energy[:, i]))
+        return Rows("t", "s", self.t, columns, {"method": self.method})
+
 
 @dataclass(frozen=True)
-class FiniteMotion:
+class FiniteMotion(Shown):
     """The finite part of a motion: t (T,), q, v and u (T, n)."""
 
     t: Array

@@ -18,6 +18,7 @@ from ..errors import InputError, LoopError, SingularError, UnknownNameError
 from ..robot.coordinates import unit_of
 from ..robot.cuts import CUTS, UPRIGHT
 from ..runtime.kernel import Kernel
+from ..shown import Shown
 from ..state.equilibrium import known_coordinates
 from ..state.vectors import prescribed_mask, state_vector
 from .redundant import Factors, Redundancy, least_drives
@@ -30,7 +31,7 @@ STEP = 0.5  # m or rad, the longest step towards closure
 
 
 @dataclass(frozen=True)
-class LoopDynamics:
+class LoopDynamics(Shown):
     """Accelerations of a mechanism with loops, and the forces in its cuts.
 
     Attributes:
@@ -45,7 +46,7 @@ class LoopDynamics:
 
 
 @dataclass(frozen=True)
-class LoopForces:
+class LoopForces(Shown):
     """Drives of a motion of a mechanism with loops, and the forces in its cuts.
 
     Attributes:

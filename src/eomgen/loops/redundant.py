@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..shown import Shown
 from ..state.vectors import RANK
 
 Array = NDArray[Any]
 
 
 @dataclass(frozen=True)
-class Redundancy:
+class Redundancy(Shown):
     """Rank of the constraint in a state, and the constraints that are redundant.
 
     Attributes:

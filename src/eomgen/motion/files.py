@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..names import listed, nearest, show
 from ..npz import read_npz
+from ..shown import Shown
 
 Array = NDArray[np.float64]
 
@@ -23,7 +24,7 @@ _MOST_BYTES = 1 << 30
 
 
 @dataclass(frozen=True, kw_only=True)
-class MeasuredMotion:
+class MeasuredMotion(Shown):
     """A motion that was measured, sampled at T times.
 
     Attributes:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ArrayError, InputError
+from ..shown import Shown
 
 Array = NDArray[np.float64]
 
@@ -25,7 +26,7 @@ class Program(Protocol):
 
 
 @dataclass(frozen=True, eq=False)  # arrays have no one truth
-class Harmonic:
+class Harmonic(Shown):
     """A shake: q = amplitude sin(2 pi frequency t + phase), as ``integrate`` takes it for prescribed coordinates.
 
     Attributes:
@@ -61,7 +62,7 @@ class Harmonic:
 
 
 @dataclass(frozen=True)
-class PointToPoint:
+class PointToPoint(Shown):
     """A straight line in joint space with the quintic profile s = 10 r^3 - 15 r^4 + 6 r^5, r = (t - begin) / duration.
 
     Velocity and acceleration are zero at both ends; before ``begin`` the motion rests at ``start``, after

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..optional import optional_import
+from ..shown import Shown
 from .point_to_point import Program
 
 Array = NDArray[np.float64]
@@ -17,7 +18,7 @@ DEGREE = 5  # of splines: accelerations, and their rates too, are continuous
 
 
 @dataclass(frozen=True, eq=False)  # arrays have no one truth
-class Standstill:
+class Standstill(Shown):
     """A program that stays at ``start``, (n,)."""
 
     start: Array

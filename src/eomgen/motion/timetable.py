@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..forms.tables import Table
 from ..names import listed, show
+from ..shown import Shown
 from .files import read_columns
 
 Array = NDArray[np.float64]
@@ -21,7 +22,7 @@ INTERPOLATIONS = (LINEAR, HOLD)
 
 
 @dataclass(frozen=True, eq=False)  # arrays have no one truth
-class TimeTable:
+class TimeTable(Shown):
     """Columns over time; before the first and after the last time they are what they are there.
 
     Attributes:

@@ -53,7 +53,7 @@ def plot_response(found: Response, path: Path | str, *, most: int = len(CYCLE)) 
             lower.plot(found.frequencies, np.degrees(np.angle(H)), color=color)
         if pairs:
             upper.set_yscale("log")
-            upper.legend(fontsize=7.0, loc="lower left")
+            upper.legend(loc="lower left")
         if (found.frequencies > 0.0).all():
             lower.set_xscale("log")
         upper.set_ylabel(found.kind + " per input")
@@ -79,7 +79,7 @@ def plot_budget(found: Budget, path: Path | str, *, most: int = 6) -> Path:
         axes.plot(found.t, rest, color=PROGRAM_COLOR, linestyle="--", label="remainder of second order")
         axes.set_xlabel("time, s")
         axes.set_ylabel("displacement, um")
-        axes.legend(fontsize=7.0, ncols=2)
+        axes.legend(ncols=2)
         title_of(figure, f"{found.robot}: contributions to the displacement of {found.frame}")
     return Path(path)
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import threading
+from collections.abc import Sequence
 from time import monotonic
 from typing import Any
 
@@ -18,19 +19,20 @@ from ..errors import BuildError, InputError
 from ..optional import optional_import
 from ..pipeline.stages import build
 from ..simulation.result import SimulationResult, simulated_robot
+from .framing import STEP, first_factor, framed, largest_power, motion_points, up_of
 from .scene import (
+    SLENDER,
     capsule_mesh,
     capsules,
     exaggerated,
     extent,
-    largest_factor,
     link_poses,
     program_positions,
     quaternions,
     reaction_forces,
     spring_lines,
 )
-from .shapes import urdf_shapes
+from .shapes import Shape, urdf_shapes
 
 Array = NDArray[np.float64]
 
@@ -38,6 +40,7 @@ REAL_COLOR, PROGRAM_COLOR, FORCE_COLOR, SPRING_COLOR = (70, 120, 170), (150, 150
 PROGRAM_OPACITY = 0.35
 PATH_POINTS = 300
 RATE = 30.0  # pictures per s
+FIELD_OF_VIEW = math.radians(45.0)  # vertical
 ARROW = 0.35  # length of the largest reaction, of the robot's size
 SPEEDS = ("0.1", "0.25", "0.5", "1", "2")
 KERNELS = ("residual", "mass_matrix", "reactions", "external_reactions", "external_force")
@@ -76,7 +79,7 @@ class View:
         )
         self.address = f"http://127.0.0.1:{self._server.get_port()}"
         self._closed = threading.Event()
-        self._set_stage()
+        self._set_stage(shapes)
         self._frames = {kind: self._add_robot(kind, shapes) for kind in ("reality", "program")}
         self._add_lines()
         self._add_controls()
@@ -158,22 +161,19 @@ class View:
         forces = reaction_forces(kernel, self._robot, self._result)
         return forces, [self._robot.joint(name).child for name in kernel.joints]
 
-    def _set_stage(self) -> None:
-        scene, gravity, size = self._server.scene, np.array(self._robot.gravity), self._size
-        up = -gravity / np.linalg.norm(gravity) if gravity.any() else np.array([0.0, 0.0, 1.0])
+    def _set_stage(self, shapes: Sequence[Shape]) -> None:
+        """Up, the camera, the floor and the base."""
+        scene, size, up = self._server.scene, self._size, up_of(self._robot)
+        places = motion_points(self._result, self._robot, first_factor(self._result, self._robot), shapes)
         scene.set_up_direction(tuple(up))
-        aside = np.cross(up, np.eye(3)[int(np.abs(up).argmin())])
+        found, camera = framed(places, up, FIELD_OF_VIEW, SLENDER * size), self._server.initial_camera
+        away = float(np.linalg.norm(found.position - found.look_at))
+        camera.up, camera.fov, camera.near, camera.far = tuple(up), found.fov, 1e-3 * away, 1e3 * away
+        camera.look_at, camera.position = tuple(found.look_at), tuple(found.position)
+        floor, aside = np.eye(4), np.cross(up, np.eye(3)[int(np.abs(up).argmin())])
         aside /= np.linalg.norm(aside)
-        poses = link_poses(self._robot, self._result.trajectory.coordinates, self._program[:: self._stride])
-        places = np.concatenate([pose[..., :3, 3].reshape(-1, 3) for pose in poses.values()])
-        low, high = places.min(axis=0), places.max(axis=0)
-        middle, far = 0.5 * (low + high), max(float(np.linalg.norm(high - low)), size)
-        direction = aside + 0.9 * np.cross(up, aside) + 0.6 * up
-        camera = self._server.initial_camera
-        camera.look_at, camera.position = tuple(middle), tuple(middle + 0.85 * far * direction)
-        floor = np.eye(4)
         floor[:3, :3] = np.stack([aside, np.cross(up, aside), up], axis=1)
-        below = float((places @ up).min()) - 0.05 * size  # under everything, so that no link lies in it
+        below = float((places @ up).min()) - 0.25 * size  # under everything, so that nothing lies on it
         cell = 10.0 ** math.floor(math.log10(size))
         scene.add_grid(
             "/floor",
@@ -249,13 +249,12 @@ class View:
         self._time = gui.add_slider("time, s", 0.0, end, step=max(end / 1000.0, 1e-9), initial_value=0.0)
         self._play = gui.add_button("play")
         self._speed = gui.add_dropdown("speed", SPEEDS, initial_value="1")
-        most = math.log10(largest_factor(self._result, self._robot))
         self._power = gui.add_slider(
             "deviations x 10^",
             0.0,
-            max(most, 1.0),
-            step=0.05,
-            initial_value=most,
+            round(largest_power(self._result, self._robot), 9),
+            step=STEP,
+            initial_value=round(math.log10(first_factor(self._result, self._robot)), 9),
             hint="exaggeration; 0 is as they are",
         )
         self._playing = False

@@ -115,7 +115,7 @@ def _frame_axes(axes: Any, points: Array) -> None:
     for name, center in zip("xyz", middle, strict=True):
         getattr(axes, f"set_{name}lim")(center - half, center + half)
         getattr(axes, f"set_{name}label")(f"{name}, m", labelpad=-4.0)
-    axes.tick_params(pad=-2.0, labelsize=6.5)
+    axes.tick_params(pad=-2.0)
     axes.set_box_aspect((1.0, 1.0, 1.0), zoom=0.95)
     plane = float(high[2] - low[2]) < FLAT * float((high - low).max())
     axes.view_init(elev=62.0 if plane else 22.0, azim=-75.0 if plane else -58.0)

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..names import component_name, kind_of
+from ..names import component_name
 from ..robot.coordinates import index_of
-from ..robot.value import ANGULAR, COORDINATES, LINEAR, MOTOR, Joint, Placement, Robot
+from ..robot.value import ANGULAR, COORDINATES, LINEAR, Joint, Placement, Robot
 from ..runtime.kernel import Kernel
 from ..simulation.result import SimulationResult
 
@@ -100,22 +100,6 @@ def exaggerated(result: SimulationResult, factor: float) -> Array:
     program = program_positions(result)
     found: Array = program + factor * (result.trajectory.q - program)
     return found
-
-
-def largest_factor(result: SimulationResult, robot: Robot) -> float:
-    """The power of ten up to which deviations can be exaggerated to a third of the robot's size, or 0.5 rad.
-
-    At least 1, at most 1e9; motors do not count.
-    """
-    names = result.trajectory.coordinates
-    off = np.abs(result.trajectory.q - program_positions(result)).max(axis=0)
-    size = extent(robot)
-    share = 0.0
-    for name, value in zip(names, off, strict=True):
-        kind = kind_of(name)
-        if kind != MOTOR:
-            share = max(share, float(value) / (size / 3.0 if kind in LINEAR else 0.5))
-    return float(10.0 ** np.clip(np.floor(-np.log10(max(share, 1e-300))), 0.0, 9.0))
 
 
 def extent(robot: Robot) -> float:

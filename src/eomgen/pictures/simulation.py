@@ -5,6 +5,7 @@ Matplotlib is imported when a plot is made, not with this file.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from .style import COLORS, PROGRAM_COLOR, TOOL_COLOR, canvas, literal, mark_end,
 
 SHOWN_PART = 0.25  # a magnified deviation is about this part of the path's extent
 WHISKERS = 25
+ACROSS = 3  # panels beside each other
 MICRO = 1e6
 
 
@@ -65,36 +67,45 @@ def plot_tool(result: SimulationResult, path: Path | str) -> Path:
 def plot_deviations(result: SimulationResult, path: Path | str) -> Path:
     """Every joint's deviations over time: linear in micrometres and, below, angular in microradians; returns the path.
 
-    Each panel has a scale of its own; three joints stand side by side.
+    Each panel has a scale of its own; three stand side by side.  Joints that are rigid in a unit have none of it.
 
     Raises:
         InputError: see ``plot_result``, or the robot has no deviations.
     """
-    joints = list(dict.fromkeys(joint_of(name) for name in result.deviation_coordinates))
-    units = [unit for unit in COLORS if any(unit_of(name) == unit for name in result.deviation_coordinates)]
-    if not joints:
+    found = dict.fromkeys((joint_of(name), unit_of(name)) for name in result.deviation_coordinates)
+    joints = {unit: [joint for joint, its in found if its == unit] for unit in COLORS}
+    if not found:
         raise InputError(f"{result.robot} has no deviations to plot")
-    across = min(3, len(joints))
-    rows = -(-len(joints) // across) * len(units)
-    width, height = max(4.4, 2.45 * across), 1.35 * rows + 0.75
+    across = min(ACROSS, max(map(len, joints.values())))
+    drawn = [line for unit, names in joints.items() for line in _rows(names, unit, across)]
+    rows = len(drawn)
+    width = max(4.4, 2.45 * across)
+    colors = _colors(result)
+    columns = len(colors) + 1 if width > 6.0 else 3
+    head = 0.55 + 0.17 * -(-(len(colors) + 1) // columns)
+    height = 1.35 * rows + head + 0.03
     with canvas(width, height, path) as figure:
-        grid = {"left": 0.62 / width, "right": 1.0 - 0.2 / width, "top": 1.0 - 0.72 / height, "bottom": 0.4 / height}
+        grid = {"left": 0.62 / width, "right": 1.0 - 0.2 / width, "top": 1.0 - head / height, "bottom": 0.4 / height}
         panels = figure.subplots(
             rows, across, sharex=True, squeeze=False, gridspec_kw={**grid, "hspace": 0.32, "wspace": 0.3}
         )
-        for place in range(rows // len(units) * across):
-            for line, unit in enumerate(units):
-                panel = panels[place // across * len(units) + line, place % across]
-                if place < len(joints):
-                    _draw_joint(panel, result, joints[place], unit)
-                    last = place + across >= len(joints) and line == len(units) - 1
-                    panel.tick_params(labelbottom=last)
-                    panel.set_xlabel("time, s" if last else "")
-                else:
+        for row, line in enumerate(drawn):
+            for column, panel in enumerate(panels[row]):
+                if column >= len(line):
                     panel.set_visible(False)
+                    continue
+                _draw_joint(panel, result, *line[column])
+                last = all(column >= len(below) for below in drawn[row + 1 :])
+                panel.tick_params(labelbottom=last)
+                panel.set_xlabel("time, s" if last else "")
         title_of(figure, f"{result.robot}: deviations in the joints")
-        _legend(figure, result)
+        _legend(figure, colors, columns)
     return Path(path)
+
+
+def _rows(joints: Sequence[str], unit: str, across: int) -> list[list[tuple[str, str]]]:
+    """Joints and their unit, as many beside each other as there is room for."""
+    return [[(joint, unit) for joint in joints[k : k + across]] for k in range(0, len(joints), across)]
 
 
 def _draw_path(axes: Any, result: SimulationResult) -> None:
@@ -116,10 +127,10 @@ def _draw_path(axes: Any, result: SimulationResult) -> None:
         getattr(axes, f"set_{name}lim")(center - half, center + half)
         getattr(axes, f"set_{name}label")(f"{name}, m", labelpad=-3.0)
         getattr(axes, f"{name}axis").set_major_locator(ticker().MaxNLocator(4, steps=[1, 2, 5, 10], prune="both"))
-    axes.tick_params(pad=-2.0, labelsize=7.0)
+    axes.tick_params(pad=-2.0)
     axes.set_box_aspect((1.0, 1.0, 1.0), zoom=0.98)
     axes.view_init(elev=24.0, azim=-52.0)
-    axes.legend(loc="upper left", bbox_to_anchor=(0.02, 1.06), ncols=2, fontsize=7.0, handlelength=1.8)
+    axes.legend(loc="upper left", bbox_to_anchor=(0.02, 1.06), ncols=2, handlelength=1.8)
 
 
 def _draw_tool_deviation(upper: Any, lower: Any, result: SimulationResult) -> None:
@@ -145,17 +156,12 @@ def _draw_tool_deviation(upper: Any, lower: Any, result: SimulationResult) -> No
 
 
 def _draw_joint(panel: Any, result: SimulationResult, joint: str, unit: str) -> None:
-    """The deviations of one joint that have this unit; a panel without any says so."""
+    """The deviations of one joint that have this unit."""
     t, values = result.trajectory.t, MICRO * result.deviations
-    drawn = False
     for name, color in COLORS[unit].items():
         full = component_name(joint, name)
         if full in result.deviation_coordinates:
             panel.plot(t, values[:, result.deviation_coordinates.index(full)], color=color)
-            drawn = True
-    if not drawn:
-        panel.text(0.5, 0.5, "rigid", transform=panel.transAxes, ha="center", va="center", color=PROGRAM_COLOR)
-        panel.set_yticks([])
     panel.set_title(literal(f"{joint}, u{unit}"), loc="left", pad=3.0)
     panel.set_xlim(t[0], t[-1])
     panel.yaxis.set_major_locator(ticker().MaxNLocator(4, steps=[1, 2, 5, 10]))
@@ -163,17 +169,20 @@ def _draw_joint(panel: Any, result: SimulationResult, joint: str, unit: str) -> 
     mark_end(panel, result)
 
 
-def _legend(figure: Any, result: SimulationResult) -> None:
-    """One legend of all panels, of the coordinates that occur."""
+def _colors(result: SimulationResult) -> dict[str, str]:
+    """Colours of the kinds of deviations that occur."""
+    present = {kind_of(name) for name in result.deviation_coordinates}
+    return {name: color for colors in COLORS.values() for name, color in colors.items() if name in present}
+
+
+def _legend(figure: Any, colors: Mapping[str, str], columns: int) -> None:
+    """One legend of all panels."""
     from matplotlib.lines import Line2D
 
-    present = {kind_of(name) for name in result.deviation_coordinates}
-    names = {name: color for colors in COLORS.values() for name, color in colors.items() if name in present}
-    lines: list[Any] = [Line2D([], [], color=color) for color in names.values()]
-    labels = [f"{name}, {'um' if name in COLORS['m'] else 'urad'}" for name in names]
+    lines: list[Any] = [Line2D([], [], color=color) for color in colors.values()]
+    labels = [f"{name}, {'um' if name in COLORS['m'] else 'urad'}" for name in colors]
     lines.append(Line2D([], [], color=PROGRAM_COLOR, linestyle=":", linewidth=0.9))
     place = (0.12 / figure.get_figwidth(), 1.0 - 0.24 / figure.get_figheight())
-    columns = len(lines) if figure.get_figwidth() > 6.0 else 3
     figure.legend(
         lines, [*labels, "program at rest"], loc="upper left", bbox_to_anchor=place, ncols=columns, handlelength=1.4
     )

@@ -23,10 +23,15 @@ COLORS = {  # Okabe and Ito: told apart by colour-blind readers
 }
 PROGRAM_COLOR, TOOL_COLOR, GRID_COLOR = "#777777", "#cc3311", "#dddddd"
 DPI = 200
+FULL_WIDTH = 7.4  # inches: the widest figure; the others take their part of a page's width, so that type is as large
+TYPE_SIZE = 8.0  # points, of all text in all figures
 RC = {
-    "font.size": 8.0,
-    "axes.titlesize": 8.5,
-    "axes.labelsize": 8.0,
+    "font.size": TYPE_SIZE,
+    "axes.titlesize": TYPE_SIZE,
+    "axes.labelsize": TYPE_SIZE,
+    "xtick.labelsize": TYPE_SIZE,
+    "ytick.labelsize": TYPE_SIZE,
+    "legend.fontsize": TYPE_SIZE,
     "axes.grid": True,
     "grid.color": GRID_COLOR,
     "grid.linewidth": 0.5,
@@ -53,7 +58,7 @@ def mark_end(panel: Any, result: SimulationResult) -> None:
 
 def title_of(figure: Any, text: str) -> None:
     left, top = 0.12 / figure.get_figwidth(), 1.0 - 0.08 / figure.get_figheight()
-    figure.text(left, top, literal(text), fontsize=9.5, fontweight="bold", ha="left", va="top")
+    figure.text(left, top, literal(text), fontweight="bold", ha="left", va="top")
 
 
 def ticker() -> Any:

@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import re
 
+from .style import FULL_WIDTH
+
+POINTS = 72.0  # of an inch
 _HEAD = re.compile(r"^.*?(?=<svg\b)", re.S)  # XML declaration, document type
 _DROPPED = re.compile(r"<metadata>.*?</metadata>|<style\b.*?</style>|<!--.*?-->", re.S)
 _NAMESPACE = re.compile(r'\sxmlns(:\w+)?="[^"]*"')  # an HTML parser knows them
 _SIZE = re.compile(r'\s(?:width|height)="[^"]*"')
-_STYLE = ' style="stroke-linejoin:round;stroke-linecap:butt"'  # Matplotlib's style element, which would be the page's
+_WIDTH = re.compile(r'\swidth="([0-9.]+)pt"')
+_STYLE = "stroke-linejoin:round;stroke-linecap:butt"  # Matplotlib's style element, which would be the page's
 
 
 def inline_svg(text: str, prefix: str, label: str) -> str:
     """The element ``<svg>`` of a figure of Matplotlib, without addresses, with identifiers of its own.
+
+    It takes the part of the page's width that the figure takes of FULL_WIDTH: one scale for all figures of a page.
 
     Args:
         text: the file.
@@ -21,7 +27,10 @@ def inline_svg(text: str, prefix: str, label: str) -> str:
     """
     body = _DROPPED.sub("", _HEAD.sub("", text, count=1))
     root, _, rest = body.partition(">")
-    root = _SIZE.sub("", _NAMESPACE.sub("", root)) + f'{_STYLE} role="img" aria-label="{label}">'
+    width = _WIDTH.search(root)
+    share = 100.0 * float(width[1]) / POINTS / FULL_WIDTH if width else 100.0
+    root = _SIZE.sub("", _NAMESPACE.sub("", root))
+    root += f' style="{_STYLE};width:{min(share, 100.0):.4g}%" role="img" aria-label="{label}">'
     rest = re.sub(r'(\sid=")', rf"\g<1>{prefix}-", rest)
     rest = re.sub(r'(href="#)', rf"\g<1>{prefix}-", rest)
     return root + re.sub(r"(url\(#)", rf"\g<1>{prefix}-", rest)

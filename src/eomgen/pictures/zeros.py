@@ -37,7 +37,7 @@ def plot_zeros(model: Model, path: Path | str) -> Path:
         drawn = right.imshow(
             np.ma.masked_equal(counts, 0), cmap=COUNT_COLORS, vmin=1, vmax=max(int(counts.max()), 2), rasterized=True
         )
-        figure.colorbar(drawn, cax=bar).ax.set_title("w", fontsize=8.0, loc="left")
+        figure.colorbar(drawn, cax=bar).ax.set_title("w", loc="left")
         total = zeros.mass_matrix
         left.set_title(f"M: {total.survivors} of {total.total} entries s <= v survive", loc="left")
         total = zeros.christoffel
@@ -62,7 +62,7 @@ def _draw_mass(axes: Any, reason: NDArray[np.int8], names: list[str]) -> None:
     axes.imshow(shown, cmap=ListedColormap(colors), vmin=-0.5, vmax=len(colors) - 0.5, rasterized=True)
     patches = [Patch(color=color) for color in colors]
     labels = ["does not vanish", *(_shortened(names[k]) for k in present)]
-    axes.legend(patches, labels, loc="upper left", bbox_to_anchor=(-0.15, -0.2), fontsize=7.0, handlelength=1.0)
+    axes.legend(patches, labels, loc="upper left", bbox_to_anchor=(-0.15, -0.2), handlelength=1.0)
 
 
 def _shortened(reason: str) -> str:
@@ -80,8 +80,8 @@ def _mark_joints(axes: Any, model: Model) -> None:
         for line in (axes.axhline, axes.axvline):
             line(first - 0.5, color="#ffffff", linewidth=0.8)
     step = -(-len(names) // 12)
-    axes.set_xticks(middles[::step], names[::step], rotation=60.0, ha="right", rotation_mode="anchor", fontsize=6.5)
-    axes.set_yticks(middles[::step], names[::step], fontsize=6.5)
+    axes.set_xticks(middles[::step], names[::step], rotation=60.0, ha="right", rotation_mode="anchor")
+    axes.set_yticks(middles[::step], names[::step])
     axes.tick_params(length=0.0)
     axes.grid(False)
     for spine in axes.spines.values():

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..runtime.kernel import Kernel
+from ..shown import Shown
 from ..state.vectors import prescribed_mask
 
 Array = NDArray[np.float64]
@@ -20,7 +21,7 @@ WEIGHTS = np.array([9.0, 49.0, 64.0, 49.0, 9.0]) / 180.0
 
 
 @dataclass(frozen=True)
-class EnergyBalance:
+class EnergyBalance(Shown):
     """Work and energy over time; kinetic + potential = what they were + works - dissipated + residue.
 
     Attributes:

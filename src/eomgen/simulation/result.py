@@ -19,6 +19,8 @@ from ..names import kind_of, listed, nearest, show
 from ..robot.coordinates import force_unit_of, index_of, unit_of
 from ..robot.record import robot_hash, robot_of
 from ..robot.value import MOTOR, Robot
+from ..shown import Shown
+from ..tabular import AXES, Rows, TableColumn, Tabular
 from .archive import open_archive, write_archive
 from .balance import TERMS, EnergyBalance
 
@@ -32,7 +34,7 @@ _RECORDS = ("scenario", "description", "stopped")
 
 
 @dataclass(frozen=True)
-class Series:
+class Series(Shown):
     """Values of a name over time: t (T,), s; values (T,) or (T, k), in their unit."""
 
     name: str
@@ -42,7 +44,7 @@ class Series:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SimulationResult:
+class SimulationResult(Shown, Tabular):
     """A simulated motion beside its program.
 
     Attributes:
@@ -225,6 +227,24 @@ class SimulationResult:
             found |= {f"work.{term}": ("J", self.balance.of(term)) for term in TERMS}
             found["energy.residue"] = ("J", self.balance.residue)
         return found
+
+    def facts(self) -> dict[str, str]:
+        """Names and short texts that ``repr`` and notebooks show."""
+        motion = self.trajectory
+        shown = {"robot": show(self.robot), "coordinates": str(len(motion.coordinates))}
+        shown |= {"driven": str(len(self.program_coordinates) if self.programmed else 0), "samples": str(motion.t.size)}
+        shown |= {"duration": f"{motion.t[-1]:.6g} s", "method": show(motion.method), "tool": show(self.tool)}
+        shown["tool_deviation"] = f"{1e6 * float(np.linalg.norm(self.tool_deviation, axis=1).max()):.3g} um"
+        return shown | ({"stopped": show(self.stopped.get("reason", ""))} if self.stopped else {})
+
+    def as_rows(self) -> Rows:
+        """A row per time: all that ``series`` knows, vectors by x, y and z."""
+        columns = [
+            TableColumn(name, unit, values, AXES if values.ndim > 1 else ())
+            for name, (unit, values) in self._series().items()
+        ]
+        about = {"robot": self.robot, "tool": self.tool, "method": self.trajectory.method}
+        return Rows("t", "s", self.trajectory.t, columns, about)
 
     def save(self, path: Path | str) -> Path:
         """Write the result as .npz, to a temporary name first, and return the path; folders are made.

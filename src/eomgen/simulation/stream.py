@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..optional import optional_import
 from ..robot.coordinates import unit_of
+from ..shown import Shown
 from .result import Series
 
 Array = NDArray[np.float64]
@@ -31,7 +32,7 @@ _NAMES = ("q", "v", "t")  # in the order of writing
 
 
 @dataclass(frozen=True)
-class StreamedMotion:
+class StreamedMotion(Shown):
     """A motion read from a stream: t (T,), s; q and v (T, n), m, rad, per s; ``complete`` if it came to its end.
 
     meta: robot, robot_hash, scenario and versions as ``SimulationResult`` has them.

@@ -17,6 +17,8 @@ from ..errors import InputError, UnknownNameError
 from ..files import write_atomically
 from ..names import nearest, show
 from ..optional import optional_import
+from ..shown import Shown, text_of
+from ..tabular import Rows, TableColumn, Tabular
 from .store import read_manifest, read_rows
 
 Array = NDArray[np.float64]
@@ -26,7 +28,7 @@ LINEAR_ENOUGH = 0.9  # R^2 from which regression coefficients are what a ranking
 
 
 @dataclass(frozen=True)
-class Sensitivity:
+class Sensitivity(Shown, Tabular):
     """Dependence of a recorded number on the numbers that were varied, (d,) each.
 
     Attributes:
@@ -45,6 +47,11 @@ class Sensitivity:
     spearman: Array
     noise: float
 
+    def as_rows(self) -> Rows:
+        """A row per number that was varied: its regression coefficient and its rank correlation."""
+        columns = [TableColumn(name, "1", getattr(self, name)) for name in ("regression", "spearman")]
+        return Rows("varied", "", np.array(self.names, dtype=object), columns)
+
     @property
     def ranking(self) -> list[int]:
         """Places of the names by influence: by regression where it explains the variance, else by rank correlation."""
@@ -53,7 +60,7 @@ class Sensitivity:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SweepResult:
+class SweepResult(Shown, Tabular):
     """The samples that a folder has, by index.
 
     Attributes:
@@ -132,6 +139,20 @@ class SweepResult:
         good = np.isfinite(y)
         return sensitivity_of(self.varied, self.samples[good], y[good])
 
+    def facts(self) -> dict[str, str]:
+        """Names and short texts that ``repr`` and notebooks show."""
+        shown = {"robot": show(self.meta["robot"]), "samples": f"{self.index.size} of {self.total}"}
+        shown |= {"failed": str(len(self.errors)), "varied": text_of(self.varied), "columns": text_of(self.columns)}
+        return shown | {"folder": text_of(self.folder)}
+
+    def as_rows(self) -> Rows:
+        """A row per sample by its index: what was varied, what was recorded, and the error of a failed one."""
+        columns = [TableColumn(name, "SI", self.samples[:, i]) for i, name in enumerate(self.varied)]
+        columns += [TableColumn(name, self.units[name], self.record[:, i]) for i, name in enumerate(self.columns)]
+        texts = np.array([self.errors.get(i, "") for i in self.index.tolist()], dtype=object)
+        about = {"robot": str(self.meta["robot"]), "tool": str(self.meta["tool"])}
+        return Rows("index", "1", self.index, [*columns, TableColumn("error", "", texts)], about)
+
     def save_table(self, path: Path | str) -> Path:
         """Write a row for every sample as .csv, or as .parquet where pyarrow is installed.
 
@@ -139,16 +160,13 @@ class SweepResult:
             InputError: another suffix, pyarrow is not installed, or the file cannot be written.
         """
         path = Path(path)
-        columns: dict[str, Any] = {"index": self.index}
-        columns |= {name: self.samples[:, i] for i, name in enumerate(self.varied)}
-        columns |= {name: self.record[:, i] for i, name in enumerate(self.columns)}
-        columns["error"] = [self.errors.get(i, "") for i in self.index.tolist()]
+        rows = self.as_rows()
+        columns = {"index": self.index, **{column.name: column.values for column in rows.columns}}
         if path.suffix == ".csv":
             text = io.StringIO()
             writer = csv.writer(text, lineterminator="\n")
             writer.writerow(columns)
-            plain = [x.tolist() if isinstance(x, np.ndarray) else x for x in columns.values()]
-            writer.writerows(zip(*plain, strict=True))
+            writer.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
             return write_atomically(path, lambda stream: stream.write(text.getvalue().encode()))
         if path.suffix != ".parquet":
             raise InputError(f"{path}: the suffix {path.suffix!r} is no table; allowed: .csv, .parquet")

@@ -1,0 +1,71 @@
+"""Results that show themselves in short: one line at a prompt, a small table in a notebook."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .names import listed, show, show_path
+
+LONGEST = 300  # characters of a line
+NAMED = 3  # names of a list that are shown
+
+
+class Shown:
+    """Base of dataclasses that hold arrays: arrays are shown by their shape, in ``repr`` and in notebooks."""
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        cls.__repr__ = Shown.__repr__  # type: ignore[method-assign]  # in the class itself, or dataclass writes its own
+
+    def facts(self) -> dict[str, str]:
+        """Names and short texts that are shown: of all fields that are not empty."""
+        assert is_dataclass(self)
+        values = {field.name: getattr(self, field.name) for field in fields(self) if field.repr}
+        return {name: text_of(value) for name, value in values.items() if not _is_empty(value)}
+
+    def __repr__(self) -> str:
+        text = ", ".join(f"{name}={value}" for name, value in self.facts().items())
+        text = text if len(text) <= LONGEST else text[: LONGEST - 3] + "..."
+        return f"{type(self).__name__}({text})"
+
+    def _repr_html_(self) -> str:
+        """A table of ``facts``, for notebooks."""
+        rows = "".join(
+            f"<tr><th>{html.escape(name)}</th><td>{html.escape(value)}</td></tr>"
+            for name, value in self.facts().items()
+        )
+        return f"<table><caption>{html.escape(type(self).__name__)}</caption><tbody>{rows}</tbody></table>"
+
+
+def text_of(value: Any) -> str:
+    """A value in a few words, printable ASCII: numbers and texts as they are, arrays by shape, others by their size."""
+    if isinstance(value, np.ndarray):
+        kind = "" if value.dtype == np.float64 else f" of {value.dtype}"
+        return f"<array {value.shape}{kind}>"
+    if isinstance(value, (float, np.floating)):
+        return f"{value:.6g}"
+    if isinstance(value, Path):
+        return show_path(str(value))
+    if isinstance(value, Mapping):
+        return f"<{_counted(len(value), 'entry', 'entries')}>"
+    if isinstance(value, (tuple, list)):
+        if all(isinstance(item, str) and len(item) < 40 for item in value):
+            return f"({listed(value, NAMED)})"
+        return f"<{_counted(len(value), 'item', 'items')}>"
+    if isinstance(value, Shown) or is_dataclass(value):
+        return f"<{type(value).__name__}>"
+    return show(value)
+
+
+def _counted(count: int, one: str, many: str) -> str:
+    return f"{count} {one if count == 1 else many}"
+
+
+def _is_empty(value: Any) -> bool:
+    return value is None or (isinstance(value, (str, tuple, list, Mapping)) and not value)
