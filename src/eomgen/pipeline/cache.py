@@ -87,6 +87,22 @@ def find(kind: str, key: str) -> Entry | None:
     return None if found is None else Entry(kind, key, found)
 
 
+@contextmanager
+def locked(key: str) -> Iterator[bool]:
+    """Hold the lock of a key, of an entry or of anything else that processes take turns with.
+
+    The value is False where that is not possible.
+
+    Raises:
+        BuildError: the cache cannot be written, or is not a folder of this user's alone.
+    """
+    root = cache_folder()
+    with _reported(root):
+        _make_folders(root, KINDS[0])
+    with _locked(root, key) as alone:
+        yield alone
+
+
 def write_files(folder: Path, files: Files) -> None:
     """Write an entry's files into a folder; ValueError for a name that leads out of it."""
     for name, data in files.items():

@@ -15,8 +15,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-import shutil
-import tempfile
+import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -26,12 +25,14 @@ from .._version import __version__
 from ..codegen.kernels.signatures import KERNELS
 from ..description import RobotLike, as_robot
 from ..errors import InputError
+from ..files import read_regular
 from ..progress import StageReport, no_report
 from ..robot.model import build_model
 from ..robot.record import robot_hash
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from . import cache as store
+from .folders import new_folder, put_folder
 from .generator_key import generator_hash
 from .load import load_module
 
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
 
 KERNEL_NAMES = tuple(KERNELS)
 DTYPES = ("float64", "float32")
+_LARGEST = 1 << 28  # bytes of a package's metadata
 
 
 @dataclass(frozen=True)
@@ -118,28 +120,15 @@ def generate(
     robot, folder, options = as_robot(robot), Path(folder), options or Options()
     package = make_package(robot, options, progress)
     target = folder / robot.name
-    if _is_foreign(target):
-        raise InputError(f"{target} exists and is not a generated package; give another folder with -o, or move it")
+    _check_target(target, target)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        private = Path(tempfile.mkdtemp(prefix=".making-", dir=folder))
-        try:
+        with new_folder(target) as private:
             store.write_files(private, package.files)
             if cmake:
                 _write_project(private, robot.name, options)
             private.chmod(0o755)
-            replaced = private / "replaced"
-            if target.exists():
-                target.rename(replaced)
-            try:
-                private.rename(target)
-            except OSError:
-                if replaced.exists():
-                    replaced.rename(target)  # nothing is lost
-                raise
-            shutil.rmtree(target / "replaced", ignore_errors=True)
-        finally:
-            shutil.rmtree(private, ignore_errors=True)
+            put_folder(private, target, lambda place: _check_target(place, target))
     except OSError as error:
         raise InputError(f"{target} cannot be written: {error.strerror or error}") from None
     return target
@@ -155,14 +144,15 @@ def _write_project(package: Path, name: str, options: Options) -> None:
         (package / file).write_text(text, encoding="ascii")
 
 
-def _is_foreign(target: Path) -> bool:
-    """Whether something is there that no generation wrote; an empty folder is nothing."""
-    if not target.is_dir():
-        return target.exists()
+def _check_target(place: Path, target: Path) -> None:
+    """InputError if something is at the place that no generation of the target wrote; an empty folder is nothing."""
     try:
-        return "eomgen" not in json.loads((target / f"{target.name}.json").read_text(encoding="ascii"))["generator"]
+        text = read_regular(place / f"{target.name}.json", _LARGEST)
+        foreign = "eomgen" not in json.loads(text)["generator"]
     except (OSError, ValueError, KeyError, TypeError):
-        return any(target.iterdir())
+        foreign = any(place.iterdir()) if place.is_dir() else os.path.lexists(place)
+    if foreign:
+        raise InputError(f"{target} exists and is not a generated package; give another folder with -o, or move it")
 
 
 def make_package(robot: Robot, options: Options, progress: StageReport = no_report) -> store.Entry:
