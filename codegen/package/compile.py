@@ -132,6 +132,12 @@ def compile_flags(compiler: Compiler, native: bool, further: Sequence[str]) -> t
     return (*own_flags(native), *compiler.flags, *words)
 
 
+def fuses(flags: Sequence[str]) -> bool:
+    """Whether the compiler may fuse products with sums, or the processor may keep more digits than a double has."""
+    words = [word for word in flags if word.startswith(("-ffp-contract", "-ffp-model", "-fp-model", "--fp-"))]
+    return words[-1:] != ["-ffp-contract=off"] or sys.maxsize < 2**32
+
+
 def toolchain(compiler: Compiler, flags: Sequence[str]) -> dict[str, Any]:
     """Everything but the source that a binary depends on: flags, compiler, versions, environment, processor."""
     tuned = any(word.endswith("=native") for word in (*compiler.command, *flags))

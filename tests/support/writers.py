@@ -44,6 +44,7 @@ def look_until_done(target: Path, writers: list[Popen[str]]) -> int:
     """Number of looks at the folder while writers replace it; each look finds it with both of its files."""
     looks = 0
     while any(writer.poll() is None for writer in writers):
-        assert (target / "one").read_text() and (target / "two").read_text()
+        assert (target / "one").read_text()
+        assert (target / "two").read_text()
         looks += 1
     return looks

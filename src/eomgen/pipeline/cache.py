@@ -75,6 +75,12 @@ def entry(kind: str, key: str, make: Callable[[Path], None]) -> Entry:
         return Entry(kind, key, found)
 
 
+def unfinished(kind: str, key: str, folder: Path) -> Entry:
+    """What a ``make`` has written so far into its private folder, as the entry that it will be."""
+    files = {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    return Entry(kind, key, files)
+
+
 def find(kind: str, key: str) -> Entry | None:
     """An entry that is there and whole, or None.
 
