@@ -68,7 +68,9 @@ class _Samples:
     def run(self, name: str, **changed: Array) -> tuple[Array, Array]:
         """Answer (size, lanes) and status (lanes,) of a program, with some of its inputs changed."""
         if name not in self.known or changed:
-            found = self.arithmetic.run(self.equations.programs[name], {**self.inputs, **changed, "h": self.h})
+            inputs = {**self.inputs, **changed, "h": self.h}
+            repeats = inputs["q"].shape[1] // self.inputs["q"].shape[1]
+            found = self.arithmetic.run(self.equations.programs[name], inputs, repeats=repeats)
             pivot = found.get("pivot")
             status = np.zeros(found["out"].shape[1], np.int64) if pivot is None else status_of(pivot)
             if changed:

@@ -57,13 +57,16 @@ class Arithmetic:
         self._rounding = np.concatenate([np.ones((_ROWS, len(STATES))), 1.0 + off], axis=1).astype(self.dtype)
         self._turns: dict[bytes, tuple[Array, Array]] = {}
 
-    def run(self, program: Program, inputs: Mapping[str, Any], *, rounding: bool = True) -> dict[str, Array]:
+    def run(
+        self, program: Program, inputs: Mapping[str, Any], *, rounding: bool = True, repeats: int = 1
+    ) -> dict[str, Array]:
         """Arrays (size, lanes) that the program writes, by their names; numbers for all lanes may go in, too.
 
-        ``rounding`` is False for lanes that are states alone, however many.
+        ``rounding`` is False for lanes that are states alone, however many; ``repeats`` is how many times all lanes
+        stand side by side.
         """
         values: list[Any] = []
-        number, rows = self.dtype.type, self._rounding
+        number, rows = self.dtype.type, np.tile(self._rounding, repeats)
         for index, instruction in enumerate(program.instructions):
             op, args = instruction.op, instruction.args
             if op == "input":

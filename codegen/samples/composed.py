@@ -31,13 +31,15 @@ def status_of(pivot: Array) -> Array:
 
 def christoffel(model: Model, run: Run, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
     """Some columns of the tensor: column k is the Coriolis matrix at the unit velocity k."""
-    lanes, survives, columns = inputs["q"].shape[1], zero_map(model).christoffel.mask, []
-    for k in _columns(model):
-        v = np.zeros_like(inputs["q"])
-        v[k] = 1.0
-        column = run("coriolis_matrix", v=v)[0]
-        columns.append(np.where(survives[:, :, k].reshape(-1, 1), column, np.zeros_like(column)))
-    return np.concatenate(columns), np.zeros(lanes, np.int64)
+    lanes, survives, columns = inputs["q"].shape[1], zero_map(model).christoffel.mask, _columns(model)
+    q = np.tile(inputs["q"], len(columns))
+    v = np.zeros_like(q)
+    for place, k in enumerate(columns):
+        v[k, place * lanes : (place + 1) * lanes] = 1.0
+    matrices = np.split(run("coriolis_matrix", q=q, v=v)[0], len(columns), axis=1)
+    masks = [survives[:, :, k].reshape(-1, 1) for k in columns]
+    found = [np.where(mask, x, np.zeros_like(x)) for mask, x in zip(masks, matrices, strict=True)]
+    return np.concatenate(found), np.zeros(lanes, np.int64)
 
 
 def christoffel_places(model: Model) -> Array:

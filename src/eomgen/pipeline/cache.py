@@ -39,11 +39,12 @@ class Entry:
     kind: str
     key: str
     files: Files
+    private: Path | None = None
 
     @property
     def folder(self) -> Path:
-        """Folder that the entry was read from."""
-        return cache_folder() / self.kind / self.key
+        """Folder that the entry was read from; the private one of an entry that is still made."""
+        return self.private or cache_folder() / self.kind / self.key
 
 
 def cache_folder() -> Path:
@@ -78,7 +79,7 @@ def entry(kind: str, key: str, make: Callable[[Path], None]) -> Entry:
 def unfinished(kind: str, key: str, folder: Path) -> Entry:
     """What a ``make`` has written so far into its private folder, as the entry that it will be."""
     files = {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-    return Entry(kind, key, files)
+    return Entry(kind, key, files, folder)
 
 
 def find(kind: str, key: str) -> Entry | None:
