@@ -111,7 +111,7 @@ class Arithmetic:
 
 
 def _value(op: str, numbers: tuple[float, ...]) -> float:
-    """As C has it where Python raises."""
+    """Compute a value as C has it where Python raises."""
     try:
         return float(VALUES[op](*numbers))
     except OverflowError:

@@ -47,7 +47,8 @@ def sample_parameters(values: Array, dtype: np.dtype[np.floating]) -> Array:
 
 def _numbers(rng: np.random.Generator, size: int, count: int) -> Array:
     """Numbers (size, count) of both signs, between 1/4 and 1 in size."""
-    return rng.uniform(0.25, 1.0, (size, count)) * rng.choice((-1.0, 1.0), (size, count))
+    found: Array = rng.uniform(0.25, 1.0, (size, count)) * rng.choice((-1.0, 1.0), (size, count))
+    return found
 
 
 def _coordinates(equations: Equations, arithmetic: Arithmetic, rng: np.random.Generator) -> tuple[Array, bool]:
@@ -94,7 +95,7 @@ def _angles(equations: Equations) -> set[Angle]:
 
 
 def _cone(instructions: Sequence[Instruction], top: int) -> Angle:
-    """What one value needs, in order."""
+    """Instructions that one value needs, in order."""
     needed, waiting = {top}, [top]
     while waiting:
         for arg in instructions[waiting.pop()].args:

@@ -77,7 +77,7 @@ def entry(kind: str, key: str, make: Callable[[Path], None]) -> Entry:
 
 
 def unfinished(kind: str, key: str, folder: Path) -> Entry:
-    """What a ``make`` has written so far into its private folder, as the entry that it will be."""
+    """Read what a ``make`` has written so far into its private folder, as the entry that it will be."""
     files = {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
     return Entry(kind, key, files, folder)
 
