@@ -31,7 +31,7 @@ from eomgen._version import __version__
 from eomgen.errors import BuildError
 
 from ..c.source import Source, environment
-from .environment import check_flags, environment_words
+from .environment import check_flags, environment_words, expanded
 
 FLAGS = ("-O2", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off")
 NATIVE = ("-march=native", "-ffp-contract=fast")
@@ -125,10 +125,17 @@ def compile_flags(compiler: Compiler, native: bool, further: Sequence[str]) -> t
     """Flags of a kernel's own C: ours, then those of $CFLAGS, then those that the call gives.
 
     Raises:
-        BuildError: a flag asks for arithmetic that is not IEEE's.
+        BuildError: a flag asks for arithmetic that is not IEEE's, or a response file cannot be read.
     """
-    check_flags(further, "flags")
-    return (*own_flags(native), *compiler.flags, *further)
+    words = expanded(further, "flags")
+    check_flags(words, "flags")
+    return (*own_flags(native), *compiler.flags, *words)
+
+
+def fuses(flags: Sequence[str]) -> bool:
+    """Whether the compiler may fuse products with sums, or the processor may keep more digits than a double has."""
+    words = [word for word in flags if word.startswith(("-ffp-contract", "-ffp-model", "-fp-model", "--fp-"))]
+    return words[-1:] != ["-ffp-contract=off"] or sys.maxsize < 2**32
 
 
 def toolchain(compiler: Compiler, flags: Sequence[str]) -> dict[str, Any]:

@@ -43,6 +43,7 @@ def external_library(function: DifferentiableFunction, called: str, flags: Seque
         BuildError: its C is not there any more, or cannot be compiled.
     """
     from ..codegen.package.compile import WARNINGS, compile_flags, find_compiler, link_shared, run_all, toolchain
+    from ..codegen.package.probe import check_compiler
 
     kernel = function.kernel
     if kernel.dtype != np.float64:
@@ -55,6 +56,7 @@ def external_library(function: DifferentiableFunction, called: str, flags: Seque
     compile_c = [*compiler.command, "-c", "-fPIC", "-fvisibility=hidden", *WARNINGS, *every]
 
     def compile_kernel(folder: Path) -> None:
+        check_compiler(compiler, every)
         (folder / f"{kernel.name}.h").write_text(header, encoding="ascii")
         (folder / f"{kernel.name}.c").write_text(code, encoding="ascii")
         source = str(folder / f"{kernel.name}.c")
@@ -63,6 +65,7 @@ def external_library(function: DifferentiableFunction, called: str, flags: Seque
     made = store.entry("objects", _key(own, header, code), compile_kernel)
 
     def link(folder: Path) -> None:
+        check_compiler(compiler, every)
         source, library = folder / f"{called}.c", folder / f"{called}.so"
         objects = [folder / "kernel.o", folder / "wrapper.o"]
         (folder / f"{kernel.name}.h").write_text(header, encoding="ascii")

@@ -39,11 +39,12 @@ class Entry:
     kind: str
     key: str
     files: Files
+    private: Path | None = None
 
     @property
     def folder(self) -> Path:
-        """Folder that the entry was read from."""
-        return cache_folder() / self.kind / self.key
+        """Folder that the entry was read from; the private one of an entry that is still made."""
+        return self.private or cache_folder() / self.kind / self.key
 
 
 def cache_folder() -> Path:
@@ -75,6 +76,12 @@ def entry(kind: str, key: str, make: Callable[[Path], None]) -> Entry:
         return Entry(kind, key, found)
 
 
+def unfinished(kind: str, key: str, folder: Path) -> Entry:
+    """Read what a ``make`` has written so far into its private folder, as the entry that it will be."""
+    files = {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    return Entry(kind, key, files, folder)
+
+
 def find(kind: str, key: str) -> Entry | None:
     """An entry that is there and whole, or None.
 
@@ -85,6 +92,22 @@ def find(kind: str, key: str) -> Entry | None:
     with _reported(root):
         found = _read(root, kind, key)
     return None if found is None else Entry(kind, key, found)
+
+
+@contextmanager
+def locked(key: str) -> Iterator[bool]:
+    """Hold the lock of a key, of an entry or of anything else that processes take turns with.
+
+    The value is False where that is not possible.
+
+    Raises:
+        BuildError: the cache cannot be written, or is not a folder of this user's alone.
+    """
+    root = cache_folder()
+    with _reported(root):
+        _make_folders(root, KINDS[0])
+    with _locked(root, key) as alone:
+        yield alone
 
 
 def write_files(folder: Path, files: Files) -> None:

@@ -29,17 +29,43 @@ def load_module(package: store.Entry, name: str) -> Any:
     Raises:
         BuildError: it does not load.
     """
-    here = f"_eomgen_{package.key}._{name}"
+    here = _place(package, name)
     with _guard:
-        module = sys.modules.get(here)
-        if module is None:
-            try:
-                abi = f"_{name}_types.py" in package.files
-                module = _load_abi(package, name) if abi else _load_api(package, here)
-            except (ImportError, OSError, StopIteration) as error:
-                raise BuildError(f"the compiled module in {package.folder} does not load: {error}") from None
-            sys.modules[here] = module
-    return module
+        if here not in sys.modules:
+            sys.modules[here] = _load(package, name, here)
+        return sys.modules[here]
+
+
+def fresh_module(package: store.Entry, name: str) -> Any:
+    """Load the module of a package that was just made, even if one of the same key is loaded; ``keep_module`` keeps it.
+
+    Raises:
+        BuildError: it does not load.
+    """
+    here = f"_eomgen_fresh_{package.key}._{name}"
+    with _guard:
+        try:
+            return _load(package, name, here)
+        finally:
+            sys.modules.pop(here, None)
+
+
+def keep_module(package: store.Entry, name: str, module: Any) -> None:
+    """Let ``load_module`` give this module, if it has none of the package yet."""
+    with _guard:
+        sys.modules.setdefault(_place(package, name), module)
+
+
+def _place(package: store.Entry, name: str) -> str:
+    """Name among loaded modules."""
+    return f"_eomgen_{package.key}._{name}"
+
+
+def _load(package: store.Entry, name: str, here: str) -> Any:
+    try:
+        return _load_abi(package, name) if f"_{name}_types.py" in package.files else _load_api(package, here)
+    except (ImportError, OSError, StopIteration) as error:
+        raise BuildError(f"the compiled module in {package.folder} does not load: {error}") from None
 
 
 def _load_api(package: store.Entry, here: str) -> Any:

@@ -5,9 +5,10 @@
     derive_equations Model              Equations   SymPy joint blocks bound along the tree: one program per kernel
     render           Equations          Source      C, header, metadata
     write_package    Source             package     compiled, importable with NumPy and cffi alone
+    check_package    package            package     it answers samples of the equations as they do
     load_kernel      package            Kernel      the NumPy face
 
-The first three are skipped when the cache holds their source, the fourth when it holds their package; then SymPy is
+The first three are skipped when the cache holds their source, the next two when it holds their package; then SymPy is
 not imported.
 """
 
@@ -15,8 +16,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-import shutil
-import tempfile
+import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -26,12 +26,14 @@ from .._version import __version__
 from ..codegen.kernels.signatures import KERNELS
 from ..description import RobotLike, as_robot
 from ..errors import InputError
+from ..files import read_regular
 from ..progress import StageReport, no_report
 from ..robot.model import build_model
 from ..robot.record import robot_hash
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from . import cache as store
+from .folders import new_folder, put_folder
 from .generator_key import generator_hash
 from .load import load_module
 
@@ -40,6 +42,8 @@ if TYPE_CHECKING:
 
 KERNEL_NAMES = tuple(KERNELS)
 DTYPES = ("float64", "float32")
+_SOURCE, _SAMPLES = "source.json", "samples"  # files of an entry
+_LARGEST = 1 << 28  # bytes of a package's metadata
 
 
 @dataclass(frozen=True)
@@ -86,7 +90,8 @@ def build(
 
     Raises:
         InputError: an option is unknown.
-        BuildError: no compiler, a compiler that fails, a cache that cannot be written.
+        BuildError: no compiler, a compiler that fails or whose binary computes something else than the equations, a
+            cache that cannot be written.
     """
     robot, options = as_robot(robot), Options(tuple(kernels), dtype, native, tuple(flags))
     return load_kernel(make_package(robot, options, progress), robot.name)
@@ -118,28 +123,15 @@ def generate(
     robot, folder, options = as_robot(robot), Path(folder), options or Options()
     package = make_package(robot, options, progress)
     target = folder / robot.name
-    if _is_foreign(target):
-        raise InputError(f"{target} exists and is not a generated package; give another folder with -o, or move it")
+    _check_target(target, target)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        private = Path(tempfile.mkdtemp(prefix=".making-", dir=folder))
-        try:
+        with new_folder(target) as private:
             store.write_files(private, package.files)
             if cmake:
                 _write_project(private, robot.name, options)
             private.chmod(0o755)
-            replaced = private / "replaced"
-            if target.exists():
-                target.rename(replaced)
-            try:
-                private.rename(target)
-            except OSError:
-                if replaced.exists():
-                    replaced.rename(target)  # nothing is lost
-                raise
-            shutil.rmtree(target / "replaced", ignore_errors=True)
-        finally:
-            shutil.rmtree(private, ignore_errors=True)
+            put_folder(private, target, lambda place: _check_target(place, target))
     except OSError as error:
         raise InputError(f"{target} cannot be written: {error.strerror or error}") from None
     return target
@@ -155,14 +147,15 @@ def _write_project(package: Path, name: str, options: Options) -> None:
         (package / file).write_text(text, encoding="ascii")
 
 
-def _is_foreign(target: Path) -> bool:
-    """Whether something is there that no generation wrote; an empty folder is nothing."""
-    if not target.is_dir():
-        return target.exists()
+def _check_target(place: Path, target: Path) -> None:
+    """InputError if something is at the place that no generation of the target wrote; an empty folder is nothing."""
     try:
-        return "eomgen" not in json.loads((target / f"{target.name}.json").read_text(encoding="ascii"))["generator"]
+        text = read_regular(place / f"{target.name}.json", _LARGEST)
+        foreign = "eomgen" not in json.loads(text)["generator"]
     except (OSError, ValueError, KeyError, TypeError):
-        return any(target.iterdir())
+        foreign = any(place.iterdir()) if place.is_dir() else os.path.lexists(place)
+    if foreign:
+        raise InputError(f"{target} exists and is not a generated package; give another folder with -o, or move it")
 
 
 def make_package(robot: Robot, options: Options, progress: StageReport = no_report) -> store.Entry:
@@ -173,25 +166,37 @@ def make_package(robot: Robot, options: Options, progress: StageReport = no_repo
     """
     from ..codegen.package.compile import build_key, compile_flags, find_compiler, write_package
 
-    source = make_source(robot, options, progress)
+    derived = _derived(robot, options, progress)
+    source = _source(derived)
     compiler = find_compiler()
     flags = compile_flags(compiler, options.native, options.flags)
+    key = build_key(source, compiler, flags)
 
     def make(folder: Path) -> None:
+        from .self_test import check_package
+
         progress(f"compiling {source.statements} statements of C")
         write_package(source, compiler, flags, folder)
+        check_package(store.unfinished("packages", key, folder), source, derived.files[_SAMPLES], compiler, flags)
 
-    return store.entry("packages", build_key(source, compiler, flags), make)
+    return store.entry("packages", key, make)
 
 
 def make_source(robot: Robot, options: Options, progress: StageReport = no_report) -> Source:
     """The C of a robot's kernels, derived or from the cache."""
+    return _source(_derived(robot, options, progress))
+
+
+def _derived(robot: Robot, options: Options, progress: StageReport) -> store.Entry:
+    """The source of a robot's kernels and samples of what they compute, derived or from the cache."""
+    key = _source_key(robot, options)
+    return store.entry("sources", key, lambda folder: _derive(robot, options, folder, progress))
+
+
+def _source(derived: store.Entry) -> Source:
     from ..codegen.c.source import Source
 
-    sources = store.entry(
-        "sources", _source_key(robot, options), lambda folder: _derive(robot, options, folder, progress)
-    )
-    return Source(**json.loads(sources.files["source.json"]))
+    return Source(**json.loads(derived.files[_SOURCE]))
 
 
 def cache_keys(robot: Robot, kernels: Sequence[str]) -> tuple[str, str | None]:
@@ -204,25 +209,25 @@ def cache_keys(robot: Robot, kernels: Sequence[str]) -> tuple[str, str | None]:
     sources = store.find("sources", key)
     if sources is None:
         return key, None
-    from ..codegen.c.source import Source
     from ..codegen.package.compile import build_key, compile_flags, find_compiler
 
-    source = Source(**json.loads(sources.files["source.json"]))
     compiler = find_compiler()
-    return key, build_key(source, compiler, compile_flags(compiler, False, ()))
+    return key, build_key(_source(sources), compiler, compile_flags(compiler, False, ()))
 
 
 def _derive(robot: Robot, options: Options, folder: Path, progress: StageReport) -> None:
-    """Robot -> Source, written into the folder."""
+    """Robot -> Source and its samples, written into the folder."""
     progress("importing SymPy")
     from ..codegen.c.sources import render
     from ..codegen.kernels.equations import derive_equations
+    from ..codegen.samples.answers import samples
 
     model = build_model(robot)  # Robot -> Model
     progress(f"deriving the equations of {model.size} coordinates")
     equations = derive_equations(model, options.kernels)  # Model -> Equations
     source = render(equations, options.dtype, batches=options.batches)  # Equations -> Source
-    (folder / "source.json").write_text(json.dumps(asdict(source)), encoding="ascii")
+    (folder / _SOURCE).write_text(json.dumps(asdict(source)), encoding="ascii")
+    (folder / _SAMPLES).write_bytes(samples(equations, options.dtype))
 
 
 def _source_key(robot: Robot, options: Options) -> str:

@@ -174,8 +174,10 @@ def _compiled(
 ) -> tuple[str, bytes]:
     """Path and content of this machine's binary."""
     from eomgen.codegen.package.compile import WARNINGS, compile_flags, find_compiler, link_shared, run_all
+    from eomgen.codegen.package.probe import check_compiler
 
     compiler = find_compiler()
+    check_compiler(compiler, compile_flags(compiler, False, flags))
     for path, content in files.items():
         if path.startswith("sources/"):
             (work / Path(path).name).write_bytes(content)

@@ -1,0 +1,104 @@
+"""Samples of all functions: their inputs, and what each has to answer."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..kernels.equations import Equations
+from ..kernels.signatures import functions
+from ..program.ir import Program
+from .arithmetic import Arithmetic, Array, spread, with_copies
+from .composed import COMPOSED, FRAMED, PLACES, one_step, status_of
+from .states import sample_inputs, sample_parameters
+from .stored import STATES, pack_samples
+
+_SAFETY = 16.0  # how much more than copies of a state differ is allowed
+_STEP = {"float64": 2.0**-60, "float32": 2.0**-40}  # s; coordinates stay what they are to the bit, and so their sines
+_METHODS = 2
+_RESTING = 2  # states that steps are taken from
+
+
+def samples(equations: Equations, dtype: str) -> bytes:
+    """Inputs and answers of every function that users call, as ``read_samples`` gives them back."""
+    with np.errstate(all="ignore"):
+        arrays = _Samples(equations, dtype).arrays()
+    return pack_samples(arrays)
+
+
+class _Samples:
+    """Answers of programs are kept, since several functions may need one."""
+
+    def __init__(self, equations: Equations, dtype: str) -> None:
+        self.equations, self.model = equations, equations.model
+        self.arithmetic = Arithmetic(dtype)
+        given, self.certain = sample_inputs(equations, self.arithmetic)
+        values = sample_parameters(np.array(list(self.model.parameters.values())), self.arithmetic.dtype)
+        self.found: dict[str, Any] = {name: array.T for name, array in {**given, "p": values}.items()}
+        self.inputs = {name: with_copies(array) for name, array in given.items()}
+        self.known: dict[str, tuple[Array, Array]] = {}
+
+    def arrays(self) -> dict[str, Any]:
+        """All arrays of ``read_samples``."""
+        setup = self.arithmetic.run(self.equations.setup, {"p": with_copies(self.found["p"].T)}).get("h")
+        if setup is None:
+            setup = np.zeros((0, with_copies(self.found["p"].T).shape[1]), self.arithmetic.dtype)
+        self._store("setup", setup, None, self.equations.setup, certain=self._has_no_turns(self.equations.setup))
+        self.found["h"] = self.h = setup[:, 0]
+        numbers = sorted({0, len(self.model.frames) // 2, len(self.model.frames) - 1})
+        for function in functions(self.equations.kernels):
+            name, calls = function.name, self.equations.calls.get(function.kernel, (function.kernel,))
+            programs = [self.equations.programs[program] for program in calls]
+            if function.is_rollout:
+                self._store_steps(name, programs)
+            elif function.is_framed:
+                k = self.run(function.kernel)[0]
+                answers = np.stack([FRAMED[name](self.model, k, number) for number in numbers])
+                self.found["frames"] = np.array(numbers)
+                self._store(name, answers, None, *programs)
+            elif function.kernel in self.equations.calls:
+                self._store(name, *COMPOSED[name](self.model, self.run, self.inputs), *programs)
+                if name in PLACES:
+                    self.found[f"{name} places"] = PLACES[name](self.model)
+            else:
+                self._store(name, *self.run(name), *programs)
+        return self.found
+
+    def run(self, name: str, **changed: Array) -> tuple[Array, Array]:
+        """Answer (size, lanes) and status (lanes,) of a program, with some of its inputs changed."""
+        if name not in self.known or changed:
+            inputs = {**self.inputs, **changed, "h": self.h}
+            repeats = inputs["q"].shape[1] // self.inputs["q"].shape[1]
+            found = self.arithmetic.run(self.equations.programs[name], inputs, repeats=repeats)
+            pivot = found.get("pivot")
+            status = np.zeros(found["out"].shape[1], np.int64) if pivot is None else status_of(pivot)
+            if changed:
+                return found["out"], status
+            self.known[name] = found["out"], status
+        return self.known[name]
+
+    def _store(
+        self, name: str, answers: Array, status: Array | None, *programs: Program, certain: bool | None = None
+    ) -> None:
+        """Put answers (..., lanes) among what is found, lanes first."""
+        states = len(STATES)
+        self.found[name] = np.moveaxis(answers[..., :states], -1, 0)
+        self.found[f"{name} near"] = np.moveaxis(_SAFETY * spread(answers), -1, 0).astype(np.float32)
+        self.found[f"{name} status"] = np.zeros(states, np.int64) if status is None else status[:states]
+        certain = self.certain if certain is None else certain
+        self.found[f"{name} bits"] = certain and all(map(self.arithmetic.has_no_choice, programs))
+
+    def _store_steps(self, name: str, programs: list[Program]) -> None:
+        dt = self.arithmetic.dtype.type(_STEP[str(self.arithmetic.dtype)])
+        ways = [one_step(method, self.run, self.inputs["q"], self.inputs["u"], dt) for method in range(_METHODS)]
+        n, lanes = self.inputs["q"].shape
+        self._store(name, np.stack([way[0].reshape(2 * n, lanes) for way in ways]), None, *programs)
+        for part in ("", " near"):
+            self.found[name + part] = np.moveaxis(self.found[name + part][:_RESTING], 0, 1)
+        self.found[f"{name} status"] = np.stack([way[1][:_RESTING] for way in ways])
+        self.found["dt"] = dt
+
+    @staticmethod
+    def _has_no_turns(program: Program) -> bool:
+        return all(i.op not in ("sin", "cos") for i in program.instructions)

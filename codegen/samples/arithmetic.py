@@ -1,0 +1,158 @@
+"""Programs on many states at once in the arithmetic of C, and beside it what rounding does to their results.
+
+Every value is an array of lanes: states first, then copies of the first states, in which every step is rounded at
+random.  IEEE arithmetic leaves no choice in +, -, *, / and square roots; where a compiler may fuse a product with a
+sum, results differ about as much as those of the copies do.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..c.scalar_types import TURNS
+from ..program.ir import Program
+from ..program.operations import VALUES
+from .stored import MEASURED, STATES
+
+Array = NDArray[Any]
+
+COPIES = 4  # of each of the first states
+_UNITS = 8.0  # in the last place that a step of a copy is off by at most
+_ROWS = 256  # of random roundings, which are taken in turn
+_OPERATORS: Mapping[str, Callable[..., Any]] = {
+    "neg": np.negative,
+    "add": np.add,
+    "sub": np.subtract,
+    "mul": np.multiply,
+    "div": np.divide,
+    "sqrt": np.sqrt,
+}
+_EXACT = ("neg", "max", "step")  # operations that do not round
+
+
+def with_copies(states: Array) -> Array:
+    """Lanes (..., lanes) of values in states (..., states)."""
+    return np.concatenate([states, np.repeat(states[..., :MEASURED], COPIES, axis=-1)], axis=-1)
+
+
+def spread(lanes: Array) -> Array:
+    """By how much the copies of a state differ from it (..., MEASURED), of values (..., lanes)."""
+    copies = lanes[..., len(STATES) :].reshape(*lanes.shape[:-1], MEASURED, COPIES)
+    found: Array = np.abs(copies - lanes[..., :MEASURED, None]).max(axis=-1)
+    return found
+
+
+class Arithmetic:
+    """Runs programs on lanes of a dtype; sines and cosines are those of the C library."""
+
+    def __init__(self, dtype: str, seed: int = 0) -> None:
+        self.dtype = np.dtype(dtype)
+        rng, copies = np.random.default_rng(seed), MEASURED * COPIES
+        off = _UNITS * float(np.finfo(self.dtype).eps) * rng.uniform(-1.0, 1.0, (_ROWS, copies))
+        self._rounding = np.concatenate([np.ones((_ROWS, len(STATES))), 1.0 + off], axis=1).astype(self.dtype)
+        self._turns: dict[bytes, tuple[Array, Array]] = {}
+
+    def run(
+        self, program: Program, inputs: Mapping[str, Any], *, rounding: bool = True, repeats: int = 1
+    ) -> dict[str, Array]:
+        """Arrays (size, lanes) that the program writes, by their names; numbers for all lanes may go in, too.
+
+        ``rounding`` is False for lanes that are states alone, however many; ``repeats`` is how many times all lanes
+        stand side by side.
+        """
+        values: list[Any] = []
+        number, rows = self.dtype.type, np.tile(self._rounding, repeats)
+        for index, instruction in enumerate(program.instructions):
+            op, args = instruction.op, instruction.args
+            if op == "input":
+                values.append(inputs[instruction.leaf[0]][instruction.leaf[1]])
+                continue
+            if op == "const":
+                values.append(number(instruction.leaf))
+                continue
+            operator = _OPERATORS.get(op)
+            if operator is not None:
+                value = operator(values[args[0]], values[args[1]]) if len(args) == 2 else operator(values[args[0]])
+            elif op in ("sin", "cos"):
+                value = self.turn(values[args[0]])[op == "cos"]
+            else:
+                value = self._called(op, [values[arg] for arg in args])
+            values.append(value * rows[index % _ROWS] if rounding and op not in _EXACT else value)
+        return _arrays(program, values, rows.shape[1], self.dtype)
+
+    @staticmethod
+    def has_no_choice(program: Program) -> bool:
+        """Whether IEEE arithmetic says every bit of its results, if its sines and cosines are rounded correctly."""
+        known = {*_OPERATORS, *_EXACT, "sin", "cos", "const", "input"}
+        return all(instruction.op in known for instruction in program.instructions)
+
+    def turn(self, x: Any) -> tuple[Array, Array]:
+        """Sines and cosines; the same arrays for the same angles."""
+        angles = np.asarray(x, self.dtype)
+        key = angles.tobytes()
+        if key not in self._turns:
+            pairs = [
+                (math.sin(a), math.cos(a)) if math.isfinite(a) else (math.nan,) * 2 for a in angles.ravel().tolist()
+            ]
+            sine, cosine = np.array(pairs).T.astype(self.dtype).reshape(2, *angles.shape)
+            self._turns[key] = (sine, cosine)
+        return self._turns[key]
+
+    def _called(self, op: str, args: list[Any]) -> Array:
+        """An operation that NumPy has no ufunc of, or rounds in its own way: number by number."""
+        columns = np.broadcast_arrays(*args)
+        numbers = [_value(op, row) for row in zip(*(column.ravel().tolist() for column in columns), strict=True)]
+        return np.array(numbers).astype(self.dtype).reshape(columns[0].shape)
+
+
+def _value(op: str, numbers: tuple[float, ...]) -> float:
+    """Compute a value as C has it where Python raises."""
+    try:
+        return float(VALUES[op](*numbers))
+    except OverflowError:
+        return math.inf
+    except ValueError:
+        return math.nan
+
+
+def _arrays(program: Program, values: Sequence[Any], lanes: int, dtype: np.dtype[Any]) -> dict[str, Array]:
+    widths = [np.shape(values[index])[0] for index in program.outputs.values() if np.ndim(values[index])]
+    sizes: dict[str, int] = {}
+    for array, place in program.outputs:
+        sizes[array] = max(sizes.get(array, 0), place + 1)
+    found = {array: np.zeros((size, max(widths, default=lanes)), dtype) for array, size in sizes.items()}
+    for (array, place), index in program.outputs.items():
+        found[array][place] = values[index]
+    return found
+
+
+def polynomials(angles: Array) -> tuple[Array, Array]:
+    """Sines and cosines as ``turn`` of ``kernel/vectors.jinja`` computes them, without fused multiply-adds."""
+    turn, real = TURNS[str(angles.dtype)], angles.dtype.type
+
+    def number(text: str) -> Any:
+        bare = text.rstrip("f") if real is np.float32 else text
+        return real(float.fromhex(bare) if "0x" in bare else float(bare))
+
+    def polynomial(coefficients: Sequence[str]) -> Any:
+        total = number(coefficients[-1])
+        for text in reversed(coefficients[:-1]):
+            total = number(text) + z * total
+        return total
+
+    shifted = angles * number(turn.per_quarter) + number(turn.shift)
+    quarters = shifted - number(turn.shift)
+    r = angles
+    for part in turn.quarter:
+        r = r - quarters * number(part)
+    z = r * r
+    s, c = r + r * z * polynomial(turn.sine), real(1.0) - z * (real(0.5) - z * polynomial(turn.cosine))
+    quarter = shifted.view(np.int64 if real is np.float64 else np.int32)
+    odd = (quarter & 1) != 0
+    sine, cosine = np.where(odd, c, s), np.where(odd, s, c)
+    return np.where(quarter & 2, -sine, sine), np.where((quarter + 1) & 2, -cosine, cosine)

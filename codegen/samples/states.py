@@ -1,0 +1,107 @@
+"""States that samples are taken in: ordinary and small numbers, denormal ones, infinities, and what is no number.
+
+Coordinates are chosen so that the polynomials of the generated C round the sines and cosines of all angles correctly,
+as any good library does; then all that computes them has the same bits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..kernels.equations import Equations
+from ..kernels.signatures import RATES, SIGNATURES, shapes
+from ..program.ir import Instruction, Program
+from .arithmetic import Arithmetic, Array, polynomials
+from .stored import STATES
+
+Angle = tuple[Instruction, ...]
+
+_CANDIDATES = 128  # numbers that coordinates are chosen from
+_SMALL = 2.0**-12
+_TINY = {"float64": 2.0**-1040, "float32": 2.0**-140}  # denormal, and so are its products with ordinary numbers
+
+
+def sample_inputs(equations: Equations, arithmetic: Arithmetic) -> tuple[dict[str, Array], bool]:
+    """Arrays (size, states) that kernels read, by name; and whether all angles are ones with bits for sure."""
+    rng, dtype, size = np.random.default_rng(1), arithmetic.dtype, shapes(equations.model)
+    wanted = {array for name in (*equations.kernels, *equations.programs) for array in SIGNATURES[name].reads}
+    tiny = _TINY[str(dtype)]
+    q, exact = _coordinates(equations, arithmetic, rng)
+    found = {"q": q}
+    for name in sorted(wanted & {"v", "a", "u", "wrench", *RATES.values()}):
+        x = _numbers(rng, int(np.prod(size[name])), 1)[:, 0]
+        columns = (x, _numbers(rng, x.size, 1)[:, 0] * _SMALL, x * tiny, np.copysign(np.inf, x), x * np.nan)
+        found[name] = np.stack(columns, axis=1).astype(dtype)
+    return found, exact
+
+
+def sample_parameters(values: Array, dtype: np.dtype[np.floating]) -> Array:
+    """Parameters (size, states); those of the first state are the description's own."""
+    tiny = _TINY[str(dtype)]
+    columns = (values, values * _SMALL, np.sign(values) * tiny, values * np.inf, values * np.nan)
+    found: Array = np.stack(columns, axis=1).reshape(len(values), len(STATES)).astype(dtype)
+    return found
+
+
+def _numbers(rng: np.random.Generator, size: int, count: int) -> Array:
+    """Numbers (size, count) of both signs, between 1/4 and 1 in size."""
+    found: Array = rng.uniform(0.25, 1.0, (size, count)) * rng.choice((-1.0, 1.0), (size, count))
+    return found
+
+
+def _coordinates(equations: Equations, arithmetic: Arithmetic, rng: np.random.Generator) -> tuple[Array, bool]:
+    n, dtype, exact = equations.model.size, arithmetic.dtype, True
+    candidates = np.concatenate(
+        [
+            _numbers(rng, n, _CANDIDATES),
+            _numbers(rng, n, _CANDIDATES) * _SMALL,
+            _numbers(rng, n, 1) * _TINY[str(dtype)],
+        ],
+        axis=1,
+    ).astype(dtype)
+    good = np.ones(candidates.shape, np.bool_)
+    for angle in _angles(equations):
+        arrays = {i.leaf[0] for i in angle if i.op == "input"}
+        if arrays != {"q"}:
+            exact = False  # nobody knows which parameters there will be
+            continue
+        places = [i.leaf[1] for i in angle if i.op == "input"]
+        program = Program("angle", angle, {("out", 0): len(angle) - 1})
+        angles = arithmetic.run(program, {"q": candidates}, rounding=False)["out"][0]
+        library, own = arithmetic.turn(angles), polynomials(angles)
+        right = (library[0] == own[0]) & (library[1] == own[1])
+        for place in places:
+            good[place] &= right
+    q = np.zeros((n, len(STATES)), dtype)
+    for i in range(n):
+        for state, begin in enumerate((0, _CANDIDATES)):
+            found = np.flatnonzero(good[i, begin : begin + _CANDIDATES])
+            exact &= found.size > 0
+            q[i, state] = candidates[i, begin + (found[0] if found.size else 0)]
+        q[i, 2] = candidates[i, -1] if good[i, -1] else q[i, 0]
+        q[i, 3:] = q[i, 0], np.nan
+    return q, exact
+
+
+def _angles(equations: Equations) -> set[Angle]:
+    """Instructions of all angles whose sines are taken, one for each."""
+    return {
+        _cone(program.instructions, index)
+        for program in equations.programs.values()
+        for index in {i.args[0] for i in program.instructions if i.op in ("sin", "cos")}
+    }
+
+
+def _cone(instructions: Sequence[Instruction], top: int) -> Angle:
+    """Instructions that one value needs, in order."""
+    needed, waiting = {top}, [top]
+    while waiting:
+        for arg in instructions[waiting.pop()].args:
+            if arg not in needed:
+                needed.add(arg)
+                waiting.append(arg)
+    places = {index: place for place, index in enumerate(sorted(needed))}
+    found = (instructions[index] for index in places)
+    return tuple(Instruction(i.op, tuple(places[arg] for arg in i.args), i.leaf) for i in found)

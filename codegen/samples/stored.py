@@ -1,0 +1,37 @@
+"""Samples as bytes, to be kept beside a source; read without SymPy and without the equations."""
+
+from __future__ import annotations
+
+import io
+import zlib
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+STATES = ("ordinary", "small", "denormal", "infinite", "not a number")
+MEASURED = 3  # states of which is known what rounding does
+
+
+def pack_samples(arrays: Mapping[str, Any]) -> bytes:
+    """Arrays or numbers as bytes."""
+    stream = io.BytesIO()
+    filled: dict[str, Any] = {name: np.asarray(array) for name, array in arrays.items()}
+    np.savez(stream, **filled)
+    return zlib.compress(stream.getvalue(), 1)
+
+
+def read_samples(data: bytes) -> dict[str, NDArray[Any]]:
+    """Arrays by name; S is the number of STATES, with which axes begin where nothing else is said.
+
+    Returns:
+        "p", "q", "v" and so on (S, size): inputs.  "h": what functions are given, of the first parameters.  "setup":
+        what is computed from each of "p".  For every function by its name: its answer (S, size), of frames (S, numbers,
+        size) with the "frames" numbers; "NAME status" (S,), as C says it; "NAME near" (MEASURED, ...): by how much
+        rounding may change the answer; "NAME bits" (): whether there is no choice but in the order of operations.
+        "NAME places" (...,): where the numbers lie in an answer, of which only some are known.
+        "rollout" (methods, states, 2 n) is a step of "dt" from rest by each method, q and then v.
+    """
+    with np.load(io.BytesIO(zlib.decompress(data)), allow_pickle=False) as found:
+        return {name: found[name] for name in found.files}

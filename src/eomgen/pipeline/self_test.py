@@ -1,0 +1,205 @@
+"""A compiled kernel is asked what is known of it, before it enters the cache.
+
+Flags are only half of what decides how a compiler computes: its name may be that of a script, its specs may be changed.
+So every fresh binary answers the samples of its source: in ordinary states and small ones, of denormal numbers,
+infinities and what is no number.  It is loaded in a thread of its own, since a library that was linked with fast
+arithmetic turns denormal numbers off in the thread that loads it.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..codegen.samples.stored import MEASURED, STATES, read_samples
+from ..errors import BuildError
+from ..runtime.raw import RawFunction, RawKernel
+from . import cache as store
+from .load import fresh_module, keep_module
+
+Array = NDArray[Any]
+
+
+if TYPE_CHECKING:
+    from ..codegen.c.source import Source
+    from ..codegen.package.compile import Compiler
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A number that differs: of which function, in which state, where in its answer; and what it should be."""
+
+    function: str
+    state: str
+    place: int
+    found: float
+    expected: float
+
+    def __str__(self) -> str:
+        return f"{self.function} gives {self.found!r} for {self.expected!r} at {self.place} in a state: {self.state}"
+
+
+def check_package(
+    package: store.Entry, source: Source, samples: bytes, compiler: Compiler, flags: Sequence[str]
+) -> None:
+    """Let a compiled package answer the samples of its source; it stays loaded if it does.
+
+    Raises:
+        BuildError: it does not load, or an answer is wrong; the compiler's command is named.
+    """
+    from ..codegen.package.compile import fuses
+    from ..codegen.package.probe import refusal
+
+    meta, expected = json.loads(source.meta), read_samples(samples)
+    loaded: list[Any] = []
+
+    def load() -> Any:
+        loaded.append(fresh_module(package, source.name))
+        return loaded[0]
+
+    wrong = first_difference(load, meta, expected, bits=not fuses(flags))
+    if wrong is not None:
+        reason = f"the compiled kernels of {source.name} compute something else than their equations: {wrong}"
+        raise BuildError(refusal(reason, (*compiler.command, *flags, f"{source.name}.c")))
+    keep_module(package, source.name, loaded[0])
+
+
+def first_difference(
+    load: Callable[[], Any], meta: Mapping[str, Any], samples: Mapping[str, Array], bits: bool
+) -> Difference | None:
+    """The first answer of a compiled module that is wrong, or None.
+
+    Args:
+        load: gives the module, with ``ffi`` and ``lib``; called in a new thread.
+        meta: metadata of its package.
+        samples: what it must answer.
+        bits: whether the compiler may not fuse multiply-adds; then answers are equal to the bit.
+    """
+    from ..codegen.package.probe import in_new_thread
+
+    def work() -> Difference | None:
+        module = load()
+        with np.errstate(all="ignore"):
+            return next(_Examination(RawKernel(module.ffi, module.lib, meta), samples, bits).differences(), None)
+
+    return in_new_thread(work)
+
+
+class _Examination:
+    """Asks all functions of a kernel; one number of every answer that is wrong is told."""
+
+    def __init__(self, raw: RawKernel, samples: Mapping[str, Array], bits: bool) -> None:
+        self.raw, self.samples, self.bits = raw, samples, bits
+        self.h = self._pointer(samples["h"])
+        self.least = 65536.0 * float(np.finfo(raw.dtype).smallest_subnormal)  # what rounding is to denormal numbers
+
+    def differences(self) -> Iterator[Difference]:
+        """All answers that are wrong."""
+        yield from self._of_setup()
+        for function in self.raw.functions.values():
+            yield from self._of_single_states(function)
+            yield from self._of_batches(function)
+        if self.raw.rollout is not None:
+            yield from self._of_steps(self.raw.rollout)
+
+    def _of_setup(self) -> Iterator[Difference]:
+        for state, values in enumerate(self.samples["p"]):
+            computed = np.zeros(max(self.raw.hoisted, 1), self.raw.dtype)
+            self.raw.compute(_filled(values), computed)
+            yield from self._compared("setup", (state,), computed[: self.raw.hoisted])
+
+    def _of_single_states(self, function: RawFunction) -> Iterator[Difference]:
+        status = self.samples[f"{function.name} status"]
+        for state in range(len(STATES)):
+            arguments = [self._pointer(self.samples[name][state]) for name in function.reads]
+            for place, frame in self._frames(function):
+                out = self._room(function)
+                code = function.code(self.h, *arguments, *frame, self.raw.view(out))
+                if (code == 0) != (status[state] == 0) or (self._has_bits(function.name) and code != status[state]):
+                    yield Difference(f"the status of {function.name}", STATES[state], 0, code, int(status[state]))
+                elif code == 0:
+                    yield from self._compared(function.name, (state, *place), out)
+
+    def _of_batches(self, function: RawFunction) -> Iterator[Difference]:
+        """States that do not fail, in one call."""
+        states = np.flatnonzero(self.samples[f"{function.name} status"] == 0)
+        arguments: list[Any] = []
+        for name in function.reads:
+            given = self.samples[name][states]
+            arguments += [self._pointer(given), given.shape[1]]
+        for place, frame in self._frames(function):
+            out = self._room(function, states.size)
+            code = function.batch(states.size, self.h, *arguments, *frame, self.raw.view(out))
+            if code != -1:
+                yield Difference(f"the status of {function.name}_batch", STATES[0], 0, code, -1)
+            for state, row in zip(states, out.reshape(max(states.size, 1), -1), strict=False):
+                yield from self._compared(function.name, (int(state), *place), row, "_batch")
+
+    def _of_steps(self, rollout: RawFunction) -> Iterator[Difference]:
+        """One step of every state by every method, for one state and as a batch of one."""
+        n, dt = self.samples["q"].shape[1], float(self.samples["dt"])
+        for method, state in np.ndindex(self.samples[f"{rollout.name} status"].shape):
+            failing = self.samples[f"{rollout.name} status"][method, state] != 0
+            q, u = (_filled(self.samples[name][state]) for name in ("q", "u"))
+            drive = self.raw.drive(u=self.raw.view(u))
+            v = self._pointer(np.zeros(n))
+            for call, suffix in ((self._one, ""), (self._batch_of_one, "_batch")):
+                moved = np.zeros((2, 2 * n), self.raw.dtype)
+                code = call(rollout, (self.raw.view(q), v), n, drive, dt, int(method), moved)
+                if (code == -1) == failing:
+                    yield Difference(f"the status of {rollout.name}{suffix}", STATES[state], 0, code, -1)
+                elif not failing:
+                    yield from self._compared(rollout.name, (int(method), int(state)), moved[:, n:].ravel(), suffix)
+
+    def _one(self, rollout: RawFunction, start: Any, n: int, drive: Any, dt: float, method: int, moved: Array) -> int:
+        out = (self.raw.view(moved[0]), self.raw.view(moved[1]))
+        return int(rollout.code(self.h, *start, drive, dt, 1, 1, method, *out))
+
+    def _batch_of_one(
+        self, rollout: RawFunction, start: Any, n: int, drive: Any, dt: float, method: int, moved: Array
+    ) -> int:
+        out = (self.raw.view(moved[0]), self.raw.view(moved[1]))
+        return int(rollout.batch(1, self.h, start[0], n, start[1], n, drive, dt, 1, 1, method, *out))
+
+    def _frames(self, function: RawFunction) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
+        """Places of a function's answers behind that of the state, and what it is given beside arrays."""
+        if not function.is_framed:
+            return [((), ())]
+        return [((place,), (int(number),)) for place, number in enumerate(self.samples["frames"])]
+
+    def _room(self, function: RawFunction, states: int = 1) -> Array:
+        return np.zeros(max(states * math.prod(self.raw.shapes[function.writes]), 1), self.raw.dtype)
+
+    def _pointer(self, array: Array) -> Any:
+        return self.raw.view(_filled(array.astype(self.raw.dtype, copy=False)))
+
+    def _has_bits(self, name: str) -> bool:
+        return self.bits and bool(self.samples[f"{name} bits"])
+
+    def _compared(self, name: str, place: tuple[int, ...], found: Array, suffix: str = "") -> Iterator[Difference]:
+        """The first number of an answer that is wrong; ``place`` is where it lies among the samples."""
+        expected, state = self.samples[name][place], place[-1] if name == "rollout" else place[0]
+        found = found[self.samples.get(f"{name} places", slice(expected.size))]
+        right = (found == expected) & (np.signbit(found) == np.signbit(expected)) | (found != found) & (
+            expected != expected
+        )
+        if not self._has_bits(name):
+            if state < MEASURED:
+                near = self.samples[f"{name} near"][place] + self.least
+                right |= ~(np.abs(found - expected) > near)
+            else:
+                right |= np.isfinite(found) & np.isfinite(expected)
+        if not right.all():
+            at = int(np.argmin(right))
+            yield Difference(name + suffix, STATES[state], at, float(found[at]), float(expected[at]))
+
+
+def _filled(array: Array) -> Array:
+    """The numbers one behind the other; one where there is none, since a pointer has to point somewhere."""
+    return np.ascontiguousarray(array).ravel() if array.size else np.zeros(1, array.dtype)

@@ -1,0 +1,218 @@
+"""Every fresh binary answers samples before it enters the cache; one whose arithmetic is another's is refused."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import eomgen
+from eomgen.codegen.kernels.equations import Equations, derive_equations
+from eomgen.codegen.kernels.signatures import KERNELS
+from eomgen.codegen.package.compile import fuses, processor
+from eomgen.codegen.samples.answers import samples
+from eomgen.codegen.samples.arithmetic import Arithmetic, polynomials
+from eomgen.codegen.samples.composed import COMPOSED, FRAMED
+from eomgen.codegen.samples.stored import STATES, read_samples
+from eomgen.errors import BuildError
+from eomgen.pipeline.cache import clear
+from eomgen.pipeline.self_test import first_difference
+from eomgen.pipeline.stages import Options, generate
+from eomgen.robot.model import build_model
+from tests.support.builds import Build
+from tests.support.quick_builds import QUICK, Q, as_new_process, one_link, script, without_headers
+
+FUSED = Options(("forward_dynamics", "inverse_dynamics", "reactions", "residual_jacobian"), flags=("-O2",))
+FORWARD = Options(("forward_dynamics",), flags=("-O0",))
+CC = shutil.which("cc") or shutil.which("gcc") or "cc"
+
+
+needs_fma = pytest.mark.skipif("fma" not in processor().split(), reason="this processor has no fused multiply-add")
+
+
+def nothing_cached(cache: Path) -> bool:
+    return not list((cache / "packages").iterdir()) and not list(cache.glob("making-*"))
+
+
+def wrapper(folder: Path, text: str) -> str:
+    """A compiler that is a script: ``text`` sets the arguments or changes what is compiled."""
+    return script(folder / "cc-wrapper", f'{text}\nexec {CC} "$@"')
+
+
+@pytest.mark.parametrize(
+    ("added", "options"),
+    [
+        ("-ffast-math", FORWARD),
+        ("-funsafe-math-optimizations", QUICK),
+        ("-fsingle-precision-constant", QUICK),
+        ("-fsingle-precision-constant", Options(("mass_matrix",), native=True, flags=("-O0",))),
+        pytest.param("-ffp-contract=fast -mfma", FUSED, marks=needs_fma),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "native" if value.native else "portable",
+)
+def test_a_compiler_that_adds_flags_is_refused(
+    added: str, options: Options, empty_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    command = wrapper(tmp_path, f'set -- "$@" {added}')
+    monkeypatch.setenv("CC", command)
+    with pytest.raises(BuildError) as error:
+        one_link(options=options)
+    message = str(error.value)
+    assert message.startswith("the compiled kernels of one_link compute something else than their equations: ")
+    assert f"\n  {command} -O2 " in message
+    assert "one_link.c\nallowed: a compiler and flags that keep IEEE arithmetic" in message
+    assert nothing_cached(empty_cache)
+    assert 5e-324 * float(np.ones(1)[0]) != 0.0, "denormal numbers of this thread"
+    monkeypatch.delenv("CC")
+    assert one_link(options=options).n == 2
+
+
+CHANGES = {
+    "a constant": "s/0\\.3333333333333333\\b/0.3333333333333334/",
+    "a constant of vectors": "/EOMGEN_SINGLES_ONLY/,$ s/0\\.3333333333333333\\b/0.3333333333333334/",
+    "a sign": "s/out\\[1\\] = -0\\.5\\*/out[1] = 0.5*/",
+    "a parameter": "s/h\\[3\\] = p\\[3\\]/h[3] = p[2]/",
+    "a polynomial": "s/2\\.75573137/2.75574137/",
+}
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_a_compiler_that_changes_the_source_is_refused(
+    change: str, empty_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = f"""
+for word in "$@"; do case "$word" in */one_link.c) sed -i '{CHANGES[change]}' "$word";; esac; done"""
+    monkeypatch.setenv("CC", wrapper(tmp_path, text))
+    with pytest.raises(BuildError, match="compute something else than their equations"):
+        one_link()
+    assert nothing_cached(empty_cache)
+
+
+def test_native_builds_are_compared_within_rounding() -> None:
+    """Answers of fused multiply-adds may differ by their rounding and no more."""
+    kernel = eomgen.build("one_link", native=True, flags=("-O1",))
+    meta = json.loads(kernel.source("json"))
+    given = read_samples(samples(derived(), "float64"))
+    assert first_difference(lambda: kernel.raw, meta, given, bits=False) is None
+    for name in ("inverse_dynamics", "forward_dynamics_jacobian", "frame_jacobian", "rollout", "setup"):
+        wrong = {key: array.copy() for key, array in given.items()}
+        at = np.unravel_index(
+            np.argmax(np.abs(np.where(np.isfinite(wrong[name]), wrong[name], 0.0))), wrong[name].shape
+        )
+        first = (0, *at[1:]) if name != "rollout" else at
+        wrong[name][first] = wrong[name][first] * (1.0 + 1e-11) + 1e-300
+        found = first_difference(lambda: kernel.raw, meta, wrong, bits=False)
+        assert found is not None
+        assert found.function == name
+
+
+def derived(name: str = "one_link", *kernels: str) -> Equations:
+    return derive_equations(build_model(eomgen.load_robot(name)), kernels)
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("name", ["one_link", "four_bar"])
+def test_every_number_is_looked_at(name: str, dtype: str, built: Build) -> None:
+    """Each sample that is changed by a unit in the last place is found, of every function and state."""
+    kernel = built(eomgen.load_robot(name), dtype=dtype)
+    meta = json.loads(kernel.source("json"))
+    given = read_samples(samples(derived(name), dtype))
+    assert first_difference(lambda: kernel.raw, meta, given, bits=True) is None
+    functions = [*kernel.raw.functions, "rollout", "setup"]
+    assert {name for name in given if f"{name} near" in given} == set(functions)
+    rng = np.random.default_rng(0)
+    for function in functions:
+        places = np.argwhere(np.isfinite(given[function]) & (given[function] != 0.0))
+        for place in map(tuple, rng.permutation(places)[:3]):
+            state = place[1] if function == "rollout" else place[0]
+            if function != "rollout" and given[f"{function} status"][state] != 0:
+                continue
+            wrong = {**given, function: given[function].copy()}
+            wrong[function][place] = np.nextafter(given[function][place], wrong[function].dtype.type(np.inf))
+            found = first_difference(lambda: kernel.raw, meta, wrong, bits=True)
+            assert found is not None
+            assert (found.function, found.state) == (function, STATES[state])
+
+
+def test_a_status_is_looked_at(built: Build) -> None:
+    kernel = built(eomgen.load_robot("one_link"))
+    given = read_samples(samples(derived(), "float64"))
+    name = "forward_dynamics status"
+    assert given[name].tolist() == [0, 0, 0, 0, 1]
+    for state in range(len(STATES)):
+        wrong = {**given, name: given[name].copy()}
+        wrong[name][state] = 1 - given[name][state]
+        found = first_difference(lambda: kernel.raw, json.loads(kernel.source("json")), wrong, bits=True)
+        assert found is not None
+        assert found.function.startswith("the status of forward_dynamics")
+
+
+def test_without_headers_and_with_a_source_from_the_cache(
+    empty_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Samples lie beside the source, so nothing is derived again; generated packages have none of them."""
+    one_link()
+    as_new_process(monkeypatch)
+    without_headers(monkeypatch)
+    steps: list[str] = []
+    assert one_link(steps).n == 2
+    assert [step.split()[0] for step in steps] == ["compiling"]
+    monkeypatch.setenv("CC", wrapper(tmp_path, 'set -- "$@" -fsingle-precision-constant'))
+    with pytest.raises(BuildError, match="compute something else"):
+        one_link(steps)
+    monkeypatch.delenv("CC")
+    package = generate("one_link", tmp_path / "out", QUICK)
+    assert not [path for path in package.rglob("*") if "sample" in path.name]
+
+
+def test_a_binary_that_does_not_load_is_refused(
+    empty_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    broken = 'while [ "$1" != -o ]; do shift; done; echo broken > "$2"; exit 0'
+    monkeypatch.setenv("CC", wrapper(tmp_path, f'case "$*" in *-shared*) {broken};; esac'))
+    with pytest.raises(BuildError, match="does not load"):
+        one_link()
+    assert nothing_cached(empty_cache)
+
+
+def test_a_binary_is_examined_though_one_of_its_key_is_loaded(
+    empty_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A kernel that is loaded says nothing of what the same command compiles the next time."""
+    switch = tmp_path / "bad"
+    text = f'[ -e {switch} ] && set -- "$@" -fsingle-precision-constant'
+    monkeypatch.setenv("CC", wrapper(tmp_path, text))
+    kernel = one_link()
+    clear()
+    switch.touch()
+    with pytest.raises(BuildError, match="compute something else"):
+        one_link()
+    assert nothing_cached(empty_cache)
+    switch.unlink()
+    assert np.array_equal(one_link().mass_matrix(Q), kernel.mass_matrix(Q))
+
+
+def test_flags_that_fuse() -> None:
+    assert not fuses(("-O2", "-ffp-contract=off", "-O3"))
+    assert fuses(("-ffp-contract=off", "-ffp-contract=fast"))
+    assert fuses(("-ffp-contract=off", "-ffp-model=precise"))
+    assert fuses(("-O2",))
+
+
+def test_all_composed_kernels_have_answers() -> None:
+    """A kernel that is a template of its own needs a function in ``codegen/samples/composed.py``."""
+    composed = {name for name, signature in KERNELS.items() if signature.kind == "composed" or signature.columns_of}
+    assert composed == set(COMPOSED)
+    assert {name for signature in KERNELS.values() for name in signature.functions} == set(FRAMED)
+    assert [name for name, signature in KERNELS.items() if signature.kind == "rollout"] == ["rollout"]
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_angles_of_samples_round_correctly(dtype: str) -> None:
+    given = read_samples(samples(derived("one_link", "mass_matrix"), dtype))
+    assert given["mass_matrix bits"]
+    angles = given["q"][:4, 1]
+    assert np.array_equal(np.stack(polynomials(angles)), np.stack(Arithmetic(dtype).turn(angles)))
