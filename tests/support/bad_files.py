@@ -146,7 +146,7 @@ BAD_FILES = {
         "there is no <link>",
         "at least one link",
     ),
-    "200,000 declarations": bad("robot.urdf", "\n<?xml ?>" * 200_000, "line 200000", "no element found", "</robot>"),
+    "200,000 declarations": bad("robot.urdf", "\n<?xml ?>" * 200_000, "line 200001", "no element found", "</robot>"),
     "truncated TOML": bad(
         "robot.toml", ARM[: ARM.index("0.2 }") + 3], "line 10", "end of document", "}, the table's end"
     ),

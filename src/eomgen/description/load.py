@@ -7,7 +7,6 @@ TOML syntax and keys: docs and the built-in robots in ``robots/``.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +17,7 @@ from ..forms.toml_place import located
 from ..forms.toml_text import parse_toml, read_text
 from ..names import nearest, show, show_path
 from ..robot.geometry import ZERO
-from ..robot.inertia_policy import POLICIES, Judged, apply_inertia_policy
+from ..robot.inertia_policy import POLICIES, Judged, apply_inertia_policy, link_sizes
 from ..robot.parameter_names import expand_tunable
 from ..robot.rules import motor_conflict
 from ..robot.value import (
@@ -380,10 +379,7 @@ def _bodies(draft: Draft, joints: Sequence[Joint], policy: str | None) -> tuple[
     if policy not in (None, *POLICIES):
         draft.fail("inertia", f"got {show(policy)}; allowed: {', '.join(POLICIES)}")
     names = [joint.child for joint in joints]
-    sizes = {name: math.hypot(*draft.links[name].com) for name in names}
-    for joint in joints:
-        if joint.parent in sizes:
-            sizes[joint.parent] = max(sizes[joint.parent], math.hypot(*joint.placement.xyz))
+    sizes = link_sizes(draft.links, joints)
     judged = [
         Judged(draft.links[name], policy or ("warn" if name in draft.foreign else "error"), sizes[name])
         for name in names

@@ -80,9 +80,9 @@ class _Reader:
         root = self.root
         if root.tag != "robot":
             self.fail("", f"the root element is {show(root.tag)}; allowed: 'robot'")
-        macro = next((child for child in root if _is_macro(child, root)), None)
-        if macro is not None:
-            self.fail("robot", f"{show(macro.tag)} is a xacro macro; allowed: an URDF that xacro has expanded")
+        macro = _macro(root)
+        if macro:
+            self.fail("robot", f"{show(macro)} is a xacro macro; allowed: an URDF that xacro has expanded")
         links, joints = self._named(root, "link"), self._named(root, "joint")
         if not links:
             self.fail("robot", "there is no <link>; allowed: at least one link and one joint that moves")
@@ -291,11 +291,14 @@ class _Reader:
             notes.append(f"<dynamics friction> is read as {what}: {listed(self.rubbing)}")
 
 
-def _is_macro(element: Element, root: Element) -> bool:
-    """Whether the element is xacro's, by its prefix or by what that stands for."""
-    prefix, colon, _ = element.tag.partition(":")
-    declared = f"xmlns:{prefix}"
-    return "xacro" in element.tag or (bool(colon) and "xacro" in element.get(declared, root.get(declared, "")))
+def _macro(root: Element) -> str:
+    """The tag of the first element that is xacro's, by its prefix or by what that stands for; "" if there is none."""
+    declared = {name.removeprefix("xmlns:") for name, value in root.attrib.items() if "xacro" in value}
+    for child in root:
+        prefix, colon, _ = child.tag.partition(":")
+        if "xacro" in child.tag or (colon and (prefix in declared or "xacro" in child.get(f"xmlns:{prefix}", ""))):
+            return child.tag
+    return ""
 
 
 def _content(element: Element) -> tuple[object, ...]:

@@ -7,7 +7,7 @@ plain, is read with a note.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NoReturn
 from xml.etree.ElementTree import Element, TreeBuilder
@@ -25,7 +25,7 @@ _VISIBLE = re.compile(r"[^\r\n]")
 _COMMENT_OR_INSTRUCTION = re.compile(r"<!--.*?-->|<\?.*?\?>", re.DOTALL)
 _PREFIXED = re.compile(r"""[\s</][^\s<>/=:"']+:[^\s<>/=:"']""")  # perhaps a name with a prefix
 _XMLNS = "xmlns:"
-_NEED_NONE = ("xml", "xmlns")  # prefixes that need no declaration
+_NEED_NONE = frozenset(("xml", "xmlns"))  # prefixes that need no declaration
 
 _REMEDIES = {  # what the parser says, and what to write instead
     "mismatched tag": "the element that was opened last is closed first: <link> ... </link>",
@@ -173,18 +173,24 @@ def _undeclared_prefixes(xml: Xml) -> list[str]:
     if _PREFIXED.search(xml.text) is None:
         return []
     found: dict[str, Element] = {}
-    stack = [(xml.root, frozenset(_NEED_NONE))]
-    while stack:
-        element, known = stack.pop()
-        own = [name.removeprefix(_XMLNS) for name in element.attrib if name.startswith(_XMLNS)]
-        known = known.union(own) if own else known
-        for name in (element.tag, *element.attrib):
-            prefix, colon, _ = name.partition(":")
-            if colon and prefix not in known:
+    plain = _XMLNS not in xml.text  # the usual case, which takes a third of the time
+    for element, known in ((each, _NEED_NONE) for each in xml.root.iter()) if plain else _with_declared(xml.root):
+        for name in (element.tag, *element.attrib) if element.attrib else (element.tag,):
+            if ":" in name and (prefix := name.partition(":")[0]) not in known:
                 found.setdefault(prefix, element)
-        stack += [(child, known) for child in reversed(element)]
     if not found:
         return []
-    first = next(iter(found.values()))
-    where = spot(xml.source, xml.place(first))
+    where = spot(xml.source, xml.place(next(iter(found.values()))))
     return [f"{where}: prefixes without a declaration xmlns:PREFIX='...' are read as parts of names: {listed(found)}"]
+
+
+def _with_declared(root: Element) -> Iterator[tuple[Element, frozenset[str]]]:
+    """Each element, in the order of the start tags, with the prefixes that are declared where it stands."""
+    stack = [(root, _NEED_NONE)]
+    while stack:
+        element, known = stack.pop()
+        if element.attrib:
+            own = [name.removeprefix(_XMLNS) for name in element.attrib if name.startswith(_XMLNS)]
+            known = known.union(own) if own else known
+        yield element, known
+        stack += [(child, known) for child in reversed(element)]

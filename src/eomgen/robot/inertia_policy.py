@@ -7,14 +7,15 @@ positive moments and the triangle rule; a thin rod and a massless link are bodie
 
 from __future__ import annotations
 
+import math
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from ..errors import DescriptionError, EomgenWarning
 from ..names import listed
-from .value import Link
+from .value import Joint, Link
 
 if TYPE_CHECKING:
     import numpy as np
@@ -59,11 +60,8 @@ def apply_inertia_policy(
     import numpy as np
 
     links = [each.link for each in judged]
-    moments = second_moments(links)
-    lowest, highest = np.linalg.eigvalsh(moments)[:, (0, -1)].T
-    spread = np.array([each.link.mass * each.size**2 for each in judged])
-    scale = np.maximum(np.maximum(abs(lowest), abs(highest)), spread)
-    bad = [int(k) for k in np.flatnonzero(lowest < -ROUND_OFF * scale)]
+    lowest = lowest_moments(links, [each.size for each in judged])
+    bad = [int(k) for k in np.flatnonzero(lowest < 0.0)]
     refused = [k for k in bad if judged[k].policy == "error"]
     if refused:
         first, others = links[refused[0]], [links[k].name for k in refused[1:]]
@@ -74,7 +72,7 @@ def apply_inertia_policy(
     for k in bad:
         said[k] = f"{_diagnosis(links[k], lowest[k])}; taken as it is"
         if judged[k].policy == "project":
-            projected = replace(links[k], inertia=_nearest_body(moments[k]))
+            projected = replace(links[k], inertia=_nearest_body(second_moments([links[k]])[0]))
             said[k] = f"{_diagnosis(links[k], lowest[k])}; projected to {_shown(projected)}"
             links[k] = projected
     warned = set(said)
@@ -89,6 +87,31 @@ def apply_inertia_policy(
             about = note if spot or not source else f"{source}: {note}"
             warnings.warn(about, EomgenWarning, stacklevel=6)
     return tuple(links), tuple(notes)
+
+
+def link_sizes(links: Mapping[str, Link], joints: Sequence[Joint]) -> dict[str, float]:
+    """How large each link is, m, by name: how far from its origin its centre of mass and the joints on it are."""
+    sizes = {name: math.hypot(*link.com) for name, link in links.items()}
+    for joint in joints:
+        if joint.parent in sizes:
+            sizes[joint.parent] = max(sizes[joint.parent], math.hypot(*joint.placement.xyz))
+    return sizes
+
+
+def lowest_moments(links: Sequence[Link], sizes: Sequence[float]) -> NDArray[np.float64]:
+    """The lowest eigenvalue of each link's J_c, (links,), kg m^2; 0 where it is below zero by no more than round-off.
+
+    Args:
+        links: at least one.
+        sizes: how large each is, m, see ``Judged``.
+    """
+    import numpy as np
+
+    lowest, highest = np.linalg.eigvalsh(second_moments(links))[:, (0, -1)].T
+    spread = [link.mass * size**2 for link, size in zip(links, sizes, strict=True)]
+    scale = np.maximum(np.maximum(abs(lowest), abs(highest)), spread)
+    found: NDArray[np.float64] = np.where(lowest < -ROUND_OFF * scale, lowest, np.maximum(lowest, 0.0))
+    return found
 
 
 def second_moments(links: Sequence[Link]) -> NDArray[np.float64]:
