@@ -374,7 +374,7 @@ def _bodies(draft: Draft, joints: Sequence[Joint], policy: str | None) -> tuple[
     The ground is none of them: an inertia that is given for it has no effect.
 
     Args:
-        policy: None: "warn" for inertias of an URDF or MJCF, as all other readers take them, "error" for those of TOML.
+        policy: None: "warn" for inertias of an URDF or MJCF, as most readers take them, "error" for those of TOML.
     """
     if policy not in (None, *POLICIES):
         draft.fail("inertia", f"got {show(policy)}; allowed: {', '.join(POLICIES)}")

@@ -30,7 +30,7 @@ TYPES = {
     "floating": "free",
 }
 _MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-_FIRST_COUNTS = ("axis", "limit", "dynamics")  # of several that differ: so do urdfdom, Pinocchio and MuJoCo
+_FIRST_COUNTS = ("axis", "limit", "dynamics")  # where several differ: so they do in urdfdom, and so in Pinocchio
 
 
 def draft_from_urdf(text: str, source: str, *, damping: bool = False, friction: bool = False) -> Draft:

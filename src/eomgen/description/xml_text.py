@@ -152,7 +152,8 @@ def _without_late_declarations(text: str, source: str) -> tuple[str, list[str]]:
 
 def _late_declarations(text: str) -> list[tuple[int, int]]:
     """Begin and end of each <?xml ...?> in front of the first element, but for one at the very beginning."""
-    found, at = [], 0
+    found: list[tuple[int, int]] = []
+    at = 0
     while True:
         at = _skipped(_BLANKS, text, at)
         begin = at
