@@ -302,6 +302,6 @@ def _macro(root: Element) -> str:
 
 
 def _content(element: Element) -> tuple[object, ...]:
-    """What an element says: attributes with single blanks, and its elements."""
+    """The statement of an element: attributes with single blanks, and its elements."""
     attributes = {key: value.split() for key, value in element.attrib.items()}
     return element.tag, attributes, [(child.tag, dict(child.attrib)) for child in element.iter()][1:]

@@ -376,7 +376,7 @@ def tool_of(robot: Robot, tool: str | None, label: str = "tool") -> str:
 
 
 def open_tree(robot: Robot) -> str:
-    """What to say beside figures of a robot's tree: its loops, and that they are open there; "" where it has none."""
+    """Say, beside figures of a robot's tree, that its loops are open there; "" where it has none."""
     if not robot.loops:
         return ""
     return f"the loops are cut ({listed([loop.name for loop in robot.loops])}): all figures are those of the open tree"
