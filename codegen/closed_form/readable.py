@@ -16,7 +16,7 @@ from sympy.simplify.fu import TR10i
 from eomgen.errors import InputError
 from eomgen.names import parameter_path, split_component
 from eomgen.robot.coordinates import unit_of
-from eomgen.robot.model import Model, parameter_values
+from eomgen.robot.model import Model, open_tree, parameter_values
 from eomgen.robot.value import ANGULAR, MOTOR
 
 from .trace import ClosedForm, closed_form, refuse_springs
@@ -84,7 +84,9 @@ class ReadableClosedForm:
 
     def lines(self) -> list[str]:
         """Text: symbols, coefficients, equations."""
-        lines = [f"{self.model.name}: closed form of the equations of motion", "", "symbols"]
+        lines = [f"{self.model.name}: closed form of the equations of motion"]
+        lines += [note for note in [open_tree(self.model.robot)] if note]
+        lines += ["", "symbols"]
         for letter in self.letters:
             value = f"{letter.value!r} " if letter.value is not None else ""
             lines.append(f"  {letter.symbol} = {letter.meaning}: {value}{letter.unit}")
@@ -104,6 +106,7 @@ class ReadableClosedForm:
             return str(sp.latex(expression, symbol_names=names))
 
         text = [f"% {self.model.name}: closed form of the equations of motion, eqs. (10)-(12)"]
+        text += [f"% {note}" for note in [open_tree(self.model.robot)] if note]
         for letter in self.letters:
             value = f"{letter.value!r} " if letter.value is not None else ""
             text.append(f"% ${letter.latex}$ = {letter.meaning}: {value}{letter.unit}")

@@ -145,3 +145,10 @@ def test_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert set(plain["robots"][0]["drives"]) == {f"joint{i}.gamma" for i in range(1, 7)}
     assert cli.main(["compare", "ur5", "puma560", "--line", "9", "0", "0", "0", "0", "0"]) == 1
     assert "does not reach" in capsys.readouterr().err
+
+
+def test_loops_are_refused_in_words(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(InputError, match=r"four_bar has closed loops \('joint4'\).*allowed: robots without loops"):
+        compare(["one_link", "four_bar"])
+    assert cli.main(["compare", "four_bar", "one_link"]) != 0
+    assert "closed loops" in capsys.readouterr().err

@@ -173,10 +173,18 @@ def test_bench_prints_a_table_and_json(tiny: Robot) -> None:
         assert word in text
     assert "mass_matrix called from Python with one state: " in text
     values = json.loads(json.dumps(result.as_dict()))
+    assert (values["note"], "open tree" in text) == ("", False)
     assert len(values["call"]) == 2
     assert min(values["call"]) > 0.0
     assert [row["kernel"]["name"] for row in values["rows"]] == ["mass_matrix", "energy"]
     assert values["rows"][0]["kernel"]["operations"]["mul"] >= 0
+
+
+def test_figures_of_loops_are_the_open_trees() -> None:
+    result = bench("four_bar", repeat=1, kernels=("mass_matrix",))
+    (note,) = [line for line in result.lines() if "open tree" in line]
+    assert "'joint4'" in note
+    assert result.as_dict()["note"] == note
 
 
 def test_what_differs_is_refused(tiny: Robot, built: Build) -> None:

@@ -188,7 +188,7 @@ REFUSED = [  # what is replaced, by what, and what the message says
 def test_refusals_name_the_place(old: str, new: str, place: str, reason: str) -> None:
     assert MJCF.count(old) >= 1
     with pytest.raises(DescriptionError) as caught:
-        robot_from_mjcf(MJCF.replace(old, new, 1), source="m.xml")
+        robot_from_mjcf(MJCF.replace(old, new, 1), source="m.xml", inertia="error")
     check_message(caught.value)
     where, _, line = place.rstrip(")").rpartition("line ")
     assert re.match(rf"m\.xml:{line or '[0-9]+'}:[0-9]+: {re.escape(where.removesuffix(' ('))}", str(caught.value))

@@ -186,3 +186,11 @@ def test_what_is_in_the_file(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert mujoco.MjModel.from_xml_path(str(tmp_path / "worn_arm.xml")).site(frame.name).pos == pytest.approx(
         frame.placement.xyz
     )
+
+
+def test_a_moment_below_zero_by_round_off_is_written() -> None:
+    """As iCub has it: 1 kg, 0.1 m away from the joint, with a product of inertia of 2e-13 kg m^2 and no moment."""
+    robot = eomgen.load_robot("one_link")
+    links = (replace(robot.links[0], com=(0.1, 0.0, 0.0), inertia=(0.0, 0.0, 0.0, 0.0, 2e-13, 0.0)), *robot.links[1:])
+    model = mujoco.MjModel.from_xml_string(mjcf(replace(robot, links=links), 1e-3))
+    assert np.allclose(model.body_inertia[1], 0.0, atol=1e-12)

@@ -128,10 +128,25 @@ BAD_FILES = {
     "namespace bomb": bad(
         "robot.urdf",
         f'<robot name="r"\n xmlns:a="{"u" * 100_000}">' + "".join(f"<a:b{k}/>" for k in range(50_000)) + "</robot>",
-        "line 2",
-        "a namespace (xmlns) has more than 256 characters",
-        "shorter, or none",
+        "line 1",
+        "there is no <link>",
+        "at least one link",
     ),
+    "prefixes bomb": bad(
+        "robot.urdf",
+        '<robot name="r">' + "".join(f"<a{k}:b{k} c:d=''>" for k in range(80_000)) + "</robot>",
+        "line 1",
+        "mismatched tag",
+        "closed first",
+    ),
+    "300,000 prefixes": bad(
+        "robot.urdf",
+        '<robot name="r">' + "".join(f"<a{k}:b/>" for k in range(300_000)) + "</robot>",
+        "line 1",
+        "there is no <link>",
+        "at least one link",
+    ),
+    "200,000 declarations": bad("robot.urdf", "\n<?xml ?>" * 200_000, "line 200001", "no element found", "</robot>"),
     "truncated TOML": bad(
         "robot.toml", ARM[: ARM.index("0.2 }") + 3], "line 10", "end of document", "}, the table's end"
     ),

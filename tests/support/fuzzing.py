@@ -31,7 +31,9 @@ SECONDS, MEGABYTES = 2.0, 512  # of one description
 LENGTH = 900
 KINDS = {
     "toml": lambda text, folder: robot_from_toml(text, source="r.toml", folder=folder),
-    "urdf": lambda text, folder: robot_from_urdf(text, source="r.urdf", inertia="project", urdf_damping=True),
+    "urdf": lambda text, folder: robot_from_urdf(
+        text, source="r.urdf", inertia="project", urdf_damping=True, urdf_friction=True
+    ),
     "mjcf": lambda text, folder: robot_from_mjcf(text, source="r.mjcf", inertia="project"),
     "scenario": lambda text, folder: scenario_from_toml(text, source="s.toml", folder=folder),
     "plan": lambda text, folder: plan_from_toml(text, source="p.toml"),

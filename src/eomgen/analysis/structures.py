@@ -18,7 +18,7 @@ from ..description import RobotLike, as_robot
 from ..errors import InputError
 from ..motion.ends import default_motion, principal_limits
 from ..motion.tool_path import ToolLine
-from ..names import joint_of, kind_of
+from ..names import joint_of, kind_of, listed
 from ..pipeline.stages import build
 from ..progress import Progress
 from ..robot.coordinates import force_unit_of, index_of, unit_of
@@ -123,8 +123,8 @@ def compare(
         progress: called with a fraction from 0 to 1 and a line of text.
 
     Raises:
-        InputError: fewer than two robots, names that are equal, principal coordinates that do not match, a line that a
-            tool cannot follow.
+        InputError: fewer than two robots, names that are equal, a robot with loops, principal coordinates that do not
+            match, a line that a tool cannot follow.
         IntegrationError: a motion could not be integrated.
     """
     arms = [as_robot(robot) for robot in ([robots] if isinstance(robots, (Robot, str, Path)) else robots)]
@@ -133,6 +133,13 @@ def compare(
         raise InputError(f"robots: {len(arms)} given; allowed: two or more")
     if len(set(names)) < len(names):
         raise InputError(f"robots: {', '.join(names)}; allowed: robots with different names")
+    for robot in arms:
+        if robot.loops:
+            cut = listed([loop.name for loop in robot.loops])
+            raise InputError(
+                f"{robot.name} has closed loops ({cut}), and its drives and reactions would be those of the open tree;"
+                " allowed: robots without loops"
+            )
     if line is not None and goal is not None:
         raise InputError("goal and line are both given; allowed: one of them")
     motion = None if line is not None else _common_motion(arms, duration, goal)

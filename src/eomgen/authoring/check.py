@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,7 +37,12 @@ class Checked:
         if self.errors:
             return [str(error) for error in self.errors]
         counts = ", ".join(f"{value:g} {name}" for name, value in self.summary.items())
-        return [f"{self.file}: ok: {counts}", *(f"{self.file}: note: {note}" for note in self.notes)]
+        return [f"{self.file}: ok: {counts}", *(self._note(note) for note in self.notes)]
+
+    def _note(self, note: str) -> str:
+        """A note behind its place, which is the file where the note has none."""
+        placed = re.match(rf"({re.escape(self.file)}(?::[0-9]+)+): ", note)
+        return f"{self.file}: note: {note}" if placed is None else f"{placed[1]}: note: {note[placed.end() :]}"
 
     def as_dict(self) -> dict[str, Any]:
         """Values that JSON holds."""
@@ -44,8 +50,14 @@ class Checked:
         return {**about, "errors": [_facts(error) for error in self.errors], "notes": list(self.notes)}
 
 
-def check_file(path: str | Path) -> Checked:
-    """Read a description (.toml, .urdf, .xml), a scenario or a plan; which of them a .toml file is, its keys say."""
+def check_file(path: str | Path, *, inertia: str | None = None) -> Checked:
+    """Read a description (.toml, .urdf, .xml), a scenario or a plan; which of them a .toml file is, its keys say.
+
+    Args:
+        path: of the file.
+        inertia: what to do with an inertia that no body can have, as in ``load_robot``: a link that this lets through
+            is a note, one that it refuses an error.
+    """
     name = str(path)
     kind = "robot"
     try:
@@ -62,7 +74,7 @@ def check_file(path: str | Path) -> Checked:
             if found:
                 found.sort(key=lambda error: (error.line or 0, error.column or 0))
                 return Checked(name, kind, {}, tuple(found))
-        return _read(Path(path), name, kind)
+        return _read(Path(path), name, kind, inertia)
     except InputError as error:
         return Checked(name, kind, {}, (error,))
 
@@ -72,7 +84,7 @@ def kind_of(values: Mapping[str, object]) -> str:
     return max(FORMATS, key=lambda kind: len(FORMATS[kind][0].keys.keys() & values.keys()))
 
 
-def _read(path: Path, name: str, kind: str) -> Checked:
+def _read(path: Path, name: str, kind: str, inertia: str | None) -> Checked:
     if kind == "scenario":
         scenario = load_scenario(path)
         counts = {"s": scenario.duration, "wrenches": len(scenario.wrenches), "payloads": len(scenario.payloads)}
@@ -80,7 +92,7 @@ def _read(path: Path, name: str, kind: str) -> Checked:
     if kind == "plan":
         plan = load_plan(path)
         return Checked(name, kind, {"samples": plan.samples, "numbers varied": len(plan.vary)})
-    robot = load_robot(path)
+    robot = load_robot(path, inertia=inertia)
     coordinates = sum(len(joint.all_coordinates) for joint in robot.joints)
     return Checked(name, kind, {"links": len(robot.links), "coordinates": coordinates}, (), robot.notes)
 

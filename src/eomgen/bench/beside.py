@@ -26,7 +26,7 @@ from ..description import RobotLike, as_robot
 from ..errors import InputError, InternalError
 from ..pipeline.stages import Options, build
 from ..progress import StageReport, no_report
-from ..robot.model import build_model
+from ..robot.model import build_model, open_tree
 from ..robot.value import PRINCIPAL, Robot
 from ..runtime.kernel import Kernel
 from ..runtime.raw import RawFunction
@@ -71,7 +71,8 @@ class BenchResult:
     """Measurements of ``bench``: one row per kernel, and what has to be said beside a time.
 
     ``error`` is the greatest relative difference (max-norm) between a kernel and its counterpart.  ``call`` is the
-    median time of one call of the kernel ``called`` from Python (ns), with ``Kernel.checks`` and without.
+    median time of one call of the kernel ``called`` from Python (ns), with ``Kernel.checks`` and without.  ``note``
+    says of a robot with loops that all of this is about its tree.
     """
 
     robot: str
@@ -85,6 +86,7 @@ class BenchResult:
     rows: tuple[Row, ...] = field(default_factory=tuple)
     called: str = ""
     call: tuple[float, float] = (0.0, 0.0)
+    note: str = ""
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values for JSON; times in ns per call."""
@@ -97,6 +99,7 @@ class BenchResult:
             f" {self.states} states",
             f"{self.processor}; {self.compiler}; {' '.join(self.flags)}",
             f"kernel and textbook agree to {self.error:.1e} (relative)",
+            *([self.note] if self.note else []),
             "",
             f"{'':26}{'mul':>8}{'add':>8}{'div':>6}{'sincos':>8}{'median':>11}{'least':>11}{'ratio':>8}",
         ]
@@ -177,6 +180,7 @@ def bench(
         rows=tuple(rows),
         called=called,
         call=call,
+        note=open_tree(robot),
     )
 
 

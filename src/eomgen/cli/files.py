@@ -7,7 +7,7 @@ import warnings
 from pathlib import Path
 
 from ..errors import EomgenWarning, InputError
-from .shared import Command, add_json, show_json
+from .shared import Command, add_inertia, add_json, show_json
 
 
 def _add_new(parser: argparse.ArgumentParser) -> None:
@@ -24,6 +24,7 @@ def _new(options: argparse.Namespace) -> None:
 
 def _add_check(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("files", metavar="FILE", nargs="+", help="path of a .toml, .urdf or .xml (MJCF) file")
+    add_inertia(parser)
     add_json(parser)
 
 
@@ -32,7 +33,7 @@ def _check(options: argparse.Namespace) -> None:
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", EomgenWarning)  # the notes say the same
-        checked = [check_file(name) for name in options.files]
+        checked = [check_file(name, inertia=options.inertia) for name in options.files]
     if options.json:
         show_json([file.as_dict() for file in checked])
     else:

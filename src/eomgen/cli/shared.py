@@ -19,6 +19,10 @@ if TYPE_CHECKING:
     from ..robot.value import Robot
 
 TRAJECTORY = "trajectory.npz"
+_INERTIA = (
+    "an inertia that no body can have: refuse it, take it as it is, or take the nearest one (error for those of TOML,"
+    " warn for those of an URDF or MJCF)"
+)
 
 
 @dataclass(frozen=True)
@@ -64,10 +68,11 @@ class OldName(argparse.Action):
 def add_robot(parser: argparse.ArgumentParser) -> None:
     """A ROBOT and the options of reading it."""
     parser.add_argument("robot", metavar="ROBOT", help="built-in name, or path of a .toml, .urdf or .xml (MJCF) file")
-    _add_reading(
+    add_inertia(parser)
+    _add_urdf(
         parser,
-        "an inertia that no body can have: refuse it, take it as it is, or take the nearest one (error)",
         "read <dynamics damping=...> of an URDF",
+        "read <dynamics friction=...> of an URDF, as Coulomb friction",
     )
 
 
@@ -78,13 +83,20 @@ def add_result(parser: argparse.ArgumentParser) -> None:
 
 def add_robot_of_result(parser: argparse.ArgumentParser, default: str) -> None:
     """The option --robot of a command about a result; ``default`` says which it is where the option is not given."""
+    as_elsewhere = "as in the other commands"
     parser.add_argument("--robot", help=f"the robot that was simulated ({default})")
-    _add_reading(parser, "as in the other commands (error)", "as in the other commands")
+    add_inertia(parser, as_elsewhere)
+    _add_urdf(parser, as_elsewhere, as_elsewhere)
 
 
-def _add_reading(parser: argparse.ArgumentParser, inertia: str, damping: str) -> None:
-    parser.add_argument("--inertia", choices=("error", "warn", "project"), help=inertia)
+def add_inertia(parser: argparse.ArgumentParser, about: str = _INERTIA) -> None:
+    """The option --inertia of all commands that read robots."""
+    parser.add_argument("--inertia", choices=("error", "warn", "project"), help=about)
+
+
+def _add_urdf(parser: argparse.ArgumentParser, damping: str, friction: str) -> None:
     parser.add_argument("--urdf-damping", action="store_true", help=damping)
+    parser.add_argument("--urdf-friction", action="store_true", help=friction)
 
 
 def read_robot(options: argparse.Namespace) -> Robot:
@@ -95,7 +107,12 @@ def read_robot(options: argparse.Namespace) -> Robot:
     """
     from ..description.load import load_robot
 
-    robot = load_robot(options.robot, inertia=options.inertia, urdf_damping=options.urdf_damping)
+    robot = load_robot(
+        options.robot,
+        inertia=options.inertia,
+        urdf_damping=options.urdf_damping,
+        urdf_friction=options.urdf_friction,
+    )
     for note in robot.notes:
         print(f"note: {note}", file=sys.stderr)
     return robot

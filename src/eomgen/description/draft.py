@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import NoReturn
 
@@ -11,7 +11,15 @@ from ..names import listed, nearest, show
 from ..robot.geometry import Vector
 from ..robot.value import BASE, Frame, Joint, Link, Loop, Spring
 
+Place = tuple[int, int]  # line and column, from 1
 GRAVITY: Vector = (0.0, 0.0, -9.81)
+
+
+def spot(source: str, place: Place | None) -> str:
+    """``source:line:column`` in ASCII, as errors have it; as much of it as is known."""
+    error = DescriptionError("", source=source if source.isascii() and source.isprintable() else ascii(source))
+    error.line, error.column = place or (None, None)
+    return error.place
 
 
 @dataclass
@@ -19,7 +27,8 @@ class Draft:
     """A robot while it is being read: its parts by name, in the order of the description.
 
     links holds the root link of an URDF as well; joints has the order in which a parent's children follow each other;
-    inherited names the links and joints that an URDF brought in; place_of gives line and column of a place in an URDF.
+    inherited names the links and joints that an URDF brought in; foreign the links whose inertia is that of an URDF or
+    MJCF, which stands in the file xml_source, and places gives line and column of links.NAME and the like in it.
     """
 
     source: str
@@ -33,11 +42,21 @@ class Draft:
     springs: dict[str, Spring] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     inherited: tuple[str, ...] = ()
-    place_of: Callable[[str], tuple[int, int] | None] = lambda _: None
+    foreign: set[str] = field(default_factory=set)
+    xml_source: str = ""
+    places: Callable[[Sequence[str]], list[Place | None]] = lambda wheres: [None for _ in wheres]
 
     def fail(self, where: str, message: str) -> NoReturn:
         """Raise the DescriptionError of this description."""
         raise DescriptionError(message, where=where, source=self.source)
+
+    def spots(self, names: Sequence[str]) -> list[str]:
+        """``file:line:column`` of each link whose inertia is that of an URDF or MJCF, "" of the others."""
+        found = self.places([f"links.{name}" for name in names])
+        return [
+            spot(self.xml_source, place) if name in self.foreign else ""
+            for name, place in zip(names, found, strict=True)
+        ]
 
     def check_link(self, name: str, where: str) -> None:
         """DescriptionError unless ``name`` is the base or a link."""

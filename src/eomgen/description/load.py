@@ -7,7 +7,7 @@ TOML syntax and keys: docs and the built-in robots in ``robots/``.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from ..forms.toml_place import located
 from ..forms.toml_text import parse_toml, read_text
 from ..names import nearest, show, show_path
 from ..robot.geometry import ZERO
-from ..robot.inertia_policy import apply_inertia_policy
+from ..robot.inertia_policy import POLICIES, Judged, apply_inertia_policy, link_sizes
 from ..robot.parameter_names import expand_tunable
 from ..robot.rules import motor_conflict
 from ..robot.value import (
@@ -52,15 +52,19 @@ def builtin_robots() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in _BUILTIN.glob("*.toml")))
 
 
-def load_robot(source: str | Path, *, inertia: str | None = None, urdf_damping: bool = False) -> Robot:
+def load_robot(
+    source: str | Path, *, inertia: str | None = None, urdf_damping: bool = False, urdf_friction: bool = False
+) -> Robot:
     """Read a robot.
 
     Args:
         source: name of a built-in robot, or path of a ``.toml``, ``.urdf`` or ``.xml`` file (``.xml``: MJCF, or URDF,
             whatever its root element says).
         inertia: what to do with a link whose inertia no body can have: "error", "warn" (take it as it is) or "project"
-            (take the nearest possible body).  None: what the description says, or "error".
+            (take the nearest possible body).  None: what the description says, or "error" for an inertia that is given
+            in TOML and "warn" for one of an URDF or MJCF.
         urdf_damping: read ``<dynamics damping>`` of an URDF; otherwise a note says that it is left out.
+        urdf_friction: the same for ``<dynamics friction>``, as Coulomb friction.
 
     Returns:
         The robot in SI units; ``notes`` says what was changed or left out.
@@ -84,8 +88,17 @@ def load_robot(source: str | Path, *, inertia: str | None = None, urdf_damping: 
         if path.suffix == ".mjcf" or root_tag(text) != "robot":
             return robot_from_mjcf(text, source=str(path), inertia=inertia)
     if path.suffix != ".toml":
-        return robot_from_urdf(text, source=str(path), inertia=inertia, urdf_damping=urdf_damping)
-    return robot_from_toml(text, source=str(path), folder=path.parent, inertia=inertia, urdf_damping=urdf_damping)
+        return robot_from_urdf(
+            text, source=str(path), inertia=inertia, urdf_damping=urdf_damping, urdf_friction=urdf_friction
+        )
+    return robot_from_toml(
+        text,
+        source=str(path),
+        folder=path.parent,
+        inertia=inertia,
+        urdf_damping=urdf_damping,
+        urdf_friction=urdf_friction,
+    )
 
 
 def as_robot(given: RobotLike) -> Robot:
@@ -105,11 +118,18 @@ def as_robot(given: RobotLike) -> Robot:
     return load_robot(given)
 
 
-def robot_from_urdf(text: str, *, source: str = "", inertia: str | None = None, urdf_damping: bool = False) -> Robot:
+def robot_from_urdf(
+    text: str,
+    *,
+    source: str = "",
+    inertia: str | None = None,
+    urdf_damping: bool = False,
+    urdf_friction: bool = False,
+) -> Robot:
     """The robot that an URDF text describes; arguments and errors as load_robot."""
     from .urdf import draft_from_urdf  # only who has an URDF pays for the XML parser
 
-    return _finish_xml(draft_from_urdf(text, source, damping=urdf_damping), inertia)
+    return _finish_xml(draft_from_urdf(text, source, damping=urdf_damping, friction=urdf_friction), inertia)
 
 
 def robot_from_mjcf(text: str, *, source: str = "", inertia: str | None = None) -> Robot:
@@ -121,9 +141,9 @@ def robot_from_mjcf(text: str, *, source: str = "", inertia: str | None = None) 
 
 def _finish_xml(draft: Draft, inertia: str | None) -> Robot:
     try:
-        return _finish(draft, inertia or "error", [])
+        return _finish(draft, inertia, [])
     except DescriptionError as error:
-        error.line, error.column = draft.place_of(error.where) or (None, None)
+        error.line, error.column = draft.places([error.where])[0] or (None, None)
         raise
 
 
@@ -134,18 +154,17 @@ def robot_from_toml(
     folder: Path | None = None,
     inertia: str | None = None,
     urdf_damping: bool = False,
+    urdf_friction: bool = False,
 ) -> Robot:
     """The robot that a TOML text describes; ``folder`` is where its ``urdf`` is looked for, the rest as load_robot."""
     values = parse_toml(text, source)
     with located(text, values, source):
-        return _robot_from_values(values, source, folder, inertia, urdf_damping)
+        top = ROBOT.read(values, "", source, ())
+        draft = _start(top, source, folder, urdf_damping, urdf_friction)
+        return _robot_from_table(top, draft, folder, inertia)
 
 
-def _robot_from_values(
-    values: dict[str, object], source: str, folder: Path | None, inertia: str | None, urdf_damping: bool
-) -> Robot:
-    top = ROBOT.read(values, "", source, ())
-    draft = _start(top, source, folder, urdf_damping)
+def _robot_from_table(top: Table, draft: Draft, folder: Path | None, inertia: str | None) -> Robot:
     draft.gravity = top.vector("gravity") or draft.gravity
     for name, entry in top.entries("links"):
         draft.links[name] = _link(name, entry, draft)
@@ -158,11 +177,10 @@ def _robot_from_values(
     for name, entry in top.entries("springs"):
         draft.springs[name] = read_spring(name, entry, _beside(entry, folder))
     _settle_base(draft)
-    policy = top.choice("inertia") or "error"
-    return _finish(draft, inertia or policy, top.strings("tunable"))
+    return _finish(draft, inertia or top.choice("inertia"), top.strings("tunable"))
 
 
-def _start(top: Table, source: str, folder: Path | None, urdf_damping: bool) -> Draft:
+def _start(top: Table, source: str, folder: Path | None, damping: bool, friction: bool) -> Draft:
     """The draft to fill: that of the URDF, or an empty one; with its name."""
     draft = Draft(source)
     urdf = top.text("urdf")
@@ -172,7 +190,7 @@ def _start(top: Table, source: str, folder: Path | None, urdf_damping: bool) -> 
         from .urdf import draft_from_urdf
 
         path = folder / urdf
-        draft = draft_from_urdf(read_text(path, str(path)), str(path), damping=urdf_damping)
+        draft = draft_from_urdf(read_text(path, str(path)), str(path), damping=damping, friction=friction)
         draft.source = source
         draft.inherited = (*draft.links, *draft.joints)
     else:
@@ -199,6 +217,7 @@ def _link(name: str, entry: Table, draft: Draft) -> Link:
     if table is not None:
         xx, yy, zz, xy, xz, yz = (table.number(key) or 0.0 for key in INERTIA_KEYS)
         inertia = xx, yy, zz, xy, xz, yz
+        draft.foreign.discard(name)
     start = old or Link(name, 0.0, ZERO, (0.0,) * 6)
     return Link(
         name,
@@ -324,7 +343,7 @@ def _settle_base(draft: Draft) -> None:
             draft.springs[name] = replace(spring, links=(first, second))
 
 
-def _finish(draft: Draft, policy: str, tunable: list[str]) -> Robot:
+def _finish(draft: Draft, policy: str | None, tunable: list[str]) -> Robot:
     """Draft -> Robot: the checks that need the whole description."""
     joints = ordered_joints(draft)
     for frame in draft.frames.values():
@@ -333,12 +352,11 @@ def _finish(draft: Draft, policy: str, tunable: list[str]) -> Robot:
     check_springs(draft)
     if not any(joint.coordinates for joint in joints):
         draft.fail("joints", "no joint has a coordinate, so nothing moves; allowed: at least one joint that moves")
-    links, notes = apply_inertia_policy(list(draft.links.values()), policy, base=draft.base, source=draft.source)
-    bodies = {link.name: link for link in links}
+    links, notes = _bodies(draft, joints, policy)
     robot = Robot(
         name=draft.name,
         gravity=draft.gravity,
-        links=tuple(bodies[joint.child] for joint in joints),
+        links=links,
         joints=tuple(joints),
         frames=tuple(draft.frames.values()),
         base=draft.base,
@@ -348,3 +366,22 @@ def _finish(draft: Draft, policy: str, tunable: list[str]) -> Robot:
         springs=tuple(draft.springs.values()),
     )
     return Robot(**{**vars(robot), "tunable": expand_tunable(robot, tunable)})
+
+
+def _bodies(draft: Draft, joints: Sequence[Joint], policy: str | None) -> tuple[tuple[Link, ...], tuple[str, ...]]:
+    """The links that joints carry, in the joints' order, and notes on their inertias.
+
+    The ground is none of them: an inertia that is given for it has no effect.
+
+    Args:
+        policy: None: "warn" for inertias of an URDF or MJCF, as most readers take them, "error" for those of TOML.
+    """
+    if policy not in (None, *POLICIES):
+        draft.fail("inertia", f"got {show(policy)}; allowed: {', '.join(POLICIES)}")
+    names = [joint.child for joint in joints]
+    sizes = link_sizes(draft.links, joints)
+    judged = [
+        Judged(draft.links[name], policy or ("warn" if name in draft.foreign else "error"), sizes[name])
+        for name in names
+    ]
+    return apply_inertia_policy(judged, source=draft.source, spots=draft.spots)

@@ -14,9 +14,10 @@ from ..limits import LARGEST, MOST_ENTRIES
 from ..names import is_robot_name, listed, nearest, show, to_robot_name, unique_identifiers
 from ..robot.geometry import IDENTITY, ZERO, Matrix, Vector, axis_turn, turn_inertia
 from ..robot.geometry import rotation_from_rpy as rpy_matrix
-from ..robot.value import COORDINATES, PRINCIPAL, Coordinate, Joint, Link, Placement
-from .draft import Draft
-from .xml_text import NUMBER, parse_xml, place_of
+from ..robot.laws import SMOOTHING
+from ..robot.value import COORDINATES, PRINCIPAL, Coordinate, Friction, Joint, Link, Placement
+from .draft import Draft, spot
+from .xml_text import NUMBER, Xml, parse_xml
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
@@ -29,38 +30,41 @@ TYPES = {
     "floating": "free",
 }
 _MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+_FIRST_COUNTS = ("axis", "limit", "dynamics")  # where several differ: so they do in urdfdom, and so in Pinocchio
 
 
-def draft_from_urdf(text: str, source: str, *, damping: bool = False) -> Draft:
+def draft_from_urdf(text: str, source: str, *, damping: bool = False, friction: bool = False) -> Draft:
     """Read an URDF.
 
     Args:
         text: the XML.
         source: the file's name, for messages.
         damping: put <dynamics damping> into the principal coordinates; otherwise a note says that it is left out.
+        friction: the same for <dynamics friction>, as Coulomb friction.
 
     Raises:
         DescriptionError: anything that is not a robot, with the element and the name it belongs to.
     """
-    root = parse_xml(text, source)
-    reader = _Reader(source, damping, root)
+    xml = parse_xml(text, source)
+    reader = _Reader(xml, damping, friction)
     try:
-        draft = reader.read()
+        return reader.read()
     except DescriptionError as error:
-        error.line, error.column = place_of(text, root, reader.at) or (None, None)
+        error.line, error.column = xml.place(reader.at) or (None, None)
         raise
-    draft.place_of = lambda where: place_of(text, root, reader.element(where))
-    return draft
 
 
 class _Reader:
     """One URDF being read; ``where`` of a message is the element's kind and name, ``at`` the element being read."""
 
-    def __init__(self, source: str, damping: bool, root: Element) -> None:
-        self.draft = Draft(source)
-        self.root = self.at = root
+    def __init__(self, xml: Xml, damping: bool, friction: bool) -> None:
+        self.xml = xml
+        self.draft = Draft(xml.source, xml_source=xml.source, notes=list(xml.notes))
+        self.draft.places = lambda wheres: xml.places_of([self.element(where) for where in wheres])
+        self.root = self.at = xml.root
         self.written: dict[str, Element] = {}  # by what messages about the whole robot say: links.NAME
-        self.damping = damping
+        self.mended: list[tuple[Element, str]] = []  # elements that are not as they should be, and how they are read
+        self.damping, self.friction = damping, friction
         self.damped: list[str] = []
         self.rubbing: list[str] = []
         self.mimics: list[str] = []
@@ -76,9 +80,9 @@ class _Reader:
         root = self.root
         if root.tag != "robot":
             self.fail("", f"the root element is {show(root.tag)}; allowed: 'robot'")
-        foreign = [child.tag for child in root if "xacro" in str(child.tag)]
-        if foreign:
-            self.fail("robot", f"{show(foreign[0])} is a xacro macro; allowed: an URDF that xacro has expanded")
+        macro = _macro(root)
+        if macro:
+            self.fail("robot", f"{show(macro)} is a xacro macro; allowed: an URDF that xacro has expanded")
         links, joints = self._named(root, "link"), self._named(root, "joint")
         if not links:
             self.fail("robot", "there is no <link>; allowed: at least one link and one joint that moves")
@@ -93,6 +97,7 @@ class _Reader:
             joint = self._joint(joint_names[name], joints[name], f"joint {show(name)}", link_names)
             self.draft.joints[joint.name] = joint
         self.at = root
+        self.draft.foreign = set(self.draft.links)
         self.draft.base = self._root()
         self._remarks()
         return self.draft
@@ -157,8 +162,7 @@ class _Reader:
         turn, coordinates, limits = IDENTITY, {}, None
         if TYPES[kind] in PRINCIPAL:
             turn = self._axis(element, where)
-            damping = self._dynamics(element, where, name)
-            coordinates = {PRINCIPAL[TYPES[kind]]: Coordinate(damping=damping)}
+            coordinates = {PRINCIPAL[TYPES[kind]]: self._dynamics(element, where, name)}
             limits = self._limits(element, where) if kind != "continuous" else None
         elif kind == "floating":
             coordinates = {key: Coordinate() for key in COORDINATES}
@@ -189,23 +193,29 @@ class _Reader:
             return None
         lower, upper = (self._number(limit, key, f"{where}, <limit>", 0.0) for key in ("lower", "upper"))
         if lower > upper:
-            self.fail(f"{where}, <limit>", f"lower is {lower:g} and upper is {upper:g}; allowed: lower <= upper")
-        return lower, upper
+            said = f"{where}, <limit>: lower is {lower:g} and upper is {upper:g}; they are read the other way round"
+            self.mended.append((limit, said))
+        return min(lower, upper), max(lower, upper)
 
-    def _dynamics(self, element: Element, where: str, name: str) -> float | None:
+    def _dynamics(self, element: Element, where: str, name: str) -> Coordinate:
+        """The principal coordinate with what of damping and friction is wanted."""
         dynamics = self._only(element, "dynamics", where)
         if dynamics is None:
-            return None
+            return Coordinate()
         where += ", <dynamics>"
         damping, friction = (self._number(dynamics, key, where, 0.0) for key in ("damping", "friction"))
         if damping < 0.0:
             self.fail(where, f"damping is {damping:g}; allowed: at least 0")
-        if friction != 0.0:
+        if friction < 0.0 and self.friction:
+            self.fail(where, f"friction is {friction:g}; allowed: at least 0")
+        if damping:
+            self.damped.append(name)
+        if friction:
             self.rubbing.append(name)
-        if damping == 0.0:
-            return None
-        self.damped.append(name)
-        return damping if self.damping else None
+        return Coordinate(
+            damping=damping if damping and self.damping else None,
+            friction=Friction(friction) if friction and self.friction else None,
+        )
 
     def _origin(self, element: Element, where: str) -> Placement:
         origin = self._only(element, "origin", where)
@@ -223,7 +233,12 @@ class _Reader:
         found = element.findall(tag)
         self.at = found[-1] if found else element
         if len(found) > 1:
-            self.fail(where, f"there are {len(found)} elements <{tag}>; allowed: one")
+            same = all(_content(other) == _content(found[0]) for other in found[1:])
+            if not same and tag not in _FIRST_COUNTS:
+                self.fail(where, f"there are {len(found)} elements <{tag}> that differ; allowed: one")
+            which = "which say the same" if same else "of which the first counts, as in other readers"
+            self.mended.append((found[1], f"{where}: there are {len(found)} elements <{tag}>, {which}"))
+            self.at = found[0]
         return found[0] if found else None
 
     def _number(self, element: Element, key: str, where: str, default: float | None = None) -> float:
@@ -262,9 +277,31 @@ class _Reader:
 
     def _remarks(self) -> None:
         notes = self.draft.notes
+        places = self.xml.places_of([element for element, _ in self.mended])
+        for place, (_, said) in zip(places, self.mended, strict=True):
+            notes.append(f"{spot(self.xml.source, place)}: {said}")
         if self.mimics:
             notes.append(f"mimic joints are read as independent: {listed(self.mimics)}")
         if self.damped and not self.damping:
             notes.append(f"<dynamics damping> is left out (urdf_damping=True reads it): {listed(self.damped)}")
-        if self.rubbing:
-            notes.append(f"<dynamics friction> is left out (not supported): {listed(self.rubbing)}")
+        if self.rubbing and not self.friction:
+            notes.append(f"<dynamics friction> is left out (urdf_friction=True reads it): {listed(self.rubbing)}")
+        elif self.rubbing:
+            what = f"Coulomb friction that turns round smoothly, over {SMOOTHING:g} rad/s or m/s"
+            notes.append(f"<dynamics friction> is read as {what}: {listed(self.rubbing)}")
+
+
+def _macro(root: Element) -> str:
+    """The tag of the first element that is xacro's, by its prefix or by what that stands for; "" if there is none."""
+    declared = {name.removeprefix("xmlns:") for name, value in root.attrib.items() if "xacro" in value}
+    for child in root:
+        prefix, colon, _ = child.tag.partition(":")
+        if "xacro" in child.tag or (colon and (prefix in declared or "xacro" in child.get(f"xmlns:{prefix}", ""))):
+            return child.tag
+    return ""
+
+
+def _content(element: Element) -> tuple[object, ...]:
+    """The statement of an element: attributes with single blanks, and its elements."""
+    attributes = {key: value.split() for key, value in element.attrib.items()}
+    return element.tag, attributes, [(child.tag, dict(child.attrib)) for child in element.iter()][1:]

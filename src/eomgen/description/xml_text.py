@@ -1,23 +1,31 @@
-"""XML that somebody else wrote, parsed without DTD or entities; where an element stands, how to mend what is none."""
+"""XML that somebody else wrote, parsed without DTD, entities or namespaces; where its elements stand.
+
+Names are read as they are written, prefix and all, as other readers of URDF and MJCF do.  What is not quite XML, but
+plain, is read with a note.
+"""
 
 from __future__ import annotations
 
 import re
-from xml.etree.ElementTree import Element
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+from typing import NoReturn
+from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
-
-import defusedxml.ElementTree as ElementTree
-from defusedxml import DefusedXmlException
 
 from ..errors import DescriptionError
 from ..forms.toml_text import line_and_column
-from ..names import show
+from ..names import listed, show
+from .draft import Place, spot
 
 NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")  # float() also takes nan, inf and 1_000
-_MOST_NAMESPACE = 256  # the parser copies it into the name of every element
-_LONG_NAMESPACE = re.compile(
-    rf"""\sxmlns(?::[^\s=]*)?\s*=\s*(?:"[^"]{{{_MOST_NAMESPACE + 1}}}|'[^']{{{_MOST_NAMESPACE + 1}}})"""
-)
+
+_BLANKS = re.compile(r"[ \t\r\n]*")
+_VISIBLE = re.compile(r"[^\r\n]")
+_COMMENT_OR_INSTRUCTION = re.compile(r"<!--.*?-->|<\?.*?\?>", re.DOTALL)
+_PREFIXED = re.compile(r"""[\s</][^\s<>/=:"']+:[^\s<>/=:"']""")  # perhaps a name with a prefix
+_XMLNS = "xmlns:"
+_NEED_NONE = frozenset(("xml", "xmlns"))  # prefixes that need no declaration
 
 _REMEDIES = {  # what the parser says, and what to write instead
     "mismatched tag": "the element that was opened last is closed first: <link> ... </link>",
@@ -28,7 +36,6 @@ _REMEDIES = {  # what the parser says, and what to write instead
     "undefined entity": "&lt; &gt; &amp; &quot; &apos; and no others",
     "junk after": "one element <robot>, and nothing behind it",
     "not well-formed": "XML: values in quotes, &lt; for <, &amp; for &, no control characters",
-    "unbound prefix": "names without a prefix, or xmlns:PREFIX='...' in <robot>",
     "XML or text declaration": "<?xml ...?> at the very beginning, or not at all",
     "syntax error": "<?xml version='1.0'?> or <robot name='...'> at the very beginning",
     "reference to invalid character": "characters that XML has",
@@ -43,66 +50,148 @@ def xml_remedy(said: str, root: str = "robot") -> str:
     return found.replace("<robot name='...'>", f"<{root}>").replace("robot>", f"{root}>").replace("link>", "body>")
 
 
-def place_of(text: str, root: Element, element: Element | None) -> tuple[int, int] | None:
-    """Line and column, from 1, at which an element of the tree under root begins, which was read from the text."""
-    for index, other in enumerate(root.iter()):  # in the order of the start tags
-        if other is element:
-            return _start(text, index)
-    return None
+@dataclass(frozen=True)
+class Xml:
+    """An XML text that has been read.
+
+    Attributes:
+        source: the file's name, for messages.
+        text: what was parsed: what was mended in it has kept its lines and columns.
+        notes: what is not quite XML in it and was read all the same, each with its place.
+    """
+
+    source: str
+    text: str
+    root: Element
+    notes: tuple[str, ...] = ()
+
+    def place(self, element: Element | None) -> Place | None:
+        """Line and column at which an element begins."""
+        return self.places_of([element])[0]
+
+    def places_of(self, elements: Sequence[Element | None]) -> list[Place | None]:
+        """Line and column at which each element begins; the text is read once more for all of them together."""
+        wanted = {element for element in elements if element is not None}
+        found = {element: index for index, element in enumerate(self.root.iter()) if element in wanted}
+        places = _starts(self.text, set(found.values()))  # both are in the order of the start tags
+        return [None if element is None else places.get(found.get(element, -1)) for element in elements]
 
 
-class _Found(Exception):
-    """The parser has come to the element: line and column, which afterwards are those of the tag's end."""
-
-
-def _start(text: str, index: int) -> tuple[int, int] | None:
-    """Line and column of the start tag of that index; the text has been parsed before, without a document type."""
-    parser, left = expat.ParserCreate(), index
-
-    def count(*_: object) -> None:
-        nonlocal left
-        left -= 1
-        if left < 0:
-            raise _Found(parser.CurrentLineNumber, parser.CurrentColumnNumber + 1)
-
-    parser.StartElementHandler = count
-    try:
-        parser.Parse(text, True)
-    except _Found as found:
-        line, column = found.args
-        return line, column
-    return None
-
-
-def parse_xml(text: str, source: str, root_tag: str = "robot") -> Element:
-    """The root element of an XML text; ``root_tag`` is what its tag should be, for messages.
+def parse_xml(text: str, source: str, root_tag: str = "robot") -> Xml:
+    """Parse an XML text; ``root_tag`` is what the root's tag should be, for messages.
 
     Raises:
-        DescriptionError: it is no XML, or has a document type, an entity or a long namespace.
+        DescriptionError: it is no XML, or has a document type or an entity.
     """
-    long = _LONG_NAMESPACE.search(text)
-    if long is not None:
-        message = f"a namespace (xmlns) has more than {_MOST_NAMESPACE} characters; allowed: shorter, or none"
-        raise _refusal(message, source, text, long.start() + 1)
+    text, notes = _without_late_declarations(text, source)
+    builder, parser = TreeBuilder(), expat.ParserCreate()
+
+    def refuse_document_type(*_: object) -> NoReturn:
+        raise _refusal("the XML has a document type or an entity; allowed: plain elements", source, parser)
+
+    parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
+    parser.StartDoctypeDeclHandler = refuse_document_type
     try:
-        root: Element = ElementTree.fromstring(text, forbid_dtd=True)
-    except ElementTree.ParseError as error:
-        said = str(error).partition(": line ")[0]
+        parser.Parse(text, True)
+        root = builder.close()
+    except expat.ExpatError as error:
+        said = expat.ErrorString(error.code)
         message = f"not well-formed XML: {show(said)}; allowed: {xml_remedy(said, root_tag)}"
-        refusal = DescriptionError(message, source=source)
-        refusal.line, refusal.column = error.position[0], error.position[1] + 1
-        raise refusal from None
-    except DefusedXmlException as error:
-        kind = type(error).__name__
-        message = f"the XML has a document type or an entity ({kind}); allowed: plain elements"
-        raise _refusal(message, source, text, max(text.find("<!DOCTYPE"), 0)) from None
+        raise _refusal(message, source, parser) from None
     except (ValueError, LookupError, RecursionError, MemoryError) as error:  # unknown encodings, lone surrogates
         message = f"cannot be read as XML: {show(str(error))}; allowed: XML 1.0 in UTF-8"
         raise DescriptionError(message, source=source) from None
-    return root
+    made = Xml(source, text, root)
+    return Xml(source, text, root, (*notes, *_undeclared_prefixes(made)))
 
 
-def _refusal(message: str, source: str, text: str, offset: int) -> DescriptionError:
+def _refusal(message: str, source: str, parser: expat.XMLParserType) -> DescriptionError:
     error = DescriptionError(message, source=source)
-    error.line, error.column = line_and_column(text, offset)
+    error.line, error.column = parser.CurrentLineNumber, parser.CurrentColumnNumber + 1
     return error
+
+
+def _starts(text: str, wanted: Collection[int]) -> dict[int, Place]:
+    """Line and column of the start tags of these indices; the text has been parsed before."""
+    parser, index, found, rest = expat.ParserCreate(), -1, dict[int, Place](), len(wanted)
+
+    def count(*_: object) -> None:
+        nonlocal index
+        index += 1
+        if index in wanted:
+            found[index] = parser.CurrentLineNumber, parser.CurrentColumnNumber + 1
+            if len(found) == rest:
+                raise _Enough
+
+    parser.StartElementHandler = count
+    try:
+        if wanted:
+            parser.Parse(text, True)
+    except _Enough:
+        pass
+    return found
+
+
+class _Enough(Exception):
+    """All start tags that were looked for have been found."""
+
+
+def _without_late_declarations(text: str, source: str) -> tuple[str, list[str]]:
+    """The text with spaces in the place of every <?xml ...?> that stands behind blanks or comments, and notes on it."""
+    places = _late_declarations(text)
+    if not places:
+        return text, []
+    parts, at = [], 0
+    for begin, end in places:
+        parts += [text[at:begin], _VISIBLE.sub(" ", text[begin:end])]
+        at = end
+    where = spot(source, line_and_column(text, places[0][0]))
+    note = "the declaration <?xml ...?> is not at the very beginning; the file is read without it"
+    return "".join([*parts, text[at:]]), [f"{where}: {note}"]
+
+
+def _late_declarations(text: str) -> list[tuple[int, int]]:
+    """Begin and end of each <?xml ...?> in front of the first element, but for one at the very beginning."""
+    found: list[tuple[int, int]] = []
+    at = 0
+    while True:
+        at = _skipped(_BLANKS, text, at)
+        begin = at
+        at = _skipped(_COMMENT_OR_INSTRUCTION, text, begin)
+        if at == begin:
+            return found
+        if begin > 0 and text.startswith("<?xml", begin) and text[begin + 5].isspace():
+            found.append((begin, at))
+
+
+def _skipped(pattern: re.Pattern[str], text: str, at: int) -> int:
+    match = pattern.match(text, at)
+    return at if match is None else match.end()
+
+
+def _undeclared_prefixes(xml: Xml) -> list[str]:
+    """A note on the prefixes that no xmlns:PREFIX declares, at the place of the first."""
+    if _PREFIXED.search(xml.text) is None:
+        return []
+    found: dict[str, Element] = {}
+    plain = _XMLNS not in xml.text  # the usual case, which takes a third of the time
+    for element, known in ((each, _NEED_NONE) for each in xml.root.iter()) if plain else _with_declared(xml.root):
+        for name in (element.tag, *element.attrib) if element.attrib else (element.tag,):
+            if ":" in name and (prefix := name.partition(":")[0]) not in known:
+                found.setdefault(prefix, element)
+    if not found:
+        return []
+    where = spot(xml.source, xml.place(next(iter(found.values()))))
+    return [f"{where}: prefixes without a declaration xmlns:PREFIX='...' are read as parts of names: {listed(found)}"]
+
+
+def _with_declared(root: Element) -> Iterator[tuple[Element, frozenset[str]]]:
+    """Each element, in the order of the start tags, with the prefixes that are declared where it stands."""
+    stack = [(root, _NEED_NONE)]
+    while stack:
+        element, known = stack.pop()
+        if element.attrib:
+            own = [name.removeprefix(_XMLNS) for name in element.attrib if name.startswith(_XMLNS)]
+            known = known.union(own) if own else known
+        yield element, known
+        stack += [(child, known) for child in reversed(element)]

@@ -22,7 +22,7 @@ from ..files import write_atomically
 from ..names import component_name, show
 from ..robot.coordinates import coordinate_names
 from ..robot.geometry import IDENTITY
-from ..robot.inertia_policy import second_moments
+from ..robot.inertia_policy import link_sizes, lowest_moments, second_moments
 from ..robot.laws import given_laws
 from ..robot.value import (
     ANGULAR,
@@ -93,8 +93,9 @@ def mjcf(
     option = ElementTree.SubElement(root, "option", values)
     ElementTree.SubElement(option, "flag", contact="disable")
     bodies = {robot.base: ElementTree.SubElement(root, "worldbody")}
+    sizes = link_sizes({link.name: link for link in robot.links}, robot.joints)
     for joint in robot.joints:
-        bodies[joint.child] = _add_body(bodies[joint.parent], joint, robot.link(joint.child))
+        bodies[joint.child] = _add_body(bodies[joint.parent], joint, robot.link(joint.child), sizes[joint.child])
     for frame in robot.frames:
         ElementTree.SubElement(bodies[frame.link], "site", {"name": frame.name, **_place(frame.placement)})
     _add_tendons(root, robot, bodies)
@@ -152,8 +153,8 @@ def _unknown(given: Coordinate) -> Iterator[str]:
             yield f"{law.name}: {note}"
 
 
-def _add_body(parent: ElementTree.Element, joint: Joint, link: Link) -> ElementTree.Element:
-    """The link as a body in its own axes, with its joints.
+def _add_body(parent: ElementTree.Element, joint: Joint, link: Link, size: float) -> ElementTree.Element:
+    """The link, which is so large (m), as a body in its own axes, with its joints.
 
     Offsets of angles that do not move are moved to the front, past the motions before them, whose axes they turn.
     """
@@ -174,7 +175,7 @@ def _add_body(parent: ElementTree.Element, joint: Joint, link: Link) -> ElementT
     )
     body = ElementTree.SubElement(parent, "body", {"name": joint.child, **_place(placed)})
     if joint.coordinates or link.mass > 0.0:
-        ElementTree.SubElement(body, "inertial", _inertial(link))
+        ElementTree.SubElement(body, "inertial", _inertial(link, size))
     for name, axis in reversed(motions):
         _add_joint(body, joint, name, axis, offset[name])
     if joint.motor is not None:
@@ -226,7 +227,7 @@ def _friction(given: Friction | None) -> dict[str, str]:
     return viscous | ({"frictionloss": repr(given.coulomb)} if given.coulomb else {})
 
 
-def _inertial(link: Link) -> dict[str, str]:
+def _inertial(link: Link, size: float) -> dict[str, str]:
     """Mass and inertia; principal moments of second moments of at least LEAST where one would be less."""
     xx, yy, zz, xy, xz, yz = link.inertia
     values = {"mass": repr(max(link.mass, LEAST)), "pos": _text(link.com)}
@@ -234,7 +235,7 @@ def _inertial(link: Link) -> dict[str, str]:
     least = max(LEAST, 1e-13 * float(moments[2]))
     if moments[0] >= least:
         return {**values, "fullinertia": _text([xx, yy, zz, xy, xz, yz])}
-    if moments[0] < -1e-9 * float(np.abs(moments).max()):
+    if lowest_moments([link], [size])[0] < 0.0:
         raise InputError(
             f"links.{link.name}.inertia: no body can have {show(list(link.inertia))}, and MuJoCo takes none; "
             "allowed: a body's, as inertia = 'project' (--inertia project) makes it"

@@ -39,7 +39,7 @@ def urdf_shapes(robot: Robot) -> tuple[list[Shape], list[str]]:
     if path.suffix != ".urdf":
         return [], notes
     try:
-        root = parse_xml(path.read_text(encoding="utf-8"), str(path))
+        root = parse_xml(path.read_text(encoding="utf-8"), str(path)).root
     except (OSError, UnicodeDecodeError, DescriptionError):
         return [], [f"{path} cannot be read any more: links are drawn as capsules"]
     shapes = []

@@ -7,68 +7,111 @@ positive moments and the triangle rule; a thin rod and a massless link are bodie
 
 from __future__ import annotations
 
+import math
 import warnings
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from ..errors import DescriptionError, EomgenWarning
-from ..names import listed, show
-from .value import Link
+from ..names import listed
+from .value import Joint, Link
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
 POLICIES = ("error", "warn", "project")
-ROUND_OFF = 1e-9  # relative to the largest eigenvalue of J_c
+ROUND_OFF = 1e-9  # relative to the largest eigenvalue of J_c, or to mass size^2 where that is more
 WAYS_OUT = 'inertia = "warn" takes it as it is, inertia = "project" the nearest possible body (or --inertia)'
+Spots = Callable[[Sequence[str]], list[str]]
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A link that is judged, and what its tensor does not say.
+
+    Attributes:
+        link: mass in kg, inertia in kg m^2 about the centre of mass.
+        policy: "error", "warn" (as it is) or "project" (mass and com kept, negative eigenvalues of J_c put to zero).
+        size: how large the link is, m: what its inertia was computed from may have rounded off parts of mass size^2.
+    """
+
+    link: Link
+    policy: str
+    size: float = 0.0
 
 
 def apply_inertia_policy(
-    links: Sequence[Link], policy: str, *, base: str = "", source: str = ""
+    judged: Sequence[Judged], *, source: str = "", spots: Spots = lambda names: [""] * len(names)
 ) -> tuple[tuple[Link, ...], tuple[str, ...]]:
-    """The links that the policy lets through, and one note per link that is no body.
+    """The links that their policies let through, and one note per link that is no body.
 
     Args:
-        links: mass in kg, inertia in kg m^2 about the centre of mass.
-        base: the name of the link that is fixed to the ground, for messages.
-        policy: "error", "warn" (as it is) or "project" (mass and com kept, negative eigenvalues of J_c put to zero).
+        judged: the links.
         source: the description's name, for messages.
+        spots: where a file speaks of the links of these names, for notes; "" where that is not known.
 
     Raises:
-        DescriptionError: the policy is "error" and a link is no body, or the policy does not exist.
+        DescriptionError: a link of policy "error" is no body.
     """
-    if policy not in POLICIES:
-        raise DescriptionError(f"got {show(policy)}; allowed: {', '.join(POLICIES)}", where="inertia", source=source)
-    if not links:
+    if not judged:
         return (), ()
     import numpy as np
 
-    moments = second_moments(links)
-    lowest, highest = np.linalg.eigvalsh(moments)[:, (0, -1)].T
-    bad = [int(k) for k in np.flatnonzero(lowest < -ROUND_OFF * np.maximum(abs(lowest), abs(highest)))]
-    result, notes = list(links), []
-    if bad and policy == "error":
-        first, others = links[bad[0]], [links[k].name for k in bad[1:]]
+    links = [each.link for each in judged]
+    lowest = lowest_moments(links, [each.size for each in judged])
+    bad = [int(k) for k in np.flatnonzero(lowest < 0.0)]
+    refused = [k for k in bad if judged[k].policy == "error"]
+    if refused:
+        first, others = links[refused[0]], [links[k].name for k in refused[1:]]
         more = f" The same holds for {listed(others)}." if others else ""
-        where = f"links.{first.name}.inertia"
-        root = " (this link is fixed to the ground, so its inertia has no effect)" if first.name == base else ""
-        message = f"{_diagnosis(first, lowest[bad[0]])}; {WAYS_OUT}{root}.{more}"
-        raise DescriptionError(message, where=where, source=source)
+        message = f"{_diagnosis(first, lowest[refused[0]])}; {WAYS_OUT}.{more}"
+        raise DescriptionError(message, where=f"links.{first.name}.inertia", source=source)
+    said: dict[int, str] = {}
     for k in bad:
-        note = f"link {links[k].name}: {_diagnosis(links[k], lowest[k])}; "
-        if policy == "project":
-            result[k] = replace(links[k], inertia=_nearest_body(moments[k]))
-            note += f"projected to {_shown(result[k])}"
-        else:
-            note += "taken as it is"
+        said[k] = f"{_diagnosis(links[k], lowest[k])}; taken as it is"
+        if judged[k].policy == "project":
+            projected = replace(links[k], inertia=_nearest_body(second_moments([links[k]])[0]))
+            said[k] = f"{_diagnosis(links[k], lowest[k])}; projected to {_shown(projected)}"
+            links[k] = projected
+    warned = set(said)
+    for k, link in enumerate(links):
+        if link.mass == 0.0 and any(link.inertia):
+            said.setdefault(k, "it has inertia but no mass; taken as it is")
+    notes = []
+    for k, spot in zip(said, spots([links[k].name for k in said]), strict=True):
+        note = f"{spot}: link {links[k].name}: {said[k]}" if spot else f"link {links[k].name}: {said[k]}"
         notes.append(note)
-        warnings.warn(f"{source}: {note}" if source else note, EomgenWarning, stacklevel=5)
-    for k in sorted(set(range(len(links))) - set(bad)):
-        if links[k].mass == 0.0 and any(links[k].inertia):
-            notes.append(f"link {links[k].name}: it has inertia but no mass; taken as it is")
-    return tuple(result), tuple(notes)
+        if k in warned:
+            about = note if spot or not source else f"{source}: {note}"
+            warnings.warn(about, EomgenWarning, stacklevel=6)
+    return tuple(links), tuple(notes)
+
+
+def link_sizes(links: Mapping[str, Link], joints: Sequence[Joint]) -> dict[str, float]:
+    """How large each link is, m, by name: how far from its origin its centre of mass and the joints on it are."""
+    sizes = {name: math.hypot(*link.com) for name, link in links.items()}
+    for joint in joints:
+        if joint.parent in sizes:
+            sizes[joint.parent] = max(sizes[joint.parent], math.hypot(*joint.placement.xyz))
+    return sizes
+
+
+def lowest_moments(links: Sequence[Link], sizes: Sequence[float]) -> NDArray[np.float64]:
+    """The lowest eigenvalue of each link's J_c, (links,), kg m^2; 0 where it is below zero by no more than round-off.
+
+    Args:
+        links: at least one.
+        sizes: how large each is, m, see ``Judged``.
+    """
+    import numpy as np
+
+    lowest, highest = np.linalg.eigvalsh(second_moments(links))[:, (0, -1)].T
+    spread = [link.mass * size**2 for link, size in zip(links, sizes, strict=True)]
+    scale = np.maximum(np.maximum(abs(lowest), abs(highest)), spread)
+    found: NDArray[np.float64] = np.where(lowest < -ROUND_OFF * scale, lowest, np.maximum(lowest, 0.0))
+    return found
 
 
 def second_moments(links: Sequence[Link]) -> NDArray[np.float64]:

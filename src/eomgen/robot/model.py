@@ -19,6 +19,7 @@ from ..names import (
     is_robot_name,
     joint_of,
     kind_of,
+    listed,
     parameter_path,
     show,
 )
@@ -372,3 +373,10 @@ def tool_of(robot: Robot, tool: str | None, label: str = "tool") -> str:
     candidates = ["tcp"] if "tcp" in known else [frame.name for frame in robot.frames]
     candidates += [name for name in known if name.endswith(("tcp", "tool0"))]
     return tool or (candidates[0] if candidates else max(depth, key=lambda name: depth[name]))
+
+
+def open_tree(robot: Robot) -> str:
+    """Say, beside figures of a robot's tree, that its loops are open there; "" where it has none."""
+    if not robot.loops:
+        return ""
+    return f"the loops are cut ({listed([loop.name for loop in robot.loops])}): all figures are those of the open tree"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +19,7 @@ from ..motion.timetable import TimeTable
 from ..names import nearest, show, show_path
 from ..robot.coordinates import FORCES
 from ..robot.geometry import ZERO
-from ..robot.inertia_policy import second_moments
+from ..robot.inertia_policy import lowest_moments
 from ..robot.value import INERTIA_KEYS, Link
 from .keys import SCENARIO
 from .tables import CONTROL_READERS, MOTION_READERS, read_sampled, time_table
@@ -148,13 +149,13 @@ def _payload(entry: Table) -> Payload:
     entry.require()
     mass, point = entry.number("mass"), entry.vector("point")
     assert mass is not None
+    assert point is not None
     table = entry.table("inertia")
     xx, yy, zz, xy, xz, yz = (0.0 if table is None else table.number(key) or 0.0 for key in INERTIA_KEYS)
     inertia = (xx, yy, zz, xy, xz, yz)
-    if np.linalg.eigvalsh(second_moments([Link("payload", mass, ZERO, inertia)])[0])[0] < -1e-9 * max(xx, yy, zz, 0.0):
+    if lowest_moments([Link("payload", mass, ZERO, inertia)], [math.hypot(*point)])[0] < 0.0:
         rule = "each principal moment of inertia is at most the sum of the others, none is below zero"
         entry.fail(f"got {show(list(inertia))}, which no body can have; allowed: {rule}", "inertia")
-    assert point is not None
     return Payload(entry.text("link") or "", mass, point, inertia, *_times(entry))
 
 

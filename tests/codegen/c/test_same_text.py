@@ -33,7 +33,7 @@ print(json.dumps(found))
 """
 SMALL, LARGE = ("one_link", "worn_arm", "four_bar"), ("puma560_elastic", "gough", "shaken_arm", "geared_arm")
 NEEDED = ("sympy", "mpmath", "numpy", "jinja2", "markupsafe", "cffi", "pycparser")  # what could change a text
-OTHERS = ("setuptools", "filelock", "platformdirs", "defusedxml", "rich")
+OTHERS = ("setuptools", "filelock", "platformdirs", "rich")
 
 
 def digests(python: str, names: tuple[str, ...], seed: int, path: str = "") -> dict[str, str]:

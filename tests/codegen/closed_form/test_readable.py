@@ -122,3 +122,12 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert r"M_{1}^{x \gamma} &= - \frac{\sin{\left(\gamma_{1} \right)}}{2}" in target.read_text()
     assert cli.main(["derive", "one_link", "-o", "/dev/null/x"]) == 1
     assert "/dev/null/x" in capsys.readouterr().err
+
+
+def test_equations_of_loops_are_the_open_trees() -> None:
+    form = readable_closed_form(build_model(eomgen.load_robot("four_bar")))
+    said = "the loops are cut ('joint4'): all figures are those of the open tree"
+    assert form.lines()[1] == said
+    assert form.latex().splitlines()[1] == f"% {said}"
+    plain = readable_closed_form(build_model(eomgen.load_robot("one_link")))
+    assert "open tree" not in "".join(plain.lines()) + plain.latex()

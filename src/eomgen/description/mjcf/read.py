@@ -18,7 +18,7 @@ from eomgen.names import is_robot_name, listed, nearest, show, to_robot_name
 from eomgen.robot.geometry import ZERO
 
 from ..draft import Draft
-from ..xml_text import parse_xml, place_of
+from ..xml_text import parse_xml
 from .bodies import read_bodies
 from .defaults import Defaults
 from .geoms import Rules
@@ -62,16 +62,18 @@ def draft_from_mjcf(text: str, source: str) -> Draft:
         DescriptionError: anything that is no model, or that acts on the motion and has no equal here; with the element
             and its line.
     """
-    root = parse_xml(text, source, "mujoco")
-    reading = Reading(Draft(source, base="world"), root)
+    xml = parse_xml(text, source, "mujoco")
+    reading = Reading(Draft(source, base="world", xml_source=source, notes=list(xml.notes)), xml.root)
     written: dict[str, Element] = {}
     try:
-        _read(root, reading, written)
+        _read(xml.root, reading, written)
     except DescriptionError as error:
-        error.line, error.column = place_of(text, root, reading.at) or (None, None)
+        error.line, error.column = xml.place(reading.at) or (None, None)
         raise
-    reading.draft.place_of = lambda where: place_of(text, root, written.get(".".join(where.split(".")[:2])))
-    return reading.draft
+    draft = reading.draft
+    draft.foreign = set(draft.links)
+    draft.places = lambda wheres: xml.places_of([written.get(".".join(where.split(".")[:2])) for where in wheres])
+    return draft
 
 
 def _read(root: Element, reading: Reading, written: dict[str, Element]) -> None:
