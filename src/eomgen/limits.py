@@ -1,4 +1,5 @@
-"""Limits of what descriptions, scenarios and plans may hold, whatever format they come in."""
+"""Limits of what descriptions, scenarios, plans and results may hold, whatever format they come in."""
 
 LARGEST = 1e30  # numbers beyond it would overflow in products
+LARGEST_FOUND = 1e100  # of what was computed: sums of squares stay finite
 MOST_ENTRIES = 5_000  # links, joints, ...: far beyond what can be derived, and read in a second
