@@ -89,8 +89,9 @@ def test_each_change_of_a_result_is_refused_or_read(raw: Raw, tmp_path: Path) ->
 
 @pytest.mark.soak
 def test_commands_take_each_changed_result(raw: Raw, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Each mutant that is read goes through all commands about results; whatever they say, it is no bug of ours."""
-    accepted = _accepted(raw, tmp_path, lambda name: True, 1)
+    """Each array, and every sixth entry of meta, that is read goes through all commands, which find no bug of ours."""
+    found = enumerate(_accepted(raw, tmp_path, lambda name: True, 1))
+    accepted = [item for i, item in found if i % 6 == 0 or not item[0].startswith("meta")]
     for number, (name, path) in enumerate(accepted):
         for words in (["plot", "--format", "svg"], ["report", "--no-modes"], ["budget"]):
             out = tmp_path / "out" / ("plots" if words[0] == "plot" else f"{words[0]}.svg")
@@ -100,7 +101,7 @@ def test_commands_take_each_changed_result(raw: Raw, tmp_path: Path, capsys: pyt
             _check_view(path)
         assert ESC[0] not in capsys.readouterr().out
     with capsys.disabled():
-        print(f"\n{len(accepted)} changed results are read and go through plot, report and budget")
+        print(f"\n{len(accepted)} changed results that are read go through plot, report and budget")
 
 
 def _check_view(path: Path) -> None:
@@ -158,6 +159,7 @@ def test_arrays_are_what_they_are_declared_to_be(raw: Raw, tmp_path: Path, name:
         (("scenario", "wrenches", 0, "table", "t", 1), 0.0, "wrenches[0].table.t: got times that do not increase"),
         (("scenario", "speed"), 1, "scenario: 'speed' is unknown"),
         (("stopped", "q"), [0.0], "stopped: is not of these coordinates"),
+        (("tool",), "nobody", "description: its tool is not that of the result; allowed: the robot simulated"),
         (("description", "links", 0, "mass"), 10**400, "links[0].mass: got an integer of 1329 bits; allowed: a finite"),
         (("description", "joints", 0, "parent"), "nobody", "joints.joint1.parent: there is no link 'nobody'"),
     ],

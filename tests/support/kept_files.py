@@ -29,7 +29,7 @@ from eomgen.simulation.result import SimulationResult
 from eomgen.sweep.contents import SampleRow
 from eomgen.sweep.design import Design
 from eomgen.sweep.plan import Distribution
-from eomgen.sweep.store import FORMAT, MANIFEST, ROWS, _checksum, _line
+from eomgen.sweep.store import FORMAT, MANIFEST, ROWS, checksum, line_of
 from tests.support.mutations import change_value
 
 SCENARIO = """
@@ -235,13 +235,13 @@ def raw_sweep() -> Sweep:
     rows = []
     for i in (0, 2, 1, 4, 3):
         values = SampleRow(i, design.values(i), *(((0.1 * i, 2.0), "") if i != 4 else ((), "InputError: no")))
-        row = _line(values)
+        row = line_of(values)
         rows.append({key: row[key] for key in row if key != "check"})
     return json.loads(json.dumps(manifest)), json.loads(json.dumps(rows))
 
 
 def with_check(values: Any) -> Any:
-    return {**values, "check": _checksum(values)} if isinstance(values, dict) else values
+    return {**values, "check": checksum(values)} if isinstance(values, dict) else values
 
 
 def write_sweep(folder: Path, manifest: Any, rows: list[Any], *, seal: bool = True) -> Path:

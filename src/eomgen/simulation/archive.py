@@ -34,7 +34,7 @@ def write_archive(path: Path | str, meta: Mapping[str, Any], arrays: Mapping[str
 
 
 def read_archive(path: Path | str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    """What ``write_archive`` wrote, meta and arrays.
+    """Read meta and arrays that ``write_archive`` wrote.
 
     Raises:
         InputError: the file cannot be read, is no such file, or is of a newer eomgen.

@@ -18,6 +18,7 @@ from ..integration.contacts import Contact
 from ..integration.trajectory import Trajectory
 from ..names import kind_of, listed, nearest, show
 from ..robot.coordinates import coordinate_names, force_unit_of, index_of, unit_of
+from ..robot.model import build_model
 from ..robot.record import robot_hash
 from ..robot.value import MOTOR, Robot
 from ..scenario.recorded import scenario_from_record
@@ -281,20 +282,21 @@ def load_result(path: Path | str) -> SimulationResult:
     if result.scenario:
         scenario_from_record(result.scenario, f"{path}: scenario")
     if result.description:
-        _check_robot(_kept_robot(result, f"{path}: description"), result, path)
+        _check_robot(_kept_robot(result, f"{path}: description"), result, f"{path}: description")
     return result
 
 
-def _check_robot(robot: Robot, result: SimulationResult, path: Path | str) -> None:
+def _check_robot(robot: Robot, result: SimulationResult, where: str) -> None:
     """Refuse a robot that is not what the names in the result are of."""
     links = {link.name for link in robot.links}
     for what, ours, theirs in (
         ("name", result.robot, robot.name),
-        ("coordinates", result.trajectory.coordinates, coordinate_names(robot)),
-        ("links", tuple(name for name in result.links if name in links), result.links),
+        ("list of coordinates", result.trajectory.coordinates, coordinate_names(robot)),
+        ("list of links", tuple(name for name in result.links if name in links), result.links),
+        ("tool", result.tool, result.tool if result.tool in build_model(robot).frames else None),
     ):
         if ours != theirs:
-            raise InputError(f"{path}: description: has other {what} than the result; allowed: the robot simulated")
+            raise InputError(f"{where}: its {what} is not that of the result; allowed: the robot simulated")
 
 
 def _kept_robot(result: SimulationResult, source: str) -> Robot:
@@ -320,6 +322,7 @@ def simulated_robot(result: SimulationResult, given: RobotLike | None = None) ->
             raise InputError(
                 f"robot: {robot.name} is not what was simulated as {result.robot}; allowed: the same description"
             )
+        _check_robot(robot, result, "robot")
         return robot
     if not result.description:
         raise InputError(

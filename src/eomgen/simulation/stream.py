@@ -176,7 +176,7 @@ class _Part:
 
 @dataclass(frozen=True)
 class _Stored:
-    """What the metadata of an array say of it, as far as its size depends on that."""
+    """Metadata of an array, as far as its size depends on them."""
 
     shape: tuple[int, ...]
     data_type: str

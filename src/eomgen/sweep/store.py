@@ -47,7 +47,7 @@ class SweepStore:
         Raises:
             InputError: the folder cannot be written any more.
         """
-        lines = "".join(json.dumps(_line(row)) + "\n" for row in rows)
+        lines = "".join(json.dumps(line_of(row)) + "\n" for row in rows)
         try:
             rest = memoryview(lines.encode("ascii"))
             while rest:  # a disk that fills up takes a part, and says so when it is given the rest
@@ -99,7 +99,7 @@ def opened(folder: Path, manifest: Mapping[str, Any], check: CheckRow | None = N
             if resumed:
                 _check_same(folder, read_manifest(folder), manifest)
             else:
-                text = json.dumps({**manifest, "check": _checksum(manifest)}, indent=1)
+                text = json.dumps({**manifest, "check": checksum(manifest)}, indent=1)
                 write_atomically(folder / MANIFEST, lambda stream: stream.write(text.encode()))
             store = SweepStore(folder, _read_rows(folder, check, checked=True, repair=True), resumed)
             try:
@@ -133,7 +133,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     if number > FORMAT:
         raise InputError(f"{folder}: written by a newer eomgen than this one; allowed: up to format {FORMAT}")
     check = found.pop("check", None)
-    if number > 1 and check != _checksum(found):
+    if number > 1 and check != checksum(found):
         raise InputError(f"{folder / MANIFEST}: was changed since it was written; allowed: what eomgen wrote")
     values: dict[str, Any] = value_of(Mapping[str, Any], found, where)
     return values
@@ -173,15 +173,16 @@ def _check_same(folder: Path, found: Mapping[str, Any], wanted: Mapping[str, Any
             )
 
 
-def _checksum(values: Mapping[str, Any]) -> str:
+def checksum(values: Mapping[str, Any]) -> str:
     """Hash of values that JSON holds: it is that of what is read of what was written."""
     return hashlib.sha256(json.dumps(values).encode("ascii")).hexdigest()[:16]
 
 
-def _line(row: SampleRow) -> dict[str, Any]:
+def line_of(row: SampleRow) -> dict[str, Any]:
+    """The values of a row's line, its checksum among them."""
     outcome: dict[str, Any] = {"error": row.error} if row.error else {"record": row.record}
     body = {"index": row.index, "sample": row.sample, **outcome}
-    return {**body, "check": _checksum(body)}
+    return {**body, "check": checksum(body)}
 
 
 def _read_rows(folder: Path, check: CheckRow | None, *, checked: bool, repair: bool) -> dict[int, SampleRow]:
@@ -219,7 +220,7 @@ def _row(line: bytes, checked: bool) -> tuple[SampleRow, str]:
     try:
         found = parse_json(line.decode("ascii"), "row", _MOST_VALUES)
         check = found.pop("check", None) if isinstance(found, dict) else None
-        if checked and (not isinstance(found, dict) or check != _checksum(found)):
+        if checked and (not isinstance(found, dict) or check != checksum(found)):
             return nothing, "its checksum is not that of its values; allowed: a row as it was written"
         row: SampleRow = value_of(SampleRow, found, "row")
     except UnicodeDecodeError:
