@@ -18,7 +18,7 @@ import pytest
 import eomgen
 from eomgen.cli import entry as cli
 from eomgen.description.recorded import robot_from_record
-from eomgen.errors import InputError
+from eomgen.errors import InputError, IntegrationStopped
 from eomgen.forms.plain import parse_json, printable
 from eomgen.robot.record import record_of
 from eomgen.simulation.contents import ARRAYS
@@ -132,7 +132,7 @@ def test_commands_refuse_what_is_no_result(raw: Raw, tmp_path: Path, capsys: pyt
         ("t", np.zeros(5), "array t: got 0 after 0; allowed: increasing times"),
         ("q", np.zeros((5, 3)), "array q: got the shape (5, 3); allowed: (T, n), which is (5, 2) here"),
         ("v", np.zeros((5, 2), np.float32), "array v: got the dtype float32; allowed: float64"),
-        ("u", np.full((5, 2), 1e200), "array u: got 1e+200 at [0, 0]; allowed: finite numbers of magnitude"),
+        ("u", np.full((5, 2), 1e305), "array u: got 1e+305 at [0, 0]; allowed: finite numbers of magnitude"),
         ("work", np.zeros((5, 4)), "array work: got the shape (5, 4); allowed: (T, 5)"),
         ("wrench", np.zeros((5, 2, 6)), "array wrench: got the shape (5, 2, 6); allowed: (T, links, 6)"),
     ],
@@ -142,7 +142,7 @@ def test_arrays_are_what_they_are_declared_to_be(raw: Raw, tmp_path: Path, name:
     with pytest.raises(InputError) as caught:
         eomgen.load_result(path)
     assert str(caught.value).startswith(f"{path}: ")
-    assert message in str(caught.value).replace("np.float64(1e+200)", "1e+200")
+    assert message in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -182,6 +182,22 @@ def test_a_result_that_would_not_be_read_is_not_written(tmp_path: Path) -> None:
     path = heavier(sample_result()).save(tmp_path / "r.npz")
     with pytest.raises(InputError, match="is not that of its hash"):
         eomgen.load_result(path)
+
+
+def test_why_a_motion_stopped_is_said_where_its_result_cannot_be_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def stop(*_: object, **__: object) -> None:
+        error = IntegrationStopped("joint1.x diverged", 0.1, np.zeros(2), np.zeros(2), "joint1.x")
+        error.result = sample_result()
+        error.result.trajectory.v[3, 0] = 1e200
+        raise error
+
+    monkeypatch.setattr("eomgen.simulation.run.simulate", stop)
+    assert cli.main(["simulate", "one_link", "-o", str(tmp_path / "out")]) == 1
+    said = capsys.readouterr().err
+    assert "the result cannot be saved: array v: got " in said
+    assert "eomgen: joint1.x diverged" in said
 
 
 def test_texts_of_a_result_are_printable(raw: Raw, tmp_path: Path) -> None:

@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..forms.plain import value_of
 from ..integration.contacts import Contact
-from ..limits import LARGEST_FOUND, MOST_ENTRIES
+from ..limits import LARGEST_FINITE, LARGEST_FOUND, MOST_ENTRIES
 from ..names import IDENTIFIER_RULE, ROBOT_RULE, is_identifier, is_robot_name, joint_of, kind_of, listed, show
 from ..robot.coordinates import UNITS, unit_of
 from .balance import TERMS
 
+_LARGEST_SUM = LARGEST_FOUND**2  # of energies: a motion that diverged has large ones
 RESULT, TRAJECTORY, BALANCE = "result", "trajectory", "balance"  # where an array belongs
 
 
@@ -32,7 +33,8 @@ class Stored:
         name: in the file and of the attribute.
         owner: what has the attribute.
         shape: numbers, and the letters T (samples), n (coordinates), p (driven coordinates), links.
-        texts: whether it has texts; else float64, finite, magnitudes up to LARGEST_FOUND.
+        texts: whether it has texts; else float64, finite.
+        largest: magnitude of its numbers.
         optional: whether older files, and results that have no such thing, are without it.
     """
 
@@ -41,6 +43,7 @@ class Stored:
     shape: tuple[str | int, ...]
     texts: bool = False
     optional: bool = False
+    largest: float = LARGEST_FOUND
 
 
 ARRAYS = (
@@ -50,13 +53,13 @@ ARRAYS = (
     Stored("t", TRAJECTORY, ("T",)),
     Stored("q", TRAJECTORY, ("T", "n")),
     Stored("v", TRAJECTORY, ("T", "n")),
-    Stored("u", TRAJECTORY, ("T", "n")),
-    Stored("energy", TRAJECTORY, ("T", 2)),
+    Stored("u", TRAJECTORY, ("T", "n"), largest=_LARGEST_SUM),
+    Stored("energy", TRAJECTORY, ("T", 2), largest=_LARGEST_SUM),
     Stored("program_q", RESULT, ("T", "p")),
     Stored("pose", RESULT, ("T", 4, 4)),
     Stored("program_pose", RESULT, ("T", 4, 4)),
     Stored("wrench", RESULT, ("T", "links", 6), optional=True),
-    Stored("work", BALANCE, ("T", len(TERMS)), optional=True),
+    Stored("work", BALANCE, ("T", len(TERMS)), optional=True, largest=_LARGEST_SUM),
 )
 
 
@@ -102,7 +105,7 @@ def meta_of(data: Mapping[str, Any], where: str) -> Meta:
         InputError: something is missing, or of another type than is declared; the message begins with ``where``.
     """
     known = {item.name for item in fields(Meta)}
-    meta: Meta = value_of(Meta, {key: value for key, value in data.items() if key in known}, where)
+    meta: Meta = value_of(Meta, {key: value for key, value in data.items() if key in known}, where, LARGEST_FINITE)
     _check_names(where, "robot", [meta.robot], is_robot_name, ROBOT_RULE)
     _check_names(where, "tool", [meta.tool], is_identifier, IDENTIFIER_RULE)
     _check_names(where, "links", meta.links, is_identifier, IDENTIFIER_RULE)
@@ -163,11 +166,11 @@ def _checked(stored: Stored, array: NDArray[Any], sizes: dict[str, int], where: 
     if array.dtype.kind != "f" or array.dtype.itemsize != 8:
         raise InputError(f"{where}: got the dtype {array.dtype}; allowed: float64")
     array = array.astype(np.float64, copy=False)  # the order of bytes of this machine
-    if array.size and not (array.min() >= -LARGEST_FOUND and array.max() <= LARGEST_FOUND):  # NaN is neither
-        place = tuple(int(i) for i in np.argwhere(~(np.abs(array) <= LARGEST_FOUND))[0])
+    if array.size and not (array.min() >= -stored.largest and array.max() <= stored.largest):  # NaN is neither
+        place = tuple(int(i) for i in np.argwhere(~(np.abs(array) <= stored.largest))[0])
         raise InputError(
-            f"{where}: got {array[place]!r:.40} at {list(place)};"
-            f" allowed: finite numbers of magnitude up to {LARGEST_FOUND:g}"
+            f"{where}: got {float(array[place])!r} at {list(place)};"
+            f" allowed: finite numbers of magnitude up to {stored.largest:g}"
         )
     return array
 
@@ -198,7 +201,7 @@ def _check_coordinates(meta: Meta, found: Mapping[str, Any], where: str) -> None
             what = unknown or names
             raise InputError(f"{where}: {key}: got {listed(what)}; allowed: each once, of {listed(coordinates)}")
     if meta.stopped:
-        stop: Stop = value_of(Stop, meta.stopped, f"{where}: stopped")
+        stop: Stop = value_of(Stop, meta.stopped, f"{where}: stopped", LARGEST_FINITE)
         if not len(stop.q) == len(stop.v) == len(coordinates) or stop.coordinate not in ("", *coordinates):
             raise InputError(f"{where}: stopped: is not of these coordinates; allowed: {listed(coordinates)}")
 

@@ -11,6 +11,7 @@ import os
 import stat
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from math import prod
 from pathlib import Path
@@ -23,7 +24,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..files import open_regular, read_regular
 from ..forms.plain import parse_json, printable, value_of
-from ..limits import LARGEST_FOUND
+from ..limits import LARGEST_FINITE
 from ..names import show
 from ..npz import VARIABLE, most_bytes
 from ..optional import optional_import
@@ -149,7 +150,7 @@ def load_stream(folder: Path | str) -> StreamedMotion:
             f"{folder}: is no stream of a simulation ({show(str(error))}); allowed: what eomgen wrote"
         ) from None
     for name, values in (("t", t[:count]), ("q", q), ("v", v)):
-        if not (np.abs(values) <= LARGEST_FOUND).all():
+        if not (np.abs(values) <= LARGEST_FINITE).all():
             raise InputError(f"{folder}: array {name}: got a number that is none; allowed: finite ones up to its end")
     if (np.diff(t[:count]) <= 0.0).any():
         raise InputError(f"{folder}: array t: got times that do not increase; allowed: increasing times")
@@ -252,16 +253,22 @@ def _check_files(folder: Path) -> None:
             raise InputError(f"{folder}: is no stream of a simulation (no folder); allowed: a folder that eomgen wrote")
         for place, folders, files in os.walk(folder):
             for name in (*folders, *files):
-                mode = (Path(place) / name).lstat().st_mode
-                if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
-                    raise InputError(
-                        f"{folder}: {show(name)} is no file; allowed: files and folders, as eomgen wrote them"
-                    )
+                if not _is_plain(Path(place) / name):
+                    allowed = "allowed: files and folders, as eomgen wrote them"
+                    raise InputError(f"{folder}: {show(name)} is no file; {allowed}")
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or show(str(error))
         raise InputError(
             f"{folder}: is no stream of a simulation ({reason}); allowed: a folder that eomgen wrote"
         ) from None
+
+
+def _is_plain(path: Path) -> bool:
+    """Whether a path is a file or a folder, or is not there any more: its writer has given it its name."""
+    with suppress(FileNotFoundError):
+        mode = path.lstat().st_mode
+        return stat.S_ISREG(mode) or stat.S_ISDIR(mode)
+    return True
 
 
 def _metadata(folder: Path) -> dict[str, Any]:

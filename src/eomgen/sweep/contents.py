@@ -18,7 +18,7 @@ from .measures import Column
 from .plan import Distribution, read_distribution
 
 ROUNDING = 1e-9  # relative: other machines' elementary functions
-MOST_STRATA = 1 << 24  # numbers of a Latin hypercube that are drawn anew to compare samples with
+MOST_STRATA = 1 << 22  # numbers of a Latin hypercube that are drawn anew to compare samples with
 
 _DISTRIBUTION = Form(DISTRIBUTIONS)
 
