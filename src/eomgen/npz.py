@@ -52,22 +52,25 @@ def read_npz(path: Path | str) -> dict[str, NDArray[Any]]:
         InputError: the file cannot be read, is no such file or a damaged one, holds a name twice or an array of
             something else, or is larger.
     """
-    most = _most_bytes()
+    most = most_bytes()
     try:
         with open_regular(Path(path), most) as stream:
             _check_end(stream, path)
             with zipfile.ZipFile(stream) as archive:
                 return _arrays(archive, path, most)
     except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+        reason = str(error.strerror or error)
+        allowed = "" if "allowed" in reason else "; allowed: a .npz file that can be read"
+        raise InputError(f"{path}: cannot be read: {reason}{allowed}") from None
     except _DAMAGED as error:
-        raise InputError(f"{path}: is no .npz as NumPy writes it ({show(str(error))})") from None
+        raise InputError(f"{path}: is no .npz as NumPy writes it ({show(str(error))}); allowed: one that is") from None
 
 
-def _most_bytes() -> int:
-    text = os.environ.get(VARIABLE, str(_MOST_MB))
+def most_bytes(variable: str = VARIABLE, megabytes: int = _MOST_MB) -> int:
+    """Bytes that a file may have: so many megabytes, or what the environment says; InputError if it says no number."""
+    text = os.environ.get(variable, str(megabytes))
     if not (text.isascii() and text.isdecimal() and int(text[:9]) > 0 and len(text) <= 9):
-        raise InputError(f"the environment's {VARIABLE} is {show(text)}; allowed: a number of megabytes")
+        raise InputError(f"the environment's {variable} is {show(text)}; allowed: a number of megabytes")
     return int(text) << 20
 
 
@@ -78,7 +81,9 @@ def _check_end(stream: BinaryIO, path: Path | str) -> None:
     stream.seek(max(size - _END.size - 20, 0))
     tail = stream.read()
     if len(tail) < _END.size or tail[-_END.size :][:4] != b"PK\5\6" or tail[: -_END.size].startswith(b"PK\6\7"):
-        raise InputError(f"{path}: is no .npz as NumPy writes it (its end is not that of a ZIP file)")
+        raise InputError(
+            f"{path}: is no .npz as NumPy writes it (its end is not that of a ZIP file); allowed: one that is"
+        )
     directory = _END.unpack(tail[-_END.size :])[5]
     if directory > _MOST_DIRECTORY:
         raise InputError(f"{path}: its directory has {directory} bytes; allowed: up to {_MOST_DIRECTORY}")
@@ -106,7 +111,7 @@ def _arrays(archive: zipfile.ZipFile, path: Path | str, most: int) -> dict[str, 
 def _array(member: Any, size: int, place: str) -> NDArray[Any]:
     """The array of an entry of that size."""
     if np.lib.format.read_magic(member) != (1, 0):
-        raise InputError(f"{place}: is of another format than (1, 0), which NumPy writes for numbers and texts")
+        raise InputError(f"{place}: is of another format; allowed: (1, 0), which NumPy writes for numbers and texts")
     shape, by_columns, dtype = np.lib.format.read_array_header_1_0(member)
     if dtype.kind not in _KINDS or dtype.itemsize == 0 or dtype.hasobject:
         raise InputError(f"{place}: has dtype {show(str(dtype))}; allowed: numbers and texts")
@@ -114,7 +119,7 @@ def _array(member: Any, size: int, place: str) -> NDArray[Any]:
     if not counts or prod(max(n, 1) for n in shape) >= 1 << 62:
         raise InputError(f"{place}: has shape {show(str(shape))}; allowed: whole numbers that an array can have")
     if prod(shape) * dtype.itemsize != size - member.tell():
-        raise InputError(f"{place}: has {size - member.tell()} bytes; its shape and dtype ask for another number")
+        raise InputError(f"{place}: has {size - member.tell()} bytes; allowed: as many as its shape and dtype ask for")
     whole = np.empty(shape, dtype, order="F" if by_columns else "C")
     flat = whole.reshape(-1, order="A").view(np.uint8).data if whole.size else memoryview(b"")
     for start in range(0, len(flat), _BLOCK):
@@ -123,8 +128,8 @@ def _array(member: Any, size: int, place: str) -> NDArray[Any]:
         while filled < len(block):
             count = member.readinto(block[filled:])
             if not count:
-                raise InputError(f"{place}: ends after {start + filled} of {len(flat)} bytes")
+                raise InputError(f"{place}: ends after {start + filled} of {len(flat)} bytes; allowed: all of them")
             filled += count
     if member.read(1):
-        raise InputError(f"{place}: goes on behind its end")
+        raise InputError(f"{place}: goes on behind its end; allowed: nothing there")
     return whole

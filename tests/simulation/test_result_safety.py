@@ -20,7 +20,7 @@ from eomgen.errors import InputError
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.result import SimulationResult
 from eomgen.simulation.run import run_scenario
-from eomgen.sweep.job import SampleRow
+from eomgen.sweep.contents import SampleRow
 from eomgen.sweep.store import opened, read_rows
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -72,7 +72,7 @@ def check_results(folder: Path) -> int:
 ROWS = """
     import sys
     from pathlib import Path
-    from eomgen.sweep.job import SampleRow
+    from eomgen.sweep.contents import SampleRow
     from eomgen.sweep.store import opened
     with opened(Path(sys.argv[1]), {"key": "k", "eomgen": "0", "robot": "r"}) as store:
         start = max(store.rows, default=-1) + 1
@@ -200,7 +200,7 @@ SHORT = """
     import resource, sys
     from pathlib import Path
     from eomgen.errors import InputError
-    from eomgen.sweep.job import SampleRow
+    from eomgen.sweep.contents import SampleRow
     from eomgen.sweep.store import opened
     resource.setrlimit(resource.RLIMIT_FSIZE, (5000, resource.RLIM_INFINITY))
     done = 0

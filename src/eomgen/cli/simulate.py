@@ -43,8 +43,11 @@ def _simulate(options: argparse.Namespace) -> None:
                 result = simulate(robot, progress=report, **given)
     except IntegrationStopped as error:
         if error.result is not None:  # what there is of it, marked as stopped; the status says so, too
-            path = error.result.save(options.output / TRAJECTORY)
-            print(f"wrote {path}: the motion until it stopped", file=sys.stderr)
+            try:
+                path = error.result.save(options.output / TRAJECTORY)
+                print(f"wrote {path}: the motion until it stopped", file=sys.stderr)
+            except InputError as refusal:  # why the motion stopped is said all the same
+                print(f"eomgen: {refusal}", file=sys.stderr)
         raise
     written = [result.save(options.output / TRAJECTORY)]
     if not options.no_plots:

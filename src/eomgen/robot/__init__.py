@@ -1,6 +1,6 @@
 """A robot as an immutable value: its parts, its rules, and the model that equations are derived for.
 
-Uses the root alone; it knows neither files nor kernels.
+Uses forms; it knows neither files nor kernels.
 """
 
 from .geometry import IDENTITY, ZERO, Matrix, Vector, rotation_from_rpy, snap

@@ -5,16 +5,14 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-import types
-import typing
 from collections.abc import Mapping
-from functools import cache
 from typing import Any
 
 from ..errors import InputError
+from ..forms.plain import value_of
+from ..limits import LARGEST
 from ..names import show
-from . import value as values
-from .value import Robot
+from .value import COORDINATES, Robot
 
 
 def record_of(robot: Robot) -> dict[str, Any]:
@@ -29,16 +27,19 @@ def record_of(robot: Robot) -> dict[str, Any]:
 
 
 def robot_of(record: Mapping[str, Any]) -> Robot:
-    """The robot of a record.
+    """The robot of a record, whose types are what they should be; ``description.recorded`` checks what they say.
 
     Raises:
         InputError: it is no record of a robot, or one of a newer eomgen.
     """
-    try:
-        robot = _value(Robot, record)
-    except (TypeError, ValueError, KeyError, AttributeError) as error:
-        raise InputError(f"this is no robot that was recorded, or one of a newer eomgen: {error}") from None
-    assert isinstance(robot, Robot)
+    robot: Robot = value_of(Robot, record, "this is no robot that was recorded, or one of a newer eomgen", LARGEST)
+    for joint, given in zip(robot.joints, record["joints"], strict=True):
+        for name in given.get("coordinates", {}):
+            if name not in joint.coordinates:
+                raise InputError(
+                    f"this is no robot that was recorded: joint {show(joint.name)}: {show(name)} is no coordinate;"
+                    f" allowed: {', '.join(COORDINATES)}"
+                )
     return robot
 
 
@@ -51,36 +52,6 @@ def _plain(value: object) -> Any:
     if isinstance(value, (tuple, list)):
         return [_plain(x) for x in value]
     return value
-
-
-@cache
-def _hints(kind: type) -> dict[str, Any]:
-    return typing.get_type_hints(kind, vars(values))
-
-
-def _value(kind: Any, data: Any) -> Any:
-    """The data as a value of a type of ``robot``'s; TypeError, ValueError or KeyError if it is none."""
-    origin, arguments = typing.get_origin(kind), typing.get_args(kind)
-    if origin in (types.UnionType, typing.Union):
-        (inner,) = (argument for argument in arguments if argument is not type(None))
-        return None if data is None else _value(inner, data)
-    if origin is tuple:
-        if not isinstance(data, list):
-            raise TypeError(f"got {show(data)}; allowed: a list")
-        kinds = [arguments[0]] * len(data) if arguments[1:] == (...,) else arguments
-        return tuple(_value(one, x) for one, x in zip(kinds, data, strict=True))
-    if origin is not None and issubclass(origin, Mapping):
-        return {str(key): _value(arguments[1], x) for key, x in data.items()}
-    if dataclasses.is_dataclass(kind):
-        hints = _hints(typing.cast(type, kind))
-        unknown = set(data) - {item.name for item in dataclasses.fields(kind)}
-        if unknown:
-            raise ValueError(f"{show(min(unknown))} is unknown")
-        return typing.cast(Any, kind)(**{key: _value(hints[key], x) for key, x in data.items()})
-    allowed = (int, float) if kind is float else (kind,)
-    if not isinstance(data, allowed) or (isinstance(data, bool) and kind is not bool):
-        raise TypeError(f"got {show(data)}; allowed: a value of type {kind.__name__}")
-    return data
 
 
 def robot_hash(robot: Robot) -> str:

@@ -1,6 +1,6 @@
 """Robot and Scenario -> SimulationResult: programs, drives, loads, segments, energy balance, files of results.
 
-Uses runtime, robot, description, state, motion, integration, scenario and pipeline.
+Uses runtime, robot, forms, description, state, motion, integration, scenario and pipeline.
 """
 
 from .balance import EnergyBalance

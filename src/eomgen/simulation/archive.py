@@ -1,25 +1,25 @@
 """The .npz file of a simulation: arrays by name, and ``meta``, everything else as JSON.
 
-It knows nothing of what the arrays mean; ``SimulationResult.save`` and ``load_result`` do.
+It knows nothing of what they mean; ``contents`` does.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..files import write_atomically
+from ..forms.plain import parse_json, printable
 from ..names import show
-from ..npz import read_npz
+from ..npz import most_bytes, read_npz
 
 FORMAT = 1  # raised when a reader of the old one would misread it
-_DAMAGED = (ValueError, KeyError, TypeError, AttributeError, RuntimeError, OverflowError)  # of meta that is another's
 
 
 def write_archive(path: Path | str, meta: Mapping[str, Any], arrays: Mapping[str, Any]) -> Path:
@@ -33,20 +33,27 @@ def write_archive(path: Path | str, meta: Mapping[str, Any], arrays: Mapping[str
     return write_atomically(Path(path), lambda stream: np.savez_compressed(stream, meta=text, **given))
 
 
-@contextmanager
-def open_archive(path: Path | str) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
-    """Give what ``write_archive`` wrote, meta and arrays, to a block that makes something of it.
+def read_archive(path: Path | str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """Read meta and arrays that ``write_archive`` wrote.
 
     Raises:
-        InputError: the file cannot be read, is of a newer eomgen, or the block does not find in it what it needs.
+        InputError: the file cannot be read, is no such file, or is of a newer eomgen.
     """
-    arrays: dict[str, Any] = read_npz(path)
-    try:
-        meta = json.loads(str(arrays.pop("meta")))
-        if meta["format"] > FORMAT:
-            raise InputError(
-                f"{path}: written by eomgen {meta['versions'].get('eomgen')}, which is newer than this one"
-            )
-        yield meta, arrays
-    except _DAMAGED as error:
-        raise InputError(f"{path}: is not a saved simulation ({show(str(error))})") from None
+    arrays = read_npz(path)
+    text = arrays.pop("meta", np.zeros(0))
+    if text.shape != () or text.dtype.kind != "U":
+        raise InputError(f"{path}: is not a saved simulation (meta is no text); allowed: a file that eomgen wrote")
+    meta = parse_json(str(text), f"{path}: meta", most_bytes() // 2)
+    number = meta.get("format") if isinstance(meta, dict) else None
+    if isinstance(number, bool) or not isinstance(number, int) or number < 1:
+        raise InputError(
+            f"{path}: is not a saved simulation (format: {show(number)}); allowed: a file that eomgen wrote"
+        )
+    if number > FORMAT:
+        versions = meta.get("versions")
+        version = versions.get("eomgen") if isinstance(versions, dict) else None
+        raise InputError(
+            f"{path}: written by eomgen {printable(str(version))[:40]}, which is newer than this one;"
+            f" allowed: up to format {FORMAT}"
+        )
+    return meta, arrays

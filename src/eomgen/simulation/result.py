@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -12,25 +12,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..description import RobotLike, as_robot
+from ..description.recorded import robot_from_record
 from ..errors import InputError, UnknownNameError
 from ..integration.contacts import Contact
 from ..integration.trajectory import Trajectory
 from ..names import kind_of, listed, nearest, show
-from ..robot.coordinates import force_unit_of, index_of, unit_of
-from ..robot.record import robot_hash, robot_of
+from ..robot.coordinates import coordinate_names, force_unit_of, index_of, unit_of
+from ..robot.model import build_model
+from ..robot.record import robot_hash
 from ..robot.value import MOTOR, Robot
+from ..scenario.recorded import scenario_from_record
 from ..shown import Shown
 from ..tabular import AXES, Rows, TableColumn, Tabular
-from .archive import open_archive, write_archive
+from .archive import read_archive, write_archive
 from .balance import TERMS, EnergyBalance
+from .contents import ARRAYS, BALANCE, RESULT, TRAJECTORY, Meta, check_contents, meta_data, meta_of
 
 Array = NDArray[np.float64]
-
-# What a file keeps of a result and of its trajectory: arrays; texts, and values that JSON holds.
-_SERIES = ("t", "q", "v", "u", "energy")
-_ARRAYS = ("program_q", "pose", "program_pose")
-_TEXTS = ("robot", "tool", "notes", "programmed", "prescribed", "robot_hash", "links")
-_RECORDS = ("scenario", "description", "stopped")
 
 
 @dataclass(frozen=True)
@@ -252,20 +250,22 @@ class SimulationResult(Shown, Tabular):
         Raises:
             InputError: the file cannot be written.
         """
-        motion = self.trajectory
-        arrays: dict[str, Any] = {name: getattr(motion, name) for name in _SERIES}
-        arrays |= {name: getattr(self, name) for name in _ARRAYS}
-        arrays |= {"coordinates": motion.coordinates, "units": self.units}
-        arrays["program_coordinates"] = np.array(self.program_coordinates, dtype=str)
-        if self.wrench is not None:
-            arrays["wrench"] = self.wrench
-        if self.balance is not None:
-            arrays["work"] = self.balance.work
-        meta = {name: getattr(self, name) for name in _TEXTS}
-        meta |= {"method": motion.method, "info": dict(motion.info), "versions": dict(self.versions)}
-        meta["contacts"] = [asdict(contact) for contact in motion.contacts]
-        meta |= {name: dict(getattr(self, name)) for name in _RECORDS}
-        return write_archive(path, meta, arrays)
+        owners = {RESULT: self, TRAJECTORY: self.trajectory, BALANCE: self.balance}
+        given = {item.name: getattr(owners[item.owner], item.name, None) for item in ARRAYS}
+        texts = [item.name for item in ARRAYS if item.texts]
+        arrays = {name: np.asarray(x, str if name in texts else None) for name, x in given.items() if x is not None}
+        whose = {item.name: owners[item.metadata.get("owner", RESULT)] for item in fields(Meta)}
+        plain = {name: _plain(getattr(owner, name)) for name, owner in whose.items()}
+        meta = meta_of(plain, "the result cannot be saved")
+        check_contents(meta, arrays, "the result cannot be saved")
+        return write_archive(path, meta_data(meta), arrays)
+
+
+def _plain(value: Any) -> Any:
+    """Values without proxies; contacts as tables."""
+    if isinstance(value, Mapping):
+        return dict(value)
+    return [asdict(x) if isinstance(x, Contact) else x for x in value] if isinstance(value, tuple) else value
 
 
 def _largest(names: Sequence[str], values: Array, unit: str) -> dict[str, Any] | None:
@@ -278,42 +278,56 @@ def _largest(names: Sequence[str], values: Array, unit: str) -> dict[str, Any] |
 
 
 def load_result(path: Path | str) -> SimulationResult:
-    """The result that ``SimulationResult.save`` wrote.
+    """The result that ``SimulationResult.save`` wrote; arrays, names, robot and scenario in it are checked.
 
     Raises:
-        InputError: the file does not exist, or is not such a result.
+        InputError: the file does not exist, or is not such a result; says what in it is wrong, and what is allowed.
     """
-    with open_archive(path) as (meta, arrays):
-        return _result_of(meta, arrays)
+    data, raw = read_archive(path)
+    meta = meta_of(data, f"{path}: meta")
+    arrays = check_contents(meta, raw, str(path))
+    owned: dict[str, dict[str, Any]] = {RESULT: {}, TRAJECTORY: {}, BALANCE: {}}
+    for item in ARRAYS:
+        if item.name in arrays:
+            owned[item.owner][item.name] = arrays[item.name]
+    for entry in fields(Meta):
+        value = getattr(meta, entry.name)
+        owned[entry.metadata.get("owner", RESULT)][entry.name] = (
+            MappingProxyType(value) if isinstance(value, dict) else value
+        )
+    del owned[RESULT]["units"]  # they follow from the names
+    trajectory = Trajectory(**owned[TRAJECTORY])
+    balance = EnergyBalance(energy=trajectory.energy, **owned[BALANCE]) if owned[BALANCE] else None
+    result = SimulationResult(trajectory=trajectory, balance=balance, **owned[RESULT])
+    if result.scenario:
+        scenario_from_record(result.scenario, f"{path}: scenario")
+    if result.description:
+        _check_robot(_kept_robot(result, f"{path}: description"), result, f"{path}: description")
+    return result
 
 
-def _result_of(meta: dict[str, Any], arrays: dict[str, Any]) -> SimulationResult:
-    """The result that a file keeps; KeyError if something is missing."""
-    work = arrays.get("work")
-    records: dict[str, Any] = {name: MappingProxyType(dict(meta.get(name, {}))) for name in _RECORDS}
-    trajectory = Trajectory(
-        **{name: arrays[name] for name in _SERIES},
-        coordinates=tuple(str(name) for name in arrays["coordinates"]),
-        method=meta["method"],
-        info=meta["info"],
-        contacts=tuple(Contact(**contact) for contact in meta.get("contacts", ())),
-    )
-    return SimulationResult(
-        robot=meta["robot"],
-        trajectory=trajectory,
-        program_coordinates=tuple(str(name) for name in arrays["program_coordinates"]),
-        tool=meta["tool"],
-        **{name: arrays[name] for name in _ARRAYS},
-        notes=tuple(meta["notes"]),
-        versions=MappingProxyType(dict(meta["versions"])),
-        programmed=meta.get("programmed", True),
-        prescribed=tuple(meta.get("prescribed", ())),
-        robot_hash=meta.get("robot_hash", ""),
-        links=tuple(meta.get("links", ())),
-        wrench=arrays.get("wrench"),
-        balance=None if work is None else EnergyBalance(work, trajectory.energy),
-        **records,
-    )
+def _check_robot(robot: Robot, result: SimulationResult, where: str) -> None:
+    """Refuse a robot that is not what the names in the result are of."""
+    links = {link.name for link in robot.links}
+    for what, ours, theirs in (
+        ("name", result.robot, robot.name),
+        ("list of coordinates", result.trajectory.coordinates, coordinate_names(robot)),
+        ("list of links", tuple(name for name in result.links if name in links), result.links),
+        ("tool", result.tool, result.tool if result.tool in build_model(robot).frames else None),
+    ):
+        if ours != theirs:
+            raise InputError(f"{where}: its {what} is not that of the result; allowed: the robot simulated")
+
+
+def _kept_robot(result: SimulationResult, source: str) -> Robot:
+    """The robot that a result keeps; InputError if it is none, or not that of the hash."""
+    robot = robot_from_record(result.description, source)
+    if robot_hash(robot) != result.robot_hash:
+        raise InputError(
+            f"the robot that the result keeps ({show(robot.name)}) is not that of its hash;"
+            " allowed: the robot simulated"
+        )
+    return robot
 
 
 def simulated_robot(result: SimulationResult, given: RobotLike | None = None) -> Robot:
@@ -328,12 +342,10 @@ def simulated_robot(result: SimulationResult, given: RobotLike | None = None) ->
             raise InputError(
                 f"robot: {robot.name} is not what was simulated as {result.robot}; allowed: the same description"
             )
+        _check_robot(robot, result, "robot")
         return robot
     if not result.description:
         raise InputError(
             f"the result was written by an eomgen that did not keep the robot ({result.robot}) in it; give it: --robot"
         )
-    robot = robot_of(result.description)
-    if robot_hash(robot) != result.robot_hash:
-        raise InputError(f"the robot that the result keeps ({show(robot.name)}) is not that of its hash")
-    return robot
+    return _kept_robot(result, f"the robot of the result ({result.robot})")

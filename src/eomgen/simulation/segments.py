@@ -25,6 +25,7 @@ from ..runtime.kernel import Kernel
 from ..scenario.value import Scenario
 from ..state.vectors import MotionFunction
 from .balance import TERMS, EnergyBalance, with_nodes, works
+from .contents import ARRAYS
 from .loads import loaded_parameters
 from .stream import MotionStream
 
@@ -125,10 +126,22 @@ def run_segments(
     if stream is not None:
         stream.flush()
     whole: dict[str, Any] = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
+    if stop is not None:
+        whole = _good_rows(whole)
     work, wrench = whole.pop("work"), whole.pop("wrench", None)
     about: dict[str, Any] = {"method": method, "info": info, "contacts": tuple(contacts)}
     trajectory = Trajectory(**whole, coordinates=kernel.coordinates, **about)
     return SegmentedMotion(trajectory, EnergyBalance(work, trajectory.energy), wrench, stop)
+
+
+def _good_rows(whole: dict[str, Array]) -> dict[str, Array]:
+    """Rows before the first with a number that results do not take: the motion has diverged there."""
+    largest = {item.name: item.largest for item in ARRAYS}
+    good = np.ones(len(whole["t"]), dtype=bool)
+    for name, values in whole.items():
+        good &= (np.abs(values) <= largest[name]).reshape(good.size, -1).all(axis=1)
+    count = good.size if good.all() else max(int(good.argmin()), 1)
+    return {name: values[:count] for name, values in whole.items()}
 
 
 def _recorder(kernel: Kernel, loads: Loads, grid: Array, stream: MotionStream) -> Record:

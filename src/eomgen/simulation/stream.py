@@ -7,9 +7,13 @@ hold names, units, and what is simulated.
 
 from __future__ import annotations
 
+import os
+import stat
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from math import prod
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -18,9 +22,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..files import open_regular, read_regular
+from ..forms.plain import parse_json, printable, value_of
+from ..limits import LARGEST_FINITE
+from ..names import show
+from ..npz import VARIABLE, most_bytes
 from ..optional import optional_import
 from ..robot.coordinates import unit_of
 from ..shown import Shown
+from .contents import check_coordinates
 from .result import Series
 
 Array = NDArray[np.float64]
@@ -29,6 +39,9 @@ FORMAT = 1  # raised when a reader of the old one would misread it
 ROWS = 256  # of a chunk
 SECONDS = 1.0  # after which rows are written that fill no chunk
 _NAMES = ("q", "v", "t")  # in the order of writing
+_MOST_METADATA = 1 << 24  # bytes: a scenario is in them
+_CODECS = ["bytes", "zstd"]
+_LONGEST_HEADER = 18  # bytes of a frame's header
 
 
 @dataclass(frozen=True)
@@ -50,7 +63,7 @@ class StreamedMotion(Shown):
         stem = name.removesuffix(".rate")
         if stem not in self.coordinates:
             raise InputError(
-                f"series: {name!r} is unknown; known: {', '.join(self.coordinates)}, with .rate or without"
+                f"series: {show(name)} is unknown; known: {', '.join(self.coordinates)}, with .rate or without"
             )
         values, unit = (self.q, unit_of(stem)) if stem == name else (self.v, f"{unit_of(stem)}/s")
         return Series(name, unit, self.t, values[:, self.coordinates.index(stem)])
@@ -120,23 +133,159 @@ class MotionStream:
 def load_stream(folder: Path | str) -> StreamedMotion:
     """Load what a stream has, also while it is written, or after its writer was killed.
 
+    Arrays may have 256 MB together; the environment's ``EOMGEN_NPZ_MB`` says otherwise.
+
     Raises:
-        InputError: Zarr is not installed, or the folder is no stream.
+        InputError: Zarr is not installed, or the folder is no stream; says what in it is wrong, and what is allowed.
     """
-    zarr = _zarr()
+    zarr, most = _zarr(), most_bytes()
     try:
+        about = _checked_layout(Path(folder), most)
         group = zarr.open_group(str(folder), mode="r")
-        about = dict(group.attrs)
-        if about["format"] > FORMAT:
-            raise InputError(f"{folder}: written by a newer eomgen than this one")
         t = np.asarray(group["t"][:], dtype=np.float64)
         unknown = np.flatnonzero(np.isnan(t))
         count = int(unknown[0]) if unknown.size else t.size
         q, v = (np.asarray(group[name][:count], dtype=np.float64) for name in ("q", "v"))
-        names = tuple(str(name) for name in about["coordinates"])
-        return StreamedMotion(t[:count], q, v, names, count == t.size, MappingProxyType(about["meta"]))
-    except (OSError, KeyError, ValueError, TypeError) as error:
-        raise InputError(f"{folder}: is no stream of a simulation ({error})") from None
+    except (OSError, KeyError, ValueError, TypeError, RuntimeError, MemoryError, OverflowError) as error:
+        raise InputError(
+            f"{folder}: is no stream of a simulation ({show(str(error))}); allowed: what eomgen wrote"
+        ) from None
+    for name, values in (("t", t[:count]), ("q", q), ("v", v)):
+        if not (np.abs(values) <= LARGEST_FINITE).all():
+            raise InputError(f"{folder}: array {name}: got a number that is none; allowed: finite ones up to its end")
+    if (np.diff(t[:count]) <= 0.0).any():
+        raise InputError(f"{folder}: array t: got times that do not increase; allowed: increasing times")
+    return StreamedMotion(t[:count], q, v, about.coordinates, count == t.size, MappingProxyType(dict(about.meta)))
+
+
+@dataclass(frozen=True)
+class _About:
+    """Attributes of the group."""
+
+    format: int
+    coordinates: tuple[str, ...]
+    units: tuple[str, ...]
+    meta: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class _Part:
+    """An entry of Zarr's metadata that has a name."""
+
+    name: str
+    configuration: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class _Stored:
+    """Metadata of an array, as far as its size depends on them."""
+
+    shape: tuple[int, ...]
+    data_type: str
+    chunk_grid: _Part
+    codecs: tuple[_Part, ...]
+
+
+def _checked_layout(folder: Path, most: int) -> _About:
+    """The attributes of a stream whose files are files, and whose arrays are as large as they should be.
+
+    Zarr believes what a folder says of itself: this is looked at before it is asked.
+    """
+    _check_files(folder)
+    data = _metadata(folder)
+    written = data.get("attributes")
+    number = written.get("format") if isinstance(written, dict) else None
+    if isinstance(number, int) and number > FORMAT:
+        raise InputError(f"{folder}: written by a newer eomgen than this one; allowed: up to format {FORMAT}")
+    about: _About = value_of(_About, written, f"{folder}: is no stream of a simulation: attributes")
+    check_coordinates(about.coordinates, about.units, f"{folder}: attributes")
+    n = len(about.coordinates)
+    samples = 0
+    for name in ("t", "q", "v"):
+        where = f"{folder}: array {name}"
+        declared = _metadata(folder / name)
+        known = {key: declared[key] for key in ("shape", "data_type", "chunk_grid", "codecs") if key in declared}
+        stored: _Stored = value_of(_Stored, known, where)
+        chunk: tuple[int, ...] = value_of(tuple[int, ...], stored.chunk_grid.configuration.get("chunk_shape"), where)
+        samples = stored.shape[0] if name == "t" and stored.shape else samples
+        wanted = (samples,) if name == "t" else (samples, n)
+        if stored.data_type != "float64" or stored.shape != wanted or samples < 1:
+            shown = f"{printable(stored.data_type)} {stored.shape}"
+            raise InputError(f"{where}: is {shown:.80}; allowed: float64 {wanted}, one row for each time")
+        if chunk != (min(ROWS, samples), *wanted[1:]):
+            raise InputError(f"{where}: its chunks are {chunk!s:.40}; allowed: {ROWS} rows each")
+        if [codec.name for codec in stored.codecs] != _CODECS:
+            raise InputError(f"{where}: its codecs are others than eomgen's; allowed: {', '.join(_CODECS)}")
+        _check_chunks(folder / name / "c", 8 * prod(chunk), where)
+    size = 8 * samples * (1 + 2 * n)
+    if size > most:
+        raise InputError(
+            f"{folder}: its arrays have {size} bytes; allowed: up to {most} (the environment's {VARIABLE} has their MB)"
+        )
+    return about
+
+
+def _check_chunks(folder: Path, size: int, where: str) -> None:
+    """Refuse chunks that are packed and would become larger, or smaller, than so many bytes."""
+    for path in sorted(folder.rglob("*")):
+        if not path.name.isdecimal() or not path.is_file():  # a folder, or not yet in its place
+            continue
+        with open_regular(path, 2 * size + 1024) as stream:
+            found = _unpacked_size(stream.read(_LONGEST_HEADER))
+        if found != size:
+            raise InputError(f"{where}: chunk {path.name} has {found} bytes; allowed: {size}, packed")
+
+
+def _unpacked_size(frame: bytes) -> int | None:
+    """Size that a frame of Zstandard says it is of (RFC 8878, 3.1.1.1), bytes; None where it says none."""
+    if len(frame) < 6 or frame[:4] != b"\x28\xb5\x2f\xfd":
+        return None
+    single = frame[4] >> 5 & 1
+    start = 6 - single + (0, 1, 2, 4)[frame[4] & 3]
+    width = (single, 2, 4, 8)[frame[4] >> 6]
+    size = int.from_bytes(frame[start : start + width], "little") + (256 if width == 2 else 0)
+    return size if width and len(frame) >= start + width else None
+
+
+def _check_files(folder: Path) -> None:
+    """Refuse what is neither a file nor a folder: who reads it would wait."""
+    try:
+        if not stat.S_ISDIR(folder.stat().st_mode):
+            raise InputError(f"{folder}: is no stream of a simulation (no folder); allowed: a folder that eomgen wrote")
+        for place, folders, files in os.walk(folder):
+            for name in (*folders, *files):
+                if not _is_plain(Path(place) / name):
+                    allowed = "allowed: files and folders, as eomgen wrote them"
+                    raise InputError(f"{folder}: {show(name)} is no file; {allowed}")
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or show(str(error))
+        raise InputError(
+            f"{folder}: is no stream of a simulation ({reason}); allowed: a folder that eomgen wrote"
+        ) from None
+
+
+def _is_plain(path: Path) -> bool:
+    """Whether a path is a file or a folder, or is not there any more: its writer has given it its name."""
+    with suppress(FileNotFoundError):
+        mode = path.lstat().st_mode
+        return stat.S_ISREG(mode) or stat.S_ISDIR(mode)
+    return True
+
+
+def _metadata(folder: Path) -> dict[str, Any]:
+    """The values of the metadata of a group or an array."""
+    path = folder / "zarr.json"
+    try:
+        text = read_regular(path, _MOST_METADATA).decode("utf-8")
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or show(str(error))
+        raise InputError(
+            f"{folder}: is no stream of a simulation ({path.name}: {reason}); allowed: what eomgen wrote"
+        ) from None
+    found = parse_json(text, str(path), 16 * _MOST_METADATA)
+    if not isinstance(found, dict):
+        raise InputError(f"{path}: got {show(found)}; allowed: a table")
+    return found
 
 
 def _zarr() -> Any:

@@ -32,10 +32,10 @@ class Design:
     """
 
     def __init__(self, distributions: Sequence[Distribution], draws: int, seed: int, design: str) -> None:
-        self._distributions, self._draws = tuple(distributions), draws
+        self.distributions, self._draws = tuple(distributions), draws
         self._key = np.random.SeedSequence(seed).generate_state(2, np.uint64)
-        self._random = [j for j, item in enumerate(self._distributions) if item.kind != "grid"]
-        self._points = math.prod(len(item.values) for item in self._distributions if item.kind == "grid")
+        self._random = [j for j, item in enumerate(self.distributions) if item.kind != "grid"]
+        self._points = math.prod(len(item.values) for item in self.distributions if item.kind == "grid")
         self._strata: list[NDArray[np.int64]] = []
         if design == "latin_hypercube":
             self._strata = [self._generator(_STRATA, j).permutation(draws) for j in range(len(self._random))]
@@ -46,13 +46,13 @@ class Design:
     def values(self, index: int) -> tuple[float, ...]:
         """The d numbers of a sample."""
         point, draw = divmod(index, self._draws)
-        found = [0.0] * len(self._distributions)
-        for j in reversed([j for j, item in enumerate(self._distributions) if item.kind == "grid"]):
-            grid = self._distributions[j].values
+        found = [0.0] * len(self.distributions)
+        for j in reversed([j for j, item in enumerate(self.distributions) if item.kind == "grid"]):
+            grid = self.distributions[j].values
             point, place = divmod(point, len(grid))
             found[j] = grid[place]
         for j, u in zip(self._random, self.uniforms(draw), strict=True):
-            found[j] = quantile(self._distributions[j], u)
+            found[j] = quantile(self.distributions[j], u)
         return tuple(found)
 
     def uniforms(self, draw: int) -> list[float]:

@@ -33,14 +33,15 @@ from ..robot.value import Robot
 from ..scenario.load import read_scenario, scenario_from_values
 from ..scenario.value import Scenario
 from ..simulation.initial import initial_state
+from .contents import SampleRow, manifest_of, row_check
 from .design import Design
-from .job import Dimension, Job, SampleRow, SampleRunner, get_path
+from .job import Dimension, Job, SampleRunner, get_path
 from .measures import check_record
 from .pace import PERIOD, choose_pace, why_not
 from .plan import Distribution, Plan
 from .result import SweepResult
 from .shipping import Builds, Content, builds_of, check_same, lacks_sources, pack, source_keys, unpack
-from .store import SweepStore, opened
+from .store import FORMAT, SweepStore, opened
 
 CHUNK = 16  # samples that are done together
 FIRST, AHEAD = 8, 512  # chunks that wait at an executor: at first, at most
@@ -81,7 +82,8 @@ def run(
     report(0.0, "preparing")
     job, design, notes = prepare(robot, scenario, plan)
     manifest = {"key": job.key, "eomgen": __version__, **_about(job, design, notes)}
-    with opened(Path(output), manifest) as store:
+    check = row_check(manifest_of({"format": FORMAT, **manifest}, "sweep"))
+    with opened(Path(output), manifest, check) as store:
         missing = [i for i in range(len(design)) if i not in store.rows]
         if executor is not None:
             source = _by_executor(job, design, missing, executor)
@@ -217,13 +219,20 @@ def _notes(nominal: Job, record: np.ndarray[Any, Any], reason: str | None) -> li
 
 
 def _about(job: Job, design: Design, notes: Sequence[str]) -> dict[str, Any]:
+    different = list(dict.fromkeys(design.distributions))
+    places = [different.index(item) for item in design.distributions]
     return {
         "robot": job.robot.name,
         "tool": job.tool,
         "samples": len(design),
         "seed": job.plan.seed,
         "design": job.plan.design,
-        "varied": [{"kind": x.kind, "name": x.name, "relative_to": x.unit} for x in job.dimensions],
+        "draws": job.plan.samples,
+        "distributions": [item.as_dict() for item in different],
+        "varied": [
+            {"kind": x.kind, "name": x.name, "relative_to": x.unit, "distribution": place}
+            for x, place in zip(job.dimensions, places, strict=True)
+        ],
         "columns": [{"name": x.name, "unit": x.unit} for x in job.columns],
         "scenario": job.values,
         "notes": list(notes),

@@ -25,6 +25,7 @@ from ..scenario.value import Scenario
 from ..simulation.assembly import Assembly, assemble, kernels_of, with_kernel
 from ..simulation.result import SimulationResult
 from ..simulation.run import run_assembly
+from .contents import SampleRow, finite_or_error
 from .measures import NEEDS, Column, measure, rigid_pose
 from .pace import Pace, Rolled, roll
 from .plan import Plan
@@ -150,16 +151,6 @@ def file_hashes(job: Job) -> dict[str, str]:
     return found
 
 
-@dataclass(frozen=True)
-class SampleRow:
-    """Outcome of sample ``index`` with its numbers: what was recorded, or an error."""
-
-    index: int
-    sample: tuple[float, ...]
-    record: tuple[float, ...] = ()
-    error: str = ""
-
-
 class SampleRunner:
     """Assemblies of a job by scenario, made once and shared by the threads of a process."""
 
@@ -195,8 +186,10 @@ class SampleRunner:
                 sample = tuple(samples[i])
                 if isinstance(outcome, EomgenError):
                     found[i] = SampleRow(indices[i], sample, error=f"{type(outcome).__name__}: {outcome}")
-                else:
-                    found[i] = SampleRow(indices[i], sample, tuple(outcome[1].tolist()))
+                    continue
+                record = tuple(outcome[1].tolist())
+                error = finite_or_error(outcome[0], record)
+                found[i] = SampleRow(indices[i], sample, () if error else record, error)
         return [found[i] for i in range(len(samples))]
 
     def outcomes(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from ..errors import DescriptionError
 from ..forms.tables import Table
@@ -28,6 +28,15 @@ class Distribution:
     high: float | None = None
     mean: float = 0.0
     deviation: float = 0.0
+
+    def as_dict(self) -> dict[str, Any]:
+        """The key and the table that ``read_distribution`` makes it of."""
+        bounds = {key: getattr(self, key) for key in ("low", "high") if getattr(self, key) is not None}
+        if self.kind == "grid":
+            return {"grid": {"values": list(self.values)}}
+        return {
+            self.kind: bounds if self.kind == "uniform" else {"mean": self.mean, "deviation": self.deviation, **bounds}
+        }
 
 
 @dataclass(frozen=True)
@@ -125,6 +134,13 @@ def _engine(table: Table | None) -> Engine:
 def _vary(table: Table) -> Vary:
     if ("parameter" in table) == ("scenario" in table):
         table.fail("needs parameter or scenario, the name of a number; allowed: one of them")
+    distribution = read_distribution(table)
+    relative = table.boolean("relative") or False
+    return Vary(table.text("parameter"), table.text("scenario"), distribution, relative)
+
+
+def read_distribution(table: Table) -> Distribution:
+    """The one distribution that a table has among its keys; DescriptionError if it has none, or several."""
     kinds = [kind for kind in DISTRIBUTIONS if kind in table]
     if len(kinds) != 1:
         came = ", ".join(kinds) or "none"
@@ -132,8 +148,7 @@ def _vary(table: Table) -> Vary:
     inner = table.table(kinds[0])
     assert inner is not None
     readers = {"grid": _grid, "uniform": _uniform, "normal": _normal}
-    relative = table.boolean("relative") or False
-    return Vary(table.text("parameter"), table.text("scenario"), readers[kinds[0]](inner), relative)
+    return readers[kinds[0]](inner)
 
 
 def _grid(table: Table) -> Distribution:

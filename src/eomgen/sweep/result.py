@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -19,7 +19,8 @@ from ..names import nearest, show
 from ..optional import optional_import
 from ..shown import Shown, text_of
 from ..tabular import Rows, TableColumn, Tabular
-from .store import read_manifest, read_rows
+from .contents import manifest_of, row_check
+from .store import MANIFEST, read_manifest, read_rows
 
 Array = NDArray[np.float64]
 
@@ -89,28 +90,29 @@ class SweepResult(Shown, Tabular):
     def load(folder: Path | str) -> SweepResult:
         """Load what a sweep's folder has, also while it is running or after its end by force.
 
+        Checksums are compared, and the samples' numbers with what seed and index make.
+
         Raises:
-            InputError: the folder holds no sweep.
+            InputError: the folder holds no sweep, or what it holds was changed; says which line.
         """
         folder = Path(folder)
-        about, rows = read_manifest(folder), read_rows(folder)
+        about = manifest_of(read_manifest(folder), f"{folder / MANIFEST}")
+        rows = read_rows(folder, row_check(about), checked=about.format > 1)
         index = np.array(sorted(rows), dtype=np.int64)
-        units = {item["name"]: str(item["unit"]) for item in about["columns"]}
-        scale = np.array([item["relative_to"] or 1.0 for item in about["varied"]])
-        nothing = (float("nan"),) * len(units)
+        nothing = (float("nan"),) * len(about.columns)
         samples = np.array([rows[i].sample for i in index.tolist()], dtype=np.float64)
         record = np.array([rows[i].record or nothing for i in index.tolist()], dtype=np.float64)
         return SweepResult(
             folder=folder,
             index=index,
-            varied=tuple(item["name"] for item in about["varied"]),
-            columns=tuple(units),
-            units=MappingProxyType(units),
-            samples=samples.reshape(-1, scale.size) * scale,
-            record=record.reshape(-1, len(units)),
+            varied=tuple(item.name for item in about.varied),
+            columns=tuple(item.name for item in about.columns),
+            units=MappingProxyType({item.name: item.unit for item in about.columns}),
+            samples=samples.reshape(-1, len(about.varied)) * np.array(about.scale),
+            record=record.reshape(-1, len(about.columns)),
             errors=MappingProxyType({i: rows[i].error for i in index.tolist() if rows[i].error}),
-            total=int(about["samples"]),
-            meta=MappingProxyType(about),
+            total=about.samples,
+            meta=MappingProxyType({item.name: getattr(about, item.name) for item in fields(about)}),
         )
 
     @property
@@ -187,7 +189,8 @@ class SweepResult(Shown, Tabular):
                 "regression": dict(zip(ranked.names, _plain(ranked.regression), strict=True)),
                 "spearman": dict(zip(ranked.names, _plain(ranked.spearman), strict=True)),
             }
-        about = {key: self.meta[key] for key in ("robot", "tool", "seed", "design", "notes")}
+        about = {key: self.meta[key] for key in ("robot", "tool", "seed", "design")}
+        about["notes"] = list(self.meta["notes"])
         return {
             **about,
             "samples": self.total,

@@ -1,11 +1,13 @@
 """The folder of a sweep: what was done is only ever appended to, so that it survives its writer's end.
 
-sweep.json says what is swept (its hash is checked on resumption); samples.jsonl has a line for every sample that is
-done, in the order of completion; a last line without an end is of a writer that was killed, and is cut off.
+sweep.json says what is swept; samples.jsonl has a line for every sample that is done, in the order of completion; a
+last line without an end is of a writer that was killed, and is cut off.  Both carry checksums of what they say (since
+format 2), so that no digit changes without a word.  Folders of format 1 are read, and not gone on with.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import time
@@ -15,11 +17,19 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
-from ..files import write_atomically
-from .job import SampleRow
+from ..files import open_regular, read_regular, write_atomically
+from ..forms.plain import parse_json, value_of
+from ..names import show
+from ..npz import most_bytes
+from .contents import CheckRow, SampleRow
 
 MANIFEST, ROWS, LOCK = "sweep.json", "samples.jsonl", ".lock"
-FORMAT = 1
+FORMAT = 2
+VARIABLE = "EOMGEN_SWEEP_MB"  # of the environment: megabytes that the rows of a sweep may have
+_MOST_MB = 1024
+_MOST_MANIFEST = 1 << 25  # bytes
+_MOST_LINE = 1 << 22
+_MOST_VALUES = 1 << 28  # bytes of memory that a line or the manifest may take
 SECONDS = 1.0  # after which what was written is on the disk
 
 
@@ -37,7 +47,7 @@ class SweepStore:
         Raises:
             InputError: the folder cannot be written any more.
         """
-        lines = "".join(json.dumps(_line(row)) + "\n" for row in rows)
+        lines = "".join(json.dumps(line_of(row)) + "\n" for row in rows)
         try:
             rest = memoryview(lines.encode("ascii"))
             while rest:  # a disk that fills up takes a part, and says so when it is given the rest
@@ -60,12 +70,14 @@ class SweepStore:
 
 
 @contextmanager
-def opened(folder: Path, manifest: Mapping[str, Any]) -> Iterator[SweepStore]:
+def opened(folder: Path, manifest: Mapping[str, Any], check: CheckRow | None = None) -> Iterator[SweepStore]:
     """The folder of a sweep, new or resumed.
 
     Args:
         folder: new, empty, or of the same sweep.
-        manifest: values that JSON holds, among them "key" and "eomgen", which must be those of what is resumed.
+        manifest: values that JSON holds, among them "key", "eomgen" and "robot"; those of what is resumed must be the
+            same, but for "notes".
+        check: says what is wrong with a row that is there, "" where nothing is.
 
     Raises:
         InputError: something else is in the folder, another process writes to it, or it cannot be written.
@@ -77,6 +89,7 @@ def opened(folder: Path, manifest: Mapping[str, Any]) -> Iterator[SweepStore]:
         resumed = (folder / MANIFEST).exists()
         if not resumed and any(path.name != LOCK for path in folder.iterdir()):
             raise InputError(f"{folder}: is not empty and holds no sweep; allowed: a new folder, or that of this sweep")
+        manifest = {"format": FORMAT, **{key: x for key, x in manifest.items() if key != "check"}}
         lock = FileLock(str(folder / LOCK))
         try:
             lock.acquire(timeout=0)
@@ -86,9 +99,9 @@ def opened(folder: Path, manifest: Mapping[str, Any]) -> Iterator[SweepStore]:
             if resumed:
                 _check_same(folder, read_manifest(folder), manifest)
             else:
-                text = json.dumps({"format": FORMAT, **manifest}, indent=1)
+                text = json.dumps({**manifest, "check": checksum(manifest)}, indent=1)
                 write_atomically(folder / MANIFEST, lambda stream: stream.write(text.encode()))
-            store = SweepStore(folder, _read_rows(folder, repair=True), resumed)
+            store = SweepStore(folder, _read_rows(folder, check, checked=True, repair=True), resumed)
             try:
                 yield store
             finally:
@@ -100,49 +113,118 @@ def opened(folder: Path, manifest: Mapping[str, Any]) -> Iterator[SweepStore]:
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
-    """Read what a folder's sweep is; InputError where there is none."""
+    """Read what a folder's sweep is, without its checksum.
+
+    Raises:
+        InputError: there is none, it was changed, or is of a newer eomgen.
+    """
     try:
-        found: dict[str, Any] = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-        if found["format"] > FORMAT:
-            raise InputError(f"{folder}: written by a newer eomgen than this one")
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{folder}: holds no sweep ({error})") from None
-    return found
+        text = read_regular(folder / MANIFEST, _MOST_MANIFEST).decode("utf-8")
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or show(str(error))
+        raise InputError(
+            f"{folder}: holds no sweep ({MANIFEST}: {reason}); allowed: a folder that eomgen wrote"
+        ) from None
+    where = f"{folder}: holds no sweep ({MANIFEST})"
+    found = parse_json(text, where, _MOST_VALUES)
+    number = found.get("format") if isinstance(found, dict) else None
+    if isinstance(number, bool) or not isinstance(number, int) or number < 1:
+        raise InputError(f"{where}: got the format {show(number)}; allowed: a folder that eomgen wrote")
+    if number > FORMAT:
+        raise InputError(f"{folder}: written by a newer eomgen than this one; allowed: up to format {FORMAT}")
+    check = found.pop("check", None)
+    if number > 1 and check != checksum(found):
+        raise InputError(f"{folder / MANIFEST}: was changed since it was written; allowed: what eomgen wrote")
+    values: dict[str, Any] = value_of(Mapping[str, Any], found, where)
+    return values
 
 
-def read_rows(folder: Path) -> dict[int, SampleRow]:
-    """The samples that are done, by index; also while others are being written."""
-    return _read_rows(folder, repair=False)
+def read_rows(folder: Path, check: CheckRow | None = None, *, checked: bool = True) -> dict[int, SampleRow]:
+    """The samples that are done, by index; also while others are being written.
+
+    Args:
+        check: says what is wrong with a row, "" where nothing is.
+        checked: whether rows have checksums: those of format 1 have none.
+
+    Raises:
+        InputError: a line is damaged or was changed; says which, and what to do.
+    """
+    return _read_rows(folder, check, checked=checked, repair=False)
 
 
 def _check_same(folder: Path, found: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:
     for key, what in (("eomgen", "version of eomgen"), ("robot", "robot"), ("key", "plan, scenario or robot")):
         if found.get(key) != wanted[key]:
             raise InputError(
-                f"{folder}: holds a sweep of another {what} ({found.get(key)!r:.40}, here {wanted[key]!r:.40});"
+                f"{folder}: holds a sweep of another {what} ({show(found.get(key))[:40]}, here {wanted[key]!r:.40});"
                 " allowed: the same one, to go on with it, or another folder"
+            )
+    if found["format"] != FORMAT:
+        raise InputError(
+            f"{folder}: its rows have no checksums (format {found['format']}); allowed: to read it, and another folder"
+            " to go on in"
+        )
+    here = value_of(Mapping[str, Any], json.loads(json.dumps(wanted)), "sweep")
+    for key in sorted({*found, *here} - {"notes"}):
+        if found.get(key) != here.get(key):
+            raise InputError(
+                f"{folder / MANIFEST}: {show(key)} is not what plan, scenario and robot make of it; allowed: the same"
+                " sweep, to go on with it, or another folder"
             )
 
 
-def _line(row: SampleRow) -> dict[str, Any]:
-    body: dict[str, Any] = {"error": row.error} if row.error else {"record": row.record}
-    return {"index": row.index, "sample": row.sample, **body}
+def checksum(values: Mapping[str, Any]) -> str:
+    """Hash of values that JSON holds: it is that of what is read of what was written."""
+    return hashlib.sha256(json.dumps(values).encode("ascii")).hexdigest()[:16]
 
 
-def _read_rows(folder: Path, *, repair: bool) -> dict[int, SampleRow]:
-    path, rows = folder / ROWS, dict[int, SampleRow]()
-    if not path.exists():
+def line_of(row: SampleRow) -> dict[str, Any]:
+    """The values of a row's line, its checksum among them."""
+    outcome: dict[str, Any] = {"error": row.error} if row.error else {"record": row.record}
+    body = {"index": row.index, "sample": row.sample, **outcome}
+    return {**body, "check": checksum(body)}
+
+
+def _read_rows(folder: Path, check: CheckRow | None, *, checked: bool, repair: bool) -> dict[int, SampleRow]:
+    path, rows, end = folder / ROWS, dict[int, SampleRow](), 0
+    try:
+        with open_regular(path, most_bytes(VARIABLE, _MOST_MB)) as stream:
+            for number, line in enumerate(iter(lambda: stream.readline(_MOST_LINE + 1), b""), 1):
+                if not line.endswith(b"\n") and len(line) <= _MOST_LINE:
+                    break  # its writer was killed, or is at work
+                row, wrong = _row(line, checked)
+                wrong = wrong or (check(row) if check else "")
+                if not wrong and rows.setdefault(row.index, row) != row:
+                    wrong = f"sample {row.index} is there before with other numbers; allowed: each sample once"
+                if wrong:
+                    raise InputError(
+                        f"{path}: line {number} is damaged: {wrong}; remove it, and the sample is done again"
+                    )
+                end += len(line)
+    except FileNotFoundError:
         return rows
-    data = path.read_bytes()
-    whole = data[: data.rfind(b"\n") + 1]
-    for number, line in enumerate(whole.splitlines(), 1):
-        try:
-            item = json.loads(line)
-            row = SampleRow(item["index"], tuple(item["sample"]), tuple(item.get("record", ())), item.get("error", ""))
-        except (ValueError, KeyError, TypeError):
-            raise InputError(f"{path}: line {number} is damaged; remove it, and the sample is done again") from None
-        rows[row.index] = row
-    if repair and len(whole) < len(data):
-        with path.open("r+b") as stream:
-            stream.truncate(len(whole))
+    except OSError as error:
+        raise InputError(
+            f"{path}: cannot be read: {error.strerror or error} (the environment's {VARIABLE} has the MB of the rows)"
+        ) from None
+    if repair and end < path.stat().st_size:
+        os.truncate(path, end)
     return rows
+
+
+def _row(line: bytes, checked: bool) -> tuple[SampleRow, str]:
+    """The row of a line, and what is wrong with it."""
+    nothing = SampleRow(-1, ())
+    if len(line) > _MOST_LINE:
+        return nothing, f"it has more than {_MOST_LINE} bytes; allowed: a row as eomgen writes it"
+    try:
+        found = parse_json(line.decode("ascii"), "row", _MOST_VALUES)
+        check = found.pop("check", None) if isinstance(found, dict) else None
+        if checked and (not isinstance(found, dict) or check != checksum(found)):
+            return nothing, "its checksum is not that of its values; allowed: a row as it was written"
+        row: SampleRow = value_of(SampleRow, found, "row")
+    except UnicodeDecodeError:
+        return nothing, "it is no ASCII text; allowed: a row as eomgen writes it"
+    except InputError as error:
+        return nothing, str(error)
+    return row, ""

@@ -1,0 +1,60 @@
+"""Robots that a file of eomgen's keeps as a record: they go through the checks of those that people write."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from ..errors import DescriptionError
+from ..robot.checks import check_parts
+from ..robot.model import build_model
+from ..robot.parameter_names import expand_tunable
+from ..robot.record import robot_of
+from ..robot.value import Robot
+from .draft import Draft, ordered_joints
+from .loops import check_loops
+from .springs import check_springs
+
+
+def robot_from_record(record: Mapping[str, Any], source: str) -> Robot:
+    """The robot that ``robot.record.record_of`` wrote down; ``source`` names the file in messages.
+
+    Inertias are taken as they are: the policy was applied when the description was read.
+
+    Raises:
+        InputError: it is no such record.
+        DescriptionError: it is a robot that no description could be: a link without its joint, a negative mass ...
+    """
+    robot = robot_of(record)
+    try:
+        _check(robot)
+    except DescriptionError as error:
+        error.source = source
+        raise
+    return robot
+
+
+def _check(robot: Robot) -> None:
+    check_parts(robot)
+    draft = Draft(
+        robot.source,
+        robot.name,
+        robot.base,
+        links={link.name: link for link in robot.links},
+        joints={joint.name: joint for joint in robot.joints},
+        frames={frame.name: frame for frame in robot.frames},
+        loops={loop.name: loop for loop in robot.loops},
+        springs={spring.name: spring for spring in robot.springs},
+    )
+    ordered_joints(draft)
+    reached = {robot.base}
+    for joint in robot.joints:
+        if joint.parent not in reached:
+            draft.fail(f"joints.{joint.name}", "it comes before the joint of its parent; allowed: from the base on")
+        reached.add(joint.child)
+    for frame in robot.frames:
+        draft.check_link(frame.link, f"frames.{frame.name}.link")
+    check_loops(draft)
+    check_springs(draft)
+    build_model(robot)
+    expand_tunable(robot, robot.tunable)

@@ -1,0 +1,76 @@
+"""What every reader of descriptions sees to, looked at in a whole Robot: for one that comes from elsewhere.
+
+What needs the model (names of identifiers, forces that go together, loops, springs) ``robot.model`` refuses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NoReturn
+
+from ..errors import DescriptionError
+from ..names import show
+from .geometry import Matrix
+from .laws import least_of
+from .model import parameter_values
+from .value import COORDINATES, JOINT_TYPES, PRINCIPAL, Joint, Robot
+
+_TURNED = 1e-6  # that a rotation's R R^T may be off the identity: some decimals of a text
+
+
+def check_parts(robot: Robot) -> None:
+    """Refuse names that are there twice, joints of no type, rotations that turn nothing, numbers out of their range.
+
+    Raises:
+        DescriptionError: with the place, what came and what is allowed.
+    """
+    for kind in ("links", "joints", "frames", "loops", "springs"):
+        seen = {robot.base} if kind == "links" else set[str]()
+        for item in getattr(robot, kind):
+            if item.name in seen:
+                _fail(robot, kind, f"the name {show(item.name)} is there twice; allowed: unique names")
+            seen.add(item.name)
+    for joint in robot.joints:
+        _check_joint(robot, joint)
+    for where, rotation in _rotations(robot):
+        if not _turns(rotation):
+            _fail(robot, where, "the axes are no rotation; allowed: orthogonal axes of length 1, right-handed")
+    for name, value in parameter_values(robot):
+        least = least_of(name)
+        if value is not None and least is not None and value < least:
+            _fail(robot, name, f"got {show(value)}; allowed: a number that is at least {least:g}")
+
+
+def _check_joint(robot: Robot, joint: Joint) -> None:
+    where = f"joints.{joint.name}"
+    if joint.type not in JOINT_TYPES:
+        _fail(robot, f"{where}.type", f"got {show(joint.type)}; allowed: {', '.join(JOINT_TYPES)}")
+    if len(joint.offset) != len(COORDINATES):
+        _fail(robot, f"{where}.offset", f"got {len(joint.offset)} numbers; allowed: {len(COORDINATES)}")
+    if joint.limits is not None and joint.type not in PRINCIPAL:
+        _fail(robot, f"{where}.limits", f"a {joint.type} joint has no principal coordinate; allowed: none")
+
+
+def _rotations(robot: Robot) -> Iterator[tuple[str, Matrix]]:
+    for joint in robot.joints:
+        yield f"joints.{joint.name}.placement", joint.placement.rotation
+        yield f"joints.{joint.name}.axis_turn", joint.axis_turn
+    for frame in robot.frames:
+        yield f"frames.{frame.name}.placement", frame.placement.rotation
+    for loop in robot.loops:
+        for place, placement in enumerate(loop.placements):
+            yield f"loops.{loop.name}.placements[{place}]", placement.rotation
+
+
+def _turns(rotation: Matrix) -> bool:
+    a, b, c = rotation
+    for i, row in enumerate(rotation):
+        for j, other in enumerate(rotation):
+            if abs(sum(x * y for x, y in zip(row, other, strict=True)) - (i == j)) > _TURNED:
+                return False
+    cross = (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+    return sum(x * y for x, y in zip(cross, c, strict=True)) > 0.0
+
+
+def _fail(robot: Robot, where: str, message: str) -> NoReturn:
+    raise DescriptionError(message, where=where, source=robot.source or robot.name)

@@ -1,0 +1,214 @@
+"""What the file of a result holds: the one declaration by which results are written, read and checked.
+
+``ARRAYS`` are its arrays, ``Meta`` is everything else.  Files without what is optional are older ones.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..forms.plain import value_of
+from ..integration.contacts import Contact
+from ..limits import LARGEST_FINITE, LARGEST_FOUND, MOST_ENTRIES
+from ..names import IDENTIFIER_RULE, ROBOT_RULE, is_identifier, is_robot_name, joint_of, kind_of, listed, show
+from ..robot.coordinates import UNITS, unit_of
+from .balance import TERMS
+
+_LARGEST_SUM = LARGEST_FOUND**2  # of energies: a motion that diverged has large ones
+RESULT, TRAJECTORY, BALANCE = "result", "trajectory", "balance"  # where an array belongs
+
+
+@dataclass(frozen=True)
+class Stored:
+    """An array of the file.
+
+    Attributes:
+        name: in the file and of the attribute.
+        owner: what has the attribute.
+        shape: numbers, and the letters T (samples), n (coordinates), p (driven coordinates), links.
+        texts: whether it has texts; else float64, finite.
+        largest: magnitude of its numbers.
+        optional: whether older files, and results that have no such thing, are without it.
+    """
+
+    name: str
+    owner: str
+    shape: tuple[str | int, ...]
+    texts: bool = False
+    optional: bool = False
+    largest: float = LARGEST_FOUND
+
+
+ARRAYS = (
+    Stored("coordinates", TRAJECTORY, ("n",), texts=True),
+    Stored("units", RESULT, ("n",), texts=True),
+    Stored("program_coordinates", RESULT, ("p",), texts=True),
+    Stored("t", TRAJECTORY, ("T",)),
+    Stored("q", TRAJECTORY, ("T", "n")),
+    Stored("v", TRAJECTORY, ("T", "n")),
+    Stored("u", TRAJECTORY, ("T", "n"), largest=_LARGEST_SUM),
+    Stored("energy", TRAJECTORY, ("T", 2), largest=_LARGEST_SUM),
+    Stored("program_q", RESULT, ("T", "p")),
+    Stored("pose", RESULT, ("T", 4, 4)),
+    Stored("program_pose", RESULT, ("T", 4, 4)),
+    Stored("wrench", RESULT, ("T", "links", 6), optional=True),
+    Stored("work", BALANCE, ("T", len(TERMS)), optional=True, largest=_LARGEST_SUM),
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Meta:
+    """Everything that is no array; what has a default is not in older files."""
+
+    robot: str
+    tool: str
+    method: str = field(metadata={"owner": TRAJECTORY})
+    info: Mapping[str, float] = field(metadata={"owner": TRAJECTORY})
+    notes: tuple[str, ...]
+    versions: Mapping[str, str]
+    programmed: bool = True
+    prescribed: tuple[str, ...] = ()
+    robot_hash: str = ""
+    links: tuple[str, ...] = ()
+    contacts: tuple[Contact, ...] = field(default=(), metadata={"owner": TRAJECTORY})
+    scenario: Mapping[str, Any] = field(default_factory=dict)
+    description: Mapping[str, Any] = field(default_factory=dict)
+    stopped: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Stop:
+    """The entry ``stopped`` where the motion came to its end too early."""
+
+    reason: str
+    t: float
+    coordinate: str
+    q: tuple[float, ...]
+    v: tuple[float, ...]
+
+
+_MOST_NAMES = len(UNITS) * MOST_ENTRIES
+COUNTS = ("steps", "evaluations", "jacobians", "wall_s")  # that ``info`` has, whatever the method
+
+
+def meta_of(data: Mapping[str, Any], where: str) -> Meta:
+    """The meta of a file or of a result that is to be written; entries that are not declared are a newer eomgen's.
+
+    Raises:
+        InputError: something is missing, or of another type than is declared; the message begins with ``where``.
+    """
+    known = {item.name for item in fields(Meta)}
+    meta: Meta = value_of(Meta, {key: value for key, value in data.items() if key in known}, where, LARGEST_FINITE)
+    _check_names(where, "robot", [meta.robot], is_robot_name, ROBOT_RULE)
+    _check_names(where, "tool", [meta.tool], is_identifier, IDENTIFIER_RULE)
+    _check_names(where, "links", meta.links, is_identifier, IDENTIFIER_RULE)
+    if meta.robot_hash and not re.fullmatch("[0-9a-f]{64}", meta.robot_hash):
+        raise InputError(f"{where}: robot_hash: got {show(meta.robot_hash)}; allowed: 64 hexadecimal digits")
+    for key in COUNTS:
+        if meta.info.get(key, -1) < 0:
+            raise InputError(f"{where}: info: got {show(meta.info.get(key))} for {key}; allowed: a number from 0 on")
+    return meta
+
+
+def meta_data(meta: Meta) -> dict[str, Any]:
+    """Plain values of a meta, as JSON holds them."""
+    values = {item.name: getattr(meta, item.name) for item in fields(Meta)}
+    return {**values, "contacts": [asdict(contact) for contact in meta.contacts]}
+
+
+def check_contents(meta: Meta, arrays: Mapping[str, NDArray[Any]], where: str) -> dict[str, Any]:
+    """Arrays as they are declared, names as tuples; those that are not declared are left out.
+
+    Raises:
+        InputError: an array is missing, has another dtype or shape, or a number that is none; names that do not belong
+            together.  The message begins with ``where``.
+    """
+    sizes: dict[str, int] = {"links": len(meta.links)}
+    found: dict[str, Any] = {}
+    for stored in ARRAYS:
+        if stored.name in arrays:
+            found[stored.name] = _checked(stored, arrays[stored.name], sizes, f"{where}: array {stored.name}")
+        elif not stored.optional:
+            raise InputError(f"{where}: array {stored.name} is missing; allowed: a result with it")
+    _check_coordinates(meta, found, where)
+    t = found["t"]
+    if not t.size:
+        raise InputError(f"{where}: array t: got no samples; allowed: one or more")
+    late = np.flatnonzero(np.diff(t) <= 0.0)
+    if late.size:
+        i = int(late[0])
+        raise InputError(f"{where}: array t: got {t[i + 1]:g} after {t[i]:g}; allowed: increasing times")
+    return found
+
+
+def _checked(stored: Stored, array: NDArray[Any], sizes: dict[str, int], where: str) -> Any:
+    if array.ndim == len(stored.shape):
+        for letter, size in zip(stored.shape, array.shape, strict=True):
+            if isinstance(letter, str):
+                sizes.setdefault(letter, size)  # the first array that has it says how many there are
+    wanted = tuple(sizes.get(x, x) if isinstance(x, str) else x for x in stored.shape)
+    if array.shape != wanted:
+        text = ", ".join(map(str, stored.shape))
+        raise InputError(f"{where}: got the shape {array.shape!s:.80}; allowed: ({text}), which is {wanted} here")
+    if stored.texts:
+        if array.dtype.kind != "U" and array.size:
+            raise InputError(f"{where}: got the dtype {array.dtype}; allowed: texts")
+        if array.size > _MOST_NAMES:
+            raise InputError(f"{where}: got {array.size} texts; allowed: up to {_MOST_NAMES}")
+        return tuple(str(text) for text in array.tolist())
+    if array.dtype.kind != "f" or array.dtype.itemsize != 8:
+        raise InputError(f"{where}: got the dtype {array.dtype}; allowed: float64")
+    array = array.astype(np.float64, copy=False)  # the order of bytes of this machine
+    if array.size and not (array.min() >= -stored.largest and array.max() <= stored.largest):  # NaN is neither
+        place = tuple(int(i) for i in np.argwhere(~(np.abs(array) <= stored.largest))[0])
+        raise InputError(
+            f"{where}: got {float(array[place])!r} at {list(place)};"
+            f" allowed: finite numbers of magnitude up to {stored.largest:g}"
+        )
+    return array
+
+
+def check_coordinates(names: Sequence[str], units: Sequence[str], where: str) -> None:
+    """Refuse names that no coordinate has, that are there twice, or that have other units; InputError as above."""
+    rule = f"JOINT.KIND with a kind of {', '.join(UNITS)}"
+    _check_names(where, "coordinates", names, lambda x: is_identifier(joint_of(x)) and kind_of(x) in UNITS, rule)
+    if not names:
+        raise InputError(f"{where}: coordinates: got none; allowed: one or more")
+    wanted = tuple(unit_of(name) for name in names)
+    if tuple(units) != wanted:
+        raise InputError(f"{where}: units: got {listed(units)}; allowed: {listed(wanted)}")
+
+
+def _check_coordinates(meta: Meta, found: Mapping[str, Any], where: str) -> None:
+    """Refuse names of coordinates that the result does not have, wherever they stand."""
+    coordinates = found["coordinates"]
+    check_coordinates(coordinates, found["units"], where)
+    contacts = dict.fromkeys(contact.coordinate for contact in meta.contacts)
+    for key, names in (
+        ("array program_coordinates", found["program_coordinates"]),
+        ("prescribed", meta.prescribed),
+        ("contacts", tuple(contacts)),
+    ):
+        unknown = [name for name in names if name not in coordinates]
+        if unknown or len(set(names)) < len(names):
+            what = unknown or names
+            raise InputError(f"{where}: {key}: got {listed(what)}; allowed: each once, of {listed(coordinates)}")
+    if meta.stopped:
+        stop: Stop = value_of(Stop, meta.stopped, f"{where}: stopped", LARGEST_FINITE)
+        if not len(stop.q) == len(stop.v) == len(coordinates) or stop.coordinate not in ("", *coordinates):
+            raise InputError(f"{where}: stopped: is not of these coordinates; allowed: {listed(coordinates)}")
+
+
+def _check_names(where: str, key: str, names: Sequence[str], is_allowed: Any, rule: str) -> None:
+    for name in names:
+        if not is_allowed(name):
+            raise InputError(f"{where}: {key}: got {show(name)}; allowed: {rule}")
+    if len(set(names)) < len(names):
+        raise InputError(f"{where}: {key}: got {listed(names)}; allowed: each name once")
