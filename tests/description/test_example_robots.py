@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -59,15 +60,31 @@ def diagnosis(path: Path) -> DescriptionError | None:
     return None
 
 
+def quick(paths: list[Path]) -> list[Any]:
+    """The paths; large robots, and more than one of a family, are for ``make soak``."""
+    families, found = set(), list[Any]()
+    for path in paths:
+        joints = len(re.findall(r'<joint [^>]*type="[rcp]', path.read_text(encoding="utf-8")))
+        kept = joints <= 12 and path.parts[-3] not in families
+        families |= {path.parts[-3]} if kept else set()
+        found.append(path if kept else pytest.param(path, marks=pytest.mark.soak))
+    return found
+
+
 @pytest.mark.parametrize("path", MOVING, ids=name_of)
-def test_example_ends_in_a_kernel(path: Path, built: Build) -> None:
-    """With inertias as they are, which is the default, it equals Pinocchio; what is strange in them is said."""
+def test_what_is_strange_in_an_example_is_said(path: Path) -> None:
     robot, error = load(path), diagnosis(path)
     assert any("no body can have" in note for note in robot.notes) == (error is not None)
     if error is not None:
         assert re.fullmatch(r"links\.[A-Za-z0-9_]+\.inertia", error.where)
         assert str(error).startswith(f"{path}:{error.line}:{error.column}: {error.where}: ")
         assert path.read_text(encoding="utf-8").splitlines()[error.line - 1].strip().startswith("<link")
+
+
+@pytest.mark.parametrize("path", quick(MOVING), ids=name_of)
+def test_example_ends_in_a_kernel(path: Path, built: Build) -> None:
+    """With inertias as they are, which is the default, it equals Pinocchio."""
+    robot = load(path)
     kernel = built(robot, "inverse_dynamics", "mass_matrix", "forward_dynamics")
     oracle, rng = UrdfOracle(path), np.random.default_rng(7)
     for _ in range(2):
@@ -83,7 +100,7 @@ def test_example_ends_in_a_kernel(path: Path, built: Build) -> None:
             assert close(kernel.forward_dynamics(q, v, u), oracle.forward_dynamics(q, v, u), limit)
 
 
-@pytest.mark.parametrize("path", [path for path in MOVING if diagnosis(path) is not None], ids=name_of)
+@pytest.mark.parametrize("path", quick([path for path in MOVING if diagnosis(path) is not None]), ids=name_of)
 def test_projected_robots_work(path: Path, built: Build) -> None:
     """Where a link is no body: the nearest possible body gives a kernel too, of the robot as it then is."""
     robot = load(path, "project")
