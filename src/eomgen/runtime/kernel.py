@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import ArrayError, BuildError, InputError, UnknownNameError
-from ..names import nearest_or_all
+from ..errors import BuildError, InputError, UnknownNameError
+from ..names import nearest_or_all, show
+from .arrays import Arrays, joint_lead
 from .by_name import Blocks, make_blocks
 from .calls import Calls
 from .many_steps import rollout
@@ -76,7 +77,7 @@ class Kernel:
         self._ratios: dict[str, float] = {name: ratio for name, (_, ratio) in meta.get("motors", {}).items()}
         self.knots: dict[str, tuple[float, ...]] = {k: tuple(x) for k, x in meta["knots"].items()}
         self.parameters = Parameters.of(self.raw, meta["parameters"], meta["least"])
-        self.calls = Calls(self.raw, self.parameters, self.coordinates, self.links)
+        self.calls = Calls(self.raw, self.parameters, Arrays(self.raw, self.coordinates, self.links))
 
     def __repr__(self) -> str:
         return f"<Kernel {self.name}: {len(self.coordinates)} coordinates, {self.dtype}>"
@@ -160,7 +161,7 @@ class Kernel:
     @threads.setter
     def threads(self, number: int) -> None:
         if isinstance(number, bool) or not isinstance(number, (int, np.integer)) or number < 1:
-            raise InputError(f"threads: {number!r} is not a number of threads; a whole number from 1 on is allowed")
+            raise InputError(f"threads: {show(number)} is not a number of threads; a whole number from 1 on is allowed")
         self.calls.threads = int(number)
 
     @property
@@ -180,7 +181,7 @@ class Kernel:
     @checks.setter
     def checks(self, wanted: bool) -> None:
         if not isinstance(wanted, (bool, np.bool_)):
-            raise InputError(f"checks: {wanted!r} is neither True nor False")
+            raise InputError(f"checks: {show(wanted)} is neither True nor False")
         self.calls.checks = bool(wanted)
 
     def mass_matrix(self, q: ArrayLike, *, out: Array | None = None) -> Array:
@@ -255,10 +256,9 @@ class Kernel:
         """
         self.refuse_loops("forward_dynamics", cut=cut)
         if wrench is not None:
-            drives, states = self.calls.array("u", u, self.raw.shapes["u"])
+            drives, lead = self.calls.array("u", u, self.raw.shapes["u"])
             external = self.external_force(q, wrench)
-            if states is not None and external.ndim > 1 and len(external) != states:
-                raise ArrayError(f"wrench: {len(external)} states, but {states} in u")
+            joint_lead("u", lead, external.shape[:-1])
             external[..., self._given] = 0  # where u is an acceleration
             u = drives + external
         return self.calls.run("forward_dynamics", out, (q, v, u))
@@ -275,9 +275,8 @@ class Kernel:
             q, v, a, u: (n,).
             out: array (3, n, n) to write to; the result are views of it.
         """
-        if u is not None:
-            self.calls.array("u", u, self.raw.shapes["u"])
-        return _three(self.calls.run("residual_jacobian", out, (q, v, a)))
+        lead = () if u is None else self.calls.array("u", u, self.raw.shapes["u"])[1]
+        return _three(self.calls.run("residual_jacobian", out, (q, v, a), lead=lead))
 
     def forward_dynamics_jacobian(
         self, q: ArrayLike, v: ArrayLike, u: ArrayLike, *, out: Array | None = None, cut: bool = False
