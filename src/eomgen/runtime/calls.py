@@ -72,7 +72,9 @@ class Calls:
             result += self.dtype.type(sign) * external
         if self.checks and not is_finite(result):
             labels = (*self.raw.functions[name].reads, "wrench")
-            arrays = [self.array(x, value, self.raw.shapes[x])[0] for x, value in zip(labels, (*values, wrench), strict=True)]
+            arrays = [
+                self.array(x, value, self.raw.shapes[x])[0] for x, value in zip(labels, (*values, wrench), strict=True)
+            ]
             raise self._overflow(name, result, labels, arrays)
         return result
 

@@ -226,6 +226,8 @@ def _gains(calls: Calls, driven: Sequence[int], kp: ArrayLike | None, kd: ArrayL
         return []
     found = []
     for label, value in (("kp", kp), ("kd", kd)):
+        if isinstance(value, np.ndarray) and value.ndim == 0:
+            value = value.item()
         if value is None or _is_number(value):
             given = [0.0] * calls.n
             for i in driven if value is not None else ():
@@ -311,7 +313,7 @@ class _Run:
             apart = min(every, end - begin)
             rows, row, kept = (end - begin) // apart, begin // every, end // every - begin // every
             ends = [x[first:last, row : row + rows + 1] for x in self.stored]
-            in_place = count == 1 and kept == rows
+            in_place = count == 1 and begin % every == 0 and kept == rows
             if not in_place:
                 ends = [x[: count * (rows + 1) * n].reshape(count, rows + 1, n) for x in room]
             failed = self._call((first, last), (begin, end), apart, at, ends)

@@ -86,7 +86,7 @@ class Parameters(MutableMapping[str, float]):
             slot = self._slot(name)
             held = self._held(name, value)
             least = self._least.get(name)
-            if least is not None and held < least:
+            if least is not None and value < least:
                 wrong = "too small" if least > 0.0 else "negative"
                 raise InputError(f"parameters: {name} = {show(value)} is {wrong}; at least {least:g} is allowed")
             wanted[slot] = held
@@ -100,12 +100,15 @@ class Parameters(MutableMapping[str, float]):
         if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
             raise InputError(f"parameters: {name} = {show(value)} is not a number")
         dtype = self._raw.dtype
+        if isinstance(value, np.generic) and not isinstance(value, np.longdouble):
+            value = value.item()
+        if not abs(value) < math.inf:
+            raise InputError(f"parameters: {name} = {show(value)} is not finite")
         most = float(np.finfo(dtype).max)
-        if not -most <= value <= most:
-            wrong = f"is beyond {dtype}" if abs(value) < math.inf else "is not finite"
-            raise InputError(f"parameters: {name} = {show(value)} {wrong}; at most {most:.3g} is allowed")
+        if abs(value) > most:
+            raise InputError(f"parameters: {name} = {show(value)} is beyond {dtype}; at most {most:.3g} is allowed")
         held = float(dtype.type(value))
-        rounded = held if isinstance(value, (int, np.integer)) else float(value)
+        rounded = held if isinstance(value, int) else float(value)
         if rounded != value:
             raise InputError(f"parameters: {name} = {show(value)} is a number that {dtype} cannot hold exactly")
         return held
