@@ -132,13 +132,13 @@ def test_an_interrupt_ends_long_work(call: str, kernel: eomgen.Kernel) -> None:
     seen: list[int] = []
     cut(kernel, SMALL, seen, ends_at=3)
     many = np.zeros((160_000, 2))
+    work = {
+        "rollout": lambda: kernel.rollout(Q[0], V[0], V[0], 1e-6, 10**12, every=10**12),
+        "rollouts": lambda: kernel.rollout(Q, V, V[0], 1e-6, 10**12, every=10**12),
+        "batch": lambda: kernel.inverse_dynamics(many, many, many),
+    }
     with pytest.raises(KeyboardInterrupt):
-        if call == "rollout":
-            kernel.rollout(Q[0], V[0], V[0], 1e-6, 10**12, every=10**12)
-        elif call == "rollouts":
-            kernel.rollout(Q, V, V[0], 1e-6, 10**12, every=10**12)
-        else:
-            kernel.inverse_dynamics(many, many, many)
+        work[call]()
     assert len(seen) == 3
 
 
@@ -149,11 +149,12 @@ def test_an_interrupt_ends_the_work_of_threads(call: str, kernel: eomgen.Kernel)
     cut(kernel, SMALL, seen, ends_at=5)
     kernel.threads = 2
     many, out = np.zeros((1_600_000, 2)), np.full((1_600_000, 2), np.nan)
+    work = {
+        "rollouts": lambda: kernel.rollout(Q, V, V[0], 1e-6, 10**12, every=10**12),
+        "batch": lambda: kernel.inverse_dynamics(many, many, many, out=out),
+    }
     with pytest.raises(KeyboardInterrupt):
-        if call == "batch":
-            kernel.inverse_dynamics(many, many, many, out=out)
-        else:
-            kernel.rollout(Q, V, V[0], 1e-6, 10**12, every=10**12)
+        work[call]()
     done, written = len(seen), np.isfinite(out).sum()
     assert done < 100_000
     again = kernel.inverse_dynamics(Q, V, V)  # the threads are free

@@ -109,12 +109,12 @@ class Arrays:
         names = [self.coordinates[i] for i in inner[named:]]
         entry = [f"[{', '.join(map(str, inner[:named]))}]"] if named else []
         found = f"{' '.join([*entry, *names])}{place_of(lead)} is {result[where]}"
-        largest = ""
+        largest, most = "", -1.0
         for label, array in given:
             own = array[state] if array.ndim > (2 if label in WRENCHES else 1) else array
             at = np.unravel_index(np.abs(own).argmax(), own.shape)
-            if not largest or np.abs(own[at]) > most:
-                most = np.abs(own[at])
+            if abs(own[at]) > most:
+                most = abs(own[at])
                 largest = f"{self._element(label, tuple(map(int, at)), own.shape)} = {own[at]:g} in {label}"
         return ArrayError(
             f"{function.name}: {found}, out of numbers that are finite; the largest is {largest}, and {self.dtype} ends"

@@ -122,7 +122,9 @@ class Calls:
             for label, array in zip(function.reads, arrays, strict=True):  # NaN has no pivot, either
                 self.refuse_not_finite(label, array, raw.shapes[label])
             state, coordinate = divmod(failed, self.n)
-            raise self.singular(name, coordinate, place_of(np.unravel_index(state, lead) if lead else ()))
+            raise self.singular(
+                name, coordinate, place_of([int(i) for i in np.unravel_index(state, lead)] if lead else ())
+            )
         if checks and not is_finite(result):
             raise self._overflow(name, result, function.reads, arrays)
         return result

@@ -225,7 +225,8 @@ class Kernel:
         """True if arrays with NaN or infinity are refused by the name of the coordinate, which is so at first.
 
         That holds for results, too, where finite numbers lead beyond what the dtype holds.  With False such numbers
-        go through the C, and what depends on them is not finite, or of no use where a law compares them; a call costs less (``eomgen bench`` says how much).  Shapes and dtypes are checked all the same,
+        go through the C, and what depends on them is not finite, or of no use where a law compares them; a call costs
+        less (``eomgen bench`` says how much).  Shapes and dtypes are checked all the same,
         integrators look for such numbers in any case, and where a mass matrix cannot be inverted because of one, it is
         still named.  ``with_parameters``, ``with_threads`` and ``with_checks`` copy the choice.
 

@@ -307,7 +307,9 @@ class _Run:
         most = max(OPERATIONS // (self.function.operations * count), 1)
         if count > 1:
             most = max(min(most, BUFFER // (count * n) * every), 1)
-        at = [np.array(np.broadcast_to(x[first:last] if apart else x, (count, n))) for x, apart in self.starts]
+        at = [
+            np.array(np.broadcast_to(x[first:last] if apart else x, (count, n)), order="C") for x, apart in self.starts
+        ]
         room = [np.empty(count * (most // every + 2) * n, x.dtype) for x in self.stored]
         for begin, end in _spans(self.how[1], every, most):
             apart = min(every, end - begin)

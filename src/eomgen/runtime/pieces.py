@@ -10,6 +10,7 @@ import os
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
+from itertools import pairwise
 
 OPERATIONS = 30_000_000  # of a piece: 2 to 30 ms, 100 ms in code that nothing optimised
 ROUND = 16  # states in multiples of it fill the vectors of any processor
@@ -48,7 +49,7 @@ def shared(work: Work, count: int, threads: int) -> int:
         return -1
 
     edges = [count * i // threads for i in range(threads + 1)]
-    parts = [_pool(threads).submit(part, *ends) for ends in zip(edges[:-1], edges[1:], strict=True)]
+    parts = [_pool(threads).submit(part, *ends) for ends in pairwise(edges)]
     try:
         return min((failed for failed in (future.result() for future in parts) if failed >= 0), default=-1)
     except BaseException:
