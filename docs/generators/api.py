@@ -30,7 +30,7 @@ def main_page() -> str:
     lines = [
         "# Python interface",
         "",
-        "What `import eomgen` gives; written from the docstrings. Arrays are (n,) or (N, n), SI units and radians. "
+        "What `import eomgen` gives; written from the docstrings. Arrays are (n,) or (..., n), SI units and radians. "
         "Where a robot is asked for, a `Robot`, the name of a built-in one and the path of a description do alike. "
         "What belongs to a subject is in its room, which needs no import of its own: `eomgen.analysis.modes(...)`.",
         "",

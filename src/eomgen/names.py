@@ -6,9 +6,10 @@ Nothing of a description goes into a message or a file before it went through th
 from __future__ import annotations
 
 import difflib
+import html
 import keyword
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 NAME_LENGTH = 128
 ROBOT_LENGTH = 48
@@ -75,6 +76,12 @@ def listed(names: Iterable[str], most: int = 8) -> str:
         shown.pop()
     text = ", ".join(shown)
     return text if len(names) == len(shown) else f"{text} and {len(names) - len(shown)} more"
+
+
+def html_table(title: str, rows: Mapping[str, object]) -> str:
+    """A small table in HTML: a title, and a line for every name and its value."""
+    lines = "".join(f"<tr><td>{html.escape(k)}</td><td>{html.escape(str(x))}</td></tr>" for k, x in rows.items())
+    return f"<table><caption>{html.escape(title)}</caption>{lines}</table>"
 
 
 def component_name(owner: str, part: str) -> str:

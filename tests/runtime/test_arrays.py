@@ -15,7 +15,7 @@ from tests.support.builds import Build
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
 STATES = 3
-VECTOR = "expected float64 of shape (2,) or (N, 2)"
+VECTOR = "expected float64 of shape (2,) or (..., 2)"
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +47,7 @@ def refusal(call: Callable[[], Any], error: type[Exception] = ArrayError) -> str
         (np.zeros(0), "shape (0,)"),
         ([], "shape (0,)"),
         (np.zeros((2, 3)), "shape (2, 3)"),
-        (np.zeros((1, 1, 2)), "shape (1, 1, 2)"),
+        (np.zeros((1, 2, 3)), "shape (1, 2, 3)"),
         ([[1.0], [1.0, 2.0]], "list ("),
         (None, "dtype object"),
         (np.array([1.0, 2.0], object), "dtype object"),
@@ -144,7 +144,6 @@ def test_batches_of_different_length(kernel: eomgen.Kernel) -> None:
     assert (
         refusal(lambda: kernel.bias_force(np.zeros((3, 2)), np.zeros((4, 2)))) == "v: 4 states, but 3 in other arrays"
     )
-    assert "1 states, but 3" in refusal(lambda: kernel.bias_force(np.zeros((3, 2)), np.zeros((1, 2))))
     wrench, u = np.zeros((4, 1, 6)), np.zeros((3, 2))
     for name, arguments in (
         ("inverse_dynamics", (Q, V, u)),
@@ -163,13 +162,13 @@ def test_an_empty_batch_gives_an_empty_batch(kernel: eomgen.Kernel) -> None:
     assert kernel.residual(none, V, V, V, wrench=np.zeros((1, 6))).shape == (0, 2)
 
 
-@pytest.mark.parametrize("shape", [(6,), (2, 6), (1, 3), (3, 6), (1, 1, 1, 6)])
+@pytest.mark.parametrize("shape", [(6,), (2, 6), (1, 3), (3, 6), (1, 1, 2, 6)])
 def test_wrenches_of_the_wrong_shape(shape: tuple[int, ...], kernel: eomgen.Kernel) -> None:
     for name, arguments in (("generalized_force", (Q, V)), ("external_force", (Q,)), ("forward_dynamics", (Q, V, V))):
         message = refusal(
             lambda name=name, arguments=arguments: getattr(kernel, name)(*arguments, wrench=np.zeros(shape))
         )
-        assert message == f"wrench: expected float64 of shape (1, 6) or (N, 1, 6), got shape {shape}"
+        assert message == f"wrench: expected float64 of shape (1, 6) or (..., 1, 6), got shape {shape}"
 
 
 @pytest.mark.parametrize("name", ["generalized_force", "inverse_dynamics", "residual", "forward_dynamics"])

@@ -1,28 +1,26 @@
-"""From arrays to the C of a kernel and back: what is checked and converted, what threads share, what an error says.
+"""From arrays to the C of a kernel and back: what is called how, and what an error says.
 
 A generated package carries a copy of this file, which imports NumPy and its neighbours and nothing else.
 """
 
 from __future__ import annotations
 
-import functools
 import math
-import os
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ArrayError, SingularError
+from .arrays import Arrays, Lead, is_finite, joint_lead, place_of, rows_of
 from .parameters import Parameters
+from .pieces import shared, states_at_once
 from .raw import RawFunction, RawKernel
 
 Array = NDArray[Any]
 
 SHARE = 256  # states that are worth a thread of their own
-WRENCHES = ("wrench", "dwrench")  # arguments with rows of links
 
 
 class Calls:
@@ -31,42 +29,22 @@ class Calls:
     Attributes:
         raw: the functions.
         parameters: the run-time parameters that calls take.
+        arrays: checks of arguments and results.
         coordinates: names of the coordinates, for messages.
-        links: names of the links that wrenches act on, for messages.
         threads: how many threads share a batch.
         checks: whether NaN and infinity are refused.
     """
 
-    def __init__(
-        self, raw: RawKernel, parameters: Parameters, coordinates: tuple[str, ...], links: tuple[str, ...]
-    ) -> None:
-        self.raw, self.parameters, self.coordinates, self.links = raw, parameters, coordinates, links
-        self.dtype, self.n = raw.dtype, len(coordinates)
+    def __init__(self, raw: RawKernel, parameters: Parameters, arrays: Arrays) -> None:
+        self.raw, self.parameters, self.arrays = raw, parameters, arrays
+        self.dtype, self.coordinates, self.n = raw.dtype, arrays.coordinates, len(arrays.coordinates)
         self.threads, self.checks = 1, True
 
     def with_parameters(self, parameters: Parameters) -> Calls:
         """The same calls, with the same threads and checks, by other parameters of the same code."""
-        other = Calls(self.raw, parameters, self.coordinates, self.links)
+        other = Calls(self.raw, parameters, self.arrays)
         other.threads, other.checks = self.threads, self.checks
         return other
-
-    def shared(self, run: Callable[[int, int], int], count: int | None, least: int) -> int:
-        """Run a batch in as many threads as there shall be.
-
-        Args:
-            run: ``run(first, last)`` does some of the states; its value is -1, or a failure's number.
-            count: the number of states; None for a single one.
-            least: states that are worth a thread.
-
-        Returns:
-            -1, or the first failure.
-        """
-        parts = min(self.threads, (count or 0) // least)
-        if parts < 2:
-            return run(0, 1 if count is None else count)
-        edges = [(count or 0) * part // parts for part in range(parts + 1)]
-        failures = [found for found in _pool(parts).map(run, edges[:-1], edges[1:]) if found >= 0]
-        return min(failures, default=-1)
 
     def run_with_wrench(
         self,
@@ -81,7 +59,7 @@ class Calls:
 
         Args:
             name, out, values: as of ``run``.
-            wrench: external wrenches, (links, 6), or None.
+            wrench: external wrenches, (..., links, 6), or None.
             sign: 1 or -1.
             part: the function of q and the wrenches that is added; it writes an array of the same shape.
         """
@@ -89,8 +67,15 @@ class Calls:
             return self.run(name, out, values)
         external = self.run(part, None, (values[0], wrench))
         single = self.raw.shapes[self.raw.functions[part].writes]
-        result = self.run(name, out, values, count=len(external) if external.ndim > len(single) else None)
-        result += self.dtype.type(sign) * external
+        result = self.run(name, out, values, lead=external.shape[: external.ndim - len(single)])
+        with np.errstate(over="ignore", invalid="ignore"):
+            result += self.dtype.type(sign) * external
+        if self.checks and not is_finite(result):
+            labels = (*self.raw.functions[name].reads, "wrench")
+            arrays = [
+                self.array(x, value, self.raw.shapes[x])[0] for x, value in zip(labels, (*values, wrench), strict=True)
+            ]
+            raise self._overflow(name, result, labels, arrays)
         return result
 
     def run(
@@ -99,46 +84,74 @@ class Calls:
         out: Array | None,
         values: Sequence[ArrayLike],
         extra: tuple[int, ...] = (),
-        count: int | None = None,
+        lead: Lead = (),
     ) -> Array:
         """Check the arrays, call the C, and say what went wrong.
 
         Args:
             name: a function of ``raw``.
             out: array to write to, or None.
-            values: what it reads, for one state or a batch; a single state beside a batch stands for all of it.
+            values: what it reads, for one state or many; their leading axes go together as NumPy broadcasts.
             extra: the number of a frame, for a function that takes one.
-            count: the number of states, where it is known to be a batch.
+            lead: leading axes that the result has at least.
 
         Raises:
             UnknownNameError: the kernel was built without this function.
-            ArrayError: an array of wrong shape or dtype, or with NaN or infinity.
+            ArrayError: an array of wrong shape or dtype, or with NaN or infinity, or a result that would be one.
             SingularError: the mass matrix cannot be inverted in a state.
         """
-        raw = self.raw
+        raw, take, checks = self.raw, self.arrays.taken, self.checks
         function = raw.functions.get(name)
         if function is None:
             raise raw.missing(name)
         arrays: list[Array] = []
-        steps: list[int] = []
         for label, value in zip(function.reads, values, strict=True):
-            shape = raw.shapes[label]
-            array, states = self.array(label, value, shape)
-            if states is not None:
-                if count not in (None, states):
-                    raise ArrayError(f"{label}: {states} states, but {count} in other arrays")
-                count = states
+            array, own = take(label, value, raw.shapes[label], checks)
+            if own != lead:
+                lead = joint_lead(label, own, lead) if own and lead else own or lead
             arrays.append(array)
-            steps.append(math.prod(shape) if states is not None else 0)
-        shape = raw.shapes[function.writes] if count is None else (count, *raw.shapes[function.writes])
-        result = np.empty(shape, self.dtype) if out is None else self._checked_out(out, shape, arrays)
-        failed = self.call(function, arrays, steps, extra, count, result)
+        shape = (*lead, *raw.shapes[function.writes])
+        result = np.empty(shape, self.dtype) if out is None else self.arrays.checked_out(out, shape, arrays)
+        if lead:
+            rows, steps = self._rows(function.reads, arrays, lead)
+            count = math.prod(lead)
+            failed = self.call(function, rows, steps, extra, count, result.reshape(count, *shape[len(lead) :]))
+        else:
+            failed = self.call(function, arrays, (), extra, None, result)
         if failed >= 0:
             for label, array in zip(function.reads, arrays, strict=True):  # NaN has no pivot, either
                 self.refuse_not_finite(label, array, raw.shapes[label])
             state, coordinate = divmod(failed, self.n)
-            raise self.singular(name, coordinate, "" if count is None else f" in state {state}")
+            raise self.singular(
+                name, coordinate, place_of([int(i) for i in np.unravel_index(state, lead)] if lead else ())
+            )
+        if checks and not is_finite(result):
+            raise self._overflow(name, result, function.reads, arrays)
         return result
+
+    def _rows(self, labels: Sequence[str], arrays: Sequence[Array], lead: Lead) -> tuple[list[Array], list[int]]:
+        """Arguments as rows of states, and how many numbers apart two states lie: 0 where one stands for all.
+
+        Args:
+            labels: of the arguments.
+            arrays: whose leading axes go together with ``lead``.
+            lead: the leading axes of the result.
+        """
+        rows, steps = [], []
+        for label, array in zip(labels, arrays, strict=True):
+            shape = self.raw.shapes[label]
+            found = rows_of(array, shape, lead)
+            rows.append(found)
+            steps.append(math.prod(shape) if found.ndim > len(shape) else 0)
+        return rows, steps
+
+    def _overflow(self, name: str, result: Array, labels: Sequence[str], arrays: Sequence[Array]) -> ArrayError:
+        """The error that says that a function's result is not finite, though its arguments are."""
+        function = self.raw.functions[name]
+        shape = self.raw.shapes[function.writes]
+        lead = result.shape[: result.ndim - len(shape)]
+        rows = self._rows(labels, arrays, lead)[0] if lead else arrays
+        return self.arrays.overflow(function, result, shape, list(zip(labels, rows, strict=True)))
 
     def call(
         self,
@@ -165,18 +178,21 @@ class Calls:
         setup, view = self.parameters.setup, self.raw.view
         if count is None:
             return int(function.code(setup.pointer, *map(view, arrays), *extra, view(result))) - 1
+        size = states_at_once(function.operations)
 
-        def run(first: int, last: int) -> int:
-            arguments: list[Any] = []
-            for array, step in zip(arrays, steps, strict=True):
-                arguments += [view(array[first:last] if step else array), step]
-            failed = function.batch(last - first, setup.pointer, *arguments, *extra, view(result[first:last]))
-            return int(failed) + first * self.n if failed >= 0 else -1
+        def work(first: int, end: int) -> Iterator[int]:
+            for begin in range(first, end, size):
+                last = min(begin + size, end)
+                arguments: list[Any] = []
+                for array, step in zip(arrays, steps, strict=True):
+                    arguments += [view(array[begin:last] if step else array), step]
+                failed = function.batch(last - begin, setup.pointer, *arguments, *extra, view(result[begin:last]))
+                yield int(failed) + begin * self.n if failed >= 0 else -1
 
-        return self.shared(run, count, SHARE)
+        return shared(work, count, min(self.threads, count // SHARE))
 
-    def array(self, label: str, value: ArrayLike, shape: tuple[int, ...]) -> tuple[Array, int | None]:
-        """A value as a C-contiguous array of the kernel's dtype, and the number of states if it is a batch.
+    def array(self, label: str, value: ArrayLike, shape: tuple[int, ...]) -> tuple[Array, Lead]:
+        """A value as a C-contiguous array of the kernel's dtype, and the axes in front of a state's.
 
         Args:
             label: the argument's name.
@@ -184,83 +200,13 @@ class Calls:
             shape: its shape for one state.
 
         Raises:
-            ArrayError: another shape, a dtype that is not converted exactly, or NaN or infinity (see ``checks``).
+            ArrayError: another shape, a number that the dtype cannot hold exactly, or NaN or infinity (see ``checks``).
         """
-        if type(value) is np.ndarray and value.dtype == self.dtype and value.flags.c_contiguous and value.flags.aligned:
-            array = value
-        else:
-            array = self._converted(label, value, shape)
-        if array.shape == shape:
-            states = None
-        elif array.ndim == len(shape) + 1 and array.shape[1:] == shape:
-            states = array.shape[0]
-        else:
-            raise ArrayError(f"{label}: expected {self._expected(shape)}, got shape {array.shape}")
-        if self.checks:
-            self.refuse_not_finite(label, array, shape)
-        return array, states
+        return self.arrays.taken(label, value, shape, self.checks)
 
     def refuse_not_finite(self, label: str, array: Array, shape: tuple[int, ...], place: str = "") -> None:
-        """Refuse NaN and infinity in an argument of a kernel, or in a batch of them.
-
-        Args:
-            label: its name; one of WRENCHES has rows of links, everything else numbers of coordinates.
-            array: of that shape, or (N, *shape).
-            shape: (n,); (steps, n); or (links, 6).
-            place: what follows the number, such as " at t = 1 s".
-
-        Raises:
-            ArrayError: there is such a number; coordinate, state and step of the first one are named.
-        """
-        if np.isfinite(array).all():
-            return
-        where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
-        name = "" if label in WRENCHES else self.coordinates[where[-1]]
-        element = self._element(label, where, shape)
-        raise ArrayError(f"{label}: {element} is {array[where]}{place}; numbers must be finite", name)
-
-    def _converted(self, label: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
-        try:
-            array = np.asarray(value)
-        except (ValueError, TypeError) as error:
-            raise ArrayError(
-                f"{label}: expected {self._expected(shape)}, got {type(value).__name__} ({error})"
-            ) from None
-        if getattr(value, "mask", None) is not None:
-            raise ArrayError(f"{label}: expected {self._expected(shape)}, got a masked array; fill what is masked")
-        plain = not isinstance(value, np.ndarray) and array.dtype in (np.float64, np.int64)  # Python's own numbers
-        if array.dtype.kind not in "fiub" or not (plain or np.can_cast(array.dtype, self.dtype, "safe")):
-            raise ArrayError(
-                f"{label}: expected {self._expected(shape)}, got dtype {array.dtype},"
-                f" which {self.dtype} cannot hold exactly"
-            )
-        with np.errstate(over="ignore"):  # what becomes infinite is refused by its name
-            return np.require(array, self.dtype, ("C", "A"))
-
-    def _expected(self, shape: tuple[int, ...]) -> str:
-        inner = ", ".join(map(str, shape))
-        comma = "," if len(shape) == 1 else ""
-        return f"{self.dtype} of shape ({inner}{comma}) or (N, {inner})"
-
-    def _element(self, label: str, where: tuple[int, ...], shape: tuple[int, ...]) -> str:
-        inner = where[-len(shape) :]
-        if label in WRENCHES:
-            axis = ("force.x", "force.y", "force.z", "moment.x", "moment.y", "moment.z")[inner[1]]
-            text = f"{axis} of link {self.links[inner[0]]}"
-        else:
-            text = self.coordinates[inner[-1]] + (f" in step {inner[0]}" if len(inner) > 1 else "")
-        return text if len(where) == len(shape) else f"{text} in state {where[0]}"
-
-    def _checked_out(self, out: Array, shape: tuple[int, ...], arrays: Sequence[Array]) -> Array:
-        if not isinstance(out, np.ndarray):
-            raise ArrayError(f"out: expected a NumPy array, got {type(out).__name__}")
-        if out.shape != shape or out.dtype != self.dtype:
-            raise ArrayError(f"out: expected {self.dtype} of shape {shape}, got {out.dtype} of shape {out.shape}")
-        if not out.flags.c_contiguous or not out.flags.writeable:
-            raise ArrayError("out: expected a C-contiguous array that can be written, got one that is not")
-        if any(np.may_share_memory(out, array) for array in arrays):
-            raise ArrayError("out: overlaps an argument; give it memory of its own")
-        return out
+        """Refuse NaN and infinity in an argument of a kernel, as ``Arrays.refuse_not_finite`` does."""
+        self.arrays.refuse_not_finite(label, array, shape, place)
 
     def singular(self, name: str, coordinate: int, place: str) -> SingularError:
         """The error that says that a function cannot invert the mass matrix.
@@ -275,13 +221,3 @@ class Calls:
             " the links that it moves have no inertia along it, or an angle beta is at +-pi/2, where Euler angles are"
             " singular"
         )
-
-
-@functools.cache
-def _pool_of(process: int, threads: int) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(threads, "eomgen")
-
-
-def _pool(threads: int) -> ThreadPoolExecutor:
-    """Threads that wait for batches; a forked process gets its own."""
-    return _pool_of(os.getpid(), threads)

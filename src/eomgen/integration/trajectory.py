@@ -68,12 +68,13 @@ class Trajectory(Shown, Tabular):
 
 @dataclass(frozen=True)
 class FiniteMotion(Shown):
-    """The finite part of a motion: t (T,), q, v and u (T, n)."""
+    """The finite part of a motion: t (T,), q, v and u (T, n), energy (T, 2)."""
 
     t: Array
     q: Array
     v: Array
     u: Array
+    energy: Array
 
 
 def trajectory_of(
@@ -105,10 +106,9 @@ def trajectory_of(
         stop = system.stopped("the forces cannot be evaluated at the next sample", float(times[last]), states[last])
     trajectory = None
     if last >= 0:
-        energy = np.asarray(system.kernel.energy(motion.q, motion.v))
         about, contacts = info(motion), tuple(watch.found)
         names = system.kernel.coordinates
-        trajectory = Trajectory(motion.t, motion.q, motion.v, motion.u, energy, names, method, about, contacts)
+        trajectory = Trajectory(motion.t, motion.q, motion.v, motion.u, motion.energy, names, method, about, contacts)
     if stop is not None:
         stop.trajectory = trajectory
         raise stop from (stop.__cause__ or trouble)
@@ -117,7 +117,10 @@ def trajectory_of(
 
 
 def _with_forces(system: System, times: Array, states: Array) -> tuple[FiniteMotion, ArrayError | None]:
-    """The motion with drives and forces of prescribed coordinates, as far as they are finite, and why no further."""
+    """The motion with drives, forces of prescribed coordinates and energies, as far as they are finite.
+
+    Also why no further.
+    """
     n, trouble = system.n, None
     q, v = np.ascontiguousarray(states[:, :n]), np.ascontiguousarray(states[:, n:])
     u, end = np.empty_like(q), times.size
@@ -128,4 +131,9 @@ def _with_forces(system: System, times: Array, states: Array) -> tuple[FiniteMot
         except ArrayError as error:
             end, trouble = i, error
             break
-    return FiniteMotion(times[:end], q[:end], v[:end], u[:end]), trouble
+    energy = np.asarray(system.kernel.with_checks(False).energy(q[:end], v[:end]))
+    bad = ~np.isfinite(energy).all(axis=1)
+    if bad.any():
+        end = int(bad.argmax())
+        trouble = ArrayError(f"energy: {energy[end].tolist()} J at t = {times[end]:.6g} s; numbers must be finite")
+    return FiniteMotion(times[:end], q[:end], v[:end], u[:end], energy[:end]), trouble

@@ -17,16 +17,17 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from .._version import __version__
 from ..codegen.kernels.signatures import KERNELS
 from ..description import RobotLike, as_robot
 from ..errors import InputError
 from ..files import read_regular
+from ..names import show
 from ..progress import StageReport, no_report
 from ..robot.model import build_model
 from ..robot.record import robot_hash
@@ -41,6 +42,9 @@ if TYPE_CHECKING:
     from ..codegen.c.source import Source
 
 KERNEL_NAMES = tuple(KERNELS)
+OWNERS = {name: name for name in KERNELS} | {  # the kernel that a name stands for
+    function: kernel for kernel, signature in KERNELS.items() for function in signature.functions
+}
 DTYPES = ("float64", "float32")
 _SOURCE, _SAMPLES = "source.json", "samples"  # files of an entry
 _LARGEST = 1 << 28  # bytes of a package's metadata
@@ -50,8 +54,8 @@ _LARGEST = 1 << 28  # bytes of a package's metadata
 class Options:
     """Options of a build: which kernels are generated, and how they are compiled.
 
-    kernels: names of KERNEL_NAMES, all but tangents if empty ("kinematics" stands for frame_pose and frame_jacobian);
-        those of springs between points come with any.
+    kernels: names of KERNEL_NAMES, all but tangents if empty; those of springs between points come with any.  A
+        function that belongs to a kernel of another name stands for it: frame_pose and frame_jacobian for "kinematics".
     dtype: "float64" or "float32".
     native: compile for this processor, with fused multiply-add; the default runs on any of its kind.
     flags: further compiler flags, behind those of $CFLAGS; none that give up IEEE arithmetic.
@@ -66,8 +70,9 @@ class Options:
 
     def __post_init__(self) -> None:
         for name in self.kernels:
-            if name not in KERNEL_NAMES:
-                raise InputError(f"kernels: {name!r} is unknown; allowed: {', '.join(KERNEL_NAMES)}")
+            if name not in OWNERS:
+                raise InputError(f"kernels: {show(name)} is unknown; allowed: {', '.join(OWNERS)}")
+        object.__setattr__(self, "kernels", tuple(dict.fromkeys(OWNERS[name] for name in self.kernels)))
         if self.dtype not in DTYPES:
             raise InputError(f"dtype: {self.dtype!r} is unknown; allowed: {', '.join(DTYPES)}")
 
@@ -94,7 +99,23 @@ def build(
             cache that cannot be written.
     """
     robot, options = as_robot(robot), Options(tuple(kernels), dtype, native, tuple(flags))
-    return load_kernel(make_package(robot, options, progress), robot.name)
+    package = make_package(robot, options, progress)
+    return load_kernel(package, robot.name, (built_again, (robot, options, package.key, __version__)))
+
+
+def built_again(robot: Robot, options: Options, key: str, version: str) -> Kernel:
+    """The kernel of a build that may have been made in another process.
+
+    Args:
+        robot, options: of that build.
+        key, version: of its package in the cache, and of eomgen there; where that is not here, the kernel is built.
+
+    Raises:
+        BuildError: see ``build``.
+    """
+    found = store.find("packages", key) if version == __version__ else None
+    package = found or make_package(robot, options)
+    return load_kernel(package, robot.name, (built_again, (robot, options, package.key, __version__)))
 
 
 def generate(
@@ -238,8 +259,15 @@ def _source_key(robot: Robot, options: Options) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def load_kernel(package: store.Entry, name: str) -> Kernel:
+def load_kernel(
+    package: store.Entry, name: str, again: tuple[Callable[..., Kernel], tuple[Any, ...]] | None = None
+) -> Kernel:
     """A kernel, with parameters of its own, from a package of the cache.
+
+    Args:
+        package: of the cache.
+        name: the robot's.
+        again: what makes the same kernel in another process, see ``Kernel``; without it the kernel cannot be pickled.
 
     Raises:
         BuildError: the package does not load.
@@ -252,4 +280,4 @@ def load_kernel(package: store.Entry, name: str) -> Kernel:
             raise FileNotFoundError(file)
         return found.files[file].decode("ascii")
 
-    return Kernel(module.ffi, module.lib, json.loads(package.files[f"{name}.json"]), read)
+    return Kernel(module.ffi, module.lib, json.loads(package.files[f"{name}.json"]), read, again)

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
+from ..names import html_table
 from .geometry import IDENTITY, ZERO, Matrix, Vector, rotation_from_rpy, snap
 from .laws import BASIC, BETWEEN_POINTS, NUMBERS, SMALLEST, defaults, given_laws
 
@@ -312,6 +313,21 @@ class Robot:
     notes: tuple[str, ...] = ()
     loops: tuple[Loop, ...] = ()
     springs: tuple[Spring, ...] = ()
+
+    def _repr_html_(self) -> str:
+        """A small table, for notebooks."""
+        rows = {
+            "source": self.source or "none",
+            "gravity, m/s^2": ", ".join(f"{x:g}" for x in self.gravity),
+            "links": len(self.links),
+            "mass, kg": f"{sum(link.mass for link in self.links):.6g}",
+            "joints": len(self.joints),
+            "coordinates": sum(len(joint.all_coordinates) for joint in self.joints),
+            "loops": len(self.loops),
+            "springs between points": len(self.springs),
+            "frames": ", ".join(frame.name for frame in self.frames) or "none",
+        }
+        return html_table(f"Robot {self.name}", rows)
 
     def link(self, name: str) -> Link:
         """The link of that name; KeyError if there is none."""

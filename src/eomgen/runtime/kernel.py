@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import ArrayError, BuildError, InputError, UnknownNameError
-from ..names import nearest_or_all
+from ..errors import BuildError, InputError, UnknownNameError
+from ..names import html_table, nearest_or_all, show
+from .arrays import Arrays, joint_lead
 from .by_name import Blocks, make_blocks
 from .calls import Calls
 from .many_steps import rollout
@@ -25,9 +26,13 @@ Array = NDArray[Any]
 class Kernel:
     """Compiled equations of motion of one robot.
 
-    Arrays are (n,) for one state or (N, n) for N states, and the result gains the same leading axis; a single state
-    beside a batch stands for all of it.  SI units, radians; frames are the description's.  Coordinates are in the
-    order of ``coordinates``.  Calls are re-entrant and release the GIL.
+    Arrays are (n,) for one state, (N, n) for N states, or (..., n); the result gains the same leading axes.  Leading
+    axes of several arrays go together as NumPy broadcasts, so that one state beside many stands for all of them.  SI
+    units, radians; frames are the description's.  Coordinates are in the order of ``coordinates``.  Calls are
+    re-entrant, release the GIL, and end soon after Ctrl-C.
+
+    Kernels can be copied and pickled, with parameters of their own.  In another process the same package is loaded, or
+    built where the cache there lacks it; a kernel of a generated package asks for that package by its name.
 
     Attributes:
         name: the robot's name.
@@ -51,11 +56,26 @@ class Kernel:
         calls: checked calls of those functions by their names.
 
     Raises (all methods):
-        ArrayError: an array of wrong shape, of a dtype that is not converted exactly, or with NaN or infinity (see
-            ``checks``).
+        ArrayError: an array of wrong shape, with numbers that the dtype cannot hold exactly, or with NaN or infinity
+            (see ``checks``); or a result that is not finite.
     """
 
-    def __init__(self, ffi: Any, lib: Any, meta: Mapping[str, Any], read: Callable[[str], str] | None = None) -> None:
+    def __init__(
+        self,
+        ffi: Any,
+        lib: Any,
+        meta: Mapping[str, Any],
+        read: Callable[[str], str] | None = None,
+        again: tuple[Callable[..., Any], tuple[Any, ...]] | None = None,
+    ) -> None:
+        """A kernel of a compiled module.
+
+        Args:
+            ffi, lib: cffi's objects of the module.
+            meta: what its package says of it.
+            read: gives the text of a file of the package.
+            again: a function of a module and its arguments that make the same kernel in another process.
+        """
         self.raw = RawKernel(ffi, lib, meta)
         self.name: str = self.raw.name
         self.dtype: np.dtype[Any] = self.raw.dtype
@@ -69,17 +89,54 @@ class Kernel:
         self.prescribed: tuple[str, ...] = tuple(meta["prescribed"])
         self.motors: dict[str, str] = {name: drives for name, (drives, _) in meta.get("motors", {}).items()}
         self.operations: dict[str, dict[str, int]] = {k: dict(v) for k, v in meta["operations"].items()}
-        self._read = read  # text of a file of its package
+        self._read, self._again = read, again
         self._driven = tuple(meta["driven"])
         self._given = [self.coordinates.index(name) for name in self.prescribed]
         self._survivors = meta["survivors"]
         self._ratios: dict[str, float] = {name: ratio for name, (_, ratio) in meta.get("motors", {}).items()}
         self.knots: dict[str, tuple[float, ...]] = {k: tuple(x) for k, x in meta["knots"].items()}
         self.parameters = Parameters.of(self.raw, meta["parameters"], meta["least"])
-        self.calls = Calls(self.raw, self.parameters, self.coordinates, self.links)
+        self.calls = Calls(self.raw, self.parameters, Arrays(self.raw, self.coordinates, self.links))
 
     def __repr__(self) -> str:
         return f"<Kernel {self.name}: {len(self.coordinates)} coordinates, {self.dtype}>"
+
+    def _repr_html_(self) -> str:
+        """A small table, for notebooks."""
+        rows = {
+            "coordinates": len(self.coordinates),
+            "links": len(self.links),
+            "loops": len(self.loops),
+            "springs between points": len(self.springs),
+            "parameters": len(self.parameters),
+            "functions": len(self.raw.functions) + (self.raw.rollout is not None),
+            "dtype": self.dtype,
+            "threads": self.threads,
+            "checks": self.checks,
+        }
+        return html_table(f"Kernel {self.name}", rows)
+
+    def __copy__(self) -> Kernel:
+        return self.with_parameters()
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Kernel:
+        return self.with_parameters()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle what makes the same kernel again, and what may be set of it: no code, no pointers."""
+        if self._again is None:
+            raise InputError(
+                f"{self.name}: a kernel that was put together by hand cannot be pickled; allowed: kernels of"
+                " eomgen.build and of generated packages"
+            )
+        state = {"parameters": dict(self.parameters), "threads": self.threads, "checks": self.checks}
+        return *self._again, state
+
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        changed = {name: value for name, value in state["parameters"].items() if self.parameters[name] != value}
+        if changed:
+            self.parameters.update(changed)
+        self.threads, self.checks = state["threads"], state["checks"]
 
     @property
     def n(self) -> int:
@@ -160,15 +217,16 @@ class Kernel:
     @threads.setter
     def threads(self, number: int) -> None:
         if isinstance(number, bool) or not isinstance(number, (int, np.integer)) or number < 1:
-            raise InputError(f"threads: {number!r} is not a number of threads; a whole number from 1 on is allowed")
+            raise InputError(f"threads: {show(number)} is not a number of threads; a whole number from 1 on is allowed")
         self.calls.threads = int(number)
 
     @property
     def checks(self) -> bool:
         """True if arrays with NaN or infinity are refused by the name of the coordinate, which is so at first.
 
-        With False such numbers go through the C, and what depends on them is not finite, or of no use where a law
-        compares them; a call costs less (``eomgen bench`` says how much).  Shapes and dtypes are checked all the same,
+        That holds for results, too, where finite numbers lead beyond what the dtype holds.  With False such numbers
+        go through the C, and what depends on them is not finite, or of no use where a law compares them; a call costs
+        less (``eomgen bench`` says how much).  Shapes and dtypes are checked all the same,
         integrators look for such numbers in any case, and where a mass matrix cannot be inverted because of one, it is
         still named.  ``with_parameters``, ``with_threads`` and ``with_checks`` copy the choice.
 
@@ -180,7 +238,7 @@ class Kernel:
     @checks.setter
     def checks(self, wanted: bool) -> None:
         if not isinstance(wanted, (bool, np.bool_)):
-            raise InputError(f"checks: {wanted!r} is neither True nor False")
+            raise InputError(f"checks: {show(wanted)} is neither True nor False")
         self.calls.checks = bool(wanted)
 
     def mass_matrix(self, q: ArrayLike, *, out: Array | None = None) -> Array:
@@ -255,10 +313,9 @@ class Kernel:
         """
         self.refuse_loops("forward_dynamics", cut=cut)
         if wrench is not None:
-            drives, states = self.calls.array("u", u, self.raw.shapes["u"])
+            drives, lead = self.calls.array("u", u, self.raw.shapes["u"])
             external = self.external_force(q, wrench)
-            if states is not None and external.ndim > 1 and len(external) != states:
-                raise ArrayError(f"wrench: {len(external)} states, but {states} in u")
+            joint_lead("u", lead, external.shape[:-1])
             external[..., self._given] = 0  # where u is an acceleration
             u = drives + external
         return self.calls.run("forward_dynamics", out, (q, v, u))
@@ -275,9 +332,8 @@ class Kernel:
             q, v, a, u: (n,).
             out: array (3, n, n) to write to; the result are views of it.
         """
-        if u is not None:
-            self.calls.array("u", u, self.raw.shapes["u"])
-        return _three(self.calls.run("residual_jacobian", out, (q, v, a)))
+        lead = () if u is None else self.calls.array("u", u, self.raw.shapes["u"])[1]
+        return _three(self.calls.run("residual_jacobian", out, (q, v, a), lead=lead))
 
     def forward_dynamics_jacobian(
         self, q: ArrayLike, v: ArrayLike, u: ArrayLike, *, out: Array | None = None, cut: bool = False

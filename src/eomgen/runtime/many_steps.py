@@ -5,20 +5,25 @@ A generated package carries a copy of this file.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ArrayError, InputError, IntegrationStopped
+from ..names import show
 from .calls import Calls
+from .pieces import OPERATIONS, ROUND, shared
+from .raw import RawFunction
 
 Array = NDArray[Any]
 
 METHODS = {"rk4": 0, "implicit": 1}
 SHARE = 16  # states that are worth a thread of their own
+NUMBERS = 2**62  # of all coordinates at all steps of all states, at most: C counts them
+BUFFER = 2**15  # numbers of many states that are stored at once where a piece of work does not reach the end
 FAR = 1e6  # m or rad, beyond which no robot is: the integration has failed
 ADVICE = " take a shorter dt, or method='implicit' where springs are stiff"
 
@@ -48,11 +53,11 @@ def rollout(
     if calls.raw.rollout is None:
         raise calls.raw.missing("rollout")
     if method not in METHODS:
-        raise InputError(f"rollout: method {method!r} is unknown; allowed: {', '.join(METHODS)}")
-    steps, every = _whole("steps", steps), _whole("every", every)
-    if isinstance(dt, bool) or not isinstance(dt, (int, float, np.number)) or not 0.0 < dt < math.inf:
-        raise InputError(f"rollout: dt = {dt!r} is not a length of time; a finite number above 0 is allowed")
+        raise InputError(f"rollout: method {show(method)} is unknown; allowed: {', '.join(METHODS)}")
     count = _count(q0=q0, v0=v0, u=u, target=target)
+    most = NUMBERS // (calls.n * max(count or 1, 1))
+    steps, every = _whole("steps", steps, most), _whole("every", every, most)
+    dt = _length(calls, dt)
     starts = [_start(calls, label, value, count) for label, value in (("q0", q0), ("v0", v0))]
     drives = [_over_time(calls, "u", u, steps, count)]
     gains = _gains(calls, driven, kp, kd)
@@ -61,8 +66,8 @@ def rollout(
     if target is not None:
         drives.append(_over_time(calls, "target", target, steps, count))
     shape = (() if count is None else (count,)) + (steps // every + 1, calls.n)
-    result = np.full(shape, np.nan, calls.dtype), np.full(shape, np.nan, calls.dtype)
-    code = _call(calls, starts, drives, gains, (float(dt), steps, every, METHODS[method]), count, result)
+    result = _stored(calls, shape), _stored(calls, shape)
+    code = _call(calls, starts, drives, gains, (dt, steps, every, METHODS[method]), count, result)
     if code < 0 and all(np.isfinite(array).all() for array in result):
         return result
     trouble = _not_finite(calls, starts, drives)
@@ -71,10 +76,10 @@ def rollout(
         place = f" in step {step}" + ("" if count is None else f" of state {state}")
         alone = [(_row(x, apart, state), 0) for x, apart in starts]
         drives = [(_row(x, apart, state), 0, n) for x, apart, n in drives]
-        if trouble is None and not _begins_well(calls, alone, drives, gains, float(dt), step, METHODS[method]):
+        if trouble is None and not _begins_well(calls, alone, drives, gains, dt, step, METHODS[method]):
             raise calls.singular("rollout", code % calls.n, place)
         reason = f"no acceleration{place}, though there is one where it begins;{ADVICE}"
-        raise _stopped(calls, result, state, every * float(dt), code % calls.n, reason, trouble)
+        raise _stopped(calls, result, state, every * dt, code % calls.n, reason, trouble)
     ok = np.isfinite(np.concatenate(result, axis=-1)).all(axis=-1).reshape(-1, steps // every + 1)
     row = int(np.where(ok.all(axis=1), ok.shape[1], ok.argmin(axis=1)).min())  # where the first one ends
     state = int((~ok[:, row]).argmax())
@@ -82,7 +87,7 @@ def rollout(
     i = int((bad[0] | bad[1]).argmax())
     place = "" if count is None else f" of state {state}"
     reason = f"{calls.coordinates[i]} is not finite after step {row * every}{place};{ADVICE}"
-    raise _stopped(calls, result, state, every * float(dt), i, reason, trouble)
+    raise _stopped(calls, result, state, every * dt, i, reason, trouble)
 
 
 def _not_finite(
@@ -129,17 +134,51 @@ def _stopped(
     return stopped
 
 
-def _whole(label: str, number: int) -> int:
-    if isinstance(number, bool) or not isinstance(number, (int, np.integer)) or number < 1:
-        raise InputError(f"rollout: {label} = {number!r} is not a whole number from 1 on")
+def _whole(label: str, number: int, most: int) -> int:
+    if isinstance(number, bool) or not isinstance(number, (int, np.integer)) or not 1 <= number <= most:
+        raise InputError(f"rollout: {label} = {show(number)} is not a whole number from 1 to {most}")
     return int(number)
+
+
+def _length(calls: Calls, dt: float) -> float:
+    """The length of a step as the kernel's dtype has it."""
+    try:
+        found = float(dt) if _is_number(dt) else 0.0
+    except OverflowError:
+        found = np.inf
+    limits = np.finfo(calls.dtype)
+    if not float(limits.tiny) <= found <= float(limits.max):
+        raise InputError(
+            f"rollout: dt = {show(dt)} is not a length of time; a finite number above 0 that {calls.dtype} holds is"
+            " allowed"
+        )
+    return found
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+
+
+def _stored(calls: Calls, shape: tuple[int, ...]) -> Array:
+    """Room for states, NaN until they are reached."""
+    try:
+        return np.full(shape, np.nan, calls.dtype)
+    except (MemoryError, ValueError):
+        rows, numbers = shape[-2], float(np.prod(shape, dtype=np.float64))
+        raise InputError(
+            f"rollout: {rows} states to be stored take twice {numbers * calls.dtype.itemsize / 1e9:.3g} GB, more than"
+            " there is; a larger `every` stores fewer"
+        ) from None
 
 
 def _count(**values: ArrayLike | None) -> int | None:
     """Number of states, or None for a single one: the leading axes of those that have one."""
     sizes = {}
     for label, value in values.items():
-        shape = np.shape(value) if value is not None else ()
+        try:
+            shape = np.shape(value) if value is not None else ()
+        except ValueError:  # rows of different lengths, which are refused where they are converted
+            continue
         if len(shape) == (2 if label in ("q0", "v0") else 3):
             sizes[label] = shape[0]
     if len({size for size in sizes.values() if size != 1}) > 1:
@@ -147,9 +186,18 @@ def _count(**values: ArrayLike | None) -> int | None:
     return max(sizes.values()) if sizes else None
 
 
+def _rows(calls: Calls, label: str, value: ArrayLike, shape: tuple[int, ...]) -> tuple[Array, int | None]:
+    """The array, and its number of rows; None where it is one alone."""
+    array, lead = calls.array(label, value, shape)
+    if len(lead) > 1:
+        inner = ", ".join(map(str, shape))
+        raise ArrayError(f"{label}: expected {calls.dtype} of shape ({inner}) or (N, {inner}), got shape {array.shape}")
+    return array, lead[0] if lead else None
+
+
 def _start(calls: Calls, label: str, value: ArrayLike, count: int | None) -> tuple[Array, int]:
     """A state or many, and how far apart two lie."""
-    array, states = calls.array(label, value, (calls.n,))
+    array, states = _rows(calls, label, value, (calls.n,))
     return array, calls.n if states == count and count is not None else 0
 
 
@@ -157,13 +205,13 @@ def _over_time(calls: Calls, label: str, value: ArrayLike, steps: int, count: in
     """The value, and how far apart its numbers of two states and of two steps are."""
     n = calls.n
     if np.ndim(value) == 3:
-        array, states = calls.array(label, value, (steps, n))
+        array, states = _rows(calls, label, value, (steps, n))
         if states not in (1, count):
             raise ArrayError(f"{label}: {states} states, but {count} in other arrays")
         return array, steps * n if states == count else 0, n
     if count is None and np.shape(value) == (steps, n):
         return calls.array(label, value, (steps, n))[0], 0, n
-    array, rows = calls.array(label, value, (n,))
+    array, rows = _rows(calls, label, value, (n,))
     if rows is None:
         return array, 0, 0
     if rows != (steps if count is None else count):
@@ -178,13 +226,16 @@ def _gains(calls: Calls, driven: Sequence[int], kp: ArrayLike | None, kd: ArrayL
         return []
     found = []
     for label, value in (("kp", kp), ("kd", kd)):
-        given = np.zeros(calls.n, calls.dtype)
-        if value is not None and np.ndim(value) == 0:
-            given[list(driven)] = value
+        if isinstance(value, np.ndarray) and value.ndim == 0:
+            value = value.item()
+        if value is None or _is_number(value):
+            given = [0.0] * calls.n
+            for i in driven if value is not None else ():
+                given[i] = value  # type: ignore[call-overload]
             value = given
-        array, many = calls.array(label, given if value is None else value, (calls.n,))
+        array, many = calls.array(label, value, (calls.n,))
         deviations = np.setdiff1d(np.arange(calls.n), driven)
-        if many is not None or (array < 0).any():
+        if many or (array < 0).any():
             raise InputError(f"rollout: {label} must be one number or (n,), none below 0")
         for i in deviations[array[deviations] != 0]:
             raise InputError(
@@ -204,29 +255,130 @@ def _call(
     count: int | None,
     result: tuple[Array, Array],
 ) -> int:
-    """Call the C for a state, or for many in threads; -1, or (state * steps + step) * n + i of a failure."""
-    raw, setup = calls.raw, calls.parameters.setup
-    rollout, view = raw.rollout, raw.view
-    assert rollout is not None
+    """Call the C for a state, or for many in threads; -1, or (state * steps + step) * n + i of a failure.
 
-    def run(first: int, last: int) -> int:
-        def part(array: Array, step: int) -> Any:
-            return view(array[first:last] if step else array)
+    Args:
+        starts: q and v, and how far apart two states lie.
+        drives: u and targets, and how far apart their numbers of two states and of two steps are.
+        gains: kp and kd, or none.
+        how: dt, steps, every, number of the method.
+        count: the number of states; None for a single one.
+        result: q and v, (rows, n) or (count, rows, n); written.
+    """
+    assert calls.raw.rollout is not None
+    stored = result if count is not None else (result[0][np.newaxis], result[1][np.newaxis])
+    run = _Run(calls, calls.raw.rollout, starts, drives, gains, how, count is None, stored)
+    return shared(run.pieces, 1 if count is None else count, min(calls.threads, (count or 0) // SHARE))
 
-        (u, u_state, u_step), *rest = ((part(x, state), state, step) for x, state, step in drives)
-        fields = {"u": u, "u_state": u_state, "u_step": u_step}
-        for target, target_state, target_step in rest:
-            fields.update(target=target, target_state=target_state, target_step=target_step)
-        fields.update(zip(("kp", "kd"), map(view, gains), strict=False))
-        drive = raw.drive(**fields)
-        if count is None:
-            return int(rollout.code(setup.pointer, *(view(x) for x, _ in starts), drive, *how, *map(view, result)))
-        q_and_v = [item for x, step in starts for item in (part(x, step), step)]
-        outs = [view(array[first:last]) for array in result]
-        failed = int(rollout.batch(last - first, setup.pointer, *q_and_v, drive, *how, *outs))
-        return failed + first * how[1] * calls.n if failed >= 0 else -1
 
-    return calls.shared(run, count, SHARE)
+@dataclass
+class _Run:
+    """A rollout as pieces of work: of many states to the end, or of few over some of the steps.
+
+    What a piece reaches is handed on to the next one as it is, so that the pieces change no bit.
+    """
+
+    calls: Calls
+    function: RawFunction
+    starts: Sequence[tuple[Array, int]]
+    drives: Sequence[tuple[Array, int, int]]
+    gains: Sequence[Array]
+    how: tuple[float, int, int, int]
+    single: bool
+    stored: tuple[Array, Array]
+
+    def pieces(self, first: int, last: int) -> Iterator[int]:
+        """Do the work on some of the states; for each piece -1, or the number of its first failure."""
+        _, steps, every, _ = self.how
+        vector = 1 if self.single else ROUND
+        whole = OPERATIONS // (self.function.operations * steps) // vector * vector
+        for begin in range(first, last, whole or vector):
+            end = min(begin + (whole or vector), last)
+            if whole:
+                q, v = (array[begin:end] if apart else array for array, apart in self.starts)
+                yield self._call((begin, end), (0, steps), every, (q, v), [x[begin:end] for x in self.stored])
+            else:
+                yield from self._over_steps(begin, end)
+
+    def _over_steps(self, first: int, last: int) -> Iterator[int]:
+        """The same, where these states take longer than one piece."""
+        n, every = self.calls.n, self.how[2]
+        count = last - first
+        most = max(OPERATIONS // (self.function.operations * count), 1)
+        if count > 1:
+            most = max(min(most, BUFFER // (count * n) * every), 1)
+        at = [
+            np.array(np.broadcast_to(x[first:last] if apart else x, (count, n)), order="C") for x, apart in self.starts
+        ]
+        room = [np.empty(count * (most // every + 2) * n, x.dtype) for x in self.stored]
+        for begin, end in _spans(self.how[1], every, most):
+            apart = min(every, end - begin)
+            rows, row, kept = (end - begin) // apart, begin // every, end // every - begin // every
+            ends = [x[first:last, row : row + rows + 1] for x in self.stored]
+            in_place = count == 1 and begin % every == 0 and kept == rows
+            if not in_place:
+                ends = [x[: count * (rows + 1) * n].reshape(count, rows + 1, n) for x in room]
+            failed = self._call((first, last), (begin, end), apart, at, ends)
+            if failed >= 0 and not in_place:  # once more, to know what was reached
+                for x in ends:
+                    x.fill(np.nan)
+                self._call((first, last), (begin, end), apart, at, ends)
+            if not in_place:
+                for whole, part in zip(self.stored, ends, strict=True):
+                    whole[first:last, row + (begin > 0) : row + kept + 1] = part[:, int(begin > 0) : kept + 1]
+            yield failed
+            for x, part in zip(at, ends, strict=True):
+                x[:] = part[:, rows]
+
+    def _call(
+        self,
+        states: tuple[int, int],
+        span: tuple[int, int],
+        every: int,
+        at: Sequence[Array],
+        ends: Sequence[Array],
+    ) -> int:
+        """Some states over some steps in one call of C; -1, or the failure's number among all states and steps.
+
+        Args:
+            states, span: the first of both, and the one behind the last.
+            every: one of so many steps is stored.
+            at: q and v where it begins, (n,) or (states, n).
+            ends: where q and v are stored, (states, rows, n).
+        """
+        raw, view, n = self.calls.raw, self.calls.raw.view, self.calls.n
+        (first, last), (begin, end) = states, span
+        dt, steps, _, method = self.how
+        fields: dict[str, Any] = {}
+        for name, (array, of_state, of_step) in zip(("u", "target"), self.drives, strict=False):
+            here = view(array.reshape(-1)[first * of_state + begin * of_step :])
+            fields |= {name: here, f"{name}_state": of_state, f"{name}_step": of_step}
+        fields |= zip(("kp", "kd"), map(view, self.gains), strict=False)
+        pointer, drive = self.calls.parameters.setup.pointer, raw.drive(**fields)
+        how, outs = (dt, end - begin, every, method), [view(x) for x in ends]
+        if self.single:
+            failed = int(self.function.code(pointer, *map(view, at), drive, *how, *outs))
+        else:
+            q_and_v = [item for x in at for item in (view(x), n if x.ndim > 1 and len(x) == last - first else 0)]
+            failed = int(self.function.batch(last - first, pointer, *q_and_v, drive, *how, *outs))
+        if failed < 0:
+            return -1
+        state, rest = divmod(failed, (end - begin) * n)
+        return ((first + state) * steps + begin) * n + rest
+
+
+def _spans(steps: int, every: int, most: int) -> Iterator[tuple[int, int]]:
+    """Begin and end of parts of the steps, of which none has more than ``most``; they end where states are stored.
+
+    Where these are further apart than that, parts end in between, too.
+    """
+    length = most // every * every
+    if length:
+        yield from ((begin, min(begin + length, steps)) for begin in range(0, steps, length))
+        return
+    for stored in range(0, steps, every):
+        last = min(stored + every, steps)
+        yield from ((begin, min(begin + most, last)) for begin in range(stored, last, most))
 
 
 def _row(array: Array, apart: int, state: int) -> Array:

@@ -5,6 +5,7 @@ A generated package carries a copy of this file.
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Iterator, Mapping, MutableMapping
 from typing import Any
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, UnknownNameError
-from ..names import nearest_or_all
+from ..names import nearest_or_all, show
 from .raw import RawKernel, Setup
 
 Array = NDArray[Any]
@@ -77,24 +78,43 @@ class Parameters(MutableMapping[str, float]):
 
         Raises:
             UnknownNameError: not a run-time parameter of this kernel.
-            InputError: not a finite number, or negative where that cannot be.
+            InputError: not a finite number, a whole one that the dtype cannot hold exactly, or negative where that
+                cannot be.
         """
         wanted: dict[int, float] = {}
         for name, value in dict(*args, **kwargs).items():
             slot = self._slot(name)
-            if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
-                raise InputError(f"parameters: {name} = {value!r} is not a number")
-            if not np.isfinite(value):
-                raise InputError(f"parameters: {name} = {value!r} is not finite")
+            held = self._held(name, value)
             least = self._least.get(name)
             if least is not None and value < least:
                 wrong = "too small" if least > 0.0 else "negative"
-                raise InputError(f"parameters: {name} = {value!r} is {wrong}; at least {least:g} is allowed")
-            wanted[slot] = float(value)
+                raise InputError(f"parameters: {name} = {show(value)} is {wrong}; at least {least:g} is allowed")
+            wanted[slot] = held
         with self._lock:  # assignments of other threads are kept
             values = self.setup.values.copy()
             values[list(wanted)] = list(wanted.values())
             self.setup = Setup(self._raw, values)
+
+    def _held(self, name: str, value: Any) -> float:
+        """The number as the kernel's dtype has it, of whole numbers without rounding."""
+        if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
+            raise InputError(f"parameters: {name} = {show(value)} is not a number")
+        dtype = self._raw.dtype
+        if isinstance(value, np.generic) and not isinstance(value, np.longdouble):
+            value = value.item()
+        if not abs(value) < math.inf:
+            raise InputError(f"parameters: {name} = {show(value)} is not finite")
+        most = float(np.finfo(dtype).max)
+        if abs(value) > most:
+            raise InputError(f"parameters: {name} = {show(value)} is beyond {dtype}; at most {most:.3g} is allowed")
+        held = float(dtype.type(value))
+        rounded = held if isinstance(value, int) else float(value)
+        if rounded != value:
+            raise InputError(f"parameters: {name} = {show(value)} is a number that {dtype} cannot hold exactly")
+        return held
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return list(self._slots)
 
     def _slot(self, name: str) -> int:
         try:

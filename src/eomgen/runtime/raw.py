@@ -21,6 +21,8 @@ __all__ = ["RawFunction", "RawKernel", "Setup"]
 
 POINTERS = {"float64": "double[]", "float32": "float[]"}
 FRAMES, ROLLOUT = "frames", "rollout"  # kinds of functions that are called otherwise than all others
+WEIGHTS = {"mul": 1, "add": 1, "div": 5, "sincos": 25}  # times of operations beside each other
+STAGES = 5  # of a step of a rollout: four of rk4, in numbers of linearly implicit ones, and what is around them
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,8 @@ class RawFunction:
         batch: ``long long batch(count, h, array, step, ..., out)`` for states that lie ``step`` numbers apart (0: the
             same for all).  The value is -1, or state * n + i of the first failure.
         tangent_of: the function whose directional derivative it is, or nothing.
+        operations: of one call, or of a step of a rollout, at most: multiplications and additions, or what takes as
+            long.
     """
 
     name: str
@@ -49,6 +53,7 @@ class RawFunction:
     code: Any
     batch: Any
     tangent_of: str = ""
+    operations: int = 0
 
     @property
     def is_framed(self) -> bool:
@@ -82,15 +87,18 @@ class RawKernel:
         self.hoisted: int = meta["hoisted"]
         self.shapes: dict[str, tuple[int, ...]] = {key: tuple(shape) for key, shape in meta["shapes"].items()}
         self.view = partial(ffi.from_buffer, POINTERS[meta["dtype"]])
-        found = [self._function(name, entry) for name, entry in meta["functions"].items()]
+        found = [self._function(name, entry, meta["operations"]) for name, entry in meta["functions"].items()]
         self.functions: dict[str, RawFunction] = {x.name: x for x in found if x.kind != ROLLOUT}
         self.rollout: RawFunction | None = next((x for x in found if x.kind == ROLLOUT), None)
         self._setup = getattr(lib, f"{self.name}_setup")
 
-    def _function(self, name: str, entry: Mapping[str, Any]) -> RawFunction:
+    def _function(self, name: str, entry: Mapping[str, Any], operations: Mapping[str, Any]) -> RawFunction:
         code, batch = (getattr(self.lib, f"{self.name}_{name}{end}") for end in ("", "_batch"))
         reads, of = tuple(entry["reads"]), entry.get("tangent_of", "")
-        return RawFunction(name, entry["kernel"], entry["kind"], reads, entry["writes"], code, batch, of)
+        kernel, kind = entry["kernel"], entry["kind"]
+        work = sum(WEIGHTS[key] * count for key, count in operations[kernel].items())
+        work *= STAGES if kind == ROLLOUT else 1
+        return RawFunction(name, kernel, kind, reads, entry["writes"], code, batch, of, work)
 
     def missing(self, name: str) -> UnknownNameError:
         """The error that says that the kernel has no such function, and which ones it has."""

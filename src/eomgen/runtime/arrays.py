@@ -1,0 +1,245 @@
+"""Arrays on their way to the C of a kernel and back: shapes, dtypes, leading axes, and numbers that are not finite.
+
+A generated package carries a copy of this file, which imports NumPy and its neighbours and nothing else.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import ArrayError
+from ..names import show
+from .raw import RawFunction, RawKernel
+
+Array = NDArray[Any]
+Lead = tuple[int, ...]  # axes in front of a state's: () for one state, (N,) for N of them
+
+WRENCHES = ("wrench", "dwrench")  # arguments with rows of links
+WRENCH_PARTS = ("force.x", "force.y", "force.z", "moment.x", "moment.y", "moment.z")
+BY_COORDINATE = {  # how many of the last axes of a result are coordinates
+    "vector": 1,
+    "matrix": 2,
+    "tensor": 3,
+    "derivatives": 2,
+    "jacobian": 1,
+    "constraint_rows": 1,
+    "spring_rows": 1,
+}
+
+
+class Arrays:
+    """Checks of a kernel's arguments and results, and the errors that name what is wrong with them.
+
+    Attributes:
+        dtype: the kernel's.
+        coordinates: names of the coordinates.
+        links: names of the links that wrenches act on.
+    """
+
+    def __init__(self, raw: RawKernel, coordinates: tuple[str, ...], links: tuple[str, ...]) -> None:
+        self.dtype, self.coordinates, self.links = raw.dtype, coordinates, links
+        self._bits = np.finfo(raw.dtype).nmant + 1  # of the whole numbers that are all held exactly
+
+    def taken(self, label: str, value: ArrayLike, shape: tuple[int, ...], checks: bool) -> tuple[Array, Lead]:
+        """A value as a C-contiguous array of the kernel's dtype, and the axes in front of a state's.
+
+        Args:
+            label: the argument's name.
+            value: what was given for it.
+            shape: its shape for one state.
+            checks: whether NaN and infinity are refused.
+
+        Raises:
+            ArrayError: another shape, a number that the dtype cannot hold exactly, or NaN or infinity.
+        """
+        if type(value) is np.ndarray and value.dtype == self.dtype and value.flags.c_contiguous and value.flags.aligned:
+            array = value
+        else:
+            array = self._converted(label, value, shape)
+        given = array.shape
+        if given == shape:
+            lead: Lead = ()
+        elif given[-len(shape) :] == shape:
+            lead = given[: -len(shape)]
+        else:
+            raise ArrayError(f"{label}: expected {self._expected(shape)}, got shape {given}")
+        if checks and not is_finite(array):
+            self.refuse_not_finite(label, array, shape)
+        return array, lead
+
+    def refuse_not_finite(self, label: str, array: Array, shape: tuple[int, ...], place: str = "") -> None:
+        """Refuse NaN and infinity in an argument of a kernel, or in many of them.
+
+        Args:
+            label: its name; one of WRENCHES has rows of links, everything else numbers of coordinates.
+            array: of that shape, or (..., *shape).
+            shape: (n,); (steps, n); or (links, 6).
+            place: what follows the number, such as " at t = 1 s".
+
+        Raises:
+            ArrayError: there is such a number; coordinate, state and step of the first one are named.
+        """
+        if is_finite(array):
+            return
+        where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        name = "" if label in WRENCHES else self.coordinates[where[-1]]
+        element = self._element(label, where, shape)
+        raise ArrayError(f"{label}: {element} is {array[where]}{place}; numbers must be finite", name)
+
+    def overflow(
+        self, function: RawFunction, result: Array, shape: tuple[int, ...], given: Sequence[tuple[str, Array]]
+    ) -> ArrayError:
+        """The error that says that finite numbers led to a result that is not: which entry, and the largest number.
+
+        Args:
+            function: whose result it is.
+            result: of that shape, or (..., *shape).
+            shape: of a state's result.
+            given: label and array of every argument; of a batch the rows of states, or the state that stands for all.
+        """
+        where = tuple(int(i) for i in np.argwhere(~np.isfinite(result))[0])
+        lead, inner = where[: len(where) - len(shape)], where[len(where) - len(shape) :]
+        state = int(np.ravel_multi_index(lead, result.shape[: len(lead)])) if lead else 0
+        named = len(inner) - BY_COORDINATE.get(function.writes, 0)
+        names = [self.coordinates[i] for i in inner[named:]]
+        entry = [f"[{', '.join(map(str, inner[:named]))}]"] if named else []
+        found = f"{' '.join([*entry, *names])}{place_of(lead)} is {result[where]}"
+        largest, most = "", -1.0
+        for label, array in given:
+            own = array[state] if array.ndim > (2 if label in WRENCHES else 1) else array
+            at = np.unravel_index(np.abs(own).argmax(), own.shape)
+            if abs(own[at]) > most:
+                most = abs(own[at])
+                largest = f"{self._element(label, tuple(map(int, at)), own.shape)} = {own[at]:g} in {label}"
+        return ArrayError(
+            f"{function.name}: {found}, out of numbers that are finite; the largest is {largest}, and {self.dtype} ends"
+            f" at {np.finfo(self.dtype).max:.2g}",
+            names[0] if names else "",
+        )
+
+    def checked_out(self, out: Array, shape: tuple[int, ...], arrays: Sequence[Array]) -> Array:
+        """The array to write to.
+
+        Args:
+            out: what was given for it.
+            shape: of the result.
+            arrays: what is read meanwhile.
+
+        Raises:
+            ArrayError: it is no such array, or overlaps what is read.
+        """
+        if not isinstance(out, np.ndarray):
+            raise ArrayError(f"out: expected a NumPy array, got {type(out).__name__}")
+        if out.shape != shape or out.dtype != self.dtype:
+            raise ArrayError(f"out: expected {self.dtype} of shape {shape}, got {out.dtype} of shape {out.shape}")
+        if not out.flags.c_contiguous or not out.flags.writeable:
+            raise ArrayError("out: expected a C-contiguous array that can be written, got one that is not")
+        if any(np.may_share_memory(out, array) for array in arrays):
+            raise ArrayError("out: overlaps an argument; give it memory of its own")
+        return out
+
+    def _converted(self, label: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
+        try:
+            array = np.asarray(value)
+        except (ValueError, TypeError, OverflowError) as error:
+            raise ArrayError(
+                f"{label}: expected {self._expected(shape)}, got {type(value).__name__} ({error})"
+            ) from None
+        if getattr(value, "mask", None) is not None:
+            raise ArrayError(f"{label}: expected {self._expected(shape)}, got a masked array; fill what is masked")
+        plain = not isinstance(value, np.ndarray) and array.dtype in (np.float64, np.int64)  # Python's own numbers
+        if array.dtype.kind not in "fiub" or not (plain or np.can_cast(array.dtype, self.dtype, "safe")):
+            raise ArrayError(
+                f"{label}: expected {self._expected(shape)}, got dtype {array.dtype},"
+                f" which {self.dtype} cannot hold exactly"
+            )
+        rounded = _first_rounded(_whole_numbers(value, array, self._bits), self._bits)
+        if rounded is not None:
+            raise ArrayError(f"{label}: {show(rounded)} is a whole number that {self.dtype} cannot hold exactly")
+        with np.errstate(over="ignore"):  # what becomes infinite is refused by its name
+            return np.require(array, self.dtype, ("C", "A"))
+
+    def _expected(self, shape: tuple[int, ...]) -> str:
+        inner = ", ".join(map(str, shape))
+        comma = "," if len(shape) == 1 else ""
+        return f"{self.dtype} of shape ({inner}{comma}) or (..., {inner})"
+
+    def _element(self, label: str, where: tuple[int, ...], shape: tuple[int, ...]) -> str:
+        inner = where[-len(shape) :]
+        if label in WRENCHES:
+            text = f"{WRENCH_PARTS[inner[1]]} of link {self.links[inner[0]]}"
+        else:
+            text = self.coordinates[inner[-1]] + (f" in step {inner[0]}" if len(inner) > 1 else "")
+        return text + place_of(where[: -len(shape)])
+
+
+def is_finite(array: Array) -> bool:
+    """True if no number is NaN or infinite."""
+    return 0 not in np.isfinite(array).tobytes()  # a quarter of the time of all() for few numbers
+
+
+def joint_lead(label: str, own: Lead, lead: Lead) -> Lead:
+    """Leading axes of a result whose arguments have ``own`` and ``lead``, by NumPy's rules.
+
+    Args:
+        label: the argument with ``own``.
+
+    Raises:
+        ArrayError: they do not go together.
+    """
+    try:
+        return np.broadcast_shapes(own, lead)
+    except ValueError:
+        pass
+    if len(own) == len(lead) == 1:
+        raise ArrayError(f"{label}: {own[0]} states, but {lead[0]} in other arrays")
+    raise ArrayError(f"{label}: leading axes {own} do not go together with {lead} of other arrays")
+
+
+def rows_of(array: Array, shape: tuple[int, ...], lead: Lead) -> Array:
+    """An argument of many states as rows of them, or as one state that stands for all.
+
+    Args:
+        array: (..., *shape), its leading axes go together with ``lead``.
+        shape: for one state.
+        lead: the leading axes of the result, at least one.
+    """
+    own = array.shape[: array.ndim - len(shape)]
+    if own == lead:
+        return array if len(lead) == 1 else array.reshape(math.prod(lead), *shape)
+    if math.prod(own) == 1:
+        return array.reshape(shape)
+    whole = np.ascontiguousarray(np.broadcast_to(array, (*lead, *shape)))
+    return whole.reshape(math.prod(lead), *shape)
+
+
+def place_of(state: Sequence[int]) -> str:
+    """The place of a state among many by its indices: " in state 3", " in state (1, 2)"; nothing of one alone."""
+    if not len(state):
+        return ""
+    return f" in state {state[0]}" if len(state) == 1 else f" in state ({', '.join(map(str, state))})"
+
+
+def _whole_numbers(value: ArrayLike, array: Array, bits: int) -> Array:
+    """Whole numbers that a value has, as far as they may have been rounded on their way into its array.
+
+    An array has them itself; a sequence of Python's numbers becomes one of floats where one of them is a float.
+    """
+    if array.dtype.kind in "iu":
+        return array if array.dtype.itemsize * 8 > bits else array[:0]
+    if isinstance(value, np.ndarray) or array.dtype.kind != "f" or not (np.abs(array) >= 2.0**bits).any():
+        return np.zeros(0, np.int64)
+    return np.array([x for x in np.asarray(value, object).ravel() if isinstance(x, (int, np.integer))], object)
+
+
+def _first_rounded(numbers: Array, bits: int) -> int | None:
+    """The first of many whole numbers that has more bits between its ends than a float, or None."""
+    large = numbers[(numbers > 2**bits) | (numbers < -(2**bits))]
+    odd = large // (large & -large)  # without the zeros at the end
+    found = large[np.abs(odd) >= 2**bits]
+    return int(found[0]) if found.size else None
