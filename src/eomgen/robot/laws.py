@@ -188,7 +188,7 @@ _LAWS = (
             Number("clearance", "half the gap in which no spring acts; with stiffness", LENGTH, idle=None),
             Number(
                 "restitution_damping",
-                "multiplies a contact's force by 1 + restitution_damping * rate; with clearance",
+                "multiplies a contact's force by 1 + restitution_damping * rate of its penetration; with clearance",
                 ("s/m", "s/rad"),
             ),
             Number(
