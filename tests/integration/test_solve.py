@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+import eomgen
 from eomgen import ArrayError, InputError, IntegrationError, SingularError
 from eomgen.errors import IntegrationStopped
-from eomgen.integration.solve import integrate
+from eomgen.integration.advance import WORK, Advance
+from eomgen.integration.solve import METHODS, integrate
 from eomgen.integration.system import System
 from eomgen.robot.value import Coordinate
 from tests.support.builds import Build
@@ -167,6 +170,54 @@ def test_divergence_names_coordinate_and_time(method: str, built: Build) -> None
     assert error.q[0] > 2.0
 
 
+@pytest.mark.parametrize(
+    ("method", "what"),
+    [(method, what) for method, what in zip(METHODS[1:-1], itertools.cycle(("rate", "force")), strict=False)],
+)
+def test_work_that_leads_nowhere_ends(method: str, what: str, built: Build) -> None:
+    """A pendulum that is turned so fast that steps are 1e-12 of the duration, or 1e-31 of it: said after some work."""
+    kernel = built(eomgen.load_robot("one_link"), *NEEDED, "residual_jacobian")
+    force, rate = (1e20, 0.0) if what == "force" else (0.0, 1e30)
+    with pytest.raises(IntegrationStopped, match=r"joint1\.\w+ moves fastest .*evaluations led on by") as caught:
+        integrate(kernel, [0.0, 0.3], [0.0, rate], 1.0, drive=lambda _t, _q, _v: [0.0, force], method=method)
+    error = caught.value
+    assert error.coordinate in kernel.coordinates
+    assert np.isfinite(error.q).all()
+    assert 0.0 <= error.t < 1e-6
+    assert error.trajectory.info["evaluations"] <= 6 * WORK
+
+
+def test_steps_that_are_too_short_end(built: Build) -> None:
+    """rk4 with the step of a spring of 1e30 N/m, about which nothing moves."""
+    kernel = built(oscillator(), *NEEDED)
+    kernel.parameters["joints.slide.z.stiffness"] = 1e30
+    with pytest.raises(IntegrationStopped, match=r"step of .*nothing moves, slide\.z is the stiffest; .* led on by"):
+        integrate(kernel, [0.0], [0.0], 1.0, method="rk4")
+
+
+def test_work_that_leads_on_goes_on() -> None:
+    """Ten decades of steps, back to short ones again and again, and trials far ahead that are given up."""
+    advance, t = Advance(0.0, 1000.0), 0.0
+    for _ in range(20):  # impacts: their steps are as short as a microsecond in a thousand seconds
+        for step in np.geomspace(1e-6, 1e-1, 200).tolist():
+            for ahead in (0.0, 0.3, 1.0, 100.0, 1.0):
+                advance.look(t + ahead * step)
+            t += step
+    stuck = Advance(0.0, 1000.0)
+    with pytest.raises(IntegrationError, match=f"{WORK} evaluations led on by"):
+        for i in range(3 * WORK):
+            stuck.look(1.0 + i * 1e-12 + (500.0 if i % 7 == 0 else 0.0))
+
+
+def test_stiff_motions_are_no_standstill(built: Build) -> None:
+    """An undamped spring that an explicit method follows through many evaluations."""
+    kernel = built(oscillator(damping=0.0), *NEEDED)
+    kernel.parameters["joints.slide.z.stiffness"] = 1e6
+    motion = integrate(kernel, [1e-3], [0.0], 2.0, method="DOP853", rtol=1e-10, output_step=0.1)
+    assert motion.info["evaluations"] > 3 * WORK
+    assert np.abs(motion.energy.sum(axis=1) / 0.5 - 1.0).max() < 1e-5
+
+
 def test_a_state_that_cannot_move_is_refused(built: Build) -> None:
     """A point mass on a revolute axis: nothing that the joint could turn."""
     robot = oscillator()
@@ -194,6 +245,7 @@ def test_a_drive_that_fails_later(built: Build) -> None:
         ({"duration": 0.0}, "duration: 0.0 s"),
         ({"duration": np.nan}, "duration: nan s"),
         ({"output_step": -1.0}, "output_step: -1.0 s"),
+        ({"output_step": 1e-12}, r"output_step: 1e-12 s; allowed: at most 1e\+08 samples"),
         ({"method": "rk4", "step": 0.0}, "step: 0.0 s"),
         ({"rtol": 0.0}, "rtol: 0.0; allowed"),
         ({"rtol": 2.0}, "rtol: 2.0; allowed"),

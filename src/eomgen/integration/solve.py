@@ -17,6 +17,7 @@ from ..runtime.kernel import Kernel
 from ..state.springs import stiffnesses
 from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction, state_vector
 from . import sundials
+from .advance import Advance
 from .closed import ClosedSystem
 from .contacts import ContactWatch
 from .steps import (
@@ -96,8 +97,9 @@ def integrate(
 
     Raises:
         LoopError: the state at the first time is open.
-        IntegrationStopped: the state diverges, a loop comes open, the step becomes too small, M singular, or a drive,
-            wrench or acceleration NaN or infinite, whatever ``kernel.checks`` says; an IntegrationError that names
+        IntegrationStopped: the state diverges, a loop comes open, the step becomes too small, evaluations lead nowhere
+            (see ``advance.Advance``), M is singular, or a drive, wrench or acceleration NaN or infinite, whatever
+            ``kernel.checks`` says; an IntegrationError that names
             coordinate and time and has the last good state and the trajectory up to it.
         InputError: an argument is wrong, a prescribed coordinate has no motion, or SciPy is not installed.
     """
@@ -113,6 +115,7 @@ def integrate(
     began = time.perf_counter()
     report = reporter(progress, float(times[-1]))
     system.begin(float(times[0]), q0, v0)
+    system.advance = Advance(float(times[0]), float(times[-1]))
     y0 = np.concatenate([q0, v0])
     watch = ContactWatch(kernel)
     samples = Samples(times, y0, record)

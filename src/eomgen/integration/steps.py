@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 Record = Callable[[Array, Array], None]
 
 SCIPY_IMPLICIT = ("Radau", "BDF", "LSODA")  # SciPy's
+MOST_SAMPLES = 100_000_000  # of a motion: with one coordinate some 5 GB
 
 
 def output_times(duration: float, output_step: float | None) -> Array:
@@ -31,6 +32,11 @@ def output_times(duration: float, output_step: float | None) -> Array:
         output_step = duration / 1000.0
     if not (np.isfinite(output_step) and output_step > 0.0):
         raise InputError(f"output_step: {output_step!r} s; samples are a finite time greater than 0 apart")
+    if duration / output_step > MOST_SAMPLES:
+        raise InputError(
+            f"output_step: {output_step!r} s; allowed: at most {MOST_SAMPLES:.0e} samples in the duration of"
+            f" {duration:g} s"
+        )
     return np.linspace(0.0, duration, max(1, int(np.ceil(duration / output_step - 1e-9))) + 1)
 
 
@@ -130,7 +136,7 @@ def rk4(
                     k3 = f(t + 0.5 * h, y + 0.5 * h * k2)
                     k4 = f(t + h, y + h * k3)
                     y = y + (h / 6.0) * (k1 + 2.0 * (k2 + k3) + k4)
-            except (ValueError, ArithmeticError) as error:
+            except (EomgenError, ValueError, ArithmeticError) as error:
                 system.trouble = error
                 raise system.stopped(f"rk4 cannot go on with a step of {h:.3g} s", t, good) from error
             if not np.isfinite(y).all():
