@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError, SingularError
 from ..runtime.kernel import Kernel
+from ..runtime.singular import null_coordinates, scaled_eigenvalues
 from ..state.vectors import RANK
 from .holding import Fixation
 
@@ -160,11 +161,9 @@ def reduced(
     M, D, K = (
         basis.T @ part @ basis for part in (found.M, found.D + np.diag(fixation.kd), found.K + np.diag(fixation.kp))
     )
-    size = np.sqrt(np.maximum(np.diagonal(M), max(1e-14 * np.diagonal(M).max(), 1e-300)))
-    values, vectors = np.linalg.eigh(M / np.outer(size, size))
-    if values[0] <= 1e-13:
-        worst = names[int(np.argmax(np.abs(vectors[:, 0])))]
-        raise SingularError(f"{kernel.name}: the mass matrix cannot be inverted at {worst}: it moves no inertia there")
+    if scaled_eigenvalues(M)[0][0] <= 1e-13:
+        found = " and ".join(null_coordinates(M, names))
+        raise SingularError(f"{kernel.name}: the mass matrix cannot be inverted at {found}: it moves no inertia there")
     return LinearSystem(
         kernel=kernel,
         q=q,

@@ -13,7 +13,7 @@ from ..errors import ArrayError, EomgenError, InputError, IntegrationStopped
 from ..optional import optional_import
 from ..progress import Progress
 from ..runtime.kernel import Kernel
-from ..state.springs import coordinate_sizes, line_rates, stiffness_matrix
+from ..state.springs import coordinate_sizes, fastest_rates
 from .contacts import ContactWatch
 from .system import System
 
@@ -65,23 +65,21 @@ def reporter(progress: Progress | None, duration: float) -> Progress:
     return report
 
 
-def fixed_step(kernel: Kernel, q0: Array, step: float | None, times: Array) -> float:
-    """The step of rk4, s: as given, or half the time of the fastest spring or line damper, at most 1 ms.
+def fixed_step(kernel: Kernel, q0: Array, step: float | None, times: Array, *, explicit: bool = True) -> float:
+    """The step of rk4, s: as given, or half the time of the fastest spring, damper or friction, at most 1 ms.
 
-    That is the time in which a spring turns by 1 rad, or a damper between two points takes 1 - 1 / e of a rate.
+    That is the time in which a spring turns by 1 rad, or a damper, or friction about rest, takes 1 - 1 / e of a rate.
+    Steps that are not ``explicit`` need not follow what slows down.
     """
     if step is not None:
         if not (np.isfinite(step) and step > 0.0):
             raise InputError(f"step: {step!r} s; a step is a finite time greater than 0")
         return step
-    between, damping = line_rates(kernel, q0)
-    stiffness = stiffness_matrix(kernel) + between
-    fastest = 0.0
-    if stiffness.any():
-        fastest = float(np.sqrt(np.abs(np.linalg.eigvals(np.linalg.solve(kernel.mass_matrix(q0), stiffness))).max()))
-    if damping.any():
-        slowing = np.abs(np.linalg.eigvals(np.linalg.solve(kernel.mass_matrix(q0), damping))).max()
-        fastest = max(fastest, float(slowing))
+    try:
+        swing, slowing = fastest_rates(kernel, q0)
+    except np.linalg.LinAlgError:  # M is singular, as the first evaluation says
+        swing, slowing = 0.0, 0.0
+    fastest = max(swing, slowing) if explicit else swing
     return min(1e-3, 0.5 / fastest if fastest else np.inf, float(np.diff(times).max()))
 
 

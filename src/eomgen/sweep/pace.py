@@ -74,7 +74,7 @@ def why_not(robot: Robot) -> str | None:
 def choose_pace(
     assembly: Assembly, q: Array, duration: float, method: str, step: float | None, period: float | None
 ) -> Pace:
-    """Steps as given, or by the springs at q: rk4 by the fastest, implicit by the slowest; at most a period.
+    """Steps as given, or by what is at q: rk4 by the fastest, implicit by the slowest spring; at most a period.
 
     The period is as given, or so short that drives that are held over it stay stable at q.
 
@@ -83,13 +83,13 @@ def choose_pace(
     """
     period = min(min(PERIOD, _longest_hold(assembly, q)) if period is None else period, duration)
     if step is None:
-        step = fixed_step(assembly.kernel, q, None, np.array([0.0, period]))
+        step = fixed_step(assembly.kernel, q, None, np.array([0.0, period]), explicit=method != "implicit")
         if method == "implicit":
             step = max(step, _slowest_step(assembly, q))
     if duration / period > MOST_PERIODS or duration / min(step, period) > MOST_STEPS:
         raise InputError(
             f"engine: periods of {period:.3g} s and steps of {step:.3g} s in {duration:g} s; allowed: at most"
-            f" {MOST_PERIODS:g} periods and {MOST_STEPS:g} steps; method = \"implicit\" takes fewer where springs are"
+            f' {MOST_PERIODS:g} periods and {MOST_STEPS:g} steps; method = "implicit" takes fewer where springs are'
             " stiff"
         )
     periods = max(1, int(np.ceil(duration / period - 1e-9)))
