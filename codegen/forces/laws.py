@@ -139,15 +139,17 @@ def _contacts(x: Deflection) -> Effect:
 
 
 def _contact(numbers: Numbers, k: Scalar, s: Scalar, v: Scalar, f: Functions) -> Effect:
-    """The end towards positive s: (k d + cubic d^3) max(1 + c v, 0).
+    """The end towards positive s: (k d + cubic d^3) max(1 + c d_dot, 0).
 
-    The penetration d(x), x = s - clearance, is 0 up to x = 0, x^2 / (2 w) up to the smoothing w, and x - w / 2 beyond.
+    The penetration d(x), x = s - clearance, is 0 up to x = 0, x^2 / (2 w) up to the smoothing w, and x - w / 2 beyond;
+    its rate d_dot = d'(x) v sets in as it does, from 0 on.
     """
     w = numbers["smoothing"]
     x = s - numbers["clearance"]
     beyond = f.max(x - w, 0.0)
     part = f.max(x, 0.0) - beyond  # of x within the smoothing
-    slope = part * (1.0 / w)
+    inverse = 1.0 / w
+    slope = part * inverse
     d = 0.5 * (part * slope) + beyond
     force, by_s = k * d, k * slope
     half = 0.5 * w
@@ -160,9 +162,10 @@ def _contact(numbers: Numbers, k: Scalar, s: Scalar, v: Scalar, f: Functions) ->
         energy = energy + c * (within + 0.25 * (end * end * end * end - root * root))
     if "restitution_damping" in numbers:
         c = numbers["restitution_damping"]
-        raised = 1.0 + c * v
-        factor = f.max(raised, 0.0)
-        return Effect(force * factor, by_s * factor, force * (c * f.step(raised)), energy)
+        raised = 1.0 + c * (slope * v)
+        factor, pushes = f.max(raised, 0.0), c * f.step(raised)
+        bend = (f.step(x) - f.step(x - w)) * inverse
+        return Effect(force * factor, by_s * factor + force * (pushes * (bend * v)), force * (pushes * slope), energy)
     return Effect(force, by_s, energy=energy)
 
 

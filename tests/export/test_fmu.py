@@ -514,10 +514,8 @@ def test_singular_states_are_named(version: int, exported: Export) -> None:
     unit = exported(robot, version)
     host = unit.host(stepping=True).start(["q.joint1.beta"], [np.pi / 2])
     q = host.get(host.names("q."))
-    with pytest.raises(eomgen.SingularError) as found:
+    with pytest.raises(eomgen.SingularError, match=r"inverted at joint1\.alpha and joint1\.gamma; joint1\.beta is at"):
         unit.kernel.forward_dynamics(q, 0.0 * q, 0.0 * q)
-    message = str(found.value).removeprefix("forward_dynamics: ")
-    assert "inverted at joint1." in message
     for call in (
         lambda: host.get(["a.joint1.gamma"]),
         lambda: host.step(0.0, 1e-3),
@@ -527,7 +525,7 @@ def test_singular_states_are_named(version: int, exported: Export) -> None:
         with pytest.raises(Exception, match="fmi"):
             call()
         assert host.messages
-        assert message in host.messages[-1]
+        assert "the mass matrix cannot be inverted at joint1." in host.messages[-1]
     assert np.isfinite(host.get(host.names("pose."))).all()
 
 

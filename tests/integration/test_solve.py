@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+import eomgen
 from eomgen import ArrayError, InputError, IntegrationError, SingularError
 from eomgen.errors import IntegrationStopped
-from eomgen.integration.solve import integrate
+from eomgen.integration.advance import WORK, Advance
+from eomgen.integration.solve import METHODS, choose_method, integrate, why_stiff
+from eomgen.integration.steps import fixed_step
 from eomgen.integration.system import System
-from eomgen.robot.value import Coordinate
+from eomgen.robot.value import Coordinate, Friction, Robot
 from tests.support.builds import Build
 from tests.support.swinging import DAMPING, MASS, NEEDED, STIFFNESS, elastic_arm, oscillator
 
@@ -167,6 +171,55 @@ def test_divergence_names_coordinate_and_time(method: str, built: Build) -> None
     assert error.q[0] > 2.0
 
 
+@pytest.mark.parametrize(
+    ("method", "what"),
+    [(method, what) for method, what in zip(METHODS[1:-1], itertools.cycle(("rate", "force")), strict=False)],
+)
+def test_work_that_leads_nowhere_ends(method: str, what: str, built: Build) -> None:
+    """A pendulum that is turned so fast that steps are 1e-12 of the duration, or 1e-31 of it: said after some work."""
+    kernel = built(eomgen.load_robot("one_link"), *NEEDED, "residual_jacobian")
+    force, rate = (1e20, 0.0) if what == "force" else (0.0, 1e30)
+    with pytest.raises(IntegrationStopped, match=r"joint1\.\w+ moves fastest .*evaluations led on by") as caught:
+        integrate(kernel, [0.0, 0.3], [0.0, rate], 1.0, drive=lambda _t, _q, _v: [0.0, force], method=method)
+    error = caught.value
+    assert error.coordinate in kernel.coordinates
+    assert np.isfinite(error.q).all()
+    assert 0.0 <= error.t < 1e-6
+    assert error.trajectory.info["evaluations"] <= 6 * WORK
+
+
+def test_steps_that_are_too_short_end(built: Build) -> None:
+    """rk4 with the step of a spring of 1e30 N/m, about which nothing moves."""
+    kernel = built(oscillator(), *NEEDED)
+    kernel.parameters["joints.slide.z.stiffness"] = 1e30
+    with pytest.raises(IntegrationStopped, match=r"step of .*nothing moves, slide\.z is the stiffest; .* led on by"):
+        integrate(kernel, [0.0], [0.0], 1.0, method="rk4")
+
+
+def test_work_that_leads_on_goes_on() -> None:
+    """Ten decades of steps, back to short ones again and again, and trials far ahead that are given up."""
+    advance, t = Advance(0.0, 1000.0), 0.0
+    for _ in range(20):  # impacts: their steps are as short as a microsecond in a thousand seconds
+        for step in np.geomspace(1e-6, 1e-1, 200).tolist():
+            for ahead in (0.0, 0.3, 1.0, 100.0, 1.0):
+                advance.look(t + ahead * step)
+            t += step
+    stuck = Advance(0.0, 1000.0)
+    for i in range(2 * WORK - 1):
+        stuck.look(1.0 + i * 1e-12 + (500.0 if i % 7 == 0 else 0.0))
+    with pytest.raises(IntegrationError, match=f"{WORK} evaluations led on by"):
+        stuck.look(1.0)
+
+
+def test_stiff_motions_are_no_standstill(built: Build) -> None:
+    """An undamped spring that an explicit method follows through many evaluations."""
+    kernel = built(oscillator(damping=0.0), *NEEDED)
+    kernel.parameters["joints.slide.z.stiffness"] = 1e6
+    motion = integrate(kernel, [1e-3], [0.0], 2.0, method="DOP853", rtol=1e-10, output_step=0.1)
+    assert motion.info["evaluations"] > 3 * WORK
+    assert np.abs(motion.energy.sum(axis=1) / 0.5 - 1.0).max() < 1e-5
+
+
 def test_a_state_that_cannot_move_is_refused(built: Build) -> None:
     """A point mass on a revolute axis: nothing that the joint could turn."""
     robot = oscillator()
@@ -194,6 +247,7 @@ def test_a_drive_that_fails_later(built: Build) -> None:
         ({"duration": 0.0}, "duration: 0.0 s"),
         ({"duration": np.nan}, "duration: nan s"),
         ({"output_step": -1.0}, "output_step: -1.0 s"),
+        ({"output_step": 1e-12}, r"output_step: 1e-12 s; allowed: at most 1e\+08 samples"),
         ({"method": "rk4", "step": 0.0}, "step: 0.0 s"),
         ({"rtol": 0.0}, "rtol: 0.0; allowed"),
         ({"rtol": 2.0}, "rtol: 2.0; allowed"),
@@ -217,3 +271,55 @@ def test_arguments_that_are_refused(changes: dict[str, object], text: str, built
 def test_single_precision_is_refused(built: Build) -> None:
     with pytest.raises(InputError, match="needs a float64 kernel"):
         integrate(built(oscillator(), *NEEDED, dtype="float32"), [0.0], [0.0], 1.0)
+
+
+def rubbing(mass: float = 0.5, smoothing: float = 1e-4) -> Robot:
+    """A mass on a rail with dry friction and no spring: 5 N turn round over a smoothing of 0.1 mm/s."""
+    robot = oscillator(damping=None)
+    table = {"z": Coordinate(friction=Friction(5.0, smoothing=smoothing))}
+    return replace(robot, name="rubbing", links=(replace(robot.links[0], mass=mass),),
+        joints=(replace(robot.joints[0], coordinates=table),))  # fmt: skip
+
+
+def test_stiff_friction_takes_an_implicit_method(built: Build) -> None:
+    """A time constant of 10 us in a second, at rest under less than the friction: few steps instead of thousands."""
+    kernel = built(rubbing(), *NEEDED, "residual_jacobian")
+    options = {"drive": lambda _t, _q, _v: [3.0], "output_step": 0.1}
+    found, explicit = (
+        integrate(kernel, [0.0], [0.0], duration, method=method, **options)
+        for method, duration in (("auto", 1.0), ("DOP853", 0.1))
+    )
+    assert found.method == "Radau"
+    assert found.info["steps"] < 50 < 500 < 10 * explicit.info["steps"]
+    assert found.v[-1, 0] == pytest.approx(1e-4 * 3.0 / 4.0, rel=1e-3)  # it creeps, as the law says
+    assert np.abs(found.q[1] - explicit.q[-1]).max() < 1e-8
+
+
+def test_what_is_stiff_depends_on_slopes_mass_and_duration(built: Build) -> None:
+    kernel = built(rubbing(), *NEEDED)
+    assert why_stiff(kernel, np.zeros(1), 1.0) == "dampers or friction take effect within 1e-05 s"
+    assert choose_method(kernel, "auto", np.zeros(1), 1e-3) == "DOP853"  # 100 time constants
+    kernel.parameters["joints.slide.z.friction.smoothing"] = 1.0
+    assert choose_method(kernel) == "DOP853"
+    heavy = built(rubbing(mass=500.0), *NEEDED)
+    assert choose_method(heavy) == "DOP853"
+    damped = built(with_table(Coordinate(damping=1e4)), *NEEDED)
+    assert choose_method(damped) == "Radau"  # 5000 1/s
+    assert choose_method(built(with_table(Coordinate(damping=1e4)), "forward_dynamics", "mass_matrix")) == "DOP853"
+    damped.parameters["joints.slide.z.damping"] = 1e3
+    assert choose_method(damped) == "DOP853"
+    assert choose_method(built(with_table(Coordinate(cubic=1e9)), *NEEDED)) == "Radau"  # at 0 it has no stiffness
+
+
+def test_default_fixed_step_follows_friction_and_dampers(built: Build) -> None:
+    kernel = built(rubbing(), *NEEDED)
+    times = np.array([0.0, 1.0])
+    assert fixed_step(kernel, np.zeros(1), None, times) == pytest.approx(0.5e-5)
+    assert fixed_step(kernel, np.zeros(1), None, times, explicit=False) == 1e-3
+    motion = integrate(kernel, [0.0], [0.1], 0.02, method="rk4", output_step=0.01)
+    assert abs(motion.v[-1, 0]) < 1e-8
+
+
+def with_table(table: Coordinate) -> Robot:
+    robot = oscillator()
+    return replace(robot, name="single", joints=(replace(robot.joints[0], coordinates={"z": table}),))

@@ -97,9 +97,10 @@ def resistance(c: Coordinate, s: float, v: float) -> float:
     if c.clearance is not None:
         assert c.smoothing is not None
         side = 1.0 if s > 0.0 else -1.0
-        d = smooth(abs(s) - c.clearance, c.smoothing)
+        x = abs(s) - c.clearance
+        d, d_dot = smooth(x, c.smoothing), min(max(x / c.smoothing, 0.0), 1.0) * side * v
         elastic = (k if s > 0.0 else k_negative) * d + cubic * d**3
-        total += side * elastic * max(0.0, 1.0 + (c.restitution_damping or 0.0) * side * v)
+        total += side * elastic * max(0.0, 1.0 + (c.restitution_damping or 0.0) * d_dot)
     else:
         total += (k if s > 0.0 else k_negative) * s + cubic * s**3
     if "exponential.force" in c.further:

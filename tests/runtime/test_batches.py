@@ -139,7 +139,7 @@ def test_the_first_state_that_cannot_be_solved_is_named(threads: int, built: Bui
     q, still = np.zeros((3000, 6)), np.zeros(6)
     for state in (2999, 1501, 733):
         q[state, 4] = np.pi / 2
-        with pytest.raises(SingularError, match=f"free.beta in state {state}"):
+        with pytest.raises(SingularError, match=f"free.alpha and free.gamma in state {state}"):
             kernel.forward_dynamics(q, still, still)
     kernel.threads = 1
 

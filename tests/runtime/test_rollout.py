@@ -255,9 +255,9 @@ def test_a_singular_state_is_named(built: Build) -> None:
     beta = kernel.coordinates.index("joint1.beta")
     q = np.tile(s.q, (6, 1))
     q[4, beta] = np.pi / 2
-    with pytest.raises(SingularError, match=r"rollout: .*joint1\.beta in step 0;"):
+    with pytest.raises(SingularError, match=r"rollout: .*joint1\.alpha and joint1\.gamma in step 0;"):
         kernel.rollout(q[4], s.v, s.u, 1e-3, 5)
-    with pytest.raises(SingularError, match=r"rollout: .*joint1\.beta in step 0 of state 4;"):
+    with pytest.raises(SingularError, match=r"rollout: .*joint1\.alpha and joint1\.gamma in step 0 of state 4;"):
         kernel.rollout(q, s.v, s.u, 1e-3, 5)
     v = np.zeros(6)
     v[beta] = 10.0

@@ -422,3 +422,14 @@ def test_processes_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFix
     assert "--threads and --processes are given together" in capsys.readouterr().err
     assert cli.main(["sweep", *files, "--processes", "0", "-o", str(tmp_path / "x")]) == 1
     assert "--processes: 0" in capsys.readouterr().err
+
+
+def test_steps_without_end_are_refused(tmp_path: Path) -> None:
+    """Of a spring of 1e30 N/m, and of a period that somebody gives."""
+    stiff = robot_from_toml(SLIDER.replace("800.0", "1e30"))
+    plan = "samples = 2\nrecord = ['coordinate_end']\n[engine]\nmethod = 'rk4'\n"
+    with pytest.raises(InputError, match=r"engine: periods of 0\.0005 s and steps of .* allowed: at most"):
+        run(stiff, RELEASE, plan_from_toml(plan + STIFF + "uniform = { low = 1.0, high = 2.0 }\n"), tmp_path / "a")
+    plan += "period = 1e-9\n" + STIFF
+    with pytest.raises(InputError, match=r"engine: periods of 1e-09 s"):
+        run(slider(), RELEASE, plan_from_toml(plan + "uniform = { low = 1.0, high = 2.0 }\n"), tmp_path / "b")

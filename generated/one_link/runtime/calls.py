@@ -17,10 +17,15 @@ from .arrays import Arrays, Lead, is_finite, joint_lead, place_of, rows_of
 from .parameters import Parameters
 from .pieces import shared, states_at_once
 from .raw import RawFunction, RawKernel
+from .singular import NEARLY, VANISHED, null_coordinates, singular_place
 
 Array = NDArray[Any]
 
 SHARE = 256  # states that are worth a thread of their own
+ELIMINATED = (
+    "either the links that it moves have no inertia along it, or an angle beta is at +-pi/2, where Euler angles are"
+    " singular"
+)
 
 
 class Calls:
@@ -33,16 +38,19 @@ class Calls:
         coordinates: names of the coordinates, for messages.
         threads: how many threads share a batch.
         checks: whether NaN and infinity are refused.
+        prescribed: names of the coordinates whose motion is given.
     """
 
-    def __init__(self, raw: RawKernel, parameters: Parameters, arrays: Arrays) -> None:
-        self.raw, self.parameters, self.arrays = raw, parameters, arrays
+    def __init__(
+        self, raw: RawKernel, parameters: Parameters, arrays: Arrays, prescribed: tuple[str, ...] = ()
+    ) -> None:
+        self.raw, self.parameters, self.arrays, self.prescribed = raw, parameters, arrays, prescribed
         self.dtype, self.coordinates, self.n = raw.dtype, arrays.coordinates, len(arrays.coordinates)
         self.threads, self.checks = 1, True
 
     def with_parameters(self, parameters: Parameters) -> Calls:
         """The same calls, with the same threads and checks, by other parameters of the same code."""
-        other = Calls(self.raw, parameters, self.arrays)
+        other = Calls(self.raw, parameters, self.arrays, self.prescribed)
         other.threads, other.checks = self.threads, self.checks
         return other
 
@@ -122,9 +130,10 @@ class Calls:
             for label, array in zip(function.reads, arrays, strict=True):  # NaN has no pivot, either
                 self.refuse_not_finite(label, array, raw.shapes[label])
             state, coordinate = divmod(failed, self.n)
-            raise self.singular(
-                name, coordinate, place_of([int(i) for i in np.unravel_index(state, lead)] if lead else ())
-            )
+            q, place = arrays[function.reads.index("q")], ""
+            if lead:
+                q, place = rows_of(q, (self.n,), lead), place_of([int(i) for i in np.unravel_index(state, lead)])
+            raise self.singular(name, coordinate, place, q[state] if q.ndim == 2 else q)
         if checks and not is_finite(result):
             raise self._overflow(name, result, function.reads, arrays)
         return result
@@ -208,16 +217,37 @@ class Calls:
         """Refuse NaN and infinity in an argument of a kernel, as ``Arrays.refuse_not_finite`` does."""
         self.arrays.refuse_not_finite(label, array, shape, place)
 
-    def singular(self, name: str, coordinate: int, place: str) -> SingularError:
+    def singular(self, name: str, coordinate: int, place: str, q: Array | None = None) -> SingularError:
         """The error that says that a function cannot invert the mass matrix.
+
+        It names the coordinates that move without inertia; where the kernel cannot compute a mass matrix, the one at
+        which elimination fails.
 
         Args:
             name: the function.
-            coordinate: index of the coordinate where it fails.
-            place: what follows the coordinate's name, such as " in state 3".
+            coordinate: index of the coordinate at which elimination fails.
+            place: what follows the coordinates' names, such as " in state 3".
+            q: coordinates in that state, (n,), where they are known.
         """
-        return SingularError(
-            f"{name}: the mass matrix cannot be inverted at {self.coordinates[coordinate]}{place}; either"
-            " the links that it moves have no inertia along it, or an angle beta is at +-pi/2, where Euler angles are"
-            " singular"
-        )
+        found, reason = self.coordinates[coordinate], ELIMINATED
+        if q is not None:
+            M, names = self._moving_mass(q), [x for x in self.coordinates if x not in self.prescribed]
+            limit = VANISHED if self.dtype == np.float64 else NEARLY
+            if M is not None and np.isfinite(M).all():
+                found, reason = singular_place(null_coordinates(M, names, limit), q, self.coordinates)
+            elif singular_place((found,), q, self.coordinates)[0] != found:
+                found, reason = singular_place((found,), q, self.coordinates)
+        return SingularError(f"{name}: the mass matrix cannot be inverted at {found}{place}; {reason}")
+
+    def _moving_mass(self, q: Array) -> Array | None:
+        """The mass matrix of what is not prescribed at q, (n,); None where no function gives one."""
+        moving = [i for i, name in enumerate(self.coordinates) if name not in self.prescribed]
+        if "mass_matrix" in self.raw.functions:
+            M = self.run("mass_matrix", None, (q,))
+        elif "inverse_dynamics" in self.raw.functions:
+            zero = np.zeros(self.n, self.dtype)
+            M = self.run("inverse_dynamics", None, (q, zero, np.eye(self.n, dtype=self.dtype)))
+            M = M - self.run("inverse_dynamics", None, (q, zero, zero))
+        else:
+            return None
+        return np.asarray(M[np.ix_(moving, moving)])

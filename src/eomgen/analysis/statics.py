@@ -19,7 +19,7 @@ from ..shown import Shown
 from .at_rest import rest
 from .holding import Fixation, PoseLike, floating
 from .options import HeldRobot, StateKeywords, prepared, warn_of
-from .tangent_system import moving_basis
+from .tangent_system import moving_basis, refuse_singular_pose
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -119,7 +119,7 @@ def deflection(
         **options: drives, kp, kd, held, loads, parameters and kernel, see ``StateOptions``.
 
     Raises:
-        InputError: an argument cannot be used, drives are free, or nothing holds a coordinate.
+        InputError: an argument cannot be used, drives are free, nothing holds a coordinate, or a loop is singular.
         IntegrationError: there is no state of rest near the pose.
     """
     arm = fixed_at_rest(prepared(robot, progress, **options))
@@ -182,6 +182,7 @@ def motion_between(first: Array, second: Array) -> Array:
 def _compliance(kernel: Kernel, q: Array, K: Array, fixation: Fixation, frame: str) -> Array:
     """J K^-1 J^T over what may move; coordinates that float in their clearance stay."""
     stuck = np.isin(kernel.coordinates, floating(kernel, q))
+    refuse_singular_pose(kernel, q, ~(fixation.locked | stuck))
     basis, independent = moving_basis(kernel, q, ~(fixation.locked | stuck))
     J = kernel.frame_jacobian(q, frame) @ basis
     if not independent:

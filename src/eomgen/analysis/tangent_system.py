@@ -18,12 +18,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, SingularError
+from ..names import joint_of
 from ..runtime.kernel import Kernel
+from ..runtime.singular import null_coordinates, scaled_eigenvalues
 from ..shown import Shown
 from ..state.vectors import RANK
 from .holding import Fixation
 
 Array = NDArray[np.float64]
+
+SINGULAR = 1e-5  # of the greatest singular value: what less belongs to a singular pose that is met to 1e-12 m
+BENT = 1e-6  # of second derivatives, m/rad^2 and the like: round-off
 
 
 def frame_hessian(J: Array) -> Array:
@@ -111,6 +116,42 @@ def moving_basis(kernel: Kernel, q: Array, moving: NDArray[np.bool_]) -> tuple[A
     return basis, tuple(int(index[i]) for i in chosen)
 
 
+def refuse_singular_pose(kernel: Kernel, q: Array, moving: NDArray[np.bool_]) -> None:
+    """Refuse a pose at which the loops' constraint has a smaller rank than beside it: a bifurcation, a dead centre.
+
+    To first order there are motions then that no motion of the mechanism begins with, so that nothing linear about the
+    pose means anything.  With U the left and e, f vectors of the right null space of the constraint's Jacobian that is
+    so where U^T (d^2 g / dq^2 e f) does not vanish.  Where constraints are redundant in all poses it does: the null
+    space is that of a manifold.
+
+    Args:
+        kernel: with the kernels of ``options.LOOP_KERNELS``.
+        q: coordinates that close the loops, (n,).
+        moving: which of them may move, (n,).
+
+    Raises:
+        InputError: it is one; names the loop.
+    """
+    index = np.flatnonzero(moving)
+    if not kernel.loops or not index.size:
+        return
+    U, S, Vt = np.linalg.svd(kernel.constraint_jacobian(q)[:, index])
+    rank = int((S / max(S.max(initial=0.0), 1e-300) > SINGULAR).sum())
+    left, null = U[:, rank:], Vt[rank:].T
+    if not left.size or not null.size:
+        return
+    H = constraint_hessian(kernel, q)[:, index[:, np.newaxis], index]
+    bent = np.abs(np.einsum("kl,kij,ia,jb->lab", left, H, null, null)).max(axis=(1, 2))
+    if bent.max() <= BENT * max(1.0, float(np.abs(H).max())):
+        return
+    worst = int(np.abs(left[:, int(bent.argmax())]).argmax())
+    loop = joint_of(kernel.constraints[worst])
+    raise InputError(
+        f"{kernel.name}: at this pose loop {loop} is singular: the rank of the constraints drops to {rank}, so that not"
+        f" all of the {null.shape[1]} motions that they leave to first order can be made; allowed: a pose beside it"
+    )
+
+
 @dataclass(frozen=True, kw_only=True)
 class LinearSystem(Shown):
     """M e'' + D e' + K e = basis^T f about a state; e the change of m independent coordinates, f generalized forces.
@@ -151,9 +192,10 @@ def reduced(
     """The system in independent coordinates, what is locked left out, gains of the drives added.
 
     Raises:
-        InputError: nothing can move.
+        InputError: nothing can move, or a loop is singular there, see ``refuse_singular_pose``.
         SingularError: a coordinate moves no inertia.
     """
+    refuse_singular_pose(kernel, q, ~fixation.locked)
     basis, independent = moving_basis(kernel, q, ~fixation.locked)
     if not independent:
         raise InputError(f"{kernel.name}: nothing can move; allowed: fewer held coordinates, or drives that are free")
@@ -161,11 +203,9 @@ def reduced(
     M, D, K = (
         basis.T @ part @ basis for part in (found.M, found.D + np.diag(fixation.kd), found.K + np.diag(fixation.kp))
     )
-    size = np.sqrt(np.maximum(np.diagonal(M), max(1e-14 * np.diagonal(M).max(), 1e-300)))
-    values, vectors = np.linalg.eigh(M / np.outer(size, size))
-    if values[0] <= 1e-13:
-        worst = names[int(np.argmax(np.abs(vectors[:, 0])))]
-        raise SingularError(f"{kernel.name}: the mass matrix cannot be inverted at {worst}: it moves no inertia there")
+    if scaled_eigenvalues(M)[0][0] <= 1e-13:
+        null = " and ".join(null_coordinates(M, names))
+        raise SingularError(f"{kernel.name}: the mass matrix cannot be inverted at {null}: it moves no inertia there")
     return LinearSystem(
         kernel=kernel,
         q=q,

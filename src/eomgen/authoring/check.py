@@ -15,6 +15,7 @@ from ..forms.toml_place import locate
 from ..forms.toml_text import parse_toml, read_text
 from ..scenario.load import load_scenario
 from ..sweep.plan import load_plan
+from .inertia import inertia_notes
 from .schemas import FORMATS
 
 
@@ -94,7 +95,9 @@ def _read(path: Path, name: str, kind: str, inertia: str | None) -> Checked:
         return Checked(name, kind, {"samples": plan.samples, "numbers varied": len(plan.vary)})
     robot = load_robot(path, inertia=inertia)
     coordinates = sum(len(joint.all_coordinates) for joint in robot.joints)
-    return Checked(name, kind, {"links": len(robot.links), "coordinates": coordinates}, (), robot.notes)
+    return Checked(
+        name, kind, {"links": len(robot.links), "coordinates": coordinates}, (), (*robot.notes, *inertia_notes(robot))
+    )
 
 
 def _facts(error: InputError) -> dict[str, Any]:

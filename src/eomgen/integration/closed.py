@@ -42,7 +42,7 @@ class ClosedSystem(System):
 
     def derivative(self, t: float, y: Array) -> Array:
         """y' of one state."""
-        self.counts["evaluations"] += 1
+        self.evaluated(t, y)
         q, v = y[: self.n].copy(), y[self.n :].copy()
         return np.concatenate([v, self._solve(t, q, v)[0]])
 

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
-from ..names import parameter_name
 from ..progress import Progress
 from ..runtime.kernel import Kernel
-from ..state.springs import stiffnesses
+from ..state.springs import any_spring, fastest_rates
 from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction, state_vector
 from . import sundials
+from .advance import Advance
 from .closed import ClosedSystem
 from .contacts import ContactWatch
 from .steps import (
@@ -38,6 +38,7 @@ from .trajectory import FiniteMotion, Trajectory, trajectory_of
 Array = NDArray[np.float64]
 
 EXPLICIT = ("DOP853", "RK45", "rk4")
+STIFF = 1000.0  # time constants in a motion: an explicit method takes 2000 evaluations, and an implicit one not more
 METHODS = ("auto", *SCIPY_IMPLICIT, *sundials.METHODS, *EXPLICIT)
 
 
@@ -75,13 +76,13 @@ def integrate(
             (``eomgen.motion.Harmonic``, say); v and a must be the derivatives of q.  What q0, v0 and drive say of them
             does not count.  The trajectory's u is there the force that the motion needs, so that the kernel must have
             inverse_dynamics.
-        method: "auto" (Radau if any coordinate or spring has a stiffness, else DOP853), "Radau", "BDF", "LSODA",
-            "DOP853", "RK45" (all SciPy's), "CVODE", "IDA" (SUNDIALS'), or "rk4" with a fixed step.  With loops "rk4"
-            is the only one, and what "auto" takes.
+        method: "auto" (Radau if there are springs, stiff dampers or friction, else DOP853: see ``why_stiff``),
+            "Radau", "BDF", "LSODA", "DOP853", "RK45" (all SciPy's), "CVODE", "IDA" (SUNDIALS'), or "rk4" with a fixed
+            step.  With loops "rk4" is the only one, and what "auto" takes.
         rtol, atol: tolerances; atol is a number or (2n,), first of q, then of v.  By default rtol times the size of
             each coordinate: ``coordinate_sizes``.
         step: of rk4, s; shortened so that it divides ``output_step``.  Default: half the time in which the fastest
-            spring turns by 1 rad, or a damper between two points slows down by a factor e.
+            spring turns by 1 rad, or a damper or friction slows down by a factor e.
         output_step: distance of the samples, s, shortened so that it divides the duration; default duration / 1000.
         times: of the samples, s, (T,), increasing; instead of ``output_step``.  The state given is that at the first,
             which need not be 0; the last must be the duration.
@@ -96,8 +97,9 @@ def integrate(
 
     Raises:
         LoopError: the state at the first time is open.
-        IntegrationStopped: the state diverges, a loop comes open, the step becomes too small, M singular, or a drive,
-            wrench or acceleration NaN or infinite, whatever ``kernel.checks`` says; an IntegrationError that names
+        IntegrationStopped: the state diverges, a loop comes open, the step becomes too small, evaluations lead nowhere
+            (see ``advance.Advance``), M is singular, or a drive, wrench or acceleration NaN or infinite, whatever
+            ``kernel.checks`` says; an IntegrationError that names
             coordinate and time and has the last good state and the trajectory up to it.
         InputError: an argument is wrong, a prescribed coordinate has no motion, or SciPy is not installed.
     """
@@ -109,10 +111,11 @@ def integrate(
         raise InputError(f"baumgarte: {kernel.name} has no loops to keep closed; leave it out")
     q0, v0 = (state_vector(label, x, kernel.coordinates) for label, x in (("q0", q0), ("v0", v0)))
     times = output_times(duration, output_step) if times is None else checked_times(times, duration, output_step)
-    method = choose_method(kernel, method)
+    method = choose_method(kernel, method, q0, float(times[-1] - times[0]))
     began = time.perf_counter()
     report = reporter(progress, float(times[-1]))
     system.begin(float(times[0]), q0, v0)
+    system.advance = Advance(float(times[0]), float(times[-1]))
     y0 = np.concatenate([q0, v0])
     watch = ContactWatch(kernel)
     samples = Samples(times, y0, record)
@@ -133,29 +136,45 @@ def integrate(
     return trajectory_of(system, samples, run, method, watch, info)
 
 
-def choose_method(kernel: Kernel, method: str = "auto") -> str:
+def choose_method(kernel: Kernel, method: str = "auto", q: Array | None = None, duration: float = 1.0) -> str:
     """The method that ``integrate`` takes: see ``method_of``; rk4 where there are loops.
+
+    Args:
+        kernel: with the parameters that it has now.
+        method: that is asked for.
+        q: coordinates at the beginning, (n,); 0 if not given.
+        duration: of the motion, s.
 
     Raises:
         InputError: the method is unknown, or does not keep loops closed.
     """
-    taken = method_of(method, _is_stiff(kernel))
     if not kernel.loops:
-        return taken
-    if method not in ("auto", "rk4"):
+        return method_of(method, method == "auto" and bool(why_stiff(kernel, q, duration)))
+    if method_of(method, stiff=False) and method not in ("auto", "rk4"):
         raise InputError(f"method: {kernel.name} has loops, which {method!r} does not keep closed; allowed: rk4")
     return "rk4"
 
 
-def _is_stiff(kernel: Kernel) -> bool:
-    """Whether anything has a stiffness now: a coordinate, a transmission, two points."""
-    if stiffnesses(kernel).any() or any(name in kernel.knots for name in kernel.springs):
-        return True
-    return any(kernel.parameters.get(parameter_name("springs", name, "stiffness")) for name in kernel.springs)
+def why_stiff(kernel: Kernel, q: Array | None = None, duration: float = 1.0) -> str:
+    """What makes an implicit method worth while, in words; empty where nothing does.  Arguments as ``choose_method``.
+
+    That is any spring, and dampers and friction where they slow something down a ``STIFF`` part of the duration, by the
+    largest slopes of their laws and the inertia at q: explicit steps are as short as that as long as the motion lasts,
+    whatever moves.  Without the kernels that implicit methods need, dampers and friction are left to explicit ones.
+    """
+    if any_spring(kernel):
+        return "there are springs"
+    if not {"mass_matrix", "inverse_dynamics"} <= set(kernel.operations):
+        return ""
+    try:
+        slowing = fastest_rates(kernel, np.zeros(kernel.n) if q is None else q)[1]
+    except np.linalg.LinAlgError:  # integration will say so
+        return ""
+    return f"dampers or friction take effect within {1.0 / slowing:.2g} s" if slowing * duration > STIFF else ""
 
 
 def method_of(asked: str, stiff: bool) -> str:
-    """The method asked for; for "auto" Radau where anything has a stiffness, else DOP853.
+    """The method asked for; for "auto" Radau where something is stiff (see ``why_stiff``), else DOP853.
 
     Raises:
         InputError: the method is unknown.

@@ -13,7 +13,7 @@ from ..errors import ArrayError, EomgenError, InputError, IntegrationStopped
 from ..optional import optional_import
 from ..progress import Progress
 from ..runtime.kernel import Kernel
-from ..state.springs import coordinate_sizes, line_rates, stiffness_matrix
+from ..state.springs import coordinate_sizes, fastest_rates
 from .contacts import ContactWatch
 from .system import System
 
@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 Record = Callable[[Array, Array], None]
 
 SCIPY_IMPLICIT = ("Radau", "BDF", "LSODA")  # SciPy's
+MOST_SAMPLES = 100_000_000  # of a motion: with one coordinate some 5 GB
 
 
 def output_times(duration: float, output_step: float | None) -> Array:
@@ -31,6 +32,11 @@ def output_times(duration: float, output_step: float | None) -> Array:
         output_step = duration / 1000.0
     if not (np.isfinite(output_step) and output_step > 0.0):
         raise InputError(f"output_step: {output_step!r} s; samples are a finite time greater than 0 apart")
+    if duration / output_step > MOST_SAMPLES:
+        raise InputError(
+            f"output_step: {output_step!r} s; allowed: at most {MOST_SAMPLES:.0e} samples in the duration of"
+            f" {duration:g} s"
+        )
     return np.linspace(0.0, duration, max(1, int(np.ceil(duration / output_step - 1e-9))) + 1)
 
 
@@ -59,23 +65,21 @@ def reporter(progress: Progress | None, duration: float) -> Progress:
     return report
 
 
-def fixed_step(kernel: Kernel, q0: Array, step: float | None, times: Array) -> float:
-    """The step of rk4, s: as given, or half the time of the fastest spring or line damper, at most 1 ms.
+def fixed_step(kernel: Kernel, q0: Array, step: float | None, times: Array, *, explicit: bool = True) -> float:
+    """The step of rk4, s: as given, or half the time of the fastest spring, damper or friction, at most 1 ms.
 
-    That is the time in which a spring turns by 1 rad, or a damper between two points takes 1 - 1 / e of a rate.
+    That is the time in which a spring turns by 1 rad, or a damper, or friction about rest, takes 1 - 1 / e of a rate.
+    Steps that are not ``explicit`` need not follow what slows down.
     """
     if step is not None:
         if not (np.isfinite(step) and step > 0.0):
             raise InputError(f"step: {step!r} s; a step is a finite time greater than 0")
         return step
-    between, damping = line_rates(kernel, q0)
-    stiffness = stiffness_matrix(kernel) + between
-    fastest = 0.0
-    if stiffness.any():
-        fastest = float(np.sqrt(np.abs(np.linalg.eigvals(np.linalg.solve(kernel.mass_matrix(q0), stiffness))).max()))
-    if damping.any():
-        slowing = np.abs(np.linalg.eigvals(np.linalg.solve(kernel.mass_matrix(q0), damping))).max()
-        fastest = max(fastest, float(slowing))
+    try:
+        swing, slowing = fastest_rates(kernel, q0)
+    except np.linalg.LinAlgError:  # M is singular, as the first evaluation says
+        swing, slowing = 0.0, 0.0
+    fastest = max(swing, slowing) if explicit else swing
     return min(1e-3, 0.5 / fastest if fastest else np.inf, float(np.diff(times).max()))
 
 
@@ -130,7 +134,7 @@ def rk4(
                     k3 = f(t + 0.5 * h, y + 0.5 * h * k2)
                     k4 = f(t + h, y + h * k3)
                     y = y + (h / 6.0) * (k1 + 2.0 * (k2 + k3) + k4)
-            except (ValueError, ArithmeticError) as error:
+            except (EomgenError, ValueError, ArithmeticError) as error:
                 system.trouble = error
                 raise system.stopped(f"rk4 cannot go on with a step of {h:.3g} s", t, good) from error
             if not np.isfinite(y).all():

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import ArrayError, InputError, IntegrationStopped
+from ..errors import ArrayError, InputError, IntegrationError, IntegrationStopped
 from ..runtime.kernel import Kernel
 from ..state.springs import coordinate_sizes
 from ..state.vectors import Q_STEP, V_STEP, DriveFunction, MotionFunction, WrenchFunction, prescribed_mask
+from .advance import Advance
 
 Array = NDArray[np.float64]
 
@@ -17,7 +18,7 @@ class System:
     """The equations of motion as y' = f(t, y), y = (q, v), with their Jacobian; counts its calls.
 
     Whatever ``kernel.checks`` says, a drive, wrench, prescribed motion, state or acceleration that is not finite is an
-    ArrayError that names it.
+    ArrayError that names it.  With ``advance`` evaluations that lead nowhere are an IntegrationError.
     """
 
     def __init__(
@@ -45,6 +46,8 @@ class System:
         self._no_drive = np.zeros(self.n)
         self.counts = {"steps": 0, "evaluations": 0, "jacobians": 0}
         self.trouble: Exception | None = None
+        self.advance: Advance | None = None
+        self._stuck: Array | None = None  # where evaluations lead nowhere
 
     def begin(self, t: float, q: Array, v: Array) -> None:
         """Look at the state at the first time, (n,) each; what has to be put right is put into its arrays."""
@@ -109,9 +112,19 @@ class System:
             shape = (len(self.kernel.links), 6) if label == "wrench" else (self.n,)
             self.kernel.refuse_not_finite(label, values, shape, f" at t = {t:.6g} s")
 
+    def evaluated(self, t: float, y: Array) -> None:
+        """Count an evaluation at t, s, and y; IntegrationError where evaluations lead nowhere."""
+        self.counts["evaluations"] += 1
+        try:
+            if self.advance is not None:
+                self.advance.look(t)
+        except IntegrationError:
+            self._stuck = y.copy()
+            raise
+
     def derivative(self, t: float, y: Array) -> Array:
         """y' of one state."""
-        self.counts["evaluations"] += 1
+        self.evaluated(t, y)
         q, v = y[: self.n], y[self.n :]
         result = np.empty_like(y)
         self._refuse_not_finite("q", q, t)
@@ -156,7 +169,7 @@ class System:
 
     def residual(self, t: float, y: Array, slopes: Array) -> Array:
         """F(t, y, y'), (2n,): q' - v, and the residual of the equations of motion at a = v'."""
-        self.counts["evaluations"] += 1
+        self.evaluated(t, y)
         n, y = self.n, y.copy()
         q, v, a = y[:n], y[n:], slopes[n:].copy()
         given = self.prescribe(t, q, v)
@@ -220,7 +233,7 @@ class System:
     def stopped(self, reason: str, t: float, y: Array, blame: Array | None = None) -> IntegrationStopped:
         """The error that says where a motion could not go on; ``blame`` is the state that shows it, if not y."""
         q, v = y[: self.n].copy(), y[self.n :].copy()
-        seen = y if blame is None else blame
+        seen = blame if blame is not None else self._stuck if self._stuck is not None else y
         bad = np.flatnonzero(~np.isfinite(seen))
         name, where = getattr(self.trouble, "coordinate", ""), f"{self.kernel.name}, t = {t:.6g} s"
         if bad.size:
@@ -229,8 +242,11 @@ class System:
         elif name:  # the trouble says it
             return IntegrationStopped(f"{where}: {reason}; {self.trouble}", t, q, v, name)
         else:
-            worst = int(np.argmax(np.abs(seen[self.n :]) / coordinate_sizes(self.kernel, q)[1]))
+            rates, sizes = np.abs(seen[self.n :]), coordinate_sizes(self.kernel, q)[1]
+            worst = int(np.argmax(rates / sizes) if rates.any() else np.argmin(sizes))
             name = self.kernel.coordinates[worst]
             what = f"{name} moves fastest for its size, at {seen[self.n + worst]:.3g} per second"
+            if not rates.any():
+                what = f"nothing moves, {name} is the stiffest"
         detail = f"; {self.trouble}" if self.trouble else ""
         return IntegrationStopped(f"{where}: {reason}; {what}{detail}", t, q, v, name)

@@ -18,6 +18,7 @@ from ..errors import InputError, LoopError, SingularError, UnknownNameError
 from ..robot.coordinates import unit_of
 from ..robot.cuts import CUTS, UPRIGHT
 from ..runtime.kernel import Kernel
+from ..runtime.singular import null_coordinates, singular_place
 from ..shown import Shown
 from ..state.equilibrium import known_coordinates
 from ..state.vectors import prescribed_mask, state_vector
@@ -328,10 +329,10 @@ class ClosedLoops:
         try:
             return M, np.linalg.cholesky(M)
         except np.linalg.LinAlgError:
-            worst = np.array(self.kernel.coordinates)[free][int(np.abs(np.linalg.eigh(M)[1][:, 0]).argmax())]
+            names = np.array(self.kernel.coordinates)[free].tolist()
+            found, reason = singular_place(null_coordinates(M, names), q, self.kernel.coordinates)
             raise SingularError(
-                f"{self.kernel.name}: the mass matrix of the open tree cannot be inverted at {worst}; either the links"
-                " that it moves have no inertia along it, or an angle beta is at +-pi/2"
+                f"{self.kernel.name}: the mass matrix of the open tree cannot be inverted at {found}; {reason}"
             ) from None
 
     def _redundancy(self, factors: Factors) -> Redundancy:

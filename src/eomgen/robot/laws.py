@@ -58,6 +58,8 @@ class Law:
         is_spring: whether it holds its coordinate.
         stiffness: (k, numbers, deviations of a curve) -> stiffness (N/m, N m/rad) of a coordinate that has k without
             this law: what the choice of a method and the sizes of coordinates look at; None where it stays k.
+        rate_slope: numbers -> the largest slope of its force by the rate, N s/m or N m s/rad: what the choice of a
+            method looks at, too; None where its force does not depend on the rate alone.
         mjcf: numbers -> what becomes of it in MuJoCo where it is not written as it is; empty where it is.
         takes_stiffness: whether its formula is that of the coordinate's stiffness, too.
         absorbs: springs that act within its formula.
@@ -72,6 +74,7 @@ class Law:
     stiffness: Callable[[float, Values, Sequence[float]], float] | None
     mjcf: Callable[[Values], str]
     about: str = ""
+    rate_slope: Callable[[Values], float] | None = None
     takes_stiffness: bool = False
     absorbs: tuple[str, ...] = ()
     excludes: tuple[str, ...] = ()
@@ -121,6 +124,12 @@ def _stribeck(given: Values) -> Conflict | None:
 
 def _friction_smoothing(given: Values) -> float:
     return max(0.1 * given["friction.stribeck"], SMALLEST) if "friction.stribeck" in given else SMOOTHING
+
+
+def _friction_slope(given: Values) -> float:
+    """The slope at rest, where friction turns round."""
+    level = max(given["friction.coulomb"], given.get("friction.static", 0.0))
+    return level / given["friction.smoothing"] + given.get("friction.viscous", 0.0)
 
 
 def _steepest(k: float, given: Values, knots: Sequence[float]) -> float:
@@ -188,7 +197,7 @@ _LAWS = (
             Number("clearance", "half the gap in which no spring acts; with stiffness", LENGTH, idle=None),
             Number(
                 "restitution_damping",
-                "multiplies a contact's force by 1 + restitution_damping * rate; with clearance",
+                "multiplies a contact's force by 1 + restitution_damping * rate of its penetration; with clearance",
                 ("s/m", "s/rad"),
             ),
             Number(
@@ -237,6 +246,7 @@ _LAWS = (
             if given["friction.coulomb"] or given.get("friction.static")
             else ""
         ),
+        rate_slope=_friction_slope,
         rule=_stribeck,
     ),
     Law(
@@ -337,6 +347,17 @@ def stiffness_of(numbers: Values, knots: Sequence[float]) -> float:
     for law in given_laws(numbers):
         k = law.stiffness(k, numbers, knots) if law.stiffness else k
     return k
+
+
+def rate_slope_of(numbers: Values) -> float:
+    """The largest slope of a coordinate's laws by its rate, N s/m or N m s/rad, without its linear damper."""
+    return sum((law.rate_slope(numbers) for law in given_laws(numbers) if law.rate_slope), 0.0)
+
+
+def has_springs(numbers: Values, knots: Sequence[float]) -> bool:
+    """Whether anything holds a coordinate, be it so that its stiffness grows from 0 on; arguments as above."""
+    grows = (law for law in given_laws(numbers) if law.is_spring and law.stiffness is None)
+    return stiffness_of(numbers, knots) != 0.0 or any(numbers[law.first] != 0.0 for law in grows)
 
 
 def number_texts(numbers: Values) -> list[str]:

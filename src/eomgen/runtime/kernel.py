@@ -96,7 +96,7 @@ class Kernel:
         self._ratios: dict[str, float] = {name: ratio for name, (_, ratio) in meta.get("motors", {}).items()}
         self.knots: dict[str, tuple[float, ...]] = {k: tuple(x) for k, x in meta["knots"].items()}
         self.parameters = Parameters.of(self.raw, meta["parameters"], meta["least"])
-        self.calls = Calls(self.raw, self.parameters, Arrays(self.raw, self.coordinates, self.links))
+        self.calls = Calls(self.raw, self.parameters, Arrays(self.raw, self.coordinates, self.links), self.prescribed)
 
     def __repr__(self) -> str:
         return f"<Kernel {self.name}: {len(self.coordinates)} coordinates, {self.dtype}>"

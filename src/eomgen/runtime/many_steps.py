@@ -77,7 +77,7 @@ def rollout(
         alone = [(_row(x, apart, state), 0) for x, apart in starts]
         drives = [(_row(x, apart, state), 0, n) for x, apart, n in drives]
         if trouble is None and not _begins_well(calls, alone, drives, gains, dt, step, METHODS[method]):
-            raise calls.singular("rollout", code % calls.n, place)
+            raise calls.singular("rollout", code % calls.n, place, None if step else alone[0][0])
         reason = f"no acceleration{place}, though there is one where it begins;{ADVICE}"
         raise _stopped(calls, result, state, every * dt, code % calls.n, reason, trouble)
     ok = np.isfinite(np.concatenate(result, axis=-1)).all(axis=-1).reshape(-1, steps // every + 1)

@@ -103,7 +103,7 @@ def assemble(
 
 def kernels_of(robot: Robot, scenario: Scenario) -> tuple[str, ...]:
     """Names of the kernels that the scenario's integrator calls."""
-    explicit = method_of(scenario.integrator.method, _has_springs(robot)) in EXPLICIT
+    explicit = method_of(scenario.integrator.method, _may_be_stiff(robot)) in EXPLICIT
     return KERNELS if explicit else IMPLICIT_KERNELS
 
 
@@ -113,10 +113,11 @@ def with_kernel(assembly: Assembly, robot: Robot, scenario: Scenario, kernel: Ke
     return replace(assembly, kernel=kernel, wrenches=wrenches)
 
 
-def _has_springs(robot: Robot) -> bool:
-    """Whether the description gives a stiffness to anything: a coordinate, a transmission, two points."""
+def _may_be_stiff(robot: Robot) -> bool:
+    """Whether the description gives a spring, damper or friction to anything: a coordinate, a motor, two points."""
     tables = [c for joint in robot.joints for c in joint.all_coordinates.values()]
-    return bool(robot.springs) or any(joint.motor for joint in robot.joints) or any(c.has_stiffness for c in tables)
+    motors = any(joint.motor for joint in robot.joints)
+    return bool(robot.springs) or motors or any(c.stiffness or c.damping or c.law() for c in tables)
 
 
 def by_coordinate(robot: Robot, scenario: Scenario, key: str, given: Mapping[str, float]) -> dict[str, float]:

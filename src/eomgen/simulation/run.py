@@ -19,7 +19,7 @@ import numpy as np
 from .._version import __version__
 from ..description import RobotLike, as_robot
 from ..errors import InputError, IntegrationStopped
-from ..integration.solve import EXPLICIT, method_of
+from ..integration.solve import method_of, why_stiff
 from ..integration.steps import output_times
 from ..motion.ends import Point
 from ..motion.point_to_point import Program
@@ -142,7 +142,10 @@ def run_assembly(
     }
     samples = output_times(scenario.duration, scenario.output_step).size
     opened = None if stream is None else MotionStream(stream, kernel.coordinates, samples, about)
-    found = run_segments(kernel, robot, scenario, loads, q0, v0, report, opened)
+    asked = scenario.integrator.method
+    reason = why_stiff(kernel, q0, scenario.duration) if asked == "auto" else ""
+    method = method_of(asked, bool(reason))
+    found = run_segments(kernel, robot, scenario, loads, q0, v0, report, opened, method=method)
     t, q = found.trajectory.t, found.trajectory.q
     driven = index_of(kernel.coordinates, assembly.driven)
     program_q = q[:, driven] if assembly.program is None else assembly.program.at(t)[0]
@@ -150,7 +153,7 @@ def run_assembly(
     given = index_of(kernel.coordinates, kernel.prescribed)
     rigid_q[:, driven], rigid_q[:, given] = program_q, q[:, given]
     notes = [
-        *_method_note(scenario.integrator.method, found.trajectory.method),
+        *_method_note(asked, method, reason),
         *_assumptions(robot, loose, scenario, assembly.program is not None),
         found.balance.note(),
     ]
@@ -186,15 +189,13 @@ def _stop_record(stop: IntegrationStopped) -> dict[str, Any]:
     return {"reason": str(stop), "t": stop.t, "coordinate": stop.coordinate, **state}
 
 
-def _method_note(asked: str, taken: str) -> tuple[str, ...]:
+def _method_note(asked: str, taken: str, reason: str) -> tuple[str, ...]:
     """A line about what "auto" came to, and why."""
     if asked == taken:
         return ()
-    if taken in EXPLICIT:
-        return (f"method: {taken} (explicit), because nothing has a stiffness",)
-    return (
-        f"method: {taken} (implicit), because there are springs; its steps follow the motion, not the fastest spring",
-    )
+    if not reason:
+        return (f"method: {taken} (explicit), because nothing has a stiffness, nor stiff dampers or friction",)
+    return (f"method: {taken} (implicit), because {reason}; its steps follow the motion, not the fastest spring",)
 
 
 def _assumptions(robot: Robot, loose: tuple[str, ...], scenario: Scenario, programmed: bool) -> tuple[str, ...]:

@@ -84,8 +84,12 @@ def run_segments(
     v: Array,
     progress: Progress,
     stream: MotionStream | None = None,
+    *,
+    method: str,
 ) -> SegmentedMotion:
     """Integrate from q and v at t = 0 to the scenario's duration, samples into the stream; errors as ``integrate``.
+
+    All pieces are integrated by the one method.
 
     A motion that cannot go on is returned as far as whole output steps were reached; it is raised where there are none.
     """
@@ -94,7 +98,7 @@ def run_segments(
     if stream is not None:
         stream.append(grid[:1], q[np.newaxis], v[np.newaxis])
     pieces: list[dict[str, Array]] = []
-    done, method = np.zeros(len(TERMS)), ""
+    done = np.zeros(len(TERMS))
     info: dict[str, float] = {}
     energy: float | None = None
     contacts: list[Contact] = []
@@ -102,7 +106,7 @@ def run_segments(
     for begin, end in pairwise(_bounds(scenario, loads, grid)):
         kernel.parameters.update(loaded_parameters(robot, scenario, begin))
         try:
-            piece, part, stop = _piece(kernel, scenario, loads, (q, v), (begin, end), grid, progress, record)
+            piece, part, stop = _piece(kernel, scenario, loads, (q, v), (begin, end), grid, progress, record, method)
         except EomgenError as error:
             if stream is not None:
                 stream.flush()  # nothing is lost
@@ -119,7 +123,6 @@ def run_segments(
         keep[-1] &= end == scenario.duration or stop is not None  # else it is the first sample of the next piece
         pieces.append({name: values[keep] for name, values in piece.items()})
         info = {key: info.get(key, 0) + value for key, value in part.info.items()}
-        method = part.method
         contacts += part.contacts
         if stop is not None:
             break
@@ -169,6 +172,7 @@ def _piece(
     grid: Array,
     progress: Progress,
     record: Record | None,
+    method: str,
 ) -> tuple[dict[str, Array], Trajectory, IntegrationStopped | None]:
     """Samples at the ends of a piece and on the grid in between, work from each to the next, and what stopped it.
 
@@ -192,7 +196,7 @@ def _piece(
             drive=drive,
             wrench=wrench,
             prescribed=loads.prescribed,
-            method=how.method,
+            method=method,
             rtol=how.rtol,
             atol=how.atol,
             step=how.step,

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ArrayError, IntegrationError, UnknownNameError
 from ..runtime.kernel import Kernel
-from .springs import coordinate_sizes
+from .springs import REFERENCE_ACCELERATION, coordinate_sizes, line_rates, stiffnesses
 from .vectors import Q_STEP, state_vector
 
 Array = NDArray[np.float64]
@@ -72,7 +72,9 @@ def known_coordinates(names: Iterable[str], kernel: Kernel) -> set[str]:
 def _newton(kernel: Kernel, q: Array, free: NDArray[np.bool_], residual: Callable[[Array], Array]) -> Array:
     """Root of the residual's free rows in the free coordinates; scaled by sizes, with backtracking."""
     size = coordinate_sizes(kernel, q)[0][free]
-    inertia = np.maximum(np.diagonal(kernel.mass_matrix(q))[free], 1e-12)
+    held = stiffnesses(kernel) + np.diagonal(line_rates(kernel, q)[0])
+    springs = held[free] * size / REFERENCE_ACCELERATION  # what stands for inertia where a spring holds none
+    inertia = np.maximum(np.maximum(np.diagonal(kernel.mass_matrix(q))[free], springs), 1e-12)
     index = np.flatnonzero(free)
     if not index.size:
         return q

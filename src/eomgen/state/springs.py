@@ -6,9 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..names import parameter_name, parameter_path
-from ..robot.laws import stiffness_of
+from ..robot.laws import has_springs, rate_slope_of, stiffness_of
 from ..runtime.kernel import Kernel
 from .motors import deflections
+from .vectors import prescribed_mask
 
 Array = NDArray[np.float64]
 
@@ -35,6 +36,43 @@ def _own_stiffnesses(kernel: Kernel) -> Array:
     """Stiffness of every coordinate's own table, (n,); of a motor's that of its transmission."""
     numbers = law_numbers(kernel)
     return np.array([stiffness_of(numbers[name], kernel.knots.get(name, ())) for name in kernel.coordinates])
+
+
+def damping_matrix(kernel: Kernel) -> Array:
+    """Largest slopes of the coordinates' forces by their rates, (n, n), N s/m or N m s/rad: dampers and friction.
+
+    A damper between motor and joint acts on the deflection, friction of a motor on its shaft.
+    """
+    rows, numbers = deflections(kernel), law_numbers(kernel).values()
+    damping = np.array([given.get("damping", 0.0) for given in numbers])
+    return np.asarray(rows.T @ (damping[:, None] * rows) + np.diag([rate_slope_of(given) for given in numbers]))
+
+
+def any_spring(kernel: Kernel) -> bool:
+    """Whether there is a spring now: of a coordinate, a transmission, between two points."""
+    if any(has_springs(given, kernel.knots.get(name, ())) for name, given in law_numbers(kernel).items()):
+        return True
+    names = (parameter_name("springs", name, "stiffness") for name in kernel.springs)
+    return any(name in kernel.knots for name in kernel.springs) or any(map(kernel.parameters.get, names))
+
+
+def fastest_rates(kernel: Kernel, q: Array) -> tuple[float, float]:
+    """How fast springs swing and how fast dampers and friction slow down about q, rad/s and 1/s; 0 without any.
+
+    Of all laws the largest slopes count, prescribed coordinates do not.
+
+    Raises:
+        LinAlgError: M is singular.
+    """
+    between, damping = line_rates(kernel, q)
+    free = ~prescribed_mask(kernel)
+    grid = np.ix_(free, free)
+    slopes = [(stiffness_matrix(kernel) + between)[grid], (damping_matrix(kernel) + damping)[grid]]
+    if not np.any(slopes):
+        return 0.0, 0.0
+    M = kernel.mass_matrix(q)[grid]
+    swing, slowing = (float(np.abs(np.linalg.eigvals(np.linalg.solve(M, part))).max()) for part in slopes)
+    return float(np.sqrt(swing)), slowing
 
 
 def law_numbers(kernel: Kernel) -> dict[str, dict[str, float]]:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import ArrayError, EomgenError, IntegrationStopped
+from ..errors import ArrayError, EomgenError, InputError, IntegrationStopped
 from ..integration.steps import fixed_step
 from ..integration.trajectory import Trajectory
 from ..robot.model import build_model
@@ -35,6 +35,7 @@ Array = NDArray[np.float64]
 PERIOD = 5e-4  # s, of the drives, at most
 HOLD = 0.5  # time constants of what drives damp, or rad by which they turn a swing, in which they may be held
 ADVICE = "a shorter step or period may help"
+MOST_STEPS, MOST_PERIODS = 1e11, 1e8  # of a motion: a day in C, and what memory holds
 SLOWEST_TURN = 0.05  # rad by which the slowest spring turns in an implicit step
 
 
@@ -73,15 +74,24 @@ def why_not(robot: Robot) -> str | None:
 def choose_pace(
     assembly: Assembly, q: Array, duration: float, method: str, step: float | None, period: float | None
 ) -> Pace:
-    """Steps as given, or by the springs at q: rk4 by the fastest, implicit by the slowest; at most a period.
+    """Steps as given, or by what is at q: rk4 by the fastest, implicit by the slowest spring; at most a period.
 
     The period is as given, or so short that drives that are held over it stay stable at q.
+
+    Raises:
+        InputError: that would be steps without end.
     """
     period = min(min(PERIOD, _longest_hold(assembly, q)) if period is None else period, duration)
     if step is None:
-        step = fixed_step(assembly.kernel, q, None, np.array([0.0, period]))
+        step = fixed_step(assembly.kernel, q, None, np.array([0.0, period]), explicit=method != "implicit")
         if method == "implicit":
             step = max(step, _slowest_step(assembly, q))
+    if duration / period > MOST_PERIODS or duration / min(step, period) > MOST_STEPS:
+        raise InputError(
+            f"engine: periods of {period:.3g} s and steps of {step:.3g} s in {duration:g} s; allowed: at most"
+            f' {MOST_PERIODS:g} periods and {MOST_STEPS:g} steps; method = "implicit" takes fewer where springs are'
+            " stiff"
+        )
     periods = max(1, int(np.ceil(duration / period - 1e-9)))
     return Pace(method, periods, max(1, int(np.ceil(duration / periods / step - 1e-9))), duration)
 

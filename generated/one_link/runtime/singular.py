@@ -1,0 +1,70 @@
+"""Which coordinates a mass matrix that cannot be inverted fails at.
+
+A generated package carries a copy of this file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[Any]
+
+VANISHED = 1e-11  # of the largest inertia, in units of each coordinate's own: round-off
+NEARLY = 1e-4  # the same in single precision
+NO_SIZE = 1e-14  # of the largest inertia: what a coordinate without any counts with
+SMALL = 1e-4  # of the largest inertia: coordinates with less weigh alike where null vectors are looked at
+SHARE = 0.1  # of a null vector's largest component: smaller ones are not named
+UPRIGHT = 1e-5  # cosine of an angle beta that is at +-pi/2
+
+
+def _sizes(M: Array, least: float) -> Array:
+    """Roots of the inertia of each coordinate, (m,), at least that part of the largest one."""
+    inertia = np.asarray(np.diagonal(M), dtype=np.float64)
+    return np.asarray(np.sqrt(np.maximum(inertia, max(least * inertia.max(initial=0.0), 1e-300))))
+
+
+def scaled_eigenvalues(M: Array) -> tuple[Array, Array]:
+    """Eigenvalues and eigenvectors of a mass matrix, (m, m), scaled so that kilograms and kg m^2 compare."""
+    size = _sizes(M, NO_SIZE)
+    values, vectors = np.linalg.eigh(np.asarray(M, dtype=np.float64) / np.outer(size, size))
+    return values, vectors
+
+
+def null_coordinates(M: Array, names: Sequence[str], limit: float = VANISHED) -> tuple[str, ...]:
+    """Names of the coordinates that can move so that M v = 0, or nearly so: the components of its null vectors.
+
+    Args:
+        M: a mass matrix, (m, m).
+        names: of its coordinates, m.
+        limit: scaled eigenvalues below it are zero; the smallest one always is.
+    """
+    values, vectors = scaled_eigenvalues(M)
+    null = vectors[:, values <= max(limit, values[0])] / _sizes(M, NO_SIZE)[:, np.newaxis]
+    null *= _sizes(M, SMALL)[:, np.newaxis]  # a part of a null vector counts, though its own inertia is small
+    parts = np.linalg.norm(null / np.linalg.norm(null, axis=0), axis=1)
+    return tuple(name for name, part in zip(names, parts, strict=True) if part > SHARE * parts.max())
+
+
+def singular_place(found: Sequence[str], q: Array, names: Sequence[str]) -> tuple[str, str]:
+    """Names of the coordinates where a mass matrix cannot be inverted, for people, and the reason.
+
+    Args:
+        found: ``null_coordinates``, or what stands for them.
+        q: coordinates in that state, (n,), m or rad.
+        names: of all coordinates, n.
+    """
+    values = dict(zip(names, q.tolist(), strict=True))
+    for name in found:
+        joint, _, kind = name.rpartition(".")
+        alpha, beta, gamma = (f"{joint}.{angle}" for angle in ("alpha", "beta", "gamma"))
+        turns = kind in ("alpha", "beta", "gamma") and {alpha, beta, gamma} <= values.keys()
+        if turns and abs(np.cos(values[beta])) < UPRIGHT:
+            return (
+                f"{alpha} and {gamma}",
+                f"{beta} is at +-pi/2, where Euler angles are singular: both turn about one axis",
+            )
+    return " and ".join(found), "what they move has no inertia along that motion"
