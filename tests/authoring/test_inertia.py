@@ -60,7 +60,9 @@ def test_a_massless_robot_is_noted(tmp_path: Path, capsys: pytest.CaptureFixture
 
 def test_links_that_leave_the_mass_matrix_singular_are_noted(tmp_path: Path) -> None:
     tip = (
-        ROD.replace("com = [0.5, 0.0, 0.0]", "com = [0.5, 0.1, 0.2]").replace("} }]", '} }, { name = "tip" }]')
+        ROD.replace("com = [0.5, 0.0, 0.0]", "com = [0.5, 0.1, 0.2]").replace(
+            "} }]", '} }, { name = "tip", mass = 0.0 }]'
+        )
         + '[[joints]]\nname = "wrist"\nparent = "rod"\nchild = "tip"\ntype = "revolute"\n'
     )
     path = tmp_path / "tip.toml"
@@ -86,8 +88,6 @@ def test_a_thin_rod_is_singular_at_its_own_axis(built: Build) -> None:
         kernel = built(robot, "forward_dynamics", *kernels)
         with pytest.raises(eomgen.SingularError, match=r"inverted at hinge\.alpha; what they move has no inertia"):
             kernel.forward_dynamics(*zero)
-        with pytest.raises(eomgen.SingularError, match=r"inverted at hinge\.alpha in state 1; "):
-            kernel.forward_dynamics(np.tile(zero[0], (2, 1)) + [[0, 0, 0.1, 0], [0, 0, 0, 0]], *zero[1:])
     kernel = built(robot, "forward_dynamics", "mass_matrix", "inverse_dynamics")
     q, _ = eomgen.state.static_equilibrium(kernel, zero[0], held=["hinge.gamma"])
     assert abs(q[0]) < 1e-6
