@@ -252,7 +252,7 @@ def test_files(tmp_path: Path) -> None:
         for part in expected:
             assert part in message, (name, message)
     (tmp_path / "folder.toml").mkdir()
-    assert "no such file" in refusal(lambda path: load_robot(path), str(tmp_path / "folder.toml"))
+    assert "it is a folder" in refusal(lambda path: load_robot(path), str(tmp_path / "folder.toml"))
 
 
 CSV_CASES = {

@@ -227,7 +227,7 @@ def _joint(name: str, entry: Table, draft: Draft, folder: Path | None) -> Joint:
             if table.text("role") == "locked":
                 del coordinates[key]
     motor = _motor(entry, kind, coordinates, folder)
-    for key in entry.strings("prescribed"):
+    for key in dict.fromkeys(entry.strings("prescribed")):
         known = COORDINATES if motor is None else (*COORDINATES, MOTOR)
         if key not in known:
             entry.fail(f"got {show(key)}{nearest(key, known)}; allowed: {', '.join(known)}", "prescribed")

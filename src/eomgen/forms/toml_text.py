@@ -64,7 +64,8 @@ def read_text(path: Path, source: str, kind: str = ".toml, .urdf or .xml file") 
         raise refusal from None
     except (OSError, ValueError) as error:  # ValueError: a path with a NUL
         reason = getattr(error, "strerror", None) or str(error)
-        raise DescriptionError(f"cannot be read: {reason}; allowed: an existing {kind}", source=source) from None
+        allowed = "" if "allowed: " in reason else f"; allowed: an existing {kind}"
+        raise DescriptionError(f"cannot be read: {reason}{allowed}", source=source) from None
 
 
 def parse_toml(text: str, source: str) -> dict[str, object]:
