@@ -100,9 +100,11 @@ BOMB = "".join(f'<!ENTITY {chr(98 + k)} "{f"&{chr(97 + k)};" * 10}">\n' for k in
 
 BAD_FILES = {
     "deep arrays": bad(
-        "robot.toml", "name = 'a'\ngravity = " + "[" * 50_000, "", "nested too deeply", "a few levels deep"
+        "robot.toml", "name = 'a[['\ngravity = " + "[" * 50_000, "line 2", "nested too deeply", "a few levels deep"
     ),
-    "deep inline tables": bad("robot.toml", "links = " + "{ a = " * 20_000, "", "nested too deeply", "a few levels"),
+    "deep inline tables": bad(
+        "robot.toml", "links = " + "{ a = " * 20_000, "line 1", "nested too deeply", "a few levels"
+    ),
     "deep dotted key": bad("robot.toml", "name = 'a'\n" + "a." * 50_000 + "a = 1", "line 2", "8 parts", "few"),
     "many deep tables": bad("robot.toml", many_deep_tables(), "line 2", "unknown key 'x0'", "allowed: name"),
     "deep elements": bad("robot.urdf", '<robot name="r">' + "<a>" * 100_000, "line 1", "no element found", "</robot>"),
@@ -111,8 +113,12 @@ BAD_FILES = {
     "100,000 links, MJCF": bad("robot.xml", mjcf_chain(100_000), "line 5002", "100000 <body>", "up to 5000"),
     "30,000 links": bad("robot.urdf", urdf_chain(30_000), "line 5002", "there are 30000 links", "up to 5000"),
     "8,000 links, TOML": bad("robot.toml", toml_chain(8_000), "links[5000] (line 40002)", "8000 [[links]]", "5000"),
-    "5,000 links, TOML": bad("robot.toml", toml_chain(5000), "", "no joint has a coordinate", "one joint that moves"),
-    "5,000 links, MJCF": bad("robot.xml", mjcf_chain(5000), "", "no joint has a coordinate", "one joint that moves"),
+    "5,000 links, TOML": bad(
+        "robot.toml", toml_chain(5000), "joints (line 5)", "no joint has a coordinate", "one joint that moves"
+    ),
+    "5,000 links, MJCF": bad(
+        "robot.xml", mjcf_chain(5000), "joints (line 1)", "no joint has a coordinate", "one joint that moves"
+    ),
     "5,000 links and a wrong one": bad(
         "robot.urdf", urdf_chain(5000, "l499x"), "joint 'j4999', <child> (line 10000)", "no link 'l499x'", "'l499'"
     ),

@@ -9,9 +9,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 from ..errors import InputError
+from ..names import printable
 from ..progress import Progress, StageReport, no_progress
 
 if TYPE_CHECKING:
@@ -96,7 +97,7 @@ def read_robot(options: argparse.Namespace) -> Robot:
 
     robot = load_robot(options.robot, inertia=options.inertia, urdf_damping=options.urdf_damping)
     for note in robot.notes:
-        print(f"note: {note}", file=sys.stderr)
+        say(f"note: {note}", sys.stderr)
     return robot
 
 
@@ -114,6 +115,11 @@ def result_path(path: Path) -> Path:
 
 
 # What is shown
+
+
+def say(text: str, file: TextIO | None = None) -> None:
+    """Print a line that may have names of others' files in it; nothing in it steers the terminal."""
+    print(printable(text), file=file)
 
 
 @contextmanager
@@ -158,7 +164,7 @@ def show_result(options: argparse.Namespace, result: Any) -> None:
     if options.json:
         show_json(result.as_dict())
     else:
-        print("\n".join(result.lines()))
+        say("\n".join(result.lines()))
 
 
 def show_files(
@@ -168,14 +174,14 @@ def show_files(
     if options.json:
         show_json({"files": [str(path) for path in written], **values})
         return
-    print("\n".join(lines))
+    say("\n".join(lines))
     show_written(written)
 
 
 def show_written(paths: Iterable[Path]) -> None:
     """Print the paths of files that were written."""
     for path in paths:
-        print(f"wrote {path}")
+        say(f"wrote {path}")
 
 
 # Options about a state of a robot

@@ -19,7 +19,8 @@ class Draft:
     """A robot while it is being read: its parts by name, in the order of the description.
 
     links holds the root link of an URDF as well; joints has the order in which a parent's children follow each other;
-    inherited names the links and joints that an URDF brought in; place_of gives line and column of a place in an URDF.
+    inherited names the links and joints that the file ``urdf`` brought in; place_of gives line and column of a place in
+    that, or in the XML that the draft is read from.
     """
 
     source: str
@@ -33,6 +34,7 @@ class Draft:
     springs: dict[str, Spring] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     inherited: tuple[str, ...] = ()
+    urdf: str = ""
     place_of: Callable[[str], tuple[int, int] | None] = lambda _: None
 
     def fail(self, where: str, message: str) -> NoReturn:

@@ -159,7 +159,21 @@ def _robot_from_values(
         draft.springs[name] = read_spring(name, entry, _beside(entry, folder))
     _settle_base(draft)
     policy = top.choice("inertia") or "error"
-    return _finish(draft, inertia or policy, top.strings("tunable"))
+    try:
+        return _finish(draft, inertia or policy, top.strings("tunable"))
+    except DescriptionError as error:
+        if draft.urdf and not error.path and not _says(top, error.where):
+            error.source = draft.urdf
+            error.line, error.column = draft.place_of(error.where) or (None, None)
+        raise
+
+
+def _says(top: Table, where: str) -> bool:
+    """Whether the TOML itself has what a message about the whole robot names, as in joints.NAME.child."""
+    kind, _, rest = where.partition(".")
+    if kind not in ("links", "joints") or not rest:
+        return kind in top
+    return any(entry.get("name") == rest.partition(".")[0] for entry in top.values.get(kind, []))
 
 
 def _start(top: Table, source: str, folder: Path | None, urdf_damping: bool) -> Draft:
@@ -173,7 +187,7 @@ def _start(top: Table, source: str, folder: Path | None, urdf_damping: bool) -> 
 
         path = folder / urdf
         draft = draft_from_urdf(read_text(path, str(path)), str(path), damping=urdf_damping)
-        draft.source = source
+        draft.source, draft.urdf = source, draft.source
         draft.inherited = (*draft.links, *draft.joints)
     else:
         top.require()

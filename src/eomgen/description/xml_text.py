@@ -98,7 +98,8 @@ def parse_xml(text: str, source: str, root_tag: str = "robot") -> Element:
         raise _refusal(message, source, text, max(text.find("<!DOCTYPE"), 0)) from None
     except (ValueError, LookupError, RecursionError, MemoryError) as error:  # unknown encodings, lone surrogates
         message = f"cannot be read as XML: {show(str(error))}; allowed: XML 1.0 in UTF-8"
-        raise DescriptionError(message, source=source) from None
+        offset = error.start if isinstance(error, UnicodeEncodeError) else 0  # the declaration, which names an encoding
+        raise _refusal(message, source, text, offset) from None
     return root
 
 

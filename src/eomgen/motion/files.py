@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -102,7 +103,10 @@ def _read_npz(path: Path) -> dict[str, Array]:
         raise InputError(f"{path}: has no array t; allowed: {COLUMNS_RULE}")
     size = arrays["t"].shape
     if "q" in arrays and "coordinates" in arrays:
-        names = [str(name) for name in np.atleast_1d(arrays["coordinates"])]
+        names = [str(name) for name in arrays["coordinates"].ravel()]
+        twice = [name for name, many in Counter(names).items() if many > 1]
+        if twice:
+            raise InputError(f"{path}: array coordinates: {show(twice[0])} is there twice; allowed: once")
         chosen = {"t": arrays["t"]}
         for suffix, key in SUFFIXES.items():
             if key in arrays:
@@ -117,10 +121,23 @@ def _read_npz(path: Path) -> dict[str, Array]:
                 f"{path}: array {show(name)} has dtype {array.dtype} and shape {array.shape};"
                 f" allowed: numbers of the shape of t, {size}"
             )
+    if size == (0,):
+        raise InputError(f"{path}: array t has no values; allowed: one or more times")
     total = sum(array.size for array in arrays.values())
     if total > 2 * _MOST_NUMBERS:
         raise InputError(f"{path}: its arrays have {total} numbers; allowed: up to {2 * _MOST_NUMBERS}")
-    return {name: array.astype(np.float64, copy=False) for name, array in arrays.items()}
+    with np.errstate(over="ignore"):  # of longer floats; what became infinite is refused
+        found = {name: array.astype(np.float64, copy=False) for name, array in arrays.items()}
+    for name, array in found.items():
+        _check_finite(name, array, lambda row: f"{path}: sample {row}")
+    return found
+
+
+def _check_finite(name: str, values: Array, place: Callable[[int], str]) -> None:
+    bad = np.flatnonzero(~np.isfinite(values))
+    if bad.size:
+        row = int(bad[0])
+        raise InputError(f"{place(row)}: column {show(name)}: {values[row]}; allowed: a finite number")
 
 
 def _motion(
@@ -133,9 +150,7 @@ def _motion(
         raise InputError(f"{source}: there is no column t; allowed: {COLUMNS_RULE}")
     parts: dict[str, dict[int, Array]] = {key: {} for key in SUFFIXES.values()}
     for name, values in columns.items():
-        bad = np.flatnonzero(~np.isfinite(values))
-        if bad.size:
-            raise InputError(f"{place(bad[0])}: column {show(name)}: {values[bad[0]]}; allowed: a finite number")
+        _check_finite(name, values, place)
         if name != "t":
             key, index = _which(name, coordinates, source)
             parts[key][index] = values
@@ -181,7 +196,8 @@ def _which(name: str, coordinates: Sequence[str], source: str) -> tuple[str, int
         stem = name.removesuffix(suffix) if suffix else name
         if name.endswith(suffix) and stem in coordinates:
             return key, coordinates.index(stem)
-    raise InputError(f"{source}: column {show(name)} is unknown{nearest(name, coordinates)}; allowed: {COLUMNS_RULE}")
+    hint = nearest(name, coordinates)
+    raise InputError(f"{source}: column {show(name)} is unknown{hint}; allowed: {COLUMNS_RULE}")
 
 
 def _filled(part: Mapping[int, Array], samples: int, n: int) -> Array:

@@ -26,6 +26,7 @@ from .._version import __version__
 from ..codegen.kernels.signatures import KERNELS
 from ..description import RobotLike, as_robot
 from ..errors import InputError
+from ..files import read_regular
 from ..progress import StageReport, no_report
 from ..robot.model import build_model
 from ..robot.record import robot_hash
@@ -155,12 +156,16 @@ def _write_project(package: Path, name: str, options: Options) -> None:
         (package / file).write_text(text, encoding="ascii")
 
 
+_MOST_META = 1 << 26  # bytes of a package's metadata
+
+
 def _is_foreign(target: Path) -> bool:
     """Whether something is there that no generation wrote; an empty folder is nothing."""
     if not target.is_dir():
         return target.exists()
     try:
-        return "eomgen" not in json.loads((target / f"{target.name}.json").read_text(encoding="ascii"))["generator"]
+        meta = read_regular(target / f"{target.name}.json", _MOST_META).decode("ascii")
+        return "eomgen" not in json.loads(meta)["generator"]
     except (OSError, ValueError, KeyError, TypeError):
         return any(target.iterdir())
 

@@ -70,7 +70,8 @@ def draft_from_mjcf(text: str, source: str) -> Draft:
     except DescriptionError as error:
         error.line, error.column = place_of(text, root, reading.at) or (None, None)
         raise
-    reading.draft.place_of = lambda where: place_of(text, root, written.get(".".join(where.split(".")[:2])))
+    whole = root if (bodies := root.find("worldbody")) is None else bodies
+    reading.draft.place_of = lambda where: place_of(text, root, written.get(".".join(where.split(".")[:2]), whole))
     return reading.draft
 
 
