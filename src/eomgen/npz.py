@@ -60,7 +60,8 @@ def read_npz(path: Path | str) -> dict[str, NDArray[Any]]:
             with zipfile.ZipFile(stream) as archive:
                 return _arrays(archive, path, most)
     except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+        reason = error.strerror or str(error)
+        raise InputError(f"{path}: cannot be read: {reason}{'' if 'allowed: ' in reason else _ALLOWED}") from None
     except _DAMAGED as error:
         raise InputError(f"{path}: is no .npz as NumPy writes it ({show(str(error))}){_ALLOWED}") from None
 

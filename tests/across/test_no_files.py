@@ -1,4 +1,4 @@
-"""FIFOs and devices where a file is expected: refused at once, whatever reads them; and what is said of hostile names."""
+"""FIFOs and devices where a file is expected: refused at once; and names that would steer a terminal."""
 
 from __future__ import annotations
 

@@ -292,7 +292,7 @@ def test_a_robot_that_does_not_move_is_refused_with_its_place(read: Callable[[st
     fixed = URDF.replace('"revolute"', '"fixed"').replace('"continuous"', '"fixed"')
     arm = ARM.replace('"revolute"', '"fixed"').replace('"prismatic"', '"fixed"').replace("limits = [-1, 2]", "")
     arm = arm.replace("gamma = {", "# ").replace("x = { stiffness", "# ")
-    text, line = (fixed, 2) if read is robot_from_urdf else (arm, 18)
+    text, line = (fixed, 2) if read is robot_from_urdf else (arm, 17)
     with pytest.raises(DescriptionError, match="no joint has a coordinate") as raised:
         read(text)
     assert raised.value.line == line

@@ -91,6 +91,11 @@ class _Reader:
             return
         rows = list(lines) if len(kept) == len(lines) else [lines[i] for i in kept]
         numbers = np.array(kept, dtype=np.int32) + first
+        open_end = next((i for i, row in enumerate(rows) if row.count('"') % 2), None)
+        if open_end is not None:  # NumPy would read on in the next line
+            raise InputError(
+                f"{self._path}: line {numbers[open_end]}: a quote is not closed; allowed: quotes that end in their line"
+            )
         try:
             table = np.loadtxt(rows, delimiter=",", comments=None, quotechar='"', ndmin=2)
         except ValueError:
@@ -136,6 +141,6 @@ class _Reader:
 
 def _cells(place: str, line: str) -> list[str]:
     try:
-        return next(csv.reader([line], strict=True))
+        return next(csv.reader([line]))
     except csv.Error as error:
         raise InputError(f"{place}: is no CSV ({error}); allowed: values with commas between them") from None
