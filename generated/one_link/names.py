@@ -68,6 +68,16 @@ def show_path(text: str) -> str:
     return ascii("..." + shown)
 
 
+def printable(text: str) -> str:
+    """Text for a terminal: characters that steer it (escapes, turns of direction and the like) become codes.
+
+    Newlines and tabs stay.
+    """
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() or c in "\n\t" else c.encode("unicode_escape").decode("ascii") for c in text)
+
+
 def listed(names: Iterable[str], most: int = 8) -> str:
     """The names, quoted, and how many were left out after the first ``most``, or fewer where they are long."""
     names = list(names)

@@ -23,10 +23,12 @@ _MOST_MB = 256
 _MOST_DIRECTORY = 1 << 20  # bytes of a file's directory: some ten thousand arrays
 _END = struct.Struct("<4s4H2LH")  # of the directory, as the ZIP format has it
 _BLOCK = 1 << 20
+_ALLOWED = "; allowed: what numpy.savez writes"
 _KINDS = "biufUS"  # of dtypes: numbers and texts
 _DAMAGED = (  # what NumPy and zipfile raise for files that are not what NumPy wrote
     ValueError,
-    KeyError,
+    LookupError,
+    ArithmeticError,
     TypeError,
     AttributeError,
     EOFError,
@@ -34,7 +36,6 @@ _DAMAGED = (  # what NumPy and zipfile raise for files that are not what NumPy w
     RuntimeError,  # also RecursionError
     SyntaxError,
     MemoryError,
-    OverflowError,
     struct.error,
     tokenize.TokenError,
     zipfile.BadZipFile,
@@ -59,11 +60,10 @@ def read_npz(path: Path | str) -> dict[str, NDArray[Any]]:
             with zipfile.ZipFile(stream) as archive:
                 return _arrays(archive, path, most)
     except OSError as error:
-        reason = str(error.strerror or error)
-        allowed = "" if "allowed" in reason else "; allowed: a .npz file that can be read"
-        raise InputError(f"{path}: cannot be read: {reason}{allowed}") from None
+        reason = error.strerror or str(error)
+        raise InputError(f"{path}: cannot be read: {reason}{'' if 'allowed: ' in reason else _ALLOWED}") from None
     except _DAMAGED as error:
-        raise InputError(f"{path}: is no .npz as NumPy writes it ({show(str(error))}); allowed: one that is") from None
+        raise InputError(f"{path}: is no .npz as NumPy writes it ({show(str(error))}){_ALLOWED}") from None
 
 
 def most_bytes(variable: str = VARIABLE, megabytes: int = _MOST_MB) -> int:
@@ -81,9 +81,7 @@ def _check_end(stream: BinaryIO, path: Path | str) -> None:
     stream.seek(max(size - _END.size - 20, 0))
     tail = stream.read()
     if len(tail) < _END.size or tail[-_END.size :][:4] != b"PK\5\6" or tail[: -_END.size].startswith(b"PK\6\7"):
-        raise InputError(
-            f"{path}: is no .npz as NumPy writes it (its end is not that of a ZIP file); allowed: one that is"
-        )
+        raise InputError(f"{path}: is no .npz as NumPy writes it (its end is not that of a ZIP file){_ALLOWED}")
     directory = _END.unpack(tail[-_END.size :])[5]
     if directory > _MOST_DIRECTORY:
         raise InputError(f"{path}: its directory has {directory} bytes; allowed: up to {_MOST_DIRECTORY}")
@@ -111,7 +109,9 @@ def _arrays(archive: zipfile.ZipFile, path: Path | str, most: int) -> dict[str, 
 def _array(member: Any, size: int, place: str) -> NDArray[Any]:
     """The array of an entry of that size."""
     if np.lib.format.read_magic(member) != (1, 0):
-        raise InputError(f"{place}: is of another format; allowed: (1, 0), which NumPy writes for numbers and texts")
+        raise InputError(
+            f"{place}: is of another format than (1, 0), which NumPy writes for numbers and texts{_ALLOWED}"
+        )
     shape, by_columns, dtype = np.lib.format.read_array_header_1_0(member)
     if dtype.kind not in _KINDS or dtype.itemsize == 0 or dtype.hasobject:
         raise InputError(f"{place}: has dtype {show(str(dtype))}; allowed: numbers and texts")
@@ -119,7 +119,9 @@ def _array(member: Any, size: int, place: str) -> NDArray[Any]:
     if not counts or prod(max(n, 1) for n in shape) >= 1 << 62:
         raise InputError(f"{place}: has shape {show(str(shape))}; allowed: whole numbers that an array can have")
     if prod(shape) * dtype.itemsize != size - member.tell():
-        raise InputError(f"{place}: has {size - member.tell()} bytes; allowed: as many as its shape and dtype ask for")
+        raise InputError(
+            f"{place}: has {size - member.tell()} bytes; its shape and dtype ask for another number{_ALLOWED}"
+        )
     whole = np.empty(shape, dtype, order="F" if by_columns else "C")
     flat = whole.reshape(-1, order="A").view(np.uint8).data if whole.size else memoryview(b"")
     for start in range(0, len(flat), _BLOCK):
@@ -128,8 +130,8 @@ def _array(member: Any, size: int, place: str) -> NDArray[Any]:
         while filled < len(block):
             count = member.readinto(block[filled:])
             if not count:
-                raise InputError(f"{place}: ends after {start + filled} of {len(flat)} bytes; allowed: all of them")
+                raise InputError(f"{place}: ends after {start + filled} of {len(flat)} bytes{_ALLOWED}")
             filled += count
     if member.read(1):
-        raise InputError(f"{place}: goes on behind its end; allowed: nothing there")
+        raise InputError(f"{place}: goes on behind its end{_ALLOWED}")
     return whole

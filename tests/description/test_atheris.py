@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.mutations import DOCUMENTS, XML, as_document, as_xml, mutant
+from tests.support.file_mutants import FILES, any_mutant, good
+from tests.support.mutations import DOCUMENTS, XML, as_document, as_xml
 
 pytest.importorskip("atheris", reason="atheris has no wheel for this Python and machine")
 ROOT = Path(__file__).parents[2]
@@ -23,11 +24,13 @@ def guided(kind: str, folder: Path, *flags: str) -> int:
     """How many inputs atheris tried, from a corpus of good files and mutants."""
     corpus = folder / "corpus"
     corpus.mkdir()
-    for index, tree in enumerate(DOCUMENTS[kind]):
+    for index, content in enumerate(good(kind) if kind in FILES else []):
+        (corpus / f"good{index}").write_bytes(content)
+    for index, tree in enumerate(DOCUMENTS.get(kind, [])):
         text = as_xml(tree) if kind in XML else as_document(tree)
         (corpus / f"good{index}").write_text(text, encoding="utf-8")
     for seed in range(SEEDS):
-        (corpus / f"mutant{seed}").write_bytes(mutant(kind, 50_000_000 + seed))
+        (corpus / f"mutant{seed}").write_bytes(any_mutant(kind, 50_000_000 + seed))
     command = [
         *FRESH,
         sys.executable,
@@ -52,12 +55,13 @@ def guided(kind: str, folder: Path, *flags: str) -> int:
     return int(tried.group(1))
 
 
-def test_a_few_guided_inputs(tmp_path: Path) -> None:
-    assert guided("toml", tmp_path, "-runs=300", "-seed=1") >= 300
+@pytest.mark.parametrize("kind", ["toml", *FILES])
+def test_a_few_guided_inputs(kind: str, tmp_path: Path) -> None:
+    assert guided(kind, tmp_path, "-runs=300", "-seed=1") >= 300
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("kind", ["toml", "urdf", "mjcf", "scenario", "plan"])
+@pytest.mark.parametrize("kind", ["toml", "urdf", "mjcf", "scenario", "plan", *FILES])
 def test_guided_inputs(kind: str, tmp_path: Path) -> None:
     seconds = 90 if kind in ("toml", "urdf") else 30
     tried = guided(kind, tmp_path, "-timeout=2", f"-max_total_time={seconds}")

@@ -252,7 +252,7 @@ def test_files(tmp_path: Path) -> None:
         for part in expected:
             assert part in message, (name, message)
     (tmp_path / "folder.toml").mkdir()
-    assert "no such file" in refusal(lambda path: load_robot(path), str(tmp_path / "folder.toml"))
+    assert "it is a folder" in refusal(lambda path: load_robot(path), str(tmp_path / "folder.toml"))
 
 
 CSV_CASES = {
@@ -275,6 +275,27 @@ def test_bad_curve_files(case: str, tmp_path: Path) -> None:
     message = refusal(lambda text: robot_from_toml(text, folder=tmp_path), toml)
     for word in words:
         assert word in message
+
+
+def test_what_only_the_whole_robot_shows_names_the_urdf_behind_toml(tmp_path: Path) -> None:
+    (tmp_path / "arm.toml").write_text('name = "a"\nurdf = "arm.urdf"\n[[joints]]\nname = "elbow"\nx = {}\n')
+    (tmp_path / "arm.urdf").write_text(URDF.replace('izz="0.15"', 'izz="9"'))
+    message = refusal(lambda path: load_robot(path), str(tmp_path / "arm.toml"))
+    assert message.startswith(f"{tmp_path / 'arm.urdf'}:4:3: links.upper.inertia: no body can have")
+    (tmp_path / "arm.toml").write_text('name = "a"\nurdf = "arm.urdf"\n[[links]]\nname = "upper"\n')
+    message = refusal(lambda path: load_robot(path), str(tmp_path / "arm.toml"))
+    assert message.startswith(f"{tmp_path / 'arm.toml'}:3:")
+
+
+@pytest.mark.parametrize("read", [robot_from_urdf, robot_from_toml])
+def test_a_robot_that_does_not_move_is_refused_with_its_place(read: Callable[[str], Robot]) -> None:
+    fixed = URDF.replace('"revolute"', '"fixed"').replace('"continuous"', '"fixed"')
+    arm = ARM.replace('"revolute"', '"fixed"').replace('"prismatic"', '"fixed"').replace("limits = [-1, 2]", "")
+    arm = arm.replace("gamma = {", "# ").replace("x = { stiffness", "# ")
+    text, line = (fixed, 2) if read is robot_from_urdf else (arm, 17)
+    with pytest.raises(DescriptionError, match="no joint has a coordinate") as raised:
+        read(text)
+    assert raised.value.line == line
 
 
 def test_bad_urdf_behind_toml_names_both(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Fuzzed descriptions, scenarios and plans: no traceback, no crash, 2 s and 512 MB each."""
+"""Fuzzed descriptions, scenarios, plans and files of motions: no traceback, no crash, 2 s and 512 MB each."""
 
 from __future__ import annotations
 
@@ -23,7 +23,15 @@ from tests.support.mutations import mutant
 
 ROOT = Path(__file__).parents[2]
 BLOCK = 50_000
-BLOCKS = {"toml": 10, "urdf": 10, "mjcf": 1, "scenario": 2, "plan": 1}  # toml and urdf: a million together
+BLOCKS = {
+    "toml": 10,
+    "urdf": 10,
+    "mjcf": 1,
+    "scenario": 2,
+    "plan": 1,
+    "csv": 1,
+    "npz": 1,
+}  # toml and urdf: a million together
 
 
 def fuzzed(kind: str, first: int, count: int) -> dict[str, Any]:

@@ -79,13 +79,32 @@ def many_deep_tables() -> str:
     return "name = 'r'\n" + "".join(f"[x{k}.a.a.a.a.a.a.a]\n" for k in range(43_000))
 
 
+def tunable_names(count: int) -> str:
+    """So many different patterns of a chain's ``tunable``; some mean all links."""
+    every = ["*.*.*", "links.*.*", "links.*.com", "links.*.inertia.*", "gravity.*"]
+    single = [f"links.l{k % 1000}.{what}" for what in ("*", "com.*", "inertia", "com", "*.x") for k in range(1000)]
+    return ", ".join(f"'{name}'" for name in [*every, *single][:count])
+
+
+def many_attributes(count: int, first: int = 0) -> str:
+    return " ".join(f"a{k}=''" for k in range(first, first + count))
+
+
+def nested_classes(count: int) -> str:
+    """Default classes, each inside of the one before, with 100 further attributes each."""
+    inside = "".join(f"<default class='c{k}'><joint {many_attributes(100, 100 * k)}/>\n" for k in range(count))
+    return f"<mujoco><default>{inside}{'</default>' * count}</default></mujoco>"
+
+
 BOMB = "".join(f'<!ENTITY {chr(98 + k)} "{f"&{chr(97 + k)};" * 10}">\n' for k in range(9))
 
 BAD_FILES = {
     "deep arrays": bad(
-        "robot.toml", "name = 'a'\ngravity = " + "[" * 50_000, "", "nested too deeply", "a few levels deep"
+        "robot.toml", "name = 'a[['\ngravity = " + "[" * 50_000, "line 2", "nested too deeply", "a few levels deep"
     ),
-    "deep inline tables": bad("robot.toml", "links = " + "{ a = " * 20_000, "", "nested too deeply", "a few levels"),
+    "deep inline tables": bad(
+        "robot.toml", "links = " + "{ a = " * 20_000, "line 1", "nested too deeply", "a few levels"
+    ),
     "deep dotted key": bad("robot.toml", "name = 'a'\n" + "a." * 50_000 + "a = 1", "line 2", "8 parts", "few"),
     "many deep tables": bad("robot.toml", many_deep_tables(), "line 2", "unknown key 'x0'", "allowed: name"),
     "deep elements": bad("robot.urdf", '<robot name="r">' + "<a>" * 100_000, "line 1", "no element found", "</robot>"),
@@ -94,10 +113,47 @@ BAD_FILES = {
     "100,000 links, MJCF": bad("robot.xml", mjcf_chain(100_000), "line 5002", "100000 <body>", "up to 5000"),
     "30,000 links": bad("robot.urdf", urdf_chain(30_000), "line 5002", "there are 30000 links", "up to 5000"),
     "8,000 links, TOML": bad("robot.toml", toml_chain(8_000), "links[5000] (line 40002)", "8000 [[links]]", "5000"),
-    "5,000 links, TOML": bad("robot.toml", toml_chain(5000), "", "no joint has a coordinate", "one joint that moves"),
-    "5,000 links, MJCF": bad("robot.xml", mjcf_chain(5000), "", "no joint has a coordinate", "one joint that moves"),
+    "5,000 links, TOML": bad(
+        "robot.toml", toml_chain(5000), "joints (line 5)", "no joint has a coordinate", "one joint that moves"
+    ),
+    "5,000 links, MJCF": bad(
+        "robot.xml", mjcf_chain(5000), "joints (line 1)", "no joint has a coordinate", "one joint that moves"
+    ),
     "5,000 links and a wrong one": bad(
         "robot.urdf", urdf_chain(5000, "l499x"), "joint 'j4999', <child> (line 10000)", "no link 'l499x'", "'l499'"
+    ),
+    "5,000 names of tunable, one wrong": bad(
+        "robot.toml",
+        toml_chain(1000)
+        .replace("fixed", "revolute")
+        .replace("\n", f"\ntunable = [{tunable_names(4999)}, 'links.l0.kom']\n", 1),
+        "tunable (line 2)",
+        "'links.l0.kom': no parameter has this name; did you mean 'links.l0.com'?",
+        "joints.JOINT.offset",
+    ),
+    "one name of tunable again and again": bad(
+        "robot.toml",
+        toml_chain(1000).replace("\n", "\ntunable = [" + "'links.*.mass', " * 8000 + "]\n", 1),
+        "tunable (line 2)",
+        "got an array of 8000 values",
+        "up to 5000 strings",
+    ),
+    "coordinates prescribed again and again": bad(
+        "robot.toml",
+        toml_chain(200) + "\nprescribed = ['y']".replace("'y'", "'y', " * 150_000),
+        "joints.j199.prescribed (line 1602)",
+        "got an array of 150000 values",
+        "up to 5000 strings",
+    ),
+    "default classes of 100,000 attributes": bad(
+        "robot.xml",
+        f"<mujoco><default>\n<geom {many_attributes(100_000)}/></default>{mjcf_chain(4000)[8:]}",
+        "default, <geom> (line 2)",
+        "its class has 100000 attributes of <geom>",
+        "up to 128",
+    ),
+    "nested default classes of many attributes": bad(
+        "robot.xml", nested_classes(1500), "default, <joint> (line 2)", "its class has 200 attributes", "up to 128"
     ),
     "number of 5,000 digits": bad(
         "robot.toml", changed(ARM, "3.0", "3" * 5000), "line 8", "more than 4300 digits", "up to 1e+30"
@@ -236,6 +292,15 @@ BAD_FILES = {
     ),
     "plan of NaN": bad(
         "plan.toml", changed(PLAN, "[1, 2]", "[nan]"), "vary[0].grid.values.0 (line 3)", "nan", "finite"
+    ),
+    "plan of very many points": bad(
+        "plan.toml",
+        "".join(
+            f"[[vary]]\nparameter = 'p{k}'\ngrid = {{ low = 0, high = 1, count = 1_000_000 }}\n" for k in range(40)
+        ),
+        "vary[1] (line 4)",
+        "the grids have 1000000000000 points together",
+        "up to 100000000",
     ),
     "plan of two grids": bad("plan.toml", PLAN * 2, "vary[1] (line 4)", "varied before", "once"),
 }

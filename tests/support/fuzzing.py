@@ -19,17 +19,20 @@ import warnings
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from eomgen.description.load import load_robot, robot_from_mjcf, robot_from_toml, robot_from_urdf
 from eomgen.errors import DescriptionError, EomgenWarning, InputError
+from eomgen.motion.files import MeasuredMotion, read_motion
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.sweep.plan import plan_from_toml
-from tests.support.mutations import mutant
+from tests.support.file_mutants import COORDINATES, FILES, any_mutant
 
 SECONDS, MEGABYTES = 2.0, 512  # of one description
 LENGTH = 900
-KINDS = {
+KINDS: dict[str, Any] = {
     "toml": lambda text, folder: robot_from_toml(text, source="r.toml", folder=folder),
     "urdf": lambda text, folder: robot_from_urdf(
         text, source="r.urdf", inertia="project", urdf_damping=True, urdf_friction=True
@@ -37,6 +40,7 @@ KINDS = {
     "mjcf": lambda text, folder: robot_from_mjcf(text, source="r.mjcf", inertia="project"),
     "scenario": lambda text, folder: scenario_from_toml(text, source="s.toml", folder=folder),
     "plan": lambda text, folder: plan_from_toml(text, source="p.toml"),
+    **dict.fromkeys(FILES),
 }
 
 
@@ -47,6 +51,10 @@ class TooSlowError(Exception):
 def accepted(kind: str, content: bytes, folder: Path) -> Any:
     """What the file is, or None where it is refused; any other exception, or a message that is none, is an error."""
     try:
+        if kind in FILES:
+            path = folder / f"mutant.{kind}"
+            path.write_bytes(content)
+            return check_motion(read_motion(path, COORDINATES))
         try:
             text = content.decode("utf-8-sig")
         except UnicodeDecodeError:  # the way of a file
@@ -63,6 +71,7 @@ def accepted(kind: str, content: bytes, folder: Path) -> Any:
         return made
     except InputError as error:
         check_message(error)
+        check_place(kind, error)
     return None
 
 
@@ -73,6 +82,23 @@ def check_message(error: InputError) -> None:
     assert len(message) < LENGTH, message
     assert isinstance(error, DescriptionError) or "allowed" in message, message
     assert error.__cause__ is None
+
+
+def check_place(kind: str, error: InputError) -> None:
+    """Refusals inside of a file have a line."""
+    if kind in ("urdf", "mjcf"):
+        assert isinstance(error, DescriptionError)
+        assert error.line is not None, error
+
+
+def check_motion(motion: MeasuredMotion) -> MeasuredMotion:
+    """Arrays are of one length and finite, and times increase."""
+    shape = (len(motion.t), len(COORDINATES))
+    arrays = [array for array in (motion.q, motion.v, motion.a, motion.u) if array is not None]
+    assert all(array.shape == shape and np.isfinite(array).all() for array in arrays)
+    assert len(motion.t)
+    assert (np.diff(motion.t) > 0.0).all()
+    return motion
 
 
 def check_robot(robot: Robot) -> None:
@@ -111,7 +137,7 @@ def run(kind: str, first: int, count: int) -> dict[str, Any]:
     found, slowest, began = 0, 0.0, time.process_time()
     with tempfile.TemporaryDirectory() as folder:
         for seed in range(first, first + count):
-            content = mutant(kind, seed)
+            content = any_mutant(kind, seed)
             signal.setitimer(signal.ITIMER_PROF, SECONDS)
             start = time.process_time()
             try:
@@ -127,6 +153,8 @@ def run(kind: str, first: int, count: int) -> dict[str, Any]:
 
 if __name__ == "__main__":
     name, *numbers = sys.argv[1:]
-    accepted(name, mutant(name, 0), Path())  # what is imported on first use is no part of a description's memory
+    accepted(
+        name, any_mutant(name, 0), Path(tempfile.gettempdir())
+    )  # what is imported on first use is no part of a description's memory
     limit_memory()
     print(json.dumps(run(name, *map(int, numbers))))

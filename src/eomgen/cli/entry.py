@@ -30,7 +30,7 @@ from . import (
     sweep,
 )
 from .completion import SHELLS, Completion
-from .shared import Command
+from .shared import Command, say
 
 OK, INPUT_ERROR, BUG = 0, 1, 70
 INTERRUPTED = 130
@@ -66,7 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stdout.flush()
         return OK
     except EomgenError as error:
-        print(f"eomgen: {error}", file=sys.stderr)
+        say(f"eomgen: {error}", sys.stderr)
         return INPUT_ERROR if isinstance(error, InputError) else BUG
     except BrokenPipeError:  # the reader has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import InputError
 from ..progress import StageReport
-from .shared import Command, add_robot, read_robot, show_written, stage_bar
+from .shared import Command, add_robot, read_robot, say, show_written, stage_bar
 
 if TYPE_CHECKING:
     from ..robot.value import Robot
@@ -42,7 +42,7 @@ def _export_mjcf(robot: Robot, options: argparse.Namespace, report: StageReport)
     report("finding the step of the integrator")
     written = export_mjcf(robot, path, step=options.step, approximate=options.approximate)
     for what in left_out(robot):
-        print(f"note: {what}", file=sys.stderr)
+        say(f"note: {what}", sys.stderr)
     return [written]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from .shared import Command, add_result, add_robot_of_result, progress_bar, read_robot, result_path, show_written
+from .shared import Command, add_result, add_robot_of_result, progress_bar, read_robot, result_path, say, show_written
 
 KEPT = "the one that the result keeps"
 
@@ -45,7 +45,7 @@ def _report(options: argparse.Namespace) -> None:
     with progress_bar("reporting") as report:
         page = report_of(result, robot, modes=not options.no_modes, progress=report)
     for line in page.missing:
-        print(f"missing: {line}")
+        say(f"missing: {line}")
     print(f"wrote {page.save(options.output or path.with_name('report.html'))}")
 
 
@@ -67,7 +67,7 @@ def _view(options: argparse.Namespace) -> None:
     with progress_bar("computing reactions"):
         view = View(result, robot, port=options.port)
     for note in view.notes:
-        print(f"note: {note}")
+        say(f"note: {note}")
     print(f"{view.address} shows {result.robot}; Ctrl-C ends it", flush=True)
     if not options.no_browser:
         webbrowser.open(view.address)

@@ -9,9 +9,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 from ..errors import InputError
+from ..names import printable
 from ..optional import NotInstalledError
 from ..progress import Progress, StageReport, no_progress
 
@@ -114,7 +115,7 @@ def read_robot(options: argparse.Namespace) -> Robot:
         urdf_friction=options.urdf_friction,
     )
     for note in robot.notes:
-        print(f"note: {note}", file=sys.stderr)
+        say(f"note: {note}", sys.stderr)
     return robot
 
 
@@ -132,6 +133,11 @@ def result_path(path: Path) -> Path:
 
 
 # What is shown
+
+
+def say(text: str, file: TextIO | None = None) -> None:
+    """Print a line that may have names of others' files in it; nothing in it steers the terminal."""
+    print(printable(text), file=file)
 
 
 @contextmanager
@@ -176,7 +182,7 @@ def show_result(options: argparse.Namespace, result: Any) -> None:
     if options.json:
         show_json(result.as_dict())
     else:
-        print("\n".join(result.lines()))
+        say("\n".join(result.lines()))
 
 
 def show_files(
@@ -186,7 +192,7 @@ def show_files(
     if options.json:
         show_json({"files": [str(path) for path in written], **values})
         return
-    print("\n".join(lines))
+    say("\n".join(lines))
     show_written(written)
 
 
@@ -202,7 +208,7 @@ def can_be_left_out(what: str) -> Iterator[None]:
 def show_written(paths: Iterable[Path]) -> None:
     """Print the paths of files that were written."""
     for path in paths:
-        print(f"wrote {path}")
+        say(f"wrote {path}")
 
 
 # Options about a state of a robot

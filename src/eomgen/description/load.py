@@ -177,7 +177,21 @@ def _robot_from_table(top: Table, draft: Draft, folder: Path | None, inertia: st
     for name, entry in top.entries("springs"):
         draft.springs[name] = read_spring(name, entry, _beside(entry, folder))
     _settle_base(draft)
-    return _finish(draft, inertia or top.choice("inertia"), top.strings("tunable"))
+    try:
+        return _finish(draft, inertia or top.choice("inertia"), top.strings("tunable"))
+    except DescriptionError as error:
+        if draft.xml_source and not error.path and not _says(top, error.where):
+            error.source = draft.xml_source
+            error.line, error.column = draft.places([error.where])[0] or (None, None)
+        raise
+
+
+def _says(top: Table, where: str) -> bool:
+    """Whether the TOML itself has what a message about the whole robot names, as in joints.NAME.child."""
+    kind, _, rest = where.partition(".")
+    if kind not in ("links", "joints") or not rest:
+        return kind in top
+    return any(entry.get("name") == rest.partition(".")[0] for entry in top.values.get(kind, []))
 
 
 def _start(top: Table, source: str, folder: Path | None, damping: bool, friction: bool) -> Draft:
@@ -246,7 +260,7 @@ def _joint(name: str, entry: Table, draft: Draft, folder: Path | None) -> Joint:
             if table.text("role") == "locked":
                 del coordinates[key]
     motor = _motor(entry, kind, coordinates, folder)
-    for key in entry.strings("prescribed"):
+    for key in dict.fromkeys(entry.strings("prescribed")):
         known = COORDINATES if motor is None else (*COORDINATES, MOTOR)
         if key not in known:
             entry.fail(f"got {show(key)}{nearest(key, known)}; allowed: {', '.join(known)}", "prescribed")

@@ -72,9 +72,9 @@ class _Reader:
     def fail(self, where: str, message: str) -> NoReturn:
         self.draft.fail(where, message)
 
-    def element(self, where: str) -> Element | None:
+    def element(self, where: str) -> Element:
         """The element of the link or joint that a message about the whole robot names, as in joints.NAME.child."""
-        return self.written.get(".".join(where.split(".")[:2]))
+        return self.written.get(".".join(where.split(".")[:2]), self.root)
 
     def read(self) -> Draft:
         root = self.root

@@ -100,7 +100,10 @@ def parse_xml(text: str, source: str, root_tag: str = "robot") -> Xml:
         raise _refusal(message, source, parser) from None
     except (ValueError, LookupError, RecursionError, MemoryError) as error:  # unknown encodings, lone surrogates
         message = f"cannot be read as XML: {show(str(error))}; allowed: XML 1.0 in UTF-8"
-        raise DescriptionError(message, source=source) from None
+        refusal = _refusal(message, source, parser)
+        if isinstance(error, UnicodeEncodeError):  # the parser has not begun
+            refusal.line, refusal.column = line_and_column(text, error.start)
+        raise refusal from None
     made = Xml(source, text, root)
     return Xml(source, text, root, (*notes, *_undeclared_prefixes(made)))
 

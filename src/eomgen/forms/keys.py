@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, NoReturn, Protocol
 
-from ..limits import LARGEST
+from ..limits import LARGEST, MOST_ENTRIES
 from ..names import (
     IDENTIFIER,
     IDENTIFIER_RULE,
@@ -227,12 +227,13 @@ class Choice(Text):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Strings(Key):
-    """An array of strings: any, ``count`` of them (``rule`` says which), or one or more different ``words``."""
+    """An array of strings: any up to ``most``, ``count`` of them (``rule`` says which), or some different ``words``."""
 
     count: int | None = None
     rule: str = "an array of strings"
     words: Sequence[str] = ()
     some: bool = False  # one or more, each once
+    most: int = MOST_ENTRIES
     form = list
 
     def take(self, table: Place, key: str, value: Any) -> list[str]:
@@ -240,6 +241,8 @@ class Strings(Key):
             self.refuse(table, key, value, "an array of strings")
         if self.count is not None and len(value) != self.count:
             self.refuse(table, key, value, self.rule)
+        if len(value) > self.most:
+            self.refuse(table, key, value, f"up to {self.most} strings")
         if self.some and (not value or len(set(value)) < len(value)):
             self.refuse(table, key, value, self.rule)
         for word in value if self.words else ():
@@ -250,7 +253,7 @@ class Strings(Key):
 
     def json(self) -> Json:
         words = {"enum": list(self.words)} if self.words else {}
-        lengths = {} if self.count is None else {"minItems": self.count, "maxItems": self.count}
+        lengths = {"maxItems": self.most} if self.count is None else {"minItems": self.count, "maxItems": self.count}
         some = {"minItems": 1, "uniqueItems": True} if self.some else {}
         return {"type": "array", "items": {"type": "string", **words}, **lengths, **some}
 

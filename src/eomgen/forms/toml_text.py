@@ -24,6 +24,12 @@ _WORD = r"""(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')"""
 _DEEP_KEY = re.compile(rf"(?<![A-Za-z0-9_-]){_WORD}(?:[ \t]*\.[ \t]*{_WORD}){{{_MOST_PARTS}}}")
 _MOST_DIGITS = 4300  # of a number: where Python's integers stop
 _MANY_DIGITS = re.compile(rf"(?<![0-9_])[0-9](?:_?[0-9]){{{_MOST_DIGITS}}}")
+_DEEP = 50  # brackets in brackets, far more than a description has
+_BRACKET = re.compile(  # with strings and comments as a whole, so that a bracket in them is none
+    r'"""(?:[^"\\]|\\.|"{1,2}(?!"))*"{3,5}|"(?:[^"\\\n]|\\.)*"'
+    r"|'''(?:[^']|'{1,2}(?!'))*'{3,5}|'[^'\n]*'|#[^\n]*|[\[\]{}]",
+    re.DOTALL,
+)
 _SAID_PLACE = re.compile(r" \(at (?:line ([0-9]+), column ([0-9]+)|end of document)\)$")
 _REMEDIES = {  # what the parser says, and what to write instead
     "Cannot overwrite": "each key once in its table",
@@ -62,7 +68,8 @@ def read_text(path: Path, source: str, kind: str = ".toml, .urdf or .xml file") 
         raise refusal from None
     except (OSError, ValueError) as error:  # ValueError: a path with a NUL
         reason = getattr(error, "strerror", None) or str(error)
-        raise DescriptionError(f"cannot be read: {reason}; allowed: an existing {kind}", source=source) from None
+        allowed = "" if "allowed: " in reason else f"; allowed: an existing {kind}"
+        raise DescriptionError(f"cannot be read: {reason}{allowed}", source=source) from None
 
 
 def parse_toml(text: str, source: str) -> dict[str, object]:
@@ -81,10 +88,27 @@ def parse_toml(text: str, source: str) -> dict[str, object]:
             values: dict[str, object] = tomllib.loads(text)
     except RecursionError:
         message = "not TOML that can be read: it is nested too deeply; allowed: tables and arrays a few levels deep"
-        raise DescriptionError(message, source=source) from None
+        refusal = DescriptionError(message, source=source)
+        refusal.line, refusal.column = line_and_column(text, _too_deep(text))
+        raise refusal from None
     except ValueError as error:  # TOMLDecodeError, or what Python says of an integer or a date
         raise _refusal(text, str(error), source) from None
     return values
+
+
+def _too_deep(text: str) -> int:
+    """Offset of the first bracket that is nested too deeply, or of the deepest one; before it is TOML."""
+    depth = deepest = offset = 0
+    for found in _BRACKET.finditer(text):
+        if found.group() in ("]", "}"):
+            depth -= 1
+        elif found.group() in ("[", "{"):
+            depth += 1
+            if depth > deepest:
+                deepest, offset = depth, found.start()
+            if depth > _DEEP:
+                break
+    return offset
 
 
 def _refusal(text: str, said: str, source: str) -> DescriptionError:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import csv
-import math
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,12 +14,12 @@ from ..errors import InputError
 from ..names import listed, nearest, show
 from ..npz import read_npz
 from ..shown import Shown
+from .csv_columns import COLUMNS_RULE, read_csv
 
 Array = NDArray[np.float64]
 
 SUFFIXES = {"": "q", ".rate": "v", ".acceleration": "a", ".drive": "u"}  # of a coordinate's columns
-_RULE = "t, coordinates such as joint1.x, and with .rate, .acceleration or .drive behind them"
-_MOST_BYTES = 1 << 30
+_MOST_NUMBERS = 10_000_000  # of all coordinates at all times: a motion has up to four arrays of so many
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,14 +65,14 @@ def read_motion(path: Path | str, coordinates: Sequence[str]) -> MeasuredMotion:
     return _motion(columns, tuple(coordinates), str(source), lines)
 
 
-def read_columns(path: Path) -> tuple[dict[str, Array], list[int] | None]:
+def read_columns(path: Path) -> tuple[dict[str, Array], NDArray[np.int32] | None]:
     """Columns (T,) of a .csv or .npz by name, and the line of each row of a .csv; errors as ``read_motion``."""
     try:
-        if path.stat().st_size > _MOST_BYTES:
-            raise InputError(f"{path}: the file has more than {_MOST_BYTES} bytes")
-        return _read_csv(path) if path.suffix == ".csv" else _read_npz(path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+        return read_csv(path) if path.suffix == ".csv" else (_read_npz(path), None)
+    except (OSError, ValueError) as error:  # ValueError: a path with a NUL
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
 
 
 def measured_motion(robot: str, motion: MeasuredMotion | Path | str, coordinates: tuple[str, ...]) -> MeasuredMotion:
@@ -99,60 +98,16 @@ def motion_from_columns(
     return _motion(arrays, tuple(coordinates), source, None)
 
 
-def _read_csv(path: Path) -> tuple[dict[str, Array], list[int]]:
-    """Columns by name, and the line that each row stands on."""
-    header: list[str] | None = None
-    rows: list[list[float]] = []
-    lines: list[int] = []
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as stream:
-            reader = csv.reader(stream)
-            for record in reader:
-                if not record or record[0].lstrip().startswith("#"):
-                    continue
-                place = f"{path}: line {reader.line_num}"
-                if header is None:
-                    header = _header(place, record)
-                    continue
-                if len(record) != len(header):
-                    raise InputError(f"{place}: {len(record)} values; allowed: {len(header)}, one for each column")
-                rows.append([_number(place, name, text) for name, text in zip(header, record, strict=True)])
-                lines.append(reader.line_num)
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: byte {error.start} is no UTF-8; allowed: UTF-8 text") from None
-    except csv.Error as error:
-        raise InputError(f"{path}: is no CSV: {error}") from None
-    if header is None or not rows:
-        raise InputError(f"{path}: has no values; allowed: a header ({_RULE}), then a line for each time")
-    table = np.array(rows)
-    return {name: table[:, i].copy() for i, name in enumerate(header)}, lines
-
-
-def _header(place: str, record: Sequence[str]) -> list[str]:
-    names = [name.strip() for name in record]
-    for i, name in enumerate(names):
-        if name in names[:i]:
-            raise InputError(f"{place}: column {i + 1}: {show(name)} is there twice; allowed: once")
-    return names
-
-
-def _number(place: str, name: str, text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise InputError(f"{place}: column {show(name)}: {show(text.strip())}; allowed: a finite number")
-    return value
-
-
-def _read_npz(path: Path) -> tuple[dict[str, Array], None]:
+def _read_npz(path: Path) -> dict[str, Array]:
     arrays = read_npz(path)
     if "t" not in arrays:
-        raise InputError(f"{path}: has no array t; allowed: {_RULE}")
+        raise InputError(f"{path}: has no array t; allowed: {COLUMNS_RULE}")
     size = arrays["t"].shape
     if "q" in arrays and "coordinates" in arrays:
-        names = [str(name) for name in np.atleast_1d(arrays["coordinates"])]
+        names = [str(name) for name in arrays["coordinates"].ravel()]
+        twice = [name for name, many in Counter(names).items() if many > 1]
+        if twice:
+            raise InputError(f"{path}: array coordinates: {show(twice[0])} is there twice; allowed: once")
         chosen = {"t": arrays["t"]}
         for suffix, key in SUFFIXES.items():
             if key in arrays:
@@ -167,26 +122,43 @@ def _read_npz(path: Path) -> tuple[dict[str, Array], None]:
                 f"{path}: array {show(name)} has dtype {array.dtype} and shape {array.shape};"
                 f" allowed: numbers of the shape of t, {size}"
             )
-    return {name: array.astype(np.float64) for name, array in arrays.items()}, None
+    if size == (0,):
+        raise InputError(f"{path}: array t has no values; allowed: one or more times")
+    total = sum(array.size for array in arrays.values())
+    if total > 2 * _MOST_NUMBERS:
+        raise InputError(f"{path}: its arrays have {total} numbers; allowed: up to {2 * _MOST_NUMBERS}")
+    with np.errstate(over="ignore"):  # of longer floats; what became infinite is refused
+        found = {name: array.astype(np.float64, copy=False) for name, array in arrays.items()}
+    for name, array in found.items():
+        _check_finite(name, array, lambda row: f"{path}: sample {row}")
+    return found
+
+
+def _check_finite(name: str, values: Array, place: Callable[[int], str]) -> None:
+    bad = np.flatnonzero(~np.isfinite(values))
+    if bad.size:
+        row = int(bad[0])
+        raise InputError(f"{place(row)}: column {show(name)}: {values[row]}; allowed: a finite number")
 
 
 def _motion(
-    columns: Mapping[str, Array], coordinates: tuple[str, ...], source: str, lines: list[int] | None
+    columns: Mapping[str, Array], coordinates: tuple[str, ...], source: str, lines: NDArray[np.int32] | None
 ) -> MeasuredMotion:
     def place(row: int) -> str:
-        return f"{source}: line {lines[row]}" if lines else f"{source}: sample {row}"
+        return f"{source}: line {lines[row]}" if lines is not None else f"{source}: sample {row}"
 
     if "t" not in columns:
-        raise InputError(f"{source}: there is no column t; allowed: {_RULE}")
+        raise InputError(f"{source}: there is no column t; allowed: {COLUMNS_RULE}")
     parts: dict[str, dict[int, Array]] = {key: {} for key in SUFFIXES.values()}
     for name, values in columns.items():
-        bad = np.flatnonzero(~np.isfinite(values))
-        if bad.size:
-            raise InputError(f"{place(bad[0])}: column {show(name)}: {values[bad[0]]}; allowed: a finite number")
+        _check_finite(name, values, place)
         if name != "t":
             key, index = _which(name, coordinates, source)
             parts[key][index] = values
     t = columns["t"]
+    if t.size * len(coordinates) > _MOST_NUMBERS:
+        message = f"{t.size} times of {len(coordinates)} coordinates; allowed: up to {_MOST_NUMBERS} numbers"
+        raise InputError(f"{source}: {message}")
     back = np.flatnonzero(np.diff(t) <= 0.0)
     if back.size:
         late = int(back[0]) + 1
@@ -225,7 +197,8 @@ def _which(name: str, coordinates: Sequence[str], source: str) -> tuple[str, int
         stem = name.removesuffix(suffix) if suffix else name
         if name.endswith(suffix) and stem in coordinates:
             return key, coordinates.index(stem)
-    raise InputError(f"{source}: column {show(name)} is unknown{nearest(name, coordinates)}; allowed: {_RULE}")
+    hint = nearest(name, coordinates)
+    raise InputError(f"{source}: column {show(name)} is unknown{hint}; allowed: {COLUMNS_RULE}")
 
 
 def _filled(part: Mapping[int, Array], samples: int, n: int) -> Array:

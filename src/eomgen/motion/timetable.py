@@ -72,14 +72,15 @@ def read_table(path: Path, columns: Sequence[str] | None, hold: bool) -> TimeTab
         raise InputError(f"{path}: there is no column t; allowed: t (s) and {listed(columns or ['coordinates'])}")
     t = found.pop("t")
     names = tuple(found) if columns is None else tuple(columns)
+    known = set(names)
     missing = [name for name in names if name not in found]
-    foreign = [name for name in found if name not in names]
+    foreign = [name for name in found if name not in known]
     if missing or foreign or not names:
         what = f"column {show(foreign[0])} is unknown" if foreign else f"the columns {listed(missing)} are missing"
         raise InputError(f"{path}: {what}; allowed: t, {listed(names) or 'and coordinates'}")
     back = np.flatnonzero(np.diff(t) <= 0.0)
     if back.size:
         i = int(back[0]) + 1
-        place = f"line {lines[i]}" if lines else f"sample {i}"
+        place = f"line {lines[i]}" if lines is not None else f"sample {i}"
         raise InputError(f"{path}: {place}: column 't': {t[i]:g} after {t[i - 1]:g}; allowed: increasing times")
     return TimeTable(names, t, np.stack([found[name] for name in names], axis=1), hold)

@@ -1,6 +1,6 @@
 """Figures, pages and views of robots and results.
 
-Uses runtime, robot, description, codegen (joint), templates, pipeline, simulation, analysis and sweep.
+Uses runtime, robot, forms, description, codegen (joint), templates, pipeline, simulation, analysis and sweep.
 """
 
 from .analysis import plot_budget, plot_compliance, plot_response, plot_tracks

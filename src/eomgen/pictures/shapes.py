@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DescriptionError
+from ..files import open_regular
+from ..forms.toml_text import read_text
 from ..names import show, unique_identifiers
 from ..robot.geometry import rotation_from_rpy
 from ..robot.value import Robot
@@ -20,6 +22,8 @@ if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
 Array = NDArray[np.float64]
+
+_MOST_MESH = 1 << 25  # bytes: 600,000 triangles of a binary STL
 
 
 @dataclass(frozen=True)
@@ -39,8 +43,8 @@ def urdf_shapes(robot: Robot) -> tuple[list[Shape], list[str]]:
     if path.suffix != ".urdf":
         return [], notes
     try:
-        root = parse_xml(path.read_text(encoding="utf-8"), str(path)).root
-    except (OSError, UnicodeDecodeError, DescriptionError):
+        root = parse_xml(read_text(path, str(path)), str(path)).root
+    except DescriptionError:
         return [], [f"{path} cannot be read any more: links are drawn as capsules"]
     shapes = []
     elements = [element for element in root.iterfind("link") if element.get("name")]
@@ -83,7 +87,9 @@ def _geometry(visual: Element, urdf: Path) -> tuple[Array, NDArray[np.int32]]:
     scale = np.ones(3)
     if found.tag == "mesh":
         scale = np.array(_numbers(found.get("scale", "1 1 1"), 3))
-        mesh = trimesh.load(mesh_path(found.get("filename", ""), urdf), force="mesh")
+        place = mesh_path(found.get("filename", ""), urdf)
+        with open_regular(place, _MOST_MESH) as stream:  # alone: no file that it names is opened behind it
+            mesh = trimesh.load(stream, file_type=place.suffix.lower(), force="mesh")
     elif found.tag == "box":
         mesh = trimesh.creation.box(_numbers(found.get("size", ""), 3))
     elif found.tag == "sphere":

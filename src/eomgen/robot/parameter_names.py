@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import NoReturn
 
 from ..errors import DescriptionError
 from ..names import nearest, parameter_name, parameter_path, show
@@ -16,6 +17,7 @@ FORMS = (
     "joints.JOINT.placement.xyz[.0] (or rpy), frames.FRAME.placement.xyz[.0] (or rpy), springs.SPRING.stiffness (or "
     "damping, free_length), springs.SPRING.points[.0.x]; * stands for any one component"
 )
+_LONG = 1000  # characters of a name that no parameter has which are looked at for a hint
 
 
 @dataclass(frozen=True)
@@ -76,22 +78,56 @@ def expand_tunable(robot: Robot, patterns: Sequence[str]) -> tuple[str, ...]:
     if not patterns:
         return ()
     known = list(parameters(robot))
-    chosen: set[tuple[str, ...]] = set()
+    meant = _each(known, patterns)
+    for pattern, names in meant.items():
+        if not names:
+            _refuse(robot, pattern, known)
+    chosen = {name for names in meant.values() for name in names}
+    return tuple(name for item in known if (name := parameter_name(*item.path)) in chosen)
+
+
+def expand_each(robot: Robot, patterns: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """What ``expand_tunable`` gives for each pattern alone, () where that refuses it; in one pass for all of them."""
+    return {pattern: tuple(names) for pattern, names in _each(list(parameters(robot)), patterns).items()}
+
+
+def _each(known: Sequence[Parameter], patterns: Sequence[str]) -> dict[str, list[str]]:
+    found: dict[str, list[str]] = {pattern: [] for pattern in patterns}
+    start = _tree(found, max(len(item.path) for item in known))
+    for item in known:
+        for pattern in _meaning(start, item):
+            found[pattern].append(parameter_name(*item.path))
+    return found
+
+
+@dataclass(eq=False)
+class _Node:
+    """Patterns that begin alike: by their next component, and the one that ends here."""
+
+    below: dict[str, _Node] = field(default_factory=dict)
+    pattern: str | None = None
+
+
+def _tree(patterns: Iterable[str], deepest: int) -> _Node:
+    """The patterns by their components; without those that are longer than any parameter's name."""
+    start = _Node()
     for pattern in patterns:
-        wanted = parameter_path(pattern)
-        found = {item.path for item in known if _matches(wanted, item)}
-        if not found:
-            _refuse(robot, pattern, wanted, known)
-        chosen |= found
-    return tuple(parameter_name(*item.path) for item in known if item.path in chosen)
+        node = start
+        if pattern.count(".") < deepest:
+            for part in parameter_path(pattern):
+                node = node.below.setdefault(part, _Node())
+            node.pattern = pattern
+    return start
 
 
-def _matches(wanted: tuple[str, ...], item: Parameter) -> bool:
-    if len(wanted) < _shortest(item.path) or len(wanted) > len(item.path):
-        return False
-    if not item.given and wanted != item.path:
-        return False
-    return all(want in ("*", part) for want, part in zip(wanted, item.path, strict=False))
+def _meaning(start: _Node, item: Parameter) -> Iterator[str]:
+    """The patterns below a node that mean the parameter."""
+    nodes, shortest = [start], _shortest(item.path)
+    for length, part in enumerate(item.path, 1):
+        choices = (part, "*") if item.given and part != "*" else (part,)
+        nodes = [node.below[choice] for node in nodes for choice in choices if choice in node.below]
+        if length == len(item.path) or (item.given and length >= shortest):
+            yield from (node.pattern for node in nodes if node.pattern is not None)
 
 
 def _shortest(path: tuple[str, ...]) -> int:
@@ -99,8 +135,8 @@ def _shortest(path: tuple[str, ...]) -> int:
     return {"gravity": 1, "links": 3, "joints": 4, "frames": 4, "springs": 3}[path[0]]
 
 
-def _refuse(robot: Robot, pattern: str, wanted: tuple[str, ...], known: Sequence[Parameter]) -> None:
-    reason = "no parameter has this name"
+def _refuse(robot: Robot, pattern: str, known: Sequence[Parameter]) -> NoReturn:
+    wanted, reason = parameter_path(pattern[:_LONG]), "no parameter has this name"
     if "rpy" in wanted and wanted[0] in ("joints", "frames"):
         reason += " (an rpy can be tuned only where the description gives it; dh does not)"
     paths = (item.path for item in known)

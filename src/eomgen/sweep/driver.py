@@ -28,7 +28,7 @@ from ..forms.toml_text import parse_toml
 from ..names import parameter_path, show
 from ..progress import Progress, no_progress
 from ..robot.model import refuse_loops, tool_of
-from ..robot.parameter_names import expand_tunable
+from ..robot.parameter_names import expand_each, expand_tunable
 from ..robot.value import Robot
 from ..scenario.load import read_scenario, scenario_from_values
 from ..scenario.value import Scenario
@@ -148,6 +148,7 @@ def _dimensions(
     """The numbers that change, each with its distribution; a pattern stands for all that it means."""
     found: list[tuple[Dimension, Distribution]] = []
     carrying = {load.link for load in scenario.payloads}
+    meant = expand_each(robot, [entry.parameter or "" for entry in plan.vary])
     for i, entry in enumerate(plan.vary):
         unit = 1.0 if entry.relative else None
         if entry.scenario is not None:
@@ -158,7 +159,7 @@ def _dimensions(
             found.append((Dimension("scenario", entry.scenario, unit), entry.distribution))
             continue
         try:
-            names = expand_tunable(robot, [entry.parameter or ""])
+            names = meant[entry.parameter or ""] or expand_tunable(robot, [entry.parameter or ""])
         except InputError as error:
             plan.fail(f"vary[{i}].parameter", getattr(error, "message", str(error)))
         for name in names:

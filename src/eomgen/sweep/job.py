@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import hashlib
 import json
+import sys
 import threading
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
@@ -17,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import EomgenError, InputError
+from ..files import open_regular
 from ..names import listed, nearest, show
 from ..progress import no_progress
 from ..robot.value import Robot
@@ -140,7 +142,7 @@ def file_hashes(job: Job) -> dict[str, str]:
     def walk(value: Any) -> None:
         if isinstance(value, Mapping):
             if isinstance(value.get("file"), str) and (job.folder / value["file"]).is_file():
-                found[value["file"]] = hashlib.sha256((job.folder / value["file"]).read_bytes()).hexdigest()
+                found[value["file"]] = _digest(job.folder / value["file"])
             for item in value.values():
                 walk(item)
         elif isinstance(value, list):
@@ -149,6 +151,17 @@ def file_hashes(job: Job) -> dict[str, str]:
 
     walk(job.values)
     return found
+
+
+def _digest(path: Path) -> str:
+    found = hashlib.sha256()
+    try:
+        with open_regular(path, sys.maxsize) as stream:
+            while block := stream.read(1 << 20):
+                found.update(block)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+    return found.hexdigest()
 
 
 class SampleRunner:

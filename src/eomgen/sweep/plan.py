@@ -100,7 +100,7 @@ def plan_from_toml(text: str, *, source: str = "plan") -> Plan:
 
 def _plan(top: Table) -> Plan:
     top.require()
-    vary = tuple(_vary(entry) for _, entry in top.entries("vary"))
+    vary = _varied(top)
     _refuse_twins(top, vary)
     drawn = any(entry.distribution.kind != "grid" for entry in vary)
     if drawn:
@@ -116,6 +116,18 @@ def _plan(top: Table) -> Plan:
         _engine(top.table("engine")),
         top.source,
     )
+
+
+def _varied(top: Table) -> tuple[Vary, ...]:
+    """The entries; their grids are not made further once they have more points together than a sweep can have."""
+    found: list[Vary] = []
+    points = 1
+    for index, (_, entry) in enumerate(top.entries("vary")):
+        found.append(_vary(entry))
+        points *= max(len(found[-1].distribution.values), 1)
+        if points > MOST_SAMPLES:
+            top.fail(f"the grids have {points} points together; allowed: up to {MOST_SAMPLES}", f"vary[{index}]")
+    return tuple(found)
 
 
 def _engine(table: Table | None) -> Engine:

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
 _TAGS = ("joint", "geom", "site", "tendon", "equality")
+_MOST_ATTRIBUTES = 128  # of a class, far more than MuJoCo knows: each element and each class inside copies them
 Values = dict[str, str]
 
 
@@ -43,16 +44,20 @@ class Defaults:
                 item.fail("the attribute class is missing; allowed: a name, for a <default> inside of another")
             if name in self._classes:
                 item.fail(f"there are two classes {show(name)}; allowed: unique names")
-            made = {tag: dict(values) for tag, values in parent.items()}
+            made = dict(parent)  # what it does not change, it shares
             self._fill(made, element)
             self._classes[name] = made
             stack += [(child, made) for child in reversed(element.findall("default"))]
 
-    @staticmethod
-    def _fill(target: dict[str, Values], element: Element) -> None:
+    def _fill(self, target: dict[str, Values], element: Element) -> None:
         for child in element:
             if child.tag in target:
-                target[child.tag] = merged(target[child.tag], child.attrib)
+                found = merged(target[child.tag], child.attrib)
+                if len(found) > _MOST_ATTRIBUTES:
+                    message = f"its class has {len(found)} attributes of <{child.tag}>"
+                    where = f"default, <{child.tag}>"
+                    Item(self._reading, child, where).fail(f"{message}; allowed: up to {_MOST_ATTRIBUTES}")
+                target[child.tag] = found
 
     def values(self, element: Element, tag: str, where: str, childclass: str | None) -> Values:
         """The attributes of an element with those of its class; ``tag``: under which defaults have them."""

@@ -72,7 +72,8 @@ def draft_from_mjcf(text: str, source: str) -> Draft:
         raise
     draft = reading.draft
     draft.foreign = set(draft.links)
-    draft.places = lambda wheres: xml.places_of([written.get(".".join(where.split(".")[:2])) for where in wheres])
+    whole = xml.root if (bodies := xml.root.find("worldbody")) is None else bodies
+    draft.places = lambda wheres: xml.places_of([written.get(".".join(x.split(".")[:2]), whole) for x in wheres])
     return draft
 
 

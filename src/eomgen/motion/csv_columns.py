@@ -1,0 +1,146 @@
+"""Columns of numbers of .csv files: read by NumPy in blocks; what it refuses is looked at value by value."""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import io
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import BinaryIO, NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..files import open_regular
+from ..limits import MOST_ENTRIES
+from ..names import show
+
+Array = NDArray[np.float64]
+
+COLUMNS_RULE = "t, coordinates such as joint1.x, and with .rate, .acceleration or .drive behind them"
+_MOST_BYTES = 1 << 27  # what takes a second to read, if its numbers have all their digits
+_MOST_NUMBERS = 6_000_000  # so does this, if they are short
+_MOST_COLUMNS = 4 * MOST_ENTRIES
+_BLOCK = 1 << 20  # bytes; a line may have as many, so that no line is too long to be looked at
+_NUMBER = re.compile(r"\s*[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?\s*", re.ASCII)
+_BREAKS = "\r\n"
+
+
+def read_csv(path: Path) -> tuple[dict[str, Array], NDArray[np.int32]]:
+    """Columns (T,) by the names in the header, and the line that each row stands on, (T,).
+
+    Empty lines, and lines that begin with #, are left out.  A file may have 128 MiB and 6 million numbers.
+
+    Raises:
+        OSError: the file cannot be opened, or is larger.
+        InputError: with the file, line and column, what came and what is allowed.
+    """
+    with open_regular(path, _MOST_BYTES) as stream:
+        _look_over(stream, path)
+        stream.seek(0)
+        text = io.TextIOWrapper(stream, encoding="utf-8-sig", newline="")
+        reader = _Reader(path)
+        while lines := text.readlines(4 * _BLOCK):
+            reader.take(lines)
+        return reader.columns()
+
+
+def _look_over(stream: BinaryIO, path: Path) -> None:
+    """Refuse in one pass what is no UTF-8, has a line that is too long, or more numbers than can be read in a second.
+
+    A line's length is measured in blocks: up to one is allowed, two are refused.
+    """
+    decoder = codecs.getincrementaldecoder("utf-8")()
+    before, line, numbers = 0, 1, 0
+    for block in iter(lambda: stream.read(_BLOCK), b""):
+        try:
+            decoder.decode(block, len(block) < _BLOCK)
+        except UnicodeDecodeError as error:
+            at = before + len(block) - len(error.object) + error.start
+            raise InputError(f"{path}: byte {at} is no UTF-8; allowed: UTF-8 text") from None
+        breaks = max(block.count(b"\n"), block.count(b"\r"))
+        if not breaks and len(block) == _BLOCK:
+            raise InputError(f"{path}: line {line}: it has more than {_BLOCK} bytes; allowed: shorter lines")
+        before, line, numbers = before + len(block), line + breaks, numbers + breaks + block.count(b",")
+        if numbers > _MOST_NUMBERS:
+            raise InputError(
+                f"{path}: line {line}: these are too many numbers; allowed: up to {_MOST_NUMBERS} of a file"
+            )
+
+
+class _Reader:
+    """Lines of a file, taken block by block."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._header: list[str] = []
+        self._tables: list[Array] = []
+        self._lines: list[NDArray[np.int32]] = []
+        self._next = 1  # line that the next block begins with
+
+    def take(self, lines: Sequence[str]) -> None:
+        """Take whole lines."""
+        first, self._next = self._next, self._next + len(lines)
+        kept = [i for i, line in enumerate(lines) if line[0] not in _BREAKS and line.lstrip()[:1] != "#"]
+        if kept and not self._header:
+            self._header = self._names(f"{self._path}: line {first + kept[0]}", lines[kept.pop(0)])
+        if not kept:
+            return
+        rows = list(lines) if len(kept) == len(lines) else [lines[i] for i in kept]
+        numbers = np.array(kept, dtype=np.int32) + first
+        open_end = next((i for i, row in enumerate(rows) if row.count('"') % 2), None)
+        if open_end is not None:  # NumPy would read on in the next line
+            raise InputError(
+                f"{self._path}: line {numbers[open_end]}: a quote is not closed; allowed: quotes that end in their line"
+            )
+        try:
+            table = np.loadtxt(rows, delimiter=",", comments=None, quotechar='"', ndmin=2)
+        except ValueError:
+            self._refuse(rows, numbers)
+        if table.shape != (len(rows), len(self._header)) or not np.isfinite(table).all():
+            self._refuse(rows, numbers)
+        self._tables.append(table)
+        self._lines.append(numbers)
+
+    def columns(self) -> tuple[dict[str, Array], NDArray[np.int32]]:
+        """What was taken; InputError where it has no rows."""
+        if not self._tables:
+            raise InputError(
+                f"{self._path}: has no values; allowed: a header ({COLUMNS_RULE}), then a line for each time"
+            )
+        table = np.empty((len(self._header), sum(map(len, self._tables))))
+        np.concatenate([block.T for block in self._tables], axis=1, out=table)
+        return dict(zip(self._header, table, strict=True)), np.concatenate(self._lines)
+
+    def _names(self, place: str, line: str) -> list[str]:
+        names = [name.strip() for name in _cells(place, line)]
+        if len(names) > _MOST_COLUMNS:
+            raise InputError(f"{place}: {len(names)} columns; allowed: up to {_MOST_COLUMNS}")
+        seen: set[str] = set()
+        for i, name in enumerate(names, 1):
+            if name in seen:
+                raise InputError(f"{place}: column {i}: {show(name)} is there twice; allowed: once")
+            seen.add(name)
+        return names
+
+    def _refuse(self, rows: Sequence[str], numbers: NDArray[np.int32]) -> NoReturn:
+        """Raise the InputError of the first row that is wrong."""
+        for number, row in zip(numbers.tolist(), rows, strict=True):
+            place = f"{self._path}: line {number}"
+            cells = _cells(place, row)
+            if len(cells) != len(self._header):
+                raise InputError(f"{place}: {len(cells)} values; allowed: {len(self._header)}, one for each column")
+            for name, cell in zip(self._header, cells, strict=True):
+                if not (_NUMBER.fullmatch(cell) and np.isfinite(float(cell))):
+                    raise InputError(f"{place}: column {show(name)}: {show(cell.strip())}; allowed: a finite number")
+        raise InputError(f"{self._path}: lines {numbers[0]} to {numbers[-1]} are no numbers; allowed: finite numbers")
+
+
+def _cells(place: str, line: str) -> list[str]:
+    try:
+        return next(csv.reader([line]))
+    except csv.Error as error:
+        raise InputError(f"{place}: is no CSV ({error}); allowed: values with commas between them") from None

@@ -1,0 +1,144 @@
+"""Files of measured motions that are nearly right: cells, arrays and headers that are changed, and raw bytes."""
+
+from __future__ import annotations
+
+import io
+import random
+import zipfile
+from typing import Any
+
+import numpy as np
+
+from tests.support.mutations import ATTRIBUTES, PIECES, mutant, raw
+
+COORDINATES = ("joint1.x", "joint1.gamma", "joint2.z")
+ROWS = [
+    ["t", *COORDINATES[:2], "joint1.x.rate", "joint1.gamma.rate", "joint2.z.drive"],
+    *([f"{k / 8}", f"{k}", f"{-k}.5", f"1e-{k}", f" {k}", f'"{k}"'] for k in range(6)),
+]
+T = np.arange(5.0)
+COLUMNS: dict[str, Any] = {"t": T, "joint1.x": T**2, "joint1.x.rate": 2 * T, "joint1.gamma.drive": -T}
+SAVED: dict[str, Any] = {"t": T, "q": np.ones((5, 3)), "v": np.ones((5, 3)), "coordinates": np.array(COORDINATES)}
+FILES = ("csv", "npz")
+NAMES = [
+    *COORDINATES,
+    "t",
+    "q",
+    "v",
+    "a",
+    "u",
+    "coordinates",
+    "meta",
+    "joint1.x.acceleration",
+    "a/b",
+    "..",
+    "\x1b[31m",
+    "",
+]
+CELLS = [
+    *ATTRIBUTES,
+    *NAMES,
+    "1_0",
+    "\N{ARABIC-INDIC DIGIT ONE}",
+    '"',
+    '""',
+    '"1',
+    "1,2",
+    "#",
+    " # 1",
+    "\0",
+    "infinity",
+    "1\r2",
+]
+ARRAYS = [
+    *(np.nan * T, np.float64(1), T[:0], T[:, None], np.ones((5, 3)), np.ones((5, 0)), T[::-1], T.astype("S3")),
+    *(
+        T.astype(np.float16),
+        T.astype(np.longdouble),
+        np.full(5, np.finfo(np.longdouble).max),
+        T.astype(bool),
+        T.astype(int),
+    ),
+    *(T.astype(complex), np.array(["joint1.x"] * 3), np.array("joint1.x"), T.astype("M8[s]"), np.zeros(5, "i1,f8")),
+    *(T.astype(">f8"), np.array(["a" * 300]), np.ones((1,) * 20), np.full(5, 2**63, dtype=np.uint64)),
+]
+HEADERS = [
+    "(5,)",
+    "(5, 1)",
+    "(True,)",
+    "(10**15,)",
+    f"({10**15},)",
+    "(-1,)",
+    "()",
+    "(5",
+    "'<f8'",
+    "'|O'",
+    "[('a', '<f8')]",
+    "{",
+]
+
+
+def good(kind: str) -> list[bytes]:
+    """Files of that kind that can be read."""
+    return [_csv(ROWS)] if kind == "csv" else [_npz(COLUMNS, ""), _npz(SAVED, "")]
+
+
+def any_mutant(kind: str, seed: int) -> bytes:
+    """The file of that kind and seed, of descriptions and data alike."""
+    if kind not in FILES:
+        return mutant(kind, seed)
+    chance = random.Random(f"{kind} {seed}")
+    content = _changed_csv(chance) if kind == "csv" else _changed_npz(chance)
+    return raw(content, chance) if chance.random() < 0.3 else content
+
+
+def _csv(rows: list[list[str]], end: str = "\n") -> bytes:
+    return "".join(",".join(row) + end for row in rows).encode("utf-8", "surrogatepass")
+
+
+def _changed_csv(chance: random.Random) -> bytes:
+    rows = [list(row) for row in ROWS]
+    for _ in range(chance.choice((0, 1, 1, 2, 4))):
+        row = chance.choice(rows[chance.choice((0, 1)) :])
+        at, kind = chance.randrange(len(row) + 1), chance.random()
+        if kind < 0.6:
+            row[at : at + 1] = [chance.choice(CELLS)]
+        elif kind < 0.7:
+            row.insert(at, chance.choice(CELLS))
+        elif kind < 0.8:
+            rows.insert(chance.randrange(len(rows) + 1), [chance.choice(["", "# a", " ", *CELLS, *PIECES])])
+        elif kind < 0.9:
+            rows.append(list(row))
+        else:
+            del row[at:]
+    return _csv(rows, chance.choice(("\n", "\n", "\r\n", "\r")))
+
+
+def _changed_npz(chance: random.Random) -> bytes:
+    arrays = dict(chance.choice((COLUMNS, SAVED)))
+    for _ in range(chance.choice((0, 1, 1, 2))):
+        kind, name = chance.random(), chance.choice(list(arrays))
+        if kind < 0.5:
+            arrays[name] = chance.choice([*ARRAYS, *arrays.values()])
+        elif kind < 0.7:
+            arrays[chance.choice(NAMES)] = arrays[name]
+        else:
+            arrays.pop(name)
+            arrays = arrays or {"t": T}
+    return _npz(arrays, chance.choice(("", "", *HEADERS)), chance)
+
+
+def _npz(arrays: dict[str, Any], header: str, chance: random.Random | None = None) -> bytes:
+    """The file; a part of the header of each array is replaced by that of another, if one is given."""
+    stream = io.BytesIO()
+    method = zipfile.ZIP_STORED if chance is not None and chance.random() < 0.5 else zipfile.ZIP_DEFLATED
+    with zipfile.ZipFile(stream, "w", method) as archive:
+        for name, array in arrays.items():
+            inner = io.BytesIO()
+            np.save(inner, array)
+            data = inner.getvalue()
+            if header and chance is not None and chance.random() < 0.5:
+                old = chance.choice((b"'<f8'", b"(5,)", b"(5, 3)"))
+                data = data.replace(old, header.encode()[: len(old)].ljust(len(old)), 1)
+            archive.writestr(zipfile.ZipInfo(f"{name}.npy"), data, method)
+    return stream.getvalue()
