@@ -230,7 +230,7 @@ def test_refusals(built: Build) -> None:
 
     refused(InputError, "method 'euler' is unknown; allowed: rk4, implicit", method="euler")
     refused(InputError, "steps = 0", steps=0)
-    refused(InputError, "steps = True", steps=True)
+    refused(InputError, "steps = true", steps=True)
     refused(InputError, "every = 1.5", every=1.5)
     refused(InputError, "dt = -1.0", dt=-1.0)
     refused(InputError, "dt = nan", dt=float("nan"))
