@@ -41,7 +41,7 @@ def guided(kind: str, folder: Path, *flags: str) -> int:
         "-rss_limit_mb=512",
         "-max_len=8192",
     ]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
     found = subprocess.run(
         [*command, *flags, "-print_final_stats=1", f"-artifact_prefix={folder}/", str(corpus)],
         capture_output=True,

@@ -106,7 +106,7 @@ class _Reader:
         self._lines.append(numbers)
 
     def columns(self) -> tuple[dict[str, Array], NDArray[np.int32]]:
-        """What was taken; InputError where it has no rows."""
+        """Columns and lines of all that was taken; InputError where it has no rows."""
         if not self._tables:
             raise InputError(
                 f"{self._path}: has no values; allowed: a header ({COLUMNS_RULE}), then a line for each time"

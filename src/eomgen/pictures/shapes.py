@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DescriptionError
-from ..files import open_regular
+from ..files import read_regular
 from ..forms.toml_text import read_text
 from ..names import show, unique_identifiers
 from ..robot.geometry import rotation_from_rpy
@@ -88,8 +89,8 @@ def _geometry(visual: Element, urdf: Path) -> tuple[Array, NDArray[np.int32]]:
     if found.tag == "mesh":
         scale = np.array(_numbers(found.get("scale", "1 1 1"), 3))
         place = mesh_path(found.get("filename", ""), urdf)
-        with open_regular(place, _MOST_MESH) as stream:  # alone: no file that it names is opened behind it
-            mesh = trimesh.load(stream, file_type=place.suffix.lower(), force="mesh")
+        content = io.BytesIO(read_regular(place, _MOST_MESH))  # alone: no file that it names is opened behind it
+        mesh = trimesh.load(content, file_type=place.suffix.lower().lstrip("."), force="mesh")
     elif found.tag == "box":
         mesh = trimesh.creation.box(_numbers(found.get("size", ""), 3))
     elif found.tag == "sphere":

@@ -87,7 +87,7 @@ def expand_tunable(robot: Robot, patterns: Sequence[str]) -> tuple[str, ...]:
 
 
 def expand_each(robot: Robot, patterns: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """What ``expand_tunable`` gives for each pattern alone, () where that refuses it; in one pass for all of them."""
+    """Names by pattern, each as if it stood alone, () where nothing matches it; in one pass for all of them."""
     return {pattern: tuple(names) for pattern, names in _each(list(parameters(robot)), patterns).items()}
 
 
