@@ -8,11 +8,14 @@ from __future__ import annotations
 import functools
 import os
 import threading
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor, wait
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from itertools import pairwise
 
 OPERATIONS = 30_000_000  # of a piece: 2 to 30 ms, 100 ms in code that nothing optimised
+PATIENCE = 0.01  # s, until the caller looks for Ctrl-C: a signal that another thread gets does not end its wait
 ROUND = 16  # states in multiples of it fill the vectors of any processor
 
 Work = Callable[[int, int], Iterator[int]]
@@ -40,22 +43,61 @@ def shared(work: Work, count: int, threads: int) -> int:
     """
     if threads < 2:
         return next((failed for failed in work(0, count) if failed >= 0), -1)
-    over = threading.Event()
+    crew = _Crew(work, [count * i // threads for i in range(threads + 1)])
+    crew.work_in(_pool(threads))
+    return min((failed for failed in crew.failures if failed >= 0), default=-1)
 
-    def part(first: int, last: int) -> int:
-        for failed in work(first, last):
-            if failed >= 0 or over.is_set():
-                return failed
-        return -1
 
-    edges = [count * i // threads for i in range(threads + 1)]
-    parts = [_pool(threads).submit(part, *ends) for ends in pairwise(edges)]
-    try:
-        return min((failed for failed in (future.result() for future in parts) if failed >= 0), default=-1)
-    except BaseException:
-        over.set()
-        wait([future for future in parts if not future.cancel()])
-        raise
+class _Crew:
+    """Parts of a work, one for a thread each.
+
+    Ctrl-C ends the caller between any two of its steps, also inside of the library's futures and events, which may then
+    keep their locks; so this needs bare locks and lists alone.
+    """
+
+    def __init__(self, work: Work, edges: Sequence[int]) -> None:
+        self.work, self.parts = work, list(pairwise(edges))
+        self.failures, self.errors, self.done = [-1] * len(self.parts), list[BaseException](), [False] * len(self.parts)
+        self._over = False
+        self._begin, self._end = ([threading.Lock() for _ in self.parts] for _ in range(2))
+        for lock in (*self._begin, *self._end):
+            lock.acquire()
+
+    def work_in(self, pool: ThreadPoolExecutor) -> None:
+        """Do all parts and wait for them; no part begins before all have a thread."""
+        begun = False
+        try:
+            for i in range(len(self.parts)):
+                pool.submit(self._part, i)
+            begun = True
+            for lock in self._begin:
+                lock.release()
+            for lock in self._end:
+                while not lock.acquire(timeout=PATIENCE):
+                    pass
+        except BaseException:
+            self._over = True
+            for lock in self._begin:
+                with suppress(RuntimeError):  # it is released already
+                    lock.release()
+            while begun and not all(self.done):
+                time.sleep(PATIENCE / 10)
+            raise
+        for error in self.errors:
+            raise error
+
+    def _part(self, i: int) -> None:
+        self._begin[i].acquire()
+        try:
+            for failed in self.work(*self.parts[i]) if not self._over else ():
+                self.failures[i] = failed
+                if failed >= 0 or self._over:
+                    break
+        except BaseException as error:  # the caller raises it
+            self.errors.append(error)
+        finally:
+            self.done[i] = True
+            self._end[i].release()
 
 
 @functools.cache
