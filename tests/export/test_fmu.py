@@ -331,7 +331,7 @@ def test_model_exchange_is_the_direct_simulation(name: str, version: int, export
     host.unit.freeInstance()
 
 
-STEPS = {"one_link": (1e-4, 0.02), "shaken_arm": (2e-5, 0.02), "geared_arm": (5e-6, 0.005), "worn_arm": (1e-6, 0.004)}
+STEPS = {"one_link": (1e-4, 0.02), "shaken_arm": (2e-5, 0.02), "geared_arm": (2.5e-6, 0.005), "worn_arm": (1e-6, 0.004)}
 
 
 @pytest.mark.parametrize("name", STEPS)

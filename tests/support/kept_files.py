@@ -69,7 +69,7 @@ def sample_result(name: str = "one_link") -> SimulationResult:
         pose=pose,
         program_pose=np.tile(np.eye(4), (samples, 1, 1)),
         notes=("a note",),
-        versions=MappingProxyType({"eomgen": "0.1.0"}),
+        versions=MappingProxyType({"eomgen": eomgen.__version__}),
         prescribed=tuple(names[i] for i in model.prescribed),
         robot_hash=robot_hash(robot),
         scenario=MappingProxyType(scenario_from_toml(SCENARIO).as_dict()),
@@ -216,7 +216,7 @@ def raw_sweep() -> Sweep:
     manifest = {
         "format": FORMAT,
         "key": "0" * 64,
-        "eomgen": "0.1.0",
+        "eomgen": eomgen.__version__,
         "robot": "one_link",
         "tool": "tcp",
         "samples": 6,

@@ -156,7 +156,7 @@ def choose_method(kernel: Kernel, method: str = "auto", q: Array | None = None, 
 
 
 def why_stiff(kernel: Kernel, q: Array | None = None, duration: float = 1.0) -> str:
-    """What makes an implicit method worth while, in words; empty where nothing does.  Arguments as ``choose_method``.
+    """The reason for an implicit method, in words; empty where there is none.  Arguments as ``choose_method``.
 
     That is any spring, and dampers and friction where they slow something down a ``STIFF`` part of the duration, by the
     largest slopes of their laws and the inertia at q: explicit steps are as short as that as long as the motion lasts,

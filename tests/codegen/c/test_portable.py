@@ -89,7 +89,7 @@ def test_zig_does_not_tune_for_this_processor_unasked(
 def test_no_compiler_at_all(empty_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     without_compilers(monkeypatch, tmp_path / "nothing")
     monkeypatch.setitem(sys.modules, "ziglang", None)
-    with pytest.raises(BuildError, match=r"no C compiler found: .*pip install eomgen\[compiler\]"):
+    with pytest.raises(BuildError, match=r"no C compiler found: .*pip install ziglang, as eomgen\[compiler\]"):
         one_link()
 
 
