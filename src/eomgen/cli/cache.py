@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from .shared import Command, add_json, show_json
+from .shared import Command, add_json, say, show_json
 
 
 def _add_cache(parser: argparse.ArgumentParser) -> None:
@@ -29,7 +29,7 @@ def _cache(options: argparse.Namespace) -> None:
     if options.json:
         show_json(about)
         return
-    print(about["folder"])
+    say(str(about["folder"]))
     counts = [f"{about[kind]} {kind}" for kind in KINDS if about[kind]]
     print(f"{', '.join(counts) or 'nothing'}, {size / 1e6:.1f} MB")
     if removed is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from .shared import Command, add_robot, read_robot, show_written, stage_bar
+from .shared import Command, add_robot, read_robot, say, show_written, stage_bar
 
 
 def _add_derive(parser: argparse.ArgumentParser) -> None:
@@ -60,7 +60,7 @@ def _generate(options: argparse.Namespace) -> None:
     chosen = Options(tuple(options.kernels), options.dtype, options.native)
     with stage_bar("generating") as report:
         target = generate(robot, options.output, chosen, cmake=options.cmake, progress=report)
-    print(target)
+    say(str(target))
 
 
 COMMANDS = (

@@ -19,7 +19,7 @@ def _add_new(parser: argparse.ArgumentParser) -> None:
 def _new(options: argparse.Namespace) -> None:
     from ..authoring.new import write_new_file
 
-    print(f"wrote {write_new_file(options.name, options.output, 'scenario' if options.scenario else 'robot')}")
+    say(f"wrote {write_new_file(options.name, options.output, 'scenario' if options.scenario else 'robot')}")
 
 
 def _add_check(parser: argparse.ArgumentParser) -> None:

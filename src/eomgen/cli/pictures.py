@@ -46,7 +46,7 @@ def _report(options: argparse.Namespace) -> None:
         page = report_of(result, robot, modes=not options.no_modes, progress=report)
     for line in page.missing:
         say(f"missing: {line}")
-    print(f"wrote {page.save(options.output or path.with_name('report.html'))}")
+    say(f"wrote {page.save(options.output or path.with_name('report.html'))}")
 
 
 def _add_view(parser: argparse.ArgumentParser) -> None:

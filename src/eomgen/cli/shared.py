@@ -202,7 +202,7 @@ def can_be_left_out(what: str) -> Iterator[None]:
     try:
         yield
     except NotInstalledError as error:
-        print(f"note: {what} left out: {error}", file=sys.stderr)
+        say(f"note: {what} left out: {error}", sys.stderr)
 
 
 def show_written(paths: Iterable[Path]) -> None:

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from ..errors import InputError, IntegrationStopped
-from .shared import TRAJECTORY, Command, add_json, add_robot, can_be_left_out, progress_bar, read_robot, show_files
+from .shared import TRAJECTORY, Command, add_json, add_robot, can_be_left_out, progress_bar, read_robot, say, show_files
 
 
 def _add_simulate(parser: argparse.ArgumentParser) -> None:
@@ -45,9 +45,9 @@ def _simulate(options: argparse.Namespace) -> None:
         if error.result is not None:  # what there is of it, marked as stopped; the status says so, too
             try:
                 path = error.result.save(options.output / TRAJECTORY)
-                print(f"wrote {path}: the motion until it stopped", file=sys.stderr)
+                say(f"wrote {path}: the motion until it stopped", sys.stderr)
             except InputError as refusal:  # why the motion stopped is said all the same
-                print(f"eomgen: {refusal}", file=sys.stderr)
+                say(f"eomgen: {refusal}", sys.stderr)
         raise
     written = [result.save(options.output / TRAJECTORY)]
     if not options.no_plots:

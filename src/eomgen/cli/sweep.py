@@ -11,7 +11,7 @@ from typing import Any
 
 from ..errors import InputError
 from ..optional import optional_import
-from .shared import Command, add_json, add_robot, can_be_left_out, progress_bar, read_robot, show_files
+from .shared import Command, add_json, add_robot, can_be_left_out, progress_bar, read_robot, say, show_files
 
 
 def _add_sweep(parser: argparse.ArgumentParser) -> None:
@@ -50,7 +50,7 @@ def _sweep(options: argparse.Namespace) -> None:
                 progress=report,
             )
     except KeyboardInterrupt:
-        print(f"eomgen: what was done is in {options.output}; the same command goes on with it", file=sys.stderr)
+        say(f"eomgen: what was done is in {options.output}; the same command goes on with it", sys.stderr)
         raise
     written = [result.save_table(options.output / f"samples.{_table_suffix()}")]
     if not options.no_plots:
