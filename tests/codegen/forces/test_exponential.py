@@ -141,9 +141,11 @@ def test_overflow_is_named(built: Build) -> None:
     kernel = built(
         slider(further=GIVEN), "forward_dynamics", "mass_matrix", "energy", "inverse_dynamics", "generalized_force"
     )
-    assert kernel.generalized_force([1000.0 * SCALE], [0.0]) == [-np.inf]
+    with pytest.raises(ArrayError, match=r"generalized_force: rail\.z is -inf, out of numbers that are finite"):
+        kernel.generalized_force([1000.0 * SCALE], [0.0])
+    assert kernel.with_checks(False).generalized_force([1000.0 * SCALE], [0.0]) == [-np.inf]
     assert kernel.generalized_force([-1000.0 * SCALE], [0.0]) == [F]
-    with pytest.raises(ArrayError, match=r"acceleration: rail\.z is -inf at t = 0 s"):
+    with pytest.raises(ArrayError, match=r"forward_dynamics: rail\.z is -inf"):
         integrate(kernel, np.array([1000.0 * SCALE]), np.zeros(1), 0.1, method="DOP853")
 
 
