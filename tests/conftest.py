@@ -18,7 +18,7 @@ from eomgen.pipeline.generator_key import generator_hash
 from eomgen.robot.value import Robot
 from tests.support.builds import Build
 from tests.support.figures import Figures, gathered, lines
-from tests.support.quick_builds import one_link
+from tests.support.quick_builds import one_link, without_headers
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -40,13 +40,16 @@ def built() -> Build:
     """``built(robot, kernel names..., options)``: a kernel of its own, compiled without optimisation.
 
     The C may not contract or reorder anything, so the level changes no result; the optimiser takes most of the time.
-    Large robots are built whole where several tests, or a page of the documentation, ask for them: once for all.
+    Without a wrapper in C, too, which takes half of the rest; so whole robots are built with one, as users build them
+    and as tests without this fixture do.  Large ones are then found in the cache by several tests.
     """
 
     def build(robot: Robot, *kernels: str, **options: object) -> eomgen.Kernel:
         with pytest.MonkeyPatch.context() as patch:
             if "flags" not in options:
-                patch.setenv("CFLAGS", "-O0")  # as ``unoptimised`` does, so that both find the same in the cache
+                patch.setenv("CFLAGS", "-O0")  # as ``unoptimised`` does
+            if kernels:
+                without_headers(patch)
             return eomgen.build(robot, kernels=kernels, **options)  # type: ignore[arg-type]
 
     return build

@@ -37,13 +37,13 @@ def python_calls(rounds: int) -> tuple[Call, ...]:
     """
     chosen = case(ROBOT)
     kernel = eomgen.build(chosen.robot, kernels=KERNELS, native=True)
-    checked, peers, textbook = kernel.with_checks(True), _pinocchio(chosen), Textbook(chosen.robot)
+    bare, peers, textbook = kernel.with_checks(False), _pinocchio(chosen), Textbook(chosen.robot)
     found = []
     for name in KERNELS:
         few, many = (_arrays(chosen, name, count) for count in (STATES, BATCH_STATES))
         ways: dict[str, Callable[[], object]] = {
             "Python": _one_by_one(getattr(kernel, name), few),
-            "Python, with checks": _one_by_one(getattr(checked, name), few),
+            "Python, without checks": _one_by_one(getattr(bare, name), few),
             MANY: partial(getattr(kernel, name), *many),
         }
         if name in peers:

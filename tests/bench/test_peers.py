@@ -59,7 +59,7 @@ def test_the_committed_run_says_what_calls_from_python_cost() -> None:
     calls = read(DOCS / "peers.json").calls
     assert [call.kernel for call in calls] == list(python_calls.KERNELS)
     for call in calls:
-        assert set(call.ns) >= {"C", "Python", "Python, with checks", python_calls.MANY}
+        assert set(call.ns) >= {"C", "Python", "Python, without checks", python_calls.MANY}
         assert call.ns["Python"] > call.ns["C"] > 0.0
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -22,6 +22,14 @@ NAMES = ("inverse_dynamics", "rollout")
 SMALL = 10**9  # operations of a state: a piece is as small as it can be
 RNG = np.random.default_rng(3)
 Q, V = RNG.uniform(-0.1, 0.1, (2, 37, 2))
+
+
+@pytest.fixture(autouse=True)
+def interrupts() -> Iterator[None]:
+    """Python's own answer to Ctrl-C: what runs in the background of a shell begins without it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 @pytest.fixture

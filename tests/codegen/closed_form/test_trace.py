@@ -169,7 +169,7 @@ def _numbers(row: Sequence[Any], values: dict[Any, Any]) -> Array:
     return np.array([float(entry.xreplace({k: sp.Float(t, 17) for k, t in values.items()})) for entry in row])
 
 
-@pytest.mark.parametrize("seed", seeds(0, 4, 12))
+@pytest.mark.parametrize("seed", seeds(0, 3, 12))
 def test_recursion_equals_closed_form(seed: int) -> None:
     """The generator's programs, evaluated on floats: another derivation of the same terms."""
     robot = random_robot(seed, max_size=4, tree=seed % 3 == 0)

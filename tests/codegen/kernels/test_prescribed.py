@@ -44,7 +44,7 @@ def by_pinocchio(oracle: PinocchioOracle, free: Array, s: State, u: Array) -> Ar
     return a
 
 
-@pytest.mark.parametrize("seed", seeds(1100, 4, 24))
+@pytest.mark.parametrize("seed", seeds(1100, 3, 24))
 def test_forward_dynamics_of_random_robots(seed: int, built: Build) -> None:
     robot = some_prescribed(random_robot(seed, joints=(2, 4), tree=seed % 2 == 0, types=TYPES), seed)
     kernel, oracle, s = built(robot, *NAMES), PinocchioOracle(robot), random_state(robot, seed)
@@ -59,7 +59,7 @@ def test_forward_dynamics_of_random_robots(seed: int, built: Build) -> None:
     assert np.abs(many - found).max() <= 10 * allowed * np.abs(found).max()
 
 
-@pytest.mark.parametrize("seed", seeds(1130, 3, 8))
+@pytest.mark.parametrize("seed", seeds(1130, 2, 8))
 def test_derivatives_of_forward_dynamics(seed: int, built: Build) -> None:
     """Free rows by the residual's derivatives; prescribed rows depend on nothing but their own u."""
     robot = some_prescribed(random_robot(seed, joints=(2, 4), tree=seed % 2 == 0, types=TYPES), seed)
