@@ -52,6 +52,7 @@ def test_a_worn_gripper_arm(capsys: pytest.CaptureFixture[str]) -> None:
     assert "hits its lower end" in text
 
 
+@pytest.mark.soak
 def test_ten_thousand_arms(capsys: pytest.CaptureFixture[str]) -> None:
     """With few of them; the gripper's mass, which the drives do not know, comes first."""
     text = said("ten_thousand_arms.py", capsys, "24")

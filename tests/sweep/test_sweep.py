@@ -165,7 +165,10 @@ def test_rollouts_come_near_scipy_as_their_steps_shrink(tmp_path: Path, case: st
 @pytest.mark.parametrize(
     "control",
     [
-        {"motion": REACH["motion"], "control": {"type": "computed_torque", "bandwidth": 20.0}},
+        pytest.param(
+            {"motion": REACH["motion"], "control": {"type": "computed_torque", "bandwidth": 20.0}},
+            marks=pytest.mark.soak,
+        ),
         {"motion": REACH["motion"], "control": {"type": "pd", "kp": 300.0, "kd": 30.0}},
         {
             "initial": {"q": {"shoulder": 0.2}},

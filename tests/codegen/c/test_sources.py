@@ -101,7 +101,7 @@ def test_no_compiler_warns(name: str, dtype: str, tmp_path: Path) -> None:
     [("-march=native",), *(pytest.param((flag,), marks=pytest.mark.soak) for flag in ("-mavx2", "-mavx"))],
     ids=str,
 )
-@pytest.mark.parametrize("name", ["one_link", "worn_tree"])
+@pytest.mark.parametrize("name", ["one_link", pytest.param("worn_tree", marks=pytest.mark.soak)])
 def test_no_compiler_warns_of_vectors(name: str, flags: tuple[str, ...], tmp_path: Path) -> None:
     source = source_of_robot(name)
     (tmp_path / f"{name}.h").write_text(source.header, encoding="ascii")

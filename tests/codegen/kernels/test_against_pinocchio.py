@@ -83,7 +83,7 @@ def check_dynamics(kernel: eomgen.Kernel, oracle: PinocchioOracle | UrdfOracle, 
     assert (errors(kernel.forward_dynamics(q, v, u), each(oracle.forward_dynamics, q, v, u)) <= limit).all()
 
 
-@pytest.mark.parametrize("name", RIGID)
+@pytest.mark.parametrize("name", [*RIGID[:5], *(pytest.param(name, marks=pytest.mark.soak) for name in RIGID[5:])])
 def test_rigid_robots_from_urdf(name: str, built: Build) -> None:
     """Against Pinocchio's own reading of the file."""
     robot, oracle = load(EXAMPLES[name]), UrdfOracle(EXAMPLES[name])
