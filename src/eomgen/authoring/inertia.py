@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ..names import listed
-from ..robot.model import FIXED_BODY, Model, build_model
-from ..robot.value import ANGULAR, COORDINATES, INERTIA_KEYS, LINEAR, Joint, Placement, Robot
+from ..robot.model import Model, build_model
+from ..robot.value import Robot
 from ..runtime.singular import VANISHED, null_coordinates, scaled_eigenvalues
 
 Array = NDArray[np.float64]
@@ -45,68 +47,17 @@ def inertia_notes(robot: Robot) -> tuple[str, ...]:
 
 
 def mass_matrix(model: Model, q: Array) -> Array:
-    """M of the tree in one state, (n, n), from the Jacobians of its links.
+    """M of the tree in one state, (n, n), by the generator's recursion on floats; q (n,), m or rad."""
+    from ..codegen.tree.bound import bind  # SymPy, which only a robot's check needs
+    from ..codegen.tree.composite import mass_matrix as entries
+    from ..codegen.tree.frozen_joints import geometry
 
-    Args:
-        model: the tree.
-        q: (n,), m or rad.
-    """
-    robot = model.robot
-    poses = {robot.base: np.eye(4)}
-    columns: dict[str, list[tuple[int, bool, Array, Array]]] = {robot.base: []}  # index, turns, axis, origin
+    bound = bind(model, lambda _, number: number, _sincos)
     M = np.zeros((model.size, model.size))
-    index = 0
-    for joint in robot.joints:
-        pose = poses[joint.parent] @ _pose(joint.placement) @ _turned(joint)
-        inner = list(columns[joint.parent])
-        for place, name in enumerate(COORDINATES):
-            value = joint.offset[place] or 0.0
-            if name in joint.coordinates:
-                inner.append((index, name in ANGULAR, pose[:3, place % 3].copy(), pose[:3, 3].copy()))
-                M[index, index] += joint.coordinates[name].armature or 0.0
-                value += float(q[index])
-                index += 1
-            pose = pose @ _elementary(name, value)
-        if joint.motor is not None:
-            M[index, index] += joint.motor.inertia
-            index += 1
-        poses[joint.child], columns[joint.child] = pose @ _turned(joint).T, inner
-    for link in robot.links:
-        if model.body_of[link.name] == FIXED_BODY:
-            continue
-        R, com = poses[link.name][:3, :3], poses[link.name] @ np.array([*link.com, 1.0])
-        linear, angular = np.zeros((2, 3, model.size))
-        for i, turns, axis, origin in columns[link.name]:
-            linear[:, i] = np.cross(axis, com[:3] - origin) if turns else axis
-            angular[:, i] = axis if turns else 0.0
-        M += link.mass * linear.T @ linear + angular.T @ (R @ _tensor(link.inertia) @ R.T) @ angular
+    for (i, j), value in entries(model, bound, geometry(model, bound, q.tolist(), _sincos)).items():
+        M[i, j] = M[j, i] = value
     return M
 
 
-def _tensor(inertia: tuple[float, ...]) -> Array:
-    given = dict(zip(INERTIA_KEYS, inertia, strict=True))
-    return np.array([[given["".join(sorted(a + b))] for b in LINEAR] for a in LINEAR])
-
-
-def _pose(placement: Placement) -> Array:
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = placement.rotation, placement.xyz
-    return pose
-
-
-def _turned(joint: Joint) -> Array:
-    pose = np.eye(4)
-    pose[:3, :3] = joint.axis_turn
-    return pose
-
-
-def _elementary(name: str, value: float) -> Array:
-    """The transform of one coordinate: a translation along an axis, or a rotation about it."""
-    pose, k = np.eye(4), COORDINATES.index(name) % 3
-    if name in LINEAR:
-        pose[k, 3] = value
-    else:
-        i, j = (k + 1) % 3, (k + 2) % 3
-        pose[i, i] = pose[j, j] = np.cos(value)
-        pose[j, i], pose[i, j] = np.sin(value), -np.sin(value)
-    return pose
+def _sincos(angle: float) -> tuple[float, float]:
+    return math.sin(angle), math.cos(angle)
