@@ -16,6 +16,7 @@ import sys
 import tempfile
 import time
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -130,23 +131,45 @@ def limit_memory() -> None:
 
 
 def run(kind: str, first: int, count: int) -> dict[str, Any]:
-    """Mutants of these seeds; AssertionError with the seed for one that is not handled."""
+    """What readers make of ``any_mutant`` of these seeds, as ``measured``."""
+    with tempfile.TemporaryDirectory() as folder:
+        return measured(
+            kind,
+            lambda seed: accepted(kind, any_mutant(kind, seed), Path(folder)),
+            first,
+            count,
+            lambda seed: repr(any_mutant(kind, seed)[:3000]),
+        )
+
+
+def measured(
+    kind: str, tried: Callable[[int], object], first: int, count: int, said: Callable[[int], str] = lambda _: ""
+) -> dict[str, Any]:
+    """Counts and times of mutants that are read or refused, SECONDS of the processor each.
+
+    Args:
+        kind: named in messages.
+        tried: reads the mutant of a seed; None where it is refused.
+        first, count: of the seeds.
+        said: text of the mutant of a seed, for messages.
+
+    Raises:
+        AssertionError: a mutant is not handled; names its seed.
+    """
     warnings.simplefilter("error")
     warnings.simplefilter("ignore", EomgenWarning)
     signal.signal(signal.SIGPROF, late)
     found, slowest, began = 0, 0.0, time.process_time()
-    with tempfile.TemporaryDirectory() as folder:
-        for seed in range(first, first + count):
-            content = any_mutant(kind, seed)
-            signal.setitimer(signal.ITIMER_PROF, SECONDS)
-            start = time.process_time()
-            try:
-                found += accepted(kind, content, Path(folder)) is not None
-            except BaseException as error:
-                signal.setitimer(signal.ITIMER_PROF, 0)
-                raise AssertionError(f"{kind} {seed}: {content[:3000]!r}") from error
-            slowest = max(slowest, time.process_time() - start)
-        signal.setitimer(signal.ITIMER_PROF, 0)
+    for seed in range(first, first + count):
+        signal.setitimer(signal.ITIMER_PROF, SECONDS)
+        start = time.process_time()
+        try:
+            found += tried(seed) is not None
+        except BaseException as error:
+            signal.setitimer(signal.ITIMER_PROF, 0)
+            raise AssertionError(f"{kind} {seed}: {said(seed)}") from error
+        slowest = max(slowest, time.process_time() - start)
+    signal.setitimer(signal.ITIMER_PROF, 0)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
     return {"accepted": found, "slowest": slowest, "peak": peak, "seconds": time.process_time() - began}
 

@@ -9,22 +9,18 @@ from __future__ import annotations
 
 import json
 import random
-import resource
-import signal
 import sys
 import tempfile
-import time
-import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import eomgen
-from eomgen.errors import EomgenWarning, InputError
+from eomgen.errors import InputError
 from eomgen.simulation.result import SimulationResult
 from eomgen.sweep.result import SweepResult
 from eomgen.sweep.store import MANIFEST, ROWS
-from tests.support.fuzzing import SECONDS, check_message, late, limit_memory
+from tests.support.fuzzing import check_message, limit_memory, measured
 from tests.support.kept_files import (
     random_result,
     random_sweep,
@@ -90,27 +86,12 @@ KINDS = {"result": results, "sweep": sweeps}
 
 
 def run(kind: str, first: int, count: int) -> dict[str, Any]:
-    """Mutants of these seeds; AssertionError with the seed for one that is not handled."""
-    warnings.simplefilter("error")
-    warnings.simplefilter("ignore", EomgenWarning)
-    signal.signal(signal.SIGPROF, late)
-    found, slowest, began = 0, 0.0, time.process_time()
+    """What readers make of mutants of these seeds, as ``fuzzing.measured``."""
     with tempfile.TemporaryDirectory() as folder:
         tried = KINDS[kind](Path(folder))
         tried(first)  # what is imported on first use is no part of a file's memory
         limit_memory()
-        for seed in range(first, first + count):
-            signal.setitimer(signal.ITIMER_PROF, SECONDS)
-            start = time.process_time()
-            try:
-                found += tried(seed) is not None
-            except BaseException as error:
-                signal.setitimer(signal.ITIMER_PROF, 0)
-                raise AssertionError(f"{kind} {seed}") from error
-            slowest = max(slowest, time.process_time() - start)
-        signal.setitimer(signal.ITIMER_PROF, 0)
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
-    return {"accepted": found, "slowest": slowest, "peak": peak, "seconds": time.process_time() - began}
+        return measured(kind, tried, first, count)
 
 
 if __name__ == "__main__":
