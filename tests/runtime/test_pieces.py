@@ -43,7 +43,7 @@ def fresh() -> eomgen.Kernel:
 
 
 def cut(kernel: eomgen.Kernel, operations: int, seen: list[int] | None = None, ends_at: int = 0) -> eomgen.Kernel:
-    """A kernel whose functions seem to take so many operations; it counts calls of C, and presses Ctrl-C in one of them."""
+    """A kernel whose functions seem to take so many operations; it counts calls, and presses Ctrl-C in one of them."""
 
     def watched(code: Callable[..., int]) -> Callable[..., int]:
         def call(*arguments: Any) -> int:
