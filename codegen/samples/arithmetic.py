@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from random import Random
 from typing import Any
 
 import numpy as np
@@ -47,13 +48,19 @@ def spread(lanes: Array) -> Array:
     return found
 
 
+def uniform(rng: Random, rows: int, columns: int) -> Array:
+    """Numbers (rows, columns) between -1 and 1, the same with every version of NumPy, whose own take long to import."""
+    count = rows * columns
+    words = np.frombuffer(rng.randbytes(4 * count), "<i4")
+    return ((words + 0.5) / 2.0**31).reshape(rows, columns)
+
+
 class Arithmetic:
     """Runs programs on lanes of a dtype; sines and cosines are those of the C library."""
 
     def __init__(self, dtype: str, seed: int = 0) -> None:
         self.dtype = np.dtype(dtype)
-        rng, copies = np.random.default_rng(seed), MEASURED * COPIES
-        off = _UNITS * float(np.finfo(self.dtype).eps) * rng.uniform(-1.0, 1.0, (_ROWS, copies))
+        off = _UNITS * float(np.finfo(self.dtype).eps) * uniform(Random(seed), _ROWS, MEASURED * COPIES)
         self._rounding = np.concatenate([np.ones((_ROWS, len(STATES))), 1.0 + off], axis=1).astype(self.dtype)
         self._turns: dict[bytes, tuple[Array, Array]] = {}
 
@@ -66,24 +73,23 @@ class Arithmetic:
         stand side by side.
         """
         values: list[Any] = []
-        number, rows = self.dtype.type, np.tile(self._rounding, repeats)
-        for index, instruction in enumerate(program.instructions):
-            op, args = instruction.op, instruction.args
-            if op == "input":
-                values.append(inputs[instruction.leaf[0]][instruction.leaf[1]])
-                continue
-            if op == "const":
-                values.append(number(instruction.leaf))
-                continue
+        number, rows = self.dtype.type, list(np.tile(self._rounding, repeats))
+        for index, (op, args, leaf) in enumerate(program.instructions):
             operator = _OPERATORS.get(op)
             if operator is not None:
                 value = operator(values[args[0]], values[args[1]]) if len(args) == 2 else operator(values[args[0]])
+            elif op == "input":
+                values.append(inputs[leaf[0]][leaf[1]])
+                continue
+            elif op == "const":
+                values.append(number(leaf))
+                continue
             elif op in ("sin", "cos"):
                 value = self.turn(values[args[0]])[op == "cos"]
             else:
                 value = self._called(op, [values[arg] for arg in args])
             values.append(value * rows[index % _ROWS] if rounding and op not in _EXACT else value)
-        return _arrays(program, values, rows.shape[1], self.dtype)
+        return _arrays(program, values, rows[0].size, self.dtype)
 
     @staticmethod
     def has_no_choice(program: Program) -> bool:
