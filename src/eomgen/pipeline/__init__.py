@@ -22,3 +22,7 @@ if not TYPE_CHECKING:  # or type checkers would take every name to be there
         from . import stages
 
         return getattr(stages, name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
