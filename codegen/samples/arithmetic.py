@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from random import Random
 from typing import Any
 
 import numpy as np
@@ -48,19 +47,13 @@ def spread(lanes: Array) -> Array:
     return found
 
 
-def uniform(rng: Random, rows: int, columns: int) -> Array:
-    """Numbers (rows, columns) between -1 and 1, the same with every version of NumPy, whose own take long to import."""
-    count = rows * columns
-    words = np.frombuffer(rng.randbytes(4 * count), "<i4")
-    return ((words + 0.5) / 2.0**31).reshape(rows, columns)
-
-
 class Arithmetic:
     """Runs programs on lanes of a dtype; sines and cosines are those of the C library."""
 
     def __init__(self, dtype: str, seed: int = 0) -> None:
         self.dtype = np.dtype(dtype)
-        off = _UNITS * float(np.finfo(self.dtype).eps) * uniform(Random(seed), _ROWS, MEASURED * COPIES)
+        rng, copies = np.random.default_rng(seed), MEASURED * COPIES
+        off = _UNITS * float(np.finfo(self.dtype).eps) * rng.uniform(-1.0, 1.0, (_ROWS, copies))
         self._rounding = np.concatenate([np.ones((_ROWS, len(STATES))), 1.0 + off], axis=1).astype(self.dtype)
         self._turns: dict[bytes, tuple[Array, Array]] = {}
 

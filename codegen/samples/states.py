@@ -7,14 +7,13 @@ as any good library does; then all that computes them has the same bits.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from random import Random
 
 import numpy as np
 
 from ..kernels.equations import Equations
 from ..kernels.signatures import RATES, SIGNATURES, shapes
 from ..program.ir import Instruction, Program
-from .arithmetic import Arithmetic, Array, polynomials, uniform
+from .arithmetic import Arithmetic, Array, polynomials
 from .stored import STATES
 
 Angle = tuple[Instruction, ...]
@@ -26,7 +25,7 @@ _TINY = {"float64": 2.0**-1040, "float32": 2.0**-140}  # denormal, and so are it
 
 def sample_inputs(equations: Equations, arithmetic: Arithmetic) -> tuple[dict[str, Array], bool]:
     """Arrays (size, states) that kernels read, by name; and whether all angles are ones with bits for sure."""
-    rng, dtype, size = Random(1), arithmetic.dtype, shapes(equations.model)
+    rng, dtype, size = np.random.default_rng(1), arithmetic.dtype, shapes(equations.model)
     wanted = {array for name in (*equations.kernels, *equations.programs) for array in SIGNATURES[name].reads}
     tiny = _TINY[str(dtype)]
     q, exact = _coordinates(equations, arithmetic, rng)
@@ -46,13 +45,13 @@ def sample_parameters(values: Array, dtype: np.dtype[np.floating]) -> Array:
     return found
 
 
-def _numbers(rng: Random, size: int, count: int) -> Array:
+def _numbers(rng: np.random.Generator, size: int, count: int) -> Array:
     """Numbers (size, count) of both signs, between 1/4 and 1 in size."""
-    found: Array = uniform(rng, size, count)
-    return np.copysign(0.25 + 0.75 * np.abs(found), found)
+    found: Array = rng.uniform(0.25, 1.0, (size, count)) * rng.choice((-1.0, 1.0), (size, count))
+    return found
 
 
-def _coordinates(equations: Equations, arithmetic: Arithmetic, rng: Random) -> tuple[Array, bool]:
+def _coordinates(equations: Equations, arithmetic: Arithmetic, rng: np.random.Generator) -> tuple[Array, bool]:
     n, dtype, exact = equations.model.size, arithmetic.dtype, True
     candidates = np.concatenate(
         [
