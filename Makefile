@@ -8,7 +8,7 @@
 #   make docs     build the documentation into out/site: open index.html there; warnings are errors
 #   make mutation mutation testing of the derivation, ten minutes of one core; writes docs/mutation.md
 #   make sample   regenerate the committed sample in generated/one_link
-#   make tables   regenerate the tables in README.md and docs/architecture.md
+#   make tables   regenerate the tables in README.md and docs/architecture.md, and codegen/joint/kept.py
 #   make schemas  regenerate the JSON Schemas in src/eomgen/schemas
 #   make misra    what MISRA C finds in generated code; writes its table into docs/coding_standards.md
 #   make wheel    build the source distribution and the wheel into dist/, and check what an index would show of them

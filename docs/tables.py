@@ -1,4 +1,7 @@
-"""Write the generated parts of committed pages: python docs/tables.py (--check: status 1 if they differ instead)."""
+"""Write the generated parts of committed pages, and what is kept of a joint: python docs/tables.py.
+
+With --check: status 1 if they differ instead.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,7 @@ from functools import partial
 from pathlib import Path
 
 import eomgen
+from eomgen.codegen.joint.freezing import derived_facts, text_of
 from eomgen.pipeline.costs import robot_info
 
 ROOT = Path(__file__).parents[1]
@@ -15,6 +19,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "docs")]  # for benchmarks and generators
 
 from generators import rooms  # noqa: E402
 
+KEPT = "codegen/joint/kept.py"
 ROBOTS = ("one_link", "puma560", "ur5", "puma560_elastic")
 KERNELS = ("inverse_dynamics", "mass_matrix", "forward_dynamics", "bias_force", "generalized_force")
 
@@ -70,8 +75,9 @@ def filled(page: str) -> str:
 
 def main() -> int:
     differ = False
-    for page in PARTS:
-        now, wanted = (ROOT / page).read_text(encoding="utf-8"), filled(page)
+    texts = {KEPT: text_of(derived_facts())}
+    for page, wanted in (texts | {page: filled(page) for page in PARTS}).items():
+        now = (ROOT / page).read_text(encoding="utf-8")
         differ |= now != wanted
         if "--check" not in sys.argv[1:] and now != wanted:
             (ROOT / page).write_text(wanted, encoding="utf-8")

@@ -17,6 +17,7 @@ from .scalar_types import Scalar
 
 CHUNK = 900  # values per function
 INLINE = 72  # longest expression, in characters, that is written into another one
+_BRACKETS = re.compile(r"\([^()]*\)")
 FILL = 16  # from so many zeros on an output is cleared in a loop
 
 
@@ -58,9 +59,10 @@ def write_function(program: Program, scalar: Scalar, *, turning: bool = True) ->
         arrays = ("h", *signature.reads)
     writer = _Writer(program, scalar, turning)
     chunks = writer.chunks()
-    unused = [[a for a in arrays if not _reads(chunk, a)] for chunk in chunks]
+    texts = ["\n".join(chunk) for chunk in chunks]
+    unused = [[a for a in arrays if not _reads(text, a)] for text in texts]
     if len(chunks) == 1:
-        unused[0] = [a for a in unused[0] if not _reads(writer.angles, a)]
+        unused[0] = [a for a in unused[0] if not _reads("\n".join(writer.angles), a)]
     outputs = tuple(dict.fromkeys(key[0] for key in program.outputs))
     return Function(
         program.name,
@@ -73,9 +75,9 @@ def write_function(program: Program, scalar: Scalar, *, turning: bool = True) ->
     )
 
 
-def _reads(chunk: Sequence[str], array: str) -> bool:
+def _reads(text: str, array: str) -> bool:
     """True if any of the statements reads the array."""
-    return any(re.search(rf"\b{array}\[", line) for line in chunk)
+    return re.search(rf"\b{array}\[", text) is not None
 
 
 def trig_values(program: Program) -> set[int]:
@@ -85,28 +87,30 @@ def trig_values(program: Program) -> set[int]:
         needs[index] += 1
     found: set[int] = set()
     for index in range(len(program.instructions) - 1, -1, -1):
-        instruction = program.instructions[index]
-        if instruction.op in ("sin", "cos") or (needs[index] == 0 and instruction.args):
+        op, args, _ = program.instructions[index]
+        if op == "sin" or op == "cos" or (needs[index] == 0 and args):
             found.add(index)
         else:
-            for arg in instruction.args:
+            for arg in args:
                 needs[arg] += 1
     return found
 
 
 def split(program: Program, apart: Container[int]) -> dict[int, int]:
     """Index of the function that computes each value, but for those that are ``apart``."""
-    size = len(program.instructions)
-    computed = [i for i in range(size) if program.instructions[i].op not in ("const", "input") and i not in apart]
+    computed = [i for i, found in enumerate(program.instructions) if found.args and i not in apart]
     return {index: order // CHUNK for order, index in enumerate(computed)}
 
 
 def handed_on(program: Program, chunk_of: Mapping[int, int]) -> dict[int, int]:
     """Values that a later function reads, and their places in the array that functions share."""
     slots: dict[int, int] = {}
+    first, current = 0, 0  # value and number of the function that values are in
     for index, chunk in chunk_of.items():
+        if chunk != current:
+            first, current = index, chunk
         for arg in program.instructions[index].args:
-            if chunk_of.get(arg, chunk) != chunk:
+            if arg < first and arg in chunk_of:
                 slots.setdefault(arg, len(slots))
     return slots
 
@@ -152,15 +156,21 @@ class _Writer:
         text: dict[int, str] = {}
         note = ""
         known: list[dict[int, str]] = [{} for _ in lines]
+        chunk_of, notes = self.chunk_of, self.program.notes
         for index, instruction in enumerate(self.program.instructions):
-            chunk = self.chunk_of.get(index)
-            note = self.program.notes.get(index, note)
+            chunk = chunk_of.get(index)
+            note = notes.get(index, note)
             if chunk is None:
                 if index in self.turns or not instruction.args:
                     text[index] = self._leaf(index)
                 continue
-            args = [self._argument(arg, chunk, text, known[chunk], lines[chunk]) for arg in instruction.args]
-            expression = self._write(index, args)
+            expression = self._write(
+                index,
+                [
+                    text[arg] if chunk_of.get(arg, chunk) == chunk else self._handed(arg, known[chunk], lines[chunk])
+                    for arg in instruction.args
+                ],
+            )
             if self._is_inlined(index, expression):
                 text[index] = expression
                 continue
@@ -206,10 +216,8 @@ class _Writer:
             return self.scalar.literal(instruction.leaf)
         return f"{instruction.leaf[0]}[{instruction.leaf[1]}]"
 
-    def _argument(self, arg: int, chunk: int, text: dict[int, str], known: dict[int, str], lines: list[str]) -> str:
-        """The text of an argument; one from an earlier chunk is loaded once."""
-        if arg not in self.chunk_of or self.chunk_of[arg] == chunk:
-            return text[arg]
+    def _handed(self, arg: int, known: dict[int, str], lines: list[str]) -> str:
+        """The text of an argument from an earlier chunk, which is loaded once."""
         if arg not in known:
             lines.append(f"const {self.scalar.name} t{arg} = w[{self.slots[arg]}];")
             known[arg] = f"t{arg}"
@@ -239,17 +247,17 @@ class _Writer:
         return self._expression(instruction.op, args)
 
     def _expression(self, op: str, args: Sequence[str]) -> str:
-        if op in ("sin", "cos"):
-            return f"{op}{self.scalar.suffix}({args[0]})"
+        if op == "mul":
+            return f"{_factor(args[0], leading=True)}*{_factor(args[1])}"
+        if op == "add":
+            return f"{args[0]} + {_term(args[1])}"
+        if op == "sub":
+            return f"{args[0]} - {_term(args[1])}"
         if op == "neg":
             return f"-{_factor(args[0])}"
-        x, y = args
-        if op == "add":
-            return f"{x} + {_term(y)}"
-        if op == "sub":
-            return f"{x} - {_term(y)}"
-        sign = "*" if op == "mul" else "/"
-        return f"{_factor(x, leading=True)}{sign}{_factor(y)}"
+        if op == "div":
+            return f"{_factor(args[0], leading=True)}/{_factor(args[1])}"
+        return f"{op}{self.scalar.suffix}({args[0]})"
 
 
 def _stored(places: Sequence[str], value: str) -> list[str]:
@@ -259,7 +267,7 @@ def _stored(places: Sequence[str], value: str) -> list[str]:
 
 
 def _is_sum(text: str) -> bool:
-    return " " in _outside_brackets(text)
+    return " " in text and " " in _outside_brackets(text)
 
 
 def _is_product(text: str) -> bool:
@@ -268,12 +276,9 @@ def _is_product(text: str) -> bool:
 
 
 def _outside_brackets(text: str) -> str:
-    depth, kept = 0, []
-    for letter in text:
-        depth += (letter == "(") - (letter == ")")
-        if depth == 0:
-            kept.append(letter)
-    return "".join(kept)
+    while "(" in text:
+        text = _BRACKETS.sub("", text)
+    return text
 
 
 def _term(text: str) -> str:

@@ -22,10 +22,9 @@ import sympy as sp
 from eomgen.errors import InternalError
 from eomgen.robot.value import ANGULAR, COORDINATES, LINEAR
 
-Matrix = Any  # sympy.ImmutableMatrix: SymPy's matrices carry no usable types
+from .facts import LEMMA_7, SHARPER, ZeroPair
 
-LEMMA_7 = "lemma (7): two translations"
-SHARPER = "sharper lemma: nothing downstream turns a translation"
+Matrix = Any  # sympy.ImmutableMatrix: SymPy's matrices carry no usable types
 
 
 @dataclass(frozen=True)
@@ -65,19 +64,6 @@ class JointDerivatives:
 
     first: Mapping[str, Matrix]
     second: Mapping[tuple[str, str], Matrix]
-
-
-@dataclass(frozen=True)
-class ZeroPair:
-    """A pair of coordinates whose second derivative of A_0k is proved to vanish identically.
-
-    Both coordinates belong to one joint (``same_joint``), or ``first`` to a joint upstream of that of ``second``.
-    """
-
-    first: str
-    second: str
-    same_joint: bool
-    reason: str
 
 
 @cache

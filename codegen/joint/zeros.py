@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from eomgen.robot.model import Model
 from eomgen.robot.value import ANGULAR, COORDINATES
 
-from . import lemmas as joint
+from . import facts
+from .kept import KEPT
 
 Mask = NDArray[np.bool_]
 
@@ -115,26 +116,24 @@ class _Structure:
         if self.motor.any():
             yield ROTOR, (self.motor[:, None] | self.motor) & ~np.eye(len(self.motor), dtype=bool)
         yield TREE, ~self.related
-        orthogonal = _table(joint.prove_translations_orthogonal())
+        orthogonal = _table(KEPT.orthogonal)
         yield ORTHOGONAL, self.same & self._look_up(orthogonal | orthogonal.T)
         yield COAXIAL, self.coaxial | self.coaxial.T
 
     def christoffel_rules(self) -> Iterator[tuple[str, Mask]]:
         """Zeros of C_s,vw for v <= w; masks broadcast over [s, v, w]."""
-        joint.prove_antisymmetry()
         s, v, w = np.ix_(*(np.arange(len(self.names)),) * 3)
         if self.motor.any():
             yield ROTOR, self.motor[s] | self.motor[v] | self.motor[w]
         together = self.related[s, v] & self.related[s, w] & self.related[v, w]
         yield TREE, ~together
-        yield LEMMA_7, self._second_derivative_zero(joint.LEMMA_7)[v, w]
-        yield SHARPER, self._second_derivative_zero(joint.SHARPER)[v, w]
+        yield LEMMA_7, self._second_derivative_zero(facts.LEMMA_7)[v, w]
+        yield SHARPER, self._second_derivative_zero(facts.SHARPER)[v, w]
         yield GYRO, (s == w) & self.before[v, w]
         yield COAXIAL, self.coaxial[s, v] & self.before[v, w] | self.coaxial[s, w] & self.before[w, v]
 
     def coaxial_swaps(self) -> int:
         """Pairs C_i,jk = -C_l,mk of coaxial (i, m) and (l, j), the joint of j downstream of that of i."""
-        joint.prove_coaxial_swap()
         turns = np.flatnonzero(self.coaxial.any(axis=0))  # one rotation at most in each joint
         above = self.before[np.ix_(turns, turns)] & ~np.eye(len(turns), dtype=bool)
         moved = self.before[turns].sum(axis=1)  # coordinates at or after a rotation: the values of k
@@ -142,7 +141,7 @@ class _Structure:
 
     def _second_derivative_zero(self, reason: str) -> Mask:
         """(v, w) with v before w in the chain, whose second derivative the named lemma proves zero."""
-        pairs = [pair for pair in joint.prove_second_derivative_zeros() if pair.reason == reason]
+        pairs = [pair for pair in KEPT.zero_pairs if pair.reason == reason]
         same = _table([(pair.first, pair.second) for pair in pairs if pair.same_joint])
         apart = _table([(pair.first, pair.second) for pair in pairs if not pair.same_joint])
         zero: Mask = self.before & np.where(self.same, self._look_up(same), self._look_up(apart))
@@ -150,7 +149,7 @@ class _Structure:
 
     def _coaxial(self, model: Model) -> Mask:
         """(s, v): a translation, and its joint's first active rotation on the same axis."""
-        found = _table(joint.prove_coaxial())
+        found = _table(KEPT.coaxial)
         turned = [{*body.active, *model.offset_angles(body.joint)} for body in model.bodies]
         turns = [next((name for name in ANGULAR if name in angles), None) for angles in turned]
         is_first = np.array([turns[k] == COORDINATES[i] for k, i in zip(self.body, self.names, strict=True)])

@@ -16,13 +16,12 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
-from .operations import CALLS, OPERATIONS, VALUES
+from .operations import ARITY, CALLS, OPERATIONS, VALUES
 
 
-@dataclass(frozen=True)
-class Instruction:
+class Instruction(NamedTuple):
     """One value: an operation, its arguments by index; ``leaf`` is a constant's number or an input's (array, index)."""
 
     op: str
@@ -122,26 +121,25 @@ class Graph:
             x, y = y, x
         if not isinstance(x, Node):
             return x + y
-        minus_x = self._negated(x)
         if not isinstance(y, Node):
             if y == 0.0:
                 return x
             y = self.constant(y)
-        minus_y = self._negated(y)
-        if minus_x is not None and minus_y is not None:
-            return self.neg(self.add(minus_x, minus_y))
-        if minus_y is not None:
-            return self.sub(x, minus_y)
-        if minus_x is not None:
-            return self.sub(y, minus_x)
-        for one, other in ((x, y), (y, x)):  # (a - b) + b
-            difference = self._args("sub", one)
-            if difference is not None and difference[1] == other.index:
-                return Node(self, difference[0])
+        i, j = x.index, y.index
+        one, other = self.instructions[i], self.instructions[j]
+        if one.op == "neg":
+            minus_x = Node(self, one.args[0])
+            return self.neg(self.add(minus_x, Node(self, other.args[0]))) if other.op == "neg" else self.sub(y, minus_x)
+        if other.op == "neg":
+            return self.sub(x, Node(self, other.args[0]))
+        if one.op == "sub" and one.args[1] == j:  # (a - b) + b
+            return Node(self, one.args[0])
+        if other.op == "sub" and other.args[1] == i:
+            return Node(self, other.args[0])
         merged = self._merged_constants(x, y)
         if merged is not None:
             return merged
-        return self._binary("add", x, y) if x.index <= y.index else self._binary("add", y, x)
+        return self._node("add", (i, j) if i <= j else (j, i))
 
     def sub(self, x: Value, y: Value) -> Value:
         """x - y."""
@@ -150,15 +148,17 @@ class Graph:
         if not isinstance(x, Node):
             if x == 0.0:
                 return self.neg(y)
-            minus_y = self._negated(y)
-            return self._binary("sub", self.constant(x), y) if minus_y is None else self.add(minus_y, x)
+            found = self.instructions[y.index]
+            if found.op == "neg":
+                return self.add(Node(self, found.args[0]), x)
+            return self._binary("sub", self.constant(x), y)
         if x.index == y.index:
             return 0.0
-        minus_x, minus_y = self._negated(x), self._negated(y)
-        if minus_y is not None:
-            return self.add(x, minus_y)
-        if minus_x is not None:
-            return self.neg(self.add(minus_x, y))
+        one, other = self.instructions[x.index], self.instructions[y.index]
+        if other.op == "neg":
+            return self.add(x, Node(self, other.args[0]))
+        if one.op == "neg":
+            return self.neg(self.add(Node(self, one.args[0]), y))
         cancelled = self._cancelled(x, y)
         if cancelled is not None:
             return cancelled
@@ -167,14 +167,13 @@ class Graph:
 
     def _cancelled(self, x: Node, y: Node) -> Value | None:
         """x - y where a summand of one is the other: (a + y) - y, x - (x + b), x - (x - b), (y - b) - y."""
-        for one, other, sign in ((x, y, 1), (y, x, -1)):
-            total = self._args("add", one)
-            if total is not None and other.index in total:
-                rest = Node(self, total[1] if total[0] == other.index else total[0])
+        for one, other, sign in ((x, y.index, 1), (y, x.index, -1)):
+            op, args, _ = self.instructions[one.index]
+            if op == "add" and other in args:
+                rest = Node(self, args[1] if args[0] == other else args[0])
                 return rest if sign > 0 else self.neg(rest)
-            difference = self._args("sub", one)
-            if difference is not None and difference[0] == other.index:
-                rest = Node(self, difference[1])
+            if op == "sub" and args[0] == other:
+                rest = Node(self, args[1])
                 return self.neg(rest) if sign > 0 else rest
         return None
 
@@ -187,20 +186,16 @@ class Graph:
 
     def _split_constant(self, x: Node) -> tuple[Value, float | None]:
         """x as (rest, constant): a constant itself, c + rest, or c - rest."""
-        found = self.instructions[x.index]
-        if found.op == "const":
-            return 0.0, found.leaf
-        for op in ("add", "sub"):
-            if found.op == op:
-                for arg, other in (found.args, found.args[::-1]) if op == "add" else (found.args,):
-                    if self.instructions[arg].op == "const":
-                        rest = Node(self, other)
-                        return (rest if op == "add" else self.neg(rest)), self.instructions[arg].leaf
+        op, args, leaf = self.instructions[x.index]
+        if op == "const":
+            return 0.0, leaf
+        if op in ("add", "sub"):
+            for arg, other in (args, args[::-1]) if op == "add" else (args,):
+                found = self.instructions[arg]
+                if found.op == "const":
+                    rest = Node(self, other)
+                    return (rest if op == "add" else self.neg(rest)), found.leaf
         return x, None
-
-    def _args(self, op: str, x: Node) -> tuple[int, ...] | None:
-        found = self.instructions[x.index]
-        return found.args if found.op == op else None
 
     def mul(self, x: Value, y: Value) -> Value:
         """x y; signs move outwards, constants inwards."""
@@ -210,15 +205,18 @@ class Graph:
             return x * y
         if not isinstance(y, Node):
             return self._scaled(y, x)
-        minus_x, minus_y = self._negated(x), self._negated(y)
-        if minus_x is not None or minus_y is not None:
-            product = self.mul(x if minus_x is None else minus_x, y if minus_y is None else minus_y)
-            return product if minus_x is not None and minus_y is not None else self.neg(product)
-        for inner, other in ((x, y), (y, x)):  # c x y: keep the constant where it can meet another one
-            found = self.instructions[inner.index]
-            if found.op == "const":
-                return self._scaled(found.leaf, other)
-        return self._binary("mul", x, y) if x.index <= y.index else self._binary("mul", y, x)
+        i, j = x.index, y.index
+        one, other = self.instructions[i], self.instructions[j]
+        if one.op == "neg" or other.op == "neg":
+            product = self.mul(
+                Node(self, one.args[0]) if one.op == "neg" else x, Node(self, other.args[0]) if other.op == "neg" else y
+            )
+            return product if one.op == other.op else self.neg(product)
+        if one.op == "const":  # c x y: keep the constant where it can meet another one
+            return self._scaled(one.leaf, y)
+        if other.op == "const":
+            return self._scaled(other.leaf, x)
+        return self._node("mul", (i, j) if i <= j else (j, i))
 
     def div(self, x: Value, y: Value) -> Value:
         """x / y."""
@@ -234,32 +232,26 @@ class Graph:
         """-x."""
         if not isinstance(x, Node):
             return -x
-        minus_x, number = self._negated(x), self._number(x)
-        if number is not None:
-            return -number
-        return self._node("neg", (x.index,)) if minus_x is None else minus_x
+        found = self.instructions[x.index]
+        if found.op == "const":
+            return -float(found.leaf)
+        return Node(self, found.args[0]) if found.op == "neg" else self._node("neg", (x.index,))
 
     def _scaled(self, factor: float, x: Node) -> Value:
         if factor == 0.0:
             return 0.0
         if factor < 0.0:
             return self.neg(self._scaled(-factor, x))
-        minus_x = self._negated(x)
-        if minus_x is not None:
-            return self.neg(self._scaled(factor, minus_x))
+        found = self.instructions[x.index]
+        if found.op == "neg":
+            return self.neg(self._scaled(factor, Node(self, found.args[0])))
         if factor == 1.0:
             return x
-        found = self.instructions[x.index]
         if found.op == "const":
             return factor * float(found.leaf)
         if found.op == "mul" and self.instructions[found.args[0]].op == "const":
             return self._scaled(factor * self.instructions[found.args[0]].leaf, Node(self, found.args[1]))
         return self._binary("mul", self.constant(factor), x)
-
-    def _negated(self, x: Node) -> Node | None:
-        """The node that x is the negative of, or None."""
-        found = self.instructions[x.index]
-        return Node(self, found.args[0]) if found.op == "neg" else None
 
     def _binary(self, op: str, x: Node, y: Node) -> Value:
         a, b = self._number(x), self._number(y)
@@ -276,7 +268,7 @@ class Graph:
         index = self._interned.get(key)
         if index is None:
             index = self._interned[key] = len(self.instructions)
-            self.instructions.append(Instruction(op, args, leaf))
+            self.instructions.append(Instruction._make(key))
         return Node(self, index)
 
 
@@ -327,7 +319,7 @@ def select(
         if alive[index]:
             for arg in instructions[index].args:
                 alive[arg] = True
-    renumbered: dict[int, int] = {}
+    renumbered = [-1] * len(instructions)
     kept: list[Instruction] = []
     kept_notes: dict[int, str] = {}
     for index, instruction in enumerate(instructions):
@@ -335,8 +327,12 @@ def select(
             kept_notes[len(kept)] = notes[index]
         if alive[index]:
             renumbered[index] = len(kept)
-            args = tuple(renumbered[arg] for arg in instruction.args)
-            kept.append(Instruction(instruction.op, args, instruction.leaf))
+            args = instruction.args
+            if args:
+                moved = tuple([renumbered[arg] for arg in args])
+                if moved != args:
+                    instruction = Instruction(instruction.op, moved, instruction.leaf)
+            kept.append(instruction)
     kept_notes.pop(len(kept), None)
     return Program(name, tuple(kept), {key: renumbered[index] for key, index in outputs.items()}, kept_notes)
 
@@ -348,11 +344,12 @@ def verify(program: Program) -> Program:
         AssertionError: an unknown operation, a wrong number of arguments, an argument that is not defined before, a
             constant that is not finite, or an output that does not exist.
     """
-    for index, (op, args, leaf) in enumerate((i.op, i.args, i.leaf) for i in program.instructions):
-        assert op in OPERATIONS, f"{program.name}: value {index}, unknown operation {op}"
-        arity = OPERATIONS[op].arity
+    for index, (op, args, leaf) in enumerate(program.instructions):
+        assert op in ARITY, f"{program.name}: value {index}, unknown operation {op}"
+        arity = ARITY[op]
         assert len(args) == arity, f"{program.name}: value {index}, {op} takes {arity} arguments"
-        assert all(0 <= arg < index for arg in args), f"{program.name}: value {index} uses a later one"
+        for arg in args:
+            assert 0 <= arg < index, f"{program.name}: value {index} uses a later one"
         assert (leaf is None) == (arity > 0), f"{program.name}: value {index}, leaf {leaf!r} of {op}"
         assert op != "const" or math.isfinite(leaf), f"{program.name}: value {index} is {leaf!r}"
     for key, index in program.outputs.items():

@@ -81,6 +81,7 @@ OPERATIONS: Mapping[str, Operation] = MappingProxyType(
         ),
     }
 )
+ARITY = {name: op.arity for name, op in OPERATIONS.items()}
 CALLS: Mapping[str, Operation] = MappingProxyType({name: op for name, op in OPERATIONS.items() if op.function})
 VALUES: Mapping[str, Callable[..., Any]] = MappingProxyType(
     {name: op.value for name, op in OPERATIONS.items() if op.value is not None}

@@ -67,7 +67,7 @@ def factor_sums(program: Program) -> Program:
     for index, instruction in enumerate(program.instructions):
         if instruction.op in SUMS and not inner[index]:
             groups = _groups(_summands(program, index, inner), program, count)
-            if any(len(group.parts) > 1 for group in groups):
+            if groups:
                 plans[index] = groups
     return _rebuilt(program, plans) if plans else program
 
@@ -86,9 +86,9 @@ class _Group:
 def _inner_sums(program: Program, count: Sequence[int]) -> list[bool]:
     """Whether a value is a sum that only another sum uses, once."""
     inner = [False] * len(program.instructions)
-    for instruction in program.instructions:
-        if instruction.op in SUMS:
-            for arg in instruction.args:
+    for op, args, _ in program.instructions:
+        if op in SUMS:
+            for arg in args:
                 inner[arg] = count[arg] == 1 and program.instructions[arg].op in SUMS
     return inner
 
@@ -99,7 +99,7 @@ def _summands(program: Program, index: int, inner: Sequence[bool]) -> list[tuple
     waiting = [(1, index)]
     while waiting:
         sign, value = waiting.pop()
-        op, args = program.instructions[value].op, program.instructions[value].args
+        op, args, _ = program.instructions[value]
         if value != index and not inner[value]:
             found.append((sign, value))
         elif op == "neg":
@@ -110,9 +110,12 @@ def _summands(program: Program, index: int, inner: Sequence[bool]) -> list[tuple
 
 
 def _groups(summands: list[tuple[int, int]], program: Program, count: Sequence[int]) -> list[_Group]:
-    """The summands, those with a common factor together, at the place of the first of them."""
-    products = {value for _, value in summands if program.instructions[value].op == "mul" and count[value] == 1}
-    often = Counter(arg for value in products for arg in set(program.instructions[value].args))
+    """The summands, those with a common factor together, at the place of the first of them; none if all stay alone."""
+    products = {value for _, value in summands if count[value] == 1 and program.instructions[value].op == "mul"}
+    factors = [arg for value in products for arg in set(program.instructions[value].args)]
+    if len(set(factors)) == len(factors):
+        return []
+    often = Counter(factors)
     groups: list[_Group] = []
     open_groups: dict[int, _Group] = {}
     for sign, value in summands:
@@ -127,12 +130,13 @@ def _groups(summands: list[tuple[int, int]], program: Program, count: Sequence[i
             open_groups[factor] = _Group(factor, [])
             groups.append(open_groups[factor])
         open_groups[factor].parts.append((sign, rest))
-    return groups
+    return groups if any(len(group.parts) > 1 for group in groups) else []
 
 
 def _rebuilt(program: Program, plans: Mapping[int, list[_Group]]) -> Program:
     """The program with the planned sums written anew."""
-    graph, made = Graph(), dict[int, Node]()
+    graph, made = Graph(), list[Node]()
+    folded: set[int] = set()  # values that have turned out to be numbers
 
     def total(parts: list[tuple[int, Value]]) -> Value:
         parts = sorted(parts, key=lambda part: part[0] < 0)  # a positive one in front saves the sign
@@ -141,7 +145,7 @@ def _rebuilt(program: Program, plans: Mapping[int, list[_Group]]) -> Program:
             value = graph.add(value, part) if sign > 0 else graph.sub(value, part)
         return value
 
-    for index, instruction in enumerate(program.instructions):
+    for index, (op, args, leaf) in enumerate(program.instructions):
         if index in program.notes:
             graph.note(program.notes[index])
         if index in plans:
@@ -151,13 +155,14 @@ def _rebuilt(program: Program, plans: Mapping[int, list[_Group]]) -> Program:
                 inside = total([(sign * s, made[value]) for s, value in group.parts])
                 parts.append((sign, inside if group.factor is None else graph.mul(inside, made[group.factor])))
             value = total(parts)
-            made[index] = value if isinstance(value, Node) else graph.constant(value)
-        elif any(_number(made[arg]) is not None for arg in instruction.args if program.instructions[arg].op != "const"):
-            value = _folded(graph, instruction.op, [made[arg] for arg in instruction.args])
-            made[index] = value if isinstance(value, Node) else graph.constant(value)
+        elif folded and not folded.isdisjoint(args):
+            value = _folded(graph, op, [made[arg] for arg in args])
         else:
-            args = tuple(made[arg].index for arg in instruction.args)
-            made[index] = graph.insert(instruction.op, args, instruction.leaf)
+            made.append(graph.insert(op, tuple([made[arg].index for arg in args]), leaf))
+            continue
+        made.append(value if isinstance(value, Node) else graph.constant(value))
+        if _number(made[index]) is not None:
+            folded.add(index)
     return finish(graph, program.name, {key: made[index] for key, index in program.outputs.items()})
 
 
@@ -208,17 +213,13 @@ def hoist_parameters(programs: Sequence[Program], parameters: int) -> tuple[Prog
 
 def _hoist(program: Program, setup: Graph, slots: dict[int, int]) -> Program:
     """One program with every value that depends on parameters alone read from "h"."""
-    count = len(program.instructions)
-    reads_parameters = [False] * count
-    reads_state = [False] * count
-    for index, instruction in enumerate(program.instructions):
-        if instruction.op == "input":
-            reads_parameters[index] = instruction.leaf[0] == PARAMETERS
-            reads_state[index] = not reads_parameters[index]
-        for arg in instruction.args:
-            reads_parameters[index] |= reads_parameters[arg]
-            reads_state[index] |= reads_state[arg]
-    early = [reads_parameters[i] and not reads_state[i] for i in range(count)]
+    reads: list[int] = []  # 1: parameters, 2: the state, 3: both, 0: neither
+    for op, args, leaf in program.instructions:
+        found = 0 if op != "input" else 1 if leaf[0] == PARAMETERS else 2
+        for arg in args:
+            found |= reads[arg]
+        reads.append(found)
+    early = [found == 1 for found in reads]
     wanted = {arg for i, x in enumerate(program.instructions) if not early[i] for arg in x.args if early[arg]}
     wanted.update(index for index in program.outputs.values() if early[index])
     moved: dict[int, Node] = {}

@@ -66,24 +66,23 @@ class Arithmetic:
         stand side by side.
         """
         values: list[Any] = []
-        number, rows = self.dtype.type, np.tile(self._rounding, repeats)
-        for index, instruction in enumerate(program.instructions):
-            op, args = instruction.op, instruction.args
-            if op == "input":
-                values.append(inputs[instruction.leaf[0]][instruction.leaf[1]])
-                continue
-            if op == "const":
-                values.append(number(instruction.leaf))
-                continue
+        number, rows = self.dtype.type, list(np.tile(self._rounding, repeats))
+        for index, (op, args, leaf) in enumerate(program.instructions):
             operator = _OPERATORS.get(op)
             if operator is not None:
                 value = operator(values[args[0]], values[args[1]]) if len(args) == 2 else operator(values[args[0]])
+            elif op == "input":
+                values.append(inputs[leaf[0]][leaf[1]])
+                continue
+            elif op == "const":
+                values.append(number(leaf))
+                continue
             elif op in ("sin", "cos"):
                 value = self.turn(values[args[0]])[op == "cos"]
             else:
                 value = self._called(op, [values[arg] for arg in args])
             values.append(value * rows[index % _ROWS] if rounding and op not in _EXACT else value)
-        return _arrays(program, values, rows.shape[1], self.dtype)
+        return _arrays(program, values, rows[0].size, self.dtype)
 
     @staticmethod
     def has_no_choice(program: Program) -> bool:

@@ -1,5 +1,5 @@
 """Joint blocks bound to numbers along the tree: eqs. (5), (11) and (12), poses, constraints, derivatives.
 
-The same code works on symbols, floats and nodes of a program; SymPy ends in ``frozen_joints``.
+The same code works on symbols, floats and nodes of a program; ``frozen_joints`` begins where SymPy ends.
 Uses robot and joint.
 """

@@ -1,48 +1,25 @@
-"""The one place where SymPy ends and the program begins.
+"""The one place where the program begins: joints as what SymPy has left of them.
 
-``freeze`` turns a joint's SymPy step (``eomgen.codegen.joint.lemmas``) into rows of plain factors of 1, sine and
-cosine, and ``geometry`` evaluates these rows on any scalar along the tree.
+``freeze`` gives a joint's step as rows of plain factors of 1, sine and cosine (``eomgen.codegen.joint.freezing`` takes
+them from SymPy), and ``geometry`` evaluates these rows on any scalar along the tree.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
-
-import sympy
 
 from eomgen.robot.model import Model
 
-from ..joint.lemmas import step
+from ..joint.facts import FrozenStep
+from ..joint.kept import KEPT
 from .bound import Bound
 from .spatial import Mat, Scalar, Vec, add, matvec
 
 
-@dataclass(frozen=True)
-class FrozenStep:
-    """An elementary transform of eq. (3): along or about ``axis``; rotation[i][j] = (1, sine, cosine) factors."""
-
-    is_rotation: bool
-    axis: int
-    rotation: tuple[tuple[tuple[float, float, float], ...], ...]
-
-
-@cache
 def freeze(coordinate: str) -> FrozenStep:
     """Step of one coordinate ("x" ... "gamma") without SymPy."""
-    source = step(coordinate)
-    sin, cos = sympy.sin(source.symbol), sympy.cos(source.symbol)
-    factors = []
-    for i in range(3):
-        row = []
-        for j in range(3):
-            entry = sympy.expand(source.rotation[i, j])
-            one = entry.subs({sin: 0, cos: 0})
-            row.append((float(one), float(entry.coeff(sin)), float(entry.coeff(cos))))
-            assert sympy.expand(entry - one - entry.coeff(sin) * sin - entry.coeff(cos) * cos) == 0
-        factors.append(tuple(row))
-    return FrozenStep(source.is_rotation, source.axis, tuple(factors))
+    return KEPT.steps[coordinate]
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import glob
 import os
-import secrets
 import stat
 import time
 from collections.abc import Callable, Iterator
@@ -76,7 +75,7 @@ def write_atomically(target: Path, write: Callable[[Any], None]) -> Path:
     Raises:
         InputError: the folder or the file cannot be written.
     """
-    temporary = target.with_name(f".{target.name}-{os.getpid()}-{secrets.token_hex(4)}")
+    temporary = target.with_name(f".{target.name}-{os.getpid()}-{os.urandom(4).hex()}")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         try:

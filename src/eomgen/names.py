@@ -5,8 +5,6 @@ Nothing of a description goes into a message or a file before it went through th
 
 from __future__ import annotations
 
-import difflib
-import html
 import keyword
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -90,6 +88,8 @@ def listed(names: Iterable[str], most: int = 8) -> str:
 
 def html_table(title: str, rows: Mapping[str, object]) -> str:
     """A small table in HTML: a title, and a line for every name and its value."""
+    import html  # takes as long to import as all of this module
+
     lines = "".join(f"<tr><td>{html.escape(k)}</td><td>{html.escape(str(x))}</td></tr>" for k, x in rows.items())
     return f"<table><caption>{html.escape(title)}</caption>{lines}</table>"
 
@@ -148,6 +148,8 @@ def _nearest(name: str, allowed: Iterable[str]) -> str | None:
         if pairs < 0:
             break
         candidates.append(item)
+    import difflib  # likewise
+
     found = difflib.get_close_matches(name, candidates, 1, 0.6)
     return found[0] if found else None
 

@@ -32,6 +32,8 @@ PAGE, ARGUMENTS = ROOT / "docs" / "mutation.md", ROOT / "benchmarks" / "mutation
 NASTY = [
     ("joint.lemmas", "A[i, j], A[j, i] = -sp.sin(s), sp.sin(s)", "A[i, j], A[j, i] = sp.sin(s), -sp.sin(s)", "joint"),
     ("joint.lemmas", "if i < j and _trace(", "if _trace(", "joint"),
+    ("joint.freezing", "float(by_sin), float(by_cos)", "float(by_cos), float(by_sin)", "joint"),
+    ("joint.kept", "is_rotation=True,\n                axis=2,", "is_rotation=True,\n                axis=1,", "joint"),
     ("joint.zeros", "(s == w) & self.before[v, w]", "(s == v) & self.before[v, w]", "zeros"),
     ("joint.zeros", "self.same & self._look_up(found) & is_first", "self.same & self._look_up(found)", "zeros"),
     ("closed_form.trace", "_trace(DH, D2)", "_trace(D, D2)", "small tree"),
@@ -104,7 +106,10 @@ def test_all_that_imports_a_changed_module_is_imported_anew() -> None:
 
 def test_what_imports_a_module_is_found() -> None:
     found = dependents("joint.lemmas")
-    assert {"joint.zeros", "tree.frozen_joints", "closed_form.trace", "kernels.equations", "c.sources"} <= found
+    assert {"joint.freezing", "closed_form.trace"} <= found
+    assert {"tree.frozen_joints", "kernels.equations"}.isdisjoint(found)
+    found = dependents("joint.kept")
+    assert {"joint.zeros", "tree.frozen_joints", "kernels.equations", "c.sources"} <= found
     assert "joint.lemmas" not in dependents("tree.recursion")
     assert dependents("c.sources") == {"c.sources"}
 

@@ -106,6 +106,9 @@ def check_joint() -> None:
     tests.test_lemmas_name_exactly_the_zero_second_derivatives()
     tests.test_lemma_7_and_the_sharper_lemma_are_told_apart()
     tests.test_relations_inside_a_joint()
+    tests.test_what_is_kept_is_what_is_derived()
+    for name in COORDINATES:
+        tests.test_frozen_steps_have_the_values_of_symbolic_ones(name)
     text = tests.text_now()
     for wrong in tests.WRONG:
         if text.count(wrong[0]) == 1:  # else a mutant has changed that very piece
@@ -234,7 +237,8 @@ KERNELS = (
 )
 SOLVERS = ("forward_dynamics", "implicit_step")
 PART_OF: dict[str, tuple[str, ...]] = {  # kernels that a module takes part in, where it is not all
-    "joint.lemmas": ("inverse_dynamics", "kinematics"),
+    "joint.facts": ("inverse_dynamics", "kinematics"),
+    "joint.kept": ("inverse_dynamics", "kinematics"),
     "tree.recursion": (
         "inverse_dynamics",
         "bias_force",
@@ -275,7 +279,9 @@ def checks(module: str) -> list[Check]:
     """The checks that look at a module, the most deadly ones first."""
     full_name(module)  # raises where there is none
     kernels = kernel_checks(PART_OF.get(module, KERNELS))
-    if module == "joint.lemmas":
+    if module in ("joint.lemmas", "joint.freezing"):
+        return [check_joint]
+    if module in ("joint.facts", "joint.kept"):
         return [check_joint, *kernels[:3], check_zeros]
     if module == "joint.zeros":
         return [check_zeros]

@@ -8,7 +8,6 @@ the joints form a tree, that an inertia is one of a body, are the reader's alone
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 from ..description.keys import ROBOT
 from ..errors import InputError
@@ -24,7 +23,6 @@ FORMATS: dict[str, tuple[Form, str]] = {
     "plan": (PLAN, "Plan of a sweep of eomgen"),
 }
 _DRAFT = "http://json-schema.org/draft-07/schema#"
-_FOLDER = Path(__file__).parents[1] / "schemas"
 
 
 def schema_of(name: str) -> Json:
@@ -50,8 +48,3 @@ def schema_of(name: str) -> Json:
 def schema_text(name: str) -> str:
     """The schema as JSON, ended by a newline; errors as ``schema_of``."""
     return json.dumps(schema_of(name), indent=1) + "\n"
-
-
-def schema_path(name: str) -> Path:
-    """The file of the schema in the package, which an editor can be pointed to."""
-    return _FOLDER / f"{name}.schema.json"

@@ -3,14 +3,38 @@
 Uses runtime, robot, forms, description, codegen (joint), templates, pipeline, simulation, analysis and sweep.
 """
 
-from .analysis import plot_budget, plot_compliance, plot_response, plot_tracks
-from .browser import View
-from .energy import plot_energy, plot_tracking
-from .page import Report, report_of
-from .robot import plot_robot
-from .simulation import plot_deviations, plot_result, plot_tool
-from .sweep import plot_sweep
-from .zeros import plot_zeros
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .analysis import plot_budget, plot_compliance, plot_response, plot_tracks
+    from .browser import View
+    from .energy import plot_energy, plot_tracking
+    from .page import Report, report_of
+    from .robot import plot_robot
+    from .simulation import plot_deviations, plot_result, plot_tool
+    from .sweep import plot_sweep
+    from .zeros import plot_zeros
+
+_MODULES = {  # one of them is imported when a name of it is first used: a figure of one thing waits for no other
+    "plot_budget": "analysis",
+    "plot_compliance": "analysis",
+    "plot_response": "analysis",
+    "plot_tracks": "analysis",
+    "View": "browser",
+    "plot_energy": "energy",
+    "plot_tracking": "energy",
+    "Report": "page",
+    "report_of": "page",
+    "plot_robot": "robot",
+    "plot_deviations": "simulation",
+    "plot_result": "simulation",
+    "plot_tool": "simulation",
+    "plot_sweep": "sweep",
+    "plot_zeros": "zeros",
+}
 
 __all__ = [
     "Report",
@@ -29,3 +53,15 @@ __all__ = [
     "plot_zeros",
     "report_of",
 ]
+
+
+if not TYPE_CHECKING:  # or type checkers would take every name to be there
+
+    def __getattr__(name: str) -> Any:
+        if name not in _MODULES:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING
 
 from ..names import component_name, kind_of
 from .value import LINEAR, MOTOR, Robot
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 UNITS = {"x": "m", "y": "m", "z": "m", "alpha": "rad", "beta": "rad", "gamma": "rad", MOTOR: "rad"}
 MOTIONS = ("x", "y", "z", "rx", "ry", "rz")  # of a frame: displacement (m) and rotation vector (rad)
@@ -32,4 +34,6 @@ def coordinate_names(robot: Robot) -> tuple[str, ...]:
 
 def index_of(names: Sequence[str], wanted: Sequence[str]) -> NDArray[np.intp]:
     """Indices of the wanted coordinates among the names."""
+    import numpy as np  # which keys, schemas and the names above do without
+
     return np.array([names.index(name) for name in wanted], dtype=np.intp)

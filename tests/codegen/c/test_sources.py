@@ -18,10 +18,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from jinja2.meta import find_undeclared_variables
 
 import eomgen
+from eomgen.codegen.c.contexts import header_context, lane_context, number_context
+from eomgen.codegen.c.metadata import kernel_metadata
 from eomgen.codegen.c.scalar_types import SCALARS
-from eomgen.codegen.c.source import Source
+from eomgen.codegen.c.source import Source, environment
 from eomgen.codegen.c.sources import render
 from eomgen.codegen.kernels.equations import Equations, derive_equations
 from eomgen.codegen.package.compile import carried_files
@@ -66,6 +69,21 @@ ROBOTS = {
 @cache
 def equations_of(name: str) -> Equations:
     return derive_equations(build_model(ROBOTS[name]()))
+
+
+def test_templates_ask_for_no_name_that_they_are_not_given() -> None:
+    """Not even where a branch of theirs is not taken."""
+    equations = equations_of("one_link")
+    header = header_context(equations, "float64", kernel_metadata(equations, "float64"), True)
+    alone = {**header, **number_context(equations, "float64")}
+    given = {"kernel.h": header, "kernel.c": alone, "batches.c": {**alone, **lane_context(equations, "float64")}}
+    for name, context in given.items():
+        loader = environment().loader
+        assert loader is not None
+        text = loader.get_source(environment(), f"kernel/{name}.jinja")[0]
+        wanted = find_undeclared_variables(environment().parse(text))
+        assert len(wanted) > 5
+        assert wanted <= context.keys(), name
 
 
 @cache

@@ -13,11 +13,12 @@ import pytest
 import sympy as sp
 
 from eomgen.codegen.joint import lemmas as joint
+from eomgen.codegen.joint.kept import KEPT
 from eomgen.codegen.joint.lemmas import joint_derivatives, joint_transform, step
 from eomgen.errors import InternalError
 from eomgen.robot.geometry import rotation_from_rpy
 from eomgen.robot.value import ANGULAR, COORDINATES, LINEAR
-from tests.support.mutant import mutated
+from tests.support.mutant import FOLDER, mutated
 
 SUBSETS = [active for size in range(7) for active in combinations(COORDINATES, size)]
 
@@ -151,6 +152,33 @@ def test_a_lemma_too_many_or_too_few_is_noticed(pairs: str) -> None:
     other_pairs = f"pairs = tuple({pairs})"
     with changed("pairs = tuple(found)", other_pairs) as other, pytest.raises(InternalError, match="lemma"):
         other.prove_second_derivative_zeros()
+
+
+def test_what_is_kept_is_what_is_derived() -> None:
+    """The module of plain values that builds use, text and values, against all of it derived and proved anew."""
+    name = "eomgen.codegen.joint.freezing"
+    freezing = importlib.import_module(name)
+    derived = freezing.derived_facts()
+    text = FOLDER.joinpath("joint", "kept.py").read_text(encoding="utf-8")
+    assert freezing.text_of(derived) == text, "run: make tables"
+    assert (derived.steps, derived.zero_pairs) == (dict(KEPT.steps), KEPT.zero_pairs)
+    assert (derived.orthogonal, derived.coaxial) == (KEPT.orthogonal, KEPT.coaxial)
+
+
+def test_a_rotation_of_another_form_is_not_frozen() -> None:
+    with changed("A[j, j] = sp.cos(s)", "A[j, j] = sp.cosh(s)"):
+        freezing = importlib.import_module("eomgen.codegen.joint.freezing")
+        with pytest.raises(InternalError, match=r"the proof failed|of another form"):
+            freezing.frozen_step("beta")
+
+
+@pytest.mark.parametrize("coordinate", COORDINATES)
+def test_frozen_steps_have_the_values_of_symbolic_ones(coordinate: str) -> None:
+    found, t = step(coordinate), 0.7
+    expected = np.array(found.rotation.subs(found.symbol, t), dtype=float)
+    frozen = KEPT.steps[coordinate]
+    assert np.allclose(np.array(frozen.rotation) @ (1.0, np.sin(t), np.cos(t)), expected, atol=1e-15)
+    assert (frozen.is_rotation, frozen.axis) == (found.is_rotation, found.axis)
 
 
 def test_what_the_proofs_say() -> None:
