@@ -109,6 +109,18 @@ def test_native_builds_are_compared_within_rounding() -> None:
         assert found.function == name
 
 
+def test_rounding_of_denormal_numbers_is_let_through(built: Build) -> None:
+    """A fused product is not rounded to a denormal number, and an inverse inertia makes that more."""
+    kernel = built(eomgen.load_robot("one_link"))
+    meta, given = json.loads(kernel.source("json")), read_samples(samples(derived(), "float64"))
+    name, state = "inverse_dynamics", STATES.index("denormal")
+    for off, refused in ((100 * 5e-324, False), (1e-300, True)):
+        wrong = {**given, name: given[name].copy()}
+        wrong[name][state] += off
+        found = first_difference(lambda: kernel.raw, meta, wrong, bits=False)
+        assert (found is not None) == refused
+
+
 def derived(name: str = "one_link", *kernels: str) -> Equations:
     return derive_equations(build_model(eomgen.load_robot(name)), kernels)
 
