@@ -29,9 +29,11 @@ from cffi.recompiler import make_c_source, make_py_source
 
 from eomgen._version import __version__
 from eomgen.errors import BuildError
+from eomgen.runtime.levels import BASE
 
 from ..c.source import Source, environment
 from .environment import check_flags, environment_words, expanded
+from .levels import LEVEL_FLAGS
 
 FLAGS = ("-O2", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off")
 NATIVE = ("-march=native", "-ffp-contract=fast")
@@ -116,20 +118,26 @@ def interface() -> dict[str, str]:
     }
 
 
-def own_flags(native: bool) -> tuple[str, ...]:
+def own_flags(native: bool, level: str = BASE) -> tuple[str, ...]:
     """Flags of a kernel's own C, whatever the environment says."""
-    return (*FLAGS, *(NATIVE if native else ()))
+    return (*FLAGS, *(NATIVE if native else LEVEL_FLAGS[level]))
 
 
-def compile_flags(compiler: Compiler, native: bool, further: Sequence[str]) -> tuple[str, ...]:
+def compile_flags(compiler: Compiler, native: bool, further: Sequence[str], level: str = BASE) -> tuple[str, ...]:
     """Flags of a kernel's own C: ours, then those of $CFLAGS, then those that the call gives.
+
+    Args:
+        compiler: with the flags of the environment.
+        native: for this very processor.
+        further: flags of the call.
+        level: of processors, where the code is not native.
 
     Raises:
         BuildError: a flag asks for arithmetic that is not IEEE's, or a response file cannot be read.
     """
     words = expanded(further, "flags")
     check_flags(words, "flags")
-    return (*own_flags(native), *compiler.flags, *words)
+    return (*own_flags(native, level), *compiler.flags, *words)
 
 
 def fuses(flags: Sequence[str]) -> bool:
@@ -163,9 +171,10 @@ def dependencies(source: Source, compiler: Compiler, flags: Sequence[str]) -> di
     }
 
 
-def build_key(source: Source, compiler: Compiler, flags: Sequence[str]) -> str:
-    """Hash of all that a package depends on."""
-    return key_of(dependencies(source, compiler, flags))
+def build_key(source: Source, compiler: Compiler, flags: Sequence[str], *, tried: bool = True) -> str:
+    """Hash of all that a package depends on; another one where nobody could try what was compiled."""
+    parts = dependencies(source, compiler, flags)
+    return key_of(parts if tried else {**parts, "tried": False})
 
 
 def key_of(parts: Mapping[str, Any]) -> str:
@@ -184,8 +193,13 @@ def _template() -> Path:
     return Path(str(environment().get_template("package/package.py.jinja").filename))
 
 
-def write_package(source: Source, compiler: Compiler, flags: Sequence[str], folder: Path) -> None:
+def write_package(source: Source, compiler: Compiler, flags: Sequence[str], folder: Path, level: str = BASE) -> None:
     """Write and compile the package of a kernel into an empty folder of its own.
+
+    Args:
+        source, compiler, flags: what is compiled and how.
+        folder: of the package.
+        level: of processors that the flags are for, or "native".
 
     Raises:
         BuildError: the compiler failed; the message holds its command and what it said.
@@ -194,7 +208,7 @@ def write_package(source: Source, compiler: Compiler, flags: Sequence[str], fold
     (folder / f"{name}.h").write_text(source.header, encoding="ascii")
     (folder / f"{name}.c").write_text(source.code, encoding="ascii")
     (folder / f"{name}.json").write_text(source.meta, encoding="ascii")
-    package = environment().get_template("package/package.py.jinja").render(name=name, version=__version__)
+    package = environment().get_template("package/package.py.jinja").render(name=name, version=__version__, level=level)
     (folder / "__init__.py").write_text(package, encoding="ascii")
     for place, original in carried_files().items():
         (folder / place).parent.mkdir(exist_ok=True)

@@ -17,6 +17,7 @@ from ..names import show
 
 VARIABLE = "EOMGEN_LEVEL"  # of the environment: nothing above this level is used
 BASE = "v1"  # what every processor of the machine's type runs; its binaries lie in the package itself
+NATIVE = "native"  # in place of a level: code for the processor that compiled it
 _V3 = (
     *("cx16", "lahf_lm", "popcnt", "sse4_1", "sse4_2", "ssse3"),
     *("abm", "avx", "avx2", "bmi1", "bmi2", "f16c", "fma", "movbe", "xsave"),
@@ -35,7 +36,6 @@ def machine_levels() -> tuple[str, ...]:
     return LEVELS if wide else (BASE,)
 
 
-@cache
 def supported() -> tuple[str, ...]:
     """Levels that this processor and its system run, the best one last."""
     found = _features()
@@ -104,12 +104,12 @@ def binary_folders(package: Path, base: str) -> list[str]:
 
     Args:
         package: the package's folder; binaries of further levels lie in folders of it.
-        base: the level of the binaries in the folder itself, or what else they were compiled for: those are then used.
+        base: the level of the binaries in the folder itself; if that is NATIVE there are no others.
 
     Raises:
         InputError, BuildError: see ``best_level``.
     """
-    if base not in LEVELS:
+    if base == NATIVE:
         return []
     level = best_level((base, *(level for level in LEVELS if level != base and (package / level).is_dir())))
     return [] if level == base else [str(package / level)]
