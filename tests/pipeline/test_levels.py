@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 import eomgen
-from eomgen.errors import BuildError, InputError
+from eomgen.errors import BuildError, InputError, SingularError
 from eomgen.pipeline import stages
 from eomgen.pipeline.stages import Options, generate
 from eomgen.runtime.levels import LEVELS, VARIABLE, supported
 from tests.support.processors import needs_levels, pretend
 from tests.support.quick_builds import QUICK, Q, answer, as_new_process, one_link, python, without_headers
-from tests.support.random_robots import Array, random_robot
+from tests.support.random_robots import random_robot
 
 STATES = 11  # no multiple of any number of lanes
 IMPORT = """
@@ -28,7 +28,7 @@ IMPORT = """
 """
 
 
-def answers(kernel: eomgen.Kernel, seed: int) -> dict[str, Array]:
+def answers(kernel: eomgen.Kernel, seed: int) -> dict[str, Any]:
     """What every function says of some states, alone and together."""
     rng = np.random.default_rng(seed)
     raw, found = kernel.raw, {}
@@ -37,8 +37,11 @@ def answers(kernel: eomgen.Kernel, seed: int) -> dict[str, Array]:
     for name, function in raw.functions.items():
         extra = (kernel.frame_index(kernel.frames[-1]),) if function.is_framed else ()
         arrays = [given[x] for x in function.reads]
-        found[f"{name} batch"] = kernel.calls.run(name, None, arrays, extra)
-        found[name] = kernel.calls.run(name, None, [array[1] for array in arrays], extra)
+        for what, given_here in ((f"{name} batch", arrays), (name, [array[1] for array in arrays])):
+            try:
+                found[what] = kernel.calls.run(name, None, given_here, extra).tobytes()
+            except SingularError as error:  # some trees cannot be put in motion
+                found[what] = str(error)
     return found
 
 
@@ -61,8 +64,7 @@ def test_all_levels_give_the_same_bits(seed: int, dtype: str, kernels: Any) -> N
     builds = [eomgen.build(robot, kernels=kernels, dtype=dtype, **{"flags": ("-O1",), **way}) for way in ways]
     expected, *others = (answers(kernel, seed) for kernel in builds)
     for found in others:
-        for name, array in expected.items():
-            assert np.array_equal(array, found[name], equal_nan=True), name
+        assert [name for name in expected if expected[name] != found[name]] == []
 
 
 @needs_levels
