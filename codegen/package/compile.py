@@ -33,7 +33,7 @@ from eomgen.runtime.levels import BASE
 
 from ..c.source import Source, environment
 from .environment import check_flags, environment_words, expanded
-from .levels import LEVEL_FLAGS
+from .levels import fuses_unasked, level_flags
 
 FLAGS = ("-O2", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off")
 NATIVE = ("-march=native", "-ffp-contract=fast")
@@ -118,9 +118,9 @@ def interface() -> dict[str, str]:
     }
 
 
-def own_flags(native: bool, level: str = BASE) -> tuple[str, ...]:
+def own_flags(native: bool) -> tuple[str, ...]:
     """Flags of a kernel's own C, whatever the environment says."""
-    return (*FLAGS, *(NATIVE if native else LEVEL_FLAGS[level]))
+    return (*FLAGS, *(NATIVE if native else ()))
 
 
 def compile_flags(compiler: Compiler, native: bool, further: Sequence[str], level: str = BASE) -> tuple[str, ...]:
@@ -137,13 +137,20 @@ def compile_flags(compiler: Compiler, native: bool, further: Sequence[str], leve
     """
     words = expanded(further, "flags")
     check_flags(words, "flags")
-    return (*own_flags(native, level), *compiler.flags, *words)
+    own, given = own_flags(native), (*compiler.flags, *words)
+    chosen = () if native else level_flags(level, compiler, fused=contracts((*own, *given)))
+    return (*own, *chosen, *given)
 
 
 def fuses(flags: Sequence[str]) -> bool:
     """Whether the compiler may fuse products with sums, or the processor may keep more digits than a double has."""
+    return contracts(flags) or sys.maxsize < 2**32 or fuses_unasked(flags)
+
+
+def contracts(flags: Sequence[str]) -> bool:
+    """Whether the compiler is allowed to fuse products with sums."""
     words = [word for word in flags if word.startswith(("-ffp-contract", "-ffp-model", "-fp-model", "--fp-"))]
-    return words[-1:] != ["-ffp-contract=off"] or sys.maxsize < 2**32
+    return words[-1:] != ["-ffp-contract=off"]
 
 
 def toolchain(compiler: Compiler, flags: Sequence[str]) -> dict[str, Any]:

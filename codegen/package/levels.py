@@ -1,10 +1,13 @@
 """Levels of processors that packages are compiled for: their flags, and where there is a choice of them.
 
-The instructions of a level are named one by one, as every gcc and clang of ten years knows them.
+gcc from 12 on takes products beside sums and differences for one fused operation where the processor has it for vectors
+of that size, whatever ``-ffp-contract=off`` says.  So without contraction a level names the instructions that it needs
+and no fused ones: with AVX-512, which has them in its very first set, only what is written as a wide vector is one.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Protocol
 
@@ -12,15 +15,18 @@ from eomgen.errors import BuildError
 from eomgen.names import show
 from eomgen.runtime.levels import BASE, best_level, check_level, machine_levels
 
-_V3 = ("-mavx2", "-mfma")
-LEVEL_FLAGS: Mapping[str, tuple[str, ...]] = {
+_FLAGS: Mapping[str, tuple[str, ...]] = {
     BASE: (),
-    "v3": _V3,
-    "v4": (*_V3, "-mavx512f", "-mavx512bw", "-mavx512cd", "-mavx512dq", "-mavx512vl"),
+    "v3": ("-mavx2",),
+    "v4": ("-mavx2", "-mavx512f", "-mavx512bw", "-mavx512cd", "-mavx512dq"),
 }
+_FUSED: Mapping[str, tuple[str, ...]] = {BASE: (), "v3": ("-mfma",), "v4": ("-mfma", "-mavx512vl")}
+_NARROW = "-mprefer-vector-width=256"  # for what gcc finds to do side by side; vectors of the C are as wide as they are
 _CHOOSING = ("-m", "--machine", "-target", "--target", "-arch")  # what flags begin with that choose a processor
+_TUNING = ("-march", "-mcpu", "-mfma", "-mavx512vl", "--machine")  # and that may bring fused multiply-adds
 _OURS = ("-m", "-mcpu=baseline")  # words of "python -m ziglang cc", and what zig is told by us
-_KNOWN = ("Free Software Foundation", "clang")  # in what gcc and clang say of their version
+_GCC, _CLANG = "Free Software Foundation", "clang"  # in what they say of their version
+_FIRST_GCC = {"v4": 8}  # that knows the flags
 
 
 class Compiling(Protocol):
@@ -48,9 +54,31 @@ def possible_levels(compiler: Compiling, flags: Sequence[str] = ()) -> tuple[str
     """
     words = (*compiler.command[1:], *compiler.flags, *flags)
     chosen = any(word.startswith(_CHOOSING) and word not in _OURS for word in words)
-    if chosen or not any(maker in compiler.version for maker in _KNOWN):
+    if chosen or not (_GCC in compiler.version or _CLANG in compiler.version):
         return (BASE,)
-    return machine_levels()
+    gcc = _gcc(compiler)
+    return tuple(level for level in machine_levels() if gcc is None or gcc >= _FIRST_GCC.get(level, 0))
+
+
+def level_flags(level: str, compiler: Compiling, *, fused: bool) -> tuple[str, ...]:
+    """Flags of a level; ``fused``: with fused multiply-adds, where the level has them."""
+    narrow = (_NARROW,) if level == "v4" and _gcc(compiler) is not None else ()
+    return (*_FLAGS[level], *(_FUSED[level] if fused else narrow))
+
+
+def fuses_unasked(flags: Sequence[str]) -> bool:
+    """Whether flags choose a processor for which gcc may fuse products with sums, though it must not contract."""
+    return any(word.startswith(_TUNING) for word in flags) or (
+        any(word.startswith("-mavx512") for word in flags) and _NARROW not in flags
+    )
+
+
+def _gcc(compiler: Compiling) -> int | None:
+    """The first number of gcc's version, None for other compilers."""
+    if _GCC not in compiler.version:
+        return None
+    found = re.search(r"\) (\d+)\.", compiler.version.partition("\n")[0])
+    return int(found[1]) if found else 0
 
 
 def chosen_level(asked: str, compiler: Compiling, flags: Sequence[str] = ()) -> str:

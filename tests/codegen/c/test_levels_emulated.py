@@ -21,7 +21,7 @@ import pytest
 import eomgen
 from eomgen.codegen.kernels.equations import derive_equations
 from eomgen.codegen.package.compile import FLAGS, find_compiler
-from eomgen.codegen.package.levels import LEVEL_FLAGS
+from eomgen.codegen.package.levels import level_flags
 from eomgen.codegen.samples.answers import samples
 from eomgen.codegen.samples.stored import MEASURED, STATES, read_samples
 from eomgen.pipeline.stages import Options, make_source
@@ -145,7 +145,10 @@ def test_levels_that_run_here(known: tuple[Path, bytes, np.ndarray], level: str)
     if level not in supported():
         pytest.skip(f"this processor does not run {level}")
     code, given, expected = known
-    check_same(said(code, given, find_compiler().command, ("-O2", *LEVEL_FLAGS[level]), ()), expected)
+    check_same(
+        said(code, given, find_compiler().command, ("-O2", *level_flags(level, find_compiler(), fused=False)), ()),
+        expected,
+    )
 
 
 @needs_levels
@@ -154,7 +157,7 @@ def test_levels_that_are_emulated(known: tuple[Path, bytes, np.ndarray], level: 
     """The base on a processor without AVX, which an instruction beyond the base would stop."""
     machine = emulator("x86_64", needs_avx=level == "v3")
     code, given, expected = known
-    flags = ("-O2", *LEVEL_FLAGS[level])
+    flags = ("-O2", *level_flags(level, find_compiler(), fused=False))
     check_same(said(code, given, find_compiler().command, flags, (machine, "-cpu", processor)), expected)
 
 
@@ -164,7 +167,13 @@ def test_a_level_does_not_run_on_a_processor_below_it(known: tuple[Path, bytes, 
     machine = emulator("x86_64")
     code, given, _ = known
     with pytest.raises(AssertionError, match=r"^\(-?\d+, b'qemu: uncaught target signal 4 "):
-        said(code, given, find_compiler().command, ("-O2", *LEVEL_FLAGS["v3"]), (machine, "-cpu", "qemu64"))
+        said(
+            code,
+            given,
+            find_compiler().command,
+            ("-O2", *level_flags("v3", find_compiler(), fused=False)),
+            (machine, "-cpu", "qemu64"),
+        )
 
 
 @pytest.mark.soak  # zig compiles its own libraries the first time
