@@ -29,9 +29,11 @@ from cffi.recompiler import make_c_source, make_py_source
 
 from eomgen._version import __version__
 from eomgen.errors import BuildError
+from eomgen.runtime.levels import BASE
 
 from ..c.source import Source, environment
 from .environment import check_flags, environment_words, expanded
+from .levels import fuses_unasked, level_flags
 
 FLAGS = ("-O2", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off")
 NATIVE = ("-march=native", "-ffp-contract=fast")
@@ -121,21 +123,34 @@ def own_flags(native: bool) -> tuple[str, ...]:
     return (*FLAGS, *(NATIVE if native else ()))
 
 
-def compile_flags(compiler: Compiler, native: bool, further: Sequence[str]) -> tuple[str, ...]:
+def compile_flags(compiler: Compiler, native: bool, further: Sequence[str], level: str = BASE) -> tuple[str, ...]:
     """Flags of a kernel's own C: ours, then those of $CFLAGS, then those that the call gives.
+
+    Args:
+        compiler: with the flags of the environment.
+        native: for this very processor.
+        further: flags of the call.
+        level: of processors, where the code is not native.
 
     Raises:
         BuildError: a flag asks for arithmetic that is not IEEE's, or a response file cannot be read.
     """
     words = expanded(further, "flags")
     check_flags(words, "flags")
-    return (*own_flags(native), *compiler.flags, *words)
+    own, given = own_flags(native), (*compiler.flags, *words)
+    chosen = () if native else level_flags(level, compiler, fused=contracts((*own, *given)))
+    return (*own, *chosen, *given)
 
 
 def fuses(flags: Sequence[str]) -> bool:
     """Whether the compiler may fuse products with sums, or the processor may keep more digits than a double has."""
+    return contracts(flags) or sys.maxsize < 2**32 or fuses_unasked(flags)
+
+
+def contracts(flags: Sequence[str]) -> bool:
+    """Whether the compiler is allowed to fuse products with sums."""
     words = [word for word in flags if word.startswith(("-ffp-contract", "-ffp-model", "-fp-model", "--fp-"))]
-    return words[-1:] != ["-ffp-contract=off"] or sys.maxsize < 2**32
+    return words[-1:] != ["-ffp-contract=off"]
 
 
 def toolchain(compiler: Compiler, flags: Sequence[str]) -> dict[str, Any]:
@@ -163,9 +178,10 @@ def dependencies(source: Source, compiler: Compiler, flags: Sequence[str]) -> di
     }
 
 
-def build_key(source: Source, compiler: Compiler, flags: Sequence[str]) -> str:
-    """Hash of all that a package depends on."""
-    return key_of(dependencies(source, compiler, flags))
+def build_key(source: Source, compiler: Compiler, flags: Sequence[str], *, tried: bool = True) -> str:
+    """Hash of all that a package depends on; another one where nobody could try what was compiled."""
+    parts = dependencies(source, compiler, flags)
+    return key_of(parts if tried else {**parts, "tried": False})
 
 
 def key_of(parts: Mapping[str, Any]) -> str:
@@ -184,8 +200,13 @@ def _template() -> Path:
     return Path(str(environment().get_template("package/package.py.jinja").filename))
 
 
-def write_package(source: Source, compiler: Compiler, flags: Sequence[str], folder: Path) -> None:
+def write_package(source: Source, compiler: Compiler, flags: Sequence[str], folder: Path, level: str = BASE) -> None:
     """Write and compile the package of a kernel into an empty folder of its own.
+
+    Args:
+        source, compiler, flags: what is compiled and how.
+        folder: of the package.
+        level: of processors that the flags are for, or "native".
 
     Raises:
         BuildError: the compiler failed; the message holds its command and what it said.
@@ -194,7 +215,7 @@ def write_package(source: Source, compiler: Compiler, flags: Sequence[str], fold
     (folder / f"{name}.h").write_text(source.header, encoding="ascii")
     (folder / f"{name}.c").write_text(source.code, encoding="ascii")
     (folder / f"{name}.json").write_text(source.meta, encoding="ascii")
-    package = environment().get_template("package/package.py.jinja").render(name=name, version=__version__)
+    package = environment().get_template("package/package.py.jinja").render(name=name, version=__version__, level=level)
     (folder / "__init__.py").write_text(package, encoding="ascii")
     for place, original in carried_files().items():
         (folder / place).parent.mkdir(exist_ok=True)

@@ -12,6 +12,10 @@ import json as _json
 from pathlib import Path as _Path
 from typing import Any as _Any
 
+from .runtime.levels import binary_folders as _binary_folders
+
+__path__[:0] = _binary_folders(_Path(__file__).parent, "v1")  # of the best level that runs here
+
 from ._one_link import ffi as _ffi, lib as _lib
 from .runtime import Kernel, OneLibrary
 

@@ -12,8 +12,8 @@
 #define EOMGEN_PART static
 #endif
 
-#if !defined(EOMGEN_VECTOR) /* bytes of a vector; 0 for none */
-#if defined(__GNUC__) && defined(__AVX512F__)
+#if !defined(EOMGEN_VECTOR) /* bytes of a vector; 0 for none; the few angles of one state fill no wide one */
+#if defined(__GNUC__) && defined(__AVX512F__) && !defined(EOMGEN_SINGLES_ONLY)
 #define EOMGEN_VECTOR 64
 #elif defined(__GNUC__) && defined(__AVX__)
 #define EOMGEN_VECTOR 32

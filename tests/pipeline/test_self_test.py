@@ -109,6 +109,17 @@ def test_native_builds_are_compared_within_rounding() -> None:
         assert found.function == name
 
 
+@pytest.mark.parametrize(("off", "refused"), [(100 * 5e-324, False), (1e-300, True)])
+def test_rounding_of_denormal_numbers_is_let_through(off: float, refused: bool, built: Build) -> None:
+    """A fused product is not rounded to a denormal number, and an inverse inertia makes that more."""
+    name, state = "inverse_dynamics", STATES.index("denormal")
+    library = built(eomgen.load_robot("one_link"), name).raw.libraries.library(name)
+    wrong = read_samples(samples(derived("one_link", name), "float64"))
+    wrong[name][state] += off
+    found = first_difference(lambda: library, library.meta, wrong, bits=False)
+    assert (found is not None) == refused
+
+
 def derived(name: str = "one_link", *kernels: str) -> Equations:
     return derive_equations(build_model(eomgen.load_robot(name)), kernels)
 

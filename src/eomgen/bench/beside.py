@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from ..description import RobotLike, as_robot
 from ..errors import InputError, InternalError
-from ..pipeline.stages import Options, build
+from ..pipeline.stages import Options, build, build_flags
 from ..progress import StageReport, no_report
 from ..robot.model import build_model, open_tree
 from ..robot.value import PRINCIPAL, Robot
@@ -151,11 +151,11 @@ def bench(
     robot = as_robot(robot)
     if isinstance(repeat, bool) or not isinstance(repeat, int) or repeat < 1:
         raise InputError(f"repeat: {repeat!r} is not a number of rounds; a whole number from 1 on is allowed")
-    from ..codegen.package.compile import compile_flags, find_compiler
+    from ..codegen.package.compile import find_compiler
 
     options = Options(tuple(kernels), native=native, flags=tuple(flags))
     kernel = build(robot, kernels=options.kernels or "all", native=native, flags=options.flags, progress=progress)
-    used = compile_flags(find_compiler(), native, options.flags)
+    used = build_flags(options, find_compiler())
     progress("compiling the Newton-Euler algorithm")
     yardstick = compile_yardstick(build_model(robot), used)
     inputs = _inputs(robot, kernel)

@@ -32,11 +32,14 @@ def _derive(options: argparse.Namespace) -> None:
 
 def _add_generate(parser: argparse.ArgumentParser) -> None:
     from ..pipeline.stages import DTYPES, KERNEL_NAMES
+    from ..runtime.levels import LEVELS
 
     add_robot(parser)
     parser.add_argument("-o", "--output", type=Path, default=Path("generated"), help="folder to write to (generated)")
     parser.add_argument("--dtype", choices=DTYPES, default="float64", help="type of all numbers (float64)")
-    parser.add_argument("--native", action="store_true", help="compile for this processor alone")
+    processors = parser.add_mutually_exclusive_group()
+    processors.add_argument("--level", choices=LEVELS, default="", help="processors to compile for (all levels)")
+    processors.add_argument("--native", action="store_true", help="compile for this processor alone")
     parser.add_argument("--cmake", action="store_true", help="with a C++17 header, a CMake package, a pkg-config file")
     parser.add_argument(
         "--kernels",
@@ -57,7 +60,7 @@ def _generate(options: argparse.Namespace) -> None:
     from ..pipeline.stages import Options, generate
 
     robot = read_robot(options)
-    chosen = Options(tuple(options.kernels), options.dtype, options.native)
+    chosen = Options(tuple(options.kernels), options.dtype, options.native, level=options.level)
     with stage_bar("generating") as report:
         target = generate(robot, options.output, chosen, cmake=options.cmake, progress=report)
     say(str(target))

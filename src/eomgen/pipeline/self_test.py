@@ -193,7 +193,7 @@ class _Examination:
         )
         if not self._has_bits(name):
             if state < MEASURED:
-                near = self.samples[f"{name} near"][place] + self.least
+                near = self.samples[f"{name} near"][place].astype(np.float64) + self.least
                 right |= ~(np.abs(found - expected) > near)
             else:
                 right |= np.isfinite(found) & np.isfinite(expected)

@@ -33,10 +33,12 @@ from ..robot.model import build_model
 from ..robot.record import robot_hash
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
+from ..runtime.levels import BASE, LEVELS, NATIVE, allowed_levels
 from ..runtime.raw import OneLibrary
 from . import cache as store
 from .folders import new_folder, put_folder
 from .generator_key import generator_hash
+from .level_folders import with_levels
 from .on_demand import OnDemand, loaded, reader
 
 if TYPE_CHECKING:
@@ -59,7 +61,10 @@ class Options:
     kernels: names of KERNEL_NAMES, all but tangents if empty; those of springs between points come with any.  A
         function that belongs to a kernel of another name stands for it: frame_pose and frame_jacobian for "kinematics".
     dtype: "float64" or "float32".
-    native: compile for this processor, with fused multiply-add; the default runs on any of its kind.
+    native: compile for this processor alone, with fused multiply-add, which changes the last bits.
+    level: instructions that may be used, on x86-64: "v1" (SSE2, any processor), "v3" (AVX2) or "v4" (AVX-512).  Without
+        one ``build`` takes the best that runs here, up to the environment's EOMGEN_LEVEL, and ``generate`` takes all,
+        of which the best is chosen where the package is loaded.  All give the same bits.
     flags: further compiler flags, behind those of $CFLAGS; none that give up IEEE arithmetic.
     batches: with functions for several states in one call; Python's kernels need them.
     """
@@ -69,6 +74,7 @@ class Options:
     native: bool = False
     flags: tuple[str, ...] = ()
     batches: bool = True
+    level: str = ""
 
     def __post_init__(self) -> None:
         for name in self.kernels:
@@ -77,6 +83,10 @@ class Options:
         object.__setattr__(self, "kernels", tuple(dict.fromkeys(OWNERS[name] for name in self.kernels)))
         if self.dtype not in DTYPES:
             raise InputError(f"dtype: {self.dtype!r} is unknown; allowed: {', '.join(DTYPES)}")
+        if self.level not in ("", *LEVELS):
+            raise InputError(f"level: {show(self.level)} is unknown; allowed: {', '.join(LEVELS)}")
+        if self.level and self.native:
+            raise InputError(f"level: {show(self.level)} beside native; allowed: one of them")
 
 
 def build(
@@ -86,6 +96,7 @@ def build(
     dtype: str = "float64",
     native: bool = False,
     flags: Sequence[str] = (),
+    level: str = "",
     progress: StageReport = no_report,
 ) -> Kernel:
     """Derive, render and compile the robot's equations of motion, or load them from the cache.
@@ -94,33 +105,48 @@ def build(
         robot: a Robot, the name of a built-in one, or the path of a description.
         kernels: names of KERNEL_NAMES that are built at once, in one library; "all" for all but tangents.  Without
             names each kernel is built when it is first called.
-        dtype, native, flags: see Options.
+        dtype, native, flags, level: see Options.
         progress: called with a line of text when a stage begins, also when that is later; without one a terminal sees
             a line for every kernel that is built later.
 
     Raises:
-        InputError: an option is unknown.
+        InputError: an option is unknown, or a level that this processor does not run.
         BuildError: no compiler, a compiler that fails or whose binary computes something else than the equations, a
             cache that cannot be written; from the call of a kernel where that is what builds it.
     """
     robot, whole = as_robot(robot), kernels == "all"
-    options = Options(() if whole else tuple(kernels), dtype, native, tuple(flags))
+    options = Options(() if whole else tuple(kernels), dtype, native, tuple(flags), level=level)
     if not (whole or options.kernels):
         return _on_demand(robot, options, progress)
-    package = make_package(robot, options, progress)
-    return load_kernel(package, robot.name, (built_again, (robot, options, package.key, __version__)))
+    return _at_once(robot, options, progress)
+
+
+def _at_once(robot: Robot, options: Options, progress: StageReport = no_report) -> Kernel:
+    """A kernel with all of its functions in one library."""
+    from ..codegen.package.compile import find_compiler
+
+    compiler = find_compiler()
+    fixed = replace(options, level=build_level(options, compiler))
+    package = make_package(robot, fixed, progress, compiler)
+    return _loaded_again(package, robot, options, fixed.level)
+
+
+def _loaded_again(package: store.Entry, robot: Robot, options: Options, level: str) -> Kernel:
+    """The kernel of a package, which knows how to become one in another process."""
+    return load_kernel(package, robot.name, (built_again, (robot, options, package.key, __version__, level)))
 
 
 def _on_demand(robot: Robot, options: Options, progress: StageReport = no_report) -> Kernel:
     """A kernel whose functions are built when they are first asked for, by the compiler that is here now."""
     from ..codegen.kernels.interface import interface
-    from ..codegen.package.compile import compile_flags, find_compiler
+    from ..codegen.package.compile import find_compiler
 
     compiler, model = find_compiler(), build_model(robot)
-    compile_flags(compiler, options.native, options.flags)
+    fixed = replace(options, level=build_level(options, compiler))
+    build_flags(fixed, compiler)
 
     def package_of(names: tuple[str, ...], report: StageReport) -> store.Entry:
-        return make_package(robot, replace(options, kernels=names), report, compiler)
+        return make_package(robot, replace(fixed, kernels=names), report, compiler)
 
     def source_of(names: tuple[str, ...], report: StageReport) -> Source:
         return make_source(robot, replace(options, kernels=names), report)
@@ -129,22 +155,23 @@ def _on_demand(robot: Robot, options: Options, progress: StageReport = no_report
     return Kernel(libraries, (built_again, (robot, options, "", __version__)))
 
 
-def built_again(robot: Robot, options: Options, key: str, version: str) -> Kernel:
+def built_again(robot: Robot, options: Options, key: str, version: str, level: str = "") -> Kernel:
     """The kernel of a build that may have been made in another process.
 
     Args:
         robot, options: of that build.
-        key, version: of its package in the cache, and of eomgen there; where that is not here, the kernel is built.
-            Without a key each of its functions is, when it is first called.
+        key, version, level: of its package in the cache, of eomgen there, and what processors the package is for; where
+            it is not here, or is not for the processor here, the kernel is built.  Without a key each of its functions
+            is, when it is first called.
 
     Raises:
-        BuildError: see ``build``.
+        InputError, BuildError: see ``build``.
     """
     if not key:
         return _on_demand(robot, options)
-    found = store.find("packages", key) if version == __version__ else None
-    package = found or make_package(robot, options)
-    return load_kernel(package, robot.name, (built_again, (robot, options, package.key, __version__)))
+    fits = version == __version__ and level in allowed_levels()
+    package = store.find("packages", key) if fits else None
+    return _at_once(robot, options) if package is None else _loaded_again(package, robot, options, level)
 
 
 def generate(
@@ -156,6 +183,9 @@ def generate(
     progress: StageReport = no_report,
 ) -> Path:
     """Write the importable package ``folder/<robot.name>`` and return its path.
+
+    It has binaries for all levels of processors, those of further levels in folders of their own, and loads the best
+    one that runs where it is imported.  Binaries of levels beyond this processor are compiled, but not tried.
 
     A package of an earlier generation there is replaced in one step; a folder that holds anything else is refused.
 
@@ -171,13 +201,13 @@ def generate(
         BuildError: see ``build``.
     """
     robot, folder, options = as_robot(robot), Path(folder), options or Options()
-    package = make_package(robot, options, progress)
+    files = _files_of_levels(robot, options, progress)
     target = folder / robot.name
     _check_target(target, target)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with new_folder(target) as private:
-            store.write_files(private, package.files)
+            store.write_files(private, files)
             if cmake:
                 _write_project(private, robot.name, options)
             private.chmod(0o755)
@@ -185,6 +215,20 @@ def generate(
     except OSError as error:
         raise InputError(f"{target} cannot be written: {error.strerror or error}") from None
     return target
+
+
+def _files_of_levels(robot: Robot, options: Options, progress: StageReport) -> store.Files:
+    """Files of a package with the binaries of every level that the options and the compiler allow."""
+    from ..codegen.package.compile import find_compiler
+    from ..codegen.package.levels import check_possible, possible_levels
+
+    compiler = find_compiler()
+    possible = possible_levels(compiler, options.flags)
+    if options.level:
+        check_possible(options.level, possible)
+    levels = ("",) if options.native else (options.level,) if options.level else possible
+    made = [make_package(robot, replace(options, level=level), progress, compiler) for level in levels]
+    return with_levels(robot.name, made[0].files, {x: y.files for x, y in zip(levels[1:], made[1:], strict=True)})
 
 
 def _write_project(package: Path, name: str, options: Options) -> None:
@@ -214,28 +258,57 @@ def make_package(
     """The compiled package of a robot's kernels, made or from the cache.
 
     Args:
-        robot, options, progress: as of ``generate``.
+        robot, options, progress: as of ``generate``; a level may be beyond this processor, and none is the best here.
         compiler: that of the environment if None.
 
     Raises:
         BuildError: see ``build``.
     """
-    from ..codegen.package.compile import build_key, compile_flags, find_compiler, write_package
+    from ..codegen.package.compile import build_key, find_compiler, write_package
 
     derived = _derived(robot, options, progress)
     source = _source(derived)
     compiler = compiler or find_compiler()
-    flags = compile_flags(compiler, options.native, options.flags)
-    key = build_key(source, compiler, flags)
+    flags = build_flags(options, compiler)
+    level = NATIVE if options.native else options.level or build_level(options, compiler)
+    tried = level == NATIVE or level in allowed_levels()
+    key = build_key(source, compiler, flags, tried=tried)
 
     def make(folder: Path) -> None:
         from .self_test import check_package
 
-        progress(f"compiling {source.statements} statements of C")
-        write_package(source, compiler, flags, folder)
-        check_package(store.unfinished("packages", key, folder), source, derived.files[_SAMPLES], compiler, flags)
+        note = "" if tried else f" for {level}, which this processor cannot try"
+        progress(f"compiling {source.statements} statements of C{note}")
+        write_package(source, compiler, flags, folder, level)
+        if tried:
+            made = store.unfinished("packages", key, folder)
+            check_package(made, source, derived.files[_SAMPLES], compiler, flags)
 
     return store.entry("packages", key, make)
+
+
+def build_level(options: Options, compiler: Compiler) -> str:
+    """The level that a build compiles for here; nothing for native code.
+
+    Raises:
+        InputError: this processor does not run it, or $EOMGEN_LEVEL is no level that it runs.
+        BuildError: the compiler makes no code for it.
+    """
+    from ..codegen.package.levels import chosen_level
+
+    return "" if options.native else chosen_level(options.level, compiler, options.flags)
+
+
+def build_flags(options: Options, compiler: Compiler) -> tuple[str, ...]:
+    """Flags of the C compiler for a build of these options; without a level for the one that is chosen here.
+
+    Raises:
+        InputError, BuildError: see ``build``.
+    """
+    from ..codegen.package.compile import compile_flags
+
+    level = options.level or build_level(options, compiler) or BASE
+    return compile_flags(compiler, options.native, options.flags, level)
 
 
 def make_source(robot: Robot, options: Options, progress: StageReport = no_report) -> Source:
@@ -265,10 +338,10 @@ def cache_keys(robot: Robot, kernels: Sequence[str]) -> tuple[str, str | None]:
     sources = store.find("sources", key)
     if sources is None:
         return key, None
-    from ..codegen.package.compile import build_key, compile_flags, find_compiler
+    from ..codegen.package.compile import build_key, find_compiler
 
     compiler = find_compiler()
-    return key, build_key(_source(sources), compiler, compile_flags(compiler, False, ()))
+    return key, build_key(_source(sources), compiler, build_flags(options, compiler))
 
 
 def _derive(robot: Robot, options: Options, folder: Path, progress: StageReport) -> None:
