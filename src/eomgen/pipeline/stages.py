@@ -35,6 +35,7 @@ from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..runtime.raw import OneLibrary
 from . import cache as store
+from . import direct_calls
 from .folders import new_folder, put_folder
 from .generator_key import generator_hash
 from .on_demand import OnDemand, loaded, reader
@@ -126,7 +127,7 @@ def _on_demand(robot: Robot, options: Options, progress: StageReport = no_report
         return make_source(robot, replace(options, kernels=names), report)
 
     libraries = OnDemand(interface(model, available(model), options.dtype), package_of, source_of, progress)
-    return Kernel(libraries, (built_again, (robot, options, "", __version__)))
+    return Kernel(libraries, (built_again, (robot, options, "", __version__)), direct_calls.begin(compiler))
 
 
 def built_again(robot: Robot, options: Options, key: str, version: str) -> Kernel:
@@ -177,7 +178,7 @@ def generate(
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with new_folder(target) as private:
-            store.write_files(private, package.files)
+            store.write_files(private, {**package.files, **_extension_files()})
             if cmake:
                 _write_project(private, robot.name, options)
             private.chmod(0o755)
@@ -185,6 +186,13 @@ def generate(
     except OSError as error:
         raise InputError(f"{target} cannot be written: {error.strerror or error}") from None
     return target
+
+
+def _extension_files() -> store.Files:
+    """The module that calls from Python go through, where it can be had, by its place in a package."""
+    from ..codegen.package.compile import find_compiler
+
+    return {f"runtime/{name}": data for name, data in direct_calls.binary_of(find_compiler()).items()}
 
 
 def _write_project(package: Path, name: str, options: Options) -> None:
@@ -222,9 +230,10 @@ def make_package(
     """
     from ..codegen.package.compile import build_key, compile_flags, find_compiler, write_package
 
+    compiler = compiler or find_compiler()
+    direct_calls.begin(compiler)
     derived = _derived(robot, options, progress)
     source = _source(derived)
-    compiler = compiler or find_compiler()
     flags = compile_flags(compiler, options.native, options.flags)
     key = build_key(source, compiler, flags)
 
@@ -307,4 +316,6 @@ def load_kernel(
     Raises:
         BuildError: the package does not load.
     """
-    return Kernel(OneLibrary(*loaded(package, name), reader(package)), again)
+    face = direct_calls.begin()
+    direct_calls.settle()
+    return Kernel(OneLibrary(*loaded(package, name), reader(package)), again, face)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Iterator, Mapping, MutableMapping
+from collections.abc import Callable, Iterator, Mapping, MutableMapping
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError, UnknownNameError
 from ..names import nearest_or_all, show
+from .direct import State
 from .raw import RawKernel, Setup
 
 Array = NDArray[Any]
@@ -27,12 +28,13 @@ class Parameters(MutableMapping[str, float]):
     forces are at least 0, what is divided by 1e-12; that an inertia stays one that a body can have is up to the caller.
 
     Attributes:
-        setup: the values as arrays, and what functions of C read of them; replaced as a whole on assignment.
+        state: what calls take: the values, and how they are made.
     """
 
     def __init__(self, raw: RawKernel, slots: Mapping[str, int], least: Mapping[str, float], setup: Setup) -> None:
         self._raw, self._slots, self._least, self._lock = raw, slots, least, threading.Lock()
-        self.setup = setup
+        self._most = float(np.finfo(raw.dtype).max)
+        self.state = State(setup)
 
     @classmethod
     def of(cls, raw: RawKernel, values: Mapping[str, float], least: Mapping[str, float]) -> Parameters:
@@ -48,10 +50,28 @@ class Parameters(MutableMapping[str, float]):
         """The same names and values for the same code; neither sees the other's assignments."""
         return Parameters(self._raw, self._slots, self._least, self.setup)  # which is replaced as a whole on assignment
 
+    @property
+    def setup(self) -> Setup:
+        """The values as arrays, and what functions of C read of them; replaced as a whole on assignment."""
+        return self.state.setup
+
+    def share(self, kind: Callable[[Setup, bool, int], State]) -> State:
+        """Keep the state in an object of another type from now on, which calls in C read, too."""
+        with self._lock:
+            self.state = kind(self.state.setup, self.state.checks, self.state.threads)
+            return self.state
+
     def __getitem__(self, name: str) -> float:
         return float(self.setup.values[self._slot(name)])
 
     def __setitem__(self, name: str, value: float) -> None:
+        if type(value) is float and type(name) is str and name in self._slots:
+            if self._least.get(name, -self._most) <= value <= self._most:  # as in nearly all assignments
+                with self._lock:
+                    values = self.state.setup.values.copy()
+                    values[self._slots[name]] = value
+                    self.state.setup = Setup(values)
+                return
         self.update({name: value})
 
     def __delitem__(self, name: str) -> None:
@@ -91,9 +111,9 @@ class Parameters(MutableMapping[str, float]):
                 raise InputError(f"parameters: {name} = {show(value)} is {wrong}; at least {least:g} is allowed")
             wanted[slot] = held
         with self._lock:  # assignments of other threads are kept
-            values = self.setup.values.copy()
+            values = self.state.setup.values.copy()
             values[list(wanted)] = list(wanted.values())
-            self.setup = Setup(values)
+            self.state.setup = Setup(values)
 
     def _held(self, name: str, value: Any) -> float:
         """The number as the kernel's dtype has it, of whole numbers without rounding."""
@@ -104,9 +124,10 @@ class Parameters(MutableMapping[str, float]):
             value = value.item()
         if not abs(value) < math.inf:
             raise InputError(f"parameters: {name} = {show(value)} is not finite")
-        most = float(np.finfo(dtype).max)
-        if abs(value) > most:
-            raise InputError(f"parameters: {name} = {show(value)} is beyond {dtype}; at most {most:.3g} is allowed")
+        if abs(value) > self._most:
+            raise InputError(
+                f"parameters: {name} = {show(value)} is beyond {dtype}; at most {self._most:.3g} is allowed"
+            )
         held = float(dtype.type(value))
         rounded = held if isinstance(value, int) else float(value)
         if rounded != value:
