@@ -59,9 +59,9 @@ def cut(kernel: eomgen.Kernel, operations: int, seen: list[int] | None = None, e
     def changed(function: RawFunction) -> RawFunction:
         return replace(function, operations=operations, code=watched(function.code), batch=watched(function.batch))
 
-    kernel.raw.functions = {name: changed(x) for name, x in kernel.raw.functions.items()}
-    assert kernel.raw.rollout is not None
-    kernel.raw.rollout = changed(kernel.raw.rollout)
+    library = kernel.raw.libraries.library("")  # which has looked nothing up yet
+    function = library.function
+    library.function = lambda name, entry: changed(function(name, entry))  # type: ignore[method-assign]
 
 
 @pytest.mark.parametrize("count", [None, 1, 5, 37])

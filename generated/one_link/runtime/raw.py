@@ -5,9 +5,9 @@ A generated package carries a copy of this file.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from typing import Any, Protocol
 
 import _cffi_backend
@@ -222,13 +222,15 @@ class RawKernel:
         self.shapes: dict[str, tuple[int, ...]] = {key: tuple(shape) for key, shape in meta["shapes"].items()}
         self.ffi = FFI
         self.view = partial(FFI.from_buffer, POINTERS[meta["dtype"]])
-        self.functions: Mapping[str, RawFunction] = _Functions(self._load, meta["functions"])
+        kinds = {name: entry["kind"] for name, entry in meta["functions"].items()}
+        self._rollout = next((name for name, kind in kinds.items() if kind == ROLLOUT), None)
+        self._steps = _Functions(self._load, [] if self._rollout is None else [self._rollout])
+        self.functions: Mapping[str, RawFunction] = _Functions(self._load, [x for x in kinds if x != self._rollout])
 
-    @cached_property
+    @property
     def rollout(self) -> RawFunction | None:
         """The function of many steps, or None."""
-        name = next((x for x, entry in self.libraries.meta["functions"].items() if entry["kind"] == ROLLOUT), None)
-        return None if name is None else self._load(name)
+        return None if self._rollout is None else self._steps[self._rollout]
 
     def _load(self, name: str) -> RawFunction:
         entry = self.libraries.meta["functions"][name]
@@ -246,9 +248,9 @@ class RawKernel:
         """
         if name in self.functions:
             return self.functions[name]
-        if self.libraries.meta["functions"].get(name, {}).get("kind") != ROLLOUT or self.rollout is None:
-            raise self.missing(name)
-        return self.rollout
+        if name in self._steps:
+            return self._steps[name]
+        raise self.missing(name)
 
     def address(self, name: str, *, batch: bool = False) -> int:
         """Address of the code of a function, for programs that call it without Python.
@@ -278,8 +280,8 @@ class RawKernel:
 class _Functions(Mapping[str, RawFunction]):
     """Functions by name, each loaded when it is first looked up; libraries see to it that one thread makes them."""
 
-    def __init__(self, load: Callable[[str], RawFunction], entries: Mapping[str, Any]) -> None:
-        self._load, self._names = load, {x: None for x, entry in entries.items() if entry["kind"] != ROLLOUT}
+    def __init__(self, load: Callable[[str], RawFunction], names: Sequence[str]) -> None:
+        self._load, self._names = load, dict.fromkeys(names)
         self._loaded: dict[str, RawFunction] = {}
 
     def __getitem__(self, name: str) -> RawFunction:
