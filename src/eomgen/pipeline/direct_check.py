@@ -8,7 +8,7 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Iterator
-from types import ModuleType, SimpleNamespace
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -68,7 +68,7 @@ def _wrong(module: ModuleType, dtype: np.dtype[Any]) -> Iterator[str]:
         cut_must_be_true=False,
         frames={},
     )
-    state = module.State(SimpleNamespace(values=np.ones(1, dtype)))
+    state = module.State(np.ones(1, dtype), _asked)
     bound: dict[str, Any] = {}
     module.bind((function,), kept, state, bound)
     call = bound["doubled"]

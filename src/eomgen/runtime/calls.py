@@ -65,10 +65,8 @@ class Calls:
         self.parameters.state.checks = wanted
 
     def with_parameters(self, parameters: Parameters) -> Calls:
-        """The same calls, with the same threads and checks, by other parameters of the same code."""
-        other = Calls(self.raw, parameters, self.arrays, self.prescribed)
-        other.threads, other.checks = self.threads, self.checks
-        return other
+        """The same calls by other parameters of the same code, whose state has threads and checks."""
+        return Calls(self.raw, parameters, self.arrays, self.prescribed)
 
     def run_with_wrench(
         self,

@@ -89,11 +89,12 @@ typedef struct {
 
 typedef struct {
     PyObject_HEAD
-    PyObject *setup; /* its `values` are those of the parameters; replaced as a whole */
+    PyArrayObject *values; /* of the parameters; replaced as a whole, never written to */
+    PyObject *make, *setup; /* setup is make(values), for callers in Python; NULL until they ask for it */
     char checks;
     Py_ssize_t threads;
     int parts; /* as many of h as may be there */
-    PyArrayObject *h[PARTS]; /* what each library computes of this setup, when it is first needed; NULL before */
+    PyArrayObject *h[PARTS]; /* what each library computes of the values, when it is first needed; NULL before */
 } State;
 
 typedef struct {
@@ -222,42 +223,37 @@ failed:
 
 /* ---- calls --------------------------------------------------------------------------------------------------- */
 
-/* What the function's library computes from the values of a setup; a new array. */
-static PyArrayObject *computed_from(PyObject *setup, const Function *f)
+/* What the function's library computes from the values of the parameters; a new array. */
+static PyArrayObject *computed_from(PyArrayObject *values, const Function *f)
 {
-    PyObject *values = PyObject_GetAttrString(setup, "values");
     const npy_intp count = f->hoisted > 0 ? f->hoisted : 1;
-    PyArrayObject *h = NULL;
-    if (values == NULL) return NULL;
-    const Shape whatever = {.axes = 1, .lengths = {PyArray_CheckExact(values) ? PyArray_SIZE((PyArrayObject *)values) : 0}};
-    if (states_of(values, f, &whatever) != 0)
-        PyErr_SetString(PyExc_TypeError, "the values of a setup are not an array of the kernel's");
-    else
-        h = (PyArrayObject *)PyArray_SimpleNew(1, &count, f->dtype->type_num);
+    if (PyArray_TYPE(values) != f->dtype->type_num) {
+        PyErr_SetString(PyExc_TypeError, "values of another dtype than the kernel's");
+        return NULL;
+    }
+    PyArrayObject *h = (PyArrayObject *)PyArray_SimpleNew(1, &count, f->dtype->type_num);
     if (h != NULL && f->dtype->type_num == NPY_DOUBLE)
-        ((void (*)(const double *, double *))f->setup)(PyArray_DATA((PyArrayObject *)values), PyArray_DATA(h));
+        ((void (*)(const double *, double *))f->setup)(PyArray_DATA(values), PyArray_DATA(h));
     else if (h != NULL)
-        ((void (*)(const float *, float *))f->setup)(PyArray_DATA((PyArrayObject *)values), PyArray_DATA(h));
-    Py_DECREF(values);
+        ((void (*)(const float *, float *))f->setup)(PyArray_DATA(values), PyArray_DATA(h));
     return h;
 }
 
 /* What the function's library reads of the parameters; a new reference, so that a running call keeps its own. */
 static PyArrayObject *hoisted(State *state, const Function *f)
 {
-    PyArrayObject *h = NULL, *other = NULL;
-    PyObject *setup = NULL;
+    PyArrayObject *h = NULL, *other = NULL, *values = NULL;
     Py_BEGIN_CRITICAL_SECTION(state);
     h = state->h[f->part];
     Py_XINCREF(h);
-    if (h == NULL) setup = state->setup;
-    Py_XINCREF(setup);
+    if (h == NULL) values = state->values;
+    Py_XINCREF(values);
     Py_END_CRITICAL_SECTION();
     if (h != NULL) return h;
-    h = computed_from(setup, f);
+    h = computed_from(values, f);
     if (h != NULL) {
         Py_BEGIN_CRITICAL_SECTION(state);
-        if (state->setup == setup) { /* no assignment came between */
+        if (state->values == values) { /* no assignment came between */
             other = state->h[f->part];
             Py_INCREF(h);
             state->h[f->part] = h;
@@ -266,7 +262,7 @@ static PyArrayObject *hoisted(State *state, const Function *f)
         Py_END_CRITICAL_SECTION();
     }
     Py_XDECREF(other);
-    Py_DECREF(setup);
+    Py_DECREF(values);
     return h;
 }
 
@@ -289,9 +285,9 @@ static int sort_arguments(const Function *f, PyObject *const *args, Py_ssize_t c
 
 /* A plain call: its arguments as the code takes them. */
 typedef struct {
-    const void *x[ARRAYS];
-    size_t steps[ARRAYS]; /* numbers between two states */
-    npy_intp sizes[ARRAYS];
+    const void *x[ARRAYS + 1]; /* the arrays that the code reads, and one beside them */
+    npy_intp sizes[ARRAYS + 1];
+    size_t steps[ARRAYS + 1]; /* numbers between two states */
     int reads, frame;
     npy_intp states; /* 0 for one alone */
     PyArrayObject *out;
@@ -300,8 +296,7 @@ typedef struct {
 /* Look at the arguments; 0 where the call is plain. */
 static int look(const Function *f, const State *state, PyObject *const *given, Plain *call)
 {
-    const int checks = PUBLISHED(state->checks);
-    for (int i = 0; i < f->places; ++i) {
+    for (int i = 0; i < f->places; ++i) { /* shapes first: what is large and not plain is read once */
         const Place *place = &f->place[i];
         PyObject *value = given[i];
         if (place->role == READ || place->role == BESIDE) {
@@ -313,14 +308,10 @@ static int look(const Function *f, const State *state, PyObject *const *given, P
                 if (call->states != 0 && call->states != states) return -1;
                 call->states = states;
             }
-            const void *numbers = PyArray_DATA((PyArrayObject *)value);
-            const npy_intp size = states > 0 ? states * place->shape.size : place->shape.size;
-            if (checks && !all_finite(f, numbers, size)) return -1;
-            if (place->role == BESIDE) continue;
-            call->x[call->reads] = numbers;
-            call->sizes[call->reads] = size;
-            call->steps[call->reads] = states > 0 ? (size_t)place->shape.size : 0;
-            ++call->reads;
+            const int to = place->role == READ ? call->reads++ : ARRAYS;
+            call->x[to] = PyArray_DATA((PyArrayObject *)value);
+            call->sizes[to] = states > 0 ? states * place->shape.size : place->shape.size;
+            call->steps[to] = states > 0 ? (size_t)place->shape.size : 0;
         } else if (place->role == FRAME) {
             if (value == NULL || !PyUnicode_CheckExact(value)) return -1;
             PyObject *number = PyDict_GetItemWithError(f->frames, value);
@@ -346,6 +337,9 @@ static int look(const Function *f, const State *state, PyObject *const *given, P
             if (first < other + bytes_of(f, call->sizes[i]) && other < end) return -1;
         }
     }
+    if (PUBLISHED(state->checks))
+        for (int i = 0; i <= ARRAYS; ++i)
+            if (call->sizes[i] > 0 && !all_finite(f, call->x[i], call->sizes[i])) return -1;
     return 0;
 }
 
@@ -598,7 +592,7 @@ static int read_place(PyObject *given, Place *place)
 static int read_places(Function *f, PyObject *places)
 {
     const Py_ssize_t count = PyTuple_GET_SIZE(places);
-    int reads = 0;
+    int reads = 0, beside = 0;
     if (count > PLACES) {
         PyErr_SetString(PyExc_ValueError, "too many parameters");
         return -1;
@@ -607,9 +601,10 @@ static int read_places(Function *f, PyObject *places)
         if (read_place(PyTuple_GET_ITEM(places, i), &f->place[i]) < 0) return -1;
         f->places = (int)i + 1;
         reads += f->place[i].role == READ;
+        beside += f->place[i].role == BESIDE;
         f->framed |= f->place[i].role == FRAME;
     }
-    if (reads < 1 || reads > ARRAYS || (f->framed && (reads != 1 || f->frames == NULL))) {
+    if (reads < 1 || reads > ARRAYS || beside > 1 || (f->framed && (reads != 1 || f->frames == NULL))) {
         PyErr_SetString(PyExc_ValueError, "no function reads such arrays");
         return -1;
     }
@@ -750,74 +745,152 @@ static PyType_Spec function_spec = {
 
 static PyObject *state_new(PyTypeObject *type, PyObject *args, PyObject *kwargs)
 {
-    static char *names[] = {"setup", "checks", "threads", NULL};
-    PyObject *setup;
+    static char *names[] = {"values", "make", "checks", "threads", NULL};
+    PyObject *values, *make;
     int checks = 1;
     Py_ssize_t threads = 1;
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "O|pn:State", names, &setup, &checks, &threads)) return NULL;
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "O!O|pn:State", names, &PyArray_Type, &values, &make, &checks,
+                                     &threads))
+        return NULL;
+    const int number = PyArray_TYPE((PyArrayObject *)values);
+    if ((number != NPY_DOUBLE && number != NPY_FLOAT) || !PyArray_ISCARRAY_RO((PyArrayObject *)values) ||
+        PyArray_NDIM((PyArrayObject *)values) != 1) {
+        PyErr_SetString(PyExc_ValueError, "values are float64 or float32 numbers, one behind the other");
+        return NULL;
+    }
     State *state = (State *)type->tp_alloc(type, 0);
     if (state == NULL) return NULL;
-    Py_INCREF(setup);
-    state->setup = setup;
+    Py_INCREF(values), state->values = (PyArrayObject *)values;
+    Py_INCREF(make), state->make = make;
     state->checks = (char)checks;
     state->threads = threads;
     return (PyObject *)state;
 }
 
+static PyObject *state_values(PyObject *self, void *closure)
+{
+    (void)closure;
+    PyArrayObject *values = NULL;
+    Py_BEGIN_CRITICAL_SECTION(self);
+    values = ((State *)self)->values;
+    Py_INCREF(values);
+    Py_END_CRITICAL_SECTION();
+    return (PyObject *)values;
+}
+
 static PyObject *state_setup(PyObject *self, void *closure)
 {
     (void)closure;
-    PyObject *setup = NULL;
+    State *state = (State *)self;
+    PyObject *setup = NULL, *values = NULL;
     Py_BEGIN_CRITICAL_SECTION(self);
-    setup = ((State *)self)->setup;
-    Py_INCREF(setup);
+    setup = state->setup;
+    Py_XINCREF(setup);
+    values = (PyObject *)state->values;
+    Py_INCREF(values);
     Py_END_CRITICAL_SECTION();
+    if (setup == NULL && (setup = PyObject_CallOneArg(state->make, values)) != NULL) {
+        PyObject *other = NULL;
+        Py_BEGIN_CRITICAL_SECTION(self);
+        if ((PyObject *)state->values == values) { /* no assignment came between */
+            if (state->setup != NULL) { /* another thread was faster */
+                other = setup;
+                setup = state->setup;
+            } else
+                state->setup = setup;
+            Py_INCREF(setup);
+        }
+        Py_END_CRITICAL_SECTION();
+        Py_XDECREF(other);
+    }
+    Py_DECREF(values);
     return setup;
 }
 
-/* Calls that run keep the setup that they began with. */
-static int state_set_setup(PyObject *self, PyObject *setup, void *closure)
+/* New values in place of the old ones; what was computed of those goes with the last call that reads it. */
+static PyObject *state_assign(PyObject *self, PyObject *const *args, Py_ssize_t count)
 {
-    (void)closure;
     State *state = (State *)self;
-    PyObject *old = NULL;
-    PyArrayObject *gone[PARTS];
+    PyArrayObject *old = NULL, *values = NULL, *gone[PARTS];
+    PyObject *setup = NULL;
     int parts = 0;
-    if (setup == NULL) {
-        PyErr_SetString(PyExc_AttributeError, "a state has a setup");
-        return -1;
-    }
-    Py_INCREF(setup);
+    if (count % 2 != 0) return PyErr_Format(PyExc_TypeError, "assign: a number for every slot");
     Py_BEGIN_CRITICAL_SECTION(self);
-    old = state->setup;
-    state->setup = setup;
-    for (; parts < state->parts; ++parts) {
-        gone[parts] = state->h[parts];
-        state->h[parts] = NULL;
+    values = (PyArrayObject *)PyArray_NewCopy(state->values, NPY_CORDER);
+    for (Py_ssize_t i = 0; values != NULL && i < count; i += 2) {
+        const Py_ssize_t slot = PyLong_AsSsize_t(args[i]);
+        const double number = PyFloat_AsDouble(args[i + 1]);
+        if (!PyErr_Occurred() && (slot < 0 || slot >= PyArray_SIZE(values)))
+            PyErr_SetString(PyExc_IndexError, "assign: no such slot");
+        if (PyErr_Occurred())
+            Py_CLEAR(values);
+        else if (PyArray_TYPE(values) == NPY_DOUBLE)
+            ((double *)PyArray_DATA(values))[slot] = number;
+        else
+            ((float *)PyArray_DATA(values))[slot] = (float)number;
     }
-    state->parts = 0;
+    if (values != NULL) {
+        old = state->values;
+        state->values = values;
+        setup = state->setup;
+        state->setup = NULL;
+        for (; parts < state->parts; ++parts) {
+            gone[parts] = state->h[parts];
+            state->h[parts] = NULL;
+        }
+        state->parts = 0;
+    }
     Py_END_CRITICAL_SECTION();
     while (parts > 0) Py_XDECREF(gone[--parts]);
+    Py_XDECREF(setup);
+    if (old == NULL) return NULL;
     Py_DECREF(old);
-    return 0;
+    Py_RETURN_NONE;
+}
+
+static PyObject *state_copy(PyObject *self, PyObject *unused)
+{
+    (void)unused;
+    State *state = (State *)self, *other = (State *)Py_TYPE(self)->tp_alloc(Py_TYPE(self), 0);
+    if (other == NULL) return NULL;
+    Py_BEGIN_CRITICAL_SECTION(self);
+    Py_INCREF(state->values), other->values = state->values;
+    Py_INCREF(state->make), other->make = state->make;
+    Py_XINCREF(state->setup), other->setup = state->setup;
+    other->checks = state->checks;
+    other->threads = state->threads;
+    other->parts = state->parts;
+    for (int i = 0; i < state->parts; ++i) {
+        Py_XINCREF(state->h[i]);
+        other->h[i] = state->h[i];
+    }
+    Py_END_CRITICAL_SECTION();
+    return (PyObject *)other;
 }
 
 static int state_traverse(PyObject *self, visitproc visit, void *arg)
 {
     Py_VISIT(Py_TYPE(self));
+    Py_VISIT(((State *)self)->make);
     Py_VISIT(((State *)self)->setup); /* the arrays lead nowhere */
     return 0;
 }
 
 static void state_dealloc(PyObject *self)
 {
+    State *state = (State *)self;
     PyTypeObject *type = Py_TYPE(self);
     PyObject_GC_UnTrack(self);
-    Py_XDECREF(((State *)self)->setup);
-    for (int i = 0; i < PARTS; ++i) Py_XDECREF(((State *)self)->h[i]);
+    Py_XDECREF(state->values);
+    Py_XDECREF(state->make);
+    Py_XDECREF(state->setup);
+    for (int i = 0; i < state->parts; ++i) Py_XDECREF(state->h[i]);
     type->tp_free(self);
     Py_DECREF(type);
 }
+
+PyDoc_STRVAR(assign_doc, "assign(slot, number, ...)\n\nReplace the values by others that differ in these slots, at once.");
+PyDoc_STRVAR(copy_doc, "copy()\n\nA state with the same values, checks and threads; neither sees what becomes of the other.");
 
 static PyMemberDef state_members[] = {
     {"checks", T_BOOL, offsetof(State, checks), 0, "whether NaN and infinity are refused"},
@@ -825,12 +898,19 @@ static PyMemberDef state_members[] = {
     {NULL, 0, 0, 0, NULL},
 };
 static PyGetSetDef state_getset[] = {
-    {"setup", state_setup, state_set_setup, "values of the parameters, replaced as a whole", NULL},
+    {"values", state_values, NULL, "values of the parameters, not to be written to", NULL},
+    {"setup", state_setup, NULL, "what make(values) gives", NULL},
     {NULL, NULL, NULL, NULL, NULL},
+};
+static PyMethodDef state_methods[] = {
+    {"assign", (PyCFunction)(void (*)(void))state_assign, METH_FASTCALL, assign_doc},
+    {"copy", state_copy, METH_NOARGS, copy_doc},
+    {NULL, NULL, 0, NULL},
 };
 static PyType_Slot state_slots[] = {
     {Py_tp_new, state_new},         {Py_tp_dealloc, state_dealloc}, {Py_tp_traverse, state_traverse},
-    {Py_tp_members, state_members}, {Py_tp_getset, state_getset},   {0, NULL},
+    {Py_tp_members, state_members}, {Py_tp_getset, state_getset},   {Py_tp_methods, state_methods},
+    {0, NULL},
 };
 static PyType_Spec state_spec = {
     .name = "eomgen.State",

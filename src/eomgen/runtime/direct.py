@@ -10,31 +10,78 @@ import importlib
 import itertools
 import threading
 import weakref
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from types import FunctionType, ModuleType
 from typing import Any, Protocol
 
+from numpy.typing import NDArray
+
 from .pieces import states_at_once
 from .raw import Library, RawKernel, Setup
+
+Array = NDArray[Any]
 
 NAME = "_direct"
 ROLES = {"frame": "frame", "out": "out", "wrench": "nothing", "cut": "cut"}  # of parameters that are not read
 
 
 class State:
-    """What may change of a kernel; the extension module has one of its own that calls read without Python.
+    """What may change of a kernel; the extension module has the same in C, for calls that read it without Python.
 
     Attributes:
-        setup: values of the parameters, replaced as a whole.
+        values: of the parameters, (parameters,); replaced as a whole and never written to.
         checks: whether NaN and infinity are refused.
         threads: how many threads share a batch.
     """
 
-    __slots__ = ("checks", "setup", "threads")
+    def __init__(
+        self, values: Array, make: Callable[[Array], Setup] = Setup, checks: bool = True, threads: int = 1
+    ) -> None:
+        """A state.
 
-    def __init__(self, setup: Setup, checks: bool = True, threads: int = 1) -> None:
-        self.setup, self.checks, self.threads = setup, checks, threads
+        Args:
+            values, checks, threads: see above.
+            make: gives ``setup`` of values.
+        """
+        self.values, self.checks, self.threads = values, checks, threads
+        self._make, self._lock = make, threading.Lock()
+        self._setup: Setup | None = None
+        self._successor: Any = None
+
+    @property
+    def setup(self) -> Setup:
+        """What functions of C read of the values: the same object until an assignment."""
+        found = self._setup
+        if found is not None:
+            return found
+        with self._lock:
+            self._setup = self._setup or self._make(self.values)
+            return self._setup
+
+    def assign(self, *pairs: float) -> None:
+        """Replace the values by others that differ in some slots, at once: slot, number, slot, number, ..."""
+        with self._lock:  # assignments of other threads are kept
+            if self._successor is not None:
+                self._successor.assign(*pairs)
+                return
+            values = self.values.copy()
+            values[list(map(int, pairs[::2]))] = pairs[1::2]
+            self.values, self._setup = values, None
+
+    def moved_to(self, kind: Callable[..., State]) -> State:
+        """A state of another type in its place, which gets the assignments that come here later."""
+        with self._lock:
+            if self._successor is None:
+                self._successor = kind(self.values, self._make, self.checks, self.threads)
+            return self._successor
+
+    def copy(self) -> State:
+        """A state with the same values, checks and threads; neither sees what becomes of the other."""
+        with self._lock:
+            other = State(self.values, self._make, self.checks, self.threads)
+            other._setup = self._setup
+            return other
 
 
 class Bindable(Protocol):

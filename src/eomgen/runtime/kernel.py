@@ -202,7 +202,9 @@ class Kernel:
             found = functions(module, self.raw, methods, self.frames, bool(self.loops))
             self._functions = (module, found)
         plain = self._with_methods_in_python()
-        state = self.parameters.share(module.State)
+        state = self.parameters.state
+        if not isinstance(state, module.State):
+            state = self.parameters.state = state.moved_to(module.State)
         module.bind(self._functions[1], plain, state, self.__dict__)
         self.__dict__["_plain"] = plain
 

@@ -6,8 +6,7 @@ A generated package carries a copy of this file.
 from __future__ import annotations
 
 import math
-import threading
-from collections.abc import Callable, Iterator, Mapping, MutableMapping
+from collections.abc import Iterator, Mapping, MutableMapping
 from typing import Any
 
 import numpy as np
@@ -31,10 +30,10 @@ class Parameters(MutableMapping[str, float]):
         state: what calls take: the values, and how they are made.
     """
 
-    def __init__(self, raw: RawKernel, slots: Mapping[str, int], least: Mapping[str, float], setup: Setup) -> None:
-        self._raw, self._slots, self._least, self._lock = raw, slots, least, threading.Lock()
-        self._most = float(np.finfo(raw.dtype).max)
-        self.state = State(setup)
+    def __init__(
+        self, raw: RawKernel, slots: Mapping[str, int], least: Mapping[str, float], most: float, state: State
+    ) -> None:
+        self._raw, self._slots, self._least, self._most, self.state = raw, slots, least, most, state
 
     @classmethod
     def of(cls, raw: RawKernel, values: Mapping[str, float], least: Mapping[str, float]) -> Parameters:
@@ -44,33 +43,25 @@ class Parameters(MutableMapping[str, float]):
             least: the least value of each parameter that has one.
         """
         slots = {name: slot for slot, name in enumerate(values)}
-        return cls(raw, slots, least, Setup(np.array(list(values.values()), raw.dtype)))
+        state = State(np.array(list(values.values()), raw.dtype))
+        return cls(raw, slots, least, float(np.finfo(raw.dtype).max), state)
 
     def copy(self) -> Parameters:
         """The same names and values for the same code; neither sees the other's assignments."""
-        return Parameters(self._raw, self._slots, self._least, self.setup)  # which is replaced as a whole on assignment
+        return Parameters(self._raw, self._slots, self._least, self._most, self.state.copy())
 
     @property
     def setup(self) -> Setup:
         """The values as arrays, and what functions of C read of them; replaced as a whole on assignment."""
         return self.state.setup
 
-    def share(self, kind: Callable[[Setup, bool, int], State]) -> State:
-        """Keep the state in an object of another type from now on, which calls in C read, too."""
-        with self._lock:
-            self.state = kind(self.state.setup, self.state.checks, self.state.threads)
-            return self.state
-
     def __getitem__(self, name: str) -> float:
-        return float(self.setup.values[self._slot(name)])
+        return float(self.state.values[self._slot(name)])
 
     def __setitem__(self, name: str, value: float) -> None:
         if type(value) is float and type(name) is str and name in self._slots:
             if self._least.get(name, -self._most) <= value <= self._most:  # as in nearly all assignments
-                with self._lock:
-                    values = self.state.setup.values.copy()
-                    values[self._slots[name]] = value
-                    self.state.setup = Setup(values)
+                self.state.assign(self._slots[name], value)
                 return
         self.update({name: value})
 
@@ -101,7 +92,7 @@ class Parameters(MutableMapping[str, float]):
             InputError: not a finite number, a whole one that the dtype cannot hold exactly, or negative where that
                 cannot be.
         """
-        wanted: dict[int, float] = {}
+        wanted: list[float] = []
         for name, value in dict(*args, **kwargs).items():
             slot = self._slot(name)
             held = self._held(name, value)
@@ -109,11 +100,9 @@ class Parameters(MutableMapping[str, float]):
             if least is not None and value < least:
                 wrong = "too small" if least > 0.0 else "negative"
                 raise InputError(f"parameters: {name} = {show(value)} is {wrong}; at least {least:g} is allowed")
-            wanted[slot] = held
-        with self._lock:  # assignments of other threads are kept
-            values = self.state.setup.values.copy()
-            values[list(wanted)] = list(wanted.values())
-            self.state.setup = Setup(values)
+            wanted += (slot, held)
+        if wanted:
+            self.state.assign(*wanted)
 
     def _held(self, name: str, value: Any) -> float:
         """The number as the kernel's dtype has it, of whole numbers without rounding."""
