@@ -41,7 +41,7 @@ def test_every_function_does_what_its_call_does(dtype: str, built: Build) -> Non
         assert np.array_equal(one[0], kernel.calls.run(name, None, [x[0] for x in arrays], extra)), name
         assert function.kernel in kernel.operations
         seen.add(function.kind)
-    assert seen == {"program", "composed", "frames"}
+    assert seen == {"program", "tangent", "composed", "frames"}
 
 
 def test_functions_of_every_kind(built: Build) -> None:
