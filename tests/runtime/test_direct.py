@@ -10,6 +10,7 @@ import gc
 import inspect
 import pickle
 import pydoc
+import sys
 import threading
 import tracemalloc
 import weakref
@@ -23,7 +24,6 @@ import pytest
 
 import eomgen
 from eomgen.errors import ArrayError, InputError, SingularError
-from eomgen.pipeline import direct_calls
 from eomgen.robot.value import Robot
 from eomgen.runtime import Kernel
 from eomgen.runtime.direct import Face
@@ -261,20 +261,301 @@ def test_plain_calls_do_not_go_through_python(built: Build, monkeypatch: pytest.
     kernel.mass_matrix(Q.tolist())
     kernel.bias_force(Q, np.array([np.nan, 0.0]))
     kernel.christoffel(np.zeros((states_at_once(kernel.raw.functions["christoffel"].operations) + 1, 2)))
-    with kernel_threads(kernel, 2):
-        kernel.mass_matrix(np.zeros((512, 2)))
-        kernel.mass_matrix(np.zeros((511, 2)))
+    kernel.threads = 2
+    kernel.mass_matrix(np.zeros((512, 2)))
+    kernel.mass_matrix(np.zeros((511, 2)))
     assert asked == ["mass_matrix", "bias_force", "christoffel", "mass_matrix"]
 
 
-class kernel_threads:
-    """A kernel with so many threads, for a block."""
+def test_a_method_shows_itself_as_in_python(built: Build) -> None:
+    kernel = built(eomgen.load_robot("one_link"))
+    method, bound = kernel.forward_dynamics, MethodType(Kernel.forward_dynamics, kernel)
+    assert type(method) is not MethodType
+    assert inspect.signature(method) == inspect.signature(bound)
+    for name in ("__doc__", "__name__", "__qualname__", "__module__", "__annotations__", "__func__", "__kwdefaults__"):
+        assert getattr(method, name) == getattr(bound, name), name
+    assert repr(method) == repr(bound)
+    assert inspect.isroutine(method)
+    assert inspect.unwrap(method).__func__ is Kernel.forward_dynamics
+    told = pydoc.plain(pydoc.render_doc(method))
+    assert "Accelerations, (n,), m/s^2 or rad/s^2, under the drives u." in told
+    assert "forward_dynamics(q: 'ArrayLike'" in told
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = method.nothing  # type: ignore[attr-defined]
+    assert method == kernel.forward_dynamics
+    assert method != kernel.with_parameters().forward_dynamics
 
-    def __init__(self, kernel: Kernel, number: int) -> None:
-        self.kernel, self.number = kernel, number
+    class Holder:
+        call = method
 
-    def __enter__(self) -> None:
-        self.kernel.threads = self.number
+    assert np.array_equal(Holder().call(Q, V, U), kernel.forward_dynamics(Q, V, U))  # as a bound method, no self
+    kernel.mass_matrix = lambda q: 7  # type: ignore[method-assign, assignment, misc]
+    assert kernel.mass_matrix(Q) == 7  # type: ignore[comparison-overlap]
+    del kernel.mass_matrix
+    assert kernel.mass_matrix(Q).shape == (2, 2)  # that of the class
 
-    def __exit__(self, *_: object) -> None:
-        self.kernel.threads = 1
+
+def test_a_method_can_be_pickled_and_copied() -> None:
+    kernel = eomgen.build("one_link", kernels=("mass_matrix",), flags=("-O0",))
+    kernel.parameters["gravity.y"] = -1.0
+    expected = kernel.mass_matrix(Q)
+    for found in (
+        pickle.loads(pickle.dumps(kernel.mass_matrix)),
+        copy.copy(kernel.mass_matrix),
+        copy.deepcopy(kernel.mass_matrix),
+        pickle.loads(pickle.dumps(kernel)).mass_matrix,
+    ):
+        assert np.array_equal(found(Q), expected)
+        assert found.__self__.parameters["gravity.y"] == -1.0
+        assert type(found).__name__ == "Direct"
+
+
+def test_methods_of_a_subclass_are_its_own(built: Build) -> None:
+    kernel = built(eomgen.load_robot("one_link"))
+
+    class Louder(Kernel):
+        def mass_matrix(self, q: Any, *, out: Any = None) -> Any:
+            return 2.0 * super().mass_matrix(q, out=out)
+
+    louder = Louder(kernel.raw.libraries, None, kernel._face)
+    assert louder.is_direct
+    assert np.array_equal(louder.mass_matrix(Q), 2.0 * kernel.mass_matrix(Q))
+    assert np.array_equal(louder.with_parameters().mass_matrix(Q), 2.0 * kernel.mass_matrix(Q))
+    assert type(louder.bias_force).__name__ == "Direct"
+    assert "mass_matrix" not in vars(louder)
+
+
+def test_kernels_go_with_their_last_reference(built: Build) -> None:
+    """Without the search for cycles; a method keeps what it needs."""
+    first = built(eomgen.load_robot("one_link"))
+    expected = first.forward_dynamics(Q, V, U)
+    gc.collect()
+    gc.disable()
+    try:
+        kernel = first.with_parameters()
+        method, gone = kernel.forward_dynamics, weakref.ref(kernel)
+        kernel.mass_matrix(Q)
+        plain = weakref.ref(method.__self__)  # type: ignore[attr-defined]
+        del kernel
+        assert gone() is None
+        assert plain() is not None
+        assert np.array_equal(method(Q, V, U), expected)
+        del method
+        assert plain() is None
+
+        def work() -> None:
+            for number in range(200):
+                kernel = first.with_parameters({"gravity.y": float(number)})
+                kernel.mass_matrix(Q)
+                kernel.forward_dynamics(Q, V, U, out=np.empty(2))
+                kernel.residual_jacobian(Q, V, U)
+                kernel.frame_pose(Q, "tcp")
+                with pytest.raises(ArrayError):
+                    kernel.energy(Q, V * np.nan)
+                kernel.mass_matrix(np.zeros((3, 2)))
+
+        work()
+        tracemalloc.start()
+        before = tracemalloc.get_traced_memory()[0]
+        work()
+        work()
+        assert tracemalloc.get_traced_memory()[0] - before < 100_000  # 400 kernels have more than a kilobyte each
+    finally:
+        tracemalloc.stop()
+        gc.enable()
+    kernel = first.with_parameters()
+    kernel.itself = kernel.mass_matrix  # type: ignore[attr-defined]
+    kernel.parameters.around = kernel  # type: ignore[attr-defined]
+    gone = weakref.ref(kernel)
+    del kernel
+    gc.collect()
+    assert gone() is None
+
+
+def test_a_reference_from_before_the_code_is_there(empty_cache: Any) -> None:
+    kernel = eomgen.build("one_link", flags=("-O0",))
+    assert kernel.is_direct
+    method, other = kernel.mass_matrix, kernel.with_parameters().mass_matrix
+    assert not method.is_armed  # type: ignore[attr-defined]
+    with pytest.raises(ArrayError, match="q: expected float64 of shape"):
+        method(np.zeros(3))
+    expected = method(Q)
+    assert method.is_armed  # type: ignore[attr-defined]
+    assert other.is_armed  # type: ignore[attr-defined]
+    assert np.array_equal(method(Q), expected)
+    assert np.array_equal(other(Q), expected)
+    assert not kernel.bias_force.is_armed  # type: ignore[attr-defined]
+
+
+def test_kernels_from_before_the_module(built: Build) -> None:
+    kernel = built(eomgen.load_robot("one_link"))
+    face = Face(expected=True)
+    early = Kernel(kernel.raw.libraries, None, face)
+    copied, method = early.with_parameters({"gravity.y": -3.0}), early.forward_dynamics
+    early.checks, state = False, early.parameters.state
+    assert not early.is_direct
+    module = kernel._face.module
+    assert module is not None
+    face.settle(module)
+    assert early.is_direct
+    assert copied.is_direct
+    assert not early.checks
+    assert copied.parameters["gravity.y"] == -3.0
+    state.assign(list(early.parameters).index("gravity.y"), -2.0)  # of a thread that was just about to
+    assert early.parameters["gravity.y"] == -2.0
+    assert np.array_equal(early.forward_dynamics(Q, V, U), method(Q, V, U))
+    late = Kernel(kernel.raw.libraries, None, face)
+    assert late.is_direct
+    never = Kernel(kernel.raw.libraries)
+    assert not never.is_direct
+    assert np.array_equal(never.forward_dynamics(Q, V, U), late.forward_dynamics(Q, V, U))
+    face = Face(expected=True)
+    unlucky = Kernel(kernel.raw.libraries, None, face)
+    face.settle(None)
+    assert not unlucky.is_direct
+    assert not unlucky.with_parameters().is_direct
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_an_assignment_is_seen_by_the_next_call(dtype: str, built: Build) -> None:
+    robot = eomgen.load_robot("one_link")
+    kernel = built(robot, dtype=dtype)
+    q, v, u = (x.astype(dtype) for x in (Q, V, U))
+    plain = Kernel(kernel.raw.libraries)
+    for number, name in enumerate(["gravity.x", "joints.joint1.x.stiffness", "gravity.y"] * 3):
+        copied = kernel.with_parameters()
+        before = kernel.forward_dynamics(q, v, u)
+        value = kernel.parameters[name] * 1.25 + 0.1
+        if number % 2:
+            kernel.parameters[name] = plain.parameters[name] = value
+        else:
+            kernel.parameters.update({name: value})
+            plain.parameters.update({name: value})
+        assert dict(kernel.parameters) == dict(plain.parameters)
+        after = kernel.forward_dynamics(q, v, u)
+        assert np.array_equal(after, plain.forward_dynamics(q, v, u))
+        assert np.array_equal(copied.forward_dynamics(q, v, u), before)
+        assert not np.array_equal(after, before)
+    assert np.array_equal(kernel.parameters.setup.values, plain.parameters.setup.values)
+
+
+@pytest.mark.parametrize("face", ["direct", "python"])
+def test_assignments_are_refused_as_ever(face: str, built: Build) -> None:
+    given = built(eomgen.load_robot("one_link"))
+    kernel = given if face == "direct" else Kernel(given.raw.libraries)
+    before = dict(kernel.parameters)
+    name = "joints.joint1.x.stiffness"
+    for wrong, said in (
+        (float("nan"), f"parameters: {name} = nan is not finite"),
+        (float("inf"), f"parameters: {name} = inf is not finite"),
+        (-1.0, f"parameters: {name} = -1.0 is negative; at least 0 is allowed"),
+        (True, f"parameters: {name} = true is not a number"),
+        ("1", f"parameters: {name} = '1' is not a number"),
+        (2**53 + 1, f"parameters: {name} = 9007199254740993 is a number that float64 cannot hold exactly"),
+    ):
+        with pytest.raises(InputError) as caught:
+            kernel.parameters[name] = wrong  # type: ignore[assignment]
+        assert str(caught.value) == said
+    for unknown in ("gravity.w", 3, ["gravity.x"], None):
+        with pytest.raises(eomgen.errors.UnknownNameError, match="is not a run-time parameter of one_link"):
+            kernel.parameters[unknown] = 1.0  # type: ignore[index]
+    with pytest.raises(InputError):
+        kernel.parameters.update({"gravity.x": 1.0, name: -1.0})
+    assert dict(kernel.parameters) == before
+    kernel.parameters.update({})
+    for number in (3, np.float32(1.5), np.int64(2), -0.0, 1e300):
+        kernel.parameters["gravity.x"] = number
+        assert kernel.parameters["gravity.x"] == number
+
+
+def test_threads_that_assign_and_call(built: Build) -> None:
+    """Every result belongs to one of the values that were assigned together, and none is lost."""
+    kernel = built(eomgen.load_robot("one_link"))
+    pairs = [{"gravity.y": -float(i), "joints.joint1.x.stiffness": 1e4 * i} for i in range(1, 4)]
+    many = np.stack([Q] * 300)
+    allowed = {kernel.with_parameters(pair).forward_dynamics(Q, V, U).tobytes() for pair in pairs}
+    kernel.parameters.update(pairs[0])
+    found: set[bytes] = set()
+    over, failed = threading.Event(), list[BaseException]()
+
+    def assign() -> None:
+        number = 0
+        while not over.is_set():
+            kernel.parameters.update(pairs[number % 3])
+            number += 1
+
+    def call() -> None:
+        try:
+            for _ in range(300):
+                found.add(kernel.forward_dynamics(Q, V, U).tobytes())
+                rows = {row.tobytes() for row in kernel.forward_dynamics(many, V, U)}
+                assert len(rows) == 1
+                found.update(rows)
+        except BaseException as error:
+            failed.append(error)
+
+    callers = [threading.Thread(target=call) for _ in range(3)]
+    writer = threading.Thread(target=assign)
+    for thread in (writer, *callers):
+        thread.start()
+    for thread in callers:
+        thread.join()
+    over.set()
+    writer.join()
+    assert not failed
+    assert found <= allowed
+
+
+def test_no_assignment_of_many_threads_is_lost(built: Build) -> None:
+    kernel = built(eomgen.load_robot("one_link"))
+    names = [name for name in kernel.parameters if name.startswith("gravity")]
+
+    def assign(name: str) -> None:
+        for number in range(500):
+            kernel.parameters[name] = float(number)
+            assert kernel.parameters[name] == number
+
+    threads = [threading.Thread(target=assign, args=(name,)) for name in names]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert [kernel.parameters[name] for name in names] == [499.0] * len(names)
+
+
+def test_long_calls_let_other_threads_run(built: Build) -> None:
+    """A batch that takes long is computed without the interpreter's lock."""
+    kernel = built(eomgen.load_robot("one_link"))
+    many = np.zeros((states_at_once(kernel.raw.functions["christoffel"].operations), 2))
+    counted, over = [0], threading.Event()
+
+    def count() -> None:
+        while not over.is_set():
+            counted[0] += 1
+
+    kernel.christoffel(Q)
+    interval = sys.getswitchinterval()
+    other = threading.Thread(target=count)
+    sys.setswitchinterval(100.0)  # nobody gives the lock away but who wants to
+    try:
+        other.start()
+        kernel.christoffel(many)
+        over.set()
+    finally:
+        sys.setswitchinterval(interval)
+        over.set()
+        other.join()
+    assert counted[0] > 0
+
+
+def test_singular_states_are_named(built: Build) -> None:
+    robot = eomgen.load_robot("one_link")
+    link = replace(robot.links[-1], mass=0.0, inertia=(0.0,) * 6)
+    kernel = built(replace(robot, links=(*robot.links[:-1], link)), "forward_dynamics", "mass_matrix")
+    for q in (Q, np.stack([Q, Q])):
+        for out in (None, np.empty(q.shape)):
+            with pytest.raises(SingularError) as found:
+                kernel.forward_dynamics(q, V, U, out=out)
+            with pytest.raises(SingularError) as expected:
+                kernel.forward_dynamics.__wrapped__(q, V, U, out=out)  # type: ignore[attr-defined]
+            assert str(found.value) == str(expected.value)

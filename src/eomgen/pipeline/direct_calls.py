@@ -43,7 +43,9 @@ class Extension:
             self._compiler = compiler
             key = _key(compiler)
             if key is not None and store.find(KIND, key) is None:
-                self._worker = threading.Thread(target=_try_to_make, args=(compiler,), name="eomgen direct", daemon=True)
+                self._worker = threading.Thread(
+                    target=_try_to_make, args=(compiler,), name="eomgen direct", daemon=True
+                )
                 self._worker.start()
                 return self.face
         self.settle()

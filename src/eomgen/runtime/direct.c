@@ -456,6 +456,12 @@ static PyObject *direct_doc(PyObject *self, void *closure)
     return attribute_of_method(self, "__doc__");
 }
 
+static PyObject *direct_is_armed(PyObject *self, void *closure)
+{
+    (void)closure;
+    return PyBool_FromLong(PUBLISHED(((Direct *)self)->function->code) != 0);
+}
+
 /* All that a bound method shows: its names, annotations, signature. */
 static PyObject *direct_getattro(PyObject *self, PyObject *name)
 {
@@ -485,6 +491,13 @@ static PyObject *direct_reduce(PyObject *self, PyObject *unused)
     PyObject *builtins = PyEval_GetBuiltins(), *getter = PyDict_GetItemString(builtins, "getattr");
     if (getter == NULL) return PyErr_Format(PyExc_RuntimeError, "no getattr among the built-in functions");
     return Py_BuildValue("O(OO)", getter, ((Direct *)self)->owner, ((Direct *)self)->function->name);
+}
+
+static PyObject *direct_itself(PyObject *self, PyObject *unused)
+{
+    (void)unused;
+    Py_INCREF(self);
+    return self;
 }
 
 /* Makes it a routine for `help`; as an attribute of a class it stays what it is, as a bound method does. */
@@ -524,10 +537,12 @@ static PyMemberDef direct_members[] = {
 static PyGetSetDef direct_getset[] = {
     {"__doc__", direct_doc, NULL, NULL, NULL},
     {"__wrapped__", bound_method, NULL, "the method in Python, bound", NULL},
+    {"is_armed", direct_is_armed, NULL, "whether plain calls go to the code", NULL},
     {NULL, NULL, NULL, NULL, NULL},
 };
 static PyMethodDef direct_methods[] = {
     {"__reduce__", direct_reduce, METH_NOARGS, NULL},
+    {"__copy__", direct_itself, METH_NOARGS, NULL},
     {NULL, NULL, 0, NULL},
 };
 static PyType_Slot direct_slots[] = {
@@ -684,12 +699,6 @@ static PyObject *function_arm(PyObject *self, PyObject *args)
     Py_RETURN_TRUE;
 }
 
-static PyObject *function_armed(PyObject *self, void *closure)
-{
-    (void)closure;
-    return PyBool_FromLong(PUBLISHED(((Function *)self)->code) != 0);
-}
-
 static int function_traverse(PyObject *self, visitproc visit, void *arg)
 {
     Function *f = (Function *)self;
@@ -721,18 +730,13 @@ static PyMemberDef function_members[] = {
     {"name", T_OBJECT_EX, offsetof(Function, name), READONLY, "name of the method"},
     {NULL, 0, 0, 0, NULL},
 };
-static PyGetSetDef function_getset[] = {
-    {"armed", function_armed, NULL, "whether plain calls go to the code", NULL},
-    {NULL, NULL, NULL, NULL, NULL},
-};
 static PyMethodDef function_methods[] = {
     {"arm", function_arm, METH_VARARGS, arm_doc},
     {NULL, NULL, 0, NULL},
 };
 static PyType_Slot function_slots[] = {
     {Py_tp_new, function_new},         {Py_tp_dealloc, function_dealloc}, {Py_tp_traverse, function_traverse},
-    {Py_tp_members, function_members}, {Py_tp_getset, function_getset},   {Py_tp_methods, function_methods},
-    {0, NULL},
+    {Py_tp_members, function_members}, {Py_tp_methods, function_methods}, {0, NULL},
 };
 static PyType_Spec function_spec = {
     .name = "eomgen.Function",
