@@ -6,6 +6,7 @@ Nothing of a build depends on it: where it cannot be had, kernels are called thr
 from __future__ import annotations
 
 import threading
+from contextlib import suppress
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
@@ -126,7 +127,5 @@ def _make(compiler: Compiler, key: str, folder: Path) -> None:
 
 def _try_to_make(compiler: Compiler) -> None:
     """Fill the cache; what goes wrong is found again, and told, by ``settle``."""
-    try:
+    with suppress(BuildError):
         made_by(compiler)
-    except BuildError:
-        pass

@@ -28,7 +28,7 @@ FAILS = 5.0  # a number that the function refuses
 NUMBERS = (1.5, -0.0, 0.1, -3e7)
 PLAIN = (NUMBERS, (1e-40, -1e-42, 1.0, 0.0), (1e-310, 5e-324, 2.0, -1.0))
 REFUSED = ((math.nan, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, -math.inf), (FAILS, 0.0, 0.0, 0.0))
-OVERFLOWING = (2e38, 0.0, 0.0, 0.0)  # doubled, and squared of a double
+OVERFLOWING = (2e38, 0.0, 0.0, 0.0)  # doubled in single precision
 
 
 def check_extension(made: store.Entry, compiler: Compiler) -> None:
@@ -55,11 +55,10 @@ def check_extension(made: store.Entry, compiler: Compiler) -> None:
 def _wrong(module: ModuleType, dtype: np.dtype[Any]) -> Iterator[str]:
     """All that a module does wrong with a function that multiplies by 2 (so in ``h``), for this dtype."""
     code, batch, setup, kept = _doubling(dtype)
-    method = _asked
     function = module.Function(
         name="doubled",
-        method=method,
-        arming=method,
+        method=_asked,
+        arming=_asked,
         dtype=dtype,
         places=(("q", "read", (4,)), ("out", "out", ())),
         positional=1,
@@ -84,8 +83,8 @@ def _wrong(module: ModuleType, dtype: np.dtype[Any]) -> Iterator[str]:
         for given in (np.array(numbers, dtype), np.array([NUMBERS, numbers], dtype)):
             if call(given) is not ASKED:
                 yield f"{given} is taken as it is"
-    given = np.array(OVERFLOWING, dtype) * (1 if dtype == np.float32 else dtype.type(5e269))
-    for given in (given, np.array([given])):
+    large = np.array(OVERFLOWING, dtype) * (1 if dtype == np.float32 else dtype.type(5e269))
+    for given in (large, np.array([large])):
         state.checks = True
         if call(given) is not ASKED:
             yield f"twice {given} is taken as finite"

@@ -59,11 +59,11 @@ class Parameters(MutableMapping[str, float]):
         return float(self.state.values[self._slot(name)])
 
     def __setitem__(self, name: str, value: float) -> None:
-        if type(value) is float and type(name) is str and name in self._slots:
-            if self._least.get(name, -self._most) <= value <= self._most:  # as in nearly all assignments
-                self.state.assign(self._slots[name], value)
-                return
-        self.update({name: value})
+        known = type(value) is float and type(name) is str and name in self._slots
+        if known and self._least.get(name, -self._most) <= value <= self._most:  # as in nearly all assignments
+            self.state.assign(self._slots[name], value)
+        else:
+            self.update({name: value})
 
     def __delitem__(self, name: str) -> None:
         raise InputError(f"parameters: {name!r} cannot be removed; assign another value")
