@@ -47,7 +47,7 @@ class State:
         self.values, self.checks, self.threads = values, checks, threads
         self._make, self._lock = make, threading.Lock()
         self._setup: Setup | None = None
-        self._successor: Any = None
+        self._successor: State | None = None
 
     @property
     def setup(self) -> Setup:
