@@ -62,7 +62,7 @@ def _calls_of(chosen: Case, rounds: int) -> Iterator[Call]:
         ways: dict[str, Callable[[], object]] = {
             "Python": _one_by_one(getattr(kernel, name), arrays, *further),
             WITHOUT: _one_by_one(getattr(bare, name), arrays, *further),
-            OUT: _one_by_one(partial(getattr(kernel, name), out=out), arrays, *further),
+            OUT: _one_by_one(getattr(kernel, name), arrays, *further, out=out),
             MANY: partial(getattr(kernel, name), *(many[x] for x in reads), *further),
         }
         if name in peers:
@@ -77,7 +77,9 @@ def _calls_of(chosen: Case, rounds: int) -> Iterator[Call]:
         yield Call(chosen.title, processor_name(), name, ns)
 
 
-def _one_by_one(function: Way, arrays: Sequence[Array], *further: object) -> Callable[[], object]:
+def _one_by_one(
+    function: Way, arrays: Sequence[Array], *further: object, out: Array | None = None
+) -> Callable[[], object]:
     """One call for each state; the rows are views that exist before anything is timed."""
     rows = [(*row, *further) for row in zip(*arrays, strict=True)]
 
@@ -85,7 +87,11 @@ def _one_by_one(function: Way, arrays: Sequence[Array], *further: object) -> Cal
         for row in rows:
             function(*row)
 
-    return call
+    def write() -> None:
+        for row in rows:
+            function(*row, out=out)
+
+    return call if out is None else write
 
 
 def _least(ways: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, float]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from .compile import Compiler, key_of, link_shared, run_all, toolchain
 
-FLAGS = ("-O3", "-Wall", "-Wextra", "-Wconversion")  # -O3 for the search for NaN, which is a loop
+FLAGS = ("-O3", "-DNDEBUG", "-Wall", "-Wextra", "-Wconversion")  # -O3 for the search for NaN, which is a loop
 NAME, FILE = "_direct", "direct.c"
 
 
