@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 import eomgen
+from eomgen.pipeline import direct_calls
 from eomgen.pipeline.cache import VARIABLE
 from eomgen.pipeline.generator_key import generator_hash
 from eomgen.robot.value import Robot
@@ -35,6 +36,13 @@ def pytest_configure(config: pytest.Config) -> None:
             shutil.rmtree(other, ignore_errors=True)
     os.environ[VARIABLE] = str(here)
     gc.set_threshold(100_000, 20, 20)  # SymPy's caches and many modules make every search for cycles long
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _extension() -> None:
+    """Calls of this process go through the extension module, whatever headers and compilers a test pretends."""
+    direct_calls.begin()
+    direct_calls.settle()
 
 
 @pytest.fixture(scope="session")

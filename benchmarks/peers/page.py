@@ -14,6 +14,12 @@ KERNELS: Mapping[str, str] = {
     "derivatives": "derivatives of inverse dynamics",
     "step": "one linearly implicit step",
 }
+CALLED: Mapping[str, str] = {
+    **KERNELS,
+    "residual_jacobian": "derivatives of inverse dynamics",
+    "frame_pose": "pose of the last frame",
+    "frame_jacobian": "Jacobian of the last frame",
+}
 ROBOTS = ("UR5", "Talos", CHAIN)  # of the table with required ratios
 ROWS = (
     ("inverse_dynamics", False),
@@ -62,21 +68,23 @@ def readme(report: Report) -> str:
 
 
 def called(report: Report) -> list[str]:
-    """Lines about calls from Python beside the C, in microseconds."""
+    """Lines about calls from Python beside the C, in microseconds, and Pinocchio's binding beside them."""
     if not report.calls:
         return []
     ways = list(dict.fromkeys(way for call in report.calls for way in call.ns))
     lines = [
         "",
-        "These are times of C beside C. A call from Python takes longer, for its arrays and the way into C and back:"
-        f" microseconds per state, {report.calls[0].title} on {report.calls[0].processor}, the least of many rounds.",
-        "",
-        f"| microseconds | {' | '.join(ways)} |",
-        "|---" + "|---:" * len(ways) + "|",
+        "These are times of C beside C. From Python, methods of a kernel beside Pinocchio's binding: microseconds per"
+        f" state on {report.calls[0].processor}, the least of many rounds in turns, NaN and infinity looked for in"
+        " arguments and results unless it says otherwise; the last column is the first of Python by Pinocchio's.",
     ]
-    for call in report.calls:
-        cells = [f"{1e-3 * call.ns[way]:.3g}" if way in call.ns else NONE for way in ways]
-        lines.append(f"| {KERNELS[call.kernel]} | {' | '.join(cells)} |")
+    for robot in dict.fromkeys(call.title for call in report.calls):
+        lines += ["", f"| {robot} | {' | '.join(ways)} | ratio |", "|---" + "|---:" * (len(ways) + 1) + "|"]
+        for call in report.calls:
+            if call.title == robot:
+                cells = [f"{1e-3 * call.ns[way]:.3g}" if way in call.ns else NONE for way in ways]
+                ratio = f"{call.ns['Python'] / call.ns['Pinocchio']:.2f}" if "Pinocchio" in call.ns else NONE
+                lines.append(f"| {CALLED.get(call.kernel, call.kernel)} | {' | '.join(cells)} | {ratio} |")
     return lines
 
 

@@ -17,19 +17,20 @@ from .runtime.levels import binary_folders as _binary_folders
 __path__[:0] = _binary_folders(_Path(__file__).parent, "v1")  # of the best level that runs here
 
 from ._one_link import ffi as _ffi, lib as _lib
-from .runtime import Kernel, OneLibrary
+from .runtime import Kernel, OneLibrary, packaged
 
 
 def _read(name: str) -> str:
     return _Path(__file__).with_name(name).read_text(encoding="ascii")
 
 
+_FACE = packaged()
 _META = _json.loads(_read("one_link.json"))
 
 
 def load() -> Kernel:
     """A kernel with parameters of its own, at the description's values."""
-    return Kernel(OneLibrary(_ffi, _lib, _META, _read), (load, ()))
+    return Kernel(OneLibrary(_ffi, _lib, _META, _read), (load, ()), _FACE)
 
 
 kernel = load()

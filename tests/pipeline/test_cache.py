@@ -75,13 +75,15 @@ def test_nothing_but_entries_is_left(empty_cache: Path) -> None:
 
 
 def test_eight_processes_build_the_same_kernel_at_once(empty_cache: Path, tmp_path: Path) -> None:
-    """All of them get it, and it is compiled once: wrapper, kernel, link."""
+    """All of them get it, and it is compiled once: wrapper, kernel, link; and before it the extension module, link."""
     compiler, log = logging_compiler(tmp_path)
     processes = [python(BUILD, CC=compiler) for _ in range(8)]
     answers = [answer(process) for process in processes]
     assert all(found == answers[0] for found in answers)
     assert answers[0] == one_link().mass_matrix(Q).tolist()
-    assert len(log.read_text().splitlines()) == 4
+    calls = log.read_text().splitlines()
+    assert len([call for call in calls if "direct" in call.rpartition(" -o ")[2]]) == 2
+    assert len(calls) == 4 + 2
 
 
 def test_a_build_that_was_killed_does_not_block_the_next(empty_cache: Path, tmp_path: Path) -> None:

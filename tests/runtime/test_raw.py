@@ -88,8 +88,9 @@ def test_a_rollout_by_its_pointers(kernel: Kernel) -> None:
 
 
 def test_what_parameters_give_is_replaced_as_a_whole(kernel: Kernel) -> None:
+    before, library = kernel.parameters.setup, kernel.raw.function("mass_matrix").library
     mine = kernel.with_parameters()
-    before, library = mine.parameters.setup, kernel.raw.function("mass_matrix").library
+    assert mine.parameters.setup is before
     computed = before.computed(library).copy()
     mine.parameters["joints.joint1.x.stiffness"] = 3.0
     assert mine.parameters.setup is not before

@@ -24,7 +24,7 @@ from ..errors import BuildError
 
 MANIFEST = "manifest.json"
 VARIABLE = "EOMGEN_CACHE_DIR"
-KINDS, LOCKS = ("sources", "packages", "objects", "externals"), "locks"
+KINDS, LOCKS = ("sources", "packages", "objects", "externals", "extensions"), "locks"
 PASSING = ("making-", "damaged-", "loading-")  # folders that live for one call
 PATIENCE = 900.0  # s, after which a process that holds a lock is no longer waited for
 DAY = 86400.0
@@ -61,7 +61,7 @@ def entry(kind: str, key: str, make: Callable[[Path], None]) -> Entry:
     """An entry, made by ``make(private folder)`` if it is missing or damaged.
 
     Args:
-        kind: "sources", "packages", "objects" or "externals".
+        kind: "sources", "packages", "objects", "externals" or "extensions".
         key: hexadecimal hash of what the entry depends on.
 
     Raises:

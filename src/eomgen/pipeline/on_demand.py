@@ -14,6 +14,7 @@ from ..progress import StageReport, no_report
 from ..runtime.raw import SETUP, Library, OneLibrary
 from . import cache as store
 from .cache import Entry
+from .direct_calls import settle
 from .load import load_module
 
 if TYPE_CHECKING:
@@ -62,6 +63,7 @@ class OnDemand:
             if kernel not in self._found:
                 package = self.package_of((kernel,), self._report(kernel))
                 self._found[kernel] = Library(*loaded(package, self._name))
+                settle(self.progress)
             return self._found[kernel]
 
     def operations(self, kernel: str) -> Mapping[str, int]:

@@ -36,6 +36,7 @@ from ..runtime.kernel import Kernel
 from ..runtime.levels import BASE, LEVELS, NATIVE, allowed_levels
 from ..runtime.raw import OneLibrary
 from . import cache as store
+from . import direct_calls
 from .folders import new_folder, put_folder
 from .generator_key import generator_hash
 from .level_folders import with_levels
@@ -152,7 +153,7 @@ def _on_demand(robot: Robot, options: Options, progress: StageReport = no_report
         return make_source(robot, replace(options, kernels=names), report)
 
     libraries = OnDemand(interface(model, available(model), options.dtype), package_of, source_of, progress)
-    return Kernel(libraries, (built_again, (robot, options, "", __version__)))
+    return Kernel(libraries, (built_again, (robot, options, "", __version__)), direct_calls.begin(compiler))
 
 
 def built_again(robot: Robot, options: Options, key: str, version: str, level: str = "") -> Kernel:
@@ -207,7 +208,7 @@ def generate(
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with new_folder(target) as private:
-            store.write_files(private, files)
+            store.write_files(private, {**files, **_extension_files()})
             if cmake:
                 _write_project(private, robot.name, options)
             private.chmod(0o755)
@@ -229,6 +230,13 @@ def _files_of_levels(robot: Robot, options: Options, progress: StageReport) -> s
     levels = ("",) if options.native else (options.level,) if options.level else possible
     made = [make_package(robot, replace(options, level=level), progress, compiler) for level in levels]
     return with_levels(robot.name, made[0].files, {x: y.files for x, y in zip(levels[1:], made[1:], strict=True)})
+
+
+def _extension_files() -> store.Files:
+    """The module that calls from Python go through, where it can be had, by its place in a package."""
+    from ..codegen.package.compile import find_compiler
+
+    return {f"runtime/{name}": data for name, data in direct_calls.binary_of(find_compiler()).items()}
 
 
 def _write_project(package: Path, name: str, options: Options) -> None:
@@ -266,9 +274,10 @@ def make_package(
     """
     from ..codegen.package.compile import build_key, find_compiler, write_package
 
+    compiler = compiler or find_compiler()
+    direct_calls.begin(compiler)
     derived = _derived(robot, options, progress)
     source = _source(derived)
-    compiler = compiler or find_compiler()
     flags = build_flags(options, compiler)
     level = NATIVE if options.native else options.level or build_level(options, compiler)
     tried = level == NATIVE or level in allowed_levels()
@@ -380,4 +389,6 @@ def load_kernel(
     Raises:
         BuildError: the package does not load.
     """
-    return Kernel(OneLibrary(*loaded(package, name), reader(package)), again)
+    face = direct_calls.begin()
+    direct_calls.settle()
+    return Kernel(OneLibrary(*loaded(package, name), reader(package)), again, face)

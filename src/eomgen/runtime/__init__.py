@@ -3,7 +3,8 @@
 Uses NumPy, cffi's objects, and of eomgen ``errors`` and ``names`` alone.
 """
 
+from .direct import packaged
 from .kernel import Kernel
 from .raw import Library, OneLibrary, RawFunction, RawKernel
 
-__all__ = ["Kernel", "Library", "OneLibrary", "RawFunction", "RawKernel"]
+__all__ = ["Kernel", "Library", "OneLibrary", "RawFunction", "RawKernel", "packaged"]

@@ -6,6 +6,7 @@ A generated package carries a copy of this file, which imports NumPy and its nei
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -36,8 +37,6 @@ class Calls:
         parameters: the run-time parameters that calls take.
         arrays: checks of arguments and results.
         coordinates: names of the coordinates, for messages.
-        threads: how many threads share a batch.
-        checks: whether NaN and infinity are refused.
         prescribed: names of the coordinates whose motion is given.
     """
 
@@ -46,13 +45,28 @@ class Calls:
     ) -> None:
         self.raw, self.parameters, self.arrays, self.prescribed = raw, parameters, arrays, prescribed
         self.dtype, self.coordinates, self.n = raw.dtype, arrays.coordinates, len(arrays.coordinates)
-        self.threads, self.checks = 1, True
+
+    @property
+    def threads(self) -> int:
+        """How many threads share a batch."""
+        return self.parameters.state.threads
+
+    @threads.setter
+    def threads(self, number: int) -> None:
+        self.parameters.state.threads = min(number, sys.maxsize)
+
+    @property
+    def checks(self) -> bool:
+        """Whether NaN and infinity are refused."""
+        return self.parameters.state.checks
+
+    @checks.setter
+    def checks(self, wanted: bool) -> None:
+        self.parameters.state.checks = wanted
 
     def with_parameters(self, parameters: Parameters) -> Calls:
-        """The same calls, with the same threads and checks, by other parameters of the same code."""
-        other = Calls(self.raw, parameters, self.arrays, self.prescribed)
-        other.threads, other.checks = self.threads, self.checks
-        return other
+        """The same calls by other parameters of the same code, whose state has threads and checks."""
+        return Calls(self.raw, parameters, self.arrays, self.prescribed)
 
     def run_with_wrench(
         self,

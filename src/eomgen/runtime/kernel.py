@@ -6,6 +6,7 @@ A generated package carries a copy of this file, which imports NumPy and its nei
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from types import FunctionType, ModuleType
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from ..names import html_table, nearest_or_all, show
 from .arrays import Arrays, joint_lead
 from .by_name import Blocks, make_blocks
 from .calls import Calls
+from .direct import Face, functions
 from .many_steps import rollout
 from .parameters import Parameters
 from .raw import Libraries, Operations, RawKernel
@@ -29,7 +31,8 @@ class Kernel:
     Arrays are (n,) for one state, (N, n) for N states, or (..., n); the result gains the same leading axes.  Leading
     axes of several arrays go together as NumPy broadcasts, so that one state beside many stands for all of them.  SI
     units, radians; frames are the description's.  Coordinates are in the order of ``coordinates``.  Calls are
-    re-entrant, release the GIL, and end soon after Ctrl-C.
+    re-entrant, release the GIL where they take long, and end soon after Ctrl-C.  Where the package has an extension
+    module (see ``is_direct``), methods with plain arrays go to the C without Python in between.
 
     Kernels can be copied and pickled, with parameters of their own.  In another process the same package is loaded, or
     built where the cache there lacks it; a kernel of a generated package asks for that package by its name.
@@ -61,12 +64,18 @@ class Kernel:
             (see ``checks``); or a result that is not finite.
     """
 
-    def __init__(self, libraries: Libraries, again: tuple[Callable[..., Any], tuple[Any, ...]] | None = None) -> None:
+    def __init__(
+        self,
+        libraries: Libraries,
+        again: tuple[Callable[..., Any], tuple[Any, ...]] | None = None,
+        face: Face | None = None,
+    ) -> None:
         """A kernel of compiled functions.
 
         Args:
             libraries: where the functions are.
             again: a function of a module and its arguments that make the same kernel in another process.
+            face: gives the extension module that plain calls go through; without one all go through cffi.
         """
         meta = libraries.meta
         self.raw = RawKernel(libraries)
@@ -89,6 +98,9 @@ class Kernel:
         self.knots: dict[str, tuple[float, ...]] = {k: tuple(x) for k, x in meta["knots"].items()}
         self.parameters = Parameters.of(self.raw, meta["parameters"], meta["least"])
         self.calls = Calls(self.raw, self.parameters, Arrays(self.raw, self.coordinates, self.links), self.prescribed)
+        self._face = face or Face()
+        self._functions: tuple[ModuleType, tuple[Any, ...]] | None = None
+        self._face.take(self)
 
     def __repr__(self) -> str:
         return f"<Kernel {self.name}: {len(self.coordinates)} coordinates, {self.dtype}>"
@@ -161,13 +173,49 @@ class Kernel:
         Raises:
             UnknownNameError, InputError: as for an assignment to ``parameters``.
         """
-        other = object.__new__(type(self))
-        other.__dict__.update(self.__dict__)  # a third of the time of copy.copy
+        other = self._with_methods_in_python()
         other.parameters = self.parameters.copy()
         other.calls = self.calls.with_parameters(other.parameters)
+        self._face.take(other)
         if values:
             other.parameters.update(values)
         return other
+
+    def _with_methods_in_python(self) -> Kernel:
+        """This kernel once more, not bound to an extension module."""
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__.get("_plain", self).__dict__)  # a third of the time of copy.copy
+        return other
+
+    def bind(self, module: ModuleType) -> None:
+        """Let plain calls of methods go through an extension module.
+
+        Attributes of the kernel then stand before the methods of its class, which they call where a call is not plain;
+        they do so for a second kernel that has none of them, so that no kernel is part of a circle of references.
+        """
+        if self._functions is None or self._functions[0] is not module:
+            methods = {
+                name: method
+                for name, method in vars(Kernel).items()
+                if isinstance(method, FunctionType) and getattr(type(self), name) is method  # not one of a subclass
+            }
+            found = functions(module, self.raw, methods, self.frames, bool(self.loops))
+            self._functions = (module, found)
+        plain = self._with_methods_in_python()
+        state = self.parameters.state
+        if not isinstance(state, module.State):
+            state = self.parameters.state = state.moved_to(module.State)
+        module.bind(self._functions[1], plain, state, self.__dict__)
+        self.__dict__["_plain"] = plain
+
+    @property
+    def is_direct(self) -> bool:
+        """True if an extension module takes plain calls: arrays of the kernel's dtype and of exactly its shapes.
+
+        They go to the C without Python in between.  All others, and all errors, are those of the methods in Python, so
+        that nothing but their time depends on it.  It is False where Python's or NumPy's headers were missing.
+        """
+        return "_plain" in self.__dict__
 
     def together(self, *kernels: str) -> Kernel:
         """The same with these kernels in one library of C, and with parameters of its own.
@@ -184,7 +232,7 @@ class Kernel:
         libraries = self.raw.libraries.together(kernels)
         if libraries is self.raw.libraries:
             return self.with_parameters()
-        other = type(self)(libraries, self._again)
+        other = type(self)(libraries, self._again, self._face)
         other.__setstate__({"parameters": dict(self.parameters), "threads": self.threads, "checks": self.checks})
         return other
 

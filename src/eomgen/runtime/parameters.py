@@ -6,7 +6,6 @@ A generated package carries a copy of this file.
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Iterator, Mapping, MutableMapping
 from typing import Any
 
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError, UnknownNameError
 from ..names import nearest_or_all, show
+from .direct import State
 from .raw import RawKernel, Setup
 
 Array = NDArray[Any]
@@ -27,12 +27,13 @@ class Parameters(MutableMapping[str, float]):
     forces are at least 0, what is divided by 1e-12; that an inertia stays one that a body can have is up to the caller.
 
     Attributes:
-        setup: the values as arrays, and what functions of C read of them; replaced as a whole on assignment.
+        state: what calls take: the values, and how they are made.
     """
 
-    def __init__(self, raw: RawKernel, slots: Mapping[str, int], least: Mapping[str, float], setup: Setup) -> None:
-        self._raw, self._slots, self._least, self._lock = raw, slots, least, threading.Lock()
-        self.setup = setup
+    def __init__(
+        self, raw: RawKernel, slots: Mapping[str, int], least: Mapping[str, float], most: float, state: State
+    ) -> None:
+        self._raw, self._slots, self._least, self._most, self.state = raw, slots, least, most, state
 
     @classmethod
     def of(cls, raw: RawKernel, values: Mapping[str, float], least: Mapping[str, float]) -> Parameters:
@@ -42,17 +43,27 @@ class Parameters(MutableMapping[str, float]):
             least: the least value of each parameter that has one.
         """
         slots = {name: slot for slot, name in enumerate(values)}
-        return cls(raw, slots, least, Setup(np.array(list(values.values()), raw.dtype)))
+        state = State(np.array(list(values.values()), raw.dtype))
+        return cls(raw, slots, least, float(np.finfo(raw.dtype).max), state)
 
     def copy(self) -> Parameters:
         """The same names and values for the same code; neither sees the other's assignments."""
-        return Parameters(self._raw, self._slots, self._least, self.setup)  # which is replaced as a whole on assignment
+        return Parameters(self._raw, self._slots, self._least, self._most, self.state.copy())
+
+    @property
+    def setup(self) -> Setup:
+        """The values as arrays, and what functions of C read of them; replaced as a whole on assignment."""
+        return self.state.setup
 
     def __getitem__(self, name: str) -> float:
-        return float(self.setup.values[self._slot(name)])
+        return float(self.state.values[self._slot(name)])
 
     def __setitem__(self, name: str, value: float) -> None:
-        self.update({name: value})
+        known = type(value) is float and type(name) is str and name in self._slots
+        if known and self._least.get(name, -self._most) <= value <= self._most:  # as in nearly all assignments
+            self.state.assign(self._slots[name], value)
+        else:
+            self.update({name: value})
 
     def __delitem__(self, name: str) -> None:
         raise InputError(f"parameters: {name!r} cannot be removed; assign another value")
@@ -81,7 +92,7 @@ class Parameters(MutableMapping[str, float]):
             InputError: not a finite number, a whole one that the dtype cannot hold exactly, or negative where that
                 cannot be.
         """
-        wanted: dict[int, float] = {}
+        wanted: list[float] = []
         for name, value in dict(*args, **kwargs).items():
             slot = self._slot(name)
             held = self._held(name, value)
@@ -89,11 +100,9 @@ class Parameters(MutableMapping[str, float]):
             if least is not None and value < least:
                 wrong = "too small" if least > 0.0 else "negative"
                 raise InputError(f"parameters: {name} = {show(value)} is {wrong}; at least {least:g} is allowed")
-            wanted[slot] = held
-        with self._lock:  # assignments of other threads are kept
-            values = self.setup.values.copy()
-            values[list(wanted)] = list(wanted.values())
-            self.setup = Setup(values)
+            wanted += (slot, held)
+        if wanted:
+            self.state.assign(*wanted)
 
     def _held(self, name: str, value: Any) -> float:
         """The number as the kernel's dtype has it, of whole numbers without rounding."""
@@ -104,9 +113,10 @@ class Parameters(MutableMapping[str, float]):
             value = value.item()
         if not abs(value) < math.inf:
             raise InputError(f"parameters: {name} = {show(value)} is not finite")
-        most = float(np.finfo(dtype).max)
-        if abs(value) > most:
-            raise InputError(f"parameters: {name} = {show(value)} is beyond {dtype}; at most {most:.3g} is allowed")
+        if abs(value) > self._most:
+            raise InputError(
+                f"parameters: {name} = {show(value)} is beyond {dtype}; at most {self._most:.3g} is allowed"
+            )
         held = float(dtype.type(value))
         rounded = held if isinstance(value, int) else float(value)
         if rounded != value:

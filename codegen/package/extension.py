@@ -1,0 +1,56 @@
+"""The extension module that calls from Python go through: compiled once for all robots.
+
+It needs CPython's headers and NumPy's; where they are not, kernels are called through cffi alone.
+"""
+
+from __future__ import annotations
+
+import importlib.resources
+import sys
+import sysconfig
+from importlib.machinery import EXTENSION_SUFFIXES
+from pathlib import Path
+
+import numpy as np
+
+from .compile import Compiler, key_of, link_shared, run_all, toolchain
+
+FLAGS = ("-O3", "-DNDEBUG", "-Wall", "-Wextra", "-Wconversion")  # -O3 for the search for NaN, which is a loop
+NAME, FILE = "_direct", "direct.c"
+
+
+def extension_key(compiler: Compiler) -> str | None:
+    """Hash of all that the module depends on, NumPy's version among it; None where it cannot be compiled."""
+    if _headers() is None:
+        return None
+    return key_of({**toolchain(compiler, FLAGS), "numpy": np.__version__, "source": _source(), "own": _text(__file__)})
+
+
+def write_extension(compiler: Compiler, folder: Path) -> None:
+    """Write the module and its source into an empty folder.
+
+    Raises:
+        BuildError: there are no headers, or the compiler failed; the message holds its command and what it said.
+    """
+    headers = _headers() or ()
+    code, made = folder / FILE, folder / "direct.o"
+    code.write_text(_source(), encoding="ascii")
+    include = [word for path in headers for word in ("-isystem", path)]
+    run_all([[*compiler.command, "-c", "-fPIC", *FLAGS, *compiler.flags, *include, str(code), "-o", str(made)]])
+    link_shared(compiler, [made], folder / f"{NAME}{EXTENSION_SUFFIXES[0]}")
+    made.unlink()
+
+
+def _headers() -> tuple[str, str] | None:
+    """Folders of Python.h and of NumPy's headers, or None where one is not there, or Python is not CPython."""
+    python, numpy = sysconfig.get_path("include"), np.get_include()
+    there = Path(python or "", "Python.h").is_file() and Path(numpy, "numpy", "ndarrayobject.h").is_file()
+    return (python, numpy) if there and sys.implementation.name == "cpython" else None
+
+
+def _source() -> str:
+    return (importlib.resources.files("eomgen.runtime") / FILE).read_text(encoding="ascii")
+
+
+def _text(file: str) -> str:
+    return Path(file).read_text(encoding="utf-8")

@@ -1,0 +1,190 @@
+"""Methods of kernels through the extension module ``_direct``: plain calls go from Python to the C at once.
+
+``direct.c`` beside this file is its source, and says which calls are plain; all others go to the methods in Python.  A
+generated package carries a copy of this file, of its source, and of the module where it could be compiled.
+"""
+
+from __future__ import annotations
+
+import importlib
+import itertools
+import threading
+import weakref
+from collections.abc import Callable, Mapping
+from functools import partial
+from types import FunctionType, ModuleType
+from typing import Any, Protocol
+
+from numpy.typing import NDArray
+
+from .pieces import states_at_once
+from .raw import Library, RawKernel, Setup
+
+Array = NDArray[Any]
+
+NAME = "_direct"
+ROLES = {"frame": "frame", "out": "out", "wrench": "nothing", "cut": "cut"}  # of parameters that are not read
+
+
+class State:
+    """What may change of a kernel; the extension module has the same in C, for calls that read it without Python.
+
+    Attributes:
+        values: of the parameters, (parameters,); replaced as a whole and never written to.
+        checks: whether NaN and infinity are refused.
+        threads: how many threads share a batch.
+    """
+
+    def __init__(
+        self, values: Array, make: Callable[[Array], Setup] = Setup, checks: bool = True, threads: int = 1
+    ) -> None:
+        """A state.
+
+        Args:
+            values, checks, threads: see above.
+            make: gives ``setup`` of values.
+        """
+        self.values, self.checks, self.threads = values, checks, threads
+        self._make, self._lock = make, threading.Lock()
+        self._setup: Setup | None = None
+        self._successor: State | None = None
+
+    @property
+    def setup(self) -> Setup:
+        """What functions of C read of the values: the same object until an assignment."""
+        found = self._setup
+        if found is not None:
+            return found
+        with self._lock:
+            self._setup = self._setup or self._make(self.values)
+            return self._setup
+
+    def assign(self, *pairs: float) -> None:
+        """Replace the values by others that differ in some slots, at once: slot, number, slot, number, ..."""
+        with self._lock:  # assignments of other threads are kept
+            if self._successor is not None:
+                self._successor.assign(*pairs)
+                return
+            values = self.values.copy()
+            values[list(map(int, pairs[::2]))] = pairs[1::2]
+            self.values, self._setup = values, None
+
+    def moved_to(self, kind: Callable[..., State]) -> State:
+        """A state of another type in its place, which gets the assignments that come here later."""
+        with self._lock:
+            if self._successor is None:
+                self._successor = kind(self.values, self._make, self.checks, self.threads)
+            return self._successor
+
+    def copy(self) -> State:
+        """A state with the same values, checks and threads; neither sees what becomes of the other."""
+        with self._lock:
+            other = State(self.values, self._make, self.checks, self.threads)
+            other._setup = self._setup
+            return other
+
+
+class Bindable(Protocol):
+    """A kernel whose methods can be bound to an extension module."""
+
+    def bind(self, module: ModuleType) -> None:
+        """Let plain calls go through the module."""
+
+
+class Face:
+    """The extension module that kernels' calls go through, for kernels that are made before it and after it.
+
+    Attributes:
+        module: it, or None while it is not there, or where none can be had.
+    """
+
+    def __init__(self, module: ModuleType | None = None, *, expected: bool = False) -> None:
+        """A face with this module.
+
+        Args:
+            module: the module, or None.
+            expected: whether a module is still to come.
+        """
+        self.module, self._expected, self._lock = module, expected, threading.Lock()
+        self._waiting: weakref.WeakSet[Any] = weakref.WeakSet()
+
+    def take(self, kernel: Bindable) -> None:
+        """Bind a kernel to the module, now or when it comes."""
+        if self.module is None and self._expected:
+            with self._lock:
+                if self.module is None and self._expected:
+                    self._waiting.add(kernel)
+                    return
+        if self.module is not None:
+            kernel.bind(self.module)
+
+    def settle(self, module: ModuleType | None) -> None:
+        """Bind all kernels that wait; without a module they stay as they are."""
+        with self._lock:
+            self.module, self._expected = module, False
+            waiting, self._waiting = list(self._waiting), weakref.WeakSet()
+        for kernel in waiting if module is not None else ():
+            kernel.bind(module)
+
+
+def packaged() -> Face:
+    """The face of the generated package that carries this file: with the module that lies beside it, if it loads."""
+    try:
+        return Face(importlib.import_module(f".{NAME}", __package__))
+    except (ImportError, RuntimeError):  # not compiled, or for another Python, NumPy or system
+        return Face()
+
+
+def functions(
+    module: ModuleType, raw: RawKernel, methods: Mapping[str, FunctionType], frames: tuple[str, ...], loops: bool
+) -> tuple[Any, ...]:
+    """What methods do that call the function of their name, as the module's ``Function``.
+
+    Each is armed with the address of its code after a first call, which may have compiled it.
+
+    Args:
+        module: the extension module.
+        raw: the functions.
+        methods: of a kernel, by name; those that call no function are left out.
+        frames: names of the frames by their numbers.
+        loops: whether the robot has loops, so that methods with ``cut`` are plain only where it is True.
+    """
+    numbers = {name: number for number, name in reversed(list(enumerate(frames)))}  # the first of a name counts
+    arming = partial(_arm, raw, {}, itertools.count())
+    found = []
+    for name, entry in raw.libraries.meta["functions"].items():
+        if name not in methods or name not in raw.functions:
+            continue
+        code = methods[name].__code__
+        parameters = code.co_varnames[1 : code.co_argcount + code.co_kwonlyargcount]
+        places = tuple(_place(label, entry["reads"], raw) for label in parameters)
+        function = module.Function(
+            name=name,
+            method=methods[name],
+            arming=arming,
+            dtype=raw.dtype,
+            places=places,
+            positional=code.co_argcount - 1,
+            result=raw.shapes[entry["writes"]],
+            in_three=entry["writes"] == "derivatives",
+            cut_must_be_true=loops and "cut" in parameters,
+            frames=numbers,
+        )
+        found.append(function)
+    return tuple(found)
+
+
+def _place(label: str, reads: tuple[str, ...], raw: RawKernel) -> tuple[str, str, tuple[int, ...]]:
+    """Name, role and shape of a parameter, as the module takes them."""
+    role = "read" if label in reads else ROLES.get(label, "beside")
+    return label, role, raw.shapes[label] if role in ("read", "beside") else ()
+
+
+def _arm(raw: RawKernel, parts: dict[Library, int], new: itertools.count[int], function: Any) -> None:
+    """Tell a ``Function`` where its code is."""
+    found = raw.functions[function.name]
+    library, name = found.library, found.name
+    number = parts[library] if library in parts else parts.setdefault(library, next(new))
+    code, batch, setup = (library.address(x) for x in (name, f"{name}_batch", "setup"))
+    work = found.operations
+    function.arm(library, number, code, batch, setup, library.hoisted, float(work), states_at_once(work))

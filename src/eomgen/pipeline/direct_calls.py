@@ -1,0 +1,131 @@
+"""The extension module that calls from Python go through: made once for all robots, while the first one is derived.
+
+Nothing of a build depends on it: where it cannot be had, kernels are called through cffi alone.
+"""
+
+from __future__ import annotations
+
+import threading
+from contextlib import suppress
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+from ..errors import BuildError
+from ..progress import StageReport, no_report
+from ..runtime.direct import NAME, Face
+from . import cache as store
+from .load import load_module
+
+if TYPE_CHECKING:
+    from ..codegen.package.compile import Compiler
+
+KIND = "extensions"
+
+
+class Extension:
+    """The module of this process: nobody waits for it before a first kernel has been built.
+
+    Attributes:
+        face: binds kernels to the module.
+    """
+
+    def __init__(self) -> None:
+        self.face, self._guard = Face(expected=True), threading.Lock()
+        self._compiler: Compiler | None = None
+        self._worker: threading.Thread | None = None
+        self._is_settled = False
+
+    def begin(self, compiler: Compiler) -> Face:
+        """Load the module where the cache has it; where not, begin to compile it beside what comes next."""
+        with self._guard:
+            if self._compiler is not None:
+                return self.face
+            self._compiler = compiler
+            key = _key(compiler)
+            if key is not None and store.find(KIND, key) is None:
+                self._worker = threading.Thread(
+                    target=_try_to_make, args=(compiler,), name="eomgen direct", daemon=True
+                )
+                self._worker.start()
+                return self.face
+        self.settle()
+        return self.face
+
+    def settle(self, progress: StageReport = no_report) -> None:
+        """Wait for the module and bind the kernels that were made before it, or say why there is none."""
+        with self._guard:
+            if self._is_settled or self._compiler is None:
+                return
+            if self._worker is not None:
+                self._worker.join()
+            module: ModuleType | None = None
+            try:
+                made = made_by(self._compiler)
+                module = None if made is None else load_module(made, NAME.removeprefix("_"))
+            except BuildError as error:
+                progress(f"kernels are called through cffi alone: {error}")
+            self._is_settled = True
+        self.face.settle(module)
+
+
+EXTENSION = Extension()
+
+
+def begin(compiler: Compiler | None = None) -> Face:
+    """The face of the kernels of this process; see ``Extension``.
+
+    Args:
+        compiler: that of the environment if None.
+    """
+    from ..codegen.package.compile import find_compiler
+
+    try:
+        return EXTENSION.begin(compiler or find_compiler())
+    except BuildError:  # without a compiler, or a cache
+        return Face()
+
+
+def settle(progress: StageReport = no_report) -> None:
+    """Bind the kernels of this process to the module, as soon as it is made."""
+    EXTENSION.settle(progress)
+
+
+def made_by(compiler: Compiler) -> store.Entry | None:
+    """The compiled module, made or from the cache; None where there are no headers.
+
+    Raises:
+        BuildError: the compiler fails, the module does not load or does something else than it should, or the cache
+            cannot be written.
+    """
+    key = _key(compiler)
+    return None if key is None else store.entry(KIND, key, lambda folder: _make(compiler, key, folder))
+
+
+def binary_of(compiler: Compiler) -> store.Files:
+    """The compiled module as a file of a package's ``runtime``, by its name; nothing where it cannot be had."""
+    try:
+        made = made_by(compiler)
+    except BuildError:
+        made = None
+    return {} if made is None else {name: data for name, data in made.files.items() if name.startswith(NAME)}
+
+
+def _key(compiler: Compiler) -> str | None:
+    from ..codegen.package.extension import extension_key
+
+    return extension_key(compiler)
+
+
+def _make(compiler: Compiler, key: str, folder: Path) -> None:
+    from ..codegen.package.extension import write_extension
+    from .direct_check import check_extension
+
+    write_extension(compiler, folder)
+    check_extension(store.unfinished(KIND, key, folder), compiler)
+
+
+def _try_to_make(compiler: Compiler) -> None:
+    """Fill the cache; what goes wrong is found again, and told, by ``settle``."""
+    with suppress(BuildError):
+        made_by(compiler)

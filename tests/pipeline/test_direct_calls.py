@@ -1,0 +1,215 @@
+"""The extension module that calls from Python go through: made once, tested, kept; packages with and without it."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+from pathlib import Path
+
+import pytest
+
+import eomgen
+from eomgen.codegen.package import extension
+from eomgen.codegen.package.compile import Compiler, find_compiler
+from eomgen.errors import BuildError
+from eomgen.pipeline import cache, direct_calls
+from eomgen.pipeline.direct_check import check_extension
+from eomgen.pipeline.stages import generate
+from tests.support.quick_builds import QUICK, answer, flip, python, without_headers
+
+CALLS = """
+    import json, sys
+    import numpy as np
+    sys.path.insert(0, {folder!r})
+    import one_link
+    kernel, q = one_link.kernel, np.array([0.2, 0.5])
+    found = [kernel.mass_matrix(q).tolist() for _ in range(2)]
+    print(json.dumps([kernel.is_direct, type(kernel.mass_matrix).__name__, *found]))
+"""
+BUILDS = """
+    import json, os, sys
+    import numpy as np
+    import eomgen
+    kernel, q = eomgen.build("one_link", kernels=("mass_matrix",), flags=("-O0",)), np.array([0.2, 0.5])
+"""
+
+
+def test_a_package_has_the_module_and_does_without(tmp_path: Path) -> None:
+    package = generate("one_link", tmp_path, QUICK)
+    made = next((package / "runtime").glob("_direct.*"))
+    assert (package / "runtime" / "direct.c").read_bytes() == Path(
+        eomgen.__path__[0], "runtime", "direct.c"
+    ).read_bytes()
+    call = CALLS.format(folder=str(tmp_path))
+    direct, kind, first, second = answer(python(call))
+    assert (direct, kind, first) == (True, "Direct", second)
+    made.write_bytes(b"no library")
+    assert answer(python(call)) == [False, "method", first, first]
+    made.unlink()
+    assert answer(python(call)) == [False, "method", first, first]
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="nothing forks here")
+def test_a_forked_process_calls() -> None:
+    code = """
+    expected = kernel.mass_matrix(q)
+    read, write = os.pipe()
+    if os.fork() == 0:
+        kernel.parameters["gravity.y"] = -1.0
+        os.write(write, kernel.mass_matrix(q).tobytes())
+        os._exit(0)
+    status = os.wait()[1]
+    print(json.dumps([kernel.is_direct, status, os.read(read, 1000) == kernel.mass_matrix(q).tobytes()]))
+    """
+    assert answer(python(BUILDS + code)) == [True, 0, True]
+
+
+def test_other_interpreters_of_a_process() -> None:
+    """Where NumPy refuses to be imported a second time the module says so; where it does not, the module works."""
+    code = """
+    try:
+        import _interpreters as interpreters
+    except ImportError:
+        import _xxsubinterpreters as interpreters
+    inner = '''
+    import os, sys
+    sys.path[:] = {path!r}
+    try:
+        import numpy
+    except ImportError:
+        found = "no NumPy"
+    else:
+        import numpy as np
+        import eomgen
+        kernel = eomgen.build("one_link", kernels=("mass_matrix",), flags=("-O0",))
+        kernel.mass_matrix(np.array([0.2, 0.5]))
+        found = str(kernel.mass_matrix(np.array([0.2, 0.5])).tolist()) + str(kernel.is_direct)
+    os.write({write}, found.encode())
+    '''
+    read, write = os.pipe()
+    expected = str(kernel.mass_matrix(q).tolist()) + "True"
+    import textwrap
+    try:
+        legacy = hasattr(interpreters, "new_config")
+        one = interpreters.create("legacy") if legacy else interpreters.create(isolated=False)
+        failed = interpreters.run_string(one, textwrap.dedent(inner).format(path=sys.path, write=write))
+    except Exception as error:
+        failed = str(error)
+    found = "failed" if failed else os.read(read, 1000).decode()
+    print(json.dumps([found, expected, kernel.mass_matrix(q).shape[0], str(failed)]))
+    """
+    found, expected, size, failed = answer(python(BUILDS + code))
+    assert size == 2  # this interpreter goes on
+    assert found in ("no NumPy", expected) or "numpy" in failed.lower(), failed
+
+
+def test_the_module_is_made_once_and_from_the_same_bytes(empty_cache: Path) -> None:
+    compiler = find_compiler()
+    first = direct_calls.made_by(compiler)
+    assert first is not None
+    assert [kind for kind, _, _ in cache.contents()] == ["extensions"]
+    assert set(first.files) == {"direct.c", next(name for name in first.files if name.startswith("_direct."))}
+    made = empty_cache / "extensions" / first.key
+    time = made.stat().st_mtime_ns
+    again = direct_calls.made_by(compiler)
+    assert again is not None
+    assert (again.files, made.stat().st_mtime_ns) == (first.files, time)
+    flip(next(made.glob("_direct.*")))
+    third = direct_calls.made_by(compiler)
+    assert third is not None
+    assert third.files == first.files  # made anew, the same to the byte
+
+
+def test_the_key_names_all_that_the_module_depends_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    compiler = find_compiler()
+    keys = {extension.extension_key(compiler)}
+    keys.add(extension.extension_key(Compiler((*compiler.command, "-g"), compiler.version)))
+    keys.add(extension.extension_key(Compiler(compiler.command, compiler.version, ("-g",))))
+    for target, value in (
+        ("numpy.__version__", "9.9.9"),
+        ("eomgen.codegen.package.extension._source", lambda: "another"),
+    ):
+        with monkeypatch.context() as patch:
+            patch.setattr(target, value)
+            keys.add(extension.extension_key(compiler))
+    assert len(keys) == 5
+    assert None not in keys
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "said"),
+    [
+        ("UINT64_C(0x0010000000000000))", "UINT64_C(0))", "is taken as it is"),
+        ("UINT32_C(0x00800000))", "UINT32_C(0))", "is taken as it is"),
+        ("if (failed < 0 && ", "if (", "is taken as it is"),
+        (
+            "many_double : many_float)(f, call->reads, (size_t)call->states",
+            "many_double : many_float)(f, 1, 1",
+            "twice",
+        ),
+    ],
+)
+def test_a_module_that_does_something_else_is_refused(
+    right: str, wrong: str, said: str, empty_cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source = extension._source()
+    assert source.count(right) == 1
+    monkeypatch.setattr(extension, "_source", lambda: source.replace(right, wrong))
+    with pytest.raises(BuildError, match="does something else than it should") as caught:
+        direct_calls.made_by(find_compiler())
+    assert said in str(caught.value)
+    assert direct_calls.binary_of(find_compiler()) == {}
+    assert cache.contents() == []
+
+
+def test_without_headers(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    compiler = find_compiler()
+    without_headers(monkeypatch)
+    assert direct_calls.made_by(compiler) is None
+    assert direct_calls.binary_of(compiler) == {}
+    monkeypatch.undo()
+    monkeypatch.setattr("numpy.get_include", lambda: str(tmp_path))
+    assert direct_calls.made_by(compiler) is None
+    monkeypatch.undo()
+    monkeypatch.setattr(sys.implementation, "name", "pypy")
+    assert direct_calls.made_by(compiler) is None
+
+
+def test_what_the_module_cannot_be_made_of_is_told(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And kernels are called all the same."""
+    monkeypatch.setattr(extension, "_source", lambda: "no C")
+    monkeypatch.setattr(direct_calls, "EXTENSION", direct_calls.Extension())
+    told: list[str] = []
+    face = direct_calls.begin()
+    direct_calls.settle(told.append)
+    assert face.module is None
+    assert len(told) == 1
+    assert told[0].startswith("kernels are called through cffi alone: the C compiler failed")
+    direct_calls.settle(told.append)
+    assert len(told) == 1
+
+
+def test_kernels_do_not_wait_for_the_module(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that is built while the module is compiled gets it with its first function."""
+    monkeypatch.setattr(direct_calls, "EXTENSION", direct_calls.Extension())
+    kernel = eomgen.build("one_link", flags=("-O0",))
+    assert not kernel.is_direct
+    kernel.mass_matrix([0.2, 0.5])
+    assert kernel.is_direct
+    assert kernel.mass_matrix.is_armed is False  # type: ignore[attr-defined]
+    kernel.mass_matrix([0.2, 0.5])
+    assert kernel.mass_matrix.is_armed  # type: ignore[attr-defined]
+
+
+def test_the_source_has_no_warnings(tmp_path: Path) -> None:
+    compiler = find_compiler()
+    strict = Compiler(
+        compiler.command, compiler.version, (*compiler.flags, "-Werror", "-Wshadow", "-Wstrict-prototypes")
+    )
+    extension.write_extension(strict, tmp_path)
+    if shutil.which("clang") is not None:
+        extension.write_extension(Compiler(("clang",), "", ("-Werror",)), tmp_path)
+    key = extension.extension_key(compiler)
+    assert key is not None
+    check_extension(cache.unfinished("extensions", key, tmp_path), compiler)

@@ -1,0 +1,561 @@
+"""Methods of kernels through the extension module beside the same methods in Python: equal to the bit, in all they say.
+
+``kernel.NAME.__wrapped__`` is the method in Python.
+"""
+
+from __future__ import annotations
+
+import copy
+import gc
+import inspect
+import pickle
+import pydoc
+import sys
+import threading
+import tracemalloc
+import weakref
+from collections.abc import Callable
+from dataclasses import replace
+from types import MethodType
+from typing import Any
+
+import numpy as np
+import pytest
+
+import eomgen
+from eomgen.errors import ArrayError, InputError, SingularError
+from eomgen.robot.value import Robot
+from eomgen.runtime import Kernel
+from eomgen.runtime.direct import Face
+from eomgen.runtime.pieces import states_at_once
+from tests.support.builds import Build
+from tests.support.random_robots import random_robot, some_prescribed, with_random_loops
+from tests.support.random_springs import with_springs
+
+Array = np.ndarray[Any, Any]
+Q, V, U = np.array([0.02, 0.4]), np.array([0.3, -0.5]), np.array([1.0, 2.0])
+N = 4  # states of a batch
+
+
+class Mine(np.ndarray[Any, Any]):
+    """A subclass of arrays."""
+
+
+def _misaligned(x: Array) -> Array:
+    held = np.zeros(x.nbytes + 1, np.uint8)[1:].view(x.dtype).reshape(x.shape)
+    held[...] = x
+    return held
+
+
+def _with(x: Array, number: float) -> Array:
+    found = x.copy()
+    found.reshape(-1)[found.size // 2] = number
+    return found
+
+
+def _read_only(x: Array) -> Array:
+    x.flags.writeable = False
+    return x
+
+
+KINDS: dict[str, Callable[[Array], Any]] = {  # of arguments, made of a plain one
+    "plain": lambda x: x,
+    "a list": lambda x: x.tolist(),
+    "a tuple": lambda x: tuple(x.tolist()),
+    "single precision": lambda x: x.astype(np.float32),
+    "double precision": lambda x: x.astype(np.float64),
+    "whole numbers": lambda x: (10 * x).astype(np.int64),
+    "a stride": lambda x: np.repeat(x, 2, axis=-1)[..., ::2],
+    "backwards": lambda x: x[::-1],
+    "Fortran's order": np.asfortranarray,
+    "read only": _read_only,
+    "other bytes": lambda x: x.astype(x.dtype.newbyteorder()),
+    "a subclass": lambda x: x.view(Mine),
+    "masked": lambda x: np.ma.masked_array(x, mask=np.zeros(x.shape, bool)),
+    "no axes": lambda x: x.reshape(-1)[0].reshape(()),
+    "one more": lambda x: np.concatenate([x, x[..., :1]], axis=-1),
+    "one state as a batch": lambda x: x[np.newaxis],
+    "a batch": lambda x: np.stack([(1.0 - 0.1 * i) * x for i in range(N)]),
+    "a list of states": lambda x: np.stack([x, x]).tolist(),
+    "another batch": lambda x: np.stack([x] * (N + 1)),
+    "an empty batch": lambda x: np.zeros((0, *x.shape), x.dtype),
+    "two leading axes": lambda x: np.stack([np.stack([x, x]), np.stack([x, 0.5 * x])]),
+    "a batch with a stride": lambda x: np.stack([x] * (2 * N))[::2],
+    "a batch with NaN": lambda x: _with(np.stack([x] * N), np.nan),
+    "NaN": lambda x: _with(x, np.nan),
+    "infinity": lambda x: _with(x, -np.inf),
+    "large": lambda x: _with(x, float(np.finfo(x.dtype).max)),
+    "misaligned": _misaligned,
+    "None": lambda x: None,
+    "text": lambda x: "tcp",
+    "complex": lambda x: x.astype(complex),
+    "truth": lambda x: x > 0,
+    "whole numbers that are rounded": lambda x: [2**60 + 1] * x.size,
+}
+OUTS: dict[str, Callable[[Array, list[Any]], Any]] = {  # of results and the arguments
+    "plain": lambda x, given: x,
+    "a batch": lambda x, given: np.stack([x] * N),
+    "None": lambda x, given: None,
+    "a list": lambda x, given: x.tolist(),
+    "single precision": lambda x, given: x.astype(np.float32),
+    "a stride": lambda x, given: np.repeat(x, 2, axis=-1)[..., ::2],
+    "read only": lambda x, given: _read_only(x),
+    "a subclass": lambda x, given: x.view(Mine),
+    "one more": lambda x, given: np.concatenate([x, x], axis=0),
+    "part of another": lambda x, given: np.stack([x, x])[1],
+    "an argument": lambda x, given: given[0],
+    "overlapping": lambda x, given: _overlapping(x, given),
+}
+
+
+def _overlapping(x: Array, given: list[Any]) -> Array:
+    """A result and the first argument in one piece of memory, the last number of one the first of the other."""
+    if not isinstance(given[0], np.ndarray) or given[0].dtype != x.dtype or not given[0].size:
+        return x
+    whole = np.zeros(x.size + given[0].size - 1, x.dtype)
+    whole[: given[0].size] = given[0].ravel()
+    given[0] = whole[: given[0].size].reshape(given[0].shape)
+    return whole[given[0].size - 1 :].reshape(x.shape)
+
+
+class Calls:
+    """Random calls of the methods of a kernel, each made twice: for the extension module and for Python."""
+
+    def __init__(self, kernel: Kernel, seed: int) -> None:
+        self.kernel, self.seed = kernel, seed
+        self.entries = kernel.raw.libraries.meta["functions"]
+        self.names = [name for name in self.entries if name in vars(kernel)]
+
+    def one(self, name: str, number: int) -> tuple[list[Any], dict[str, Any], list[str]]:
+        """Arguments of a call, the same for the same numbers in memory of their own, and what they are."""
+        rng = np.random.default_rng([self.seed, self.names.index(name), number])
+        kernel, entry, said = self.kernel, self.entries[name], []
+        positional: list[Any] = []
+        keywords: dict[str, Any] = {}
+        fresh = 0.4 if number % 2 else 0.05  # of arguments that are not plain
+        batch = "a batch" if rng.random() < 0.25 else "plain"
+
+        def array(shape: tuple[int, ...], calm: bool = False) -> Any:
+            x = rng.uniform(-0.5, 0.5, shape).astype(kernel.dtype)
+            kind = str(rng.choice(list(KINDS))) if rng.random() < fresh and not calm else batch
+            said.append(kind)
+            return KINDS[kind](x)
+
+        method = getattr(type(kernel), name)
+        for label, parameter in list(inspect.signature(method).parameters.items())[1:]:
+            if label in entry["reads"] or label == "u":
+                value = array(kernel.raw.shapes[label])
+                if label not in entry["reads"] and rng.random() < 0.5:
+                    continue
+            elif label == "frame":
+                value = rng.choice([*kernel.frames, "tpc", ""]) if rng.random() < 0.8 else rng.choice([0, None, 1.5])
+                value = str(value) if isinstance(value, str) else value
+            elif label == "out":
+                if rng.random() < 0.5:
+                    continue
+                kind = str(rng.choice(list(OUTS))) if rng.random() < fresh else batch
+                shape = kernel.raw.shapes[entry["writes"]]
+                value = OUTS[kind](np.full(shape, 7.0, kernel.dtype), positional or [None])
+                said.append(f"out: {kind}")
+            elif label == "wrench":
+                if rng.random() < 0.7:
+                    continue
+                value = None if rng.random() < 0.5 else array(kernel.raw.shapes["wrench"])
+            else:
+                value = [True, False, 1, "yes", None][int(rng.integers(5))]
+                if rng.random() < 0.3:
+                    continue
+                said.append(f"{label}={value!r}")
+            if parameter.kind is inspect.Parameter.KEYWORD_ONLY or keywords or rng.random() < 0.15:
+                keywords[label] = value
+            else:
+                positional.append(value)
+        turned = list(keywords.items())
+        rng.shuffle(turned)  # type: ignore[arg-type]
+        keywords = dict(turned)
+        slip = rng.random()
+        if slip < 0.02:
+            keywords["qq"] = 1
+        elif slip < 0.04 and positional:
+            positional.pop()
+        elif slip < 0.06:
+            positional.append(positional[-1] if positional else Q)
+        elif slip < 0.08 and positional:
+            keywords["q"] = positional[0]
+        return positional, keywords, said
+
+
+def outcome(method: Callable[..., Any], positional: list[Any], keywords: dict[str, Any]) -> tuple[Any, ...]:
+    """All that can be seen of a call: the result, or the error; and what became of its arguments."""
+    with np.errstate(all="ignore"):
+        try:
+            found: Any = shown(method(*positional, **keywords))
+        except Exception as error:
+            found = (type(error), str(error), getattr(error, "coordinate", None))
+    return found, [shown(x) for x in (*positional, *keywords.values())]
+
+
+def shown(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return tuple(shown(x) for x in value)
+    if not isinstance(value, np.ndarray):
+        return repr(value)
+    base = None if value.base is None else (type(value.base), getattr(value.base, "shape", None))
+    flags = (value.flags.c_contiguous, value.flags.writeable, value.flags.aligned, value.flags.owndata)
+    return type(value), value.dtype, value.shape, value.strides, flags, base, value.tobytes()
+
+
+ROBOTS: dict[str, Callable[[], Robot]] = {
+    "one_link": lambda: eomgen.load_robot("one_link"),
+    "a tree": lambda: with_springs(random_robot(31, joints=(2, 2), tree=True), 31),
+    "loops": lambda: with_random_loops(random_robot(901, joints=(3, 3), tree=True), 901, ("revolute",)),
+    "prescribed": lambda: some_prescribed(random_robot(33, joints=(2, 2)), 33),
+}
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_both_faces_say_the_same(robot: str, dtype: str, built: Build) -> None:
+    kernel = built(ROBOTS[robot](), dtype=dtype)
+    calls, direct = Calls(kernel, 5), 0
+    assert set(calls.names) == {x for x in calls.entries if hasattr(Kernel, x)} - {"rollout"} - {"external_reactions"}
+    assert len(calls.names) > 12
+    for name in calls.names:
+        for number in range(120):
+            kernel.checks, kernel.threads = number % 5 != 0, 1 + number % 2
+            positional, keywords, said = calls.one(name, number)
+            again = calls.one(name, number)
+            found = outcome(getattr(kernel, name), positional, keywords)
+            expected = outcome(getattr(kernel, name).__wrapped__, again[0], again[1])
+            assert found == expected, (name, number, said, found[0], expected[0])
+            direct += kernel.is_direct
+    assert direct
+
+
+def test_plain_calls_do_not_go_through_python(built: Build, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And all others do."""
+    kernel = built(eomgen.load_robot("one_link"))
+    wrench = np.zeros(kernel.raw.shapes["wrench"])
+    given = {"q": Q, "v": V, "a": U, "u": U, "wrench": wrench, "frame": "tcp"}
+    methods = [x for x in kernel.raw.functions if hasattr(Kernel, x)]
+    arguments = {}
+    for name in methods:
+        labels = inspect.signature(getattr(kernel, name)).parameters.values()
+        arguments[name] = [given[x.name] for x in labels if x.kind is not inspect.Parameter.KEYWORD_ONLY]
+        getattr(kernel, name)(*arguments[name])
+    asked: list[str] = []
+
+    def refuse(calls: Any, name: str, *rest: Any, **keywords: Any) -> Array:
+        asked.append(name)
+        return np.zeros(2)
+
+    monkeypatch.setattr("eomgen.runtime.calls.Calls.run", refuse)
+    for name in methods:
+        shape = kernel.raw.shapes[kernel.raw.functions[name].writes]
+        getattr(kernel, name)(*arguments[name])
+        getattr(kernel, name)(*arguments[name], out=np.empty(shape))
+        many = [np.stack([x] * N) if isinstance(x, np.ndarray) else x for x in arguments[name]]
+        getattr(kernel, name)(*many)
+        getattr(kernel, name)(many[0], *arguments[name][1:], out=np.empty((N, *shape)))
+    assert not asked
+    kernel.mass_matrix(Q.tolist())
+    kernel.bias_force(Q, np.array([np.nan, 0.0]))
+    kernel.christoffel(np.zeros((states_at_once(kernel.raw.functions["christoffel"].operations) + 1, 2)))
+    kernel.threads = 2
+    kernel.mass_matrix(np.zeros((512, 2)))
+    kernel.mass_matrix(np.zeros((511, 2)))
+    assert asked == ["mass_matrix", "bias_force", "christoffel", "mass_matrix"]
+
+
+def test_a_method_shows_itself_as_in_python(built: Build) -> None:
+    kernel = built(eomgen.load_robot("one_link"))
+    method, bound = kernel.forward_dynamics, MethodType(Kernel.forward_dynamics, kernel)
+    assert type(method) is not MethodType
+    assert inspect.signature(method) == inspect.signature(bound)
+    for name in ("__doc__", "__name__", "__qualname__", "__module__", "__annotations__", "__func__", "__kwdefaults__"):
+        assert getattr(method, name) == getattr(bound, name), name
+    assert repr(method) == repr(bound)
+    assert inspect.isroutine(method)
+    assert inspect.unwrap(method).__func__ is Kernel.forward_dynamics
+    told = pydoc.plain(pydoc.render_doc(method))
+    assert "Accelerations, (n,), m/s^2 or rad/s^2, under the drives u." in told
+    assert "forward_dynamics(q: 'ArrayLike'" in told
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = method.nothing  # type: ignore[attr-defined]
+    assert method == kernel.forward_dynamics
+    assert method != kernel.with_parameters().forward_dynamics
+
+    class Holder:
+        call = method
+
+    assert np.array_equal(Holder().call(Q, V, U), kernel.forward_dynamics(Q, V, U))  # as a bound method, no self
+    kernel.mass_matrix = lambda q: 7  # type: ignore[method-assign, assignment, misc]
+    assert kernel.mass_matrix(Q) == 7  # type: ignore[comparison-overlap]
+    del kernel.mass_matrix
+    assert kernel.mass_matrix(Q).shape == (2, 2)  # that of the class
+
+
+def test_a_method_can_be_pickled_and_copied() -> None:
+    kernel = eomgen.build("one_link", kernels=("mass_matrix",), flags=("-O0",))
+    kernel.parameters["gravity.y"] = -1.0
+    expected = kernel.mass_matrix(Q)
+    for found in (
+        pickle.loads(pickle.dumps(kernel.mass_matrix)),
+        copy.copy(kernel.mass_matrix),
+        copy.deepcopy(kernel.mass_matrix),
+        pickle.loads(pickle.dumps(kernel)).mass_matrix,
+    ):
+        assert np.array_equal(found(Q), expected)
+        assert found.__self__.parameters["gravity.y"] == -1.0
+        assert type(found).__name__ == "Direct"
+
+
+def test_methods_of_a_subclass_are_its_own(built: Build) -> None:
+    kernel = built(eomgen.load_robot("one_link"))
+
+    class Louder(Kernel):
+        def mass_matrix(self, q: Any, *, out: Any = None) -> Any:
+            return 2.0 * super().mass_matrix(q, out=out)
+
+    louder = Louder(kernel.raw.libraries, None, kernel._face)
+    assert louder.is_direct
+    assert np.array_equal(louder.mass_matrix(Q), 2.0 * kernel.mass_matrix(Q))
+    assert np.array_equal(louder.with_parameters().mass_matrix(Q), 2.0 * kernel.mass_matrix(Q))
+    assert type(louder.bias_force).__name__ == "Direct"
+    assert "mass_matrix" not in vars(louder)
+
+
+def test_kernels_go_with_their_last_reference(built: Build) -> None:
+    """Without the search for cycles; a method keeps what it needs."""
+    first = built(eomgen.load_robot("one_link"))
+    expected = first.forward_dynamics(Q, V, U)
+    gc.collect()
+    gc.disable()
+    try:
+        kernel = first.with_parameters()
+        method, gone = kernel.forward_dynamics, weakref.ref(kernel)
+        kernel.mass_matrix(Q)
+        plain = weakref.ref(method.__self__)  # type: ignore[attr-defined]
+        del kernel
+        assert gone() is None
+        assert plain() is not None
+        assert np.array_equal(method(Q, V, U), expected)
+        del method
+        assert plain() is None
+
+        def work() -> None:
+            for number in range(200):
+                kernel = first.with_parameters({"gravity.y": float(number)})
+                kernel.mass_matrix(Q)
+                kernel.forward_dynamics(Q, V, U, out=np.empty(2))
+                kernel.residual_jacobian(Q, V, U)
+                kernel.frame_pose(Q, "tcp")
+                with pytest.raises(ArrayError):
+                    kernel.energy(Q, V * np.nan)
+                kernel.mass_matrix(np.zeros((3, 2)))
+
+        work()
+        tracemalloc.start()
+        before = tracemalloc.get_traced_memory()[0]
+        work()
+        work()
+        assert tracemalloc.get_traced_memory()[0] - before < 100_000  # 400 kernels have more than a kilobyte each
+    finally:
+        tracemalloc.stop()
+        gc.enable()
+    kernel = first.with_parameters()
+    kernel.itself = kernel.mass_matrix  # type: ignore[attr-defined]
+    kernel.parameters.around = kernel  # type: ignore[attr-defined]
+    gone = weakref.ref(kernel)
+    del kernel
+    gc.collect()
+    assert gone() is None
+
+
+def test_a_reference_from_before_the_code_is_there(empty_cache: Any) -> None:
+    kernel = eomgen.build("one_link", flags=("-O0",))
+    assert kernel.is_direct
+    method, other = kernel.mass_matrix, kernel.with_parameters().mass_matrix
+    assert not method.is_armed  # type: ignore[attr-defined]
+    with pytest.raises(ArrayError, match="q: expected float64 of shape"):
+        method(np.zeros(3))
+    expected = method(Q)
+    assert method.is_armed  # type: ignore[attr-defined]
+    assert other.is_armed  # type: ignore[attr-defined]
+    assert np.array_equal(method(Q), expected)
+    assert np.array_equal(other(Q), expected)
+    assert not kernel.bias_force.is_armed  # type: ignore[attr-defined]
+
+
+def test_kernels_from_before_the_module(built: Build) -> None:
+    kernel = built(eomgen.load_robot("one_link"))
+    face = Face(expected=True)
+    early = Kernel(kernel.raw.libraries, None, face)
+    copied, method = early.with_parameters({"gravity.y": -3.0}), early.forward_dynamics
+    early.checks, state = False, early.parameters.state
+    assert not early.is_direct
+    module = kernel._face.module
+    assert module is not None
+    face.settle(module)
+    assert early.is_direct
+    assert copied.is_direct
+    assert not early.checks
+    assert copied.parameters["gravity.y"] == -3.0
+    state.assign(list(early.parameters).index("gravity.y"), -2.0)  # of a thread that was just about to
+    assert early.parameters["gravity.y"] == -2.0
+    assert np.array_equal(early.forward_dynamics(Q, V, U), method(Q, V, U))
+    late = Kernel(kernel.raw.libraries, None, face)
+    assert late.is_direct
+    never = Kernel(kernel.raw.libraries)
+    assert not never.is_direct
+    assert np.array_equal(never.forward_dynamics(Q, V, U), late.forward_dynamics(Q, V, U))
+    face = Face(expected=True)
+    unlucky = Kernel(kernel.raw.libraries, None, face)
+    face.settle(None)
+    assert not unlucky.is_direct
+    assert not unlucky.with_parameters().is_direct
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_an_assignment_is_seen_by_the_next_call(dtype: str, built: Build) -> None:
+    robot = eomgen.load_robot("one_link")
+    kernel = built(robot, dtype=dtype)
+    q, v, u = (x.astype(dtype) for x in (Q, V, U))
+    plain = Kernel(kernel.raw.libraries)
+    for number, name in enumerate(["gravity.x", "joints.joint1.x.stiffness", "gravity.y"] * 3):
+        copied = kernel.with_parameters()
+        before = kernel.forward_dynamics(q, v, u)
+        value = kernel.parameters[name] * 1.25 + 0.1
+        if number % 2:
+            kernel.parameters[name] = plain.parameters[name] = value
+        else:
+            kernel.parameters.update({name: value})
+            plain.parameters.update({name: value})
+        assert dict(kernel.parameters) == dict(plain.parameters)
+        after = kernel.forward_dynamics(q, v, u)
+        assert np.array_equal(after, plain.forward_dynamics(q, v, u))
+        assert np.array_equal(copied.forward_dynamics(q, v, u), before)
+        assert not np.array_equal(after, before)
+    assert np.array_equal(kernel.parameters.setup.values, plain.parameters.setup.values)
+
+
+@pytest.mark.parametrize("face", ["direct", "python"])
+def test_assignments_are_refused_as_ever(face: str, built: Build) -> None:
+    given = built(eomgen.load_robot("one_link"))
+    kernel = given if face == "direct" else Kernel(given.raw.libraries)
+    before = dict(kernel.parameters)
+    name = "joints.joint1.x.stiffness"
+    for wrong, said in (
+        (float("nan"), f"parameters: {name} = nan is not finite"),
+        (float("inf"), f"parameters: {name} = inf is not finite"),
+        (-1.0, f"parameters: {name} = -1.0 is negative; at least 0 is allowed"),
+        (True, f"parameters: {name} = true is not a number"),
+        ("1", f"parameters: {name} = '1' is not a number"),
+        (2**53 + 1, f"parameters: {name} = 9007199254740993 is a number that float64 cannot hold exactly"),
+    ):
+        with pytest.raises(InputError) as caught:
+            kernel.parameters[name] = wrong  # type: ignore[assignment]
+        assert str(caught.value) == said
+    for unknown in ("gravity.w", 3, None):
+        with pytest.raises(eomgen.errors.UnknownNameError, match="is not a run-time parameter of one_link"):
+            kernel.parameters[unknown] = 1.0  # type: ignore[index]
+    with pytest.raises(InputError):
+        kernel.parameters.update({"gravity.x": 1.0, name: -1.0})
+    assert dict(kernel.parameters) == before
+    kernel.parameters.update({})
+    for number in (3, np.float32(1.5), np.int64(2), -0.0, 1e300):
+        kernel.parameters["gravity.x"] = number
+        assert kernel.parameters["gravity.x"] == number
+
+
+def test_threads_that_assign_and_call(built: Build) -> None:
+    """Every result belongs to one of the values that were assigned together, and none is lost."""
+    kernel = built(eomgen.load_robot("one_link"))
+    pairs = [{"gravity.y": -float(i), "joints.joint1.x.stiffness": 1e4 * i} for i in range(1, 4)]
+    many = np.stack([Q] * 300)
+    allowed = {kernel.with_parameters(pair).forward_dynamics(Q, V, U).tobytes() for pair in pairs}
+    kernel.parameters.update(pairs[0])
+    found: set[bytes] = set()
+    over, failed = threading.Event(), list[BaseException]()
+
+    def assign() -> None:
+        number = 0
+        while not over.is_set():
+            kernel.parameters.update(pairs[number % 3])
+            number += 1
+
+    def call() -> None:
+        try:
+            for _ in range(300):
+                found.add(kernel.forward_dynamics(Q, V, U).tobytes())
+                rows = {row.tobytes() for row in kernel.forward_dynamics(many, V, U)}
+                assert len(rows) == 1
+                found.update(rows)
+        except BaseException as error:
+            failed.append(error)
+
+    callers = [threading.Thread(target=call) for _ in range(3)]
+    writer = threading.Thread(target=assign)
+    for thread in (writer, *callers):
+        thread.start()
+    for thread in callers:
+        thread.join()
+    over.set()
+    writer.join()
+    assert not failed
+    assert found <= allowed
+
+
+def test_no_assignment_of_many_threads_is_lost(built: Build) -> None:
+    kernel = built(eomgen.load_robot("one_link"))
+    names = [name for name in kernel.parameters if name.startswith("gravity")]
+
+    def assign(name: str) -> None:
+        for number in range(500):
+            kernel.parameters[name] = float(number)
+            assert kernel.parameters[name] == number
+
+    threads = [threading.Thread(target=assign, args=(name,)) for name in names]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert [kernel.parameters[name] for name in names] == [499.0] * len(names)
+
+
+def test_long_calls_let_other_threads_run(built: Build) -> None:
+    """A batch that takes long is computed without the interpreter's lock."""
+    kernel = built(eomgen.load_robot("one_link"))
+    many = np.zeros((states_at_once(kernel.raw.functions["christoffel"].operations), 2))
+    counted, over = [0], threading.Event()
+
+    def count() -> None:
+        while not over.is_set():
+            counted[0] += 1
+
+    kernel.christoffel(Q)
+    interval = sys.getswitchinterval()
+    other = threading.Thread(target=count)
+    sys.setswitchinterval(100.0)  # nobody gives the lock away but who wants to
+    try:
+        other.start()
+        kernel.christoffel(many)
+        over.set()
+    finally:
+        sys.setswitchinterval(interval)
+        over.set()
+        other.join()
+    assert counted[0] > 0
+
+
+def test_singular_states_are_named(built: Build) -> None:
+    robot = eomgen.load_robot("one_link")
+    link = replace(robot.links[-1], mass=0.0, inertia=(0.0,) * 6)
+    kernel = built(replace(robot, links=(*robot.links[:-1], link)), "forward_dynamics", "mass_matrix")
+    for q in (Q, np.stack([Q, Q])):
+        for out in (None, np.empty(q.shape)):
+            with pytest.raises(SingularError) as found:
+                kernel.forward_dynamics(q, V, U, out=out)
+            with pytest.raises(SingularError) as expected:
+                kernel.forward_dynamics.__wrapped__(q, V, U, out=out)  # type: ignore[attr-defined]
+            assert str(found.value) == str(expected.value)
