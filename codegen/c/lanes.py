@@ -13,7 +13,7 @@ from ..program.ir import Program
 from .statements import handed_on, split, trig_values
 
 VECTORS = (16, 32, 64)  # bytes of a vector
-PACKED = 0.75  # of a result's numbers at most are different ones, where these alone are kept
+PACKED, LEAST = 0.75, 100  # different numbers of a result are kept alone where they are no more, of so many at least
 LANE_VALUES = 8192  # values that a kernel for several states may keep on the stack: 512 KB of the longest vectors
 
 
@@ -54,14 +54,14 @@ class Packing:
 
 
 def pack(program: Program) -> Packing | None:
-    """The program with its different results side by side; None where nearly all of them are different.
+    """The program with its different results side by side; None where it has few, or nearly all are different.
 
     Zeros, and the half of a symmetric matrix that mirrors the other one, leave the cache to what is computed.
     """
     written = {key[1]: index for key, index in program.outputs.items() if key[0] == "out"}
     number: dict[int, int] = {}
     places = tuple(number.setdefault(written[place], len(number)) for place in sorted(written))
-    if not places or len(number) > PACKED * len(places):
+    if len(places) < LEAST or len(number) > PACKED * len(places):
         return None
     others = {key: index for key, index in program.outputs.items() if key[0] != "out"}
     results = {("out", place): index for index, place in number.items()}

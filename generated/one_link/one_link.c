@@ -894,7 +894,7 @@ static inline void scatter(const lanes *restrict x, const unsigned short *restri
         const int past = place ? (int)((size_t)y / sizeof *y % LANES) : 0; /* behind the last whole vector of memory */
         for (int i = 0; i < size; i += i == 0 ? LANES - past : LANES) {
             const int at = i + LANES <= size ? i : size - LANES;
-            turned_back(place ? x : x + at, place ? place + at : NULL, step, more && at / LINE != (at - LANES) / LINE, y + at);
+            turned_back(place ? x : x + at, place ? place + at : NULL, step, more && (i + past) % LINE == 0, y + at);
         }
         return;
     }
@@ -929,7 +929,7 @@ static int one_link_failed_lanes(const lanes *restrict pivot)
 }
 
 /* Mass matrix M(q), eq. (11). */
-static int one_link_mass_matrix_packed(const double *restrict h, const lanes *restrict q, lanes *restrict out)
+static int one_link_mass_matrix_lanes(const double *restrict h, const lanes *restrict q, lanes *restrict out)
 {
     lanes sine[1];
     lanes cosine[1];
@@ -937,9 +937,10 @@ static int one_link_mass_matrix_packed(const double *restrict h, const lanes *re
     (void)h;
 
     out[0] = ALL(1.0);
-    out[2] = ALL(0.3333333333333333);
+    out[3] = ALL(0.3333333333333333);
     /* joint1: columns of M from the composite pseudo-inertia, eq. (11) */
     out[1] = -0.5*sine[0];
+    out[2] = out[1];
 
     return 0;
 }
@@ -1053,7 +1054,7 @@ static int one_link_forward_dynamics_lanes(const double *restrict h, const lanes
 }
 
 /* Derivatives of the residual by q, v and a: three matrices. */
-static int one_link_residual_jacobian_packed(const double *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, lanes *restrict out)
+static int one_link_residual_jacobian_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, lanes *restrict out)
 {
     lanes sine[1];
     lanes cosine[1];
@@ -1061,8 +1062,10 @@ static int one_link_residual_jacobian_packed(const double *restrict h, const lan
 
     out[0] = ALL(h[3]);
     out[2] = ALL(0.0);
-    out[6] = ALL(1.0);
-    out[8] = ALL(0.3333333333333333);
+    out[4] = out[2];
+    out[6] = out[2];
+    out[8] = ALL(1.0);
+    out[11] = ALL(0.3333333333333333);
     /* link1: velocity, acceleration, and what they are to the tangents of joint1 */
     const lanes t10 = a[0] - h[0];
     const lanes t13 = v[0]*cosine[0];
@@ -1070,9 +1073,10 @@ static int one_link_residual_jacobian_packed(const double *restrict h, const lan
     const lanes t33 = sine[0]*(0.5*(v[1]*v[1]) - (cosine[0]*t10 - h[1]*sine[0])) - cosine[0]*(0.5*a[1] - (sine[0]*t10 + h[1]*cosine[0]));
     const lanes t34 = 0.5*cosine[0];
     const lanes t35 = 0.5*sine[0];
-    out[4] = cosine[0]*(2.0*(v[0]*sine[0]) - v[1]) - sine[0]*(2.0*t13);
-    out[7] = -t35;
-    out[5] = t13 - 2.0*v[0]*t34;
+    out[5] = cosine[0]*(2.0*(v[0]*sine[0]) - v[1]) - sine[0]*(2.0*t13);
+    out[9] = -t35;
+    out[10] = out[9];
+    out[7] = t13 - 2.0*v[0]*t34;
     out[3] = h[1]*t35 - t10*t34;
     out[1] = t33 - h[1];
 
@@ -1080,7 +1084,7 @@ static int one_link_residual_jacobian_packed(const double *restrict h, const lan
 }
 
 /* Coriolis matrix C(q, v) with C v = bias and M_dot = C + C^T. */
-static int one_link_coriolis_matrix_packed(const double *restrict h, const lanes *restrict q, const lanes *restrict v, lanes *restrict out)
+static int one_link_coriolis_matrix_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, lanes *restrict out)
 {
     lanes sine[1];
     lanes cosine[1];
@@ -1088,16 +1092,17 @@ static int one_link_coriolis_matrix_packed(const double *restrict h, const lanes
     (void)h;
 
     out[0] = ALL(0.0);
+    out[2] = out[0];
     const lanes t5 = v[0]*cosine[0];
     /* joint1: columns and rows of C, eq. (12) contracted with the velocity */
     out[1] = cosine[0]*(v[0]*sine[0] - 0.5*v[1]) - sine[0]*t5;
-    out[2] = 0.5*t5 - v[0]*(0.5*cosine[0]);
+    out[3] = 0.5*t5 - v[0]*(0.5*cosine[0]);
 
     return 0;
 }
 
 /* Christoffel symbols of the first kind, the tensor C of eq. (12). */
-static int one_link_christoffel_packed(const double *restrict h, const lanes *restrict q, lanes *restrict out)
+static int one_link_christoffel_lanes(const double *restrict h, const lanes *restrict q, lanes *restrict out)
 {
     lanes sine[1];
     lanes cosine[1];
@@ -1105,7 +1110,13 @@ static int one_link_christoffel_packed(const double *restrict h, const lanes *re
     (void)h;
 
     out[0] = ALL(0.0);
-    out[1] = -0.5*cosine[0];
+    out[1] = out[0];
+    out[2] = out[0];
+    out[4] = out[0];
+    out[5] = out[0];
+    out[6] = out[0];
+    out[7] = out[0];
+    out[3] = -0.5*cosine[0];
 
     return 0;
 }
@@ -1237,35 +1248,6 @@ static int one_link_implicit_step_lanes(const double *restrict h, const lanes *r
     return one_link_failed_lanes(pivot);
 }
 
-/* Which of its different results stands where. */
-static const unsigned short one_link_mass_matrix_places[4] = {
-    0, 1, 1, 2,
-};
-
-/* Which of its different results stands where. */
-static const unsigned short one_link_residual_jacobian_places[12] = {
-    0, 1, 2, 3, 2, 4, 2, 5, 6, 7, 7, 8,
-};
-
-/* Which of its different results stands where. */
-static const unsigned short one_link_coriolis_matrix_places[4] = {
-    0, 1, 0, 2,
-};
-
-/* Which of its different results stands where. */
-static const unsigned short one_link_christoffel_places[8] = {
-    0, 0, 0, 1, 0, 0, 0, 0,
-};
-
-/* Derivatives of the residual by q, v and a: three matrices. */
-static int one_link_residual_jacobian_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, lanes *restrict out)
-{
-    lanes packed[9];
-    const int status = one_link_residual_jacobian_packed(h, q, v, a, packed);
-    for (int i = 0; i < 12; ++i) out[i] = packed[one_link_residual_jacobian_places[i]];
-    return status;
-}
-
 /* Derivatives of the accelerations by q, v and u: three matrices.
  * They are -M^-1 dr/dq, -M^-1 dr/dv and M^-1 at the acceleration under u, with M = L^T D L along the branches. */
 static int one_link_forward_dynamics_jacobian_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict u, lanes *restrict out)
@@ -1309,14 +1291,14 @@ static int one_link_forward_dynamics_jacobian_lanes(const double *restrict h, co
 
 long long one_link_mass_matrix_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, double *restrict out)
 {
-    lanes q_lanes[2], out_lanes[3];
+    lanes q_lanes[2], out_lanes[4];
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
         const int more = count - i >= AHEAD + LANES;
         gather(q + i * q_step, q_step, here, more, 2, q_lanes);
-        const int status = one_link_mass_matrix_packed(h, q_lanes, out_lanes);
+        const int status = one_link_mass_matrix_lanes(h, q_lanes, out_lanes);
         if (status != 0) return (long long)i * 2 + status - 1;
-        scatter(out_lanes, one_link_mass_matrix_places, here, more && count * sizeof *out > MANY / 4, 4, 4, out + i * 4);
+        scatter(out_lanes, NULL, here, more, 4, 4, out + i * 4);
     }
     return -1;
 }
@@ -1417,16 +1399,16 @@ long long one_link_forward_dynamics_batch(size_t count, const double *restrict h
 
 long long one_link_residual_jacobian_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict a, size_t a_step, double *restrict out)
 {
-    lanes q_lanes[2], v_lanes[2], a_lanes[2], out_lanes[9];
+    lanes q_lanes[2], v_lanes[2], a_lanes[2], out_lanes[12];
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
         const int more = count - i >= AHEAD + LANES;
         gather(q + i * q_step, q_step, here, more, 2, q_lanes);
         gather(v + i * v_step, v_step, here, more, 2, v_lanes);
         gather(a + i * a_step, a_step, here, more, 2, a_lanes);
-        const int status = one_link_residual_jacobian_packed(h, q_lanes, v_lanes, a_lanes, out_lanes);
+        const int status = one_link_residual_jacobian_lanes(h, q_lanes, v_lanes, a_lanes, out_lanes);
         if (status != 0) return (long long)i * 2 + status - 1;
-        scatter(out_lanes, one_link_residual_jacobian_places, here, more && count * sizeof *out > MANY / 12, 12, 12, out + i * 12);
+        scatter(out_lanes, NULL, here, more, 12, 12, out + i * 12);
     }
     return -1;
 }
@@ -1449,29 +1431,29 @@ long long one_link_forward_dynamics_jacobian_batch(size_t count, const double *r
 
 long long one_link_coriolis_matrix_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, double *restrict out)
 {
-    lanes q_lanes[2], v_lanes[2], out_lanes[3];
+    lanes q_lanes[2], v_lanes[2], out_lanes[4];
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
         const int more = count - i >= AHEAD + LANES;
         gather(q + i * q_step, q_step, here, more, 2, q_lanes);
         gather(v + i * v_step, v_step, here, more, 2, v_lanes);
-        const int status = one_link_coriolis_matrix_packed(h, q_lanes, v_lanes, out_lanes);
+        const int status = one_link_coriolis_matrix_lanes(h, q_lanes, v_lanes, out_lanes);
         if (status != 0) return (long long)i * 2 + status - 1;
-        scatter(out_lanes, one_link_coriolis_matrix_places, here, more && count * sizeof *out > MANY / 4, 4, 4, out + i * 4);
+        scatter(out_lanes, NULL, here, more, 4, 4, out + i * 4);
     }
     return -1;
 }
 
 long long one_link_christoffel_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, double *restrict out)
 {
-    lanes q_lanes[2], out_lanes[2];
+    lanes q_lanes[2], out_lanes[8];
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
         const int more = count - i >= AHEAD + LANES;
         gather(q + i * q_step, q_step, here, more, 2, q_lanes);
-        const int status = one_link_christoffel_packed(h, q_lanes, out_lanes);
+        const int status = one_link_christoffel_lanes(h, q_lanes, out_lanes);
         if (status != 0) return (long long)i * 2 + status - 1;
-        scatter(out_lanes, one_link_christoffel_places, here, more && count * sizeof *out > MANY / 8, 8, 8, out + i * 8);
+        scatter(out_lanes, NULL, here, more, 8, 8, out + i * 8);
     }
     return -1;
 }
