@@ -43,6 +43,7 @@ LEVELS: Mapping[str, tuple[str, tuple[str, ...]]] = {  # name -> what the proces
     "AVX-512": ("avx512vl", ("-march=x86-64-v4", FUSED)),
 }
 MANY, FEW, COLD = 4096, 64, 8192  # states; the last ones take so long that one call is a sample
+COPIES = 3  # of the code: where its pages happen to lie in memory may double the time of what is long
 TOLERANCE = 1e-6  # of the comparison: sums of vectors may be fused where those of numbers are not
 WITHOUT: Mapping[str, tuple[str, ...]] = {  # flags that take something away from the code
     "as it is": (),
@@ -90,25 +91,35 @@ class Measurement:
             count: states.
             cold: whether arguments and results come from memory, because all caches are filled with something else.
         """
-        built = eomgen.build(robot, kernels=KERNELS, flags=flags)
-        setup, given = built.parameters.setup, states(robot, count)
+        given = states(robot, count)
         arrays = [given[name] for name in READS[kernel]]
-        size = built.n**2 if kernel == "mass_matrix" else built.n
-        code = FFI.cast("void *", built.raw.address(kernel))
-        single = FFI.new("Single *", (code, FFI.cast("double *", setup.address), size))
-        called = getattr(self.library, f"one_by_one_{len(arrays)}")
-        pair = (
-            Contender("batch", built.raw.address(kernel, batch=True), setup.address, batch=True),
-            Contender("one by one", address(FFI, FFI.cast("void *", called)), address(FFI, single), batch=True),
-        )
-        compare(pair, arrays, size, TOLERANCE, f"{robot.name}: {kernel}")
+        n = arrays[0].shape[1]
+        size = n * n if kernel == "mass_matrix" else n
+        pairs = [self._pair(robot, kernel, (*flags, f"-DCOPY={copy}"), len(arrays), size) for copy in range(COPIES)]
+        compare([x for pair in pairs for x in pair], arrays, size, TOLERANCE, f"{robot.name}: {kernel}")
         out = np.zeros((count, size))
         empty = [Timed(address(FFI, FFI.cast("void *", self.library.forget)), 0, out.ctypes.data, True)] * cold
-        timed = [y for x in pair for y in (*empty, Timed(x.code, x.h, out.ctypes.data, True))]
+        timed = [y for pair in pairs for x in pair for y in (*empty, Timed(x.code, x.h, out.ctypes.data, True))]
         with one_core():
             ns = self.stopwatch.time(timed, len(arrays), arrays, self.rounds)[:, cold :: 1 + cold]
-        least = ns.min(axis=0)  # other work on the machine makes single rounds longer, and none shorter
-        return float(least[1] / least[0])
+        batch, alone = ns.min(axis=0).reshape(COPIES, 2).min(axis=0)
+        return float(alone / batch)
+
+    def _pair(
+        self, robot: Robot, kernel: str, flags: Sequence[str], reads: int, size: int
+    ) -> tuple[Contender, Contender]:
+        """One call for all states, and a call for each of them."""
+        built = eomgen.build(robot, kernels=KERNELS, flags=flags)
+        setup = built.parameters.setup
+        code = FFI.cast("void *", built.raw.address(kernel))
+        single = FFI.new("Single *", (code, FFI.cast("double *", setup.address), size))
+        called = FFI.cast("void *", getattr(self.library, f"one_by_one_{reads}"))
+        return (
+            Contender("batch", built.raw.address(kernel, batch=True), setup.address, batch=True, kept=(built, setup)),
+            Contender(
+                "one by one", address(FFI, called), address(FFI, single), batch=True, kept=(built, setup, single)
+            ),
+        )
 
     def widths(self) -> Rows:
         """Every kernel of every robot, for vectors of every width."""
@@ -176,8 +187,8 @@ Written by `python -m benchmarks.batches`; do not edit.
 
 A kernel that gets several states at once computes them side by side, one in every lane of a vector: the same statements
 as for one state, on vectors of 2, 4 or 8 numbers. A table's number is the time of calls one by one in C, each result in
-its place, by that of one call; above 1 the batch is faster. Times are the least of {rounds} rounds in which both took
-turns on one core, after their results had been compared.
+its place, by that of one call; above 1 the batch is faster. Times are the least of {rounds} rounds in which {copies}
+copies of both took turns on one core, after their results had been compared.
 
 - Processor: {processor}
 - Compiler: {compiler}
@@ -242,6 +253,7 @@ def main() -> int:
     tables = {name: "\n".join(getattr(measurement, name)().lines()) for name in ("widths", "places", "parts", "alive")}
     text = TEXT.format(
         rounds=arguments.repeat,
+        copies=COPIES,
         processor=processor_name(),
         compiler=find_compiler().version.splitlines()[0],
         many=MANY,
