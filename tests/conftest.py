@@ -20,6 +20,8 @@ from tests.support.builds import Build
 from tests.support.figures import Figures, gathered, lines
 from tests.support.quick_builds import one_link, without_headers
 
+ALL = ("all",)
+
 
 def pytest_configure(config: pytest.Config) -> None:
     """Keep out of the user's cache; pytest-xdist's workers and later runs share what was compiled."""
@@ -40,17 +42,17 @@ def built() -> Build:
     """``built(robot, kernel names..., options)``: a kernel of its own, compiled without optimisation.
 
     The C may not contract or reorder anything, so the level changes no result; the optimiser takes most of the time.
-    Without a wrapper in C, too, which takes half of the rest; so whole robots are built with one, as users build them
-    and as tests without this fixture do.  Large ones are then found in the cache by several tests.
+    Without a wrapper in C, too, which takes half of the rest, where kernels are named; without names each kernel is
+    built when it is first called, with one, as users build them.  "all" builds all of them in one library.
     """
 
     def build(robot: Robot, *kernels: str, **options: object) -> eomgen.Kernel:
         with pytest.MonkeyPatch.context() as patch:
             if "flags" not in options:
                 patch.setenv("CFLAGS", "-O0")  # as ``unoptimised`` does
-            if kernels:
+            if kernels and kernels != ALL:
                 without_headers(patch)
-            return eomgen.build(robot, kernels=kernels, **options)  # type: ignore[arg-type]
+            return eomgen.build(robot, kernels="all" if kernels == ALL else kernels, **options)  # type: ignore[arg-type]
 
     return build
 

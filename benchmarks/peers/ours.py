@@ -30,9 +30,10 @@ class Ours:
 
     def contender(self, kernel: str, *, batch: bool = False) -> Contender:
         """A kernel for one state, or for all states in one call."""
-        code = self.kernel.raw.address(NAMES.get(kernel, kernel), batch=batch)
-        setup = self.kernel.parameters.setup
-        return Contender(BATCH if batch else NAME, code, setup.address, batch=batch, kept=(self, setup))
+        function = self.kernel.raw.function(NAMES.get(kernel, kernel))
+        code, setup = self.kernel.raw.address(function.name, batch=batch), self.kernel.parameters.setup
+        address = setup.address(function.library)
+        return Contender(BATCH if batch else NAME, code, address, batch=batch, kept=(self, setup))
 
     def step(self, dt: float) -> Contender:
         """One linearly implicit step of so many seconds, q and v after it.
@@ -47,7 +48,8 @@ class Ours:
         path = build_library("ours_step", "cc", [("-std=c99", "-O2", STEP.name)], (), {STEP.name: text})
         library = FFI.dlopen(str(path))
         rollout, setup = kernel.raw.address("rollout"), kernel.parameters.setup
-        given = FFI.new("OurStep *", (FFI.cast("void *", rollout), FFI.cast("double *", setup.address), dt, kernel.n))
+        h = setup.address(kernel.raw.function("rollout").library)
+        given = FFI.new("OurStep *", (FFI.cast("void *", rollout), FFI.cast("double *", h), dt, kernel.n))
         code = address(FFI, FFI.addressof(library, "ours_step"))
         return Contender(NAME, code, address(FFI, given), kept=(self, setup, library, given))
 

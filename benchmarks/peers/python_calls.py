@@ -50,7 +50,8 @@ def python_calls(rounds: int) -> tuple[Call, ...]:
             _compare(name, getattr(kernel, name), peers[name], few)
             ways["Pinocchio from Python"] = _one_by_one(peers[name], few)
         out = np.zeros(SIZES[name](kernel.n) if name in SIZES else kernel.n)
-        timed = Timed(kernel.raw.address(name), kernel.parameters.setup.address, int(out.ctypes.data))
+        h = kernel.parameters.setup.address(kernel.raw.function(name).library)
+        timed = Timed(kernel.raw.address(name), h, int(out.ctypes.data))
         in_c = textbook.yardstick.stopwatch.time([timed], len(few), few, rounds)
         ns = {way: least / (BATCH_STATES if way == MANY else STATES) for way, least in _least(ways, rounds).items()}
         found.append(Call(chosen.title, processor_name(), name, {"C": float(in_c.min()), **ns}))

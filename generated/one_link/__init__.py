@@ -13,7 +13,7 @@ from pathlib import Path as _Path
 from typing import Any as _Any
 
 from ._one_link import ffi as _ffi, lib as _lib
-from .runtime import Kernel
+from .runtime import Kernel, OneLibrary
 
 
 def _read(name: str) -> str:
@@ -25,7 +25,7 @@ _META = _json.loads(_read("one_link.json"))
 
 def load() -> Kernel:
     """A kernel with parameters of its own, at the description's values."""
-    return Kernel(_ffi, _lib, _META, _read, (load, ()))
+    return Kernel(OneLibrary(_ffi, _lib, _META, _read), (load, ()))
 
 
 kernel = load()

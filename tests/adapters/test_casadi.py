@@ -111,6 +111,7 @@ def test_from_a_generated_package(built: Build, tmp_path: Path, monkeypatch: pyt
     options = eomgen.pipeline.Options(kernels_for("frame_pose"), flags=("-O0",))
     package = eomgen.generate(robot, tmp_path, options)
     monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.delitem(sys.modules, package.name, raising=False)  # another test's package of this name
     kernel = importlib.import_module(package.name).kernel
     del sys.modules[package.name]
     made = function(kernel, "frame_pose", "tcp", flags=FLAGS)

@@ -104,7 +104,7 @@ def test_contenders_that_differ_are_refused(built: Build) -> None:
     found = []
     for given in (robot, robot, heavier):
         kernel = built(given, "inverse_dynamics")
-        h = kernel.parameters.setup.address
+        h = kernel.parameters.setup.address(kernel.raw.function("inverse_dynamics").library)
         found.append(Contender("ours", kernel.raw.address("inverse_dynamics"), h, kept=kernel))
     many = Contender("batch", kernel.raw.address("inverse_dynamics", batch=True), h, batch=True, kept=kernel)
     arrays = [states(robot, 5)[name] for name in ("q", "v", "a")]

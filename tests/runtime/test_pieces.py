@@ -13,7 +13,7 @@ import pytest
 import eomgen
 from eomgen.errors import IntegrationStopped, SingularError
 from eomgen.runtime import many_steps
-from eomgen.runtime.raw import RawFunction
+from eomgen.runtime.raw import OneLibrary, RawFunction
 from tests.support.builds import Build
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -42,8 +42,8 @@ def fresh() -> eomgen.Kernel:
     return eomgen.build("one_link", kernels=NAMES, flags=("-O0",))
 
 
-def cut(kernel: eomgen.Kernel, operations: int, seen: list[int] | None = None, ends_at: int = 0) -> None:
-    """Let functions seem to take so many operations; count calls of C, and press Ctrl-C in one of them."""
+def cut(kernel: eomgen.Kernel, operations: int, seen: list[int] | None = None, ends_at: int = 0) -> eomgen.Kernel:
+    """A kernel whose functions seem to take so many operations; it counts calls, and presses Ctrl-C in one of them."""
 
     def watched(code: Callable[..., int]) -> Callable[..., int]:
         def call(*arguments: Any) -> int:
@@ -59,9 +59,13 @@ def cut(kernel: eomgen.Kernel, operations: int, seen: list[int] | None = None, e
     def changed(function: RawFunction) -> RawFunction:
         return replace(function, operations=operations, code=watched(function.code), batch=watched(function.batch))
 
-    kernel.raw.functions = {name: changed(x) for name, x in kernel.raw.functions.items()}
-    assert kernel.raw.rollout is not None
-    kernel.raw.rollout = changed(kernel.raw.rollout)
+    own = kernel.raw.libraries.library("")
+    libraries = OneLibrary(own.ffi, own.lib, own.meta)
+    library = libraries.library("")
+    library.function = lambda name, entry: changed(own.function(name, entry))  # type: ignore[method-assign]
+    other = eomgen.Kernel(libraries)
+    other.threads = kernel.threads
+    return other
 
 
 @pytest.mark.parametrize("count", [None, 1, 5, 37])
@@ -84,8 +88,7 @@ def test_pieces_of_a_rollout_change_no_bit(
             for operations, buffer in ((SMALL, 2**15), (10**5, 2**15), (10**5, 64)):
                 monkeypatch.setattr(many_steps, "BUFFER", buffer)
                 seen: list[int] = []
-                cut(kernel, operations, seen)
-                found = kernel.rollout(q, v, dt=1e-3, steps=steps, **arguments)
+                found = cut(kernel, operations, seen).rollout(q, v, dt=1e-3, steps=steps, **arguments)
                 assert operations < SMALL or len(seen) >= steps
                 for x, y in zip(found, whole, strict=True):
                     assert x.tobytes() == y.tobytes()
@@ -96,7 +99,7 @@ def test_pieces_of_a_batch_change_no_bit(threads: int, kernel: eomgen.Kernel) ->
     q, v, a = RNG.uniform(-1, 1, (3, 1999, 2))
     whole = kernel.inverse_dynamics(q, v, a), kernel.inverse_dynamics(q[0], v, a[:1])
     kernel.threads, seen = threads, list[int]()
-    cut(kernel, SMALL, seen)
+    kernel = cut(kernel, SMALL, seen)
     found = kernel.inverse_dynamics(q, v, a), kernel.inverse_dynamics(q[0], v, a[:1])
     assert len(seen) >= 2 * 1999 // 16
     assert [x.tobytes() for x in found] == [x.tobytes() for x in whole]
@@ -115,7 +118,7 @@ def test_a_rollout_in_pieces_fails_where_it_failed(kernel: eomgen.Kernel) -> Non
     for every in (1, 4):
         kernel = fresh()
         before = caught(every=every)
-        cut(kernel, 10**5)
+        kernel = cut(kernel, 10**5)
         after = caught(every=every)
         assert (str(after), after.t, after.coordinate) == (str(before), before.t, before.coordinate)
         for x, y in zip(after.stored, before.stored, strict=True):
@@ -129,7 +132,7 @@ def test_a_singular_state_is_named_by_its_step(count: int | None, built: Build) 
     kernel = built(replace(robot, name="no_mass", links=(point,)), "rollout")
     q = Q[0] if count is None else np.tile(Q[0], (count, 1))
     for operations in (1, SMALL):
-        cut(kernel, operations)
+        kernel = cut(kernel, operations)
         with pytest.raises(SingularError, match=r"joint1\.x in step 0( of state 0)?;"):
             kernel.rollout(q, V[0], np.zeros(2), 1e-3, 50)
 
@@ -138,7 +141,7 @@ def test_a_singular_state_is_named_by_its_step(count: int | None, built: Build) 
 def test_an_interrupt_ends_long_work(call: str, kernel: eomgen.Kernel) -> None:
     """In the piece in which it comes; without pieces it would come behind the last one."""
     seen: list[int] = []
-    cut(kernel, SMALL, seen, ends_at=3)
+    kernel = cut(kernel, SMALL, seen, ends_at=3)
     many = np.zeros((160_000, 2))
     work = {
         "rollout": lambda: kernel.rollout(Q[0], V[0], V[0], 1e-6, 10**12, every=10**12),
@@ -154,7 +157,7 @@ def test_an_interrupt_ends_long_work(call: str, kernel: eomgen.Kernel) -> None:
 def test_an_interrupt_ends_the_work_of_threads(call: str, kernel: eomgen.Kernel) -> None:
     """No thread writes any more when the caller has the exception."""
     seen: list[int] = []
-    cut(kernel, SMALL, seen, ends_at=5)
+    kernel = cut(kernel, SMALL, seen, ends_at=5)
     kernel.threads = 2
     many, out = np.zeros((1_600_000, 2)), np.full((1_600_000, 2), np.nan)
     work = {

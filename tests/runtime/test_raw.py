@@ -32,7 +32,7 @@ def test_every_function_does_what_its_call_does(dtype: str, built: Build) -> Non
         arrays = [rng.uniform(-0.5, 0.5, (3, *raw.shapes[label])).astype(dtype) for label in function.reads]
         extra = (len(kernel.frames) - 1,) if function.is_framed else ()
         one, many = (np.full((count, *raw.shapes[function.writes]), np.nan, dtype) for count in (1, 3))
-        pointer = kernel.parameters.setup.pointer
+        pointer = kernel.parameters.setup.pointer(function.library)
         assert function.code(pointer, *(raw.view(x[0]) for x in arrays), *extra, raw.view(one)) == 0, name
         steps = [item for x in arrays for item in (raw.view(x), x[0].size)]
         assert function.batch(3, pointer, *steps, *extra, raw.view(many)) == -1, name
@@ -41,7 +41,7 @@ def test_every_function_does_what_its_call_does(dtype: str, built: Build) -> Non
         assert np.array_equal(one[0], kernel.calls.run(name, None, [x[0] for x in arrays], extra)), name
         assert function.kernel in kernel.operations
         seen.add(function.kind)
-    assert seen == {"program", "composed", "frames"}
+    assert seen == {"program", "tangent", "composed", "frames"}
 
 
 def test_functions_of_every_kind(built: Build) -> None:
@@ -65,7 +65,8 @@ def test_an_address_can_be_called(kernel: Kernel) -> None:
     call = ffi.cast("int (*)(const double *, const double *, double *)", kernel.raw.address("mass_matrix"))
     many = "long long (*)(size_t, const double *, const double *, size_t, double *)"
     batch = ffi.cast(many, kernel.raw.address("mass_matrix", batch=True))
-    h, found, two = ffi.cast("double *", kernel.parameters.setup.address), np.empty((2, 2)), np.empty((2, 2, 2))
+    h = ffi.cast("double *", kernel.parameters.setup.address(kernel.raw.function("mass_matrix").library))
+    found, two = np.empty((2, 2)), np.empty((2, 2, 2))
     assert call(h, ffi.from_buffer("double[]", Q), ffi.from_buffer("double[]", found)) == 0
     assert np.array_equal(found, kernel.mass_matrix(Q))
     assert batch(2, h, ffi.from_buffer("double[]", np.array([Q, V])), 2, ffi.from_buffer("double[]", two)) == -1
@@ -78,9 +79,9 @@ def test_an_address_can_be_called(kernel: Kernel) -> None:
 def test_a_rollout_by_its_pointers(kernel: Kernel) -> None:
     raw, u, ends = kernel.raw, np.array([0.1, -0.2]), np.empty((2, 2, 2))
     assert raw.rollout is not None
-    drive = raw.drive(u=raw.view(u))
+    drive = raw.rollout.library.drive(u=raw.view(u))
     arrays = [raw.view(x) for x in (Q, V)]
-    pointer = kernel.parameters.setup.pointer
+    pointer = kernel.parameters.setup.pointer(raw.rollout.library)
     assert raw.rollout.code(pointer, *arrays, drive, 1e-3, 5, 5, 0, raw.view(ends[0]), raw.view(ends[1])) == -1
     q, v = kernel.rollout(Q, V, u, 1e-3, 5, every=5)
     assert np.array_equal(ends, [q, v])
@@ -88,13 +89,14 @@ def test_a_rollout_by_its_pointers(kernel: Kernel) -> None:
 
 def test_what_parameters_give_is_replaced_as_a_whole(kernel: Kernel) -> None:
     mine = kernel.with_parameters()
-    before = mine.parameters.setup
-    computed = before.computed.copy()
+    before, library = mine.parameters.setup, kernel.raw.function("mass_matrix").library
+    computed = before.computed(library).copy()
     mine.parameters["joints.joint1.x.stiffness"] = 3.0
     assert mine.parameters.setup is not before
-    assert np.array_equal(before.computed, computed)
+    assert np.array_equal(before.computed(library), computed)
     assert 3.0 in mine.parameters.setup.values
-    assert mine.parameters.setup.address == mine.parameters.setup.computed.ctypes.data
+    after = mine.parameters.setup
+    assert after.address(library) == after.computed(library).ctypes.data
     assert kernel.parameters.setup is before
 
 

@@ -42,7 +42,7 @@ class Parameters(MutableMapping[str, float]):
             least: the least value of each parameter that has one.
         """
         slots = {name: slot for slot, name in enumerate(values)}
-        return cls(raw, slots, least, Setup(raw, np.array(list(values.values()), raw.dtype)))
+        return cls(raw, slots, least, Setup(np.array(list(values.values()), raw.dtype)))
 
     def copy(self) -> Parameters:
         """The same names and values for the same code; neither sees the other's assignments."""
@@ -93,7 +93,7 @@ class Parameters(MutableMapping[str, float]):
         with self._lock:  # assignments of other threads are kept
             values = self.setup.values.copy()
             values[list(wanted)] = list(wanted.values())
-            self.setup = Setup(self._raw, values)
+            self.setup = Setup(values)
 
     def _held(self, name: str, value: Any) -> float:
         """The number as the kernel's dtype has it, of whole numbers without rounding."""

@@ -5,21 +5,24 @@ A generated package carries a copy of this file.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, Protocol
 
+import _cffi_backend
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import UnknownNameError
+from ..errors import BuildError, UnknownNameError
 
 Array = NDArray[Any]
 
-__all__ = ["RawFunction", "RawKernel", "Setup"]
+__all__ = ["Libraries", "Library", "OneLibrary", "Operations", "RawFunction", "RawKernel", "Setup"]
 
+FFI = _cffi_backend.FFI()  # knows C's own types; pointers of all libraries are of these
 POINTERS = {"float64": "double[]", "float32": "float[]"}
+SETUP = "parameters"  # among operations: of what depends on parameters alone
 FRAMES, ROLLOUT = "frames", "rollout"  # kinds of functions that are called otherwise than all others
 WEIGHTS = {"mul": 1, "add": 1, "div": 5, "sincos": 25}  # times of operations beside each other
 STAGES = 5  # of a step of a rollout: four of rk4, in numbers of linearly implicit ones, and what is around them
@@ -43,6 +46,7 @@ class RawFunction:
         tangent_of: the function whose directional derivative it is, or nothing.
         operations: of one call, or of a step of a rollout, at most: multiplications and additions, or what takes as
             long.
+        library: where its code is; ``Setup`` has what it reads of the parameters.
     """
 
     name: str
@@ -52,8 +56,9 @@ class RawFunction:
     writes: str
     code: Any
     batch: Any
-    tangent_of: str = ""
-    operations: int = 0
+    tangent_of: str
+    operations: int
+    library: Library
 
     @property
     def is_framed(self) -> bool:
@@ -61,48 +66,191 @@ class RawFunction:
         return self.kind == FRAMES
 
 
+class Library:
+    """A compiled module of C: functions of a robot, and what they read of its parameters.
+
+    Attributes:
+        meta: its metadata.
+        name: the robot's name, with which the names of C begin.
+        dtype: the dtype of all arrays.
+        hoisted: how many numbers are computed from the parameters.
+        ffi, lib: cffi's objects of the module.
+    """
+
+    def __init__(self, ffi: Any, lib: Any, meta: Mapping[str, Any]) -> None:
+        self.ffi, self.lib, self.meta = ffi, lib, meta
+        self.name: str = meta["name"]
+        self.dtype: np.dtype[Any] = np.dtype(meta["dtype"])
+        self.hoisted: int = meta["hoisted"]
+        self._view = partial(FFI.from_buffer, POINTERS[meta["dtype"]])
+        self._setup = getattr(lib, f"{self.name}_setup")
+
+    def function(self, name: str, entry: Mapping[str, Any]) -> RawFunction:
+        """A function of the library, by what metadata says of it."""
+        code, batch = (getattr(self.lib, f"{self.name}_{name}{end}") for end in ("", "_batch"))
+        reads, of = tuple(entry["reads"]), entry.get("tangent_of", "")
+        kernel, kind = entry["kernel"], entry["kind"]
+        work = sum(WEIGHTS[key] * count for key, count in self.meta["operations"][kernel].items())
+        work *= STAGES if kind == ROLLOUT else 1
+        return RawFunction(name, kernel, kind, reads, entry["writes"], code, batch, of, work, self)
+
+    def address(self, name: str) -> int:
+        """Address of one of its functions by the name behind the robot's, such as "setup" or "residual_batch"."""
+        return int(FFI.cast("intptr_t", self.ffi.addressof(self.lib, f"{self.name}_{name}")))
+
+    def compute(self, values: Array) -> Array:
+        """Compute from the values of the parameters what the functions read: (hoisted,), or one number for none.
+
+        Args:
+            values: in the order of the parameters.
+        """
+        computed = np.zeros(max(self.hoisted, 1), self.dtype)
+        self._setup(self._view(values if values.size else np.zeros(1, self.dtype)), self._view(computed))
+        return computed
+
+    def drive(self, **fields: Any) -> Any:
+        """A new ``NAME_drive``, the argument of a rollout; pointers among the fields must be kept alive."""
+        return self.ffi.new(f"{self.name}_drive *", fields)
+
+
+class Libraries(Protocol):
+    """Where the functions of a kernel are: in one library, or in several that are made when they are asked for.
+
+    Attributes:
+        meta: names, shapes, parameters and functions, the same for all libraries.
+    """
+
+    meta: Mapping[str, Any]
+
+    def library(self, kernel: str) -> Library:
+        """The library of a kernel, one of those that ``meta`` names."""
+
+    def operations(self, kernel: str) -> Mapping[str, int]:
+        """Operations of the C of a kernel."""
+
+    def source(self, file: str) -> str:
+        """Text of a file with all functions, such as "arm.c"; OSError or KeyError if it is gone."""
+
+    def together(self, kernels: tuple[str, ...]) -> Libraries:
+        """The same with these kernels in one library."""
+
+
+class Operations(Mapping[str, Mapping[str, int]]):
+    """Operations of the C of kernels, and of "parameters", by kind of operation."""
+
+    def __init__(self, libraries: Libraries) -> None:
+        self._libraries = libraries
+
+    def __getitem__(self, kernel: str) -> Mapping[str, int]:
+        if kernel not in self:
+            raise KeyError(kernel)
+        return self._libraries.operations(kernel)
+
+    def __contains__(self, kernel: object) -> bool:
+        return kernel == SETUP or kernel in self._libraries.meta["kernels"]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter((*self._libraries.meta["kernels"], SETUP))
+
+    def __len__(self) -> int:
+        return len(self._libraries.meta["kernels"]) + 1
+
+    def __repr__(self) -> str:
+        return f"<operations of {', '.join(self)}>"
+
+
+class OneLibrary:
+    """All functions in one compiled module.
+
+    Attributes:
+        meta: what its package says of it.
+    """
+
+    def __init__(self, ffi: Any, lib: Any, meta: Mapping[str, Any], read: Callable[[str], str] | None = None) -> None:
+        """The library of a package.
+
+        Args:
+            ffi, lib: cffi's objects of the module.
+            meta: what its package says of it.
+            read: gives the text of a file of the package.
+        """
+        self.meta, self._library, self._read = meta, Library(ffi, lib, meta), read
+
+    def library(self, kernel: str) -> Library:
+        """The only library."""
+        return self._library
+
+    def operations(self, kernel: str) -> Mapping[str, int]:
+        """Operations of the C of a kernel."""
+        return dict(self.meta["operations"][kernel])
+
+    def source(self, file: str) -> str:
+        """Text of a file of the package."""
+        if self._read is None:
+            raise FileNotFoundError(file)
+        return self._read(file)
+
+    def together(self, kernels: tuple[str, ...]) -> OneLibrary:
+        """These libraries."""
+        return self
+
+
 class RawKernel:
-    """A compiled module of C: its functions, the shapes of their arrays, and addresses for other programs.
+    """Compiled C: functions, the shapes of their arrays, and addresses for other programs.
 
     Nothing is checked here, neither shapes nor dtypes nor the life of a pointer; ``Kernel`` does that.  The header of
     the kernel (``kernel.source("h")``) says what every array holds.
 
     Attributes:
+        libraries: where the functions are.
         name: the robot's name, with which the names of C begin.
         dtype: the dtype of all arrays.
         shapes: shape of every array by its name, for one state.
-        functions: functions of one state or a batch, by name.
+        functions: functions of one state or a batch, by name; one may be compiled when it is looked up.
         rollout: the function of many steps, or None where the kernel was built without one; its arguments are in the
             header.
-        hoisted: how many numbers are computed from the parameters.
-        ffi, lib: cffi's objects of the module.
+        ffi: cffi's object for pointers and their types.
         view: ``view(array)`` is a pointer to a C-contiguous array of this dtype, for a function of C; it keeps the
             array alive.
     """
 
-    def __init__(self, ffi: Any, lib: Any, meta: Mapping[str, Any]) -> None:
-        self.ffi, self.lib = ffi, lib
+    def __init__(self, libraries: Libraries) -> None:
+        meta = libraries.meta
+        self.libraries = libraries
         self.name: str = meta["name"]
         self.dtype: np.dtype[Any] = np.dtype(meta["dtype"])
-        self.hoisted: int = meta["hoisted"]
         self.shapes: dict[str, tuple[int, ...]] = {key: tuple(shape) for key, shape in meta["shapes"].items()}
-        self.view = partial(ffi.from_buffer, POINTERS[meta["dtype"]])
-        found = [self._function(name, entry, meta["operations"]) for name, entry in meta["functions"].items()]
-        self.functions: dict[str, RawFunction] = {x.name: x for x in found if x.kind != ROLLOUT}
-        self.rollout: RawFunction | None = next((x for x in found if x.kind == ROLLOUT), None)
-        self._setup = getattr(lib, f"{self.name}_setup")
+        self.ffi = FFI
+        self.view = partial(FFI.from_buffer, POINTERS[meta["dtype"]])
+        kinds = {name: entry["kind"] for name, entry in meta["functions"].items()}
+        self._rollout = next((name for name, kind in kinds.items() if kind == ROLLOUT), None)
+        self._steps = _Functions(self._load, [] if self._rollout is None else [self._rollout])
+        self.functions: Mapping[str, RawFunction] = _Functions(self._load, [x for x in kinds if x != self._rollout])
 
-    def _function(self, name: str, entry: Mapping[str, Any], operations: Mapping[str, Any]) -> RawFunction:
-        code, batch = (getattr(self.lib, f"{self.name}_{name}{end}") for end in ("", "_batch"))
-        reads, of = tuple(entry["reads"]), entry.get("tangent_of", "")
-        kernel, kind = entry["kernel"], entry["kind"]
-        work = sum(WEIGHTS[key] * count for key, count in operations[kernel].items())
-        work *= STAGES if kind == ROLLOUT else 1
-        return RawFunction(name, kernel, kind, reads, entry["writes"], code, batch, of, work)
+    @property
+    def rollout(self) -> RawFunction | None:
+        """The function of many steps, or None."""
+        return None if self._rollout is None else self._steps[self._rollout]
+
+    def _load(self, name: str) -> RawFunction:
+        entry = self.libraries.meta["functions"][name]
+        return self.libraries.library(entry["kernel"]).function(name, entry)
 
     def missing(self, name: str) -> UnknownNameError:
         """The error that says that the kernel has no such function, and which ones it has."""
         return UnknownNameError(f"{self.name} was built without the kernel {name}; built: {', '.join(self.functions)}")
+
+    def function(self, name: str) -> RawFunction:
+        """A function by its name, that of ``rollout`` as well.
+
+        Raises:
+            UnknownNameError: the kernel was built without it.
+        """
+        if name in self.functions:
+            return self.functions[name]
+        if name in self._steps:
+            return self._steps[name]
+        raise self.missing(name)
 
     def address(self, name: str, *, batch: bool = False) -> int:
         """Address of the code of a function, for programs that call it without Python.
@@ -114,41 +262,75 @@ class RawKernel:
         Raises:
             UnknownNameError: the kernel was built without it.
         """
-        if name not in self.functions and (self.rollout is None or name != self.rollout.name):
-            raise self.missing(name)
-        code = self.ffi.addressof(self.lib, f"{self.name}_{name}{'_batch' if batch else ''}")
-        return int(self.ffi.cast("intptr_t", code))
+        return self.function(name).library.address(f"{name}_batch" if batch else name)
 
-    def compute(self, values: Array, computed: Array) -> None:
-        """Compute from the values of the parameters what all functions read.
+    def source(self, ending: str) -> str:
+        """The C with all functions: "h", the header, or "c".
 
-        Args:
-            values: in the order of the parameters, at least one number.
-            computed: (hoisted,), at least one number; written.
+        Raises:
+            BuildError: its package is not there any more.
         """
-        self._setup(self.view(values), self.view(computed))
+        file = f"{self.name}.{ending}"
+        try:
+            return self.libraries.source(file)
+        except (OSError, KeyError):
+            raise BuildError(f"{file} is not in the kernel's package any more; build the kernel again") from None
 
-    def drive(self, **fields: Any) -> Any:
-        """A new ``NAME_drive``, the argument of a rollout; pointers among the fields must be kept alive."""
-        return self.ffi.new(f"{self.name}_drive *", fields)
+
+class _Functions(Mapping[str, RawFunction]):
+    """Functions by name, each loaded when it is first looked up; libraries see to it that one thread makes them."""
+
+    def __init__(self, load: Callable[[str], RawFunction], names: Sequence[str]) -> None:
+        self._load, self._names = load, dict.fromkeys(names)
+        self._loaded: dict[str, RawFunction] = {}
+
+    def __getitem__(self, name: str) -> RawFunction:
+        try:
+            return self._loaded[name]
+        except KeyError:
+            if name not in self._names:
+                raise
+        return self._loaded.setdefault(name, self._load(name))
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._names
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
 
 
 class Setup:
     """Values of the parameters and what is computed from them; never changed, so that a running call keeps its own.
 
+    What a library reads of them is computed when it is first asked for.
+
     Attributes:
         values: in the order of the parameters.
-        computed: the numbers that functions read, (hoisted,), or one where there are none.
-        pointer: to ``computed``, the first argument of every function.
     """
 
-    def __init__(self, raw: RawKernel, values: Array) -> None:
+    def __init__(self, values: Array) -> None:
         self.values = values
-        self.computed = np.zeros(max(raw.hoisted, 1), raw.dtype)
-        self.pointer = raw.view(self.computed)
-        raw.compute(values if values.size else np.zeros(1, raw.dtype), self.computed)
+        self._computed: dict[Library, tuple[Array, Any]] = {}
 
-    @property
-    def address(self) -> int:
+    def computed(self, library: Library) -> Array:
+        """The numbers that functions of a library read, (hoisted,), or one where there are none."""
+        return self._of(library)[0]
+
+    def pointer(self, library: Library) -> Any:
+        """Pointer to ``computed``, the first argument of every function of the library."""
+        return self._of(library)[1]
+
+    def address(self, library: Library) -> int:
         """Address of ``computed``, which is valid as long as this object is kept."""
-        return int(self.computed.ctypes.data)
+        return int(self.computed(library).ctypes.data)
+
+    def _of(self, library: Library) -> tuple[Array, Any]:
+        try:
+            return self._computed[library]
+        except KeyError:
+            array = library.compute(self.values)
+            pointer = FFI.from_buffer(POINTERS[str(array.dtype)], array)
+            return self._computed.setdefault(library, (array, pointer))  # of two threads the first one's

@@ -121,7 +121,7 @@ def render(function: DifferentiableFunction, called: str) -> str:
         "read_by_derivatives": read,
         "places_of_blocks": (size * np.cumsum([0, *sizes])).tolist()[: len(sizes)],
         "setups": {
-            name: [_literal(x) for x in owner.parameters.setup.computed]
+            name: [_literal(x) for x in owner.parameters.setup.computed(owner.raw.functions[function.name].library)]
             for name, owner in (("h", kernel), ("h_free", function.free))
             if owner is not None
         },

@@ -116,7 +116,7 @@ class DifferentiableFunction:
             raise InputError(f"frame: {name} got {frame!r}; allowed: {wanted}")
         if entry.passes_loops:
             kernel.refuse_loops(name, cut=cut)
-        self.kernel, self.name, self.frame, self.rule = kernel.with_parameters(), name, frame, entry.rule
+        self.kernel, self.name, self.frame, self.rule = kernel.together(*entry.kernels), name, frame, entry.rule
         self._extra = () if frame is None else (kernel.frame_index(frame),)
         self.reads, self.result = entry.reads, entry.result
         shapes = kernel.raw.shapes

@@ -154,7 +154,7 @@ def bench(
     from ..codegen.package.compile import compile_flags, find_compiler
 
     options = Options(tuple(kernels), native=native, flags=tuple(flags))
-    kernel = build(robot, kernels=options.kernels, native=native, flags=options.flags, progress=progress)
+    kernel = build(robot, kernels=options.kernels or "all", native=native, flags=options.flags, progress=progress)
     used = compile_flags(find_compiler(), native, options.flags)
     progress("compiling the Newton-Euler algorithm")
     yardstick = compile_yardstick(build_model(robot), used)
@@ -281,7 +281,7 @@ def compare(kernel: Kernel, yardstick: Yardstick, inputs: Mapping[str, Array]) -
 def _call(kernel: Kernel, function: RawFunction, arrays: Sequence[Array], out: Array) -> int:
     """Call a function for one state through C alone, so that a status comes back instead of an exception."""
     view, setup = kernel.raw.view, kernel.parameters.setup
-    return int(function.code(setup.pointer, *map(view, arrays), *_extra(function), view(out)))
+    return int(function.code(setup.pointer(function.library), *map(view, arrays), *_extra(function), view(out)))
 
 
 def _measure(
@@ -294,7 +294,7 @@ def _measure(
     counts = dict(kernel.operations[function.kernel])
     names, operations = [name], [counts]
     target = int(out.ctypes.data)
-    timed = [Timed(raw.address(name), setup.address, target)]
+    timed = [Timed(raw.address(name), setup.address(function.library), target)]
     if name in counterparts(kernel):
         names.append(COUNTERPARTS[name].title)
         timed.append(Timed(yardstick.address(name), 0, target))

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ..codegen.samples.stored import MEASURED, STATES, read_samples
 from ..errors import BuildError
-from ..runtime.raw import RawFunction, RawKernel
+from ..runtime.raw import OneLibrary, RawFunction, RawKernel
 from . import cache as store
 from .load import fresh_module, keep_module
 
@@ -86,7 +86,7 @@ def first_difference(
     def work() -> Difference | None:
         module = load()
         with np.errstate(all="ignore"):
-            return next(_Examination(RawKernel(module.ffi, module.lib, meta), samples, bits).differences(), None)
+            return next(_Examination(OneLibrary(module.ffi, module.lib, meta), samples, bits).differences(), None)
 
     return in_new_thread(work)
 
@@ -94,10 +94,12 @@ def first_difference(
 class _Examination:
     """Asks all functions of a kernel; one number of every answer that is wrong is told."""
 
-    def __init__(self, raw: RawKernel, samples: Mapping[str, Array], bits: bool) -> None:
-        self.raw, self.samples, self.bits = raw, samples, bits
+    def __init__(self, libraries: OneLibrary, samples: Mapping[str, Array], bits: bool) -> None:
+        self.libraries, self.raw, self.samples, self.bits = libraries, RawKernel(libraries), samples, bits
         self.h = self._pointer(samples["h"])
-        self.least = 65536.0 * float(np.finfo(raw.dtype).smallest_subnormal)  # what rounding is to denormal numbers
+        self.least = 65536.0 * float(
+            np.finfo(self.raw.dtype).smallest_subnormal
+        )  # what rounding is to denormal numbers
 
     def differences(self) -> Iterator[Difference]:
         """All answers that are wrong."""
@@ -109,10 +111,10 @@ class _Examination:
             yield from self._of_steps(self.raw.rollout)
 
     def _of_setup(self) -> Iterator[Difference]:
+        library = self.libraries.library("")
         for state, values in enumerate(self.samples["p"]):
-            computed = np.zeros(max(self.raw.hoisted, 1), self.raw.dtype)
-            self.raw.compute(_filled(values), computed)
-            yield from self._compared("setup", (state,), computed[: self.raw.hoisted])
+            computed = library.compute(np.ascontiguousarray(values))
+            yield from self._compared("setup", (state,), computed[: library.hoisted])
 
     def _of_single_states(self, function: RawFunction) -> Iterator[Difference]:
         status = self.samples[f"{function.name} status"]
@@ -147,7 +149,7 @@ class _Examination:
         for method, state in np.ndindex(self.samples[f"{rollout.name} status"].shape):
             failing = self.samples[f"{rollout.name} status"][method, state] != 0
             q, u = (_filled(self.samples[name][state]) for name in ("q", "u"))
-            drive = self.raw.drive(u=self.raw.view(u))
+            drive = rollout.library.drive(u=self.raw.view(u))
             v = self._pointer(np.zeros(n))
             for call, suffix in ((self._one, ""), (self._batch_of_one, "_batch")):
                 moved = np.zeros((2, 2 * n), self.raw.dtype)

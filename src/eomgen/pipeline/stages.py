@@ -18,12 +18,12 @@ import hashlib
 import json
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from .._version import __version__
-from ..codegen.kernels.signatures import KERNELS
+from ..codegen.kernels.signatures import KERNELS, available
 from ..description import RobotLike, as_robot
 from ..errors import InputError
 from ..files import read_regular
@@ -33,13 +33,15 @@ from ..robot.model import build_model
 from ..robot.record import robot_hash
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
+from ..runtime.raw import OneLibrary
 from . import cache as store
 from .folders import new_folder, put_folder
 from .generator_key import generator_hash
-from .load import load_module
+from .on_demand import OnDemand, loaded, reader
 
 if TYPE_CHECKING:
     from ..codegen.c.source import Source
+    from ..codegen.package.compile import Compiler
 
 KERNEL_NAMES = tuple(KERNELS)
 OWNERS = {name: name for name in KERNELS} | {  # the kernel that a name stands for
@@ -80,7 +82,7 @@ class Options:
 def build(
     robot: RobotLike,
     *,
-    kernels: Sequence[str] = (),
+    kernels: Sequence[str] | Literal["all"] = (),
     dtype: str = "float64",
     native: bool = False,
     flags: Sequence[str] = (),
@@ -90,17 +92,41 @@ def build(
 
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description.
-        kernels, dtype, native, flags: see Options.
-        progress: called with a line of text when a stage begins.
+        kernels: names of KERNEL_NAMES that are built at once, in one library; "all" for all but tangents.  Without
+            names each kernel is built when it is first called.
+        dtype, native, flags: see Options.
+        progress: called with a line of text when a stage begins, also when that is later; without one a terminal sees
+            a line for every kernel that is built later.
 
     Raises:
         InputError: an option is unknown.
         BuildError: no compiler, a compiler that fails or whose binary computes something else than the equations, a
-            cache that cannot be written.
+            cache that cannot be written; from the call of a kernel where that is what builds it.
     """
-    robot, options = as_robot(robot), Options(tuple(kernels), dtype, native, tuple(flags))
+    robot, whole = as_robot(robot), kernels == "all"
+    options = Options(() if whole else tuple(kernels), dtype, native, tuple(flags))
+    if not (whole or options.kernels):
+        return _on_demand(robot, options, progress)
     package = make_package(robot, options, progress)
     return load_kernel(package, robot.name, (built_again, (robot, options, package.key, __version__)))
+
+
+def _on_demand(robot: Robot, options: Options, progress: StageReport = no_report) -> Kernel:
+    """A kernel whose functions are built when they are first asked for, by the compiler that is here now."""
+    from ..codegen.kernels.interface import interface
+    from ..codegen.package.compile import compile_flags, find_compiler
+
+    compiler, model = find_compiler(), build_model(robot)
+    compile_flags(compiler, options.native, options.flags)
+
+    def package_of(names: tuple[str, ...], report: StageReport) -> store.Entry:
+        return make_package(robot, replace(options, kernels=names), report, compiler)
+
+    def source_of(names: tuple[str, ...], report: StageReport) -> Source:
+        return make_source(robot, replace(options, kernels=names), report)
+
+    libraries = OnDemand(interface(model, available(model), options.dtype), package_of, source_of, progress)
+    return Kernel(libraries, (built_again, (robot, options, "", __version__)))
 
 
 def built_again(robot: Robot, options: Options, key: str, version: str) -> Kernel:
@@ -109,10 +135,13 @@ def built_again(robot: Robot, options: Options, key: str, version: str) -> Kerne
     Args:
         robot, options: of that build.
         key, version: of its package in the cache, and of eomgen there; where that is not here, the kernel is built.
+            Without a key each of its functions is, when it is first called.
 
     Raises:
         BuildError: see ``build``.
     """
+    if not key:
+        return _on_demand(robot, options)
     found = store.find("packages", key) if version == __version__ else None
     package = found or make_package(robot, options)
     return load_kernel(package, robot.name, (built_again, (robot, options, package.key, __version__)))
@@ -179,8 +208,14 @@ def _check_target(place: Path, target: Path) -> None:
         raise InputError(f"{target} exists and is not a generated package; give another folder with -o, or move it")
 
 
-def make_package(robot: Robot, options: Options, progress: StageReport = no_report) -> store.Entry:
+def make_package(
+    robot: Robot, options: Options, progress: StageReport = no_report, compiler: Compiler | None = None
+) -> store.Entry:
     """The compiled package of a robot's kernels, made or from the cache.
+
+    Args:
+        robot, options, progress: as of ``generate``.
+        compiler: that of the environment if None.
 
     Raises:
         BuildError: see ``build``.
@@ -189,7 +224,7 @@ def make_package(robot: Robot, options: Options, progress: StageReport = no_repo
 
     derived = _derived(robot, options, progress)
     source = _source(derived)
-    compiler = find_compiler()
+    compiler = compiler or find_compiler()
     flags = compile_flags(compiler, options.native, options.flags)
     key = build_key(source, compiler, flags)
 
@@ -272,12 +307,4 @@ def load_kernel(
     Raises:
         BuildError: the package does not load.
     """
-    module = load_module(package, name)
-
-    def read(file: str) -> str:
-        found = store.find(package.kind, package.key)
-        if found is None:
-            raise FileNotFoundError(file)
-        return found.files[file].decode("ascii")
-
-    return Kernel(module.ffi, module.lib, json.loads(package.files[f"{name}.json"]), read, again)
+    return Kernel(OneLibrary(*loaded(package, name), reader(package)), again)

@@ -4,6 +4,6 @@ Uses NumPy, cffi's objects, and of eomgen ``errors`` and ``names`` alone.
 """
 
 from .kernel import Kernel
-from .raw import RawFunction, RawKernel
+from .raw import Library, OneLibrary, RawFunction, RawKernel
 
-__all__ = ["Kernel", "RawFunction", "RawKernel"]
+__all__ = ["Kernel", "Library", "OneLibrary", "RawFunction", "RawKernel"]

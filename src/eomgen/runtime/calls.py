@@ -109,9 +109,9 @@ class Calls:
             SingularError: the mass matrix cannot be inverted in a state.
         """
         raw, take, checks = self.raw, self.arrays.taken, self.checks
-        function = raw.functions.get(name)
-        if function is None:
+        if name not in raw.functions:
             raise raw.missing(name)
+        function = raw.functions[name]
         arrays: list[Array] = []
         for label, value in zip(function.reads, values, strict=True):
             array, own = take(label, value, raw.shapes[label], checks)
@@ -184,9 +184,10 @@ class Calls:
         Returns:
             -1, or state * n + i where the mass matrix cannot be inverted at coordinate i.
         """
-        setup, view = self.parameters.setup, self.raw.view
+        setup, view = self.parameters.setup, self.raw.view  # which may be replaced by another one meanwhile
+        pointer = setup.pointer(function.library)
         if count is None:
-            return int(function.code(setup.pointer, *map(view, arrays), *extra, view(result))) - 1
+            return int(function.code(pointer, *map(view, arrays), *extra, view(result))) - 1
         size = states_at_once(function.operations)
 
         def work(first: int, end: int) -> Iterator[int]:
@@ -195,7 +196,7 @@ class Calls:
                 arguments: list[Any] = []
                 for array, step in zip(arrays, steps, strict=True):
                     arguments += [view(array[begin:last] if step else array), step]
-                failed = function.batch(last - begin, setup.pointer, *arguments, *extra, view(result[begin:last]))
+                failed = function.batch(last - begin, pointer, *arguments, *extra, view(result[begin:last]))
                 yield int(failed) + begin * self.n if failed >= 0 else -1
 
         return shared(work, count, min(self.threads, count // SHARE))

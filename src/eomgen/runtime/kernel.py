@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import BuildError, InputError, UnknownNameError
+from ..errors import InputError, UnknownNameError
 from ..names import html_table, nearest_or_all, show
 from .arrays import Arrays, joint_lead
 from .by_name import Blocks, make_blocks
 from .calls import Calls
 from .many_steps import rollout
 from .parameters import Parameters
-from .raw import RawKernel
+from .raw import Libraries, Operations, RawKernel
 
 Array = NDArray[Any]
 
@@ -50,7 +50,8 @@ class Kernel:
         parameters: mapping from name to value; an assignment takes effect without recompiling.
         knots: deviations (m, rad) of measured curves by coordinate, elongations (m) by spring; the forces there are
             parameters.
-        operations: per kernel the multiplications, additions, divisions and sine-cosine pairs of its C.
+        operations: per kernel the multiplications, additions, divisions and sine-cosine pairs of its C; of one that was
+            not asked for yet they are counted when they are looked up.
         dtype: the dtype of all arrays.
         raw: the functions of C as they are, for programs that call them without checks.
         calls: checked calls of those functions by their names.
@@ -60,23 +61,15 @@ class Kernel:
             (see ``checks``); or a result that is not finite.
     """
 
-    def __init__(
-        self,
-        ffi: Any,
-        lib: Any,
-        meta: Mapping[str, Any],
-        read: Callable[[str], str] | None = None,
-        again: tuple[Callable[..., Any], tuple[Any, ...]] | None = None,
-    ) -> None:
-        """A kernel of a compiled module.
+    def __init__(self, libraries: Libraries, again: tuple[Callable[..., Any], tuple[Any, ...]] | None = None) -> None:
+        """A kernel of compiled functions.
 
         Args:
-            ffi, lib: cffi's objects of the module.
-            meta: what its package says of it.
-            read: gives the text of a file of the package.
+            libraries: where the functions are.
             again: a function of a module and its arguments that make the same kernel in another process.
         """
-        self.raw = RawKernel(ffi, lib, meta)
+        meta = libraries.meta
+        self.raw = RawKernel(libraries)
         self.name: str = self.raw.name
         self.dtype: np.dtype[Any] = self.raw.dtype
         self.coordinates: tuple[str, ...] = tuple(meta["coordinates"])
@@ -88,11 +81,10 @@ class Kernel:
         self.springs: tuple[str, ...] = tuple(meta.get("springs", ()))
         self.prescribed: tuple[str, ...] = tuple(meta["prescribed"])
         self.motors: dict[str, str] = {name: drives for name, (drives, _) in meta.get("motors", {}).items()}
-        self.operations: dict[str, dict[str, int]] = {k: dict(v) for k, v in meta["operations"].items()}
-        self._read, self._again = read, again
+        self.operations: Mapping[str, Mapping[str, int]] = Operations(libraries)
+        self._again = again
         self._driven = tuple(meta["driven"])
         self._given = [self.coordinates.index(name) for name in self.prescribed]
-        self._survivors = meta["survivors"]
         self._ratios: dict[str, float] = {name: ratio for name, (_, ratio) in meta.get("motors", {}).items()}
         self.knots: dict[str, tuple[float, ...]] = {k: tuple(x) for k, x in meta["knots"].items()}
         self.parameters = Parameters.of(self.raw, meta["parameters"], meta["least"])
@@ -109,7 +101,7 @@ class Kernel:
             "loops": len(self.loops),
             "springs between points": len(self.springs),
             "parameters": len(self.parameters),
-            "functions": len(self.raw.functions) + (self.raw.rollout is not None),
+            "functions": len(self.raw.libraries.meta["functions"]),
             "dtype": self.dtype,
             "threads": self.threads,
             "checks": self.checks,
@@ -149,13 +141,7 @@ class Kernel:
         Raises:
             BuildError: its package is not there any more.
         """
-        file = f"{self.name}.{ending}"
-        try:
-            if self._read is None:
-                raise FileNotFoundError(file)
-            return self._read(file)
-        except (OSError, KeyError):
-            raise BuildError(f"{file} is not in the kernel's package any more; build the kernel again") from None
+        return self.raw.source(ending)
 
     def ratio(self, motor: str) -> float:
         """Ratio of the gear behind a motor's coordinate ("joint1.motor") as the kernel has it now, 1 or rad/m.
@@ -181,6 +167,25 @@ class Kernel:
         other.calls = self.calls.with_parameters(other.parameters)
         if values:
             other.parameters.update(values)
+        return other
+
+    def together(self, *kernels: str) -> Kernel:
+        """The same with these kernels in one library of C, and with parameters of its own.
+
+        For programs that take the C and its addresses; where all functions are in one library already, nothing is
+        compiled.
+
+        Args:
+            kernels: names as in ``operations``.
+
+        Raises:
+            BuildError: they do not compile.
+        """
+        libraries = self.raw.libraries.together(kernels)
+        if libraries is self.raw.libraries:
+            return self.with_parameters()
+        other = type(self)(libraries, self._again)
+        other.__setstate__({"parameters": dict(self.parameters), "threads": self.threads, "checks": self.checks})
         return other
 
     def with_threads(self, number: int) -> Kernel:
@@ -382,7 +387,9 @@ class Kernel:
         "joint2.gamma"]`` an entry; blocks that vanish identically are absent.  ``blocks.row`` and ``blocks.matrix``
         are the paper's M_i^sv and C_i^svw over all joints.
         """
-        return make_blocks(self.mass_matrix(q), self.christoffel(q), self._survivors, self.coordinates)
+        mass, christoffel = self.mass_matrix(q), self.christoffel(q)
+        survivors = self.raw.libraries.library("christoffel").meta["survivors"]
+        return make_blocks(mass, christoffel, survivors, self.coordinates)
 
     def frame_pose(self, q: ArrayLike, frame: str, *, out: Array | None = None) -> Array:
         """A_0k of a frame or link in the base, (4, 4), m; eqs. (1) and (2).
@@ -446,12 +453,13 @@ class Kernel:
         Raises:
             UnknownNameError: the kernel was built without this tangent.
         """
-        tangents = {f.tangent_of: f for f in self.raw.functions.values() if f.tangent_of}
+        entries = self.raw.libraries.meta["functions"]
+        tangents = {entry["tangent_of"]: x for x, entry in entries.items() if entry.get("tangent_of")}
         if name not in tangents:
             raise UnknownNameError(
                 f"tangent: {self.name} was built without that of {name!r}{nearest_or_all(str(name), tangents)}"
             )
-        function = tangents[name]
+        function = self.raw.functions[tangents[name]]
         if len(arrays) != len(function.reads):
             raise InputError(f"tangent: {name} got {len(arrays)} arrays; allowed: {', '.join(function.reads)}")
         return self.calls.run(function.name, out, arrays)

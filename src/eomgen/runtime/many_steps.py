@@ -346,7 +346,7 @@ class _Run:
             at: q and v where it begins, (n,) or (states, n).
             ends: where q and v are stored, (states, rows, n).
         """
-        raw, view, n = self.calls.raw, self.calls.raw.view, self.calls.n
+        view, n = self.calls.raw.view, self.calls.n
         (first, last), (begin, end) = states, span
         dt, steps, _, method = self.how
         fields: dict[str, Any] = {}
@@ -354,7 +354,8 @@ class _Run:
             here = view(array.reshape(-1)[first * of_state + begin * of_step :])
             fields |= {name: here, f"{name}_state": of_state, f"{name}_step": of_step}
         fields |= zip(("kp", "kd"), map(view, self.gains), strict=False)
-        pointer, drive = self.calls.parameters.setup.pointer, raw.drive(**fields)
+        library = self.function.library
+        pointer, drive = self.calls.parameters.setup.pointer(library), library.drive(**fields)
         how, outs = (dt, end - begin, every, method), [view(x) for x in ends]
         if self.single:
             failed = int(self.function.code(pointer, *map(view, at), drive, *how, *outs))

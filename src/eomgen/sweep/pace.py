@@ -138,7 +138,8 @@ class _Steps:
         fields = {"u": view(self._u), "u_step": n if gains else 0}
         if gains:
             fields |= {"kp": view(gains[0]), "kd": view(gains[1]), "target": view(self._target), "target_step": n}
-        self._drive, self._kept = kernel.raw.drive(**fields), (fields, gains)
+        self._library = kernel.raw.rollout.library
+        self._drive, self._kept = self._library.drive(**fields), (fields, gains)
         self._views = [view(x) for x in (*self._start, *self._ends)]
         self._code = kernel.raw.rollout.code
         self._how = step, steps, steps, METHODS[method]
@@ -151,7 +152,8 @@ class _Steps:
             self._target[:] = command[1]
         self._start[0], self._start[1] = q, v
         start, rates, *ends = self._views
-        code = self._code(self._parameters.setup.pointer, start, rates, self._drive, *self._how, *ends)
+        pointer = self._parameters.setup.pointer(self._library)
+        code = self._code(pointer, start, rates, self._drive, *self._how, *ends)
         return int(code), self._ends[:, 1]
 
 

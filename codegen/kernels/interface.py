@@ -1,0 +1,85 @@
+"""Model -> what users see of its kernels: names, shapes, parameters, functions; without SymPy."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from eomgen._version import __version__
+from eomgen.names import component_name, joint_of
+from eomgen.robot.laws import least_of
+from eomgen.robot.model import Model
+from eomgen.robot.value import MOTOR
+
+from .signatures import KERNELS, functions, shapes
+
+
+def interface(model: Model, kernels: Sequence[str], dtype: str) -> dict[str, Any]:
+    """Plain values for JSON: what a package says of its kernels before anything is derived.
+
+    "kernels" and "functions" say what each reads and writes; users call the functions, which are the kernels but for
+    those of the kind "frames", and ``RawFunction`` says what a kind means.
+
+    Args:
+        kernels: names of KERNELS.
+        dtype: of all arrays.
+    """
+    return {
+        "generator": f"eomgen {__version__}",
+        "name": model.name,
+        "dtype": dtype,
+        "coordinates": model.coordinates,
+        "joints": [body.joint for body in model.bodies],
+        "links": model.links,
+        "frames": model.frames,
+        "driven": model.driven,
+        "prescribed": [model.coordinates[i] for i in model.prescribed],
+        **_motor_metadata(model),
+        "parameters": dict(model.parameters),
+        "least": {name: least for name in model.parameters if (least := least_of(name)) is not None},
+        "shapes": {key: list(shape) for key, shape in shapes(model).items()},
+        "kernels": {
+            name: {"reads": KERNELS[name].reads, "writes": KERNELS[name].writes} for name in KERNELS if name in kernels
+        },
+        "functions": {
+            function.name: {
+                "kernel": function.kernel,
+                "kind": function.kind,
+                "reads": function.signature.reads,
+                "writes": function.signature.writes,
+                **({"tangent_of": function.signature.tangent_of} if function.signature.tangent_of else {}),
+            }
+            for function in functions(kernels)
+        },
+        "knots": knots(model),
+        **_loop_metadata(model),
+        **({"springs": [spring.name for spring in model.robot.springs]} if model.robot.springs else {}),
+    }
+
+
+def knots(model: Model) -> dict[str, list[float]]:
+    """Deviations of every measured curve, by its coordinate; of a transmission's by the motor's."""
+    given = {
+        component_name(joint.name, name): c for joint in model.robot.joints for name, c in joint.coordinates.items()
+    }
+    given |= {
+        component_name(joint.name, MOTOR): joint.motor.transmission for joint in model.robot.joints if joint.motor
+    }
+    return {name: [deviation for deviation, _ in c.curve] for name, c in given.items() if c.curve is not None}
+
+
+def _motor_metadata(model: Model) -> dict[str, Any]:
+    """The coordinate that every motor drives, and the description's ratio, where there are motors."""
+    motors = {}
+    for index, principal in model.motors.items():
+        name = model.coordinates[index]
+        motor = model.robot.joint(joint_of(name)).motor
+        assert motor is not None
+        motors[name] = [model.coordinates[principal], motor.ratio]
+    return {"motors": motors} if motors else {}
+
+
+def _loop_metadata(model: Model) -> dict[str, Any]:
+    """The loops' types and the components of their constraint, where there are loops."""
+    loops = {loop.name: loop.type for loop in model.robot.loops}
+    return {"loops": loops, "constraints": model.constraints} if loops else {}

@@ -1,0 +1,160 @@
+"""Kernels that are compiled when they are first called."""
+
+from __future__ import annotations
+
+import pickle
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import eomgen
+from eomgen.errors import BuildError, UnknownNameError
+from eomgen.pipeline import cache
+from tests.support.builds import Build
+from tests.support.quick_builds import logging_compiler, script
+from tests.support.random_robots import random_robot
+
+Q, V = np.array([0.2, 0.5]), np.array([-0.3, 0.1])
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
+
+def packages() -> int:
+    return sum(kind == "packages" for kind, _, _ in cache.contents())
+
+
+@pytest.mark.usefixtures("empty_cache")
+def test_only_what_is_called_is_built() -> None:
+    steps: list[str] = []
+    kernel = eomgen.build("one_link", progress=steps.append)
+    assert not steps
+    assert not cache.contents()
+    assert "mass_matrix" in kernel.operations
+    assert "mass_matrix" in kernel.raw.functions
+    kernel.mass_matrix(Q)
+    assert [step.split()[0] for step in steps] == ["importing", "deriving", "compiling"]
+    kernel.mass_matrix(Q)
+    kernel.with_parameters().mass_matrix(Q)
+    assert (packages(), len(steps)) == (1, 3)
+    kernel.frame_pose(Q, "link1")
+    kernel.frame_jacobian(Q, "link1")
+    assert packages() == 2
+
+
+@pytest.mark.usefixtures("empty_cache")
+def test_operations_are_counted_without_a_compiler() -> None:
+    kernel, whole = eomgen.build("one_link"), eomgen.build("one_link", kernels="all")
+    before = packages()
+    assert {name: kernel.operations[name] for name in whole.operations if name != "parameters"} == {
+        name: count for name, count in whole.operations.items() if name != "parameters"
+    }
+    assert kernel.operations["parameters"] == whole.operations["parameters"]
+    assert packages() == before
+
+
+def test_results_are_those_of_all_kernels_in_one_library(built: Build) -> None:
+    robot = random_robot(17, joints=(2, 2))
+    apart, whole = built(robot), built(robot, "energy", "residual", "rollout")
+    rng = np.random.default_rng(0)
+    for name in ("energy", "residual"):
+        function = whole.raw.functions[name]
+        arrays = [rng.uniform(-0.4, 0.4, whole.raw.shapes[label]) for label in function.reads]
+        assert np.array_equal(apart.calls.run(name, None, arrays), whole.calls.run(name, None, arrays)), name
+    states = rng.uniform(-0.1, 0.1, (3, whole.n))
+    ends = [kernel.rollout(*states, 1e-3, 5, method="implicit") for kernel in (apart, whole)]
+    assert np.array_equal(*ends)
+
+
+def test_an_assignment_reaches_all_libraries(built: Build) -> None:
+    kernel = built(eomgen.load_robot("one_link"))
+    other = kernel.with_parameters()
+    before = kernel.inverse_dynamics(Q, V, V), kernel.residual(Q, V, V, V)
+    kernel.parameters["joints.joint1.x.stiffness"] = 7.0
+    after = kernel.inverse_dynamics(Q, V, V), kernel.residual(Q, V, V, V)
+    assert all((x != y).any() for x, y in zip(before, after, strict=True))
+    assert np.array_equal(after[0] - V, after[1])
+    assert np.array_equal(other.inverse_dynamics(Q, V, V), before[0])
+
+
+@pytest.mark.usefixtures("empty_cache")
+def test_threads_that_ask_for_one_kernel_build_it_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    compiler, log = logging_compiler(tmp_path)
+    monkeypatch.setenv("CC", compiler)
+    kernels = [eomgen.build("one_link")] * 2 + [eomgen.build("one_link")] * 2  # two of them are the same object
+    found: list[np.ndarray] = []
+    begin = threading.Barrier(len(kernels))
+
+    def ask(kernel: eomgen.Kernel) -> None:
+        begin.wait()
+        found.append(kernel.mass_matrix(Q))
+
+    threads = [threading.Thread(target=ask, args=(kernel,)) for kernel in kernels]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert all(np.array_equal(x, found[0]) for x in found)
+    assert len(found) == len(kernels)
+    assert log.read_text().count("batches.o") <= 2  # compiled once, linked once
+
+
+@pytest.mark.usefixtures("empty_cache")
+def test_a_later_failure_is_said_by_the_call(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    broken = tmp_path / "broken"
+    text = f'case "$*" in *--version*) ;; *) test -e {broken} && {{ echo no room left on the moon; exit 3; }} ;; esac'
+    monkeypatch.setenv("CC", script(tmp_path / "cc", text + '\nexec cc "$@"'))
+    kernel = eomgen.build("one_link")
+    kernel.mass_matrix(Q)
+    broken.touch()
+    with pytest.raises(BuildError, match="no room left on the moon"):
+        kernel.energy(Q, V)
+    kernel.mass_matrix(Q)
+    broken.unlink()
+    assert kernel.energy(Q, V).shape == (2,)
+
+
+@pytest.mark.usefixtures("empty_cache")
+def test_the_environment_is_that_of_the_build(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    compiler, log = logging_compiler(tmp_path)
+    monkeypatch.setenv("CC", compiler)
+    kernel = eomgen.build("one_link")
+    monkeypatch.setenv("CC", "none-of-that-name")
+    monkeypatch.setenv("CFLAGS", "-DLATER")
+    kernel.mass_matrix(Q)
+    assert "-O0" in log.read_text()
+    assert "-DLATER" not in log.read_text()
+
+
+@pytest.mark.usefixtures("empty_cache")
+def test_a_terminal_sees_what_is_built(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    kernel = eomgen.build("one_link")
+    kernel.mass_matrix(Q)
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    kernel.energy(Q, V)
+    kernel.energy(Q, V)
+    assert capsys.readouterr().err == "eomgen: building energy of one_link\n"
+
+
+def test_copies_build_on_demand_as_well(built: Build) -> None:
+    kernel = built(eomgen.load_robot("one_link"))
+    kernel.parameters["joints.joint1.x.stiffness"] = 7.0
+    again = pickle.loads(pickle.dumps(kernel))
+    assert np.array_equal(again.residual(Q, V, V, V), kernel.residual(Q, V, V, V))
+    assert again.parameters["joints.joint1.x.stiffness"] == 7.0
+
+
+def test_kernels_in_one_library(built: Build) -> None:
+    kernel = built(eomgen.load_robot("one_link"))
+    kernel.parameters["joints.joint1.x.stiffness"] = 7.0
+    functions = [kernel.raw.function(name) for name in ("mass_matrix", "residual")]
+    assert functions[0].library is not functions[1].library
+    one = kernel.together("mass_matrix", "residual")
+    assert one.raw.function("mass_matrix").library is one.raw.function("residual").library
+    assert np.array_equal(one.residual(Q, V, V, V), kernel.residual(Q, V, V, V))
+    assert one.source("h").count("int one_link_") < kernel.source("h").count("int one_link_")
+    with pytest.raises(UnknownNameError, match="'speed' is no kernel of one_link; known: mass_matrix, "):
+        kernel.together("speed")
+    assert one.together("mass_matrix").raw is one.raw
