@@ -111,11 +111,12 @@ class Measurement:
         """One call for all states, and a call for each of them."""
         built = eomgen.build(robot, kernels=KERNELS, flags=flags)
         setup = built.parameters.setup
+        h = setup.address(built.raw.function(kernel).library)
         code = FFI.cast("void *", built.raw.address(kernel))
-        single = FFI.new("Single *", (code, FFI.cast("double *", setup.address), size))
+        single = FFI.new("Single *", (code, FFI.cast("double *", h), size))
         called = FFI.cast("void *", getattr(self.library, f"one_by_one_{reads}"))
         return (
-            Contender("batch", built.raw.address(kernel, batch=True), setup.address, batch=True, kept=(built, setup)),
+            Contender("batch", built.raw.address(kernel, batch=True), h, batch=True, kept=(built, setup)),
             Contender(
                 "one by one", address(FFI, called), address(FFI, single), batch=True, kept=(built, setup, single)
             ),

@@ -48,19 +48,6 @@ def calls(kernel: eomgen.Kernel) -> dict[str, tuple[Callable[..., Any], str]]:
     return found
 
 
-def with_jacobians(kernel: eomgen.Kernel) -> dict[str, tuple[Callable[..., Any], str]]:
-    """The same, and the kernels that give three matrices, as one array."""
-
-    def stacked(call: Callable[..., Any], *arrays: Array) -> Array:
-        return np.stack(call(*arrays), axis=-3)
-
-    return {
-        **calls(kernel),
-        "residual_jacobian": (functools.partial(stacked, kernel.residual_jacobian), "qva"),
-        "forward_dynamics_jacobian": (functools.partial(stacked, kernel.forward_dynamics_jacobian), "qvu"),
-    }
-
-
 def distance(found: Array, expected: Array) -> Array:
     """Per state, relative and in the max-norm."""
     difference = np.abs(found - expected).reshape(len(found), -1).max(axis=1)
@@ -91,7 +78,7 @@ def test_a_batch_agrees_with_single_states(seed: int, native: bool) -> None:
 def test_without_contraction_no_bit_differs(seed: int, flags: tuple[str, ...]) -> None:
     robot = random_robot(seed, joints=(1, 4), tree=seed % 2 == 0, types=TYPES)
     kernel, states = eomgen.build(robot, flags=(*flags, "-O1")), random_states(robot, seed)
-    for name, (call, reads) in with_jacobians(kernel).items():
+    for name, (call, reads) in calls(kernel).items():
         arrays = [states[x] for x in reads]
         single = [call(*(x[i] for x in arrays)) for i in range(STATES)]
         assert np.array_equal(call(*arrays), single), name
@@ -105,7 +92,7 @@ def test_a_state_does_not_know_its_neighbours(seed: int, native: bool) -> None:
     kernel, states = eomgen.build(robot, native=native, flags=("-O1",)), random_states(robot, seed)
     states["q"][7] *= 1e6  # sines of large angles go another way
     order = np.random.default_rng(seed).permutation(STATES)
-    for name, (call, reads) in with_jacobians(kernel).items():
+    for name, (call, reads) in calls(kernel).items():
         arrays = [states[x] for x in reads]
         whole = call(*arrays)
         assert np.array_equal(call(*(x[order] for x in arrays)), whole[order]), name
