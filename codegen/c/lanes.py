@@ -1,4 +1,4 @@
-"""Several states at a time, one in every lane of a vector: which kernels fit, and how squares of numbers turn over."""
+"""Several states at a time, one in every lane of a vector: which kernels fit, what repeats, squares that turn over."""
 
 from __future__ import annotations
 
