@@ -16,7 +16,7 @@ from ..kernels.signatures import KERNELS, SIGNATURES, Function, by_kind, functio
 from ..program.operations import CALLS
 from ..solve.factorised import coordinate_parents
 from .definitions import define, define_setup
-from .lanes import SQUARES, batched, calls_of
+from .lanes import SQUARES, batched, calls_of, pack
 from .scalar_types import SCALARS, TURNS
 
 LITERALS = {"zero": 0.0, "half": 0.5, "one": 1.0, "two": 2.0, "six": 6.0}  # of templates
@@ -125,7 +125,14 @@ def lane_context(equations: Equations, dtype: str) -> dict[str, Any]:
     together = batched(equations)
     wanted = {program for name in together for program in calls_of(equations, name)}
     programs = [program for name, program in equations.programs.items() if name in wanted]
-    definitions = [define(program, model.name, lanes, public=False) for program in programs]
+    public = _functions(functions(together))
+    names = {function.name for function in public["functions"]}
+    packings = {p.name: packing for p in programs if p.name in names and (packing := pack(p)) is not None}
+    definitions = [
+        define(packings[p.name].program if p.name in packings else p, model.name, lanes, packed=p.name in packings)
+        for p in programs
+    ]
+    called = {program for name in together for program in equations.calls.get(name, ())}
     zero, one = (SCALARS[dtype].literal(number) for number in (0.0, 1.0))
     return {
         "real": lanes.name,
@@ -136,10 +143,12 @@ def lane_context(equations: Equations, dtype: str) -> dict[str, Any]:
         "zero": lanes.whole(zero),
         "statuses_of_a_step": f"{model.size} * LANES",
         "programs": definitions,
+        "packings": packings,
+        "unpacked": [(name, SIGNATURES[name]) for name in packings if name in called],
         "solving": any(definition.has_pivots for definition in definitions),
         "composed": _templates(name for name in together if KERNELS[name].kind == "composed"),
         "framed": _templates(name for name in together if KERNELS[name].kind == "frames"),
-        **_functions(functions(together)),
+        **public,
         "squares": SQUARES[dtype],
     }
 

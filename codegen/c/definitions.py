@@ -52,7 +52,7 @@ class Definition:
     has_pivots: bool
 
 
-def define(program: Program, robot: str, scalar: Scalar, *, public: bool) -> Definition:
+def define(program: Program, robot: str, scalar: Scalar, *, public: bool = False, packed: bool = False) -> Definition:
     """A kernel's program on numbers, or on vectors with one state in every lane where ``scalar`` is such a vector.
 
     Args:
@@ -60,10 +60,11 @@ def define(program: Program, robot: str, scalar: Scalar, *, public: bool) -> Def
         robot: its name, in front of the function's.
         scalar: type of the numbers.
         public: whether users call the function.
+        packed: whether the program writes its different results alone, ``lanes.pack``.
     """
     function = write_function(program, scalar)
     lanes = scalar.spread
-    name = f"{robot}_{program.name}{'_lanes' if lanes else ''}"
+    name = f"{robot}_{program.name}{'_packed' if packed else '_lanes' if lanes else ''}"
     return _definition(function, name, scalar, _turns(function, scalar), "" if public and not lanes else "static ")
 
 

@@ -1,17 +1,19 @@
-"""Several states at a time, one in every lane of a vector: which kernels fit, and how squares of numbers turn over."""
+"""Several states at a time, one in every lane of a vector: which kernels fit, what repeats, squares that turn over."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..kernels.equations import Equations
 from ..kernels.signatures import KERNELS, SIGNATURES, shapes
+from ..program.ir import Program
 from .statements import handed_on, split, trig_values
 
 VECTORS = (16, 32, 64)  # bytes of a vector
+PACKED, LEAST = 0.75, 100  # different numbers of a result are kept alone where they are no more, of so many at least
 LANE_VALUES = 8192  # values that a kernel for several states may keep on the stack: 512 KB of the longest vectors
 
 
@@ -40,6 +42,30 @@ def _has_lanes(equations: Equations, name: str) -> bool:
 def calls_of(equations: Equations, name: str) -> tuple[str, ...]:
     """Programs that the C of a kernel needs."""
     return equations.calls.get(name, (name,))
+
+
+@dataclass(frozen=True)
+class Packing:
+    """A program that writes each of its different results once, and for every place of "out" the result's number."""
+
+    program: Program
+    size: int
+    places: tuple[int, ...]
+
+
+def pack(program: Program) -> Packing | None:
+    """The program with its different results side by side; None where it has few, or nearly all are different.
+
+    Zeros, and the half of a symmetric matrix that mirrors the other one, leave the cache to what is computed.
+    """
+    written = {key[1]: index for key, index in program.outputs.items() if key[0] == "out"}
+    number: dict[int, int] = {}
+    places = tuple(number.setdefault(written[place], len(number)) for place in sorted(written))
+    if len(places) < LEAST or len(number) > PACKED * len(places):
+        return None
+    others = {key: index for key, index in program.outputs.items() if key[0] != "out"}
+    results = {("out", place): index for index, place in number.items()}
+    return Packing(replace(program, outputs={**results, **others}), len(number), places)
 
 
 @dataclass(frozen=True)

@@ -636,32 +636,63 @@ long long one_link_rollout(const double *restrict h, const double *restrict q, c
 #define LANE(x, l) (x)
 #define ALL(x) (x)
 #endif
+#define LINE (64 / 8) /* numbers that memory brings at once */
+#define AHEAD (LANES < 8 ? 8 : LANES) /* so many states later is what memory is asked for */
+#define MANY ((size_t)1 << 24) /* bytes of results: beyond that they hardly stay in a cache */
 
 #if EOMGEN_VECTOR && defined(__has_builtin)
 #if __has_builtin(__builtin_shufflevector)
 #define EOMGEN_TRANSPOSE
 #if LANES == 2
-/* A square of numbers turned over, from row to row of y: blocks of 1, 2, 4 ... numbers swap across the diagonal. */
-static inline void transpose(const double *const *restrict x, int at, lanes *restrict y)
+/* A square of numbers turned over: LANES numbers of LANES states that lie step apart, a state in every lane of y.
+ * If there are more, memory is asked for what lies ahead: it comes while these are computed. */
+static inline void turned(const double *restrict x, size_t step, int more, lanes *restrict y)
 {
     lanes x0, x1;
-    memcpy(&x0, x[0] + at, sizeof(lanes));
-    memcpy(&x1, x[1] + at, sizeof(lanes));
+    memcpy(&x0, x + 0 * step, sizeof(lanes));
+    memcpy(&x1, x + 1 * step, sizeof(lanes));
+    if (more) {
+        __builtin_prefetch(x + (AHEAD + 0) * step, 0, 3);
+        __builtin_prefetch(x + (AHEAD + 1) * step, 0, 3);
+    }
     const lanes y1_0 = __builtin_shufflevector(x0, x1, 0, 2);
     const lanes y1_1 = __builtin_shufflevector(x0, x1, 1, 3);
+
     y[0] = y1_0;
     y[1] = y1_1;
 }
+
+/* The other way: number i of a state is x[place[i]], or x[i] without places. */
+static inline void turned_back(const lanes *restrict x, const unsigned short *restrict place, size_t step, int more, double *restrict y)
+{
+    if (more) {
+        __builtin_prefetch(y + (AHEAD + 0) * step, 0, 2);
+        __builtin_prefetch(y + (AHEAD + 1) * step, 0, 2);
+    }
+    const lanes x0 = x[place ? place[0] : 0], x1 = x[place ? place[1] : 1];
+    const lanes y1_0 = __builtin_shufflevector(x0, x1, 0, 2);
+    const lanes y1_1 = __builtin_shufflevector(x0, x1, 1, 3);
+
+    memcpy(y + 0 * step, &y1_0, sizeof(lanes));
+    memcpy(y + 1 * step, &y1_1, sizeof(lanes));
+}
 #endif
 #if LANES == 4
-/* A square of numbers turned over, from row to row of y: blocks of 1, 2, 4 ... numbers swap across the diagonal. */
-static inline void transpose(const double *const *restrict x, int at, lanes *restrict y)
+/* A square of numbers turned over: LANES numbers of LANES states that lie step apart, a state in every lane of y.
+ * If there are more, memory is asked for what lies ahead: it comes while these are computed. */
+static inline void turned(const double *restrict x, size_t step, int more, lanes *restrict y)
 {
     lanes x0, x1, x2, x3;
-    memcpy(&x0, x[0] + at, sizeof(lanes));
-    memcpy(&x1, x[1] + at, sizeof(lanes));
-    memcpy(&x2, x[2] + at, sizeof(lanes));
-    memcpy(&x3, x[3] + at, sizeof(lanes));
+    memcpy(&x0, x + 0 * step, sizeof(lanes));
+    memcpy(&x1, x + 1 * step, sizeof(lanes));
+    memcpy(&x2, x + 2 * step, sizeof(lanes));
+    memcpy(&x3, x + 3 * step, sizeof(lanes));
+    if (more) {
+        __builtin_prefetch(x + (AHEAD + 0) * step, 0, 3);
+        __builtin_prefetch(x + (AHEAD + 1) * step, 0, 3);
+        __builtin_prefetch(x + (AHEAD + 2) * step, 0, 3);
+        __builtin_prefetch(x + (AHEAD + 3) * step, 0, 3);
+    }
     const lanes y1_0 = __builtin_shufflevector(x0, x1, 0, 4, 2, 6);
     const lanes y1_1 = __builtin_shufflevector(x0, x1, 1, 5, 3, 7);
     const lanes y1_2 = __builtin_shufflevector(x2, x3, 0, 4, 2, 6);
@@ -670,25 +701,62 @@ static inline void transpose(const double *const *restrict x, int at, lanes *res
     const lanes y2_2 = __builtin_shufflevector(y1_0, y1_2, 2, 3, 6, 7);
     const lanes y2_1 = __builtin_shufflevector(y1_1, y1_3, 0, 1, 4, 5);
     const lanes y2_3 = __builtin_shufflevector(y1_1, y1_3, 2, 3, 6, 7);
+
     y[0] = y2_0;
     y[1] = y2_1;
     y[2] = y2_2;
     y[3] = y2_3;
 }
+
+/* The other way: number i of a state is x[place[i]], or x[i] without places. */
+static inline void turned_back(const lanes *restrict x, const unsigned short *restrict place, size_t step, int more, double *restrict y)
+{
+    if (more) {
+        __builtin_prefetch(y + (AHEAD + 0) * step, 0, 2);
+        __builtin_prefetch(y + (AHEAD + 1) * step, 0, 2);
+        __builtin_prefetch(y + (AHEAD + 2) * step, 0, 2);
+        __builtin_prefetch(y + (AHEAD + 3) * step, 0, 2);
+    }
+    const lanes x0 = x[place ? place[0] : 0], x1 = x[place ? place[1] : 1], x2 = x[place ? place[2] : 2], x3 = x[place ? place[3] : 3];
+    const lanes y1_0 = __builtin_shufflevector(x0, x1, 0, 4, 2, 6);
+    const lanes y1_1 = __builtin_shufflevector(x0, x1, 1, 5, 3, 7);
+    const lanes y1_2 = __builtin_shufflevector(x2, x3, 0, 4, 2, 6);
+    const lanes y1_3 = __builtin_shufflevector(x2, x3, 1, 5, 3, 7);
+    const lanes y2_0 = __builtin_shufflevector(y1_0, y1_2, 0, 1, 4, 5);
+    const lanes y2_2 = __builtin_shufflevector(y1_0, y1_2, 2, 3, 6, 7);
+    const lanes y2_1 = __builtin_shufflevector(y1_1, y1_3, 0, 1, 4, 5);
+    const lanes y2_3 = __builtin_shufflevector(y1_1, y1_3, 2, 3, 6, 7);
+
+    memcpy(y + 0 * step, &y2_0, sizeof(lanes));
+    memcpy(y + 1 * step, &y2_1, sizeof(lanes));
+    memcpy(y + 2 * step, &y2_2, sizeof(lanes));
+    memcpy(y + 3 * step, &y2_3, sizeof(lanes));
+}
 #endif
 #if LANES == 8
-/* A square of numbers turned over, from row to row of y: blocks of 1, 2, 4 ... numbers swap across the diagonal. */
-static inline void transpose(const double *const *restrict x, int at, lanes *restrict y)
+/* A square of numbers turned over: LANES numbers of LANES states that lie step apart, a state in every lane of y.
+ * If there are more, memory is asked for what lies ahead: it comes while these are computed. */
+static inline void turned(const double *restrict x, size_t step, int more, lanes *restrict y)
 {
     lanes x0, x1, x2, x3, x4, x5, x6, x7;
-    memcpy(&x0, x[0] + at, sizeof(lanes));
-    memcpy(&x1, x[1] + at, sizeof(lanes));
-    memcpy(&x2, x[2] + at, sizeof(lanes));
-    memcpy(&x3, x[3] + at, sizeof(lanes));
-    memcpy(&x4, x[4] + at, sizeof(lanes));
-    memcpy(&x5, x[5] + at, sizeof(lanes));
-    memcpy(&x6, x[6] + at, sizeof(lanes));
-    memcpy(&x7, x[7] + at, sizeof(lanes));
+    memcpy(&x0, x + 0 * step, sizeof(lanes));
+    memcpy(&x1, x + 1 * step, sizeof(lanes));
+    memcpy(&x2, x + 2 * step, sizeof(lanes));
+    memcpy(&x3, x + 3 * step, sizeof(lanes));
+    memcpy(&x4, x + 4 * step, sizeof(lanes));
+    memcpy(&x5, x + 5 * step, sizeof(lanes));
+    memcpy(&x6, x + 6 * step, sizeof(lanes));
+    memcpy(&x7, x + 7 * step, sizeof(lanes));
+    if (more) {
+        __builtin_prefetch(x + (AHEAD + 0) * step, 0, 3);
+        __builtin_prefetch(x + (AHEAD + 1) * step, 0, 3);
+        __builtin_prefetch(x + (AHEAD + 2) * step, 0, 3);
+        __builtin_prefetch(x + (AHEAD + 3) * step, 0, 3);
+        __builtin_prefetch(x + (AHEAD + 4) * step, 0, 3);
+        __builtin_prefetch(x + (AHEAD + 5) * step, 0, 3);
+        __builtin_prefetch(x + (AHEAD + 6) * step, 0, 3);
+        __builtin_prefetch(x + (AHEAD + 7) * step, 0, 3);
+    }
     const lanes y1_0 = __builtin_shufflevector(x0, x1, 0, 8, 2, 10, 4, 12, 6, 14);
     const lanes y1_1 = __builtin_shufflevector(x0, x1, 1, 9, 3, 11, 5, 13, 7, 15);
     const lanes y1_2 = __builtin_shufflevector(x2, x3, 0, 8, 2, 10, 4, 12, 6, 14);
@@ -713,6 +781,7 @@ static inline void transpose(const double *const *restrict x, int at, lanes *res
     const lanes y4_6 = __builtin_shufflevector(y2_2, y2_6, 4, 5, 6, 7, 12, 13, 14, 15);
     const lanes y4_3 = __builtin_shufflevector(y2_3, y2_7, 0, 1, 2, 3, 8, 9, 10, 11);
     const lanes y4_7 = __builtin_shufflevector(y2_3, y2_7, 4, 5, 6, 7, 12, 13, 14, 15);
+
     y[0] = y4_0;
     y[1] = y4_1;
     y[2] = y4_2;
@@ -722,26 +791,85 @@ static inline void transpose(const double *const *restrict x, int at, lanes *res
     y[6] = y4_6;
     y[7] = y4_7;
 }
+
+/* The other way: number i of a state is x[place[i]], or x[i] without places. */
+static inline void turned_back(const lanes *restrict x, const unsigned short *restrict place, size_t step, int more, double *restrict y)
+{
+    if (more) {
+        __builtin_prefetch(y + (AHEAD + 0) * step, 0, 2);
+        __builtin_prefetch(y + (AHEAD + 1) * step, 0, 2);
+        __builtin_prefetch(y + (AHEAD + 2) * step, 0, 2);
+        __builtin_prefetch(y + (AHEAD + 3) * step, 0, 2);
+        __builtin_prefetch(y + (AHEAD + 4) * step, 0, 2);
+        __builtin_prefetch(y + (AHEAD + 5) * step, 0, 2);
+        __builtin_prefetch(y + (AHEAD + 6) * step, 0, 2);
+        __builtin_prefetch(y + (AHEAD + 7) * step, 0, 2);
+    }
+    const lanes x0 = x[place ? place[0] : 0], x1 = x[place ? place[1] : 1], x2 = x[place ? place[2] : 2], x3 = x[place ? place[3] : 3], x4 = x[place ? place[4] : 4], x5 = x[place ? place[5] : 5], x6 = x[place ? place[6] : 6], x7 = x[place ? place[7] : 7];
+    const lanes y1_0 = __builtin_shufflevector(x0, x1, 0, 8, 2, 10, 4, 12, 6, 14);
+    const lanes y1_1 = __builtin_shufflevector(x0, x1, 1, 9, 3, 11, 5, 13, 7, 15);
+    const lanes y1_2 = __builtin_shufflevector(x2, x3, 0, 8, 2, 10, 4, 12, 6, 14);
+    const lanes y1_3 = __builtin_shufflevector(x2, x3, 1, 9, 3, 11, 5, 13, 7, 15);
+    const lanes y1_4 = __builtin_shufflevector(x4, x5, 0, 8, 2, 10, 4, 12, 6, 14);
+    const lanes y1_5 = __builtin_shufflevector(x4, x5, 1, 9, 3, 11, 5, 13, 7, 15);
+    const lanes y1_6 = __builtin_shufflevector(x6, x7, 0, 8, 2, 10, 4, 12, 6, 14);
+    const lanes y1_7 = __builtin_shufflevector(x6, x7, 1, 9, 3, 11, 5, 13, 7, 15);
+    const lanes y2_0 = __builtin_shufflevector(y1_0, y1_2, 0, 1, 8, 9, 4, 5, 12, 13);
+    const lanes y2_2 = __builtin_shufflevector(y1_0, y1_2, 2, 3, 10, 11, 6, 7, 14, 15);
+    const lanes y2_1 = __builtin_shufflevector(y1_1, y1_3, 0, 1, 8, 9, 4, 5, 12, 13);
+    const lanes y2_3 = __builtin_shufflevector(y1_1, y1_3, 2, 3, 10, 11, 6, 7, 14, 15);
+    const lanes y2_4 = __builtin_shufflevector(y1_4, y1_6, 0, 1, 8, 9, 4, 5, 12, 13);
+    const lanes y2_6 = __builtin_shufflevector(y1_4, y1_6, 2, 3, 10, 11, 6, 7, 14, 15);
+    const lanes y2_5 = __builtin_shufflevector(y1_5, y1_7, 0, 1, 8, 9, 4, 5, 12, 13);
+    const lanes y2_7 = __builtin_shufflevector(y1_5, y1_7, 2, 3, 10, 11, 6, 7, 14, 15);
+    const lanes y4_0 = __builtin_shufflevector(y2_0, y2_4, 0, 1, 2, 3, 8, 9, 10, 11);
+    const lanes y4_4 = __builtin_shufflevector(y2_0, y2_4, 4, 5, 6, 7, 12, 13, 14, 15);
+    const lanes y4_1 = __builtin_shufflevector(y2_1, y2_5, 0, 1, 2, 3, 8, 9, 10, 11);
+    const lanes y4_5 = __builtin_shufflevector(y2_1, y2_5, 4, 5, 6, 7, 12, 13, 14, 15);
+    const lanes y4_2 = __builtin_shufflevector(y2_2, y2_6, 0, 1, 2, 3, 8, 9, 10, 11);
+    const lanes y4_6 = __builtin_shufflevector(y2_2, y2_6, 4, 5, 6, 7, 12, 13, 14, 15);
+    const lanes y4_3 = __builtin_shufflevector(y2_3, y2_7, 0, 1, 2, 3, 8, 9, 10, 11);
+    const lanes y4_7 = __builtin_shufflevector(y2_3, y2_7, 4, 5, 6, 7, 12, 13, 14, 15);
+
+    memcpy(y + 0 * step, &y4_0, sizeof(lanes));
+    memcpy(y + 1 * step, &y4_1, sizeof(lanes));
+    memcpy(y + 2 * step, &y4_2, sizeof(lanes));
+    memcpy(y + 3 * step, &y4_3, sizeof(lanes));
+    memcpy(y + 4 * step, &y4_4, sizeof(lanes));
+    memcpy(y + 5 * step, &y4_5, sizeof(lanes));
+    memcpy(y + 6 * step, &y4_6, sizeof(lanes));
+    memcpy(y + 7 * step, &y4_7, sizeof(lanes));
+}
 #endif
 #endif
 #endif
 
-/* Numbers of up to LANES states that lie step apart; the last one fills the lanes that are left. */
-static void gather(const double *restrict x, size_t step, size_t here, int size, lanes *restrict y)
+/* Numbers of up to LANES states that lie step apart; the last one fills the lanes that are left.  more: whether there
+ * are states so far ahead. */
+static void gather(const double *restrict x, size_t step, size_t here, int more, int size, lanes *restrict y)
 {
-    const double *state[LANES];
-    int i = 0;
-    for (size_t l = 0; l < LANES; ++l) state[l] = x + (l < here ? l : here - 1) * step;
+    (void)more;
 #if defined(EOMGEN_TRANSPOSE)
-    if (size >= LANES) {
-        for (; i < size; i += LANES) {
+    if (size >= LANES && here == LANES) {
+        for (int i = 0; i < size; i += LANES) {
             const int at = i + LANES <= size ? i : size - LANES; /* the last square overlaps the one before */
-            transpose(state, at, y + at);
+            turned(x + at, step, more && i % LINE == 0, y + at);
+        }
+        return;
+    }
+    if (size >= LANES) {
+        for (int i = 0; i < size; i += LANES) {
+            const int at = i + LANES <= size ? i : size - LANES;
+            double rows[LANES * LANES];
+            for (size_t l = 0; l < LANES; ++l) memcpy(rows + l * LANES, x + (l < here ? l : here - 1) * step + at, sizeof(lanes));
+            turned(rows, LANES, 0, y + at);
         }
         return;
     }
 #endif
-    for (; i < size; ++i) {
+    const double *state[LANES];
+    for (size_t l = 0; l < LANES; ++l) state[l] = x + (l < here ? l : here - 1) * step;
+    for (int i = 0; i < size; ++i) {
 #if LANES == 2
         y[i] = (lanes){ state[0][i], state[1][i] };
 #endif
@@ -757,30 +885,43 @@ static void gather(const double *restrict x, size_t step, size_t here, int size,
     }
 }
 
-/* The other way. */
-static void scatter(const lanes *restrict x, size_t here, int size, size_t step, double *restrict y)
+/* The other way: number i of a state is x[place[i]], or x[i] without places. */
+static inline void scatter(const lanes *restrict x, const unsigned short *restrict place, size_t here, int more, int size, size_t step, double *restrict y)
 {
-    int i = 0;
+    (void)more;
 #if defined(EOMGEN_TRANSPOSE)
-    if (size >= LANES) {
-        for (; i < size; i += LANES) {
-            lanes rows[LANES];
-            const double *column[LANES];
+    if (size >= LANES && here == LANES) {
+        const int past = place ? (int)((size_t)y / sizeof *y % LANES) : 0; /* behind the last whole vector of memory */
+        for (int i = 0; i < size; i += i == 0 ? LANES - past : LANES) {
             const int at = i + LANES <= size ? i : size - LANES;
-            for (int l = 0; l < LANES; ++l) column[l] = (const double *)(x + at + l);
-            transpose(column, 0, rows);
-            for (size_t l = 0; l < here; ++l) memcpy(y + l * step + at, rows + l, sizeof(lanes));
+            turned_back(place ? x : x + at, place ? place + at : NULL, step, more && (i + past) % LINE == 0, y + at);
+        }
+        return;
+    }
+    if (size >= LANES) {
+        for (int i = 0; i < size; i += LANES) {
+            const int at = i + LANES <= size ? i : size - LANES;
+            double rows[LANES * LANES];
+            turned_back(place ? x : x + at, place ? place + at : NULL, LANES, 0, rows);
+            for (size_t l = 0; l < here; ++l) memcpy(y + l * step + at, rows + l * LANES, sizeof(lanes));
         }
         return;
     }
 #endif
-    for (; i < size; ++i)
-        for (size_t l = 0; l < here; ++l) y[l * step + (size_t)i] = LANE(x[i], l);
+    for (int i = 0; i < size; ++i)
+        for (size_t l = 0; l < here; ++l) y[l * step + (size_t)i] = LANE(x[place ? place[i] : i], l);
 }
 
 /* 0, or 1 + i + lane * 2 for the first lane with a pivot i that vanishes beside its scale. */
 static int one_link_failed_lanes(const lanes *restrict pivot)
 {
+#if EOMGEN_VECTOR
+    bits failed = { 0 };
+    long long any = 0;
+    for (int i = 0; i < 2; ++i) failed |= ~(bits)(pivot[2 * i] > 1e-12 * pivot[2 * i + 1]);
+    for (int l = 0; l < LANES; ++l) any |= failed[l];
+    if (any == 0) return 0;
+#endif
     for (int l = 0; l < LANES; ++l)
         for (int i = 0; i < 2; ++i)
             if (!(LANE(pivot[2 * i], l) > 1e-12 * LANE(pivot[2 * i + 1], l))) return 1 + i + l * 2;
@@ -1153,10 +1294,11 @@ long long one_link_mass_matrix_batch(size_t count, const double *restrict h, con
     lanes q_lanes[2], out_lanes[4];
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
-        gather(q + i * q_step, q_step, here, 2, q_lanes);
+        const int more = count - i >= AHEAD + LANES;
+        gather(q + i * q_step, q_step, here, more, 2, q_lanes);
         const int status = one_link_mass_matrix_lanes(h, q_lanes, out_lanes);
         if (status != 0) return (long long)i * 2 + status - 1;
-        scatter(out_lanes, here, 4, 4, out + i * 4);
+        scatter(out_lanes, NULL, here, more, 4, 4, out + i * 4);
     }
     return -1;
 }
@@ -1166,11 +1308,12 @@ long long one_link_bias_force_batch(size_t count, const double *restrict h, cons
     lanes q_lanes[2], v_lanes[2], out_lanes[2];
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
-        gather(q + i * q_step, q_step, here, 2, q_lanes);
-        gather(v + i * v_step, v_step, here, 2, v_lanes);
+        const int more = count - i >= AHEAD + LANES;
+        gather(q + i * q_step, q_step, here, more, 2, q_lanes);
+        gather(v + i * v_step, v_step, here, more, 2, v_lanes);
         const int status = one_link_bias_force_lanes(h, q_lanes, v_lanes, out_lanes);
         if (status != 0) return (long long)i * 2 + status - 1;
-        scatter(out_lanes, here, 2, 2, out + i * 2);
+        scatter(out_lanes, NULL, here, more, 2, 2, out + i * 2);
     }
     return -1;
 }
@@ -1180,11 +1323,12 @@ long long one_link_generalized_force_batch(size_t count, const double *restrict 
     lanes q_lanes[2], v_lanes[2], out_lanes[2];
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
-        gather(q + i * q_step, q_step, here, 2, q_lanes);
-        gather(v + i * v_step, v_step, here, 2, v_lanes);
+        const int more = count - i >= AHEAD + LANES;
+        gather(q + i * q_step, q_step, here, more, 2, q_lanes);
+        gather(v + i * v_step, v_step, here, more, 2, v_lanes);
         const int status = one_link_generalized_force_lanes(h, q_lanes, v_lanes, out_lanes);
         if (status != 0) return (long long)i * 2 + status - 1;
-        scatter(out_lanes, here, 2, 2, out + i * 2);
+        scatter(out_lanes, NULL, here, more, 2, 2, out + i * 2);
     }
     return -1;
 }
@@ -1194,11 +1338,12 @@ long long one_link_external_force_batch(size_t count, const double *restrict h, 
     lanes q_lanes[2], wrench_lanes[6], out_lanes[2];
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
-        gather(q + i * q_step, q_step, here, 2, q_lanes);
-        gather(wrench + i * wrench_step, wrench_step, here, 6, wrench_lanes);
+        const int more = count - i >= AHEAD + LANES;
+        gather(q + i * q_step, q_step, here, more, 2, q_lanes);
+        gather(wrench + i * wrench_step, wrench_step, here, more, 6, wrench_lanes);
         const int status = one_link_external_force_lanes(h, q_lanes, wrench_lanes, out_lanes);
         if (status != 0) return (long long)i * 2 + status - 1;
-        scatter(out_lanes, here, 2, 2, out + i * 2);
+        scatter(out_lanes, NULL, here, more, 2, 2, out + i * 2);
     }
     return -1;
 }
@@ -1208,13 +1353,14 @@ long long one_link_residual_batch(size_t count, const double *restrict h, const 
     lanes q_lanes[2], v_lanes[2], a_lanes[2], u_lanes[2], out_lanes[2];
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
-        gather(q + i * q_step, q_step, here, 2, q_lanes);
-        gather(v + i * v_step, v_step, here, 2, v_lanes);
-        gather(a + i * a_step, a_step, here, 2, a_lanes);
-        gather(u + i * u_step, u_step, here, 2, u_lanes);
+        const int more = count - i >= AHEAD + LANES;
+        gather(q + i * q_step, q_step, here, more, 2, q_lanes);
+        gather(v + i * v_step, v_step, here, more, 2, v_lanes);
+        gather(a + i * a_step, a_step, here, more, 2, a_lanes);
+        gather(u + i * u_step, u_step, here, more, 2, u_lanes);
         const int status = one_link_residual_lanes(h, q_lanes, v_lanes, a_lanes, u_lanes, out_lanes);
         if (status != 0) return (long long)i * 2 + status - 1;
-        scatter(out_lanes, here, 2, 2, out + i * 2);
+        scatter(out_lanes, NULL, here, more, 2, 2, out + i * 2);
     }
     return -1;
 }
@@ -1224,12 +1370,13 @@ long long one_link_inverse_dynamics_batch(size_t count, const double *restrict h
     lanes q_lanes[2], v_lanes[2], a_lanes[2], out_lanes[2];
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
-        gather(q + i * q_step, q_step, here, 2, q_lanes);
-        gather(v + i * v_step, v_step, here, 2, v_lanes);
-        gather(a + i * a_step, a_step, here, 2, a_lanes);
+        const int more = count - i >= AHEAD + LANES;
+        gather(q + i * q_step, q_step, here, more, 2, q_lanes);
+        gather(v + i * v_step, v_step, here, more, 2, v_lanes);
+        gather(a + i * a_step, a_step, here, more, 2, a_lanes);
         const int status = one_link_inverse_dynamics_lanes(h, q_lanes, v_lanes, a_lanes, out_lanes);
         if (status != 0) return (long long)i * 2 + status - 1;
-        scatter(out_lanes, here, 2, 2, out + i * 2);
+        scatter(out_lanes, NULL, here, more, 2, 2, out + i * 2);
     }
     return -1;
 }
@@ -1239,12 +1386,13 @@ long long one_link_forward_dynamics_batch(size_t count, const double *restrict h
     lanes q_lanes[2], v_lanes[2], u_lanes[2], out_lanes[2];
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
-        gather(q + i * q_step, q_step, here, 2, q_lanes);
-        gather(v + i * v_step, v_step, here, 2, v_lanes);
-        gather(u + i * u_step, u_step, here, 2, u_lanes);
+        const int more = count - i >= AHEAD + LANES;
+        gather(q + i * q_step, q_step, here, more, 2, q_lanes);
+        gather(v + i * v_step, v_step, here, more, 2, v_lanes);
+        gather(u + i * u_step, u_step, here, more, 2, u_lanes);
         const int status = one_link_forward_dynamics_lanes(h, q_lanes, v_lanes, u_lanes, out_lanes);
         if (status != 0) return (long long)i * 2 + status - 1;
-        scatter(out_lanes, here, 2, 2, out + i * 2);
+        scatter(out_lanes, NULL, here, more, 2, 2, out + i * 2);
     }
     return -1;
 }
@@ -1254,12 +1402,13 @@ long long one_link_residual_jacobian_batch(size_t count, const double *restrict 
     lanes q_lanes[2], v_lanes[2], a_lanes[2], out_lanes[12];
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
-        gather(q + i * q_step, q_step, here, 2, q_lanes);
-        gather(v + i * v_step, v_step, here, 2, v_lanes);
-        gather(a + i * a_step, a_step, here, 2, a_lanes);
+        const int more = count - i >= AHEAD + LANES;
+        gather(q + i * q_step, q_step, here, more, 2, q_lanes);
+        gather(v + i * v_step, v_step, here, more, 2, v_lanes);
+        gather(a + i * a_step, a_step, here, more, 2, a_lanes);
         const int status = one_link_residual_jacobian_lanes(h, q_lanes, v_lanes, a_lanes, out_lanes);
         if (status != 0) return (long long)i * 2 + status - 1;
-        scatter(out_lanes, here, 12, 12, out + i * 12);
+        scatter(out_lanes, NULL, here, more, 12, 12, out + i * 12);
     }
     return -1;
 }
@@ -1269,12 +1418,13 @@ long long one_link_forward_dynamics_jacobian_batch(size_t count, const double *r
     lanes q_lanes[2], v_lanes[2], u_lanes[2], out_lanes[12];
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
-        gather(q + i * q_step, q_step, here, 2, q_lanes);
-        gather(v + i * v_step, v_step, here, 2, v_lanes);
-        gather(u + i * u_step, u_step, here, 2, u_lanes);
+        const int more = count - i >= AHEAD + LANES;
+        gather(q + i * q_step, q_step, here, more, 2, q_lanes);
+        gather(v + i * v_step, v_step, here, more, 2, v_lanes);
+        gather(u + i * u_step, u_step, here, more, 2, u_lanes);
         const int status = one_link_forward_dynamics_jacobian_lanes(h, q_lanes, v_lanes, u_lanes, out_lanes);
         if (status != 0) return (long long)i * 2 + status - 1;
-        scatter(out_lanes, here, 12, 12, out + i * 12);
+        scatter(out_lanes, NULL, here, more, 12, 12, out + i * 12);
     }
     return -1;
 }
@@ -1284,11 +1434,12 @@ long long one_link_coriolis_matrix_batch(size_t count, const double *restrict h,
     lanes q_lanes[2], v_lanes[2], out_lanes[4];
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
-        gather(q + i * q_step, q_step, here, 2, q_lanes);
-        gather(v + i * v_step, v_step, here, 2, v_lanes);
+        const int more = count - i >= AHEAD + LANES;
+        gather(q + i * q_step, q_step, here, more, 2, q_lanes);
+        gather(v + i * v_step, v_step, here, more, 2, v_lanes);
         const int status = one_link_coriolis_matrix_lanes(h, q_lanes, v_lanes, out_lanes);
         if (status != 0) return (long long)i * 2 + status - 1;
-        scatter(out_lanes, here, 4, 4, out + i * 4);
+        scatter(out_lanes, NULL, here, more, 4, 4, out + i * 4);
     }
     return -1;
 }
@@ -1298,10 +1449,11 @@ long long one_link_christoffel_batch(size_t count, const double *restrict h, con
     lanes q_lanes[2], out_lanes[8];
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
-        gather(q + i * q_step, q_step, here, 2, q_lanes);
+        const int more = count - i >= AHEAD + LANES;
+        gather(q + i * q_step, q_step, here, more, 2, q_lanes);
         const int status = one_link_christoffel_lanes(h, q_lanes, out_lanes);
         if (status != 0) return (long long)i * 2 + status - 1;
-        scatter(out_lanes, here, 8, 8, out + i * 8);
+        scatter(out_lanes, NULL, here, more, 8, 8, out + i * 8);
     }
     return -1;
 }
@@ -1311,11 +1463,12 @@ long long one_link_energy_batch(size_t count, const double *restrict h, const do
     lanes q_lanes[2], v_lanes[2], out_lanes[2];
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
-        gather(q + i * q_step, q_step, here, 2, q_lanes);
-        gather(v + i * v_step, v_step, here, 2, v_lanes);
+        const int more = count - i >= AHEAD + LANES;
+        gather(q + i * q_step, q_step, here, more, 2, q_lanes);
+        gather(v + i * v_step, v_step, here, more, 2, v_lanes);
         const int status = one_link_energy_lanes(h, q_lanes, v_lanes, out_lanes);
         if (status != 0) return (long long)i * 2 + status - 1;
-        scatter(out_lanes, here, 2, 2, out + i * 2);
+        scatter(out_lanes, NULL, here, more, 2, 2, out + i * 2);
     }
     return -1;
 }
@@ -1325,12 +1478,13 @@ long long one_link_reactions_batch(size_t count, const double *restrict h, const
     lanes q_lanes[2], v_lanes[2], a_lanes[2], out_lanes[6];
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
-        gather(q + i * q_step, q_step, here, 2, q_lanes);
-        gather(v + i * v_step, v_step, here, 2, v_lanes);
-        gather(a + i * a_step, a_step, here, 2, a_lanes);
+        const int more = count - i >= AHEAD + LANES;
+        gather(q + i * q_step, q_step, here, more, 2, q_lanes);
+        gather(v + i * v_step, v_step, here, more, 2, v_lanes);
+        gather(a + i * a_step, a_step, here, more, 2, a_lanes);
         const int status = one_link_reactions_lanes(h, q_lanes, v_lanes, a_lanes, out_lanes);
         if (status != 0) return (long long)i * 2 + status - 1;
-        scatter(out_lanes, here, 6, 6, out + i * 6);
+        scatter(out_lanes, NULL, here, more, 6, 6, out + i * 6);
     }
     return -1;
 }
@@ -1340,11 +1494,12 @@ long long one_link_external_reactions_batch(size_t count, const double *restrict
     lanes q_lanes[2], wrench_lanes[6], out_lanes[6];
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
-        gather(q + i * q_step, q_step, here, 2, q_lanes);
-        gather(wrench + i * wrench_step, wrench_step, here, 6, wrench_lanes);
+        const int more = count - i >= AHEAD + LANES;
+        gather(q + i * q_step, q_step, here, more, 2, q_lanes);
+        gather(wrench + i * wrench_step, wrench_step, here, more, 6, wrench_lanes);
         const int status = one_link_external_reactions_lanes(h, q_lanes, wrench_lanes, out_lanes);
         if (status != 0) return (long long)i * 2 + status - 1;
-        scatter(out_lanes, here, 6, 6, out + i * 6);
+        scatter(out_lanes, NULL, here, more, 6, 6, out + i * 6);
     }
     return -1;
 }
@@ -1354,10 +1509,11 @@ long long one_link_euler_cosines_batch(size_t count, const double *restrict h, c
     lanes q_lanes[2], out_lanes[1];
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
-        gather(q + i * q_step, q_step, here, 2, q_lanes);
+        const int more = count - i >= AHEAD + LANES;
+        gather(q + i * q_step, q_step, here, more, 2, q_lanes);
         const int status = one_link_euler_cosines_lanes(h, q_lanes, out_lanes);
         if (status != 0) return (long long)i * 2 + status - 1;
-        scatter(out_lanes, here, 1, 1, out + i * 1);
+        scatter(out_lanes, NULL, here, more, 1, 1, out + i * 1);
     }
     return -1;
 }
@@ -1406,9 +1562,10 @@ long long one_link_frame_pose_batch(size_t count, const double *restrict h, cons
     lanes q_lanes[2], out_lanes[16];
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
-        gather(q + i * q_step, q_step, here, 2, q_lanes);
+        const int more = count - i >= AHEAD + LANES;
+        gather(q + i * q_step, q_step, here, more, 2, q_lanes);
         one_link_frame_pose_lanes(h, q_lanes, frame, out_lanes);
-        scatter(out_lanes, here, 16, 16, out + i * 16);
+        scatter(out_lanes, NULL, here, more, 16, 16, out + i * 16);
     }
     return -1;
 }
@@ -1418,21 +1575,22 @@ long long one_link_frame_jacobian_batch(size_t count, const double *restrict h, 
     lanes q_lanes[2], out_lanes[12];
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
-        gather(q + i * q_step, q_step, here, 2, q_lanes);
+        const int more = count - i >= AHEAD + LANES;
+        gather(q + i * q_step, q_step, here, more, 2, q_lanes);
         one_link_frame_jacobian_lanes(h, q_lanes, frame, out_lanes);
-        scatter(out_lanes, here, 12, 12, out + i * 12);
+        scatter(out_lanes, NULL, here, more, 12, 12, out + i * 12);
     }
     return -1;
 }
 
 static void one_link_load_lanes(const double *restrict x, size_t step, size_t here, lanes *restrict y)
 {
-    gather(x, step, here, 2, y);
+    gather(x, step, here, 0, 2, y);
 }
 
 static void one_link_store_lanes(const lanes *restrict x, size_t here, size_t stride, double *restrict y)
 {
-    scatter(x, here, 2, stride, y);
+    scatter(x, NULL, here, 0, 2, stride, y);
 }
 
 /* Drives at a step: u + kp (target - q - ahead v) - kd v. */
@@ -1529,8 +1687,8 @@ long long one_link_rollout_batch(size_t count, const double *restrict h, const d
     lanes q_lanes[2], v_lanes[2];
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
-        gather(q + i * q_step, q_step, here, 2, q_lanes);
-        gather(v + i * v_step, v_step, here, 2, v_lanes);
+        gather(q + i * q_step, q_step, here, 0, 2, q_lanes);
+        gather(v + i * v_step, v_step, here, 0, 2, v_lanes);
         const long long failed = one_link_steps_lanes(h, drive, i, here, dt, steps, every, method, q_lanes, v_lanes, q_out + i * stride, v_out + i * stride);
         if (failed >= 0) {
             const long long step = failed / (2 * LANES), place = failed % (2 * LANES);

@@ -153,3 +153,44 @@ def test_memory_behind_the_arrays_is_not_touched(built: Build) -> None:
         kernel.mass_matrix(q, out=room[1:-1])
         assert np.isnan(room[[0, -1]]).all()
         assert np.isfinite(room[1:-1]).all()
+
+
+@pytest.mark.parametrize("flags", [(), ("-mavx2",), ("-mavx512f",)])
+def test_results_stand_wherever_there_is_room(flags: tuple[str, ...]) -> None:
+    """Matrices with zeros and mirrored halves, at any place in a vector of memory, of any number of states."""
+    robot = random_robot(3, joints=(10, 10), tree=True, types=("revolute",), max_coordinates=1, forces=False)
+    names = ("mass_matrix", "forward_dynamics_jacobian", "residual_jacobian")
+    kernel = eomgen.build(robot, kernels=names, flags=(*flags, "-O1"))
+    states = random_states(robot, 3)
+    expected = np.array([kernel.mass_matrix(x) for x in states["q"]])
+    assert (expected == 0.0).any()
+    for first in range(9):
+        for count in (1, 2, 7, 8, 9, STATES):
+            size = count * 100
+            room = np.full(first + size + 8, np.nan)
+            out = room[first : first + size].reshape(count, 10, 10)
+            kernel.mass_matrix(states["q"][:count], out=out)
+            assert np.array_equal(out, expected[:count]), (first, count)
+            assert np.isnan(room[:first]).all(), (first, count)
+            assert np.isnan(room[first + size :]).all(), (first, count)
+    for call, reads in ((kernel.residual_jacobian, "qva"), (kernel.forward_dynamics_jacobian, "qvu")):
+        arrays = [states[x] for x in reads]
+        for i in range(STATES):
+            single = call(*(x[i] for x in arrays))
+            assert all(np.array_equal(x[i], y) for x, y in zip(call(*arrays), single, strict=True)), (call, i)
+
+
+@pytest.mark.parametrize("flags", [("-mavx2",), ("-mavx512f",)])
+def test_a_failure_in_any_lane_is_found(flags: tuple[str, ...]) -> None:
+    """Pivots are compared with their scales in all lanes at once, and the first failure is named all the same."""
+    link = Link("body", 2.0, (0.1, 0.0, 0.0), (0.1, 0.2, 0.3, 0.0, 0.0, 0.0))
+    joint = Joint("free", "base", "body", "free", coordinates={name: Coordinate() for name in COORDINATES})
+    robot = Robot("floating", (0.0, 0.0, -9.81), (link,), (joint,))
+    kernel = eomgen.build(robot, flags=(*flags, "-O1"), kernels=("forward_dynamics",))
+    still = np.zeros(6)
+    for state in range(11):
+        q = np.zeros((11, 6))
+        q[state:, 4] = np.pi / 2
+        with pytest.raises(SingularError, match=f"free.alpha and free.gamma in state {state}"):
+            kernel.forward_dynamics(q, still, still)
+    assert np.isfinite(kernel.forward_dynamics(np.zeros((11, 6)), still, still)).all()
