@@ -24,5 +24,5 @@ def with_levels(name: str, base: Files, further: Mapping[str, Files]) -> Files:
 
 
 def _is_loaded(file: str, name: str) -> bool:
-    """Whether a file is a binary, or the module that opens one that lies beside it."""
-    return file.endswith(_BINARIES) or file == f"_{name}.py"
+    """Whether a file is a binary of the kernel, or the module that opens one; those of the runtime know no levels."""
+    return "/" not in file and (file.endswith(_BINARIES) or file == f"_{name}.py")
