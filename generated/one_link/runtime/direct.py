@@ -27,7 +27,7 @@ ROLES = {"frame": "frame", "out": "out", "wrench": "nothing", "cut": "cut"}  # o
 
 
 class State:
-    """What may change of a kernel; the extension module has the same in C, for calls that read it without Python.
+    """Parameters and choices that a kernel's calls take; the extension module has the same in C.
 
     Attributes:
         values: of the parameters, (parameters,); replaced as a whole and never written to.
@@ -51,7 +51,7 @@ class State:
 
     @property
     def setup(self) -> Setup:
-        """What functions of C read of the values: the same object until an assignment."""
+        """The values as functions of C read them: the same object until an assignment."""
         found = self._setup
         if found is not None:
             return found
@@ -138,7 +138,7 @@ def packaged() -> Face:
 def functions(
     module: ModuleType, raw: RawKernel, methods: Mapping[str, FunctionType], frames: tuple[str, ...], loops: bool
 ) -> tuple[Any, ...]:
-    """What methods do that call the function of their name, as the module's ``Function``.
+    """Make the module's ``Function`` of every method that calls the function of its name.
 
     Each is armed with the address of its code after a first call, which may have compiled it.
 
