@@ -10,16 +10,16 @@ from eomgen.robot.model import Model
 
 from ..joint.zeros import zero_map
 from ..kernels.equations import Equations
-from ..kernels.interface import interface
+from ..kernels.interface import describe_kernels
 from ..kernels.operation_counts import operations
 from ..kernels.signatures import KERNELS
 
 
 def kernel_metadata(equations: Equations, dtype: str) -> dict[str, Any]:
-    """Plain values for JSON: what ``interface`` says, operations, and what vanishes identically."""
+    """Plain values for JSON: what ``describe_kernels`` says, operations, and what vanishes identically."""
     model, mapped = equations.model, any(KERNELS[name].mapped for name in equations.kernels)
     return {
-        **interface(model, equations.kernels, dtype),
+        **describe_kernels(model, equations.kernels, dtype),
         "hoisted": len(equations.setup.outputs),
         "operations": operations(equations),
         "survivors": survivors(model) if mapped else {},

@@ -14,7 +14,7 @@ from eomgen.robot.value import MOTOR
 from .signatures import KERNELS, functions, shapes
 
 
-def interface(model: Model, kernels: Sequence[str], dtype: str) -> dict[str, Any]:
+def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[str, Any]:
     """Plain values for JSON: what a package says of its kernels before anything is derived.
 
     "kernels" and "functions" say what each reads and writes; users call the functions, which are the kernels but for

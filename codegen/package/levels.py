@@ -38,7 +38,7 @@ class Compiling(Protocol):
 
     @property
     def version(self) -> str:
-        """What it says of its version."""
+        """Return what it says of its version."""
 
     @property
     def flags(self) -> tuple[str, ...]:

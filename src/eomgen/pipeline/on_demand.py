@@ -102,7 +102,7 @@ class OnDemand:
         return found
 
     def _report(self, kernel: str) -> StageReport:
-        """What is told of a build: to the caller's function, or as one line on a terminal."""
+        """Give a function that tells of a build: the caller's, or one that writes a line to a terminal."""
         if self.progress is not no_report or not sys.stderr.isatty():
             return self.progress
         told: list[str] = []

@@ -139,7 +139,7 @@ def _loaded_again(package: store.Entry, robot: Robot, options: Options, level: s
 
 def _on_demand(robot: Robot, options: Options, progress: StageReport = no_report) -> Kernel:
     """A kernel whose functions are built when they are first asked for, by the compiler that is here now."""
-    from ..codegen.kernels.interface import interface
+    from ..codegen.kernels.interface import describe_kernels
     from ..codegen.package.compile import find_compiler
 
     compiler, model = find_compiler(), build_model(robot)
@@ -152,7 +152,7 @@ def _on_demand(robot: Robot, options: Options, progress: StageReport = no_report
     def source_of(names: tuple[str, ...], report: StageReport) -> Source:
         return make_source(robot, replace(options, kernels=names), report)
 
-    libraries = OnDemand(interface(model, available(model), options.dtype), package_of, source_of, progress)
+    libraries = OnDemand(describe_kernels(model, available(model), options.dtype), package_of, source_of, progress)
     return Kernel(libraries, (built_again, (robot, options, "", __version__)), direct_calls.begin(compiler))
 
 

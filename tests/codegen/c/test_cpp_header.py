@@ -40,7 +40,7 @@ def tree() -> Robot:
 
 def kernel_of(robot: Robot, *kernels: str, dtype: str = "float64") -> eomgen.Kernel:
     """The kernel of ``package_of``, from the cache."""
-    return eomgen.build(robot, kernels=kernels, dtype=dtype, flags=("-O0",))
+    return eomgen.build(robot, kernels=kernels or "all", dtype=dtype, flags=("-O0",))
 
 
 def literals(numbers: NDArray[np.floating]) -> str:

@@ -68,7 +68,7 @@ def test_split_functions_equal_whole_ones(built: Build, empty_cache: Path, monke
     kernels = []
     for name, size in (("whole", 10**9), ("split", 25)):
         monkeypatch.setattr(statements, "CHUNK", size)
-        kernels.append(built(replace(robot, name=name)))
+        kernels.append(built(replace(robot, name=name), "all"))
     s = random_state(robot, 1)
     whole, split = kernels
     for name in available(build_model(robot)):
