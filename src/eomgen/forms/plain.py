@@ -7,6 +7,7 @@ comes out has the types that are declared, numbers that are finite and no larger
 from __future__ import annotations
 
 import dataclasses
+import inspect
 import json
 import types
 import typing
@@ -181,8 +182,17 @@ def _table(item: Read) -> Read:
     return read
 
 
+def _hints(kind: type) -> dict[str, Any]:
+    """Types of the fields of a dataclass, without what separates them: Python 3.10 takes KW_ONLY for no type."""
+    fields, hints = {item.name for item in dataclasses.fields(typing.cast(Any, kind))}, {}
+    for base in reversed(kind.__mro__):
+        own = {name: x for name, x in inspect.get_annotations(base).items() if name in fields}
+        hints |= typing.get_type_hints(type(base.__name__, (), {"__annotations__": own, "__module__": base.__module__}))
+    return hints
+
+
 def _fields(kind: type, largest: float) -> Read:
-    hints = typing.get_type_hints(kind)
+    hints = _hints(kind)
     fields = {item.name: item for item in dataclasses.fields(typing.cast(Any, kind))}
     readers = {name: _reader(hints[name], largest) for name in fields}
     empty = dataclasses.MISSING

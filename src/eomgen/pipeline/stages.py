@@ -8,8 +8,7 @@
     check_package    package            package     it answers samples of the equations as they do
     load_kernel      package            Kernel      the NumPy face
 
-The first three are skipped when the cache holds their source, the next two when it holds their package; then SymPy is
-not imported.
+The first three are skipped when the cache holds their source, the next two when it holds their package.
 """
 
 from __future__ import annotations
@@ -355,7 +354,6 @@ def cache_keys(robot: Robot, kernels: Sequence[str]) -> tuple[str, str | None]:
 
 def _derive(robot: Robot, options: Options, folder: Path, progress: StageReport) -> None:
     """Robot -> Source and its samples, written into the folder."""
-    progress("importing SymPy")
     from ..codegen.c.sources import render
     from ..codegen.kernels.equations import derive_equations
     from ..codegen.samples.answers import samples
