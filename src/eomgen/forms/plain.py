@@ -184,7 +184,8 @@ def _table(item: Read) -> Read:
 
 def _hints(kind: type) -> dict[str, Any]:
     """Types of the fields of a dataclass, without what separates them: Python 3.10 takes KW_ONLY for no type."""
-    fields, hints = {item.name for item in dataclasses.fields(typing.cast(Any, kind))}, {}
+    fields = {item.name for item in dataclasses.fields(typing.cast(Any, kind))}
+    hints: dict[str, Any] = {}
     for base in reversed(kind.__mro__):
         own = {name: x for name, x in inspect.get_annotations(base).items() if name in fields}
         hints |= typing.get_type_hints(type(base.__name__, (), {"__annotations__": own, "__module__": base.__module__}))
