@@ -3,7 +3,7 @@
 #   make demo     derive, compile, simulate and plot the 36-DOF elastic PUMA 560; results in out/demo
 #   make test     lint, then the whole test suite
 #   make lint     ruff (lint and format), mypy --strict, and which room may import which
-#   make bench    counts and times beside Newton-Euler, Pinocchio, MuJoCo, CasADi; writes docs/benchmarks.md, batches.md, peers.*
+#   make bench    counts and times beside Newton-Euler, Pinocchio, MuJoCo, CasADi; of batches, builds, processors; in docs/
 #   make soak     the long tests
 #   make docs     build the documentation into out/site: open index.html there; warnings are errors
 #   make mutation mutation testing of the derivation, ten minutes of one core; writes docs/mutation.md
@@ -44,6 +44,8 @@ lint: $(VENV)/.test-$(STAMP)
 bench: $(VENV)/.bench-$(STAMP)
 	$(BIN)/python benchmarks/run.py
 	$(BIN)/python -m benchmarks.batches
+	$(BIN)/python -m benchmarks.builds
+	$(BIN)/python -m benchmarks.levels
 	$(BIN)/python -m benchmarks.peers
 	$(BIN)/python docs/tables.py
 

@@ -1,8 +1,6 @@
-"""Print what cold builds cost: ``python benchmarks/builds.py [--repeat TIMES] [ROBOT ...]``.
+"""What starts and first builds cost: ``python -m benchmarks.builds [--rounds ROUNDS] [--output FILE] [ROBOT ...]``.
 
-Each build runs in a process of its own with an empty cache.  "first" is from the process's start to the first forward
-dynamics of a kernel that has that function alone, "all" to a package with every kernel; wall seconds depend on what
-else runs, processor seconds less so.  "memory" is the largest resident size of one process among the compilers.
+All of them take turns, each in a process of its own with an empty cache; the least of all rounds counts.
 """
 
 from __future__ import annotations
@@ -13,80 +11,113 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from time import perf_counter
 
-ROBOTS = ("puma560", "puma560_elastic")
+from eomgen.bench.beside import processor_name
+
+from .peers.cases import URDFS, case
+
+PAGE = Path(__file__).parents[1] / "docs" / "builds.md"
+STARTS: Mapping[str, tuple[str, ...]] = {
+    "`import numpy`": ("-c", "import numpy"),
+    "`import eomgen`": ("-c", "import eomgen"),
+    "`eomgen --help`": ("-m", "eomgen", "--help"),
+    "`eomgen cache`": ("-m", "eomgen", "cache"),
+    "`eomgen robots`": ("-m", "eomgen", "robots"),
+    "`eomgen info one_link`": ("-m", "eomgen", "info", "one_link"),
+    "`eomgen simulate puma560_elastic`": ("-m", "eomgen", "simulate", "puma560_elastic", "-o", "{folder}/out"),
+}
+ROBOTS = ("ur5", "puma560_elastic", "Talos")
+BUILDS = {"forward dynamics, from Python's start": "", "all kernels": "all"}
 WORK = """
-import json, resource, sys
+import json, resource, sys, warnings
+warnings.simplefilter("ignore")
 import numpy as np
 import eomgen
-from eomgen.pipeline.stages import Options, make_package
-robot = eomgen.load_robot(sys.argv[1])
-if sys.argv[2] == "all":
-    make_package(robot, Options())
-else:
-    kernel = eomgen.build(robot, kernels=("forward_dynamics",))
-    kernel.forward_dynamics(*np.zeros((3, kernel.n)))
+kernel = eomgen.build(eomgen.load_robot(sys.argv[1]), kernels=sys.argv[2])
+kernel.forward_dynamics(*np.zeros((3, kernel.n)))
 own, others = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
 print(json.dumps([own.ru_utime + own.ru_stime, others.ru_utime + others.ru_stime, others.ru_maxrss / 1024]))
+"""
+HEAD = """# What a first build costs
+
+A kernel is derived and compiled when it is first called, and comes from the cache from then on. These are times
+without a cache, Python's start and NumPy's import included; SymPy is not imported, since what it says of a joint is
+kept ([Theory](theory.md)). Measured on {processor} with {cores} cores by `python -m benchmarks.builds`: the least of
+{rounds} rounds in turns, in seconds. The time of all kernels is that of one library with all but tangents.
 """
 
 
 @dataclass(frozen=True)
 class Cost:
-    """What a build cost: wall seconds, processor seconds of Python and of compilers, the largest compiler's MB."""
+    """What a process cost: seconds on the clock, of Python, of compilers, and the largest compiler's memory in MB."""
 
     wall: float
-    python: float
-    compilers: float
-    memory: float
+    python: float = 0.0
+    compilers: float = 0.0
+    memory: float = 0.0
 
 
-def cold_build(robot: str, what: str) -> Cost:
-    """Build in a process of its own, with a cache that is empty and goes when it ends.
-
-    Args:
-        robot: a built-in robot or the path of a description.
-        what: "first" or "all".
+def start(words: Sequence[str]) -> Cost:
+    """Run Python with these words and an empty cache.
 
     Raises:
-        subprocess.CalledProcessError: the build failed; it has said why.
+        subprocess.CalledProcessError: it fails, and has said why.
     """
+    return _timed(words)[0]
+
+
+def build(robot: str, kernels: str) -> Cost:
+    """Build and call forward dynamics, by the path of a description or the name of a built-in one.
+
+    Raises:
+        subprocess.CalledProcessError: the build failed, and has said why.
+    """
+    cost, said = _timed(("-c", WORK, robot, kernels))
+    return Cost(cost.wall, *json.loads(said))
+
+
+def _timed(words: Sequence[str]) -> tuple[Cost, str]:
     with tempfile.TemporaryDirectory(prefix="eomgen-builds-") as folder:
+        command = [sys.executable, *(word.replace("{folder}", folder) for word in words)]
+        environment = {**os.environ, "EOMGEN_CACHE_DIR": f"{folder}/cache"}
         begin = perf_counter()
-        done = subprocess.run(
-            [sys.executable, "-W", "ignore", "-c", WORK, robot, what],
-            env={**os.environ, "EOMGEN_CACHE_DIR": folder},
-            stdout=subprocess.PIPE,
-            text=True,
-            check=True,
-        )
-        wall = perf_counter() - begin
-    return Cost(wall, *json.loads(done.stdout))
+        done = subprocess.run(command, env=environment, stdout=subprocess.PIPE, text=True, check=True)
+        return Cost(perf_counter() - begin), done.stdout
 
 
-def table(robots: Sequence[str], repeat: int) -> list[str]:
-    """Lines of a table in Markdown: of every build the one that took the compilers least."""
-    lines = [
-        "| robot | build | wall, s | Python, s | compilers, s | memory, MB |",
-        "|---|---|---:|---:|---:|---:|",
-    ]
-    for robot in robots:
-        for what in ("first", "all"):
-            cost = min((cold_build(robot, what) for _ in range(repeat)), key=lambda found: found.compilers)
-            numbers = f"{cost.wall:.2f} | {cost.python:.2f} | {cost.compilers:.2f} | {cost.memory:.0f}"
-            lines.append(f"| {os.path.basename(robot)} | {what} | {numbers} |")
-    return lines
+def page(robots: Sequence[str], rounds: int) -> str:
+    """The page with its tables in Markdown."""
+    starts: dict[str, list[Cost]] = {name: [] for name in STARTS}
+    builds: dict[tuple[str, str], list[Cost]] = {(robot, what): [] for robot in robots for what in BUILDS}
+    for _ in range(rounds):
+        for name, costs in starts.items():
+            costs.append(start(STARTS[name]))
+        for (robot, what), costs in builds.items():
+            costs.append(build(str(case(robot).urdf) if robot in URDFS else robot, BUILDS[what]))
+    head = HEAD.format(processor=processor_name(), cores=len(os.sched_getaffinity(0)), rounds=rounds)
+    lines = ["| start | s |", "|---|---:|"]
+    lines += [f"| {name} | {min(cost.wall for cost in costs):.2f} |" for name, costs in starts.items()]
+    lines += ["", "| robot | what is built | clock | Python | compilers | largest compiler, MB |"]
+    lines += ["|---|---|---:|---:|---:|---:|"]
+    for (robot, what), costs in builds.items():
+        best = min(costs, key=lambda cost: cost.wall)
+        numbers = f"{best.wall:.2f} | {best.python:.2f} | {best.compilers:.2f} | {best.memory:.0f}"
+        lines.append(f"| {os.path.basename(robot)} | {what} | {numbers} |")
+    return head + "\n" + "\n".join(lines) + "\n"
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description="Measure builds from an empty cache.")
+def main(words: Sequence[str] | None = None) -> int:
+    """Measure, and write the page."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.builds", description="Measure starts and first builds.")
     parser.add_argument("robots", nargs="*", metavar="ROBOT", help=f"names or paths (default: {' '.join(ROBOTS)})")
-    parser.add_argument("--repeat", type=int, default=1, metavar="TIMES", help="builds of each (default 1)")
-    arguments = parser.parse_args()
-    print("\n".join(table(arguments.robots or ROBOTS, arguments.repeat)))
+    parser.add_argument("--rounds", type=int, default=3, help="turns of each (3)")
+    parser.add_argument("--output", type=Path, default=PAGE, metavar="FILE", help="the page (docs/builds.md)")
+    options = parser.parse_args(words)
+    options.output.write_text(page(options.robots or ROBOTS, options.rounds), encoding="ascii")
     return 0
 
 
