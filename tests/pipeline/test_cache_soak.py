@@ -107,7 +107,8 @@ def test_killed_builds(
     left = [path.name for path in empty_cache.iterdir() if path.name.startswith(cache.PASSING)]
     assert len(left) <= 4 + count // 20, left
     cache.clear()
-    assert sorted(path.name for path in empty_cache.iterdir()) == ["locks", "packages", "sources"]
+    left = {path.name for path in empty_cache.iterdir()} - {"extensions"}  # in fresh processes alone
+    assert left == {"locks", "packages", "sources"}
     if count > 100:
         say(capsys, f"{count} kills, {cut} in the middle; the call after: {slowest:.2f} s at most, a build {build:.2f}")
 
@@ -277,7 +278,8 @@ def test_no_room_for_a_build(size: int, empty_cache: Path) -> None:
     assert isinstance(said, str), said
     assert "disk" in said
     assert mass_matrix().shape == (2, 2)
-    assert sorted(path.name for path in empty_cache.iterdir()) == ["locks", "packages", "sources"]
+    left = {path.name for path in empty_cache.iterdir()} - {"extensions"}  # in fresh processes alone
+    assert left == {"locks", "packages", "sources"}
 
 
 def test_every_write_that_fails_is_reported(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:

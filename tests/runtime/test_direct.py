@@ -213,18 +213,19 @@ ROBOTS: dict[str, Callable[[], Robot]] = {
 }
 
 
+@pytest.mark.parametrize("calls", [40, pytest.param(400, marks=pytest.mark.soak)])
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_both_faces_say_the_same(robot: str, dtype: str, built: Build) -> None:
+def test_both_faces_say_the_same(robot: str, dtype: str, calls: int, built: Build) -> None:
     kernel = built(ROBOTS[robot](), dtype=dtype)
-    calls, direct = Calls(kernel, 5), 0
-    assert set(calls.names) == {x for x in calls.entries if hasattr(Kernel, x)} - {"rollout"} - {"external_reactions"}
-    assert len(calls.names) > 12
-    for name in calls.names:
-        for number in range(120):
+    made, direct = Calls(kernel, 5), 0
+    assert set(made.names) == {x for x in made.entries if hasattr(Kernel, x)} - {"rollout"} - {"external_reactions"}
+    assert len(made.names) > 12
+    for name in made.names:
+        for number in range(calls):
             kernel.checks, kernel.threads = number % 5 != 0, 1 + number % 2
-            positional, keywords, said = calls.one(name, number)
-            again = calls.one(name, number)
+            positional, keywords, said = made.one(name, number)
+            again = made.one(name, number)
             found = outcome(getattr(kernel, name), positional, keywords)
             expected = outcome(getattr(kernel, name).__wrapped__, again[0], again[1])
             assert found == expected, (name, number, said, found[0], expected[0])
@@ -527,25 +528,27 @@ def test_long_calls_let_other_threads_run(built: Build) -> None:
     """A batch that takes long is computed without the interpreter's lock."""
     kernel = built(eomgen.load_robot("one_link"))
     many = np.zeros((states_at_once(kernel.raw.functions["christoffel"].operations), 2))
-    counted, over = [0], threading.Event()
+    counted, begin, over = [0], threading.Event(), threading.Event()
 
     def count() -> None:
-        while not over.is_set():
-            counted[0] += 1
+        begin.wait()
+        counted[0] += 1
+        over.wait()
 
     kernel.christoffel(Q)
     interval = sys.getswitchinterval()
     other = threading.Thread(target=count)
+    other.start()
     sys.setswitchinterval(100.0)  # nobody gives the lock away but who wants to
     try:
-        other.start()
+        begin.set()
         kernel.christoffel(many)
-        over.set()
+        found = counted[0]
     finally:
-        sys.setswitchinterval(interval)
         over.set()
+        sys.setswitchinterval(interval)
         other.join()
-    assert counted[0] > 0
+    assert found == 1
 
 
 def test_singular_states_are_named(built: Build) -> None:
