@@ -206,11 +206,11 @@ def attempt(build: Callable[[], Any]) -> tuple[Any, str]:
 
 @pytest.fixture
 def small_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A tmpfs of 2 MB as the cache, and for the compiler's own files."""
+    """A tmpfs of 8 MB as the cache, and for the compiler's files; libraries that are loaded keep their room there."""
     folder = tmp_path / "disk"
     folder.mkdir()
     mount = shutil.which("mount")
-    command = [mount or "mount", "-t", "tmpfs", "-o", "size=2m,mode=700", "tmpfs", str(folder)]
+    command = [mount or "mount", "-t", "tmpfs", "-o", "size=8m,mode=700", "tmpfs", str(folder)]
     if mount is None or os.name != "posix" or subprocess.run(command, capture_output=True, check=False).returncode:
         pytest.skip("a small disk takes a mount of tmpfs, and that takes root")
     try:
