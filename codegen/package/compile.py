@@ -37,12 +37,7 @@ from .levels import fuses_unasked, level_flags
 
 FLAGS = ("-O2", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off")
 NATIVE = ("-march=native", "-ffp-contract=fast")
-CARRIED = (
-    "errors.py",
-    "names.py",
-    "runtime/*.py",
-    "runtime/direct.c",
-)  # of eomgen, what a package has a copy of in the same places
+CARRIED = ("errors.py", "names.py", "runtime/*.py", "runtime/*.c")  # of eomgen, copied to the same places of a package
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic")
 
 

@@ -13,10 +13,12 @@ from pathlib import Path
 
 import numpy as np
 
+from eomgen.runtime.direct import NAME
+
 from .compile import Compiler, key_of, link_shared, run_all, toolchain
 
 FLAGS = ("-O3", "-DNDEBUG", "-Wall", "-Wextra", "-Wconversion")  # -O3 for the search for NaN, which is a loop
-NAME, FILE = "_direct", "direct.c"
+FILE = "direct.c"
 
 
 def extension_key(compiler: Compiler) -> str | None:

@@ -13,7 +13,6 @@ from ..errors import UnknownNameError
 from ..progress import StageReport, no_report
 from ..runtime.raw import SETUP, Library, OneLibrary
 from . import cache as store
-from .cache import Entry
 from .direct_calls import settle
 from .load import load_module
 
@@ -23,12 +22,24 @@ if TYPE_CHECKING:
 Names = tuple[str, ...]
 
 
-def loaded(package: Entry, name: str) -> tuple[Any, Any, dict[str, Any]]:
-    """cffi's objects and the metadata of a package of the cache; ``name`` is the robot's.
+def one_library(package: store.Entry, name: str) -> OneLibrary:
+    """The library of a package of the cache, whose texts are read as long as they are there; ``name`` is the robot's.
 
     Raises:
         BuildError: it does not load.
     """
+
+    def read(file: str) -> str:
+        found = store.find(package.kind, package.key)
+        if found is None:
+            raise FileNotFoundError(file)
+        return found.files[file].decode("ascii")
+
+    return OneLibrary(*_loaded(package, name), read)
+
+
+def _loaded(package: store.Entry, name: str) -> tuple[Any, Any, dict[str, Any]]:
+    """cffi's objects of a package's module, and its metadata."""
     module = load_module(package, name)
     return module.ffi, module.lib, json.loads(package.files[f"{name}.json"])
 
@@ -47,7 +58,7 @@ class OnDemand:
     """
 
     meta: Mapping[str, Any]
-    package_of: Callable[[Names, StageReport], Entry]
+    package_of: Callable[[Names, StageReport], store.Entry]
     source_of: Callable[[Names, StageReport], Source]
     progress: StageReport = no_report
     _found: dict[str, Library] = field(default_factory=dict)
@@ -62,7 +73,7 @@ class OnDemand:
         with self._locks.setdefault(kernel, threading.Lock()):
             if kernel not in self._found:
                 package = self.package_of((kernel,), self._report(kernel))
-                self._found[kernel] = Library(*loaded(package, self._name))
+                self._found[kernel] = Library(*_loaded(package, self._name))
                 settle(self.progress)
             return self._found[kernel]
 
@@ -90,8 +101,7 @@ class OnDemand:
             if name not in self.meta["kernels"]:
                 known = ", ".join(self.meta["kernels"])
                 raise UnknownNameError(f"{name!r} is no kernel of {self._name}; known: {known}")
-        package = self.package_of(kernels, self.progress)
-        return OneLibrary(*loaded(package, self._name), reader(package))
+        return one_library(self.package_of(kernels, self.progress), self._name)
 
     @property
     def _name(self) -> str:
@@ -113,15 +123,3 @@ class OnDemand:
                 print(f"eomgen: building {kernel} of {self._name}", file=sys.stderr, flush=True)
 
         return tell
-
-
-def reader(package: Entry) -> Callable[[str], str]:
-    """A function that reads texts of a package of the cache, as long as it is there."""
-
-    def read(file: str) -> str:
-        found = store.find(package.kind, package.key)
-        if found is None:
-            raise FileNotFoundError(file)
-        return found.files[file].decode("ascii")
-
-    return read

@@ -33,13 +33,12 @@ from ..robot.record import robot_hash
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..runtime.levels import BASE, LEVELS, NATIVE, allowed_levels
-from ..runtime.raw import OneLibrary
 from . import cache as store
 from . import direct_calls
 from .folders import new_folder, put_folder
 from .generator_key import generator_hash
 from .level_folders import with_levels
-from .on_demand import OnDemand, loaded, reader
+from .on_demand import OnDemand, one_library
 
 if TYPE_CHECKING:
     from ..codegen.c.source import Source
@@ -389,4 +388,4 @@ def load_kernel(
     """
     face = direct_calls.begin()
     direct_calls.settle()
-    return Kernel(OneLibrary(*loaded(package, name), reader(package)), again, face)
+    return Kernel(one_library(package, name), again, face)
