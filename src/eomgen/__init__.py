@@ -10,8 +10,7 @@ Names and rooms are imported when they are first used.
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ._version import __version__
 from .errors import (
@@ -28,6 +27,7 @@ from .errors import (
     SingularError,
     UnknownNameError,
 )
+from .lazily import attributes
 
 if TYPE_CHECKING:
     from . import analysis as analysis
@@ -113,17 +113,9 @@ __all__ = [
 
 
 if not TYPE_CHECKING:  # or type checkers would take every name to be there
-
-    def __getattr__(name: str) -> Any:
-        if name in _ROOMS:
-            return import_module(f"{__name__}.{name}")
-        if name not in _ROOM_OF:
-            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        value = getattr(import_module(f"{__name__}.{_ROOM_OF[name]}"), name)
-        globals()[name] = value
-        return value
+    __getattr__ = attributes(__name__, {**dict(zip(_ROOMS, _ROOMS, strict=True)), **_ROOM_OF})
 
 
 def __dir__() -> list[str]:
-    hidden = {"Any", "TYPE_CHECKING", "annotations", "import_module"}
+    hidden = {"TYPE_CHECKING", "annotations", "attributes"}
     return sorted({*globals(), *__all__, *_ROOMS} - hidden)

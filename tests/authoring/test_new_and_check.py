@@ -9,7 +9,7 @@ import pytest
 
 import eomgen
 from eomgen.authoring.check import check_file
-from eomgen.authoring.new import schema_path
+from eomgen.authoring.schema_files import schema_path
 from eomgen.authoring.schemas import schema_text
 from eomgen.cli import entry as cli
 from tests.support.bad_files import PLAN, SCENARIO

@@ -13,7 +13,7 @@ import jsonschema
 import pytest
 from hypothesis import HealthCheck, given, settings
 
-from eomgen.authoring.new import schema_path
+from eomgen.authoring.schema_files import schema_path
 from eomgen.authoring.schemas import FORMATS, schema_of, schema_text
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import EomgenWarning, InputError

@@ -6,14 +6,10 @@ from pathlib import Path
 
 from ..errors import InputError
 from ..names import ROBOT_RULE, is_robot_name, show, to_robot_name
+from .schema_files import schema_path
 
 KINDS = ("robot", "scenario")
-_FOLDER, _SCHEMAS = (Path(__file__).parents[1] / name for name in ("new_files", "schemas"))
-
-
-def schema_path(name: str) -> Path:
-    """The file of a schema in the package, which an editor can be pointed to."""
-    return _SCHEMAS / f"{name}.schema.json"
+_FOLDER = Path(__file__).parents[1] / "new_files"
 
 
 def new_file_text(name: str, kind: str = "robot") -> str:

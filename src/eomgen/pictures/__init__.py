@@ -5,8 +5,9 @@ Uses runtime, robot, forms, description, codegen (joint), templates, pipeline, s
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from ..lazily import attributes
 
 if TYPE_CHECKING:
     from .analysis import plot_budget, plot_compliance, plot_response, plot_tracks
@@ -56,11 +57,7 @@ __all__ = [
 
 
 if not TYPE_CHECKING:  # or type checkers would take every name to be there
-
-    def __getattr__(name: str) -> Any:
-        if name not in _MODULES:
-            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
+    __getattr__ = attributes(__name__, _MODULES)
 
 
 def __dir__() -> list[str]:

@@ -5,7 +5,9 @@ Uses runtime, robot, description and codegen (joint, kernels, c, samples, packag
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from ..lazily import attributes
 
 if TYPE_CHECKING:
     from .stages import KERNEL_NAMES, Options, build, generate, make_source
@@ -14,14 +16,7 @@ __all__ = ["KERNEL_NAMES", "Options", "build", "generate", "make_source"]
 
 
 if not TYPE_CHECKING:  # or type checkers would take every name to be there
-
-    def __getattr__(name: str) -> Any:
-        """Names of ``stages``, which whoever looks at the cache alone need not wait for."""
-        if name not in __all__:
-            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        from . import stages
-
-        return getattr(stages, name)
+    __getattr__ = attributes(__name__, dict.fromkeys(__all__, "stages"))  # which the cache alone does not wait for
 
 
 def __dir__() -> list[str]:
