@@ -23,12 +23,16 @@ LITERALS = {"zero": 0.0, "half": 0.5, "one": 1.0, "two": 2.0, "six": 6.0}  # of 
 PIVOT_LIMITS = {"float64": 1e-12, "float32": 1e-5}  # a pivot below so much of its scale counts as vanished
 OPEN_GAPS = {"float64": 1e-9, "float32": 1e-5}  # m or rad, and per second of a rate of 1: more is not round-off
 CLOSED_GAPS = {"float64": 1e-11, "float32": 2e-6}  # m or rad, from which one more projection leaves round-off
-CHECKED = ("forward_dynamics", "constraint_forces")  # of loops, which must be closed
+CHECKED = ("constrained_dynamics", "constrained_drives")  # programs whose callers look at the gaps that they write
 
 
 def statuses(model: Model) -> int:
-    """Reasons why a kernel may fail in one state: a pivot of a coordinate, a gap of a constraint, or its rate."""
-    return model.size + 2 * len(model.constraints)
+    """Reasons why a kernel may fail in one state.
+
+    A pivot of a coordinate; a gap of a constraint, its rate, or its acceleration; a force on a coordinate that no drive
+    takes.
+    """
+    return model.size + (3 * len(model.constraints) + model.size if model.robot.loops else 0)
 
 
 def header_context(equations: Equations, dtype: str, meta: Mapping[str, Any], batches: bool) -> dict[str, Any]:
@@ -88,7 +92,7 @@ def number_context(equations: Equations, dtype: str) -> dict[str, Any]:
         "pivot_limit": scalar.literal(PIVOT_LIMITS[dtype]),
         "open_gap": scalar.literal(OPEN_GAPS[dtype]),
         "closed_gap": scalar.literal(CLOSED_GAPS[dtype]),
-        "checks_gaps": any(name in equations.kernels for name in CHECKED) and bool(model.robot.loops),
+        "checks": _checks(equations, _composed(equations)),
         "statuses_of_a_step": str(statuses(model)),
         "sizes": {key: int(np.prod(shape)) for key, shape in shapes(model).items()},
         "setup": define_setup(equations.setup, model.name, scalar),
@@ -108,6 +112,11 @@ def _composed(equations: Equations) -> list[str]:
     """Kernels with a template of their own, in the order in which they are written, but for rollouts."""
     own = [name for name in equations.kernels if name in equations.calls or KERNELS[name].kind == "frames"]
     return by_kind(name for name in own if not _rolls(name))
+
+
+def _checks(equations: Equations, composed: Iterable[str]) -> set[str]:
+    """Programs whose gaps templates of these kernels look at."""
+    return {program for name in composed for program in equations.calls.get(name, ()) if program in CHECKED}
 
 
 def _rolls(kernel: str) -> bool:
@@ -151,6 +160,7 @@ def lane_context(equations: Equations, dtype: str) -> dict[str, Any]:
         for p in programs
     ]
     called = {program for name in together for program in equations.calls.get(name, ())}
+    composed = by_kind(name for name in together if name in equations.calls and not _rolls(name))
     zero, one = (SCALARS[dtype].literal(number) for number in (0.0, 1.0))
     return {
         "real": lanes.name,
@@ -164,7 +174,8 @@ def lane_context(equations: Equations, dtype: str) -> dict[str, Any]:
         "packings": packings,
         "unpacked": [(name, SIGNATURES[name]) for name in packings if name in called],
         "solving": any(definition.has_pivots for definition in definitions),
-        "composed": _templates(name for name in together if name in equations.calls and not _rolls(name)),
+        "composed": _templates(composed),
+        "checks": _checks(equations, composed),
         "framed": _templates(name for name in together if KERNELS[name].kind == "frames"),
         **public,
         "squares": SQUARES[dtype],

@@ -5,17 +5,22 @@ M a + h = u + J^T lambda,    J a + J_dot v = 0,    g(q) = 0.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
+from eomgen.names import kind_of
+from eomgen.robot.value import ANGULAR
+
+from ..solve.drives import WEIGHINGS, least_drives
 from ..solve.elimination import Elimination
 from ..solve.responses import EliminatedTree, Tree, total
 from ..solve.rotors import Rotors
 from ..solve.rows import PRECISIONS, Row, RowSystem
 from ..tree.bound import Bound
-from ..tree.constraints import closures
+from ..tree.constraints import Closure, closures
+from ..tree.recursion import NO_WRENCH, Wrench
 from ..tree.spatial import Scalar
 from .derivation import Derivation, Outputs
 
@@ -114,6 +119,53 @@ def settling(d: Derivation, tree: Tree, pivots: Pivots) -> Outputs:
     slowing = closed(d, tree, [gap.row(-gap.rate(d.v)) for gap in found])[0]
     values = [x[i] for x in (closing, slowing) for i in d.own] + [gap.value for gap in found]
     return {**dict(enumerate_outputs(values)), **pivot_outputs(d, pivots)}
+
+
+def drives(d: Derivation) -> Outputs:
+    """Drives of a motion, multipliers, gaps with their rates, J a and J_dot v, what is left, and what was needed.
+
+    Forces ``u`` act beside the drives.  Angles that only an offset turns do not move: nothing drives them.
+    """
+    own, names = set(d.own), d.model.coordinates
+    found = gaps(d, d.v)
+    rows = [gap.row(0.0) for gap in found]
+    needed = [row - given for row, given in zip(d.dynamics(d.v, d.a), d.u, strict=True)]
+    active = [replace(row, arms={i: arm for i, arm in row.arms.items() if i in own}) for row in rows]
+    driven = {i for i in (*d.model.driven, *d.model.prescribed) if i in own}
+    parts = least_drives(active, needed, driven, lambda i: kind_of(names[i]) in ANGULAR, WEIGHINGS[d.dtype])
+    u, multipliers, left = parts
+    values = [u[i] for i in d.own] + multipliers
+    values += [gap.value for gap in found] + [gap.rate(d.v) for gap in found]
+    values += [row.along(d.a) for row in rows] + [gap.bias for gap in found]
+    values += [x[i] for x in (left, needed) for i in d.own]
+    return dict(enumerate_outputs(values))
+
+
+def closing_reactions(d: Derivation) -> Outputs:
+    """What the tree's joints bear of the forces in the cuts, of multipliers."""
+    total = [NO_WRENCH] * len(d.model.bodies)
+    for closure, wrench in cut_wrenches(d):
+        for k, carried in closure.carried(wrench):
+            total[k] = total[k] + carried
+    return _wrench_outputs(total)
+
+
+def loop_wrenches(d: Derivation) -> Outputs:
+    """What the cut joints exert on their second links, in the cut frames there, of multipliers."""
+    return _wrench_outputs([closure.seen_from_b(wrench) for closure, wrench in cut_wrenches(d)])
+
+
+def cut_wrenches(d: Derivation) -> Iterator[tuple[Closure, Wrench]]:
+    """Every loop with the wrench in its cut, of the multipliers that are an input."""
+    first = 0
+    for closure in closures(d.model, d.bound, d.joints, d.graph.note):
+        last = first + len(closure.parts)
+        yield closure, closure.wrench([d.graph.input("multipliers", r) for r in range(first, last)])
+        first = last
+
+
+def _wrench_outputs(wrenches: Sequence[Wrench]) -> Outputs:
+    return dict(enumerate_outputs([x for wrench in wrenches for x in (*wrench.force, *wrench.moment)]))
 
 
 def enumerate_outputs(values: Sequence[Scalar]) -> Outputs:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -33,6 +33,7 @@ class Signature:
     solves: whether it inverts the mass matrix, and so fails where that is singular; the others always return 0.
     symmetric: whether it writes a matrix that is symmetric to the bit.
     needs: what a robot must have for it: "loops", "springs" or nothing.
+    beside: kernels that come with it where the robot has loops: those of the open tree and of wrenches.
     mapped: whether packages say which of its entries vanish identically.
     """
 
@@ -49,9 +50,11 @@ class Signature:
     solves: bool = False
     symmetric: bool = False
     needs: Literal["", "loops", "springs"] = ""
+    beside: tuple[str, ...] = ()
     mapped: bool = False
 
 
+TOLD = ("constraint", "constraint_jacobian", "constraint_bias", "constrained_drives")  # what errors of loops tell
 RATES = {"q": "dq", "v": "dv", "a": "da", "wrench": "dwrench"}  # of what tangents move
 
 
@@ -71,9 +74,38 @@ KERNELS: Mapping[str, Signature] = {
         "Q_F of eq. (14), its moment term corrected; base axes.",
     ),
     "residual": Signature(("q", "v", "a", "u"), "vector", "M a + bias - Q - u, eq. (5) unexpanded; zero on a motion."),
-    "inverse_dynamics": Signature(("q", "v", "a"), "vector", "The drives u that make the residual zero."),
+    "inverse_dynamics": Signature(
+        ("q", "v", "a"),
+        "vector",
+        "The drives u that make the residual zero.",
+        closed=("constrained_drives",),
+        beside=("tree_inverse_dynamics", "inverse_dynamics_under_load", *TOLD),
+    ),
+    "tree_inverse_dynamics": Signature(
+        ("q", "v", "a"), "vector", "The drives u that make the residual zero, loops cut.", needs="loops"
+    ),
+    "constrained_drives": Signature(
+        ("q", "v", "a", "u"),
+        "driving",
+        "Drives of a motion beside forces u, multipliers, g, J v, J a, J_dot v, forces left and needed.",
+        needs="loops",
+    ),
+    "inverse_dynamics_under_load": Signature(
+        ("q", "v", "a", "u"),
+        "vector",
+        "The drives that make a motion beside forces u.",
+        "composed",
+        calls=("constrained_drives",),
+        counts=("constrained_drives",),
+        needs="loops",
+    ),
     "forward_dynamics": Signature(
-        ("q", "v", "u"), "vector", "Accelerations under the drives u.", solves=True, closed=("constrained_dynamics",)
+        ("q", "v", "u"),
+        "vector",
+        "Accelerations under the drives u.",
+        solves=True,
+        closed=("constrained_dynamics",),
+        beside=("tree_forward_dynamics", *TOLD),
     ),
     "tree_forward_dynamics": Signature(
         ("q", "v", "u"), "vector", "Accelerations under the drives u, loops cut.", solves=True, needs="loops"
@@ -144,6 +176,42 @@ KERNELS: Mapping[str, Signature] = {
         ("q", "v", "a"),
         "reactions",
         "Force and moment on each joint's child link, moved joint's axes.",
+        closed=("tree_reactions", "constrained_drives", "closing_reactions"),
+        beside=("tree_reactions", "reactions_under_load", *TOLD),
+    ),
+    "tree_reactions": Signature(
+        ("q", "v", "a"),
+        "reactions",
+        "Force and moment on each joint's child link, moved joint's axes, loops cut.",
+        needs="loops",
+    ),
+    "reactions_under_load": Signature(
+        ("q", "v", "a", "u"),
+        "reactions",
+        "The reactions where forces u act beside the drives, without their own part.",
+        "composed",
+        calls=("tree_reactions", "constrained_drives", "closing_reactions"),
+        counts=("tree_reactions", "constrained_drives", "closing_reactions"),
+        needs="loops",
+    ),
+    "loop_reactions": Signature(
+        ("q", "v", "a"),
+        "loop_reactions",
+        "Force and moment of each cut joint on its second link, cut frame there.",
+        "composed",
+        calls=("constrained_drives", "loop_wrenches"),
+        counts=("constrained_drives", "loop_wrenches"),
+        needs="loops",
+        beside=("loop_reactions_under_load", *TOLD),
+    ),
+    "loop_reactions_under_load": Signature(
+        ("q", "v", "a", "u"),
+        "loop_reactions",
+        "The same where forces u act beside the drives.",
+        "composed",
+        calls=("constrained_drives", "loop_wrenches"),
+        counts=("constrained_drives", "loop_wrenches"),
+        needs="loops",
     ),
     "external_reactions": Signature(
         ("q", "wrench"), "reactions", "What external wrenches add to the reactions, moved joint's axes."
@@ -191,6 +259,12 @@ LOOP_KERNELS = tuple(name for name, signature in KERNELS.items() if signature.ne
 SPRING_KERNELS = tuple(name for name, signature in KERNELS.items() if signature.needs == "springs")
 
 PARTS: Mapping[str, Signature] = {  # programs that only other kernels call
+    "closing_reactions": Signature(
+        ("q", "multipliers"), "reactions", "What the tree's joints bear of the forces in the cuts."
+    ),
+    "loop_wrenches": Signature(
+        ("q", "multipliers"), "loop_reactions", "Force and moment of each cut joint on its second link."
+    ),
     "implicit_step": Signature(
         ("q", "v", "u", "added", "dt"),
         "vector",
@@ -205,6 +279,14 @@ def available(model: Model) -> tuple[str, ...]:
     """Names of the kernels that there are for a model."""
     has = {"": True, "loops": bool(model.robot.loops), "springs": bool(model.robot.springs)}
     return tuple(name for name, signature in KERNELS.items() if has[signature.needs])
+
+
+def with_beside(names: Sequence[str], loops: bool) -> tuple[str, ...]:
+    """Kernels with those that come with them for a robot with loops, or without."""
+    found = dict.fromkeys(names)
+    for name in names if loops else ():
+        found |= dict.fromkeys(KERNELS[name].beside)
+    return tuple(found)
 
 
 def by_kind(names: Iterable[str]) -> list[str]:
@@ -263,6 +345,9 @@ def shapes(model: Model) -> dict[str, tuple[int, ...]]:
         "cut_poses": (loops, 4, 4),
         "constrained": (n + 3 * m,),
         "settling": (2 * n + m,),
+        "driving": (3 * n + 5 * m,),
+        "multipliers": (m,),
+        "loop_reactions": (loops, 6),
     }
     springs = len(model.robot.springs)
     return {

@@ -100,25 +100,70 @@ def _chains(model: Model) -> list[list[int]]:
 def forward_dynamics(model: Model, run: Run, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
     """Accelerations with the loops closed, and whether they are."""
     found, status = run("constrained_dynamics")
-    return found[: model.size], _with_gaps(model, found, status, inputs["v"])
+    return found[: model.size], _with_gaps(model, found[model.size + len(model.constraints) :], status, inputs["v"])
 
 
 def constraint_forces(model: Model, run: Run, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
     """Multipliers, and whether the loops are closed."""
     found, status = run("constrained_dynamics")
     m = len(model.constraints)
-    return found[model.size : model.size + m], _with_gaps(model, found, status, inputs["v"])
+    return found[model.size : model.size + m], _with_gaps(model, found[model.size + m :], status, inputs["v"])
 
 
-def _with_gaps(model: Model, found: Array, status: Array, v: Array) -> Array:
-    """The status (lanes,) with that of gaps and their rates, the last numbers of what is found."""
-    n, m, one = model.size, len(model.constraints), found.dtype.type
-    size = np.where(np.abs(v) > one(1.0), np.abs(v), one(1.0))  # NaN does not count
-    scale = np.concatenate([np.ones((m, v.shape[1]), found.dtype), np.tile(size.max(axis=0), (m, 1))])
-    opened = ~(np.abs(found[n + m :]) <= scale * one(OPEN_GAPS[str(found.dtype)]))
-    own = np.where(opened.any(axis=0), 1 + n + opened.argmax(axis=0), 0)
-    result: Array = np.where(status != 0, status, own)
-    return result
+def _with_gaps(model: Model, gaps: Array, status: Array, v: Array) -> Array:
+    """The status (lanes,) with that of gaps and their rates (2 m, lanes)."""
+    still = np.ones((len(model.constraints), v.shape[1]), gaps.dtype)
+    return _first(status, 1 + model.size, gaps, np.concatenate([still, still * _largest(v)]))
+
+
+def _largest(*arrays: Array) -> Array:
+    """The largest size of numbers (., lanes), at least 1, (lanes,); NaN does not count."""
+    sizes = np.abs(np.concatenate(arrays))
+    found: Array = np.where(sizes > 1.0, sizes, sizes.dtype.type(1.0)).max(axis=0)
+    return found
+
+
+def _first(status: Array, reason: int, values: Array, scale: Array) -> Array:
+    """The status (lanes,), or where it is 0 that of the first value (., lanes) that is more than round-off."""
+    beyond = ~(np.abs(values) <= scale * values.dtype.type(OPEN_GAPS[str(values.dtype)]))
+    found: Array = np.where(status != 0, status, np.where(beyond.any(axis=0), reason + beyond.argmax(axis=0), 0))
+    return found
+
+
+def _driving(model: Model, run: Run, inputs: Mapping[str, Array], *, loaded: bool) -> tuple[Array, Array]:
+    """What constrained_drives finds, and whether its drives make the motion."""
+    n, m = model.size, len(model.constraints)
+    found = run("constrained_drives", **({} if loaded else {"u": np.zeros_like(inputs["u"])}))[0]
+    pull, bias, left, needed = np.split(found[n + 3 * m :], [m, 2 * m, 2 * m + n])
+    status = _with_gaps(model, found[n + m : n + 3 * m], np.zeros(found.shape[1], np.int64), inputs["v"])
+    status = _first(status, 1 + n + 2 * m, pull + bias, _largest(inputs["a"], bias))
+    return found, _first(status, 1 + n + 3 * m, left, _largest(needed))
+
+
+def _drives(loaded: bool) -> Composed:
+    def answer(model: Model, run: Run, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
+        found, status = _driving(model, run, inputs, loaded=loaded)
+        return found[: model.size], status
+
+    return answer
+
+
+def _reactions(loaded: bool) -> Composed:
+    def answer(model: Model, run: Run, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
+        found, status = _driving(model, run, inputs, loaded=loaded)
+        multipliers = found[model.size : model.size + len(model.constraints)]
+        return run("tree_reactions")[0] + run("closing_reactions", multipliers=multipliers)[0], status
+
+    return answer
+
+
+def _loop_reactions(loaded: bool) -> Composed:
+    def answer(model: Model, run: Run, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
+        found, status = _driving(model, run, inputs, loaded=loaded)
+        multipliers = found[model.size : model.size + len(model.constraints)]
+        return run("loop_wrenches", multipliers=multipliers)[0], status
+
+    return answer
 
 
 COMPOSED: Mapping[str, Composed] = {
@@ -126,6 +171,12 @@ COMPOSED: Mapping[str, Composed] = {
     "constraint_forces": constraint_forces,
     "forward_dynamics": forward_dynamics,
     "forward_dynamics_jacobian": forward_dynamics_jacobian,
+    "inverse_dynamics": _drives(loaded=False),
+    "inverse_dynamics_under_load": _drives(loaded=True),
+    "reactions": _reactions(loaded=False),
+    "reactions_under_load": _reactions(loaded=True),
+    "loop_reactions": _loop_reactions(loaded=False),
+    "loop_reactions_under_load": _loop_reactions(loaded=True),
 }
 PLACES: Mapping[str, Callable[[Model], Array]] = {"christoffel": christoffel_places}  # of answers that are not whole
 

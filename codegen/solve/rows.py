@@ -142,7 +142,8 @@ class RowSystem:
             self.columns.append(column)
             self.inverses.append(inverse)
 
-    def _once(self, right: Sparse) -> Sparse:
+    def once(self, right: Sparse) -> Sparse:
+        """Solution by the factors alone, without refinement."""
         x = [right[r] for r in self.order]
         for i, column in enumerate(self.columns):
             for j, factor in column.items():
@@ -171,10 +172,10 @@ class RowSystem:
         for r in self.kept:
             root = self.rows[r].root
             right[r] = missing(r) if root is None else root * missing(r)
-        x = self._once(right)
+        x = self.once(right)
         for _ in range(self.precision.refinements):
             rest = {r: right[r] - value for r, value in self._times(x).items()}
-            more = self._once(rest)
+            more = self.once(rest)
             x = {r: x[r] + more[r] for r in self.kept}
         found: list[Scalar] = [0.0] * len(self.rows)
         for r in self.kept:

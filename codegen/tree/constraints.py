@@ -17,6 +17,7 @@ from eomgen.robot.model import FIXED_BODY, Model
 from .bound import Bound
 from .frozen_joints import JointGeometry
 from .kinematics import BASE_POSE, through_joint
+from .recursion import Wrench
 from .spatial import Mat, Pose, Scalar, Vec, add, cross, dot, matvec, scale, transpose
 
 ZERO: Vec = (0.0, 0.0, 0.0)
@@ -138,6 +139,31 @@ class Closure:
         dot_turn = subtract(subtract(b.dot, a.dot), cross(w, turn))
         bend = [add(cross(dot_turn, f), cross(turn, cross(turn, f))) for f in self.axes_b]
         return [self._of(part, slide, lambda i, j: dot(self.axes_a[i], bend[j])) for part in self.parts]
+
+    def wrench(self, multipliers: Sequence[Scalar]) -> Wrench:
+        """What the cut joint exerts on b at b's origin, in the common body's axes, of a multiplier per component."""
+        force, moment = ZERO, ZERO
+        for part, multiplier in zip(self.parts, multipliers, strict=True):
+            if part.axis is not None:
+                force = add(force, scale(multiplier, self.axes_a[part.axis]))
+            else:
+                moment = add(moment, scale(multiplier, self._moment(part)))
+        return Wrench(force, moment)
+
+    def seen_from_b(self, wrench: Wrench) -> Wrench:
+        """A wrench of the common body's axes in those of frame b."""
+        return Wrench(matvec(self.axes_b, wrench.force), matvec(self.axes_b, wrench.moment))
+
+    def carried(self, wrench: Wrench) -> Iterator[tuple[int, Wrench]]:
+        """What joints on both sides exert on their child links to bear it: body, and the wrench in its axes.
+
+        Joints in front of the common body bear nothing: b gets what a gives.
+        """
+        for side, sign in ((self.a, 1.0), (self.b, -1.0)):
+            force, moment = scale(sign, wrench.force), scale(sign, wrench.moment)
+            for k, pose in zip(side.path, side.poses, strict=True):
+                arm, back = subtract(self.b.pose.origin, pose.origin), transpose(pose.rotation)
+                yield k, Wrench(matvec(back, force), matvec(back, add(moment, cross(arm, force))))
 
     def _of(self, part: Component, vector: Vec, product: Any) -> Scalar:
         """The component of a vector, or the sum of products of axes, that the part stands for."""

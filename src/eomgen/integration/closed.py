@@ -51,7 +51,7 @@ class ClosedSystem(System):
         if not self._given:
             return np.array(self.drives(t, q, v))
         a, multipliers = self._solve(t, q, v)
-        needed = self.kernel.inverse_dynamics(q, v, a, wrench=self.wrench(t, q, v))
+        needed = self.kernel.inverse_dynamics(q, v, a, wrench=self.wrench(t, q, v), cut=True)
         needed -= self.kernel.constraint_jacobian(q).T @ multipliers
         return np.where(self._free, self.drives(t, q, v), needed)
 

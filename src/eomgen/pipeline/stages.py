@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from .._version import __version__
-from ..codegen.kernels.signatures import KERNELS, available
+from ..codegen.kernels.signatures import KERNELS, available, with_beside
 from ..description import RobotLike, as_robot
 from ..errors import InputError
 from ..files import read_regular
@@ -125,9 +125,14 @@ def _at_once(robot: Robot, options: Options, progress: StageReport = no_report) 
     from ..codegen.package.compile import find_compiler
 
     compiler = find_compiler()
-    fixed = replace(options, level=build_level(options, compiler))
+    fixed = _with_beside(robot, replace(options, level=build_level(options, compiler)))
     package = make_package(robot, fixed, progress, compiler)
     return _loaded_again(package, robot, options, fixed.level)
+
+
+def _with_beside(robot: Robot, options: Options) -> Options:
+    """The options with the kernels that come with those that are asked for."""
+    return replace(options, kernels=with_beside(options.kernels, bool(robot.loops)))
 
 
 def _loaded_again(package: store.Entry, robot: Robot, options: Options, level: str) -> Kernel:
@@ -199,7 +204,8 @@ def generate(
         InputError: the target exists and is not a generated package, or the folder cannot be written.
         BuildError: see ``build``.
     """
-    robot, folder, options = as_robot(robot), Path(folder), options or Options()
+    robot, folder = as_robot(robot), Path(folder)
+    options = _with_beside(robot, options or Options())
     files = _files_of_levels(robot, options, progress)
     target = folder / robot.name
     _check_target(target, target)

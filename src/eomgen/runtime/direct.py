@@ -23,7 +23,6 @@ from .raw import Library, RawKernel, Setup
 Array = NDArray[Any]
 
 NAME = "_direct"
-CLOSED = ("forward_dynamics",)  # methods with ``cut`` that know the forces in loops
 ROLES = {"frame": "frame", "out": "out", "wrench": "nothing", "cut": "cut"}  # of parameters that are not read
 
 
@@ -158,8 +157,6 @@ def functions(
             continue
         code = methods[name].__code__
         parameters = code.co_varnames[1 : code.co_argcount + code.co_kwonlyargcount]
-        if loops and "cut" in parameters and name not in CLOSED:
-            continue
         places = tuple(_place(label, entry["reads"], raw) for label in parameters)
         function = module.Function(
             name=name,

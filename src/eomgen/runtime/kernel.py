@@ -19,6 +19,7 @@ from .by_name import Blocks, make_blocks
 from .calls import Calls
 from .direct import Face, functions
 from .many_steps import rollout
+from .opened import LOADED
 from .parameters import Parameters
 from .raw import Libraries, Operations, RawKernel
 
@@ -43,9 +44,10 @@ class Kernel:
         joints: names of the joints that move, in the order of ``reactions``.
         links: names of the links that move, in the order of ``wrench``.
         frames: names that ``frame_pose`` knows: frames, then links.
-        loops: mapping from the names of the loops to the types of their cut joints.  Where there are loops, every
-            kernel but the four of the constraint is that of the tree that is left when they are cut; ``eomgen.loops``
-            puts both together.
+        loops: mapping from the names of the loops to the types of their cut joints.  Where there are loops, they are
+            closed in ``forward_dynamics``, ``constraint_forces``, ``inverse_dynamics``, ``reactions``,
+            ``loop_reactions``, ``forward_dynamics_jacobian`` and ``rollout``, of which some know the tree that is left
+            when the loops are cut by ``cut=True``; all other methods are those of that tree.
         constraints: names of the constraint's components, such as "loop1.x".
         springs: names of the springs between two points, in the order of ``spring_forces``.
         prescribed: names of the coordinates whose motion is given, in their order.
@@ -335,9 +337,25 @@ class Kernel:
         *,
         wrench: ArrayLike | None = None,
         out: Array | None = None,
+        cut: bool = False,
     ) -> Array:
-        """The drives u, (n,), N or N m, that make the residual zero."""
-        return self.calls.run_with_wrench("inverse_dynamics", out, (q, v, a), wrench, -1.0)
+        """The drives u, (n,), N or N m, that make a motion: the residual is zero, or what the loops' forces make of it.
+
+        Of a robot with loops: M a + h = u + J^T lambda with u at the coordinates that have a drive alone, prescribed
+        ones among them, and 0 elsewhere; of several possible drives the least by the sum of their squares.
+
+        Args:
+            q, v, a: (n,), a motion that keeps the loops closed.
+            wrench: (links, 6) as in ``generalized_force``.
+            out: array to write to.
+            cut: of a robot with loops, that its loops are open: of the tree alone, at every coordinate.
+
+        Raises:
+            LoopError: a loop is open, opening, or opens at the accelerations, by more than 1e-9 (float32: 1e-5) m or
+                rad (per second and the largest rate; per second squared and the largest acceleration); or these drives
+                cannot make the motion.
+        """
+        return self._driving("inverse_dynamics", out, (q, v, a), wrench, cut=cut)
 
     def forward_dynamics(
         self,
@@ -352,7 +370,7 @@ class Kernel:
         """Accelerations, (n,), m/s^2 or rad/s^2, under the drives u.
 
         In ``u`` a prescribed coordinate has its acceleration, m/s^2 or rad/s^2, which the result repeats; the force
-        that this takes is ``inverse_dynamics`` at the result.
+        that this takes is ``inverse_dynamics`` at the result.  Loops are closed.
 
         Args:
             q, v, u: (n,).
@@ -499,19 +517,62 @@ class Kernel:
 
         In the axes of the joint's frame after its motion (z is the principal axis), at that frame's origin.  The
         joint's own springs, dampers and drives are part of it.  Springs between points act on the links, so that what
-        they carry passes the joints by.
+        they carry passes the joints by.  The cut joints of loops act on them, too, by the forces of
+        ``loop_reactions``.
 
         Args:
             q, v, a: (n,).
             wrench: external wrenches, (links, 6), as in ``generalized_force``.
             out: array to write to.
-            cut: of a robot with loops, that no force passes through them.
+            cut: of a robot with loops, that its loops are open: no force passes through them.
 
         Raises:
-            InputError: the robot has loops, and forces pass through them.
+            LoopError: as of ``inverse_dynamics``.
         """
-        self.refuse_loops("reactions", cut=cut)
-        return self.calls.run_with_wrench("reactions", out, (q, v, a), wrench, 1.0, "external_reactions")
+        return self._driving("reactions", out, (q, v, a), wrench, 1.0, "external_reactions", cut=cut)
+
+    def loop_reactions(
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, wrench: ArrayLike | None = None, out: Array | None = None
+    ) -> Array:
+        """Wrench that each loop's cut joint exerts on its second link, (loops, 6): force (N), moment (N m).
+
+        At the origin and in the axes of the cut frame on that link; the first link feels the opposite.  Components
+        that the joint leaves free are zero.  Where constraints are redundant, those of them that rigid bodies do not
+        determine have about the least norm.
+
+        Args:
+            q, v, a: (n,), a motion that keeps the loops closed, made by drives at the coordinates that have one.
+            wrench: (links, 6) as in ``generalized_force``.
+            out: array to write to.
+
+        Raises:
+            LoopError: as of ``inverse_dynamics``.
+            UnknownNameError: the robot has no loops.
+        """
+        if wrench is None:
+            return self.calls.run("loop_reactions", out, (q, v, a))
+        return self.calls.run("loop_reactions_under_load", out, (q, v, a, self.external_force(q, wrench)))
+
+    def _driving(
+        self,
+        name: str,
+        out: Array | None,
+        values: tuple[ArrayLike, ...],
+        wrench: ArrayLike | None,
+        sign: float = -1.0,
+        part: str = "external_force",
+        *,
+        cut: bool,
+    ) -> Array:
+        """What a motion takes, with its loops closed or cut; see ``Calls.run_with_wrench``."""
+        if cut or not self.loops:
+            return self.calls.run_with_wrench(self.calls.of_tree(name), out, values, wrench, sign, part)
+        if wrench is None:
+            return self.calls.run(name, out, values)
+        under = (*values, self.external_force(values[0], wrench))
+        if part == "external_force":
+            return self.calls.run(f"{name}{LOADED}", out, under)
+        return self.calls.run_with_wrench(f"{name}{LOADED}", out, under, wrench, sign, part)
 
     def tangent(self, name: str, *arrays: ArrayLike, out: Array | None = None) -> Array:
         """The exact directional derivative of another kernel's result, by rates of what that kernel reads.

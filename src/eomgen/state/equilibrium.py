@@ -54,7 +54,7 @@ def static_equilibrium(
         return forces
 
     def needed(qs: Array) -> Array:
-        return np.asarray(kernel.inverse_dynamics(qs, zero, zero, wrench=wrench))
+        return np.asarray(kernel.inverse_dynamics(qs, zero, zero, wrench=wrench, cut=True))
 
     q = _newton(kernel, q, free, lambda qs: needed(qs) - given(qs))
     return q, np.where(free, given(q), needed(q))

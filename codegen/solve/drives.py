@@ -1,0 +1,129 @@
+"""Drives of closed mechanisms: the least ones that take what a motion needs, together with the forces in the loops.
+
+    u + J^T lambda = needed,    u = 0 where there is no drive,    sum of u^2 the least.
+
+Where there are no more drives than degrees of freedom, the rows without a drive give lambda; where there are more, they
+are a condition.  Both are one problem of least squares, in which what is left at coordinates without a drive weighs
+1 / ``weight`` times as much as the drives.  Its normal equations have the pattern of J J^T and are factored once; the
+method of multipliers (M. Hestenes, "Multiplier and Gradient Methods", J. Optimization Theory and Applications 4, 1969)
+makes the condition exact in a fixed number of steps.  What is left is formed in the coordinates, not in the normal
+equations, so that their condition number slows convergence down but does not limit the accuracy.
+
+Lengths and angles are compared by what loops make of them: arms are divided by the size of their kind of rows, and the
+coordinates without a drive are weighed by kinds, so that a mechanism in millimetres converges as one in metres does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from ..tree.spatial import Scalar
+from .rows import Precision, Response, Row, RowSystem, Sparse
+
+
+@dataclass(frozen=True)
+class Weighing:
+    """Weight of the drives in the least squares, and what the normal equations need: see ``Precision``."""
+
+    weight: float
+    factors: Precision
+
+
+WEIGHINGS: Mapping[str, Weighing] = {  # refinements are steps of the method of multipliers
+    "float64": Weighing(1e-7, Precision(1e-12, 3)),
+    "float32": Weighing(1e-4, Precision(1e-6, 4)),
+}
+
+
+def least_drives(
+    rows: Sequence[Row],
+    needed: Sequence[Scalar],
+    driven: Collection[int],
+    turns: Callable[[int], bool],
+    weighing: Weighing,
+) -> tuple[list[Scalar], list[Scalar], list[Scalar]]:
+    """Drives, multipliers of the rows, and what no drive can take.
+
+    Args:
+        rows: of the constraint; whether a row is one of angles is the last entry of its ``group``.
+        needed: M a + h, (n,).
+        driven: coordinates with a drive.
+        turns: says of a coordinate whether it is an angle.
+        weighing: for the precision that C computes with.
+
+    Returns:
+        u, (n,), 0 where there is no drive; lambda, (rows,); and what is left, (n,), 0 where there is one.
+    """
+    weights = _weights(rows, driven, turns, weighing.weight)
+    responses = [Response(dict(row.arms), {i: weights[i] * arm for i, arm in row.arms.items()}) for row in rows]
+    system = RowSystem(rows, responses, weighing.factors)
+    multipliers: list[Scalar] = [0.0] * len(rows)
+    held: Sparse = dict.fromkeys(weights, 0.0)  # multipliers of the condition, where there is no drive
+    rest = {i: needed[i] for i in weights}
+    for _ in range(weighing.factors.refinements + 1):
+        push = {i: (weights[i] * x if i in driven else weights[i] * x + held[i]) for i, x in rest.items()}
+        more = system.once({r: _along(rows[r], push) for r in system.kept})
+        for r, step in more.items():
+            multipliers[r] = multipliers[r] + step
+        rest = _less(needed, rows, multipliers, weights)
+        for i in held:
+            if i not in driven:
+                held[i] = held[i] + weights[i] * rest[i]
+    whole = [rest.get(i, x) for i, x in enumerate(needed)]
+    drives: list[Scalar] = [x if i in driven else 0.0 for i, x in enumerate(whole)]
+    left: list[Scalar] = [0.0 if i in driven else x for i, x in enumerate(whole)]
+    return drives, multipliers, left
+
+
+def _along(row: Row, x: Sparse) -> Scalar:
+    """J x of one row."""
+    total: Scalar = 0.0
+    for i, arm in row.arms.items():
+        total = total + arm * x[i]
+    return total
+
+
+def _less(
+    needed: Sequence[Scalar], rows: Sequence[Row], multipliers: Sequence[Scalar], moved: Iterable[int]
+) -> Sparse:
+    """needed - J^T lambda at the coordinates that the loops move."""
+    rest = {i: needed[i] for i in moved}
+    for row, multiplier in zip(rows, multipliers, strict=True):
+        for i, arm in row.arms.items():
+            rest[i] = rest[i] - arm * multiplier
+    return rest
+
+
+def _weights(rows: Sequence[Row], driven: Collection[int], turns: Callable[[int], bool], weight: float) -> Sparse:
+    """Weight of every coordinate that the loops move: ``weight`` of a drive, about 1 of the others by their kinds."""
+    squares = [{i: arm * arm for i, arm in row.arms.items()} for row in rows]
+    sizes: dict[object, Scalar] = {}
+    for row, square in zip(rows, squares, strict=True):
+        for x in square.values():
+            sizes[_kind(row)] = sizes.get(_kind(row), 0.0) + x
+    inverses = {kind: 1.0 / size for kind, size in sizes.items()}
+    shares: Sparse = {}
+    for row, square in zip(rows, squares, strict=True):
+        for i, x in square.items():
+            shares[i] = shares.get(i, 0.0) + inverses[_kind(row)] * x
+    groups: dict[object, list[int]] = {}
+    for i in sorted(shares):
+        groups.setdefault("driven" if i in driven else turns(i), []).append(i)
+    means = {group: _mean([shares[i] for i in members]) for group, members in groups.items()}
+    weights: Sparse = dict.fromkeys(groups.get("driven", ()), weight)
+    for group, members in groups.items():
+        if group != "driven":
+            weights |= dict.fromkeys(members, means.get("driven", 1.0) / means[group])
+    return dict(sorted(weights.items()))
+
+
+def _kind(row: Row) -> object:
+    return row.group[-1] if isinstance(row.group, tuple) else None
+
+
+def _mean(values: Sequence[Scalar]) -> Scalar:
+    total: Scalar = 0.0
+    for value in values:
+        total = total + value
+    return total * (1.0 / len(values))
