@@ -8,13 +8,17 @@ from typing import Any
 import numpy as np
 
 from eomgen._version import __version__
+from eomgen.robot.cuts import CUTS
 from eomgen.robot.model import Model
 
 from ..joint.zeros import zero_map
 from ..kernels.equations import Equations
 from ..kernels.signatures import KERNELS, SIGNATURES, Function, by_kind, functions, shapes
+from ..program.ir import Program
 from ..program.operations import CALLS
 from ..solve.factorised import coordinate_parents
+from ..solve.rows import DERIVING
+from ..tree.constraints import loop_blocks
 from .definitions import define, define_setup
 from .lanes import SQUARES, batched, calls_of, pack
 from .scalar_types import SCALARS, TURNS
@@ -23,6 +27,7 @@ LITERALS = {"zero": 0.0, "half": 0.5, "one": 1.0, "two": 2.0, "six": 6.0}  # of 
 PIVOT_LIMITS = {"float64": 1e-12, "float32": 1e-5}  # a pivot below so much of its scale counts as vanished
 OPEN_GAPS = {"float64": 1e-9, "float32": 1e-5}  # m or rad, and per second of a rate of 1: more is not round-off
 CLOSED_GAPS = {"float64": 1e-11, "float32": 2e-6}  # m or rad, from which one more projection leaves round-off
+CLOSING = "closing_derivatives"
 CHECKED = ("constrained_dynamics", "constrained_drives")  # programs whose callers look at the gaps that they write
 
 
@@ -105,7 +110,40 @@ def number_context(equations: Equations, dtype: str) -> dict[str, Any]:
         "turns": any(i.op in ("sin", "cos") for program in programs for i in program.instructions),
         "called": {i.op for program in (equations.setup, *programs) for i in program.instructions} & set(CALLS),
         **_tables(model),
+        **_closing_tables(equations, dtype),
     }
+
+
+def _closing_tables(equations: Equations, dtype: str) -> dict[str, Any]:
+    """What the template of the closed accelerations' derivatives has tables of."""
+    if CLOSING not in equations.programs:
+        return {}
+    precision = DERIVING[dtype]
+    return {
+        "blocks": loop_blocks(equations.model),
+        "row_kinds": row_kinds(equations.model, equations.programs[CLOSING]),
+        "closing_share": SCALARS[dtype].literal(precision.added),
+        "closing_passes": precision.refinements,
+    }
+
+
+def row_kinds(model: Model, program: Program) -> list[int]:
+    """Of every row of the constraint a number for rows of its kind; -1 where nothing that is not prescribed moves it.
+
+    Args:
+        model: a robot with loops.
+        program: its closing_derivatives, of which the first block of every loop is that of J.
+    """
+    kinds, number, at = list[int](), dict[tuple[str, bool], int](), 0
+    for loop, block in zip(model.robot.loops, loop_blocks(model), strict=True):
+        for r, part in enumerate(CUTS[loop.type]):
+            places = [at + r * len(block.columns) + i for i, x in enumerate(block.columns) if x not in model.prescribed]
+            instructions = [program.instructions[program.outputs["out", place]] for place in places]
+            moves = any(found.op != "const" or found.leaf != 0.0 for found in instructions)
+            key = (loop.name, part.axis is None)
+            kinds.append(number.setdefault(key, len(number)) if moves else -1)
+        at += 3 * block.size + len(block.columns) ** 2
+    return kinds
 
 
 def _composed(equations: Equations) -> list[str]:

@@ -13,13 +13,14 @@ from typing import Any
 from eomgen.names import kind_of
 from eomgen.robot.value import ANGULAR
 
+from ..program.forward_mode import partials
 from ..solve.drives import WEIGHINGS, least_drives
 from ..solve.elimination import Elimination
 from ..solve.responses import EliminatedTree, Tree, total
 from ..solve.rotors import Rotors
 from ..solve.rows import PRECISIONS, Row, RowSystem
 from ..tree.bound import Bound
-from ..tree.constraints import Closure, closures
+from ..tree.constraints import Closure, closures, loop_blocks
 from ..tree.recursion import NO_WRENCH, Wrench
 from ..tree.spatial import Scalar
 from .derivation import Derivation, Outputs
@@ -162,6 +163,38 @@ def cut_wrenches(d: Derivation) -> Iterator[tuple[Closure, Wrench]]:
         last = first + len(closure.parts)
         yield closure, closure.wrench([d.graph.input("multipliers", r) for r in range(first, last)])
         first = last
+
+
+def closing_derivatives(d: Derivation) -> Outputs:
+    """Derivatives of J^T lambda and of J a + J_dot v, of multipliers: the blocks of ``loop_blocks``, loop by loop.
+
+    Of each loop J, the derivatives of J a + J_dot v by q and by v, and of J^T lambda by q, which is symmetric.
+    """
+    values: list[Scalar] = []
+    place = set(d.own)
+    found = gaps(d, d.v)
+    for block in loop_blocks(d.model):
+        here = found[block.first : block.first + block.rows]
+        columns = [i for i in block.columns if i in place]
+        arms = [{i: arm for i, arm in gap.arms.items() if i in place} for gap in here]
+        values += [row.get(i, 0.0) for row in arms for i in columns]
+        rates = [Row(gap.arms, 0.0).along(d.a) + gap.bias for gap in here]
+        q, v = ([x[i] for i in columns] for x in (d.q, d.v))
+        for inputs in (q, v):
+            values += [x for row in partials(d.graph, rates, inputs) for x in row]
+        multipliers = [d.graph.input("multipliers", block.first + r) for r in range(block.rows)]
+        pull = [product(multipliers, [row.get(i, 0.0) for row in arms]) for i in columns]
+        second = partials(d.graph, pull, q)
+        values += [second[min(i, j)][max(i, j)] for i in range(len(columns)) for j in range(len(columns))]
+    return dict(enumerate_outputs(values))
+
+
+def product(factors: Sequence[Scalar], values: Sequence[Scalar]) -> Scalar:
+    """Sum of the products."""
+    found: Scalar = 0.0
+    for factor, value in zip(factors, values, strict=True):
+        found = found + factor * value
+    return found
 
 
 def _wrench_outputs(wrenches: Sequence[Wrench]) -> Outputs:

@@ -8,6 +8,8 @@ from typing import Literal
 
 from eomgen.robot.model import Model
 
+from ..tree.constraints import loop_blocks
+
 Kind = Literal["program", "tangent", "frames", "composed", "rollout"]
 KINDS: Mapping[Kind, str] = {  # in the order in which C and packages have them
     "program": "straight-line code of one writer",
@@ -146,8 +148,19 @@ KERNELS: Mapping[str, Signature] = {
         "composed",
         calls=("forward_dynamics", "residual_jacobian"),
         counts=("forward_dynamics", "residual_jacobian"),
-        closed=("tree_forward_dynamics", "residual_jacobian"),
+        closed=("constrained_dynamics", "residual_jacobian", "closing_derivatives"),
         solves=True,
+        beside=("tree_forward_dynamics_jacobian", *TOLD),
+    ),
+    "tree_forward_dynamics_jacobian": Signature(
+        ("q", "v", "u"),
+        "derivatives",
+        "Derivatives of the accelerations by q, v and u, loops cut: three matrices.",
+        "composed",
+        calls=("tree_forward_dynamics", "residual_jacobian"),
+        counts=("tree_forward_dynamics", "residual_jacobian"),
+        solves=True,
+        needs="loops",
     ),
     "coriolis_matrix": Signature(("q", "v"), "matrix", "Coriolis matrix C(q, v) with C v = bias and M_dot = C + C^T."),
     "christoffel": Signature(
@@ -259,6 +272,11 @@ LOOP_KERNELS = tuple(name for name, signature in KERNELS.items() if signature.ne
 SPRING_KERNELS = tuple(name for name, signature in KERNELS.items() if signature.needs == "springs")
 
 PARTS: Mapping[str, Signature] = {  # programs that only other kernels call
+    "closing_derivatives": Signature(
+        ("q", "v", "a", "multipliers"),
+        "closing",
+        "Per loop J, the derivatives of J a + J_dot v by q and v, and of J^T lambda by q, where they may not vanish.",
+    ),
     "closing_reactions": Signature(
         ("q", "multipliers"), "reactions", "What the tree's joints bear of the forces in the cuts."
     ),
@@ -347,6 +365,7 @@ def shapes(model: Model) -> dict[str, tuple[int, ...]]:
         "settling": (2 * n + m,),
         "driving": (3 * n + 5 * m,),
         "multipliers": (m,),
+        "closing": (sum(3 * block.size + len(block.columns) ** 2 for block in loop_blocks(model)),),
         "loop_reactions": (loops, 6),
     }
     springs = len(model.robot.springs)

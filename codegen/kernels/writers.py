@@ -16,7 +16,7 @@ from ..tree.kinematics import body_poses, external_rows, frame_poses, potential_
 from ..tree.recursion import Wrench, inertial_rows, kinetic_energy
 from ..tree.spatial import Scalar
 from .accelerations import CONSTRAINED, SETTLING, SOLVERS, Way, implicit_step
-from .closed import closing_reactions, drives, loop_wrenches
+from .closed import closing_derivatives, closing_reactions, drives, loop_wrenches
 from .derivation import Derivation, Outputs, vector
 from .signatures import CLOSURE_KERNELS
 
@@ -203,6 +203,7 @@ WRITERS: Mapping[str, Callable[[Derivation], Outputs]] = {
     "energy": _energy,
     "reactions": _reactions,
     "tree_reactions": _reactions,
+    "closing_derivatives": closing_derivatives,
     "closing_reactions": closing_reactions,
     "loop_wrenches": loop_wrenches,
     "euler_cosines": _euler_cosines,

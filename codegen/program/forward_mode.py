@@ -8,7 +8,7 @@ Source: A. Griewank, A. Walther, "Evaluating Derivatives", 2nd ed., SIAM 2008, s
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from .ir import Graph, Instruction, Node, Program, Value, finish
 from .operations import OPERATIONS
@@ -32,6 +32,35 @@ def tangent(program: Program, rates: Mapping[str, str], name: str) -> Program:
         values.append(graph.insert(instruction.op, args, instruction.leaf))
         moving.append(_rate(graph, instruction, values, moving, rates))
     return finish(graph, name, {key: moving[index] for key, index in program.outputs.items()})
+
+
+def partials(graph: Graph, values: Sequence[Value], inputs: Sequence[Value]) -> list[list[Value]]:
+    """Derivatives of values of a graph by its inputs, a row per value; what depends on no input costs nothing.
+
+    Args:
+        graph: where they are, and where the derivatives go.
+        values: any of its values.
+        inputs: of its inputs; numbers among them move nothing.
+    """
+    wanted = {value.index for value in values if isinstance(value, Node)}
+    for index in range(max(wanted, default=-1), -1, -1):
+        if index in wanted:
+            wanted.update(graph.instructions[index].args)
+    order = sorted(wanted)
+    columns = [_moved(graph, order, x.index) if isinstance(x, Node) else {} for x in inputs]
+    return [[moved.get(v.index, 0.0) if isinstance(v, Node) else 0.0 for moved in columns] for v in values]
+
+
+def _moved(graph: Graph, order: Sequence[int], moving: int) -> dict[int, Value]:
+    """Derivatives by one input of those of the values that depend on it."""
+    found: dict[int, Value] = {moving: 1.0}
+    for index in order:
+        instruction = graph.instructions[index]
+        dx = [found.get(arg, 0.0) for arg in instruction.args]
+        derivative = OPERATIONS[instruction.op].rate
+        if derivative is not None and any(isinstance(rate, Node) or rate != 0.0 for rate in dx):
+            found[index] = derivative(graph, [Node(graph, arg) for arg in instruction.args], Node(graph, index), dx)
+    return found
 
 
 def _rate(

@@ -5,16 +5,19 @@ Arrays have lanes behind their own axes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from eomgen.robot.cuts import CUTS
 from eomgen.robot.model import Model
 
 from ..c.contexts import OPEN_GAPS, PIVOT_LIMITS
 from ..joint.zeros import zero_map
 from ..solve.factorised import coordinate_parents
+from ..solve.rows import DERIVING
+from ..tree.constraints import loop_blocks
 from .arithmetic import Array
 
 Run = Callable[..., tuple[Array, Array]]  # run(program, **inputs): its answer, and the status of every lane
@@ -54,9 +57,105 @@ def _columns(model: Model) -> list[int]:
 
 def forward_dynamics_jacobian(model: Model, run: Run, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
     """Derivatives of the accelerations: those of the residual, solved with M = L^T D L along the branches."""
-    n, lanes = inputs["q"].shape
-    a, status = run("tree_forward_dynamics" if model.robot.loops else "forward_dynamics")
+    return _closed_derivatives(model, run, inputs) if model.robot.loops else _of_tree(model, run, "forward_dynamics")
+
+
+def tree_forward_dynamics_jacobian(model: Model, run: Run, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
+    """The same of the open tree of a robot with loops."""
+    return _of_tree(model, run, "tree_forward_dynamics")
+
+
+def _of_tree(model: Model, run: Run, accelerations: str) -> tuple[Array, Array]:
+    a, status = run(accelerations)
+    out, _, own = _solved(model, run("residual_jacobian", a=a)[0].reshape(3, model.size, model.size, -1).copy())
+    return out.reshape(-1, a.shape[1]), np.where(status != 0, status, own)
+
+
+def _closed_derivatives(model: Model, run: Run, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
+    """With the loops closed: changes of the multipliers make up for what the tree alone would open."""
+    n, m, (_, lanes) = model.size, len(model.constraints), inputs["q"].shape
+    found, status = run("constrained_dynamics")
+    a, multipliers = found[:n], found[n : n + m]
     out = run("residual_jacobian", a=a)[0].reshape(3, n, n, lanes).copy()
+    D = run("closing_derivatives", a=a, multipliers=multipliers)[0]
+    J, right = np.zeros((m, n, lanes), D.dtype), np.zeros((m, 3, n, lanes), D.dtype)
+    at = 0
+    for block in loop_blocks(model):
+        rows, columns = slice(block.first, block.first + block.rows), list(block.columns)
+        parts = np.split(D[at : at + 3 * block.size], 3)
+        J[rows, columns], *slopes = (part.reshape(block.rows, len(columns), lanes) for part in parts)
+        for matrix, slope in enumerate(slopes):
+            right[rows, matrix, columns] = -slope
+        at += 3 * block.size
+        second = D[at : at + len(columns) ** 2].reshape(len(columns), len(columns), lanes)
+        out[0][np.ix_(columns, columns)] = out[0][np.ix_(columns, columns)] - second
+        at += len(columns) ** 2
+    out, back, own = _solved(model, out)
+    x = out.transpose(1, 0, 2, 3).reshape(n, 3 * n, lanes)
+    pushed = J.copy()
+    pushed[:, list(model.prescribed)] = 0.0
+    Y = back(pushed.transpose(1, 0, 2).copy())
+    right = right.reshape(m, 3 * n, lanes)
+    for i in range(n):
+        right = right - J[:, i, np.newaxis] * x[i]
+    A = np.zeros((m, m, lanes), D.dtype)
+    for i in range(n):
+        A = A + J[:, np.newaxis, i] * Y[np.newaxis, i]
+    upper = np.triu_indices(m, 1)
+    A[upper] = A[upper[::-1]]
+    change = _multipliers(A, right, _kinds(model, pushed))
+    for r in range(m):
+        x = x + Y[:, r, np.newaxis] * change[r]
+    out = x.reshape(n, 3, n, lanes).transpose(1, 0, 2, 3)
+    status = np.where(status != 0, status, own)
+    return out.reshape(-1, lanes), _with_gaps(model, found[n + m :], status, inputs["v"])
+
+
+def _kinds(model: Model, J: Array) -> list[tuple[str, bool] | None]:
+    """Kinds of the rows (m, n, lanes) as ``row_kinds`` has them; None of one that vanishes in all states."""
+    kinds = [(loop.name, part.axis is None) for loop in model.robot.loops for part in CUTS[loop.type]]
+    return [kind if (row != 0.0).any() else None for kind, row in zip(kinds, J, strict=True)]
+
+
+def _multipliers(A: Array, right: Array, kinds: Sequence[object]) -> Array:
+    """Solution (m, columns, lanes) of a symmetric system (m, m, lanes) that may be singular, refined."""
+    precision, m = DERIVING[str(A.dtype)], len(A)
+    kept = [r for r in range(m) if kinds[r] is not None]
+    added: dict[object, Array] = {}
+    for r in kept:
+        added[kinds[r]] = added.get(kinds[r], np.zeros_like(A[0, 0])) + A[r, r]
+    F = A.copy()
+    for r in kept:
+        F[r, r] = F[r, r] + added[kinds[r]] * A.dtype.type(precision.added)
+    for r in kept:
+        for s in range(r + 1, m):
+            factor = F[s, r] / F[r, r]
+            for t in range(r + 1, s + 1):
+                F[s, t] = F[s, t] - factor * F[t, r]
+    change = np.zeros_like(right)
+    for step in range(precision.refinements + 1):
+        rest = right.copy()
+        for s in range(m if step else 0):
+            rest = rest - A[:, s, np.newaxis] * change[s]
+        rest[[r for r in range(m) if r not in kept]] = 0.0
+        for r in range(m):
+            for s in (s for s in kept if s < r):
+                rest[r] = rest[r] - F[r, s] * rest[s]
+            if r in kept:
+                rest[r] = rest[r] / F[r, r]
+        for r in reversed(range(m)):
+            total = np.zeros_like(rest[r])
+            for s in range(r + 1, m):
+                total = total + F[s, r] * rest[s]
+            if r in kept:
+                rest[r] = rest[r] - total / F[r, r]
+            change[r] = change[r] + rest[r]
+    return change
+
+
+def _solved(model: Model, out: Array) -> tuple[Array, Callable[[Array], Array], Array]:
+    """Derivatives by those of the residual (3, n, n, lanes), what solves with M for more, and the pivots' status."""
+    n, lanes = model.size, out.shape[-1]
     M, known = out[2].copy(), list(model.prescribed)
     out[:2, known] = 0.0
     M[known], M[:, known] = 0.0, 0.0
@@ -73,7 +172,8 @@ def forward_dynamics_jacobian(model: Model, run: Run, inputs: Mapping[str, Array
     by_u[:, known] = -out[2][:, known]
     by_u[known] = 0.0
     by_u[range(n), range(n)] = 1.0
-    for x in (np.negative(out[0], out=out[0]), np.negative(out[1], out=out[1]), by_u):
+
+    def back(x: Array) -> Array:
         for k in reversed(range(n)):
             for i in chains[k]:
                 x[i] = x[i] - M[k, i] * x[k]
@@ -81,9 +181,10 @@ def forward_dynamics_jacobian(model: Model, run: Run, inputs: Mapping[str, Array
             x[k] = x[k] / pivot[k]
             for i in chains[k]:
                 x[k] = x[k] - M[k, i] * x[i]
-    out[2] = by_u
-    own = status_of(np.stack([pivot, scale], axis=1).reshape(2 * n, lanes))
-    return out.reshape(-1, lanes), np.where(status != 0, status, own)
+        return x
+
+    out = np.stack([back(x) for x in (-out[0], -out[1], by_u)])
+    return out, back, status_of(np.stack([pivot, scale], axis=1).reshape(2 * n, lanes))
 
 
 def _chains(model: Model) -> list[list[int]]:
@@ -171,6 +272,7 @@ COMPOSED: Mapping[str, Composed] = {
     "constraint_forces": constraint_forces,
     "forward_dynamics": forward_dynamics,
     "forward_dynamics_jacobian": forward_dynamics_jacobian,
+    "tree_forward_dynamics_jacobian": tree_forward_dynamics_jacobian,
     "inverse_dynamics": _drives(loaded=False),
     "inverse_dynamics_under_load": _drives(loaded=True),
     "reactions": _reactions(loaded=False),

@@ -33,6 +33,8 @@ class Precision:
 
 
 PRECISIONS: Mapping[str, Precision] = {"float64": Precision(1e-10, 1), "float32": Precision(1e-4, 3)}
+# Of derivatives, whose right sides contradict each other in redundant rows where a direction leaves the closed states.
+DERIVING: Mapping[str, Precision] = {"float64": Precision(1e-7, 2), "float32": Precision(1e-3, 4)}
 
 
 @dataclass(frozen=True)

@@ -182,6 +182,34 @@ class Closure:
         return total
 
 
+@dataclass(frozen=True)
+class LoopBlock:
+    """Where a loop stands in J: its first row, the number of rows, and the coordinates that may move it, in order."""
+
+    first: int
+    rows: int
+    columns: tuple[int, ...]
+
+    @property
+    def size(self) -> int:
+        """Numbers in a block of its rows."""
+        return self.rows * len(self.columns)
+
+
+def loop_blocks(model: Model) -> list[LoopBlock]:
+    """The blocks of all loops."""
+    found: list[LoopBlock] = []
+    for loop in model.robot.loops:
+        ends = [model.body_of[link] for link in loop.links]
+        top = common_body(model, *ends)
+        sides = [list(model.ancestors(end)) for end in ends]
+        path = {k for side in sides for k in side[: side.index(top) if top != FIXED_BODY else None]}
+        columns = tuple(sorted(i for k in path for i in model.bodies[k].indices))
+        first = found[-1].first + found[-1].rows if found else 0
+        found.append(LoopBlock(first, len(CUTS[loop.type]), columns))
+    return found
+
+
 def closures(model: Model, bound: Bound, joints: Sequence[JointGeometry], note: Any) -> Iterator[Closure]:
     """The robot's loops, each with a comment in front of its values."""
     for number, loop in enumerate(model.robot.loops):

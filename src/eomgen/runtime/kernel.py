@@ -385,7 +385,8 @@ class Kernel:
         """
         if wrench is not None:
             u = self._with_wrench(q, u, wrench)
-        return self.calls.run("tree_forward_dynamics" if cut and self.loops else "forward_dynamics", out, (q, v, u))
+        name = "forward_dynamics"
+        return self.calls.run(self.calls.of_tree(name) if cut else name, out, (q, v, u))
 
     def constraint_forces(
         self, q: ArrayLike, v: ArrayLike, u: ArrayLike, *, wrench: ArrayLike | None = None, out: Array | None = None
@@ -439,18 +440,20 @@ class Kernel:
 
         The acceleration of a prescribed coordinate stands in ``u`` and depends on nothing else.
         Without external wrenches; where some are constant generalized forces, add them to ``u``.
+        With loops closed, da/du is what of the inverse mass matrix keeps them closed, and da/dq and da/dv are of the
+        smooth extension M a + h = u + J^T lambda, J a + J_dot v = 0 beyond the closed states, to which only some
+        directions lead.  Where constraints are redundant, only directions that keep the loops closed are sure.
 
         Args:
             q, v, u: (n,).
             out: array (3, n, n) to write to; the result are views of it.
-            cut: of a robot with loops, that its loops are meant to be open.
+            cut: of a robot with loops, that its loops are open: of the tree alone.
 
         Raises:
-            SingularError: M cannot be inverted in this state.
-            InputError: the robot has loops, and they are not to be open.
+            SingularError, LoopError: as of ``forward_dynamics``.
         """
-        self.refuse_loops("forward_dynamics_jacobian", cut=cut)
-        return _three(self.calls.run("forward_dynamics_jacobian", out, (q, v, u)))
+        name = "forward_dynamics_jacobian"
+        return _three(self.calls.run(self.calls.of_tree(name) if cut else name, out, (q, v, u)))
 
     def euler_cosines(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """Cosine of beta of each joint with three angles, (joints,); 1 for other joints.
