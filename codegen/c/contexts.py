@@ -8,13 +8,12 @@ from typing import Any
 import numpy as np
 
 from eomgen._version import __version__
-from eomgen.robot.cuts import CUTS
 from eomgen.robot.model import Model
 
 from ..joint.zeros import zero_map
+from ..kernels.closed import CLOSING, row_kinds
 from ..kernels.equations import Equations
 from ..kernels.signatures import KERNELS, SIGNATURES, Function, by_kind, functions, shapes
-from ..program.ir import Program
 from ..program.operations import CALLS
 from ..solve.factorised import coordinate_parents
 from ..solve.rows import DERIVING
@@ -27,7 +26,6 @@ LITERALS = {"zero": 0.0, "half": 0.5, "one": 1.0, "two": 2.0, "six": 6.0}  # of 
 PIVOT_LIMITS = {"float64": 1e-12, "float32": 1e-5}  # a pivot below so much of its scale counts as vanished
 OPEN_GAPS = {"float64": 1e-9, "float32": 1e-5}  # m or rad, and per second of a rate of 1: more is not round-off
 CLOSED_GAPS = {"float64": 1e-11, "float32": 2e-6}  # m or rad, from which one more projection leaves round-off
-CLOSING = "closing_derivatives"
 CHECKED = ("constrained_dynamics", "constrained_drives")  # programs whose callers look at the gaps that they write
 
 
@@ -58,6 +56,7 @@ def header_context(equations: Equations, dtype: str, meta: Mapping[str, Any], ba
         "links": model.links,
         "frames": model.frames,
         "constraints": model.constraints,
+        "closed_functions": _closed_functions(equations),
         "springs": [spring.name for spring in model.robot.springs],
         "parameters": list(model.parameters),
         "hoisted": len(equations.setup.outputs),
@@ -65,6 +64,12 @@ def header_context(equations: Equations, dtype: str, meta: Mapping[str, Any], ba
         **_functions(public),
         "controlled": "driven" if model.motors else "principal",
     }
+
+
+def _closed_functions(equations: Equations) -> list[str]:
+    """Functions in which loops are closed; their programs beside them, which look at no gap, close them as well."""
+    closing = {*CHECKED, "settling"}
+    return [name for name in equations.kernels if name in closing or closing & set(equations.calls.get(name, ()))]
 
 
 def _functions(public: list[Function]) -> dict[str, Any]:
@@ -118,32 +123,20 @@ def _closing_tables(equations: Equations, dtype: str) -> dict[str, Any]:
     """What the template of the closed accelerations' derivatives has tables of."""
     if CLOSING not in equations.programs:
         return {}
-    precision = DERIVING[dtype]
+    precision, kinds = DERIVING[dtype], row_kinds(equations.model, equations.programs[CLOSING])
+    blocks = loop_blocks(equations.model)
+    starts = [sum(len(block.columns) for block in blocks[:b]) for b in range(len(blocks))]
+    owners = [b for b, block in enumerate(blocks) for _ in range(block.rows)]
+    kept = [r for r, kind in enumerate(kinds) if kind >= 0]
     return {
-        "blocks": loop_blocks(equations.model),
-        "row_kinds": row_kinds(equations.model, equations.programs[CLOSING]),
+        "blocks": blocks,
+        "row_starts": [starts[owners[r]] for r in kept],
+        "row_widths": [len(blocks[owners[r]].columns) for r in kept],
+        "row_places": [kept.index(r) if r in kept else -1 for r in range(len(kinds))],
+        "row_kinds": [kinds[r] for r in kept],
         "closing_share": SCALARS[dtype].literal(precision.added),
         "closing_passes": precision.refinements,
     }
-
-
-def row_kinds(model: Model, program: Program) -> list[int]:
-    """Of every row of the constraint a number for rows of its kind; -1 where nothing that is not prescribed moves it.
-
-    Args:
-        model: a robot with loops.
-        program: its closing_derivatives, of which the first block of every loop is that of J.
-    """
-    kinds, number, at = list[int](), dict[tuple[str, bool], int](), 0
-    for loop, block in zip(model.robot.loops, loop_blocks(model), strict=True):
-        for r, part in enumerate(CUTS[loop.type]):
-            places = [at + r * len(block.columns) + i for i, x in enumerate(block.columns) if x not in model.prescribed]
-            instructions = [program.instructions[program.outputs["out", place]] for place in places]
-            moves = any(found.op != "const" or found.leaf != 0.0 for found in instructions)
-            key = (loop.name, part.axis is None)
-            kinds.append(number.setdefault(key, len(number)) if moves else -1)
-        at += 3 * block.size + len(block.columns) ** 2
-    return kinds
 
 
 def _composed(equations: Equations) -> list[str]:

@@ -11,9 +11,12 @@ from types import MappingProxyType
 from typing import Any
 
 from eomgen.names import kind_of
+from eomgen.robot.cuts import CUTS
+from eomgen.robot.model import Model
 from eomgen.robot.value import ANGULAR
 
 from ..program.forward_mode import partials
+from ..program.ir import Program
 from ..solve.drives import WEIGHINGS, least_drives
 from ..solve.elimination import Elimination
 from ..solve.responses import EliminatedTree, Tree, total
@@ -25,6 +28,7 @@ from ..tree.recursion import NO_WRENCH, Wrench
 from ..tree.spatial import Scalar
 from .derivation import Derivation, Outputs
 
+CLOSING = "closing_derivatives"
 Pivots = list[tuple[Scalar, Scalar]]
 NO_SLOPES: Mapping[int, Scalar] = MappingProxyType({})
 
@@ -187,6 +191,25 @@ def closing_derivatives(d: Derivation) -> Outputs:
         second = partials(d.graph, pull, q)
         values += [second[min(i, j)][max(i, j)] for i in range(len(columns)) for j in range(len(columns))]
     return dict(enumerate_outputs(values))
+
+
+def row_kinds(model: Model, program: Program) -> list[int]:
+    """Of every row of the constraint a number for rows of its kind; -1 where nothing that is not prescribed moves it.
+
+    Args:
+        model: a robot with loops.
+        program: its closing_derivatives, of which the first block of every loop is that of J.
+    """
+    kinds, number, at = list[int](), dict[tuple[str, bool], int](), 0
+    for loop, block in zip(model.robot.loops, loop_blocks(model), strict=True):
+        for r, part in enumerate(CUTS[loop.type]):
+            places = [at + r * len(block.columns) + i for i, x in enumerate(block.columns) if x not in model.prescribed]
+            instructions = [program.instructions[program.outputs["out", place]] for place in places]
+            moves = any(found.op != "const" or found.leaf != 0.0 for found in instructions)
+            key = (loop.name, part.axis is None)
+            kinds.append(number.setdefault(key, len(number)) if moves else -1)
+        at += 3 * block.size + len(block.columns) ** 2
+    return kinds
 
 
 def product(factors: Sequence[Scalar], values: Sequence[Scalar]) -> Scalar:

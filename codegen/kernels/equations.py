@@ -26,7 +26,7 @@ class Equations:
 
     ``setup`` computes what depends on parameters alone; ``calls`` holds, by name, the kernels that are no programs but
     templates of their own, with the programs that their C calls; ``choices`` says which way was taken where there are
-    two.
+    two; ``dtype`` is that of the numbers that the C computes with.
     """
 
     model: Model
@@ -35,6 +35,7 @@ class Equations:
     programs: Mapping[str, Program]
     calls: Mapping[str, tuple[str, ...]]
     choices: Mapping[str, str]
+    dtype: str = "float64"
 
 
 @without_collection()
@@ -76,7 +77,7 @@ def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "fl
             elif program not in raw:
                 raw[program] = derive(model, program, dtype)
     setup, programs = hoist_parameters(list(raw.values()), len(model.parameters))
-    return Equations(model, public, setup, dict(zip(raw, programs, strict=True)), calls, choices)
+    return Equations(model, public, setup, dict(zip(raw, programs, strict=True)), calls, choices, dtype)
 
 
 def _columns_cost(model: Model, kernel: str, known: Mapping[str, Program]) -> int:

@@ -76,7 +76,7 @@ def _closed_derivatives(model: Model, run: Run, inputs: Mapping[str, Array]) -> 
     n, m, (_, lanes) = model.size, len(model.constraints), inputs["q"].shape
     found, status = run("constrained_dynamics")
     a, multipliers = found[:n], found[n : n + m]
-    out = run("residual_jacobian", a=a)[0].reshape(3, n, n, lanes).copy()
+    out: Array = run("residual_jacobian", a=a)[0].reshape(3, n, n, lanes).copy()
     D = run("closing_derivatives", a=a, multipliers=multipliers)[0]
     J, right = np.zeros((m, n, lanes), D.dtype), np.zeros((m, 3, n, lanes), D.dtype)
     at = 0
@@ -91,20 +91,26 @@ def _closed_derivatives(model: Model, run: Run, inputs: Mapping[str, Array]) -> 
         out[0][np.ix_(columns, columns)] = out[0][np.ix_(columns, columns)] - second
         at += len(columns) ** 2
     out, back, own = _solved(model, out)
-    x = out.transpose(1, 0, 2, 3).reshape(n, 3 * n, lanes)
+    x: Array = out.transpose(1, 0, 2, 3).reshape(n, 3 * n, lanes)
     pushed = J.copy()
     pushed[:, list(model.prescribed)] = 0.0
+    kinds = _kinds(model, pushed)
+    kept = [r for r, kind in enumerate(kinds) if kind is not None]
+    J, pushed, right = J[kept], pushed[kept], right[kept]
     Y = back(pushed.transpose(1, 0, 2).copy())
-    right = right.reshape(m, 3 * n, lanes)
-    for i in range(n):
-        right = right - J[:, i, np.newaxis] * x[i]
-    A = np.zeros((m, m, lanes), D.dtype)
-    for i in range(n):
-        A = A + J[:, np.newaxis, i] * Y[np.newaxis, i]
-    upper = np.triu_indices(m, 1)
+    right = right.reshape(len(kept), 3 * n, lanes)
+    moved = [block.columns for block in loop_blocks(model) for _ in range(block.rows)]
+    for r, row in enumerate(kept):
+        for i in moved[row]:
+            right[r] = right[r] - J[r, i] * x[i]
+    A = np.zeros((len(kept), len(kept), lanes), D.dtype)
+    for r, row in enumerate(kept):
+        for i in moved[row]:
+            A[r] = A[r] + J[r, i] * Y[i]
+    upper = np.triu_indices(len(kept), 1)
     A[upper] = A[upper[::-1]]
-    change = _multipliers(A, right, _kinds(model, pushed))
-    for r in range(m):
+    change = _multipliers(A, right, [kinds[r] for r in kept])
+    for r in range(len(kept)):
         x = x + Y[:, r, np.newaxis] * change[r]
     out = x.reshape(n, 3, n, lanes).transpose(1, 0, 2, 3)
     status = np.where(status != 0, status, own)
@@ -120,14 +126,13 @@ def _kinds(model: Model, J: Array) -> list[tuple[str, bool] | None]:
 def _multipliers(A: Array, right: Array, kinds: Sequence[object]) -> Array:
     """Solution (m, columns, lanes) of a symmetric system (m, m, lanes) that may be singular, refined."""
     precision, m = DERIVING[str(A.dtype)], len(A)
-    kept = [r for r in range(m) if kinds[r] is not None]
     added: dict[object, Array] = {}
-    for r in kept:
+    for r in range(m):
         added[kinds[r]] = added.get(kinds[r], np.zeros_like(A[0, 0])) + A[r, r]
     F = A.copy()
-    for r in kept:
+    for r in range(m):
         F[r, r] = F[r, r] + added[kinds[r]] * A.dtype.type(precision.added)
-    for r in kept:
+    for r in range(m):
         for s in range(r + 1, m):
             factor = F[s, r] / F[r, r]
             for t in range(r + 1, s + 1):
@@ -137,18 +142,15 @@ def _multipliers(A: Array, right: Array, kinds: Sequence[object]) -> Array:
         rest = right.copy()
         for s in range(m if step else 0):
             rest = rest - A[:, s, np.newaxis] * change[s]
-        rest[[r for r in range(m) if r not in kept]] = 0.0
         for r in range(m):
-            for s in (s for s in kept if s < r):
+            for s in range(r):
                 rest[r] = rest[r] - F[r, s] * rest[s]
-            if r in kept:
-                rest[r] = rest[r] / F[r, r]
+            rest[r] = rest[r] / F[r, r]
         for r in reversed(range(m)):
             total = np.zeros_like(rest[r])
             for s in range(r + 1, m):
                 total = total + F[s, r] * rest[s]
-            if r in kept:
-                rest[r] = rest[r] - total / F[r, r]
+            rest[r] = rest[r] - total / F[r, r]
             change[r] = change[r] + rest[r]
     return change
 

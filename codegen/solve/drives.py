@@ -30,9 +30,21 @@ class Weighing:
     factors: Precision
 
 
-WEIGHINGS: Mapping[str, Weighing] = {  # refinements are steps of the method of multipliers
-    "float64": Weighing(1e-7, Precision(1e-12, 3)),
-    "float32": Weighing(1e-4, Precision(1e-6, 4)),
+@dataclass(frozen=True)
+class Weighings:
+    """For mechanisms that have no more drives than freedoms for certain, and for all others; see ``Weighing``.
+
+    Without a choice between drives they may weigh next to nothing, so that a drive with little leverage, near a dead
+    centre, is found as well.  With a choice their weight has to stand out from round-off and from ``added``.
+    """
+
+    certain: Weighing
+    general: Weighing
+
+
+WEIGHINGS: Mapping[str, Weighings] = {  # refinements are steps of the method of multipliers
+    "float64": Weighings(Weighing(1e-12, Precision(1e-14, 3)), Weighing(3e-8, Precision(1e-14, 4))),
+    "float32": Weighings(Weighing(1e-6, Precision(3e-7, 4)), Weighing(1e-4, Precision(1e-6, 5))),
 }
 
 
@@ -41,7 +53,7 @@ def least_drives(
     needed: Sequence[Scalar],
     driven: Collection[int],
     turns: Callable[[int], bool],
-    weighing: Weighing,
+    weighings: Weighings,
 ) -> tuple[list[Scalar], list[Scalar], list[Scalar]]:
     """Drives, multipliers of the rows, and what no drive can take.
 
@@ -50,11 +62,12 @@ def least_drives(
         needed: M a + h, (n,).
         driven: coordinates with a drive.
         turns: says of a coordinate whether it is an angle.
-        weighing: for the precision that C computes with.
+        weighings: for the precision that C computes with.
 
     Returns:
         u, (n,), 0 where there is no drive; lambda, (rows,); and what is left, (n,), 0 where there is one.
     """
+    weighing = weighings.certain if _has_no_choice(rows, driven) else weighings.general
     weights = _weights(rows, driven, turns, weighing.weight)
     responses = [Response(dict(row.arms), {i: weights[i] * arm for i, arm in row.arms.items()}) for row in rows]
     system = RowSystem(rows, responses, weighing.factors)
@@ -76,6 +89,18 @@ def least_drives(
     return drives, multipliers, left
 
 
+def _has_no_choice(rows: Sequence[Row], driven: Collection[int]) -> bool:
+    """Whether no part of the mechanism has more drives than coordinates less rows, and so than freedoms."""
+    parts: list[tuple[set[int], int]] = []  # coordinates that rows couple, and the number of these rows
+    for row in rows:
+        coupled, count = set(row.arms), 1 if row.arms else 0
+        apart = [part for part in parts if not part[0] & coupled]
+        for members, number in (part for part in parts if part[0] & coupled):
+            coupled, count = coupled | members, count + number
+        parts = [*apart, (coupled, count)]
+    return all(len(members.intersection(driven)) <= len(members) - count for members, count in parts)
+
+
 def _along(row: Row, x: Sparse) -> Scalar:
     """J x of one row."""
     total: Scalar = 0.0
@@ -84,9 +109,7 @@ def _along(row: Row, x: Sparse) -> Scalar:
     return total
 
 
-def _less(
-    needed: Sequence[Scalar], rows: Sequence[Row], multipliers: Sequence[Scalar], moved: Iterable[int]
-) -> Sparse:
+def _less(needed: Sequence[Scalar], rows: Sequence[Row], multipliers: Sequence[Scalar], moved: Iterable[int]) -> Sparse:
     """needed - J^T lambda at the coordinates that the loops move."""
     rest = {i: needed[i] for i in moved}
     for row, multiplier in zip(rows, multipliers, strict=True):

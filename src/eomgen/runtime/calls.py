@@ -25,6 +25,7 @@ from .singular import NEARLY, VANISHED, null_coordinates, singular_place
 Array = NDArray[Any]
 
 SHARE = 256  # states that are worth a thread of their own
+TREE = "tree_"  # begins the names of functions of the open tree
 ELIMINATED = (
     "either the links that it moves have no inertia along it, or an angle beta is at +-pi/2, where Euler angles are"
     " singular"
@@ -72,7 +73,7 @@ class Calls:
 
     def of_tree(self, name: str) -> str:
         """The function that does for the open tree what one of that name does for the closed mechanism."""
-        return f"tree_{name}" if "loops" in self.raw.libraries.meta else name
+        return f"{TREE}{name}" if "loops" in self.raw.libraries.meta else name
 
     def run_with_wrench(
         self,

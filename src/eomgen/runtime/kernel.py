@@ -441,8 +441,8 @@ class Kernel:
         The acceleration of a prescribed coordinate stands in ``u`` and depends on nothing else.
         Without external wrenches; where some are constant generalized forces, add them to ``u``.
         With loops closed, da/du is what of the inverse mass matrix keeps them closed, and da/dq and da/dv are of the
-        smooth extension M a + h = u + J^T lambda, J a + J_dot v = 0 beyond the closed states, to which only some
-        directions lead.  Where constraints are redundant, only directions that keep the loops closed are sure.
+        smooth extension M a + h = u + J^T lambda, J a + J_dot v = 0, beyond the closed states too.  Where constraints
+        are redundant, they are sure along directions that keep the loops closed alone.
 
         Args:
             q, v, u: (n,).
@@ -621,6 +621,21 @@ class Kernel:
     def cut_poses(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """Pose of frame b seen from frame a of each loop, (loops, 4, 4), m: the motion of the cut joint."""
         return self.calls.run("cut_poses", out, (q,))
+
+    def cut_coordinates(self, q: ArrayLike) -> Array:
+        """Coordinates of the loops' cut joints, (loops, 6): x, y, z (m), alpha, beta, gamma (rad) as of other joints.
+
+        They are those of frame b on a loop's second link, seen from frame a on its first, where the angles turn about
+        x, then y, then z; zero in what the joint blocks, where the loops are closed.
+        """
+        poses = self.cut_poses(q)
+        R = poses[..., :3, :3]
+        angles = (
+            np.arctan2(-R[..., 1, 2], R[..., 2, 2]),
+            np.arctan2(R[..., 0, 2], np.hypot(R[..., 0, 0], R[..., 0, 1])),
+            np.arctan2(-R[..., 0, 1], R[..., 0, 0]),
+        )
+        return np.concatenate([poses[..., :3, 3], np.stack(angles, axis=-1)], axis=-1)
 
     def spring_forces(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
         """Length (m) and tension (N) of every spring between two points, (springs, 2), in the order of ``springs``.

@@ -58,12 +58,12 @@ def loop_error(raw: RawKernel, name: str, reason: int, place: str, given: Mappin
 
 def _gap(ask: Ask, given: Mapping[str, Array], kind: int, row: int) -> float:
     """The size of a component of the constraint, of its rate, or of its acceleration; NaN if unknown."""
-    parts = [ask(name) for name in (("constraint",), ("constraint_jacobian",), ("constraint_jacobian", "constraint_bias"))[kind]]
-    if any(part is None for part in parts):
+    g = ask("constraint" if kind == 0 else "constraint_jacobian")
+    bias = ask("constraint_bias") if kind == 2 else None
+    if g is None or (kind == 2 and bias is None):
         return math.nan
-    rows = [part[row] for part in parts if part is not None]
-    moved = rows[0] if kind == 0 else rows[0] @ given["va"[kind - 1]]
-    return abs(float(moved + sum(rows[1:])))
+    gap = g[row] if kind == 0 else g[row] @ given["va"[kind - 1]]
+    return abs(float(gap if bias is None else gap + bias[row]))
 
 
 def _not_held(raw: RawKernel, title: str, i: int, place: str, ask: Ask, tree: str) -> LoopError:
