@@ -98,8 +98,9 @@ def implicit_step(d: Derivation) -> Outputs:
         armature[i] = armature[i] + (dt * damping + square * stiffness)
     for i, law in effects(d.bound, ahead, d.v, d.functions).items():
         armature[i] = armature[i] + d.functions.max(dt * law.by_v + square * law.by_s, 0.0)
+    driven = frozenset(d.model.driven)
     for place, i in enumerate(d.own):
-        if i in d.model.driven:
+        if i in driven:
             armature[i] = armature[i] + d.graph.input("added", place)
     slopes = {}
     for i, stretch in stretches(d.bound, ahead, d.v, d.functions).items():
