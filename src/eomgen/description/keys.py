@@ -116,6 +116,11 @@ LINK = Form(
 _AXES = {
     key: f"along {key}" if key in LINEAR else f"about {axis}" for key, axis in zip(COORDINATES, "xyzxyz", strict=True)
 }
+_OFFSET = Sub(
+    "constants that are added to the coordinates, whether they move or not",
+    "m, rad",
+    inner=Form({key: Number(axis, UNITS[key]) for key, axis in _AXES.items()}),
+)
 JOINT = Form(
     {
         "name": Name("of the joint, unique", needed=IDENTIFIER_RULE),
@@ -138,11 +143,7 @@ JOINT = Form(
         MOTOR: Sub("a motor behind an elastic gear drives the principal coordinate", inner=MOTOR_FORM),
         "limits": Numbers("lower and upper limit of the principal coordinate", "m or rad", count=2),
         "prescribed": Strings("coordinates whose motion is given", words=(*COORDINATES, MOTOR)),
-        "offset": Sub(
-            "constants that are added to the coordinates, whether they move or not",
-            "m, rad",
-            inner=Form({key: Number(axis, UNITS[key]) for key, axis in _AXES.items()}),
-        ),
+        "offset": _OFFSET,
     },
     refines=True,
 )
@@ -153,12 +154,22 @@ FRAME = Form(
         "placement": Sub("pose in the link's frame", "m, rad", inner=PLACEMENT),
     }
 )
+CUT_COORDINATE = Form({key: kind for key, kind in _LAW.items() if key != "armature"})
 LOOP = Form(
     {
         "name": Name("of the cut joint, unique", needed=IDENTIFIER_RULE),
         "links": Strings("the two links that it joins, either may be 'base'", needed=_LINKS, count=2, rule=_LINKS),
         "type": Choice("of the cut joint", needed=", ".join(CUTS), words=tuple(CUTS)),
         "placements": Pair("the cut joint's frame on both links; default their frames", "m, rad", inner=PLACEMENT),
+        **{
+            key: Sub(
+                f"coordinate {key}, {axis} of the cut joint: with this table it has these forces in the place of what"
+                " the type says",
+                inner=CUT_COORDINATE,
+            )
+            for key, axis in _AXES.items()
+        },
+        "offset": _OFFSET,
     }
 )
 SPRING = Form(

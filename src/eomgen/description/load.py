@@ -173,7 +173,7 @@ def _robot_from_table(top: Table, draft: Draft, folder: Path | None, inertia: st
     for name, entry in top.entries("frames"):
         draft.frames[name] = _frame(name, entry)
     for name, entry in top.entries("loops"):
-        draft.loops[name] = read_loop(name, entry)
+        draft.loops[name] = read_loop(name, entry, lambda table: _beside(table, folder))
     for name, entry in top.entries("springs"):
         draft.springs[name] = read_spring(name, entry, _beside(entry, folder))
     _settle_base(draft)

@@ -32,6 +32,9 @@ def check_parts(robot: Robot) -> None:
             seen.add(item.name)
     for joint in robot.joints:
         _check_joint(robot, joint)
+    for loop in robot.loops:
+        if len(loop.offset) != len(COORDINATES):
+            _fail(robot, f"loops.{loop.name}.offset", f"got {len(loop.offset)} numbers; allowed: {len(COORDINATES)}")
     for where, rotation in _rotations(robot):
         if not _turns(rotation):
             _fail(robot, where, "the axes are no rotation; allowed: orthogonal axes of length 1, right-handed")

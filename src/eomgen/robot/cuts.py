@@ -3,13 +3,17 @@
 Frame a stands on the first link of the loop, frame b on the second; p (m) is the origin of b and R the rotation of b,
 both seen from a.  z is the joint's axis, and the normal of a planar one; a universal joint turns about x of a and y of
 b.  Every component is a coordinate of p or a sum of entries of R, so that it is smooth on the whole motion, and its
-gradients are independent wherever the joint is closed.  This file imports nothing of eomgen.
+gradients are independent wherever the joint is closed.  This file needs nothing of eomgen.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .value import Loop
 
 
 @dataclass(frozen=True)
@@ -33,6 +37,7 @@ _NO_TURN = (  # sine of the angle of R times its axis
     Component("gamma", products=((0.5, 1, 0), (-0.5, 0, 1))),
 )
 _CROSS = (Component("gamma", products=((-1.0, 0, 1),)),)
+_SINGLE = {part.name: part for part in (*_AXES_PARALLEL, *_CROSS)}  # each vanishes with one angle of Rx Ry Rz
 
 CUTS: Mapping[str, tuple[Component, ...]] = {
     "revolute": (_X, _Y, _Z, *_AXES_PARALLEL),
@@ -49,3 +54,15 @@ UPRIGHT: Mapping[str, tuple[tuple[float, int, int], ...]] = {
     **dict.fromkeys(("revolute", "cylindrical", "planar"), ((1.0, 2, 2),)),
     **dict.fromkeys(("prismatic", "fixed"), ((1.0, 0, 0), (1.0, 1, 1), (1.0, 2, 2))),
 }
+
+
+def rigid_parts(loop: Loop) -> tuple[Component, ...]:
+    """The components of a loop's constraint: what its type blocks, without coordinates that have a force.
+
+    Where an angle has one beside angles that are rigid, each of these has the component that vanishes with it alone
+    while beta is within a quarter of a turn: sin(alpha) cos(beta), sin(beta), cos(beta) sin(gamma).
+    """
+    kept = tuple(part for part in CUTS[loop.type] if part.name not in loop.coordinates)
+    if sum(part.name in _SINGLE for part in kept) == len(_SINGLE):
+        return kept
+    return tuple(_SINGLE.get(part.name, part) for part in kept)

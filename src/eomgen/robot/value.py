@@ -16,6 +16,7 @@ from types import MappingProxyType
 from typing import Any
 
 from ..names import html_table
+from .cuts import CUTS
 from .geometry import IDENTITY, ZERO, Matrix, Vector, rotation_from_rpy, snap
 from .laws import BASIC, BETWEEN_POINTS, NUMBERS, SMALLEST, defaults, given_laws
 
@@ -26,6 +27,7 @@ JOINT_TYPES = ("revolute", "prismatic", "fixed", "free")
 PRINCIPAL = {"revolute": "gamma", "prismatic": "z"}
 MOTOR = "motor"  # the coordinate of a joint's motor, behind the six
 COORDINATE_NUMBERS = tuple(number.key for number in BASIC)  # of any coordinate; each may be a run-time parameter
+CUT_NUMBERS = ("stiffness", "damping")  # those of a cut joint's, which moves no inertia of its own
 INERTIA_KEYS = ("xx", "yy", "zz", "xy", "xz", "yz")
 BASE = "base"
 Curve = tuple[tuple[float, float], ...]  # (deviation, force)
@@ -150,6 +152,11 @@ class Coordinate:
         return replace(self, **fields, friction=Friction(**rubbing) if rubbing else None, further=kept)
 
 
+def _in_order(coordinates: Mapping[str, Coordinate]) -> Mapping[str, Coordinate]:
+    """The six coordinates, as many as there are, in canonical order and frozen."""
+    return MappingProxyType({name: coordinates[name] for name in COORDINATES if name in coordinates})
+
+
 @dataclass(frozen=True)
 class Motor:
     """A motor behind a gear and a spring: one more coordinate of its joint, the rotor's angle, rad at its shaft.
@@ -213,8 +220,7 @@ class Joint:
     motor: Motor | None = None
 
     def __post_init__(self) -> None:
-        ordered = {name: self.coordinates[name] for name in COORDINATES if name in self.coordinates}
-        object.__setattr__(self, "coordinates", MappingProxyType(ordered))
+        object.__setattr__(self, "coordinates", _in_order(self.coordinates))
 
     def __reduce__(self) -> tuple[object, ...]:
         values = (dict(value) if name == "coordinates" else value for name, value in vars(self).items())
@@ -248,12 +254,33 @@ class Frame:
 
 @dataclass(frozen=True)
 class Loop:
-    """A joint that is cut: its type (``cuts.CUTS``) and its frame on each of the two links that it joins."""
+    """A joint that is cut: its type (``cuts.CUTS``) and its frame on each of the two links that it joins.
+
+    Its six coordinates are those of the second frame as seen from the first, T(x, y, z) . Rx(alpha) . Ry(beta) .
+    Rz(gamma).  One with properties in ``coordinates`` (without armature and role) has that force; of the others those
+    that the type leaves free are free, the rest are rigid.  offset: as that of a joint: a rigid coordinate keeps to it,
+    and forces act on what it deviates from it.
+    """
 
     name: str
     links: tuple[str, str]
     type: str
     placements: tuple[Placement, Placement] = (Placement(), Placement())
+    coordinates: Mapping[str, Coordinate] = field(default_factory=dict, hash=False, metadata=LATER)
+    offset: tuple[float | None, ...] = field(default=(None,) * 6, metadata=LATER)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "coordinates", _in_order(self.coordinates))
+
+    def __reduce__(self) -> tuple[object, ...]:
+        values = (dict(value) if name == "coordinates" else value for name, value in vars(self).items())
+        return (Loop, tuple(values))  # a mapping proxy cannot be pickled
+
+    def rigid(self) -> Loop:
+        """The loop with every coordinate that its type blocks rigid."""
+        blocked = [part.name for part in CUTS[self.type]]
+        kept = {name: given for name, given in self.coordinates.items() if name not in blocked}
+        return replace(self, coordinates=kept)
 
 
 @dataclass(frozen=True)
@@ -340,15 +367,17 @@ class Robot:
     def rigid(self) -> Robot:
         """The same robot with every deviation locked: principal and prescribed coordinates and free joints move.
 
+        Cut joints are rigid in what their types block.
         Transmissions are rigid: a motor counts as an armature, and the motion of one that is prescribed as its joint's.
         Springs between links that then do not move against each other are left out.
         """
-        joints = [joint.rigid() for joint in self.joints]
+        joints, loops = [joint.rigid() for joint in self.joints], [loop.rigid() for loop in self.loops]
         carrier = {self.base: self.base}
         for joint in joints:
             carrier[joint.child] = joint.child if joint.coordinates else carrier[joint.parent]
         springs = tuple(s for s in self.springs if carrier[s.links[0]] != carrier[s.links[1]])
         active = {f"joints.{j.name}.{c}." for j in joints for c in j.coordinates}
+        active |= {f"loops.{loop.name}.{c}." for loop in loops for c in loop.coordinates}
         active |= {f"springs.{spring.name}." for spring in springs}
         gone = tuple(
             name
@@ -357,7 +386,8 @@ class Robot:
             and not any(name.startswith(prefix) for prefix in active)
         )
         tunable = tuple(name for name in self.tunable if name not in gone)
-        return replace(self, name=self.name[:42] + "_rigid", joints=tuple(joints), tunable=tunable, springs=springs)
+        made = replace(self, name=self.name[:42] + "_rigid", joints=tuple(joints), loops=tuple(loops))
+        return replace(made, tunable=tunable, springs=springs)
 
     def with_coordinates(self, coordinates: Mapping[str, Mapping[str, Coordinate]]) -> Robot:
         """The same robot with these coordinates (by joint, then by name) added to the active ones."""

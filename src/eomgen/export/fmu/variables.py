@@ -192,11 +192,12 @@ def parameter_unit(robot: Robot, name: str) -> str:
     number = number_of(name)
     if parts[0] == "springs":
         return "m" if number is None else unit_name(number.unit[0])
-    if parts[2] == "placement":
-        return "m" if parts[3] == "xyz" else "rad"
+    if parts[2] in ("placement", "placements"):
+        return "m" if "xyz" in parts[3:5] else "rad"
     if parts[2] == "offset":
         return "m" if parts[3] in LINEAR else "rad"
-    linear = PRINCIPAL[robot.joint(parts[1]).type] in LINEAR if parts[2] == MOTOR else parts[2] in LINEAR
+    of_motor = parts[0] == "joints" and parts[2] == MOTOR
+    linear = PRINCIPAL[robot.joint(parts[1]).type] in LINEAR if of_motor else parts[2] in LINEAR
     if number is None:  # of a motor
         return {"inertia": "kg.m2", "ratio": "rad/m" if linear else "1"}[parts[3]]
     at_shaft = parts[2] == MOTOR and parts[3] == "friction"
