@@ -3,17 +3,26 @@
 Frame a stands on the first link of the loop, frame b on the second; p (m) is the origin of b and R the rotation of b,
 both seen from a.  z is the joint's axis, and the normal of a planar one; a universal joint turns about x of a and y of
 b.  Every component is a coordinate of p or a sum of entries of R, so that it is smooth on the whole motion, and its
-gradients are independent wherever the joint is closed.  This file needs nothing of eomgen.
+gradients are independent wherever the joint is closed.  This file imports nothing of eomgen.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Protocol
 
-if TYPE_CHECKING:
-    from .value import Loop
+
+class Cut(Protocol):
+    """A joint that is cut: its type, and its coordinates that have a force."""
+
+    @property
+    def type(self) -> str:
+        """One of CUTS."""
+
+    @property
+    def coordinates(self) -> Mapping[str, object]:
+        """Properties by x, y, z, alpha, beta, gamma."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +65,7 @@ UPRIGHT: Mapping[str, tuple[tuple[float, int, int], ...]] = {
 }
 
 
-def rigid_parts(loop: Loop) -> tuple[Component, ...]:
+def rigid_parts(loop: Cut) -> tuple[Component, ...]:
     """The components of a loop's constraint: what its type blocks, without coordinates that have a force.
 
     Where an angle has one beside angles that are rigid, each of these has the component that vanishes with it alone
