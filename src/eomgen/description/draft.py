@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NoReturn
 
@@ -40,6 +40,8 @@ class Draft:
     frames: dict[str, Frame] = field(default_factory=dict)
     loops: dict[str, Loop] = field(default_factory=dict)
     springs: dict[str, Spring] = field(default_factory=dict)
+    driven: tuple[str, ...] | None = None
+    home: Mapping[str, float] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     inherited: tuple[str, ...] = ()
     foreign: set[str] = field(default_factory=set)

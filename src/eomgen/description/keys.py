@@ -2,7 +2,21 @@
 
 from __future__ import annotations
 
-from ..forms.keys import Choice, Either, FileName, Flag, Key, Listed, Name, Number, Numbers, RobotName, Strings, Text
+from ..forms.keys import (
+    ByName,
+    Choice,
+    Either,
+    FileName,
+    Flag,
+    Key,
+    Listed,
+    Name,
+    Number,
+    Numbers,
+    RobotName,
+    Strings,
+    Text,
+)
 from ..forms.tables import Entries, Form, Pair, Sub
 from ..names import IDENTIFIER_RULE, ROBOT_RULE
 from ..robot import laws
@@ -200,6 +214,8 @@ ROBOT = Form(
             words=POLICIES,
         ),
         "tunable": Strings("names of numbers that stay run-time parameters; * stands for one component"),
+        "driven": Strings("coordinates with a drive; default the principal ones"),
+        "home": ByName("where simulations start and closing begins, by coordinate; default 0", "m or rad"),
         "links": Entries("rigid bodies", inner=LINK),
         "joints": Entries("joints with one to six coordinates", inner=JOINT),
         "frames": Entries("points whose pose and Jacobian can be asked for", inner=FRAME),

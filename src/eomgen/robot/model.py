@@ -24,6 +24,7 @@ from ..names import (
     show,
 )
 from .cuts import CUTS, rigid_parts
+from .mechanism import drive_of, mechanism_conflict
 from .rules import conflict, loop_conflict, motor_conflict, spring_conflict
 from .value import (
     ANGULAR,
@@ -139,10 +140,27 @@ class Model:
 
     @property
     def driven(self) -> tuple[int, ...]:
-        """Indices of the coordinates that have a drive: motors, and principal ones without; none that is prescribed."""
+        """Indices of the coordinates that have a drive: motors, and principal ones without; none that is prescribed.
+
+        Where the description names them, those: a motor in the place of the coordinate that it drives.
+        """
+        if self.robot.driven is not None:
+            return tuple(sorted(self.coordinates.index(drive_of(self.robot, name)) for name in self.robot.driven))
         behind = self.motors.values()
         driving = sorted({*self.principal, *self.motors}.difference(behind))
         return tuple(index for index in driving if index not in self.prescribed)
+
+    @property
+    def home(self) -> tuple[float, ...]:
+        """The description's home, (n,), m or rad; a motor that it does not name is turned as its joint is."""
+        given = self.robot.home
+        values = [given.get(name, 0.0) for name in self.coordinates]
+        for index, principal in self.motors.items():
+            motor = self.robot.joint(joint_of(self.coordinates[index])).motor
+            assert motor is not None
+            if self.coordinates[index] not in given:
+                values[index] = motor.ratio * values[principal]
+        return tuple(values)
 
     @property
     def prescribed(self) -> tuple[int, ...]:
@@ -200,6 +218,7 @@ def build_model(robot: Robot) -> Model:
         )
     _check_loops(robot, body_of)
     _check_springs(robot, body_of)
+    _check_mechanism(robot)
     merged = tuple(
         Body(body.joint, body.parent, body.first, body.active, tuple(names))
         for body, names in zip(bodies, links, strict=True)
@@ -255,6 +274,13 @@ def _check_springs(robot: Robot, body_of: Mapping[str, int]) -> None:
         if found is not None:
             where = ".".join(filter(None, ("springs", spring.name, found[0])))
             raise DescriptionError(found[1], where=where, source=robot.source or robot.name)
+
+
+def _check_mechanism(robot: Robot) -> None:
+    """Refuse drives and a home that do not go with the coordinates."""
+    found = mechanism_conflict(robot)
+    if found is not None:
+        raise DescriptionError(found[1], where=found[0], source=robot.source or robot.name)
 
 
 def _check_pair(robot: Robot, body_of: Mapping[str, int], links: tuple[str, str], where: str) -> None:

@@ -327,6 +327,8 @@ class Robot:
     joints are in depth-first order; ``loops`` are the joints that close it, cut; ``springs`` act between points of
     links; ``tunable`` names parameters that stay run-time values; ``notes`` are one-line remarks about the reading (an
     inertia that was projected, say), for the user to see.
+    driven: names of the coordinates with a drive (of a joint or its motor, which is the same drive); None: the
+    principal ones.  home: where simulations start and closing begins, m or rad by coordinate; 0 where it has none.
     """
 
     name: str
@@ -340,6 +342,15 @@ class Robot:
     notes: tuple[str, ...] = ()
     loops: tuple[Loop, ...] = ()
     springs: tuple[Spring, ...] = ()
+    driven: tuple[str, ...] | None = field(default=None, metadata=LATER)
+    home: Mapping[str, float] = field(default_factory=dict, hash=False, metadata=LATER)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "home", MappingProxyType(dict(self.home)))
+
+    def __reduce__(self) -> tuple[object, ...]:
+        values = (dict(value) if name == "home" else value for name, value in vars(self).items())
+        return (Robot, tuple(values))  # a mapping proxy cannot be pickled
 
     def _repr_html_(self) -> str:
         """A small table, for notebooks."""
@@ -386,8 +397,17 @@ class Robot:
             and not any(name.startswith(prefix) for prefix in active)
         )
         tunable = tuple(name for name in self.tunable if name not in gone)
+        moving = {f"{joint.name}.{name}" for joint in joints for name in joint.coordinates}
+        drives = {f"{j.name}.{MOTOR}": f"{j.name}.{PRINCIPAL[j.type]}" for j in self.joints if j.motor is not None}
+        driven = None if self.driven is None else dict.fromkeys(drives.get(name, name) for name in self.driven)
         made = replace(self, name=self.name[:42] + "_rigid", joints=tuple(joints), loops=tuple(loops))
-        return replace(made, tunable=tunable, springs=springs)
+        return replace(
+            made,
+            tunable=tunable,
+            springs=springs,
+            driven=None if driven is None else tuple(name for name in driven if name in moving),
+            home={name: value for name, value in self.home.items() if name in moving},
+        )
 
     def with_coordinates(self, coordinates: Mapping[str, Mapping[str, Coordinate]]) -> Robot:
         """The same robot with these coordinates (by joint, then by name) added to the active ones."""
