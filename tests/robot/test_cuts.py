@@ -123,8 +123,8 @@ def test_rigid_keeps_what_the_type_leaves_free() -> None:
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        (Coordinate(armature=1.0), r"loops\.joint4\.x\.armature: a cut joint moves no inertia of its own; allowed: st"),
-        (Coordinate(prescribed=True), r"loops\.joint4\.x: the motion of a cut joint cannot be prescribed; allowed: "),
+        (Coordinate(armature=1.0), r"loops\.joint4\.x\.armature: it moves no inertia of its own; allowed: stiffness"),
+        (Coordinate(prescribed=True), r"loops\.joint4\.x: it has no motion of its own to prescribe; allowed: "),
         (Coordinate(clearance=1e-3), r"loops\.joint4\.x\.clearance: there is no stiffness at the end of it; allowed: "),
     ],
 )

@@ -9,7 +9,7 @@ from typing import NoReturn
 from ..errors import DescriptionError
 from ..names import listed, nearest, show
 from ..robot.geometry import Vector
-from ..robot.value import BASE, Frame, Joint, Link, Loop, Spring
+from ..robot.value import BASE, Coupling, Frame, Joint, Link, Loop, Spring
 
 Place = tuple[int, int]  # line and column, from 1
 GRAVITY: Vector = (0.0, 0.0, -9.81)
@@ -39,6 +39,7 @@ class Draft:
     joints: dict[str, Joint] = field(default_factory=dict)
     frames: dict[str, Frame] = field(default_factory=dict)
     loops: dict[str, Loop] = field(default_factory=dict)
+    couplings: dict[str, Coupling] = field(default_factory=dict)
     springs: dict[str, Spring] = field(default_factory=dict)
     driven: tuple[str, ...] | None = None
     home: Mapping[str, float] = field(default_factory=dict)

@@ -186,6 +186,19 @@ LOOP = Form(
         "offset": _OFFSET,
     }
 )
+COUPLING = Form(
+    {
+        "name": Name("of the coupling, unique", needed=IDENTIFIER_RULE),
+        "of": Text("the coordinate that follows, such as 'finger2.gamma'", needed="the name of a coordinate"),
+        "to": ByName(
+            "ratios by the coordinates that it follows; { } where it keeps to the offset",
+            "1, m/rad or rad/m",
+            "a table of ratios by coordinate",
+        ),
+        "offset": Number("added to the sum of ratio * coordinate", "m or rad"),
+        **CUT_COORDINATE.keys,
+    }
+)
 SPRING = Form(
     {
         "name": Name("of the spring, unique", needed=IDENTIFIER_RULE),
@@ -220,6 +233,9 @@ ROBOT = Form(
         "joints": Entries("joints with one to six coordinates", inner=JOINT),
         "frames": Entries("points whose pose and Jacobian can be asked for", inner=FRAME),
         "loops": Entries("joints that are cut, so that the rest is a tree", inner=LOOP),
+        "couplings": Entries(
+            "coordinates that move together, as by a gear: rigid, or elastic with a stiffness", inner=COUPLING
+        ),
         "springs": Entries("springs, dampers and cables between points of two links", inner=SPRING),
     },
     refines=True,

@@ -36,6 +36,7 @@ from ..robot.value import (
     Placement,
     Robot,
 )
+from .couplings import read_coupling
 from .draft import Draft, ordered_joints
 from .forces import read_coordinate, read_motor
 from .keys import ROBOT
@@ -176,6 +177,8 @@ def _robot_from_table(top: Table, draft: Draft, folder: Path | None, inertia: st
         draft.frames[name] = _frame(name, entry)
     for name, entry in top.entries("loops"):
         draft.loops[name] = read_loop(name, entry, lambda table: _beside(table, folder))
+    for name, entry in top.entries("couplings"):
+        draft.couplings[name] = read_coupling(name, entry, _beside(entry, folder))
     for name, entry in top.entries("springs"):
         draft.springs[name] = read_spring(name, entry, _beside(entry, folder))
     draft.driven = tuple(top.strings("driven")) if "driven" in top else draft.driven
@@ -384,6 +387,7 @@ def _finish(draft: Draft, policy: str | None, tunable: list[str]) -> Robot:
         springs=tuple(draft.springs.values()),
         driven=draft.driven,
         home=draft.home,
+        couplings=tuple(draft.couplings.values()),
     )
     found = mechanism_conflict(robot)
     if found is not None:

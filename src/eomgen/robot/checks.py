@@ -24,7 +24,7 @@ def check_parts(robot: Robot) -> None:
     Raises:
         DescriptionError: with the place, what came and what is allowed.
     """
-    for kind in ("links", "joints", "frames", "loops", "springs"):
+    for kind in ("links", "joints", "frames", "loops", "couplings", "springs"):
         seen = {robot.base} if kind == "links" else set[str]()
         for item in getattr(robot, kind):
             if item.name in seen:

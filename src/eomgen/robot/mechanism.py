@@ -1,4 +1,4 @@
-"""What a description says of a mechanism as a whole: drives and home; which coordinates it speaks about.
+"""What a description says of a mechanism as a whole: drives, home and couplings of coordinates.
 
 Each rule returns the place and the message of the first thing that is wrong, so that readers of files and the model
 (``robot.model``) refuse alike.
@@ -10,13 +10,14 @@ from collections.abc import Iterator
 
 from ..names import joint_of, kind_of, listed, nearest, show
 from .coordinates import coordinate_names, unit_of
-from .value import MOTOR, PRINCIPAL, Coordinate, Robot
+from .rules import cut_conflict
+from .value import MOTOR, PRINCIPAL, Coordinate, Coupling, Robot, first_contradiction
 
 Refused = tuple[str, str]  # place, message
 
 
 def mechanism_conflict(robot: Robot) -> Refused | None:
-    """The place and the message of what is wrong with drives or home; None if nothing is."""
+    """The place and the message of what is wrong with drives, home or couplings; None if nothing is."""
     known = coordinate_names(robot)
     return next(_refusals(robot, known), None)
 
@@ -24,6 +25,12 @@ def mechanism_conflict(robot: Robot) -> Refused | None:
 def _refusals(robot: Robot, known: tuple[str, ...]) -> Iterator[Refused]:
     yield from _drive_refusals(robot, known)
     yield from _home_refusals(robot, known)
+    for coupling in robot.couplings:
+        yield from _coupling_refusals(robot, coupling, known)
+    found = first_contradiction(robot.couplings)
+    if found is not None:
+        allowed = "rigid couplings of different coordinates, each of what others do not make of it"
+        yield f"couplings.{found[0].name}", f"{found[1]}; allowed: {allowed}"
 
 
 def _drive_refusals(robot: Robot, known: tuple[str, ...]) -> Iterator[Refused]:
@@ -52,6 +59,24 @@ def _home_refusals(robot: Robot, known: tuple[str, ...]) -> Iterator[Refused]:
         low, high = joint.limits
         if not low <= value <= high:
             yield f"home.{name}", f"got {show(value)}; allowed: within the limits, {low:g} to {high:g} {unit_of(name)}"
+
+
+def _coupling_refusals(robot: Robot, coupling: Coupling, known: tuple[str, ...]) -> Iterator[Refused]:
+    where = f"couplings.{coupling.name}"
+    for key, name in (("of", coupling.of), *(("to", name) for name in coupling.to)):
+        if name not in known:
+            yield f"{where}.{key}", f"{unknown(name, known)} (allowed: {listed(known)})"
+            return
+    if coupling.of in coupling.to:
+        yield f"{where}.to", f"{show(coupling.of)} is coupled to itself; allowed: other coordinates than that of 'of'"
+    if coupling.law is None:
+        if coordinate_of(robot, coupling.of).prescribed:
+            message = f"the motion of {show(coupling.of)} is prescribed; allowed: a coordinate that is not"
+            yield f"{where}.of", f"{message}, which may follow one that is, or a coupling with a stiffness"
+        return
+    found = cut_conflict(coupling.law)
+    if found is not None:
+        yield ".".join(filter(None, (where, found[0]))), found[1]
 
 
 def unknown(name: str, known: tuple[str, ...]) -> str:

@@ -25,7 +25,7 @@ from ..names import (
 )
 from .cuts import CUTS, rigid_parts
 from .mechanism import drive_of, mechanism_conflict
-from .rules import conflict, loop_conflict, motor_conflict, spring_conflict
+from .rules import conflict, cut_conflict, motor_conflict, spring_conflict
 from .value import (
     ANGULAR,
     COORDINATE_NUMBERS,
@@ -35,6 +35,7 @@ from .value import (
     MOTOR,
     PRINCIPAL,
     Coordinate,
+    Coupling,
     Joint,
     Loop,
     Placement,
@@ -105,19 +106,26 @@ class Model:
 
     @property
     def constraints(self) -> tuple[str, ...]:
-        """Names of the components of the loops' constraint g(q) = 0 ("loop1.x", ...), in their order."""
-        return tuple(component_name(loop.name, part.name) for loop in self.robot.loops for part in rigid_parts(loop))
+        """Names of the components of g(q) = 0, in their order: of loops ("loop1.x", ...), then rigid couplings."""
+        cut = (component_name(loop.name, part.name) for loop in self.robot.loops for part in rigid_parts(loop))
+        return (*cut, *(coupling.name for coupling in self.robot.couplings if coupling.law is None))
 
     @property
     def cut_laws(self) -> tuple[tuple[str, str, Coordinate], ...]:
-        """Coordinates of cut joints that may have a force: the loop's name, the coordinate's, and its properties."""
+        """What may have a force outside of the tree's coordinates: (owner, coordinate, properties), in their order.
+
+        Coordinates of cut joints, by the loop's name and the coordinate's; then elastic couplings, by their names and
+        "".  One that no number is given of, and none is tunable, has no force and is not among them.
+        """
         known = {parameter_path(name)[:3] for name in self.parameters}
-        return tuple(
-            (loop.name, name, given)
-            for loop in self.robot.loops
-            for name, given in loop.coordinates.items()
-            if ("loops", loop.name, name) in known
-        )
+        cut = [(loop.name, name, given) for loop in self.robot.loops for name, given in loop.coordinates.items()]
+        coupled = [
+            (coupling.name, "", coupling.law)
+            for coupling in self.robot.couplings
+            if coupling.law is not None
+            and any(("couplings", coupling.name, key.partition(".")[0]) in known for key in _law_keys(coupling))
+        ]
+        return (*(item for item in cut if ("loops", *item[:2]) in known), *coupled)
 
     @property
     def principal(self) -> tuple[int, ...]:
@@ -241,7 +249,7 @@ def with_offset_angles(model: Model) -> tuple[Model, tuple[int, ...]]:
 def _check_names(robot: Robot) -> None:
     """Names go into C and Python: the last look at them."""
     named = [("links", robot.base, is_identifier), ("name", robot.name, is_robot_name)]
-    for key in ("links", "joints", "frames", "loops", "springs"):
+    for key in ("links", "joints", "frames", "loops", "couplings", "springs"):
         named += [(key, item.name, is_identifier) for item in getattr(robot, key)]
     for where, name, is_allowed in named:
         if not is_allowed(name):
@@ -260,7 +268,7 @@ def _check_loops(robot: Robot, body_of: Mapping[str, int]) -> None:
             )
         _check_pair(robot, body_of, loop.links, f"loops.{loop.name}.links")
         for name, given in loop.coordinates.items():
-            found = loop_conflict(given)
+            found = cut_conflict(given)
             if found is not None:
                 where = ".".join(filter(None, ("loops", loop.name, name, found[0])))
                 raise DescriptionError(found[1], where=where, source=robot.source or robot.name)
@@ -277,7 +285,7 @@ def _check_springs(robot: Robot, body_of: Mapping[str, int]) -> None:
 
 
 def _check_mechanism(robot: Robot) -> None:
-    """Refuse drives and a home that do not go with the coordinates."""
+    """Refuse drives, a home and couplings that do not go with the coordinates."""
     found = mechanism_conflict(robot)
     if found is not None:
         raise DescriptionError(found[1], where=found[0], source=robot.source or robot.name)
@@ -321,7 +329,8 @@ def _parameters(robot: Robot) -> dict[str, float]:
     def always(name: str) -> bool:
         path = parameter_path(name)
         return path[0] == "gravity" or (
-            path[0] in ("joints", "loops") and (path[-1] in ("stiffness", "damping") or path[2] == "offset")
+            path[0] in ("joints", "loops", "couplings")
+            and (path[-1] in ("stiffness", "damping") or path[2] == "offset")
         )
 
     chosen = {name for name, value in values.items() if value is not None and always(name)}
@@ -334,6 +343,8 @@ def _parameters(robot: Robot) -> dict[str, float]:
     for loop in robot.loops:
         for name, given in loop.coordinates.items():
             chosen.update(f"loops.{loop.name}.{name}.{key}" for key in given.law())
+    for coupling in robot.couplings:
+        chosen.update(f"couplings.{coupling.name}.{key}" for key in (coupling.law.law() if coupling.law else ()))
     for spring in robot.springs:
         chosen.update(f"springs.{spring.name}.{key}" for key in spring.law())
     chosen.update(robot.tunable)
@@ -356,6 +367,9 @@ def parameter_values(robot: Robot) -> Iterator[tuple[str, float | None]]:
         yield from _placement_values(f"frames.{frame.name}", frame.placement)
     for loop in robot.loops:
         yield from _loop_values(loop)
+    for coupling in robot.couplings:
+        for key, number in coupling.numbers().items():
+            yield f"couplings.{coupling.name}.{key}", number
     for spring in robot.springs:
         yield from _spring_values(spring)
 
@@ -373,6 +387,11 @@ def _joint_values(joint: Joint) -> Iterator[tuple[str, float | None]]:
     for name, offset in zip(COORDINATES, joint.offset, strict=True):
         yield f"joints.{joint.name}.offset.{name}", offset
     yield from _placement_values(f"joints.{joint.name}", joint.placement)
+
+
+def _law_keys(coupling: Coupling) -> Iterator[str]:
+    """Names of the numbers of an elastic coupling's forces, below its own."""
+    return (key for key in coupling.numbers() if key != "offset" and not key.startswith("ratio."))
 
 
 def _loop_values(loop: Loop) -> Iterator[tuple[str, float | None]]:
@@ -419,13 +438,14 @@ def program_coordinates(robot: Robot) -> tuple[str, ...]:
 
 
 def refuse_unbuilt(model: Model) -> None:
-    """InputError for what equations do not have yet: forces and offsets in cut joints."""
-    missing = [f"loops.{loop}.{name}" for loop, name, _ in model.cut_laws]
+    """InputError for what equations do not have yet: forces and offsets in cut joints, couplings."""
+    missing = [f"loops.{loop}.{name}" for loop, name, _ in model.cut_laws if name]
+    missing += [f"couplings.{coupling.name}" for coupling in model.robot.couplings]
     missing += [f"loops.{x.name}.offset" for x in model.robot.loops if any(value is not None for value in x.offset)]
     if missing:
         raise InputError(
-            f"{model.name}: equations with forces or offsets in cut joints are not made yet: {listed(missing)};"
-            " allowed: cut joints whose coordinates are free or rigid"
+            f"{model.name}: equations with couplings, and forces or offsets in cut joints, are not made yet:"
+            f" {listed(missing)}; allowed: cut joints whose coordinates are free or rigid"
         )
 
 

@@ -26,7 +26,8 @@ FORMS = (
     "joints.JOINT.motor.inertia (or ratio), "
     "joints.JOINT.placement.xyz[.0] (or rpy), frames.FRAME.placement.xyz[.0] (or rpy), "
     "loops.LOOP.COORDINATE.stiffness (or damping), loops.LOOP.offset[.x], "
-    "loops.LOOP.placements[.0.xyz.0] (or rpy), springs.SPRING.stiffness (or "
+    "loops.LOOP.placements[.0.xyz.0] (or rpy), couplings.COUPLING.ratio[.JOINT.COORDINATE], "
+    "couplings.COUPLING.stiffness (or damping, offset), springs.SPRING.stiffness (or "
     "damping, free_length), springs.SPRING.points[.0.x]; * stands for any one component"
 )
 _LONG = 1000  # characters of a name that no parameter has which are looked at for a hint
@@ -65,6 +66,9 @@ def parameters(robot: Robot) -> Iterator[Parameter]:
         yield from _placement(("frames", frame.name, "placement"), frame.placement)
     for loop in robot.loops:
         yield from _of_loop(loop)
+    for coupling in robot.couplings:
+        for key, number in coupling.numbers().items():
+            yield Parameter(("couplings", coupling.name, *parameter_path(key)), number is not None)
     for spring in robot.springs:
         given = spring.law()
         for key in dict.fromkeys((*spring.optional, *given)):
@@ -158,7 +162,7 @@ def _meaning(start: _Node, item: Parameter) -> Iterator[str]:
 
 def _shortest(path: tuple[str, ...]) -> int:
     """Least number of components of a pattern for this parameter."""
-    return {"gravity": 1, "links": 3, "joints": 4, "frames": 4, "loops": 3, "springs": 3}[path[0]]
+    return {"gravity": 1, "links": 3, "joints": 4, "frames": 4, "loops": 3, "couplings": 3, "springs": 3}[path[0]]
 
 
 def _refuse(robot: Robot, pattern: str, known: Sequence[Parameter]) -> NoReturn:

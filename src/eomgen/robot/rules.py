@@ -56,12 +56,12 @@ def conflict(given: Coordinate) -> tuple[str, str] | None:
     return curve_conflict(given.curve) if found is None and given.curve is not None else found
 
 
-def loop_conflict(given: Coordinate) -> tuple[str, str] | None:
-    """The key and the message of what is wrong with a coordinate of a cut joint; None if nothing is."""
+def cut_conflict(given: Coordinate) -> tuple[str, str] | None:
+    """The key and the message of what is wrong with forces in a cut joint or coupling; None if nothing is."""
     if given.armature is not None:
-        return "armature", f"a cut joint moves no inertia of its own; allowed: {', '.join((*CUT_NUMBERS, *LAWS))}"
+        return "armature", f"it moves no inertia of its own; allowed: {', '.join((*CUT_NUMBERS, *LAWS))}"
     if given.prescribed:
-        return "", "the motion of a cut joint cannot be prescribed; allowed: prescribed coordinates of other joints"
+        return "", "it has no motion of its own to prescribe; allowed: prescribed coordinates of joints"
     return conflict(given)
 
 
