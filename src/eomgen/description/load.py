@@ -12,12 +12,14 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..errors import DescriptionError, InputError
+from ..forms.keys import ByName
 from ..forms.tables import Table
 from ..forms.toml_place import located
 from ..forms.toml_text import parse_toml, read_text
 from ..names import nearest, show, show_path
 from ..robot.geometry import ZERO
 from ..robot.inertia_policy import POLICIES, Judged, apply_inertia_policy, link_sizes
+from ..robot.mechanism import mechanism_conflict
 from ..robot.parameter_names import expand_tunable
 from ..robot.rules import motor_conflict
 from ..robot.value import (
@@ -34,6 +36,7 @@ from ..robot.value import (
     Placement,
     Robot,
 )
+from .couplings import read_coupling
 from .draft import Draft, ordered_joints
 from .forces import read_coordinate, read_motor
 from .keys import ROBOT
@@ -173,9 +176,13 @@ def _robot_from_table(top: Table, draft: Draft, folder: Path | None, inertia: st
     for name, entry in top.entries("frames"):
         draft.frames[name] = _frame(name, entry)
     for name, entry in top.entries("loops"):
-        draft.loops[name] = read_loop(name, entry)
+        draft.loops[name] = read_loop(name, entry, lambda table: _beside(table, folder))
+    for name, entry in top.entries("couplings"):
+        draft.couplings[name] = read_coupling(name, entry, _beside(entry, folder))
     for name, entry in top.entries("springs"):
         draft.springs[name] = read_spring(name, entry, _beside(entry, folder))
+    draft.driven = tuple(top.strings("driven")) if "driven" in top else draft.driven
+    draft.home = top.value("home", ByName) or draft.home
     _settle_base(draft)
     try:
         return _finish(draft, inertia or top.choice("inertia"), top.strings("tunable"))
@@ -378,7 +385,13 @@ def _finish(draft: Draft, policy: str | None, tunable: list[str]) -> Robot:
         notes=(*draft.notes, *notes),
         loops=tuple(draft.loops.values()),
         springs=tuple(draft.springs.values()),
+        driven=draft.driven,
+        home=draft.home,
+        couplings=tuple(draft.couplings.values()),
     )
+    found = mechanism_conflict(robot)
+    if found is not None:
+        draft.fail(*found)
     return Robot(**{**vars(robot), "tunable": expand_tunable(robot, tunable)})
 
 

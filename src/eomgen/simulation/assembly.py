@@ -86,7 +86,7 @@ def assemble(
             return kernel
         return build(robot.rigid(), kernels=RIGID_KERNELS, progress=lambda text: report(0.0, f"rigid model: {text}"))
 
-    start = dict(given)
+    start = {**robot.home, **given}
     if prescribed is not None:
         start |= dict(zip(names, prescribed(0.0)[0].tolist(), strict=True))
     program: Program | None = None
@@ -95,7 +95,7 @@ def assemble(
     elif scenario.motion is not None:
         program = make_program(scenario, robot, driven, rigid, tool, start)
     elif control.type in ("pd", "computed_torque"):
-        program = Standstill(np.array([given.get(name, 0.0) for name in driven]))
+        program = Standstill(np.array([start.get(name, 0.0) for name in driven]))
     drive = _drive(robot, scenario, control, kernel, driven, program, rigid, prescribed)
     wrenches = Wrenches(scenario, robot, kernel) if scenario.wrenches else None
     return Assembly(kernel, driven, given, program, drive, wrenches, prescribed)
