@@ -10,12 +10,12 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
+from ..forces.cuts import coupled
 from ..solve.elimination import Elimination
 from ..solve.responses import EliminatedTree, Tree, total
 from ..solve.rotors import Rotors
 from ..solve.rows import PRECISIONS, Row, RowSystem
 from ..tree.bound import Bound
-from ..tree.constraints import closures
 from ..tree.spatial import Scalar
 from .derivation import Derivation, Outputs
 
@@ -42,16 +42,22 @@ class Gap:
 
 
 def gaps(d: Derivation, v: Sequence[Scalar]) -> list[Gap]:
-    """Components of the constraint of all loops, in the order of ``Model.constraints``; arms that vanish are left out.
+    """Components of the constraint, of all loops and rigid couplings, in the order of ``Model.constraints``.
 
-    Prescribed coordinates have arms, too: they move the loops, but no multiplier moves them.
+    Arms that vanish are left out.  Prescribed coordinates have arms, too: they move the loops, but no multiplier moves
+    them.
     """
     found = []
-    for number, closure in enumerate(closures(d.model, d.bound, d.joints, d.graph.note)):
+    for closure in d.closures:
         parts = zip(closure.parts, closure.values(), closure.jacobian(), closure.bias(v), strict=True)
         for part, value, row, bias in parts:
             arms = {index: arm for index, arm in row.items() if not is_plain_zero(arm)}
-            found.append(Gap(value, arms, bias, (number, part.axis is None)))
+            found.append(Gap(value, arms, bias, (closure.number, part.axis is None)))
+    for number, coupling in enumerate(d.bound.couplings):
+        if coupling.law is None:
+            found.append(
+                Gap(coupled(coupling.arms, coupling.offset, d.q), dict(coupling.arms), 0.0, ("coupling", number))
+            )
     return found
 
 

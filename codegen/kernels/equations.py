@@ -17,6 +17,7 @@ from .signatures import KERNELS, RATES, SIGNATURES, available
 from .writers import DESCRIPTION_FRAMES, WAYS, WRITERS
 
 DIVISION = 8  # a division takes about as long as so many products
+NEEDS = {"loops": "[[loops]]", "springs": "[[springs]]", "constraints": "rigid [[loops]] or [[couplings]]"}
 STRAIGHT_COLUMNS = 12000  # up to so many operations all columns are written out, above it is a loop over them
 
 
@@ -53,7 +54,7 @@ def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "fl
     for name in kernels:
         if name not in known:
             raise InputError(
-                f"kernels: {name!r} is for robots with [[{KERNELS[name].needs}]], and {model.name} has none"
+                f"kernels: {name!r} is for robots with {NEEDS[KERNELS[name].needs]}, and {model.name} has none"
             )
     wanted = kernels or [name for name in known if not KERNELS[name].tangent_of]
     public = tuple(name for name in known if name in wanted or KERNELS[name].needs == "springs")
@@ -62,7 +63,7 @@ def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "fl
     choices: dict[str, str] = {}
     for name in public:
         signature = KERNELS[name]
-        if signature.closed and model.robot.loops:
+        if signature.closed and model.constraints:
             calls[name] = signature.closed
         elif signature.calls:
             calls[name] = signature.calls

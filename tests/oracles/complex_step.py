@@ -18,6 +18,7 @@ COMPLEX = {
     "max": lambda x, y: y if complex(x).real < complex(y).real else x,
     "step": lambda x: float(complex(x).real > 0.0),
     "exp": cmath.exp,
+    "atan2": lambda y, x: -1j * cmath.log((x + 1j * y) / cmath.sqrt(x * x + y * y)),
 }
 
 

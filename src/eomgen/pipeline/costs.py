@@ -10,7 +10,7 @@ from ..description import RobotLike, as_robot
 from ..progress import StageReport, no_report
 from ..robot.coordinates import UNITS
 from ..robot.laws import number_texts
-from ..robot.model import Model, build_model, refuse_unbuilt
+from ..robot.model import Model, build_model
 from ..robot.value import MOTOR, PRINCIPAL
 
 
@@ -125,7 +125,6 @@ def robot_info(robot: RobotLike, *, progress: StageReport = no_report) -> RobotI
     from ..codegen.kernels.operation_counts import operations
 
     model = build_model(as_robot(robot))
-    refuse_unbuilt(model)
     progress(f"deriving the equations of {model.size} coordinates")
     equations = derive_equations(model)
     zeros = zero_map(model)
