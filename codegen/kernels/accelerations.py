@@ -11,7 +11,7 @@ from ..forces.rows import effects, stretches
 from ..forces.springs import Along
 from ..solve.factorised import Factors, solve
 from ..solve.responses import EliminatedTree, FactorisedTree
-from ..solve.rows import Row
+from ..solve.rows import Row, elastic_row
 from ..tree.spatial import Scalar
 from .closed import Pivots, closed, constrained, eliminated, gaps, pivot_outputs, settling
 from .derivation import Derivation, Outputs
@@ -128,13 +128,13 @@ def _cut_row(d: Derivation, own: Deviating, dt: Scalar, square: Scalar, springs:
     for i, arm in own.arms.items():
         springs[i] = springs[i] + found.force * arm
     slope = d.functions.max(dt * found.by_v + square * found.by_s, 0.0)
-    return Row(own.arms, 0.0, root=d.functions.sqrt(slope))
+    return elastic_row(own.arms, d.functions.sqrt(slope))
 
 
 def _elastic_row(d: Derivation, pull: Along, dt: Scalar, square: Scalar) -> Row:
     """The row of a spring between two points, whose slope is left out where it falls."""
     slope = d.functions.max(dt * pull.by_rate + square * pull.by_e, 0.0)
-    return Row(pull.arms, 0.0, root=d.functions.sqrt(slope))
+    return elastic_row(pull.arms, d.functions.sqrt(slope))
 
 
 @dataclass(frozen=True)

@@ -99,7 +99,7 @@ def closed(d: Derivation, tree: Tree, rows: Sequence[Row]) -> tuple[list[Scalar]
         replace(row, arms={i: arm for i, arm in row.arms.items() if i not in given}) if given else row for row in rows
     ]
     responses = [tree.respond(row) for row in pushing]
-    system = RowSystem(pushing, responses, PRECISIONS[d.dtype])
+    system = RowSystem(pushing, responses, PRECISIONS[d.dtype], tree.pivots())
     multipliers = system.multipliers(lambda r: rows[r].right - tree.along(rows[r], responses[r]))
     return tree.accelerations(total(responses, multipliers)), multipliers
 
