@@ -84,7 +84,7 @@ OPERATIONS: Mapping[str, Operation] = MappingProxyType(
             "sincos",
             math.atan2,
             lambda g, x, y, dx: (x[1] * dx[0] - x[0] * dx[1]) / (x[0] * x[0] + x[1] * x[1]),
-            "angle",
+            "bearing",
             lambda sympy, x, y: sympy.atan2(x, y),
         ),
     }

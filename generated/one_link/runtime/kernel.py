@@ -199,7 +199,7 @@ class Kernel:
                 for name, method in vars(Kernel).items()
                 if isinstance(method, FunctionType) and getattr(type(self), name) is method  # not one of a subclass
             }
-            found = functions(module, self.raw, methods, self.frames, bool(self.loops))
+            found = functions(module, self.raw, methods, self.frames, bool(self.constraints))
             self._functions = (module, found)
         plain = self._with_methods_in_python()
         state = self.parameters.state
@@ -367,7 +367,9 @@ class Kernel:
         """
         if wrench is not None:
             u = self._with_wrench(q, u, wrench)
-        return self.calls.run("tree_forward_dynamics" if cut and self.loops else "forward_dynamics", out, (q, v, u))
+        return self.calls.run(
+            "tree_forward_dynamics" if cut and self.constraints else "forward_dynamics", out, (q, v, u)
+        )
 
     def constraint_forces(
         self, q: ArrayLike, v: ArrayLike, u: ArrayLike, *, wrench: ArrayLike | None = None, out: Array | None = None
