@@ -177,6 +177,30 @@ class ClosedOracle:
                         wrench[3:] += value * factor * b.R.T @ np.cross(b.R[:, j], a.R[:, i])
         return result
 
+    def reactions(self, q: Array, v: Array, found: Closed) -> Array:
+        """(joints that move, 6): what each exerts on its child, force then moment, in axes and at the origin behind it.
+
+        Unique where the multipliers of all loops around it are.
+        """
+        own, data = self.tree.own, self.data
+        wrenches = [pin.Force.Zero() for _ in range(self.model.njoints)]
+        for one, (_, b), (first, second) in zip(found.reactions, self.sides(q, v), self.frames, strict=True):
+            force = b.R @ one[:3]
+            in_base = pin.Force(force, b.R @ one[3:] + np.cross(b.x, force))
+            for frame, sign in ((first, -1.0), (second, 1.0)):
+                at = self.model.frames[frame].parentJoint
+                wrenches[at] = wrenches[at] + data.oMi[at].actInv(sign * in_base)
+        if self.springs is not None:
+            wrenches = [x + y for x, y in zip(wrenches, self.springs.wrenches(q[own], v[own]), strict=True)]
+        pin.rnea(self.model, data, q[own], v[own], found.a[own], wrenches)
+        joints = [joint for joint in self.robot.joints if joint.coordinates]
+        rows = []
+        for at, joint in zip(self.bodies.last, joints, strict=True):
+            body = self.model.frames[self.bodies.frame_number(joint.child)]
+            behind = body.placement * pin.SE3(np.array(joint.axis_turn), np.zeros(3))
+            rows.append(behind.actInv(data.f[at]).vector)
+        return np.array(rows)
+
     def by_pinocchio(self, q: Array, v: Array, u: Array) -> tuple[Array, Array]:
         """Accelerations and wrenches by Pinocchio's constraintDynamics: cuts spherical or fixed, nothing prescribed.
 

@@ -1,4 +1,4 @@
-"""Mechanisms with closed loops: known linkages, and how this project's kernels say they move."""
+"""Mechanisms with closed loops: known linkages, and the kernels that say how they move."""
 
 from __future__ import annotations
 
@@ -6,11 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-import eomgen
 from benchmarks.ladder import rod
-from eomgen.loops.closed import ClosedLoops
 from eomgen.robot.value import Coordinate, Joint, Link, Loop, Placement, Robot
-from tests.oracles.closed_mechanisms import Closed
 from tests.support.random_robots import Array
 from tests.support.recuts import inverse, placed, pose
 
@@ -24,17 +21,6 @@ KERNELS = (
     "energy",
     "kinematics",
 )
-
-
-def closed_dynamics(kernel: eomgen.Kernel, q: Array, v: Array, u: Array) -> Closed:
-    """Accelerations, multipliers and wrenches in the cuts of one state, with the loops closed.
-
-    The one place that says which of this project's functions tests of random mechanisms check.
-    """
-    loops = ClosedLoops(kernel)
-    found = loops.forward_dynamics(q, v, u)
-    unique = np.array([name not in found.redundancy.undetermined for name in kernel.constraints])
-    return Closed(found.a, found.multipliers, unique, loops.reactions(q, found.multipliers))
 
 
 def bricard(ground: Placement | None = None) -> Robot:

@@ -1,0 +1,24 @@
+"""How this project's kernels say that a mechanism with loops moves."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import eomgen
+from eomgen.loops.closed import ClosedLoops
+from tests.oracles.closed_mechanisms import Closed
+from tests.support.linkages import KERNELS
+from tests.support.random_robots import Array
+
+USED = tuple(name for name in KERNELS if name not in ("energy", "kinematics"))
+
+
+def closed_dynamics(kernel: eomgen.Kernel, q: Array, v: Array, u: Array) -> Closed:
+    """Accelerations, multipliers and wrenches in the cuts of one state, with the loops closed.
+
+    The one place that says which of this project's functions tests of random mechanisms check.
+    """
+    loops = ClosedLoops(kernel)
+    found = loops.forward_dynamics(q, v, u)
+    unique = np.array([name not in found.redundancy.undetermined for name in kernel.constraints])
+    return Closed(found.a, found.multipliers, unique, loops.reactions(q, found.multipliers))
