@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -41,6 +41,7 @@ STATES, DIFFERENT, MANY = 16, 64, 4096  # of one state's row; of the batch, whic
 TOLERANCE = 1e-7  # relative: lcaba's regularised elimination reaches no more
 RESIDUAL = 1e-12  # that ends Pinocchio's iteration early
 WINDOWS = 40
+LADDERS = {2: (266, 207), 200: None}  # windows of ladders that are counted as well, and the most operations
 BATCH_ROUNDS = 0.3  # of the rounds: a round takes as long as thousands of calls
 LOOPS = ("constraint", "constraint_jacobian")
 STAND_IN = "NumPy, one state (stand-in)"
@@ -55,39 +56,44 @@ class Case:
     guess: Callable[[np.random.Generator], tuple[Array, Array]]
     settings: Mapping[str, Settings]
     required: Mapping[bool, float] = field(default_factory=dict)  # batch or not -> least ratio to constraintDynamics
+    most: tuple[int, int] | None = None  # multiplications and additions
 
 
 # ---- ours
 
 
-@dataclass(frozen=True)
 class Ours:
-    """This project's side of a row: what is timed, and its operations if they are known."""
+    """This project's side: forward dynamics with the loops closed.  The one place that says what is called.
 
-    contenders: Sequence[Contender]
-    operations: Mapping[str, int] | None
+    A STAND-IN: until ``forward_dynamics`` of a robot with loops is generated, ``ClosedLoops`` behind a kernel's
+    arguments, so that all the rest can be run.  Then the methods return
 
+        [made.contender("forward_dynamics"), made.contender("forward_dynamics", batch=True)]
+        derive_equations(build_model(self.robot), ("forward_dynamics",)).programs["forward_dynamics"].count()
 
-def ours(robot: Robot) -> Ours:
-    """Forward dynamics with the loops closed: one state first, then many if there is such a kernel.
-
-    The one place that says what is called.  A STAND-IN: until ``forward_dynamics`` of a robot with loops is generated,
-    ``ClosedLoops`` behind a kernel's arguments, so that the rest can be run.  Then it is
-
-        made = peers.ours.Ours(robot, ("forward_dynamics",), progress)
-        contenders = made.contender("forward_dynamics"), made.contender("forward_dynamics", batch=True)
-        operations = derive_equations(build_model(robot), ("forward_dynamics",)).programs["forward_dynamics"].count()
+    with made = peers.ours.Ours(self.robot, ("forward_dynamics",), progress), and STAND_IN goes with what asks for it.
     """
-    loops = ClosedLoops(eomgen.build(robot, kernels=(*LOOPS, "constraint_bias", "mass_matrix", "inverse_dynamics")))
-    n = loops.kernel.n
 
-    @FFI.callback("int(const double *, const double *, const double *, const double *, double *)")  # type: ignore[untyped-decorator]
-    def called(h: object, *arrays: object) -> int:
-        q, v, u, out = (np.frombuffer(FFI.buffer(x, 8 * n)) for x in arrays)
-        out[:] = loops.forward_dynamics(q, v, u).a
-        return 0
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
 
-    return Ours([Contender(STAND_IN, address(FFI, called), 0, kept=(loops, called))], None)
+    def contenders(self) -> Sequence[Contender]:
+        """The kernel for one state, and for many if there is such a kernel."""
+        kernels = (*LOOPS, "constraint_bias", "mass_matrix", "inverse_dynamics")
+        loops = ClosedLoops(eomgen.build(self.robot, kernels=kernels))
+        n = loops.kernel.n
+
+        @FFI.callback("int(const double *, const double *, const double *, const double *, double *)")  # type: ignore[untyped-decorator]
+        def called(h: object, *arrays: object) -> int:
+            q, v, u, out = (np.frombuffer(FFI.buffer(x, 8 * n)) for x in arrays)
+            out[:] = loops.forward_dynamics(q, v, u).a
+            return 0
+
+        return [Contender(STAND_IN, address(FFI, called), 0, kept=(loops, called))]
+
+    def operations(self) -> Mapping[str, int] | None:
+        """Operations of the kernel for one state; None if they are not known."""
+        return None
 
 
 # ---- states
@@ -144,7 +150,9 @@ def _andrews(rng: np.random.Generator) -> tuple[Array, Array]:
              "delta": 0.487364979543843, "omega": -0.222668390165886, "epsilon": 1.23054744454982}  # fmt: skip
     joints = [joint.name for joint in eomgen.load_robot("andrews").joints]
     q = np.array([start.get(name, 0.0) for name in joints])
-    q[joints.index("beta")] += rng.uniform(-0.3, 0.3)
+    turned = rng.uniform(-0.6, 0.6)
+    q[joints.index("beta")] += turned
+    q[joints.index("theta")] -= 0.75 * turned  # as they start
     return q, rng.uniform(-100.0, 100.0, len(q))
 
 
@@ -164,18 +172,28 @@ CASES: Mapping[str, Case] = {
         _gough,
         _settings((0.0, 1), (1e-7, 1)),
         {False: 5.0, True: 30.0},
+        (4900, 4100),
     ),
     "four_bar": Case(
-        "four-bar linkage", partial(eomgen.load_robot, "four_bar"), _four_bar, _settings((1e-10, 1), (1e-5, 2))
+        "four-bar linkage",
+        partial(eomgen.load_robot, "four_bar"),
+        _four_bar,
+        _settings((1e-10, 1), (1e-5, 2)),
+        most=(128, 84),
     ),
     "andrews": Case(
-        "Andrews' mechanism", partial(eomgen.load_robot, "andrews"), _andrews, _settings((1e-10, 1), (3e-5, 2))
+        "Andrews' mechanism",
+        partial(eomgen.load_robot, "andrews"),
+        _andrews,
+        _settings((1e-10, 1), (3e-5, 2)),
+        most=(640, 470),
     ),
     "ladder": Case(
         f"ladder of {WINDOWS} windows",
         partial(ladder, WINDOWS),
         partial(_ladder, WINDOWS),
         _settings((1e-10, 2), (1e-4, 5)),
+        most=(6118, 4881),
     ),
 }
 
@@ -206,11 +224,20 @@ class Row:
 
 
 @dataclass(frozen=True)
+class Count:
+    """Operations of a mechanism's kernel, and how many multiplications and additions there may be."""
+
+    title: str
+    operations: Mapping[str, int]
+    most: tuple[int, int] | None = None
+
+
+@dataclass(frozen=True)
 class Found:
-    """A run: rows, operations by title, and the most iterations of the peer by (title, algorithm)."""
+    """A run: rows, operations, and the most iterations of the peer by (title, algorithm)."""
 
     rows: Sequence[Row]
-    operations: Mapping[str, Mapping[str, int]]
+    counts: Sequence[Count]
     iterations: Mapping[tuple[str, str], int]
     stand_in: bool
 
@@ -223,43 +250,51 @@ def without_springs(robot: Robot) -> Robot:
 def measure(names: Sequence[str], rounds: int, progress: Callable[[str], None]) -> Found:
     """Every mechanism: compared, then timed."""
     stopwatch = compile_yardstick(build_model(eomgen.load_robot("one_link")), ()).stopwatch
-    rows, operations, iterations, stand_in = [], {}, {}, False
+    rows, iterations, stand_in = [], {}, False
     for name in names:
         case = CASES[name]
         progress(f"{name}: building")
-        robot = case.robot()
-        whole = ours(robot)
-        if whole.operations is not None:
-            operations[case.title] = whole.operations
-        mine = ours(without_springs(robot)) if robot.springs else whole
-        stand_in |= any(contender.label == STAND_IN for contender in mine.contenders)
+        robot = without_springs(case.robot())
+        mine = Ours(robot).contenders()
+        stand_in |= any(contender.label == STAND_IN for contender in mine)
         try:
-            peer = ClosedPeer(without_springs(robot))
+            peer = ClosedPeer(robot)
             others = [peer.contender(algorithm, case.settings[algorithm]) for algorithm in CODE]
         except MissingPeer as error:
             rows.append(Row(case.title, False, missing=str(error)))
             continue
         different = closed_states(robot, case, DIFFERENT)
-        for batch in sorted({contender.batch for contender in mine.contenders}):
-            progress(f"{name}: timing{' a batch' if batch else ''}")
-            arrays = [np.tile(x, (MANY // DIFFERENT, 1)) if batch else x[:STATES].copy() for x in different]
-            first = [contender for contender in mine.contenders if contender.batch == batch]
-            rows.append(_row(stopwatch, case, [*first, *others], arrays, rounds, batch))
+        for first in mine:
+            progress(f"{name}: timing{' a batch' if first.batch else ''}")
+            arrays = [np.tile(x, (MANY // DIFFERENT, 1)) if first.batch else x[:STATES].copy() for x in different]
+            rows.append(row(stopwatch, case, [first, *others], arrays, rounds))
         iterations |= {(case.title, other.label): peer.iterations(other) for other in others}
-    return Found(rows, operations, iterations, stand_in)
+    return Found(rows, list(counted(names, progress)), iterations, stand_in)
 
 
-def _row(
-    stopwatch: Stopwatch, case: Case, contenders: Sequence[Contender], arrays: Sequence[Array], rounds: int, batch: bool
-) -> Row:
+def counted(names: Sequence[str], progress: Callable[[str], None]) -> Iterator[Count]:
+    """Operations of the mechanisms, and of shorter and longer ladders."""
+    wanted = [(CASES[name].title, CASES[name].robot, CASES[name].most) for name in names]
+    if "ladder" in names:
+        wanted += [(f"ladder of {n} windows", partial(ladder, n), most) for n, most in LADDERS.items()]
+    for title, make, most in wanted:
+        progress(f"{title}: counting")
+        operations = Ours(make()).operations()
+        if operations is not None:
+            yield Count(title, operations, most)
+
+
+def row(stopwatch: Stopwatch, case: Case, contenders: Sequence[Contender], arrays: Sequence[Array], rounds: int) -> Row:
+    """Ours, which comes first, beside the others; without times if they differ."""
+    batch = contenders[0].batch
     base = Row(case.title, batch, required=case.required.get(batch))
     size, label = arrays[0].shape[1], contenders[0].label
     try:
         difference = compare(contenders, arrays, size, TOLERANCE, f"{case.title}: forward dynamics")
     except (Disagreement, ArithmeticError) as error:
         return replace(base, missing=str(error))
+    rounds = max(3, round(rounds * BATCH_ROUNDS)) if batch else rounds
     with one_core():
-        rounds = max(3, round(rounds * BATCH_ROUNDS)) if batch else rounds
         timing = Timing(time(stopwatch, contenders, arrays, size, rounds), difference)
     ns = {contender.label: timing.median(contender.label) for contender in contenders}
     ratios = {other.label: timing.ratio(other.label, label) for other in contenders[1:]}
@@ -320,7 +355,7 @@ def page(found: Found, rounds: int) -> str:
         used=" ".join(USED),
         version=pinocchio_peer.version(),
         flags=" ".join(pinocchio_peer.FLAGS),
-        operations="\n".join(operation_lines(found.operations)),
+        operations="\n".join(operation_lines(found.counts)),
         windows=WINDOWS,
         settings="\n".join(setting_lines(found.iterations)),
     )
@@ -347,11 +382,15 @@ def required_lines(rows: Sequence[Row]) -> list[str]:
     ]
 
 
-def operation_lines(operations: Mapping[str, Mapping[str, int]]) -> list[str]:
+def operation_lines(counts: Sequence[Count]) -> list[str]:
     """The table of operations."""
     names = ("mul", "add", "div", "sincos")
-    lines = ["| mechanism | " + " | ".join(names) + " |", "|---" + "|---:" * len(names) + "|"]
-    return lines + [f"| {title} | {' | '.join(str(n[x]) for x in names)} |" for title, n in operations.items()]
+    lines = [f"| mechanism | {' | '.join(names)} | mul and add at most |", "|---" + "|---:" * (len(names) + 1) + "|"]
+    for count in counts:
+        cells = [str(count.operations[name]) for name in names]
+        most = "" if count.most is None else f"{count.most[0]}, {count.most[1]}"
+        lines.append(f"| {count.title} | {' | '.join(cells)} | {most} |")
+    return lines
 
 
 def setting_lines(iterations: Mapping[tuple[str, str], int]) -> list[str]:
@@ -385,7 +424,7 @@ def main(words: Sequence[str] | None = None) -> int:
         parser.error(f"--repeat: {arguments.repeat} is not a number of rounds; at least 1")
     progress = (lambda line: print(line, file=sys.stderr)) if sys.stderr.isatty() else (lambda line: None)
     found = measure(arguments.mechanisms or list(CASES), arguments.repeat, progress)
-    print("\n".join([*ratio_lines(found.rows), *required_lines(found.rows), *operation_lines(found.operations)]))
+    print("\n".join([*ratio_lines(found.rows), *required_lines(found.rows), *operation_lines(found.counts)]))
     for row in found.rows:
         print(f"{row.title}{', batch' * row.batch}: ns " + ", ".join(f"{x} {ns:.0f}" for x, ns in row.ns.items()))
     if arguments.mechanisms:

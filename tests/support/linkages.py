@@ -22,6 +22,16 @@ KERNELS = (
     "kinematics",
 )
 
+FREE = {  # coordinates of eq. (3) that a cut joint leaves free
+    "revolute": ("gamma",),
+    "prismatic": ("z",),
+    "cylindrical": ("z", "gamma"),
+    "universal": ("alpha", "beta"),
+    "spherical": ("alpha", "beta", "gamma"),
+    "planar": ("x", "y", "gamma"),
+    "fixed": (),
+}
+
 
 def bricard(ground: Placement | None = None) -> Robot:
     """Bricard's mechanism, problem A04 of the IFToMM library of multibody benchmarks.

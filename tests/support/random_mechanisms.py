@@ -17,21 +17,12 @@ from eomgen.robot.model import FIXED_BODY, Model, build_model
 from eomgen.robot.value import PRINCIPAL, Coordinate, Joint, Loop, Placement, Robot
 from tests.oracles.closed_mechanisms import ROWS, ClosedOracle
 from tests.oracles.force_laws import with_laws
-from tests.support.linkages import bennett, bricard, hinge, threefold
+from tests.support.linkages import FREE, bennett, bricard, hinge, threefold
 from tests.support.random_motors import motor_state, with_motors
 from tests.support.random_robots import Array, random_link, random_placement, random_robot, random_rotation
 from tests.support.random_springs import with_springs
 from tests.support.recuts import placed, pose
 
-FREE = {  # coordinates of eq. (3) that a cut joint leaves free
-    "revolute": ("gamma",),
-    "prismatic": ("z",),
-    "cylindrical": ("z", "gamma"),
-    "universal": ("alpha", "beta"),
-    "spherical": ("alpha", "beta", "gamma"),
-    "planar": ("x", "y", "gamma"),
-    "fixed": (),
-}
 LEAST, NOTHING = 1e-3, 1e-10  # singular values by the greatest: those between are near-singular poses
 MOST = 14  # coordinates
 PLANAR = ("revolute", "revolute", "cylindrical", "spherical")
