@@ -55,8 +55,8 @@ def compare(found: Closed, expected: Closed, oracle: ClosedOracle, m: Mechanism,
 def test_pinocchio_says_the_same(number: int, built: Build, figures: Figures) -> None:
     m = mechanism(number)
     oracle = ClosedOracle(m.robot)
-    found = closed_dynamics(built(m.robot, *USED), m.q, m.v, m.u)
-    compare(found, oracle.solve(m.q, m.v, m.u), oracle, m, figures)
+    found = closed_dynamics(built(m.robot, *USED), m.q, m.v, m.u, m.wrench)
+    compare(found, oracle.solve(m.q, m.v, m.u, m.wrench), oracle, m, figures)
 
 
 @pytest.mark.parametrize("number", seeds(6, 2, 500))
@@ -73,8 +73,8 @@ def test_another_cut_says_the_same(number: int, built: Build, figures: Figures) 
     second, kernel = ClosedOracle(other.robot), built(other.robot, *USED)
     assert np.abs(second.constraint(q, v)[0]).max() <= 1e-14
     assert np.abs(second.constraint(q, v)[1] @ v).max() <= 1e-13
-    found = closed_dynamics(kernel, q, v, drives)
-    one, again = first.solve(m.q, m.v, u), second.solve(q, v, drives)
+    found = closed_dynamics(kernel, q, v, drives, m.wrench)
+    one, again = first.solve(m.q, m.v, u, m.wrench), second.solve(q, v, drives, m.wrench)
     expected = other.spread(names, one.a, np.nan)
     shared = ~np.isnan(expected)
     figures.at_most("accelerations by another cut", relative(found.a[shared], expected[shared]), LIMIT)
@@ -82,7 +82,7 @@ def test_another_cut_says_the_same(number: int, built: Build, figures: Figures) 
     if again.unique.all():
         place = [loop.name for loop in other.robot.loops].index(joint_of(other.cut))
         joints = [joint.name for joint in m.robot.joints if joint.coordinates]
-        carried = first.reactions(m.q, m.v, one)[joints.index(joint_of(other.cut))]
+        carried = first.reactions(m.q, m.v, one, m.wrench)[joints.index(joint_of(other.cut))]
         figures.at_most("wrench in the joint that is cut", relative(found.reactions[place], carried), LIMIT)
         figures.count("mechanisms without redundant rows")
 
@@ -107,6 +107,7 @@ def test_the_mechanisms_are_of_all_kinds(figures: Figures) -> None:
     for number in range(500):
         m = mechanism(number)
         n.append(len(m.q))
+        figures.count("wrenches on links", len(m.wrench))
         kinds |= {loop.type for loop in m.robot.loops} | {"spring" for _ in m.robot.springs}
         for joint in m.robot.joints:
             sizes.add(len(joint.coordinates))

@@ -37,6 +37,8 @@ ROWS: Mapping[str, tuple[Row, ...]] = {
     "planar": (2, *_AXES),
     "fixed": (0, 1, 2, *_TURN),
 }
+Wrench = Mapping[str, Array]  # link -> force and moment at its centre of mass in base axes, (6,)
+NO_WRENCH: Wrench = {}
 RANK = 1e-9  # of the greatest singular value: less is zero
 SIZES = {"spherical": pin.ContactType.CONTACT_3D, "fixed": pin.ContactType.CONTACT_6D}
 
@@ -135,20 +137,25 @@ class ClosedOracle:
                     values.append(value)
         return np.array(g), np.array(J), np.array(bias)
 
-    def forces(self, q: Array, v: Array, a: Array) -> Array:
+    def forces(self, q: Array, v: Array, a: Array, wrench: Wrench = NO_WRENCH) -> Array:
         """What the tree's motion takes: M a + h."""
         found = self.tree.inverse_dynamics(q, v, a)
+        if wrench:
+            found = found - self.tree.spread(self.bodies.external_force(q[self.tree.own], self._by_link(wrench)))
         if self.springs is not None:
             own = self.tree.own
             found = found - self.tree.spread(self.springs.external(q[own], v[own]))
         return np.asarray(found)
 
-    def solve(self, q: Array, v: Array, u: Array) -> Closed:
-        """Motion under the drives u; in u a prescribed coordinate has its acceleration."""
+    def _by_link(self, wrench: Wrench) -> Array:
+        return np.array([wrench.get(name, np.zeros(6)) for name in self.bodies.links])
+
+    def solve(self, q: Array, v: Array, u: Array, wrench: Wrench = NO_WRENCH) -> Closed:
+        """Motion under the drives u and wrenches on links; in u a prescribed coordinate has its acceleration."""
         _, J, bias = self.constraint(q, v)
         free, M = self.free, self.tree.mass_matrix(q)
         a = np.where(free, 0.0, u)
-        right = np.concatenate([(u - self.forces(q, v, a))[free], -bias - J @ a])
+        right = np.concatenate([(u - self.forces(q, v, a, wrench))[free], -bias - J @ a])
         root = np.sqrt(np.diag(M)[free])  # rows and columns of like size
         M, Jf = M[np.ix_(free, free)] / np.outer(root, root), J[:, free] / root
         size, m = Jf.shape[1], len(Jf)
@@ -177,7 +184,7 @@ class ClosedOracle:
                         wrench[3:] += value * factor * b.R.T @ np.cross(b.R[:, j], a.R[:, i])
         return result
 
-    def reactions(self, q: Array, v: Array, found: Closed) -> Array:
+    def reactions(self, q: Array, v: Array, found: Closed, wrench: Wrench = NO_WRENCH) -> Array:
         """(joints that move, 6): what each exerts on its child, force then moment, in axes and at the origin behind it.
 
         Unique where the multipliers of all loops around it are.
@@ -192,6 +199,9 @@ class ClosedOracle:
                 wrenches[at] = wrenches[at] + data.oMi[at].actInv(sign * in_base)
         if self.springs is not None:
             wrenches = [x + y for x, y in zip(wrenches, self.springs.wrenches(q[own], v[own]), strict=True)]
+        for name, (at, com) in self.bodies.coms.items():
+            given, R = wrench.get(name, np.zeros(6)), data.oMi[at].rotation.T
+            wrenches[at] = wrenches[at] + pin.SE3(np.eye(3), com).act(pin.Force(R @ given[:3], R @ given[3:]))
         pin.rnea(self.model, data, q[own], v[own], found.a[own], wrenches)
         joints = [joint for joint in self.robot.joints if joint.coordinates]
         rows = []

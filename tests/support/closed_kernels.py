@@ -6,19 +6,20 @@ import numpy as np
 
 import eomgen
 from eomgen.loops.closed import ClosedLoops
-from tests.oracles.closed_mechanisms import Closed
+from tests.oracles.closed_mechanisms import NO_WRENCH, Closed, Wrench
 from tests.support.linkages import KERNELS
 from tests.support.random_robots import Array
 
-USED = tuple(name for name in KERNELS if name not in ("energy", "kinematics"))
+USED = (*(name for name in KERNELS if name not in ("energy", "kinematics")), "external_force")
 
 
-def closed_dynamics(kernel: eomgen.Kernel, q: Array, v: Array, u: Array) -> Closed:
+def closed_dynamics(kernel: eomgen.Kernel, q: Array, v: Array, u: Array, wrench: Wrench = NO_WRENCH) -> Closed:
     """Accelerations, multipliers and wrenches in the cuts of one state, with the loops closed.
 
     The one place that says which of this project's functions tests of random mechanisms check.
     """
     loops = ClosedLoops(kernel)
-    found = loops.forward_dynamics(q, v, u)
+    outside = np.array([wrench.get(name, np.zeros(6)) for name in kernel.links])
+    found = loops.forward_dynamics(q, v, u, wrench=outside if wrench else None)
     unique = np.array([name not in found.redundancy.undetermined for name in kernel.constraints])
     return Closed(found.a, found.multipliers, unique, loops.reactions(q, found.multipliers))

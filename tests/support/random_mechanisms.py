@@ -7,7 +7,7 @@ round-off.  Rates are of the null space of the constraint's Jacobian.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -33,13 +33,17 @@ Layout = Callable[[np.random.Generator, Model], list[Pair] | None]
 
 @dataclass(frozen=True)
 class Mechanism:
-    """A robot with loops in a closed state: q, v, u (n,) each; in u a prescribed coordinate has its acceleration."""
+    """A robot with loops in a closed state: q, v, u (n,) each; in u a prescribed coordinate has its acceleration.
+
+    wrench: on links from outside, (6,) each, force and moment at the centre of mass in base axes.
+    """
 
     family: str
     robot: Robot
     q: Array
     v: Array
     u: Array
+    wrench: Mapping[str, Array] = field(default_factory=dict)
 
 
 def mechanism(
@@ -58,7 +62,7 @@ def mechanism(
     """
     families = list(TREES if plain else FAMILIES)
     family = families[number % len(families)]
-    for attempt in range(1000):
+    for attempt in range(5000):
         rng = np.random.default_rng([2028, number, attempt])
         drawn = TREES[family](rng, kinds, plain) if family in TREES else FAMILIES[family](rng, kinds)
         found = None if drawn is None else _in_motion(rng, family, *drawn, 0 if plain else 2)
@@ -97,7 +101,9 @@ def _in_motion(rng: np.random.Generator, family: str, robot: Robot, q: Array, gi
             free = tried
     u = rng.uniform(-20.0, 20.0, len(q))
     u[~free] = rng.uniform(-2.0, 2.0, int((~free).sum()))
-    return Mechanism(family, _with_given(robot, ~free), q, v, u)
+    links = build_model(robot).links if rng.random() < 0.4 else ()
+    wrench = {name: rng.uniform(-10.0, 10.0, 6) for name in links if rng.random() < 0.5}
+    return Mechanism(family, _with_given(robot, ~free), q, v, u, wrench)
 
 
 def _rank(oracle: ClosedOracle, q: Array, J: Array, free: Array) -> int | None:
