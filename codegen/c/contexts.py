@@ -21,6 +21,14 @@ from .scalar_types import SCALARS, TURNS
 
 LITERALS = {"zero": 0.0, "half": 0.5, "one": 1.0, "two": 2.0, "six": 6.0}  # of templates
 PIVOT_LIMITS = {"float64": 1e-12, "float32": 1e-5}  # a pivot below so much of its scale counts as vanished
+OPEN_GAPS = {"float64": 1e-9, "float32": 1e-5}  # m or rad, and per second of a rate of 1: more is not round-off
+CLOSED_GAPS = {"float64": 1e-11, "float32": 2e-6}  # m or rad, from which one more projection leaves round-off
+CHECKED = ("forward_dynamics", "constraint_forces")  # of loops, which must be closed
+
+
+def statuses(model: Model) -> int:
+    """Reasons why a kernel may fail in one state: a pivot of a coordinate, a gap of a constraint, or its rate."""
+    return model.size + 2 * len(model.constraints)
 
 
 def header_context(equations: Equations, dtype: str, meta: Mapping[str, Any], batches: bool) -> dict[str, Any]:
@@ -33,6 +41,9 @@ def header_context(equations: Equations, dtype: str, meta: Mapping[str, Any], ba
         "dtype": dtype,
         "real": SCALARS[dtype].name,
         "n": model.size,
+        "m": len(model.constraints),
+        "statuses": statuses(model),
+        "closed": bool(model.robot.loops),
         "batches": batches,
         "coordinates": model.coordinates,
         "links": model.links,
@@ -75,7 +86,10 @@ def number_context(equations: Equations, dtype: str) -> dict[str, Any]:
         "zero": scalar.literal(0.0),
         "whole": scalar.whole,
         "pivot_limit": scalar.literal(PIVOT_LIMITS[dtype]),
-        "statuses_of_a_step": str(model.size),
+        "open_gap": scalar.literal(OPEN_GAPS[dtype]),
+        "closed_gap": scalar.literal(CLOSED_GAPS[dtype]),
+        "checks_gaps": any(name in equations.kernels for name in CHECKED) and bool(model.robot.loops),
+        "statuses_of_a_step": str(statuses(model)),
         "sizes": {key: int(np.prod(shape)) for key, shape in shapes(model).items()},
         "setup": define_setup(equations.setup, model.name, scalar),
         "programs": definitions,
@@ -93,7 +107,11 @@ def number_context(equations: Equations, dtype: str) -> dict[str, Any]:
 def _composed(equations: Equations) -> list[str]:
     """Kernels with a template of their own, in the order in which they are written, but for rollouts."""
     own = [name for name in equations.kernels if name in equations.calls or KERNELS[name].kind == "frames"]
-    return by_kind(name for name in own if KERNELS[name].kind != "rollout")
+    return by_kind(name for name in own if not _rolls(name))
+
+
+def _rolls(kernel: str) -> bool:
+    return KERNELS[kernel].kind == "rollout"
 
 
 def _templates(kernels: Iterable[str]) -> list[dict[str, str]]:
@@ -141,12 +159,12 @@ def lane_context(equations: Equations, dtype: str) -> dict[str, Any]:
         "whole": lanes.whole,
         "one": lanes.whole(one),
         "zero": lanes.whole(zero),
-        "statuses_of_a_step": f"{model.size} * LANES",
+        "statuses_of_a_step": f"{statuses(model)} * LANES",
         "programs": definitions,
         "packings": packings,
         "unpacked": [(name, SIGNATURES[name]) for name in packings if name in called],
         "solving": any(definition.has_pivots for definition in definitions),
-        "composed": _templates(name for name in together if KERNELS[name].kind == "composed"),
+        "composed": _templates(name for name in together if name in equations.calls and not _rolls(name)),
         "framed": _templates(name for name in together if KERNELS[name].kind == "frames"),
         **public,
         "squares": SQUARES[dtype],

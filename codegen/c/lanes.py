@@ -36,7 +36,7 @@ def batched(equations: Equations) -> list[str]:
 
 def _has_lanes(equations: Equations, name: str) -> bool:
     """True if there is C of the kernel for vectors: a program, or a template that is written for both."""
-    return name in equations.programs or KERNELS[name].kind in ("composed", "rollout")
+    return name in equations.programs or KERNELS[name].kind in ("composed", "rollout") or bool(KERNELS[name].closed)
 
 
 def calls_of(equations: Equations, name: str) -> tuple[str, ...]:

@@ -28,12 +28,14 @@ class Derivation:
 
     ``regrouped``: with the frames and pseudo-inertias that cost least (``choose_frames``, ``regroup``).
 
+    ``dtype``: of the numbers that the C computes with.
+
     An angle that is not active but has an offset is a coordinate here whose q, v and a are zero; ``own`` are the places
     of the coordinates that kernels know, and what is written leaves the others out.
     """
 
-    def __init__(self, model: Model, *, regrouped: bool = True) -> None:
-        self.graph = Graph()
+    def __init__(self, model: Model, *, regrouped: bool = True, dtype: str = "float64") -> None:
+        self.graph, self.dtype = Graph(), dtype
         self.model, self.own = with_offset_angles(model)
         slots = {name: slot for slot, name in enumerate(model.parameters)}
 

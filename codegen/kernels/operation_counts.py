@@ -29,6 +29,7 @@ def _of_kernel(equations: Equations, name: str) -> Counts:
     if KERNELS[name].columns_of:
         column = equations.programs[KERNELS[name].columns_of].count()
         return {key: equations.model.size * number for key, number in column.items()}
-    parts = [equations.programs[program].count() for program in KERNELS[name].counts]
+    closed = KERNELS[name].closed if equations.model.robot.loops else ()
+    parts = [equations.programs[program].count() for program in closed or KERNELS[name].counts]
     parts += [OWN[name](equations.model)] if name in OWN else []
     return {key: sum(part[key] for part in parts) for key in parts[0]}

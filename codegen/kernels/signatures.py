@@ -25,6 +25,7 @@ class Signature:
     kind: where its C comes from and how it is called, one of KINDS.
     calls: the programs that its C calls, where the kind is "composed" or "rollout".
     counts: of these the ones whose operations count as the kernel's.
+    closed: the programs that its C calls where the robot has loops; they count, too.
     tangent_of: the kernel that it differentiates, where the kind is "tangent".
     functions: what users call instead of it, where the kind is "frames".
     columns_of: the program that a template of its own calls once for every coordinate, where its own program would be
@@ -41,6 +42,7 @@ class Signature:
     kind: Kind = "program"
     calls: tuple[str, ...] = ()
     counts: tuple[str, ...] = ()
+    closed: tuple[str, ...] = ()
     tangent_of: str = ""
     functions: Mapping[str, Signature] = field(default_factory=dict)
     columns_of: str = ""
@@ -70,7 +72,36 @@ KERNELS: Mapping[str, Signature] = {
     ),
     "residual": Signature(("q", "v", "a", "u"), "vector", "M a + bias - Q - u, eq. (5) unexpanded; zero on a motion."),
     "inverse_dynamics": Signature(("q", "v", "a"), "vector", "The drives u that make the residual zero."),
-    "forward_dynamics": Signature(("q", "v", "u"), "vector", "Accelerations under the drives u.", solves=True),
+    "forward_dynamics": Signature(
+        ("q", "v", "u"), "vector", "Accelerations under the drives u.", solves=True, closed=("constrained_dynamics",)
+    ),
+    "tree_forward_dynamics": Signature(
+        ("q", "v", "u"), "vector", "Accelerations under the drives u, loops cut.", solves=True, needs="loops"
+    ),
+    "constrained_dynamics": Signature(
+        ("q", "v", "u"),
+        "constrained",
+        "Accelerations under the drives u, multipliers, g and J v; whatever the gaps are.",
+        solves=True,
+        needs="loops",
+    ),
+    "constraint_forces": Signature(
+        ("q", "v", "u"),
+        "constraints",
+        "Multipliers of the constraint under the drives u.",
+        "composed",
+        calls=("constrained_dynamics",),
+        counts=("constrained_dynamics",),
+        solves=True,
+        needs="loops",
+    ),
+    "settling": Signature(
+        ("q", "v"),
+        "settling",
+        "Changes of q and v towards the nearest closed state, by the kinetic energy, and g.",
+        solves=True,
+        needs="loops",
+    ),
     "residual_jacobian": Signature(
         ("q", "v", "a"),
         "derivatives",
@@ -83,6 +114,7 @@ KERNELS: Mapping[str, Signature] = {
         "composed",
         calls=("forward_dynamics", "residual_jacobian"),
         counts=("forward_dynamics", "residual_jacobian"),
+        closed=("tree_forward_dynamics", "residual_jacobian"),
         solves=True,
     ),
     "coriolis_matrix": Signature(("q", "v"), "matrix", "Coriolis matrix C(q, v) with C v = bias and M_dot = C + C^T."),
@@ -149,10 +181,12 @@ KERNELS: Mapping[str, Signature] = {
         "rollout",
         calls=("forward_dynamics", "implicit_step"),
         counts=("implicit_step",),  # those of one linearly implicit step
+        closed=("constrained_dynamics", "implicit_step", "settling"),
         solves=True,
     ),
 }
 
+CLOSURE_KERNELS = ("constraint", "constraint_jacobian", "constraint_bias", "cut_poses")  # of the constraint itself
 LOOP_KERNELS = tuple(name for name, signature in KERNELS.items() if signature.needs == "loops")
 SPRING_KERNELS = tuple(name for name, signature in KERNELS.items() if signature.needs == "springs")
 
@@ -223,7 +257,13 @@ def shapes(model: Model) -> dict[str, tuple[int, ...]]:
     vectors: dict[str, tuple[int, ...]] = dict.fromkeys(("q", "v", "a", "u", "added", "vector"), (n,))
     vectors |= dict.fromkeys(("dq", "dv", "da"), (n,))
     m, loops = len(model.constraints), len(model.robot.loops)
-    closing: dict[str, tuple[int, ...]] = {"constraints": (m,), "constraint_rows": (m, n), "cut_poses": (loops, 4, 4)}
+    closing: dict[str, tuple[int, ...]] = {
+        "constraints": (m,),
+        "constraint_rows": (m, n),
+        "cut_poses": (loops, 4, 4),
+        "constrained": (n + 3 * m,),
+        "settling": (2 * n + m,),
+    }
     springs = len(model.robot.springs)
     return {
         **vectors,

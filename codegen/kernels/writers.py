@@ -15,16 +15,16 @@ from ..tree.derivatives import residual_derivatives
 from ..tree.kinematics import body_poses, external_rows, frame_poses, potential_energy
 from ..tree.recursion import Wrench, inertial_rows, kinetic_energy
 from ..tree.spatial import Scalar
-from .accelerations import SOLVERS, Way, implicit_step
+from .accelerations import CONSTRAINED, SETTLING, SOLVERS, Way, implicit_step
 from .derivation import Derivation, Outputs, vector
-from .signatures import LOOP_KERNELS
+from .signatures import CLOSURE_KERNELS
 
 DESCRIPTION_FRAMES = (
     "reactions",
     "kinematics",
     "external_force",
     "external_reactions",
-    *LOOP_KERNELS,
+    *CLOSURE_KERNELS,
 )  # report, or are asked, in the description's frames
 
 
@@ -207,4 +207,9 @@ WRITERS: Mapping[str, Callable[[Derivation], Outputs]] = {
     "implicit_step": implicit_step,
 }
 
-WAYS: Mapping[str, Mapping[str, Way]] = {"forward_dynamics": SOLVERS}  # kernels that can be written in several ways
+WAYS: Mapping[str, Mapping[str, Way]] = {  # kernels that can be written in several ways
+    "forward_dynamics": SOLVERS,
+    "tree_forward_dynamics": SOLVERS,
+    "constrained_dynamics": CONSTRAINED,
+    "settling": SETTLING,
+}

@@ -35,6 +35,8 @@ from .spatial import (
     vec3,
 )
 
+Cuts = tuple[tuple[tuple[int, Pose], tuple[int, Pose]], ...]  # per loop, on both links: the body, the cut frame in it
+
 
 @dataclass(frozen=True)
 class BoundBody:
@@ -95,7 +97,7 @@ class Bound:
     armature: tuple[Scalar, ...]
     angle_offsets: tuple[Scalar, ...]
     at_rest: Vec = (0.0, 0.0, 0.0)
-    cuts: tuple[tuple[tuple[int, Pose], tuple[int, Pose]], ...] = ()
+    cuts: Cuts = ()
     laws: Mapping[int, Mapping[str, Scalar]] = field(default_factory=dict)
     knots: Mapping[int, tuple[float, ...]] = field(default_factory=dict)
     transmissions: Mapping[int, Transmission] = field(default_factory=dict)
@@ -240,7 +242,7 @@ class _Binder:
             found[frame.name] = (body, pose @ self.placement(f"frames.{frame.name}", frame.placement))
         return {name: found[name] for name in self.model.frames}
 
-    def cuts(self, poses: dict[str, tuple[int, Pose]]) -> tuple[tuple[tuple[int, Pose], tuple[int, Pose]], ...]:
+    def cuts(self, poses: dict[str, tuple[int, Pose]]) -> Cuts:
         """The bodies of each loop's links, with the cut frame in each."""
         found = []
         for loop in self.model.robot.loops:

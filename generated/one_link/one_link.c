@@ -411,7 +411,7 @@ static int one_link_implicit_step(const double *restrict h, const double *restri
     double cosine[PADDED(1)];
     turn(angle, PADDED(1), sine, cosine);
 
-    const double t17 = h[3]*dt[1];
+    const double t16 = h[3]*dt[1];
     /* joint1: eliminated, from the tips to the base */
     const double t23 = added[1] + 0.3333333333333333;
     pivot[2] = t23;
@@ -420,9 +420,9 @@ static int one_link_implicit_step(const double *restrict h, const double *restri
     const double t26 = u[1]*t25;
     const double t33 = sine[0]*(1.0 - (1.0 - 0.25*t25));
     const double t35 = 1.0 - sine[0]*t33;
-    const double t40 = t17 + t35;
+    const double t40 = t16 + t35;
     pivot[0] = t40;
-    pivot[1] = t17 + 1.0;
+    pivot[1] = t16 + 1.0;
     const double t42 = 1.0/t40;
     const double t43 = u[0] - h[3]*(q[0] + v[0]*dt[0]) + (cosine[0]*(0.5*(v[1]*v[1])) + sine[0]*(0.5*t26));
     /* joint1: accelerations, from the base to the tips */
@@ -1226,7 +1226,7 @@ static int one_link_implicit_step_lanes(const double *restrict h, const lanes *r
     lanes cosine[1];
     turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
 
-    const lanes t17 = h[3]*dt[1];
+    const lanes t16 = h[3]*dt[1];
     /* joint1: eliminated, from the tips to the base */
     const lanes t23 = added[1] + 0.3333333333333333;
     pivot[2] = t23;
@@ -1235,9 +1235,9 @@ static int one_link_implicit_step_lanes(const double *restrict h, const lanes *r
     const lanes t26 = u[1]*t25;
     const lanes t33 = sine[0]*(1.0 - (1.0 - 0.25*t25));
     const lanes t35 = 1.0 - sine[0]*t33;
-    const lanes t40 = t17 + t35;
+    const lanes t40 = t16 + t35;
     pivot[0] = t40;
-    pivot[1] = t17 + 1.0;
+    pivot[1] = t16 + 1.0;
     const lanes t42 = 1.0/t40;
     const lanes t43 = u[0] - h[3]*(q[0] + v[0]*dt[0]) + (cosine[0]*(0.5*(v[1]*v[1])) + sine[0]*(0.5*t26));
     /* joint1: accelerations, from the base to the tips */
@@ -1297,8 +1297,8 @@ long long one_link_mass_matrix_batch(size_t count, const double *restrict h, con
         const int more = count - i >= AHEAD + LANES;
         gather(q + i * q_step, q_step, here, more, 2, q_lanes);
         const int status = one_link_mass_matrix_lanes(h, q_lanes, out_lanes);
-        if (status != 0) return (long long)i * 2 + status - 1;
         scatter(out_lanes, NULL, here, more, 4, 4, out + i * 4);
+        if (status != 0) return (long long)i * 2 + status - 1;
     }
     return -1;
 }
@@ -1312,8 +1312,8 @@ long long one_link_bias_force_batch(size_t count, const double *restrict h, cons
         gather(q + i * q_step, q_step, here, more, 2, q_lanes);
         gather(v + i * v_step, v_step, here, more, 2, v_lanes);
         const int status = one_link_bias_force_lanes(h, q_lanes, v_lanes, out_lanes);
-        if (status != 0) return (long long)i * 2 + status - 1;
         scatter(out_lanes, NULL, here, more, 2, 2, out + i * 2);
+        if (status != 0) return (long long)i * 2 + status - 1;
     }
     return -1;
 }
@@ -1327,8 +1327,8 @@ long long one_link_generalized_force_batch(size_t count, const double *restrict 
         gather(q + i * q_step, q_step, here, more, 2, q_lanes);
         gather(v + i * v_step, v_step, here, more, 2, v_lanes);
         const int status = one_link_generalized_force_lanes(h, q_lanes, v_lanes, out_lanes);
-        if (status != 0) return (long long)i * 2 + status - 1;
         scatter(out_lanes, NULL, here, more, 2, 2, out + i * 2);
+        if (status != 0) return (long long)i * 2 + status - 1;
     }
     return -1;
 }
@@ -1342,8 +1342,8 @@ long long one_link_external_force_batch(size_t count, const double *restrict h, 
         gather(q + i * q_step, q_step, here, more, 2, q_lanes);
         gather(wrench + i * wrench_step, wrench_step, here, more, 6, wrench_lanes);
         const int status = one_link_external_force_lanes(h, q_lanes, wrench_lanes, out_lanes);
-        if (status != 0) return (long long)i * 2 + status - 1;
         scatter(out_lanes, NULL, here, more, 2, 2, out + i * 2);
+        if (status != 0) return (long long)i * 2 + status - 1;
     }
     return -1;
 }
@@ -1359,8 +1359,8 @@ long long one_link_residual_batch(size_t count, const double *restrict h, const 
         gather(a + i * a_step, a_step, here, more, 2, a_lanes);
         gather(u + i * u_step, u_step, here, more, 2, u_lanes);
         const int status = one_link_residual_lanes(h, q_lanes, v_lanes, a_lanes, u_lanes, out_lanes);
-        if (status != 0) return (long long)i * 2 + status - 1;
         scatter(out_lanes, NULL, here, more, 2, 2, out + i * 2);
+        if (status != 0) return (long long)i * 2 + status - 1;
     }
     return -1;
 }
@@ -1375,8 +1375,8 @@ long long one_link_inverse_dynamics_batch(size_t count, const double *restrict h
         gather(v + i * v_step, v_step, here, more, 2, v_lanes);
         gather(a + i * a_step, a_step, here, more, 2, a_lanes);
         const int status = one_link_inverse_dynamics_lanes(h, q_lanes, v_lanes, a_lanes, out_lanes);
-        if (status != 0) return (long long)i * 2 + status - 1;
         scatter(out_lanes, NULL, here, more, 2, 2, out + i * 2);
+        if (status != 0) return (long long)i * 2 + status - 1;
     }
     return -1;
 }
@@ -1391,8 +1391,8 @@ long long one_link_forward_dynamics_batch(size_t count, const double *restrict h
         gather(v + i * v_step, v_step, here, more, 2, v_lanes);
         gather(u + i * u_step, u_step, here, more, 2, u_lanes);
         const int status = one_link_forward_dynamics_lanes(h, q_lanes, v_lanes, u_lanes, out_lanes);
-        if (status != 0) return (long long)i * 2 + status - 1;
         scatter(out_lanes, NULL, here, more, 2, 2, out + i * 2);
+        if (status != 0) return (long long)i * 2 + status - 1;
     }
     return -1;
 }
@@ -1407,8 +1407,8 @@ long long one_link_residual_jacobian_batch(size_t count, const double *restrict 
         gather(v + i * v_step, v_step, here, more, 2, v_lanes);
         gather(a + i * a_step, a_step, here, more, 2, a_lanes);
         const int status = one_link_residual_jacobian_lanes(h, q_lanes, v_lanes, a_lanes, out_lanes);
-        if (status != 0) return (long long)i * 2 + status - 1;
         scatter(out_lanes, NULL, here, more, 12, 12, out + i * 12);
+        if (status != 0) return (long long)i * 2 + status - 1;
     }
     return -1;
 }
@@ -1423,8 +1423,8 @@ long long one_link_forward_dynamics_jacobian_batch(size_t count, const double *r
         gather(v + i * v_step, v_step, here, more, 2, v_lanes);
         gather(u + i * u_step, u_step, here, more, 2, u_lanes);
         const int status = one_link_forward_dynamics_jacobian_lanes(h, q_lanes, v_lanes, u_lanes, out_lanes);
-        if (status != 0) return (long long)i * 2 + status - 1;
         scatter(out_lanes, NULL, here, more, 12, 12, out + i * 12);
+        if (status != 0) return (long long)i * 2 + status - 1;
     }
     return -1;
 }
@@ -1438,8 +1438,8 @@ long long one_link_coriolis_matrix_batch(size_t count, const double *restrict h,
         gather(q + i * q_step, q_step, here, more, 2, q_lanes);
         gather(v + i * v_step, v_step, here, more, 2, v_lanes);
         const int status = one_link_coriolis_matrix_lanes(h, q_lanes, v_lanes, out_lanes);
-        if (status != 0) return (long long)i * 2 + status - 1;
         scatter(out_lanes, NULL, here, more, 4, 4, out + i * 4);
+        if (status != 0) return (long long)i * 2 + status - 1;
     }
     return -1;
 }
@@ -1452,8 +1452,8 @@ long long one_link_christoffel_batch(size_t count, const double *restrict h, con
         const int more = count - i >= AHEAD + LANES;
         gather(q + i * q_step, q_step, here, more, 2, q_lanes);
         const int status = one_link_christoffel_lanes(h, q_lanes, out_lanes);
-        if (status != 0) return (long long)i * 2 + status - 1;
         scatter(out_lanes, NULL, here, more, 8, 8, out + i * 8);
+        if (status != 0) return (long long)i * 2 + status - 1;
     }
     return -1;
 }
@@ -1467,8 +1467,8 @@ long long one_link_energy_batch(size_t count, const double *restrict h, const do
         gather(q + i * q_step, q_step, here, more, 2, q_lanes);
         gather(v + i * v_step, v_step, here, more, 2, v_lanes);
         const int status = one_link_energy_lanes(h, q_lanes, v_lanes, out_lanes);
-        if (status != 0) return (long long)i * 2 + status - 1;
         scatter(out_lanes, NULL, here, more, 2, 2, out + i * 2);
+        if (status != 0) return (long long)i * 2 + status - 1;
     }
     return -1;
 }
@@ -1483,8 +1483,8 @@ long long one_link_reactions_batch(size_t count, const double *restrict h, const
         gather(v + i * v_step, v_step, here, more, 2, v_lanes);
         gather(a + i * a_step, a_step, here, more, 2, a_lanes);
         const int status = one_link_reactions_lanes(h, q_lanes, v_lanes, a_lanes, out_lanes);
-        if (status != 0) return (long long)i * 2 + status - 1;
         scatter(out_lanes, NULL, here, more, 6, 6, out + i * 6);
+        if (status != 0) return (long long)i * 2 + status - 1;
     }
     return -1;
 }
@@ -1498,8 +1498,8 @@ long long one_link_external_reactions_batch(size_t count, const double *restrict
         gather(q + i * q_step, q_step, here, more, 2, q_lanes);
         gather(wrench + i * wrench_step, wrench_step, here, more, 6, wrench_lanes);
         const int status = one_link_external_reactions_lanes(h, q_lanes, wrench_lanes, out_lanes);
-        if (status != 0) return (long long)i * 2 + status - 1;
         scatter(out_lanes, NULL, here, more, 6, 6, out + i * 6);
+        if (status != 0) return (long long)i * 2 + status - 1;
     }
     return -1;
 }
@@ -1512,8 +1512,8 @@ long long one_link_euler_cosines_batch(size_t count, const double *restrict h, c
         const int more = count - i >= AHEAD + LANES;
         gather(q + i * q_step, q_step, here, more, 2, q_lanes);
         const int status = one_link_euler_cosines_lanes(h, q_lanes, out_lanes);
-        if (status != 0) return (long long)i * 2 + status - 1;
         scatter(out_lanes, NULL, here, more, 1, 1, out + i * 1);
+        if (status != 0) return (long long)i * 2 + status - 1;
     }
     return -1;
 }

@@ -77,7 +77,7 @@ typedef struct {
     Place place[PLACES];
     Shape result;
     int framed, in_three; /* takes a frame's number; its result are three views */
-    int cut_must_be_true;
+    int cut_must_be_false;
     int part;         /* number of the library */
     npy_intp hoisted; /* numbers that it computes from the parameters */
     double operations;
@@ -318,7 +318,7 @@ static int look(const Function *f, const State *state, PyObject *const *given, P
             if (number == NULL) return -1;
             call->frame = (int)PyLong_AsLong(number);
         } else if (place->role == CUT) {
-            if (f->cut_must_be_true && value != Py_True) return -1;
+            if (f->cut_must_be_false && value != NULL && value != Py_False) return -1;
         } else if (value != NULL && value != Py_None) {
             if (place->role != OUT || !PyArray_CheckExact(value)) return -1;
             call->out = (PyArrayObject *)value;
@@ -629,7 +629,7 @@ static int read_places(Function *f, PyObject *places)
 static PyObject *function_new(PyTypeObject *type, PyObject *args, PyObject *kwargs)
 {
     static char *names[] = {"name",     "method",           "arming", "dtype", "places", "positional", "result",
-                            "in_three", "cut_must_be_true", "frames", NULL};
+                            "in_three", "cut_must_be_false", "frames", NULL};
     PyObject *name, *method, *arming, *dtype, *places, *result, *frames;
     int positional, in_three, cut;
     if (!PyArg_ParseTupleAndKeywords(args, kwargs, "UOOO!O!iOppO!:Function", names, &name, &method, &arming,
@@ -650,7 +650,7 @@ static PyObject *function_new(PyTypeObject *type, PyObject *args, PyObject *kwar
     Py_INCREF(dtype), f->dtype = (PyArray_Descr *)dtype;
     f->positional = positional;
     f->in_three = in_three;
-    f->cut_must_be_true = cut;
+    f->cut_must_be_false = cut;
     if (read_places(f, places) < 0 || read_shape(result, &f->result) < 0) goto failed;
     if (positional > f->places || (in_three && (f->result.axes != 3 || f->result.lengths[0] != 3))) {
         PyErr_SetString(PyExc_ValueError, "no function has such parameters or such a result");

@@ -64,7 +64,7 @@ def _wrong(module: ModuleType, dtype: np.dtype[Any]) -> Iterator[str]:
         positional=1,
         result=(4,),
         in_three=False,
-        cut_must_be_true=False,
+        cut_must_be_false=False,
         frames={},
     )
     state = module.State(np.ones(1, dtype), _asked)

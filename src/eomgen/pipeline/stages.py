@@ -359,7 +359,7 @@ def _derive(robot: Robot, options: Options, folder: Path, progress: StageReport)
 
     model = build_model(robot)  # Robot -> Model
     progress(f"deriving the equations of {model.size} coordinates")
-    equations = derive_equations(model, options.kernels)  # Model -> Equations
+    equations = derive_equations(model, options.kernels, options.dtype)  # Model -> Equations
     source = render(equations, options.dtype, batches=options.batches)  # Equations -> Source
     (folder / _SOURCE).write_text(json.dumps(asdict(source)), encoding="ascii")
     (folder / _SAMPLES).write_bytes(samples(equations, options.dtype))

@@ -23,6 +23,7 @@ from .raw import Library, RawKernel, Setup
 Array = NDArray[Any]
 
 NAME = "_direct"
+CLOSED = ("forward_dynamics",)  # methods with ``cut`` that know the forces in loops
 ROLES = {"frame": "frame", "out": "out", "wrench": "nothing", "cut": "cut"}  # of parameters that are not read
 
 
@@ -147,7 +148,7 @@ def functions(
         raw: the functions.
         methods: of a kernel, by name; those that call no function are left out.
         frames: names of the frames by their numbers.
-        loops: whether the robot has loops, so that methods with ``cut`` are plain only where it is True.
+        loops: whether the robot has loops, so that methods with ``cut`` are plain only where it is False.
     """
     numbers = {name: number for number, name in reversed(list(enumerate(frames)))}  # the first of a name counts
     arming = partial(_arm, raw, {}, itertools.count())
@@ -157,6 +158,8 @@ def functions(
             continue
         code = methods[name].__code__
         parameters = code.co_varnames[1 : code.co_argcount + code.co_kwonlyargcount]
+        if loops and "cut" in parameters and name not in CLOSED:
+            continue
         places = tuple(_place(label, entry["reads"], raw) for label in parameters)
         function = module.Function(
             name=name,
@@ -167,7 +170,7 @@ def functions(
             positional=code.co_argcount - 1,
             result=raw.shapes[entry["writes"]],
             in_three=entry["writes"] == "derivatives",
-            cut_must_be_true=loops and "cut" in parameters,
+            cut_must_be_false=loops and "cut" in parameters,
             frames=numbers,
         )
         found.append(function)

@@ -40,9 +40,10 @@ class RawFunction:
         reads: names of the arrays that it reads, in the order of the arguments; ``RawKernel.shapes`` has their shapes.
         writes: name of the array that it writes.
         code: ``int code(h, array, ..., out)``, with ``int frame`` before ``out`` where the kind is "frames".  The value
-            is 0, or 1 + i where the mass matrix cannot be inverted at coordinate i.
+            is 0, or 1 + i where the mass matrix cannot be inverted at coordinate i; 1 + n + r where the constraint r of
+            closed loops is open, and as many more as there are constraints where it is opening.
         batch: ``long long batch(count, h, array, step, ..., out)`` for states that lie ``step`` numbers apart (0: the
-            same for all).  The value is -1, or state * n + i of the first failure.
+            same for all).  The value is -1, or state * ``statuses`` + i of the first failure.
         tangent_of: the function whose directional derivative it is, or nothing.
         operations: of one call, or of a step of a rollout, at most: multiplications and additions, or what takes as
             long.
@@ -207,6 +208,8 @@ class RawKernel:
         dtype: the dtype of all arrays.
         shapes: shape of every array by its name, for one state.
         functions: functions of one state or a batch, by name; one may be compiled when it is looked up.
+        statuses: reasons why a function may fail in one state: a pivot of each coordinate, then a gap of each
+            constraint of closed loops, then its rate.
         rollout: the function of many steps, or None where the kernel was built without one; its arguments are in the
             header.
         ffi: cffi's object for pointers and their types.
@@ -220,6 +223,7 @@ class RawKernel:
         self.name: str = meta["name"]
         self.dtype: np.dtype[Any] = np.dtype(meta["dtype"])
         self.shapes: dict[str, tuple[int, ...]] = {key: tuple(shape) for key, shape in meta["shapes"].items()}
+        self.statuses: int = len(meta["coordinates"]) + 2 * len(meta.get("constraints", ()))
         self.ffi = FFI
         self.view = partial(FFI.from_buffer, POINTERS[meta["dtype"]])
         kinds = {name: entry["kind"] for name, entry in meta["functions"].items()}
