@@ -10,7 +10,8 @@ from tests.oracles.closed_mechanisms import NO_WRENCH, Closed, Wrench
 from tests.support.linkages import KERNELS
 from tests.support.random_robots import Array
 
-USED = (*(name for name in KERNELS if name not in ("energy", "kinematics")), "external_force")
+CHECKED = ("forward_dynamics", "constraint_forces")
+USED = (*(name for name in KERNELS if name not in ("energy", "kinematics")), "external_force", *CHECKED)
 
 
 def closed_dynamics(kernel: eomgen.Kernel, q: Array, v: Array, u: Array, wrench: Wrench = NO_WRENCH) -> Closed:
@@ -18,8 +19,10 @@ def closed_dynamics(kernel: eomgen.Kernel, q: Array, v: Array, u: Array, wrench:
 
     The one place that says which of this project's functions tests of random mechanisms check.
     """
+    outside = np.array([wrench.get(name, np.zeros(6)) for name in kernel.links]) if wrench else None
+    a = kernel.forward_dynamics(q, v, u, wrench=outside)
+    multipliers = kernel.constraint_forces(q, v, u, wrench=outside)
     loops = ClosedLoops(kernel)
-    outside = np.array([wrench.get(name, np.zeros(6)) for name in kernel.links])
-    found = loops.forward_dynamics(q, v, u, wrench=outside if wrench else None)
-    unique = np.array([name not in found.redundancy.undetermined for name in kernel.constraints])
-    return Closed(found.a, found.multipliers, unique, loops.reactions(q, found.multipliers))
+    undetermined = loops.redundancy(q).undetermined
+    unique = np.array([name not in undetermined for name in kernel.constraints])
+    return Closed(a, multipliers, unique, loops.reactions(q, multipliers))
