@@ -22,17 +22,19 @@ import eomgen
 from eomgen.bench.beside import processor_name
 from eomgen.bench.clock import Stopwatch
 from eomgen.bench.textbook import compile_yardstick
+from eomgen.codegen.kernels.equations import derive_equations
+from eomgen.codegen.kernels.operation_counts import operations
 from eomgen.codegen.package.compile import find_compiler
-from eomgen.loops.closed import ClosedLoops
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
 
 from .closed_peer import CODE, DYNAMICS, LCABA, ClosedPeer, Settings
 from .ladder import ladder, ladder_state
 from .peers import pinocchio_peer
-from .peers.contender import FFI, Contender, MissingPeer, address
+from .peers.contender import Contender, MissingPeer
 from .peers.measure import Disagreement, Timing, compare, time
 from .peers.ours import USED
+from .peers.ours import Ours as Kernels
 from .peers.run import one_core
 
 Array = NDArray[np.float64]
@@ -44,7 +46,7 @@ WINDOWS = 40
 LADDERS = {2: (266, 207), 200: None}  # windows of ladders that are counted as well, and the most operations
 BATCH_ROUNDS = 0.3  # of the rounds: a round takes as long as thousands of calls
 LOOPS = ("constraint", "constraint_jacobian")
-STAND_IN = "NumPy, one state (stand-in)"
+KERNEL = "forward_dynamics"
 
 
 @dataclass(frozen=True)
@@ -63,37 +65,19 @@ class Case:
 
 
 class Ours:
-    """This project's side: forward dynamics with the loops closed.  The one place that says what is called.
-
-    A STAND-IN: until ``forward_dynamics`` of a robot with loops is generated, ``ClosedLoops`` behind a kernel's
-    arguments, so that all the rest can be run.  Then the methods return
-
-        [made.contender("forward_dynamics"), made.contender("forward_dynamics", batch=True)]
-        derive_equations(build_model(self.robot), ("forward_dynamics",)).programs["forward_dynamics"].count()
-
-    with made = peers.ours.Ours(self.robot, ("forward_dynamics",), progress), and STAND_IN goes with what asks for it.
-    """
+    """This project's side: forward dynamics with the loops closed.  The one place that says what is called."""
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
 
     def contenders(self) -> Sequence[Contender]:
-        """The kernel for one state, and for many if there is such a kernel."""
-        kernels = (*LOOPS, "constraint_bias", "mass_matrix", "inverse_dynamics")
-        loops = ClosedLoops(eomgen.build(self.robot, kernels=kernels))
-        n = loops.kernel.n
+        """The kernel for one state, and for many."""
+        made = Kernels(self.robot, (KERNEL,), lambda line: None)
+        return [made.contender(KERNEL), made.contender(KERNEL, batch=True)]
 
-        @FFI.callback("int(const double *, const double *, const double *, const double *, double *)")  # type: ignore[untyped-decorator]
-        def called(h: object, *arrays: object) -> int:
-            q, v, u, out = (np.frombuffer(FFI.buffer(x, 8 * n)) for x in arrays)
-            out[:] = loops.forward_dynamics(q, v, u).a
-            return 0
-
-        return [Contender(STAND_IN, address(FFI, called), 0, kept=(loops, called))]
-
-    def operations(self) -> Mapping[str, int] | None:
-        """Operations of the kernel for one state; None if they are not known."""
-        return None
+    def operations(self) -> Mapping[str, int]:
+        """Operations of the kernel for one state."""
+        return operations(derive_equations(build_model(self.robot), (KERNEL,)))[KERNEL]
 
 
 # ---- states
@@ -239,7 +223,6 @@ class Found:
     rows: Sequence[Row]
     counts: Sequence[Count]
     iterations: Mapping[tuple[str, str], int]
-    stand_in: bool
 
 
 def without_springs(robot: Robot) -> Robot:
@@ -250,13 +233,12 @@ def without_springs(robot: Robot) -> Robot:
 def measure(names: Sequence[str], rounds: int, progress: Callable[[str], None]) -> Found:
     """Every mechanism: compared, then timed."""
     stopwatch = compile_yardstick(build_model(eomgen.load_robot("one_link")), ()).stopwatch
-    rows, iterations, stand_in = [], {}, False
+    rows, iterations = [], {}
     for name in names:
         case = CASES[name]
         progress(f"{name}: building")
         robot = without_springs(case.robot())
         mine = Ours(robot).contenders()
-        stand_in |= any(contender.label == STAND_IN for contender in mine)
         try:
             peer = ClosedPeer(robot)
             others = [peer.contender(algorithm, case.settings[algorithm]) for algorithm in CODE]
@@ -269,7 +251,7 @@ def measure(names: Sequence[str], rounds: int, progress: Callable[[str], None]) 
             arrays = [np.tile(x, (MANY // DIFFERENT, 1)) if first.batch else x[:STATES].copy() for x in different]
             rows.append(row(stopwatch, case, [first, *others], arrays, rounds))
         iterations |= {(case.title, other.label): peer.iterations(other) for other in others}
-    return Found(rows, list(counted(names, progress)), iterations, stand_in)
+    return Found(rows, list(counted(names, progress)), iterations)
 
 
 def counted(names: Sequence[str], progress: Callable[[str], None]) -> Iterator[Count]:
@@ -279,9 +261,7 @@ def counted(names: Sequence[str], progress: Callable[[str], None]) -> Iterator[C
         wanted += [(f"ladder of {n} windows", partial(ladder, n), most) for n, most in LADDERS.items()]
     for title, make, most in wanted:
         progress(f"{title}: counting")
-        operations = Ours(make()).operations()
-        if operations is not None:
-            yield Count(title, operations, most)
+        yield Count(title, Ours(make()).operations(), most)
 
 
 def row(stopwatch: Stopwatch, case: Case, contenders: Sequence[Contender], arrays: Sequence[Array], rounds: int) -> Row:
@@ -415,7 +395,7 @@ def main(words: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("mechanisms", nargs="*", metavar="MECHANISM", help=f"of {', '.join(CASES)}: writes nothing")
     parser.add_argument("--repeat", type=int, default=100, metavar="ROUNDS", help="rounds per row (default 100)")
-    parser.add_argument("--output", type=Path, metavar="FILE", help="the page (default: docs/closed.md)")
+    parser.add_argument("--output", type=Path, metavar="FILE", default=TARGET, help="default: docs/closed.md")
     arguments = parser.parse_args(words)
     unknown = [name for name in arguments.mechanisms if name not in CASES]
     if unknown:
@@ -429,12 +409,8 @@ def main(words: Sequence[str] | None = None) -> int:
         print(f"{row.title}{', batch' * row.batch}: ns " + ", ".join(f"{x} {ns:.0f}" for x, ns in row.ns.items()))
     if arguments.mechanisms:
         return 0
-    if found.stand_in and arguments.output is None:
-        print("nothing is written: eomgen's side is a stand-in")
-        return 0
-    target = arguments.output or TARGET
-    target.write_text(page(found, arguments.repeat), encoding="ascii")
-    print(f"wrote {target}")
+    arguments.output.write_text(page(found, arguments.repeat), encoding="ascii")
+    print(f"wrote {arguments.output}")
     return 0
 
 

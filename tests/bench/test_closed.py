@@ -97,7 +97,7 @@ def test_the_page() -> None:
         Row("pair of tongs", False, missing="not here"),
     ]
     counts = [Count(gough, {"mul": 10, "add": 8, "div": 3, "sincos": 2}, (12, 9))]
-    text = page(Found(rows, counts, {(gough, DYNAMICS): 1, (gough, LCABA): 2}, False), 100)
+    text = page(Found(rows, counts, {(gough, DYNAMICS): 1, (gough, LCABA): 2}), 100)
     assert text.isascii()
     for line in (
         f"| {gough}, one state | 6.00 (5.00 - 7.00) | 2.00 (1.00 - 3.00) |",
