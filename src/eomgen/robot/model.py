@@ -148,15 +148,17 @@ class Model:
 
     @property
     def driven(self) -> tuple[int, ...]:
-        """Indices of the coordinates that have a drive: motors, and principal ones without; none that is prescribed.
+        """Indices of the coordinates that have a drive: motors, and principal ones without.
 
-        Where the description names them, those: a motor in the place of the coordinate that it drives.
+        None that is prescribed or follows others in a rigid coupling.  Where the description names them, those: a motor
+        in the place of the coordinate that it drives.
         """
         if self.robot.driven is not None:
             return tuple(sorted(self.coordinates.index(drive_of(self.robot, name)) for name in self.robot.driven))
         behind = self.motors.values()
         driving = sorted({*self.principal, *self.motors}.difference(behind))
-        return tuple(index for index in driving if index not in self.prescribed)
+        following = {coupling.of for coupling in self.robot.couplings if coupling.law is None}
+        return tuple(i for i in driving if i not in self.prescribed and self.coordinates[i] not in following)
 
     @property
     def home(self) -> tuple[float, ...]:
