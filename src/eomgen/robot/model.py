@@ -474,7 +474,8 @@ def tool_of(robot: Robot, tool: str | None, label: str = "tool") -> str:
 
 
 def open_tree(robot: Robot) -> str:
-    """Say, beside figures of a robot's tree, that its loops are open there; "" where it has none."""
-    if not robot.loops:
-        return ""
-    return f"the loops are cut ({listed([loop.name for loop in robot.loops])}): all figures are those of the open tree"
+    """Say, beside figures of a robot's tree, that its loops and couplings are open there; "" where it has none."""
+    loops, couplings = [loop.name for loop in robot.loops], [coupling.name for coupling in robot.couplings]
+    said = [f"the loops are cut ({listed(loops)})"] if loops else []
+    said += [f"the couplings are left out ({listed(couplings)})"] if couplings else []
+    return f"{' and '.join(said)}: all figures are those of the open tree" if said else ""
