@@ -222,6 +222,5 @@ def test_info_lists_loops_couplings_drives_and_home() -> None:
         "rigid": True,
     }
     assert found["home"] == {"a.gamma": 0.25, "rack.z": 1e-3}
-    assert open_tree(robot) == (
-        "the loops are cut ('pin') and the couplings are left out ('gear1', 'gear2'): all figures are those of the open tree"
-    )
+    said = "the loops are cut ('pin') and the couplings are left out ('gear1', 'gear2')"
+    assert open_tree(robot) == f"{said}: all figures are those of the open tree"

@@ -112,7 +112,7 @@ class Model:
 
     @property
     def cut_laws(self) -> tuple[tuple[str, str, Coordinate], ...]:
-        """What may have a force outside of the tree's coordinates: (owner, coordinate, properties), in their order.
+        """Forces on what is no coordinate of the tree: (owner, coordinate, properties), in their order.
 
         Coordinates of cut joints, by the loop's name and the coordinate's; then elastic couplings, by their names and
         "".  One that no number is given of, and none is tunable, has no force and is not among them.
