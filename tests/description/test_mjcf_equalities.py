@@ -28,7 +28,8 @@ MODEL = """<mujoco>
         <site name="tip" pos="0.2 0 0.1" euler="0 40 0"/>
       </body>
     </body>
-    <body name="c" pos="0 1 0"><joint name="far" axis="1 0 0"/><joint name="ball" type="ball"/><geom size="0.1"/></body>
+    <body name="c" pos="0 1 0"><joint name="far" axis="1 0 0"/><geom size="0.1"/>
+      <body name="e"><joint name="ball" type="ball"/><geom size="0.1"/></body></body>
   </worldbody>
   <equality>{}</equality>
 </mujoco>
@@ -143,5 +144,5 @@ def test_the_reference_position_is_home() -> None:
     ],
 )
 def test_bad_equalities(equality: str, message: str) -> None:
-    with pytest.raises(DescriptionError, match=r"m\.xml:18:\d+: .*" + message):
+    with pytest.raises(DescriptionError, match=r"m\.xml:19:\d+: .*" + message):
         read(equality)
