@@ -4,10 +4,10 @@ With J the rows, M the tree's mass matrix and a_free what it does with its loops
 
     (J M^-1 J^T) lambda = right - J a_free,    a = a_free + M^-1 J^T lambda.
 
-Rows may be redundant: the matrix is factored with a little of its diagonal added, and the solution is refined a fixed
-number of times (the proximal iteration of J. Carpentier, R. Budhiraja, N. Mansard, "Proximal and Sparse Resolution of
-Constrained Dynamic Equations", RSS 2021).  Consistent redundant rows converge to accelerations that are unique; their
-multipliers have the least norm weighted by that diagonal.
+Rows may be redundant: the matrix A is factored with a little of its diagonal added, D, and the solution is refined a
+fixed number of times, x += y with y = (A + D)^-1 D y (the proximal iteration of J. Carpentier, R. Budhiraja,
+N. Mansard, "Proximal and Sparse Resolution of Constrained Dynamic Equations", RSS 2021).  Consistent ones converge to
+accelerations that are unique; their multipliers have the least norm weighted by D.
 
 An elastic row has a slope s = h^2 k + h c in a linearly implicit step.  Scaled by its root, it has 1 + s (J M^-1 J^T)
 on the diagonal, and an open gap, s = 0, is nothing special.
@@ -29,13 +29,17 @@ Sparse = dict[int, Scalar]
 
 @dataclass(frozen=True)
 class Precision:
-    """Share of the diagonal that is added, and how often the solution is refined."""
+    """Shares of the diagonal that are added, and how often the solution is refined.
+
+    added: of the rows of a group.  floor: of all rows, for groups that vanish but for round-off.
+    """
 
     added: float
+    floor: float
     refinements: int
 
 
-PRECISIONS: Mapping[str, Precision] = {"float64": Precision(1e-10, 1), "float32": Precision(1e-4, 3)}
+PRECISIONS: Mapping[str, Precision] = {"float64": Precision(1e-11, 1e-14, 1), "float32": Precision(1e-4, 1e-6, 3)}
 
 
 @dataclass(frozen=True)
@@ -46,12 +50,14 @@ class Row:
     right: wanted J a of a rigid row; 0 of an elastic one.
     is_elastic: whether it has a slope.
     group: rows of one kind that are compared to each other where they may be redundant.
+    is_weak: whether its group may vanish but for round-off, and is compared to all rigid rows, too.
     """
 
     arms: Sparse
     right: Scalar = 0.0
     is_elastic: bool = False
     group: object = None
+    is_weak: bool = False
 
     def along(self, x: Sequence[Scalar]) -> Scalar:
         """J x."""
@@ -142,9 +148,13 @@ class RowSystem:
         sums: dict[object, Scalar] = {}
         for r in self.rigid:
             sums[self.rows[r].group] = sums.get(self.rows[r].group, 0.0) + self.matrix[r, r]
-        added = {group: self.precision.added * total for group, total in sums.items()}
-        found = {r: self.matrix[r, r] for r in self.unknowns}
-        return found | {r: self.matrix[r, r] + added[self.rows[r].group] for r in self.rigid}
+        shares = {group: self.precision.added * total for group, total in sums.items()}
+        weak = {self.rows[r].group for r in self.rigid if self.rows[r].is_weak}
+        if weak:
+            floor = self.precision.floor * sum(sums.values(), 0.0)
+            shares |= {group: shares[group] + floor for group in weak}
+        self.added = {r: shares[self.rows[r].group] for r in self.rigid}
+        return {r: self.matrix[r, r] + self.added.get(r, 0.0) for r in self.unknowns}
 
     def _factor(self) -> None:
         """P^T A P = L D L^T, entry by entry, in the order that leaves few."""
@@ -184,26 +194,16 @@ class RowSystem:
                 x[i] = x[i] - factor * x[j]
         return dict(zip(self.order, x, strict=True))
 
-    def _times(self, x: Sparse) -> Sparse:
-        total: Sparse = dict.fromkeys(self.unknowns, 0.0)
-        for (r, s), entry in self.matrix.items():
-            total[r] = total[r] + entry * x[s]
-            if r != s:
-                total[s] = total[s] + entry * x[r]
-        return total
-
     def multipliers(self, missing: Callable[[int], Scalar]) -> list[Scalar]:
         """lambda of all rows, that of an elastic one beside the force that acts in the drives already.
 
         Args:
             missing: right - J a_free of row r.
         """
-        right = {r: missing(r) for r in self.kept}
-        x = self._once(right)
+        x = more = self._once({r: missing(r) for r in self.kept})
         for _ in range(self.precision.refinements if self.rigid else 0):  # elastic rows are factored as they are
-            times = self._times(x)
-            more = self._once({r: value - times[r] for r, value in right.items()})
-            x = {r: x[r] + more[r] for r in self.kept}
+            more = self._once({r: self.added[r] * more[r] for r in self.rigid})
+            x = {r: x[r] + more[r] for r in self.unknowns}
         return [x.get(r, 0.0) for r in range(len(self.rows))]
 
 

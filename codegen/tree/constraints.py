@@ -13,6 +13,7 @@ from typing import Any
 
 from eomgen.robot.cuts import Component, rigid_parts
 from eomgen.robot.model import FIXED_BODY, Model
+from eomgen.robot.value import ANGULAR
 
 from .bound import Bound
 from .frozen_joints import JointGeometry
@@ -121,25 +122,39 @@ class Closure:
         self.axes_a, self.axes_b = transpose(self.a.pose.rotation), transpose(self.b.pose.rotation)
         offset = bound.cut_offsets[number]
         self.shift: Vec = (offset[0], offset[1], offset[2])
-        self.axes_turned = self._turned({part.name for part in self.parts}, offset[3:], sincos)
+        self._compare_axes(offset[3:], sincos)
 
     def values(self) -> list[Scalar]:
         """Components of g: m, and sines of angles."""
-        away = [
-            self._of(part, self.distance, lambda i, j: dot(self.axes_turned[i], self.axes_b[j])) for part in self.parts
-        ]
-        return [
-            value if part.axis is None else value - self.shift[part.axis]
-            for value, part in zip(away, self.parts, strict=True)
-        ]
+        away = [self._of(part, self.distance, lambda i, j: dot(self.rows_a[i], self.rows_b[j])) for part in self.parts]
+        return [value - self._kept(part) for value, part in zip(away, self.parts, strict=True)]
 
-    def _turned(self, rigid: set[str], offset: Sequence[Scalar], sincos: Turn) -> Mat:
-        """Axes that b's are compared to: those of a, turned by what its rigid angles keep to."""
-        R: Mat = self.a.pose.rotation
-        for axis, (name, angle) in enumerate(zip(("alpha", "beta", "gamma"), offset, strict=True)):
-            if name in rigid and not is_zero(angle):
-                R = matmul(R, about(axis, *sincos(angle)))
-        return transpose(R)
+    def _compare_axes(self, offset: Sequence[Scalar], sincos: Turn) -> None:
+        """Turn the axes of both frames, as rows compare them, by what rigid angles keep to.
+
+        Where all angles are rigid, the whole offset turns those of a.  Otherwise alpha turns a about x, gamma b back
+        about z, and beta is taken off its own row, sin(beta): each is exact whatever the other angles are.
+        """
+        rigid = {part.name for part in self.parts if part.axis is None}
+        R, S = self.a.pose.rotation, self.b.pose.rotation
+        self.sine: Scalar = 0.0
+        for axis, (name, angle) in enumerate(zip(ANGULAR, offset, strict=True)):
+            if name not in rigid or is_zero(angle):
+                continue
+            sine, cosine = sincos(angle)
+            if len(rigid) == len(ANGULAR) or axis == 0:
+                R = matmul(R, about(axis, sine, cosine))
+            elif axis == 1:
+                self.sine = sine
+            else:
+                S = matmul(S, transpose(about(axis, sine, cosine)))
+        self.rows_a, self.rows_b = transpose(R), transpose(S)
+
+    def _kept(self, part: Component) -> Scalar:
+        """What a component keeps to."""
+        if part.axis is not None:
+            return self.shift[part.axis]
+        return self.sine if part.name == "beta" else 0.0
 
     def pose(self) -> Pose:
         """Frame b seen from frame a."""
@@ -190,8 +205,8 @@ class Closure:
         slide = add(subtract(b.acceleration, a.acceleration), subtract(cross(w, inner), cross(a.dot, self.distance)))
         turn = subtract(b.rate, w)  # of b against a, and its derivative as seen from a
         dot_turn = subtract(subtract(b.dot, a.dot), cross(w, turn))
-        bend = [add(cross(dot_turn, f), cross(turn, cross(turn, f))) for f in self.axes_b]
-        return [self._of(part, slide, lambda i, j: dot(self.axes_turned[i], bend[j])) for part in self.parts]
+        bend = [add(cross(dot_turn, f), cross(turn, cross(turn, f))) for f in self.rows_b]
+        return [self._of(part, slide, lambda i, j: dot(self.rows_a[i], bend[j])) for part in self.parts]
 
     def _of(self, part: Component, vector: Vec, product: Any) -> Scalar:
         """The component of a vector, or the sum of products of axes, that the part stands for."""
@@ -206,7 +221,7 @@ class Closure:
         """The factor of b's angular velocity against a: e_i . (w x f_j) = w . (f_j x e_i)."""
         total = ZERO
         for factor, i, j in part.products:
-            total = add(total, scale(factor, cross(self.axes_b[j], self.axes_turned[i])))
+            total = add(total, scale(factor, cross(self.rows_b[j], self.rows_a[i])))
         return total
 
 

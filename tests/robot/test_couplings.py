@@ -11,8 +11,9 @@ import pytest
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import DescriptionError
 from eomgen.export.fmu.variables import UNITS, parameter_unit
+from eomgen.pipeline.costs import RobotInfo
 from eomgen.robot.laws import least_of
-from eomgen.robot.model import build_model
+from eomgen.robot.model import build_model, open_tree
 from eomgen.robot.record import record_of, robot_hash, robot_of
 from eomgen.robot.value import Coordinate, Coupling, Robot, first_contradiction
 
@@ -188,3 +189,36 @@ def test_long_trains_are_looked_at_one_by_one() -> None:
     found = first_contradiction([*train, Coupling("last", "j3000.gamma", {"j2999.gamma": 1.0})])
     assert found is not None
     assert found[1] == "it goes round in a circle: g2999 -> last -> g2999"
+
+
+def test_info_lists_loops_couplings_drives_and_home() -> None:
+    robot = read(
+        'of = "b.gamma"\nto = { "a.gamma" = -2.0, rack.z = 3.0 }\noffset = 0.5',
+        'of = "c.gamma"\nto = {}\nstiffness = 1e4\nclearance = 1e-3',
+        top='driven = ["a.gamma"]\nhome = { a.gamma = 0.25, rack = { z = 1e-3 } }',
+        more=LOOP + "z = { stiffness = 1e7, damping = 2.0 }\ngamma = {}\n",
+    )
+    info = RobotInfo(build_model(robot), {}, (), {}, {})
+    for line in (
+        "loop pin: planar joint between la and lb, cut",
+        "  z [m]: stiffness 1e+07, damping 2",
+        "  gamma [rad]: free",
+        "coupling gear1: b.gamma = -2 a.gamma + 3 rack.z + 0.5, rigid",
+        "coupling gear2: c.gamma = 0, stiffness 1e+04, clearance 0.001, smoothing 5e-05",
+        "driven: a.gamma",
+        "home: a.gamma 0.25 rad, rack.z 0.001 m",
+    ):
+        assert line in info.lines()
+    found = json.loads(json.dumps(info.as_dict()))
+    assert found["constraints"] == ["pin.alpha", "pin.beta", "gear1"]
+    assert found["cut_laws"]["pin.z"] == {"stiffness": 1e7, "damping": 2.0}
+    assert found["cut_laws"]["gear2"]["clearance"] == 1e-3
+    assert found["couplings"]["gear1"] == {
+        "of": "b.gamma",
+        "to": {"a.gamma": -2.0, "rack.z": 3.0},
+        "offset": 0.5,
+        "rigid": True,
+    }
+    assert found["home"] == {"a.gamma": 0.25, "rack.z": 1e-3}
+    said = "the loops are cut ('pin') and the couplings are left out ('gear1', 'gear2')"
+    assert open_tree(robot) == f"{said}: all figures are those of the open tree"

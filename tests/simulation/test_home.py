@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 
 import eomgen
+from eomgen.errors import InputError
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.run import run_scenario, simulate
 
@@ -26,3 +27,11 @@ def test_what_a_scenario_says_comes_before_home() -> None:
     text = 'duration = 0.01\n[initial]\nequilibrium = false\nq = { "joint1.gamma" = 0.1 }\n'
     start = run_scenario(robot, scenario_from_toml(text)).trajectory.q[0]
     assert start == pytest.approx([1e-4, 0.1], abs=1e-15)
+
+
+def test_controlled_motions_need_drives() -> None:
+    robot = replace(eomgen.load_robot("one_link"), driven=())
+    with pytest.raises(InputError, match=r"one_link: nothing drives 'joint1\.gamma', which .*; allowed: a robot whose"):
+        simulate(robot, duration=0.05)
+    swing = scenario_from_toml('duration = 0.01\n[initial]\nq = { "joint1.gamma" = 0.1 }\n')
+    assert not run_scenario(robot, swing).trajectory.u.any()

@@ -56,7 +56,12 @@ def builtin_robots() -> tuple[str, ...]:
 
 
 def load_robot(
-    source: str | Path, *, inertia: str | None = None, urdf_damping: bool = False, urdf_friction: bool = False
+    source: str | Path,
+    *,
+    inertia: str | None = None,
+    urdf_damping: bool = False,
+    urdf_friction: bool = False,
+    urdf_mimic: bool = True,
 ) -> Robot:
     """Read a robot.
 
@@ -68,6 +73,7 @@ def load_robot(
             in TOML and "warn" for one of an URDF or MJCF.
         urdf_damping: read ``<dynamics damping>`` of an URDF; otherwise a note says that it is left out.
         urdf_friction: the same for ``<dynamics friction>``, as Coulomb friction.
+        urdf_mimic: make couplings of ``<mimic>``; otherwise a note says that its joints are independent.
 
     Returns:
         The robot in SI units; ``notes`` says what was changed or left out.
@@ -92,7 +98,12 @@ def load_robot(
             return robot_from_mjcf(text, source=str(path), inertia=inertia)
     if path.suffix != ".toml":
         return robot_from_urdf(
-            text, source=str(path), inertia=inertia, urdf_damping=urdf_damping, urdf_friction=urdf_friction
+            text,
+            source=str(path),
+            inertia=inertia,
+            urdf_damping=urdf_damping,
+            urdf_friction=urdf_friction,
+            urdf_mimic=urdf_mimic,
         )
     return robot_from_toml(
         text,
@@ -101,6 +112,7 @@ def load_robot(
         inertia=inertia,
         urdf_damping=urdf_damping,
         urdf_friction=urdf_friction,
+        urdf_mimic=urdf_mimic,
     )
 
 
@@ -128,11 +140,13 @@ def robot_from_urdf(
     inertia: str | None = None,
     urdf_damping: bool = False,
     urdf_friction: bool = False,
+    urdf_mimic: bool = True,
 ) -> Robot:
     """The robot that an URDF text describes; arguments and errors as load_robot."""
     from .urdf import draft_from_urdf  # only who has an URDF pays for the XML parser
 
-    return _finish_xml(draft_from_urdf(text, source, damping=urdf_damping, friction=urdf_friction), inertia)
+    draft = draft_from_urdf(text, source, damping=urdf_damping, friction=urdf_friction, mimic=urdf_mimic)
+    return _finish_xml(draft, inertia)
 
 
 def robot_from_mjcf(text: str, *, source: str = "", inertia: str | None = None) -> Robot:
@@ -158,12 +172,13 @@ def robot_from_toml(
     inertia: str | None = None,
     urdf_damping: bool = False,
     urdf_friction: bool = False,
+    urdf_mimic: bool = True,
 ) -> Robot:
     """The robot that a TOML text describes; ``folder`` is where its ``urdf`` is looked for, the rest as load_robot."""
     values = parse_toml(text, source)
     with located(text, values, source):
         top = ROBOT.read(values, "", source, ())
-        draft = _start(top, source, folder, urdf_damping, urdf_friction)
+        draft = _start(top, source, folder, urdf_damping, urdf_friction, urdf_mimic)
         return _robot_from_table(top, draft, folder, inertia)
 
 
@@ -201,7 +216,7 @@ def _says(top: Table, where: str) -> bool:
     return any(entry.get("name") == rest.partition(".")[0] for entry in top.values.get(kind, []))
 
 
-def _start(top: Table, source: str, folder: Path | None, damping: bool, friction: bool) -> Draft:
+def _start(top: Table, source: str, folder: Path | None, damping: bool, friction: bool, mimic: bool) -> Draft:
     """The draft to fill: that of the URDF, or an empty one; with its name."""
     draft = Draft(source)
     urdf = top.text("urdf")
@@ -211,7 +226,8 @@ def _start(top: Table, source: str, folder: Path | None, damping: bool, friction
         from .urdf import draft_from_urdf
 
         path = folder / urdf
-        draft = draft_from_urdf(read_text(path, str(path)), str(path), damping=damping, friction=friction)
+        given = read_text(path, str(path))
+        draft = draft_from_urdf(given, str(path), damping=damping, friction=friction, mimic=mimic)
         draft.source = source
         draft.inherited = (*draft.links, *draft.joints)
     else:

@@ -112,7 +112,7 @@ class Model:
 
     @property
     def cut_laws(self) -> tuple[tuple[str, str, Coordinate], ...]:
-        """What may have a force outside of the tree's coordinates: (owner, coordinate, properties), in their order.
+        """Forces on what is no coordinate of the tree: (owner, coordinate, properties), in their order.
 
         Coordinates of cut joints, by the loop's name and the coordinate's; then elastic couplings, by their names and
         "".  One that no number is given of, and none is tunable, has no force and is not among them.
@@ -148,15 +148,17 @@ class Model:
 
     @property
     def driven(self) -> tuple[int, ...]:
-        """Indices of the coordinates that have a drive: motors, and principal ones without; none that is prescribed.
+        """Indices of the coordinates that have a drive: motors, and principal ones without.
 
-        Where the description names them, those: a motor in the place of the coordinate that it drives.
+        None that is prescribed or follows others in a rigid coupling.  Where the description names them, those: a motor
+        in the place of the coordinate that it drives.
         """
         if self.robot.driven is not None:
             return tuple(sorted(self.coordinates.index(drive_of(self.robot, name)) for name in self.robot.driven))
         behind = self.motors.values()
         driving = sorted({*self.principal, *self.motors}.difference(behind))
-        return tuple(index for index in driving if index not in self.prescribed)
+        following = {coupling.of for coupling in self.robot.couplings if coupling.law is None}
+        return tuple(i for i in driving if i not in self.prescribed and self.coordinates[i] not in following)
 
     @property
     def home(self) -> tuple[float, ...]:
@@ -460,7 +462,8 @@ def tool_of(robot: Robot, tool: str | None, label: str = "tool") -> str:
 
 
 def open_tree(robot: Robot) -> str:
-    """Say, beside figures of a robot's tree, that its loops are open there; "" where it has none."""
-    if not robot.loops:
-        return ""
-    return f"the loops are cut ({listed([loop.name for loop in robot.loops])}): all figures are those of the open tree"
+    """Say, beside figures of a robot's tree, that its loops and couplings are open there; "" where it has none."""
+    loops, couplings = [loop.name for loop in robot.loops], [coupling.name for coupling in robot.couplings]
+    said = [f"the loops are cut ({listed(loops)})"] if loops else []
+    said += [f"the couplings are left out ({listed(couplings)})"] if couplings else []
+    return f"{' and '.join(said)}: all figures are those of the open tree" if said else ""
