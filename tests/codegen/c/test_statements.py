@@ -35,6 +35,7 @@ static double root(double x) { return sqrt(x); }
 static double larger(double x, double y) { return x < y ? y : x; }
 static double positive(double x) { return x > 0.0 ? 1.0 : 0.0; }
 static double exponential(double x) { return exp(x); }
+static double bearing(double y, double x) { return atan2(y, x); }
 """
 
 
