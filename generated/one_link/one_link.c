@@ -479,12 +479,11 @@ static void one_link_on_the_way(const double *restrict h, const double *restrict
     static const int turned[5] = { 0, 1, 0, 0, 0 };
     static const int first[4] = { 0, 1, 1, 1 };
     static const int place[1] = { 1 };
-    double turning[PADDED(1)];
+    double turning[PADDED(1)] = { 0 };
     double sines[PADDED(1)];
     double cosines[PADDED(1)];
-    const double *sine = sines;
-    const double *cosine = cosines;
     int angles = 0;
+    int done = 0;
     (void)h;
     (void)q;
     (void)given;
@@ -493,11 +492,14 @@ static void one_link_on_the_way(const double *restrict h, const double *restrict
         const int *const own = &place[first[run_of[way[i]]]];
         for (int k = 0; k < turned[way[i]]; ++k) { turning[angles] = q[own[k]]; ++angles; }
     }
-    for (; angles % LANES != 0; ++angles) { turning[angles] = 0.0; }
-    turn(turning, (size_t)angles, sines, cosines);
+    const int padded = PADDED(angles);
+    turn(turning, (size_t)padded, sines, cosines);
     while (count > 0) {
         --count;
         const int last = way[count];
+        const double *const sine = &sines[done];
+        const double *const cosine = &cosines[done];
+        done += turned[last];
         switch (run_of[last]) {
         case 0: one_link_kinematics0(q, sine, cosine, last, origins, axes, kept); break;
         case 1: one_link_kinematics1(q, given, pose); break;
@@ -505,8 +507,6 @@ static void one_link_on_the_way(const double *restrict h, const double *restrict
         case 3: one_link_kinematics3(q, given, pose); break;
         default: break;
         }
-        sine += turned[last];
-        cosine += turned[last];
     }
 }
 
@@ -1647,9 +1647,8 @@ static void one_link_on_the_way_lanes(const double *restrict h, const lanes *res
     lanes turning[1];
     lanes sines[1];
     lanes cosines[1];
-    const lanes *sine = sines;
-    const lanes *cosine = cosines;
     int angles = 0;
+    int done = 0;
     (void)h;
     (void)q;
     (void)given;
@@ -1658,10 +1657,14 @@ static void one_link_on_the_way_lanes(const double *restrict h, const lanes *res
         const int *const own = &place[first[run_of[way[i]]]];
         for (int k = 0; k < turned[way[i]]; ++k) { turning[angles] = q[own[k]]; ++angles; }
     }
+    if (angles == 0) { turning[0] = ALL(0.0); }
     turn((const double *)turning, (size_t)angles * LANES, (double *)sines, (double *)cosines);
     while (count > 0) {
         --count;
         const int last = way[count];
+        const lanes *const sine = &sines[done];
+        const lanes *const cosine = &cosines[done];
+        done += turned[last];
         switch (run_of[last]) {
         case 0: one_link_kinematics0_lanes(q, sine, cosine, last, origins, axes, kept); break;
         case 1: one_link_kinematics1_lanes(q, given, pose); break;
@@ -1669,8 +1672,6 @@ static void one_link_on_the_way_lanes(const double *restrict h, const lanes *res
         case 3: one_link_kinematics3_lanes(q, given, pose); break;
         default: break;
         }
-        sine += turned[last];
-        cosine += turned[last];
     }
 }
 
