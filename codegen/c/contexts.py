@@ -94,7 +94,7 @@ def number_context(equations: Equations, dtype: str) -> dict[str, Any]:
 
 
 def _shares(equations: Equations, scalar: Scalar) -> dict[str, Any] | None:
-    """What bodies and frames compute, as ``share_among_bodies`` numbers them; None where nobody asks for frames."""
+    """Runs of bodies and frames as C, by the nodes of ``share_among_bodies``; None where nobody asks for frames."""
     for shares in equations.shares.values():
         name, ways = equations.model.name, [shares.way(node) for node in range(len(shares.run_of))]
         angles = [shares.angles.instructions[index] for index in shares.angles.outputs.values()]

@@ -36,7 +36,7 @@ class Run:
 
 @dataclass(frozen=True)
 class Shares:
-    """What the nodes of a tree compute, in runs of nodes; a node's number is above that of the node in front of it.
+    """Shares of the nodes of a tree, in runs of nodes; a node's number is above that of the node in front of it.
 
     What an output needs is computed by the runs from the root to its node, in that order, the last one up to this node.
     Their operations are those of the whole program, and so are the bits.
