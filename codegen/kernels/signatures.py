@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-from eomgen.robot.model import Model
+if TYPE_CHECKING:
+    from eomgen.robot.model import Model
 
+DTYPES = ("float64", "float32")  # types of kernels' numbers
 Kind = Literal["program", "tangent", "frames", "composed", "rollout"]
 KINDS: Mapping[Kind, str] = {  # in the order in which C and packages have them
     "program": "straight-line code of one writer",

@@ -98,9 +98,10 @@ def _folded(
     if op == "div":
         (_, divisor), (_, number) = terms
         inverse = arithmetic.value("div", [arithmetic.dtype.type(1.0), values[divisor]])
-        return arithmetic.value("mul", [values[number], inverse])
+        quotient: Array = arithmetic.value("mul", [values[number], inverse])
+        return quotient
     (sign, first), *rest = terms
-    total = values[first] if sign > 0 else arithmetic.value("neg", [values[first]])
+    total: Array = values[first] if sign > 0 else arithmetic.value("neg", [values[first]])
     for sign, term in rest:
         total = arithmetic.value("mul" if op == "mul" else "add" if sign > 0 else "sub", [total, values[term]])
     return total

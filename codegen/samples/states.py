@@ -46,8 +46,7 @@ def sample_parameters(values: Array, dtype: np.dtype[np.floating]) -> Array:
     """Parameters (size, states); those of the first state are the description's own."""
     tiny = _TINY[str(dtype)]
     columns = (values, values * _SMALL, np.sign(values) * tiny, values * np.inf, values * np.nan)
-    columns += (values,) * ROUNDED
-    found: Array = np.stack(columns, axis=1).reshape(len(values), len(STATES)).astype(dtype)
+    found: Array = np.stack([*columns, *[values] * ROUNDED], axis=1).reshape(len(values), len(STATES)).astype(dtype)
     return found
 
 
