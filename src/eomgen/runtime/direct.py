@@ -27,7 +27,7 @@ ROLES = {"frame": "frame", "out": "out", "wrench": "nothing", "cut": "cut"}  # o
 
 
 class Added(NamedTuple):
-    """What wrenches add to the result of a method.
+    """The part of a method's result that wrenches add.
 
     Attributes:
         part: the function of q and the wrenches that is added.
