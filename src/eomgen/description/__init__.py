@@ -10,14 +10,15 @@ from typing import TYPE_CHECKING
 from ..lazily import attributes
 
 if TYPE_CHECKING:
-    from .load import RobotLike, as_robot, builtin_robots, load_robot, robot_from_toml
+    from .builtin import builtin_robots
+    from .load import RobotLike, as_robot, load_robot, robot_from_toml
 
 __all__ = ["RobotLike", "as_robot", "builtin_robots", "load_robot", "robot_from_toml"]
 
 _MODULES = {
     "RobotLike": "load",
     "as_robot": "load",
-    "builtin_robots": "load",
+    "builtin_robots": "builtin",
     "load_robot": "load",
     "robot_from_toml": "load",
 }
