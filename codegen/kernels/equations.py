@@ -12,6 +12,8 @@ from eomgen.robot.model import Model
 from ..program.forward_mode import tangent
 from ..program.ir import Program, finish
 from ..program.passes import hoist_parameters, run_passes
+from ..program.shares import Shares
+from .bodies import share_among_bodies
 from .derivation import Derivation
 from .signatures import KERNELS, RATES, SIGNATURES, available
 from .writers import DESCRIPTION_FRAMES, WAYS, WRITERS
@@ -27,7 +29,7 @@ class Equations:
 
     ``setup`` computes what depends on parameters alone; ``calls`` holds, by name, the kernels that are no programs but
     templates of their own, with the programs that their C calls; ``choices`` says which way was taken where there are
-    two.
+    two; ``shares`` are what a program of frames is written out as, by its name.
     """
 
     model: Model
@@ -36,6 +38,7 @@ class Equations:
     programs: Mapping[str, Program]
     calls: Mapping[str, tuple[str, ...]]
     choices: Mapping[str, str]
+    shares: Mapping[str, Shares]
 
 
 @without_collection()
@@ -77,7 +80,9 @@ def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "fl
             elif program not in raw:
                 raw[program] = derive(model, program, dtype)
     setup, programs = hoist_parameters(list(raw.values()), len(model.parameters))
-    return Equations(model, public, setup, dict(zip(raw, programs, strict=True)), calls, choices)
+    written = dict(zip(raw, programs, strict=True))
+    shares = {name: share_among_bodies(model, written[name]) for name in public if KERNELS[name].kind == "frames"}
+    return Equations(model, public, setup, written, calls, choices, shares)
 
 
 def _columns_cost(model: Model, kernel: str, known: Mapping[str, Program]) -> int:

@@ -1,4 +1,7 @@
-"""Operations of every kernel's C: those of its program, or of the programs that its template calls."""
+"""Operations of every kernel's C: those of its program, or of the programs that its template calls.
+
+Of a frame's pose or Jacobian: those of the frame that needs most, from the base to it.
+"""
 
 from __future__ import annotations
 
@@ -24,6 +27,8 @@ def operations(equations: Equations) -> dict[str, Counts]:
 
 
 def _of_kernel(equations: Equations, name: str) -> Counts:
+    if name in equations.shares:
+        return equations.shares[name].count()
     if name in equations.programs:
         return equations.programs[name].count()
     if KERNELS[name].columns_of:

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from .._version import __version__
-from ..codegen.kernels.signatures import KERNELS, available
+from ..codegen.kernels.signatures import DTYPES, KERNELS, available
 from ..description import RobotLike, as_robot
 from ..errors import InputError
 from ..files import read_regular
@@ -48,7 +48,6 @@ KERNEL_NAMES = tuple(KERNELS)
 OWNERS = {name: name for name in KERNELS} | {  # the kernel that a name stands for
     function: kernel for kernel, signature in KERNELS.items() for function in signature.functions
 }
-DTYPES = ("float64", "float32")
 _SOURCE, _SAMPLES = "source.json", "samples"  # files of an entry
 _LARGEST = 1 << 28  # bytes of a package's metadata
 

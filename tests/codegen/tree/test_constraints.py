@@ -185,8 +185,9 @@ def test_loops_do_not_change_the_tree(built: Build) -> None:
         one.programs["forward_dynamics"].instructions,
         one.programs["forward_dynamics"].outputs,
     )
-    assert {name: (p.instructions, p.outputs) for name, p in one.programs.items() if name in other.programs} == {
-        name: (p.instructions, p.outputs) for name, p in other.programs.items() if name in one.programs
+    same = (set(one.programs) & set(other.programs)) - {"implicit_step"}  # a step closes the loops
+    assert {name: (one.programs[name].instructions, one.programs[name].outputs) for name in same} == {
+        name: (other.programs[name].instructions, other.programs[name].outputs) for name in same
     }
     assert built(robot, "mass_matrix").constraints == ()
 
@@ -259,7 +260,7 @@ def test_dynamics_of_the_open_tree_are_not_taken_for_those_of_the_robot(built: B
     for call in refused:
         with pytest.raises(InputError, match=rf"{robot.name} has loops \(loop1\).*eomgen\.(loops|integration)"):
             call()
-    with pytest.raises(LoopError, match="loop1 is open: .*kernel.close, or cut=True"):
+    with pytest.raises(LoopError, match=r"loop1 is open: .*kernel\.close, or cut=True"):
         kernel.forward_dynamics(s.q, s.v, s.u)
     with pytest.raises(LoopError, match="loop1 is open"):
         integrate(kernel, s.q, s.v, 0.1)
