@@ -10,26 +10,31 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+
 from eomgen.names import kind_of
-from eomgen.robot.cuts import CUTS
 from eomgen.robot.model import Model
 from eomgen.robot.value import ANGULAR
 
-from ..program.forward_mode import partials
-from ..program.ir import Program
+from ..forces.cuts import coupled
+from ..program.forward_mode import gradients
+from ..program.ir import Node, Program, evaluate, finish
 from ..solve.drives import WEIGHINGS, least_drives
 from ..solve.elimination import Elimination
 from ..solve.responses import EliminatedTree, Tree, total
 from ..solve.rotors import Rotors
 from ..solve.rows import PRECISIONS, Row, RowSystem
 from ..tree.bound import Bound
-from ..tree.constraints import Closure, closures, loop_blocks
+from ..tree.constraints import Closure
 from ..tree.recursion import NO_WRENCH, Wrench
-from ..tree.spatial import Scalar
+from ..tree.spatial import Scalar, is_zero
+from .blocks import row_blocks
 from .derivation import Derivation, Outputs
 
 CLOSING = "closing_derivatives"
 Pivots = list[tuple[Scalar, Scalar]]
+ROUND_OFF = 1e-12  # m, or a number: arms below it at random poses are zero
+_SAMPLES = 3
 NO_SLOPES: Mapping[int, Scalar] = MappingProxyType({})
 
 
@@ -41,10 +46,11 @@ class Gap:
     arms: dict[int, Scalar]
     bias: Scalar
     group: object
+    is_weak: bool = False  # but for round-off it vanishes for the description's numbers
 
     def row(self, right: Scalar) -> Row:
         """The row that makes J a ``right``."""
-        return Row(self.arms, right, group=self.group)
+        return Row(self.arms, right, group=self.group, is_weak=self.is_weak)
 
     def rate(self, v: Sequence[Scalar]) -> Scalar:
         """J v."""
@@ -52,22 +58,49 @@ class Gap:
 
 
 def gaps(d: Derivation, v: Sequence[Scalar]) -> list[Gap]:
-    """Components of the constraint of all loops, in the order of ``Model.constraints``; arms that vanish are left out.
+    """Components of the constraint, of all loops and rigid couplings, in the order of ``Model.constraints``.
 
-    Prescribed coordinates have arms, too: they move the loops, but no multiplier moves them.
+    Arms that vanish are left out.  Prescribed coordinates have arms, too: they move the loops, but no multiplier moves
+    them.
     """
     found = []
-    for number, closure in enumerate(closures(d.model, d.bound, d.joints, d.graph.note)):
+    for closure in d.closures:
         parts = zip(closure.parts, closure.values(), closure.jacobian(), closure.bias(v), strict=True)
         for part, value, row, bias in parts:
-            arms = {index: arm for index, arm in row.items() if not is_plain_zero(arm)}
-            found.append(Gap(value, arms, bias, (number, part.axis is None)))
-    return found
+            arms = {index: arm for index, arm in row.items() if not is_zero(arm)}
+            found.append(Gap(value, arms, bias, (closure.number, part.axis is None)))
+    for number, coupling in enumerate(d.bound.couplings):
+        if coupling.law is None:
+            value = coupled(coupling.arms, coupling.offset, d.q)
+            found.append(Gap(value, dict(coupling.arms), 0.0, ("coupling", number)))
+    return _without_round_off(d, found)
 
 
-def is_plain_zero(x: Scalar) -> bool:
-    """Whether a scalar is a plain number that is zero or round-off of one."""
-    return isinstance(x, float) and abs(x) < 1e-15
+def _without_round_off(d: Derivation, found: Sequence[Gap]) -> list[Gap]:
+    """The components without arms that are round-off wherever the mechanism is: of one in a tilted plane, say.
+
+    Where an arm is round-off for the description's numbers alone, and not for others that may be tuned, its row keeps
+    it, and is weighed against the rows of all loops.
+    """
+    outputs = {("arm", place): arm for place, arm in enumerate(arm for gap in found for arm in gap.arms.values())}
+    if not any(isinstance(arm, Node) for arm in outputs.values()):
+        return list(found)
+    program, rng = finish(d.graph, "arms", outputs), np.random.default_rng(0)
+    numbers = np.array(list(d.model.parameters.values()))
+    largest = []
+    for tuned in (0.0, 0.1):
+        sizes = np.zeros(len(outputs))
+        for _ in range(_SAMPLES):
+            p = numbers * (1.0 + tuned * rng.normal(size=numbers.size)) + tuned * rng.normal(size=numbers.size)
+            values = evaluate(program, {"q": rng.uniform(-1.5, 1.5, d.model.size).tolist(), "p": p.tolist()})
+            sizes = np.maximum(sizes, np.abs(list(values.values())))
+        largest.append(iter((sizes > ROUND_OFF).tolist()))
+    kept = []
+    for gap in found:
+        now, ever = ({index for index in gap.arms if next(sizes)} for sizes in largest)
+        arms = {index: arm for index, arm in gap.arms.items() if index in ever}
+        kept.append(replace(gap, arms=arms, is_weak=bool(arms) and not now))
+    return kept
 
 
 def eliminated(
@@ -103,7 +136,7 @@ def closed(d: Derivation, tree: Tree, rows: Sequence[Row]) -> tuple[list[Scalar]
         replace(row, arms={i: arm for i, arm in row.arms.items() if i not in given}) if given else row for row in rows
     ]
     responses = [tree.respond(row) for row in pushing]
-    system = RowSystem(pushing, responses, PRECISIONS[d.dtype])
+    system = RowSystem(pushing, responses, PRECISIONS[d.dtype], tree.pivots())
     multipliers = system.multipliers(lambda r: rows[r].right - tree.along(rows[r], responses[r]))
     return tree.accelerations(total(responses, multipliers)), multipliers
 
@@ -149,35 +182,55 @@ def drives(d: Derivation) -> Outputs:
 def closing_reactions(d: Derivation) -> Outputs:
     """What the tree's joints bear of the forces in the cuts, of multipliers."""
     total = [NO_WRENCH] * len(d.model.bodies)
-    for closure, wrench in cut_wrenches(d):
-        for k, carried in closure.carried(wrench):
+    for closure, wrench in _rigid_wrenches(d):
+        for k, carried in closure.wrenches(wrench.force, wrench.moment):
             total[k] = total[k] + carried
     return _wrench_outputs(total)
 
 
+def loop_reactions(d: Derivation) -> Outputs:
+    """What cut joints exert on their second links, in the cut frames there, where nothing in them is rigid."""
+    return _of_cuts(d, {})
+
+
 def loop_wrenches(d: Derivation) -> Outputs:
-    """What the cut joints exert on their second links, in the cut frames there, of multipliers."""
-    return _wrench_outputs([closure.seen_from_b(wrench) for closure, wrench in cut_wrenches(d)])
+    """The same of multipliers, for what is rigid."""
+    return _of_cuts(d, {closure.number: wrench for closure, wrench in _rigid_wrenches(d)})
 
 
-def cut_wrenches(d: Derivation) -> Iterator[tuple[Closure, Wrench]]:
-    """Every loop with the wrench in its cut, of the multipliers that are an input."""
+def _of_cuts(d: Derivation, rigid: Mapping[int, Wrench]) -> Outputs:
+    """Wrenches of the cut joints with those of their elastic coordinates, as outputs."""
+    total = [rigid.get(closure.number, NO_WRENCH) for closure in d.closures]
+    for own in d.deviating:
+        if own.closure is not None and own.direction is not None:
+            force = own.resists(own.s, own.rate(d.v), d.functions).force
+            total[own.closure.number] = total[own.closure.number] + own.direction.wrench(-1.0 * force)
+    return _wrench_outputs([closure.seen_from_b(x) for closure, x in zip(d.closures, total, strict=True)])
+
+
+def _rigid_wrenches(d: Derivation) -> Iterator[tuple[Closure, Wrench]]:
+    """Every loop with the wrench on its second link of what is rigid in its cut, of the multipliers that are an input.
+
+    It acts at the origin of frame b, in the axes of the common body.
+    """
     first = 0
-    for closure in closures(d.model, d.bound, d.joints, d.graph.note):
-        last = first + len(closure.parts)
-        yield closure, closure.wrench([d.graph.input("multipliers", r) for r in range(first, last)])
-        first = last
+    for closure in d.closures:
+        total = NO_WRENCH
+        for r, part in enumerate(closure.parts):
+            total = total + closure.direction(part).wrench(d.graph.input("multipliers", first + r))
+        yield closure, total
+        first += len(closure.parts)
 
 
 def closing_derivatives(d: Derivation) -> Outputs:
-    """Derivatives of J^T lambda and of J a + J_dot v, of multipliers: the blocks of ``loop_blocks``, loop by loop.
+    """Derivatives of J^T lambda and of J a + J_dot v, of multipliers: ``row_blocks`` one after the other.
 
     Of each loop J, the derivatives of J a + J_dot v by q and by v, and of J^T lambda by q, which is symmetric.
     """
     values: list[Scalar] = []
     place = set(d.own)
     found = gaps(d, d.v)
-    for block in loop_blocks(d.model):
+    for block in row_blocks(d.model):
         here = found[block.first : block.first + block.rows]
         columns = [i for i in block.columns if i in place]
         arms = [{i: arm for i, arm in gap.arms.items() if i in place} for gap in here]
@@ -185,10 +238,10 @@ def closing_derivatives(d: Derivation) -> Outputs:
         rates = [Row(gap.arms, 0.0).along(d.a) + gap.bias for gap in here]
         q, v = ([x[i] for i in columns] for x in (d.q, d.v))
         for inputs in (q, v):
-            values += [x for row in partials(d.graph, rates, inputs) for x in row]
+            values += [x for row in gradients(d.graph, rates, inputs) for x in row]
         multipliers = [d.graph.input("multipliers", block.first + r) for r in range(block.rows)]
         pull = [product(multipliers, [row.get(i, 0.0) for row in arms]) for i in columns]
-        second = partials(d.graph, pull, q)
+        second = gradients(d.graph, pull, q)
         values += [second[min(i, j)][max(i, j)] for i in range(len(columns)) for j in range(len(columns))]
     return dict(enumerate_outputs(values))
 
@@ -197,17 +250,16 @@ def row_kinds(model: Model, program: Program) -> list[int]:
     """Of every row of the constraint a number for rows of its kind; -1 where nothing that is not prescribed moves it.
 
     Args:
-        model: a robot with loops.
+        model: a robot with constraints.
         program: its closing_derivatives, of which the first block of every loop is that of J.
     """
     kinds, number, at = list[int](), dict[tuple[str, bool], int](), 0
-    for loop, block in zip(model.robot.loops, loop_blocks(model), strict=True):
-        for r, part in enumerate(CUTS[loop.type]):
+    for block in row_blocks(model):
+        for r, kind in enumerate(block.kinds):
             places = [at + r * len(block.columns) + i for i, x in enumerate(block.columns) if x not in model.prescribed]
             instructions = [program.instructions[program.outputs["out", place]] for place in places]
             moves = any(found.op != "const" or found.leaf != 0.0 for found in instructions)
-            key = (loop.name, part.axis is None)
-            kinds.append(number.setdefault(key, len(number)) if moves else -1)
+            kinds.append(number.setdefault(kind, len(number)) if moves else -1)
         at += 3 * block.size + len(block.columns) ** 2
     return kinds
 

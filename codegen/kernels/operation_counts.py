@@ -1,4 +1,7 @@
-"""Operations of every kernel's C: those of its program, or of the programs that its template calls."""
+"""Operations of every kernel's C: those of its program, or of the programs that its template calls.
+
+Of a frame's pose or Jacobian: those of the frame that needs most, from the base to it.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ from eomgen.robot.model import Model
 
 from ..solve.factorised import coordinate_parents, solve_operations
 from ..solve.rows import DERIVING
-from ..tree.constraints import loop_blocks
+from .blocks import row_blocks
 from .closed import CLOSING, row_kinds
 from .equations import Equations
 from .signatures import KERNELS
@@ -23,7 +26,7 @@ def _closing_operations(model: Model, widths: list[int], refinements: int) -> Co
     """
     m, n, factors = len(widths), model.size, sum(len(chain) for chain in _chains(model))
     triangle, passes, columns = m * (m - 1) // 2, refinements + 1, 3 * n
-    second = sum(len(block.columns) ** 2 for block in loop_blocks(model))
+    second = sum(len(block.columns) ** 2 for block in row_blocks(model))
     per_column = sum(widths) + m * n + passes * 2 * triangle + refinements * m * m
     couples = (
         2 * m * factors
@@ -32,8 +35,8 @@ def _closing_operations(model: Model, widths: list[int], refinements: int) -> Co
         + columns * per_column
     )
     return {
-        "mul": couples + m,
-        "add": couples + second + 2 * m + columns * passes * 2 * m,
+        "mul": couples + 2 * m,
+        "add": couples + second + 4 * m + columns * passes * 2 * m,
         "div": m * n + triangle + columns * passes * 2 * m,
         "sincos": 0,
     }
@@ -60,17 +63,19 @@ def operations(equations: Equations) -> dict[str, Counts]:
 
 
 def _of_kernel(equations: Equations, name: str) -> Counts:
+    if name in equations.shares:
+        return equations.shares[name].count()
     if name in equations.programs:
         return equations.programs[name].count()
     if KERNELS[name].columns_of:
         column = equations.programs[KERNELS[name].columns_of].count()
         return {key: equations.model.size * number for key, number in column.items()}
-    closed = KERNELS[name].closed if equations.model.robot.loops else ()
+    closed = KERNELS[name].closed if equations.model.constraints else ()
     parts = [equations.programs[program].count() for program in closed or KERNELS[name].counts]
     parts += [OWN[name](equations.model)] if name in OWN else []
     if CLOSING in closed:
         kinds = row_kinds(equations.model, equations.programs[CLOSING])
-        wide = [len(block.columns) for block in loop_blocks(equations.model) for _ in range(block.rows)]
+        wide = [len(block.columns) for block in row_blocks(equations.model) for _ in range(block.rows)]
         widths = [width for width, kind in zip(wide, kinds, strict=True) if kind >= 0]
         parts.append(_closing_operations(equations.model, widths, DERIVING[equations.dtype].refinements))
     return {key: sum(part[key] for part in parts) for key in parts[0]}

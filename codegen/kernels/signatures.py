@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-from eomgen.robot.model import Model
+if TYPE_CHECKING:
+    from eomgen.robot.model import Model
 
-from ..tree.constraints import loop_blocks
+from .blocks import row_blocks
 
+DTYPES = ("float64", "float32")  # types of kernels' numbers
 Kind = Literal["program", "tangent", "frames", "composed", "rollout"]
 KINDS: Mapping[Kind, str] = {  # in the order in which C and packages have them
     "program": "straight-line code of one writer",
     "tangent": "straight-line code, differentiated from another kernel's; there only if it is asked for",
-    "frames": "straight-line code that nobody calls but functions of a frame's number",
+    "frames": "straight-line code in shares of bodies and frames, which functions of a frame's number call",
     "composed": "a template of its own, which calls programs: ``templates/composed``",
     "rollout": "the same, with a call of its own: many steps at once",
 }
@@ -34,8 +36,9 @@ class Signature:
         too long.
     solves: whether it inverts the mass matrix, and so fails where that is singular; the others always return 0.
     symmetric: whether it writes a matrix that is symmetric to the bit.
-    needs: what a robot must have for it: "loops", "springs" or nothing.
-    beside: kernels that come with it where the robot has loops: those of the open tree and of wrenches.
+    needs: what a robot must have for it: "loops", "springs", "constraints" (loops or couplings that are rigid in some
+        direction), "cuts" (loops that are) or nothing.
+    beside: kernels that come with it where the robot has constraints: those of the open tree and of wrenches.
     mapped: whether packages say which of its entries vanish identically.
     """
 
@@ -51,7 +54,7 @@ class Signature:
     columns_of: str = ""
     solves: bool = False
     symmetric: bool = False
-    needs: Literal["", "loops", "springs"] = ""
+    needs: Literal["", "loops", "springs", "constraints", "cuts"] = ""
     beside: tuple[str, ...] = ()
     mapped: bool = False
 
@@ -84,13 +87,13 @@ KERNELS: Mapping[str, Signature] = {
         beside=("tree_inverse_dynamics", "inverse_dynamics_under_load", *TOLD),
     ),
     "tree_inverse_dynamics": Signature(
-        ("q", "v", "a"), "vector", "The drives u that make the residual zero, loops cut.", needs="loops"
+        ("q", "v", "a"), "vector", "The drives u that make the residual zero, loops cut.", needs="constraints"
     ),
     "constrained_drives": Signature(
         ("q", "v", "a", "u"),
         "driving",
         "Drives of a motion beside forces u, multipliers, g, J v, J a, J_dot v, forces left and needed.",
-        needs="loops",
+        needs="constraints",
     ),
     "inverse_dynamics_under_load": Signature(
         ("q", "v", "a", "u"),
@@ -99,7 +102,7 @@ KERNELS: Mapping[str, Signature] = {
         "composed",
         calls=("constrained_drives",),
         counts=("constrained_drives",),
-        needs="loops",
+        needs="constraints",
     ),
     "forward_dynamics": Signature(
         ("q", "v", "u"),
@@ -110,14 +113,14 @@ KERNELS: Mapping[str, Signature] = {
         beside=("tree_forward_dynamics", *TOLD),
     ),
     "tree_forward_dynamics": Signature(
-        ("q", "v", "u"), "vector", "Accelerations under the drives u, loops cut.", solves=True, needs="loops"
+        ("q", "v", "u"), "vector", "Accelerations under the drives u, loops cut.", solves=True, needs="constraints"
     ),
     "constrained_dynamics": Signature(
         ("q", "v", "u"),
         "constrained",
         "Accelerations under the drives u, multipliers, g and J v; whatever the gaps are.",
         solves=True,
-        needs="loops",
+        needs="constraints",
     ),
     "constraint_forces": Signature(
         ("q", "v", "u"),
@@ -127,14 +130,14 @@ KERNELS: Mapping[str, Signature] = {
         calls=("constrained_dynamics",),
         counts=("constrained_dynamics",),
         solves=True,
-        needs="loops",
+        needs="constraints",
     ),
     "settling": Signature(
         ("q", "v"),
         "settling",
         "Changes of q and v towards the nearest closed state, by the kinetic energy, and g.",
         solves=True,
-        needs="loops",
+        needs="constraints",
     ),
     "residual_jacobian": Signature(
         ("q", "v", "a"),
@@ -160,7 +163,7 @@ KERNELS: Mapping[str, Signature] = {
         calls=("tree_forward_dynamics", "residual_jacobian"),
         counts=("tree_forward_dynamics", "residual_jacobian"),
         solves=True,
-        needs="loops",
+        needs="constraints",
     ),
     "coriolis_matrix": Signature(("q", "v"), "matrix", "Coriolis matrix C(q, v) with C v = bias and M_dot = C + C^T."),
     "christoffel": Signature(
@@ -196,7 +199,7 @@ KERNELS: Mapping[str, Signature] = {
         ("q", "v", "a"),
         "reactions",
         "Force and moment on each joint's child link, moved joint's axes, loops cut.",
-        needs="loops",
+        needs="constraints",
     ),
     "reactions_under_load": Signature(
         ("q", "v", "a", "u"),
@@ -205,15 +208,13 @@ KERNELS: Mapping[str, Signature] = {
         "composed",
         calls=("tree_reactions", "constrained_drives", "closing_reactions"),
         counts=("tree_reactions", "constrained_drives", "closing_reactions"),
-        needs="loops",
+        needs="constraints",
     ),
     "loop_reactions": Signature(
         ("q", "v", "a"),
         "loop_reactions",
         "Force and moment of each cut joint on its second link, cut frame there.",
-        "composed",
-        calls=("constrained_drives", "loop_wrenches"),
-        counts=("constrained_drives", "loop_wrenches"),
+        closed=("constrained_drives", "loop_wrenches"),
         needs="loops",
         beside=("loop_reactions_under_load", *TOLD),
     ),
@@ -224,7 +225,7 @@ KERNELS: Mapping[str, Signature] = {
         "composed",
         calls=("constrained_drives", "loop_wrenches"),
         counts=("constrained_drives", "loop_wrenches"),
-        needs="loops",
+        needs="cuts",
     ),
     "external_reactions": Signature(
         ("q", "wrench"), "reactions", "What external wrenches add to the reactions, moved joint's axes."
@@ -235,10 +236,12 @@ KERNELS: Mapping[str, Signature] = {
     **_tangent("external_reactions", "q", "wrench", writes="reactions"),
     "euler_cosines": Signature(("q",), "joints", "Cosine of beta of every joint with three angles, 1 for the others."),
     "constraint": Signature(
-        ("q",), "constraints", "Constraint g(q) of the cut joints; zero where loops are closed.", needs="loops"
+        ("q",), "constraints", "Constraint g(q) of the cut joints; zero where loops are closed.", needs="constraints"
     ),
-    "constraint_jacobian": Signature(("q",), "constraint_rows", "Jacobian J = dg/dq of the constraint.", needs="loops"),
-    "constraint_bias": Signature(("q", "v"), "constraints", "J_dot v: g_ddot = J a + J_dot v.", needs="loops"),
+    "constraint_jacobian": Signature(
+        ("q",), "constraint_rows", "Jacobian J = dg/dq of the constraint.", needs="constraints"
+    ),
+    "constraint_bias": Signature(("q", "v"), "constraints", "J_dot v: g_ddot = J a + J_dot v.", needs="constraints"),
     "cut_poses": Signature(
         ("q",), "cut_poses", "Per loop the cut frame on its second link seen from that on its first.", needs="loops"
     ),
@@ -268,7 +271,7 @@ KERNELS: Mapping[str, Signature] = {
 }
 
 CLOSURE_KERNELS = ("constraint", "constraint_jacobian", "constraint_bias", "cut_poses")  # of the constraint itself
-LOOP_KERNELS = tuple(name for name, signature in KERNELS.items() if signature.needs == "loops")
+LOOP_KERNELS = tuple(name for name, signature in KERNELS.items() if signature.needs in ("loops", "constraints", "cuts"))
 SPRING_KERNELS = tuple(name for name, signature in KERNELS.items() if signature.needs == "springs")
 
 PARTS: Mapping[str, Signature] = {  # programs that only other kernels call
@@ -281,7 +284,7 @@ PARTS: Mapping[str, Signature] = {  # programs that only other kernels call
         ("q", "multipliers"), "reactions", "What the tree's joints bear of the forces in the cuts."
     ),
     "loop_wrenches": Signature(
-        ("q", "multipliers"), "loop_reactions", "Force and moment of each cut joint on its second link."
+        ("q", "v", "multipliers"), "loop_reactions", "Force and moment of each cut joint on its second link."
     ),
     "implicit_step": Signature(
         ("q", "v", "u", "added", "dt"),
@@ -295,15 +298,21 @@ SIGNATURES: Mapping[str, Signature] = {**KERNELS, **PARTS}
 
 def available(model: Model) -> tuple[str, ...]:
     """Names of the kernels that there are for a model."""
-    has = {"": True, "loops": bool(model.robot.loops), "springs": bool(model.robot.springs)}
+    has = {
+        "": True,
+        "loops": bool(model.robot.loops),
+        "springs": bool(model.robot.springs),
+        "constraints": bool(model.constraints),
+        "cuts": bool(model.robot.loops and model.constraints),
+    }
     return tuple(name for name, signature in KERNELS.items() if has[signature.needs])
 
 
-def with_beside(names: Sequence[str], loops: bool) -> tuple[str, ...]:
-    """Kernels with those that come with them for a robot with loops, or without."""
-    found = dict.fromkeys(names)
-    for name in names if loops else ():
-        found |= dict.fromkeys(KERNELS[name].beside)
+def with_beside(names: Sequence[str], model: Model) -> tuple[str, ...]:
+    """Kernels with those that come with them for a model that has constraints."""
+    found, known = dict.fromkeys(names), available(model)
+    for name in names if model.constraints else ():
+        found |= dict.fromkeys(x for x in KERNELS[name].beside if x in known)
     return tuple(found)
 
 
@@ -360,18 +369,17 @@ def shapes(model: Model) -> dict[str, tuple[int, ...]]:
     closing: dict[str, tuple[int, ...]] = {
         "constraints": (m,),
         "constraint_rows": (m, n),
-        "cut_poses": (loops, 4, 4),
         "constrained": (n + 3 * m,),
         "settling": (2 * n + m,),
         "driving": (3 * n + 5 * m,),
         "multipliers": (m,),
-        "closing": (sum(3 * block.size + len(block.columns) ** 2 for block in loop_blocks(model)),),
-        "loop_reactions": (loops, 6),
+        "closing": (sum(3 * block.size + len(block.columns) ** 2 for block in row_blocks(model)),),
     }
     springs = len(model.robot.springs)
     return {
         **vectors,
-        **(closing if loops else {}),
+        **(closing if m else {}),
+        **({"cut_poses": (loops, 4, 4), "loop_reactions": (loops, 6)} if loops else {}),
         **({"spring_pairs": (springs, 2), "spring_rows": (springs, n)} if springs else {}),
         "wrench": (len(model.links), 6),
         "dwrench": (len(model.links), 6),

@@ -34,33 +34,32 @@ def tangent(program: Program, rates: Mapping[str, str], name: str) -> Program:
     return finish(graph, name, {key: moving[index] for key, index in program.outputs.items()})
 
 
-def partials(graph: Graph, values: Sequence[Value], inputs: Sequence[Value]) -> list[list[Value]]:
-    """Derivatives of values of a graph by its inputs, a row per value; what depends on no input costs nothing.
+def gradients(graph: Graph, values: Sequence[Value], inputs: Sequence[Node]) -> list[list[Value]]:
+    """Derivatives of values by inputs of the same graph, (values, inputs), written behind them.
 
-    Args:
-        graph: where they are, and where the derivatives go.
-        values: any of its values.
-        inputs: of its inputs; numbers among them move nothing.
+    What many of the derivatives share is written once.
     """
-    wanted = {value.index for value in values if isinstance(value, Node)}
-    for index in range(max(wanted, default=-1), -1, -1):
-        if index in wanted:
-            wanted.update(graph.instructions[index].args)
-    order = sorted(wanted)
-    columns = [_moved(graph, order, x.index) if isinstance(x, Node) else {} for x in inputs]
-    return [[moved.get(v.index, 0.0) if isinstance(v, Node) else 0.0 for moved in columns] for v in values]
-
-
-def _moved(graph: Graph, order: Sequence[int], moving: int) -> dict[int, Value]:
-    """Derivatives by one input of those of the values that depend on it."""
-    found: dict[int, Value] = {moving: 1.0}
-    for index in order:
-        instruction = graph.instructions[index]
-        dx = [found.get(arg, 0.0) for arg in instruction.args]
-        derivative = OPERATIONS[instruction.op].rate
-        if derivative is not None and any(isinstance(rate, Node) or rate != 0.0 for rate in dx):
-            found[index] = derivative(graph, [Node(graph, arg) for arg in instruction.args], Node(graph, index), dx)
-    return found
+    needed: set[int] = set()
+    waiting = [value.index for value in values if isinstance(value, Node)]
+    while waiting:
+        index = waiting.pop()
+        if index not in needed:
+            needed.add(index)
+            waiting += graph.instructions[index].args
+    order, columns = sorted(needed), []
+    for moved in inputs:
+        rates: dict[int, Value] = {moved.index: 1.0}
+        for index in order:
+            op, args, _ = graph.instructions[index]
+            derivative = OPERATIONS[op].rate
+            if derivative is None or not any(arg in rates for arg in args):
+                continue
+            x = [Node(graph, arg) for arg in args]
+            found: Value = derivative(graph, x, Node(graph, index), [rates.get(arg, 0.0) for arg in args])
+            if isinstance(found, Node) or found != 0.0:
+                rates[index] = found
+        columns.append([rates.get(value.index, 0.0) if isinstance(value, Node) else 0.0 for value in values])
+    return [list(row) for row in zip(*columns, strict=True)]
 
 
 def _rate(

@@ -10,14 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from eomgen.robot.cuts import CUTS
 from eomgen.robot.model import Model
 
 from ..c.contexts import OPEN_GAPS, PIVOT_LIMITS
 from ..joint.zeros import zero_map
+from ..kernels.blocks import row_blocks
 from ..solve.factorised import coordinate_parents
 from ..solve.rows import DERIVING
-from ..tree.constraints import loop_blocks
 from .arithmetic import Array
 
 Run = Callable[..., tuple[Array, Array]]  # run(program, **inputs): its answer, and the status of every lane
@@ -57,7 +56,7 @@ def _columns(model: Model) -> list[int]:
 
 def forward_dynamics_jacobian(model: Model, run: Run, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
     """Derivatives of the accelerations: those of the residual, solved with M = L^T D L along the branches."""
-    return _closed_derivatives(model, run, inputs) if model.robot.loops else _of_tree(model, run, "forward_dynamics")
+    return _closed_derivatives(model, run, inputs) if model.constraints else _of_tree(model, run, "forward_dynamics")
 
 
 def tree_forward_dynamics_jacobian(model: Model, run: Run, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
@@ -80,7 +79,7 @@ def _closed_derivatives(model: Model, run: Run, inputs: Mapping[str, Array]) -> 
     D = run("closing_derivatives", a=a, multipliers=multipliers)[0]
     J, right = np.zeros((m, n, lanes), D.dtype), np.zeros((m, 3, n, lanes), D.dtype)
     at = 0
-    for block in loop_blocks(model):
+    for block in row_blocks(model):
         rows, columns = slice(block.first, block.first + block.rows), list(block.columns)
         parts = np.split(D[at : at + 3 * block.size], 3)
         J[rows, columns], *slopes = (part.reshape(block.rows, len(columns), lanes) for part in parts)
@@ -99,7 +98,7 @@ def _closed_derivatives(model: Model, run: Run, inputs: Mapping[str, Array]) -> 
     J, pushed, right = J[kept], pushed[kept], right[kept]
     Y = back(pushed.transpose(1, 0, 2).copy())
     right = right.reshape(len(kept), 3 * n, lanes)
-    moved = [block.columns for block in loop_blocks(model) for _ in range(block.rows)]
+    moved = [block.columns for block in row_blocks(model) for _ in range(block.rows)]
     for r, row in enumerate(kept):
         for i in moved[row]:
             right[r] = right[r] - J[r, i] * x[i]
@@ -119,7 +118,7 @@ def _closed_derivatives(model: Model, run: Run, inputs: Mapping[str, Array]) -> 
 
 def _kinds(model: Model, J: Array) -> list[tuple[str, bool] | None]:
     """Kinds of the rows (m, n, lanes) as ``row_kinds`` has them; None of one that vanishes in all states."""
-    kinds = [(loop.name, part.axis is None) for loop in model.robot.loops for part in CUTS[loop.type]]
+    kinds = [kind for block in row_blocks(model) for kind in block.kinds]
     return [kind if (row != 0.0).any() else None for kind, row in zip(kinds, J, strict=True)]
 
 
@@ -127,11 +126,14 @@ def _multipliers(A: Array, right: Array, kinds: Sequence[object]) -> Array:
     """Solution (m, columns, lanes) of a symmetric system (m, m, lanes) that may be singular, refined."""
     precision, m = DERIVING[str(A.dtype)], len(A)
     added: dict[object, Array] = {}
+    whole = np.zeros_like(A[0, 0])
     for r in range(m):
+        whole = whole + A[r, r]
         added[kinds[r]] = added.get(kinds[r], np.zeros_like(A[0, 0])) + A[r, r]
     F = A.copy()
     for r in range(m):
-        F[r, r] = F[r, r] + added[kinds[r]] * A.dtype.type(precision.added)
+        own = added[kinds[r]] * A.dtype.type(precision.added)
+        F[r, r] = F[r, r] + (own + whole * A.dtype.type(precision.floor))
     for r in range(m):
         for s in range(r + 1, m):
             factor = F[s, r] / F[r, r]

@@ -43,8 +43,8 @@ class Weighings:
 
 
 WEIGHINGS: Mapping[str, Weighings] = {  # refinements are steps of the method of multipliers
-    "float64": Weighings(Weighing(1e-12, Precision(1e-14, 3)), Weighing(3e-8, Precision(1e-14, 4))),
-    "float32": Weighings(Weighing(1e-6, Precision(3e-7, 4)), Weighing(1e-4, Precision(1e-6, 5))),
+    "float64": Weighings(Weighing(1e-12, Precision(1e-14, 1e-14, 3)), Weighing(3e-8, Precision(1e-14, 1e-14, 4))),
+    "float32": Weighings(Weighing(1e-6, Precision(3e-7, 3e-7, 4)), Weighing(1e-4, Precision(1e-6, 1e-6, 5))),
 }
 
 
@@ -58,7 +58,7 @@ def least_drives(
     """Drives, multipliers of the rows, and what no drive can take.
 
     Args:
-        rows: of the constraint; whether a row is one of angles is the last entry of its ``group``.
+        rows: of the constraint; whether one of a loop is one of angles is the last entry of its ``group``.
         needed: M a + h, (n,).
         driven: coordinates with a drive.
         turns: says of a coordinate whether it is an angle.
@@ -142,7 +142,8 @@ def _weights(rows: Sequence[Row], driven: Collection[int], turns: Callable[[int]
 
 
 def _kind(row: Row) -> object:
-    return row.group[-1] if isinstance(row.group, tuple) else None
+    """Of a loop's rows whether they are angles; every coupling is a kind of its own."""
+    return row.group[-1] if isinstance(row.group, tuple) and isinstance(row.group[-1], bool) else row.group
 
 
 def _mean(values: Sequence[Scalar]) -> Scalar:

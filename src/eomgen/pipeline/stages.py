@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from .._version import __version__
-from ..codegen.kernels.signatures import KERNELS, available, with_beside
+from ..codegen.kernels.signatures import DTYPES, KERNELS, available, with_beside
 from ..description import RobotLike, as_robot
 from ..errors import InputError
 from ..files import read_regular
@@ -48,7 +48,6 @@ KERNEL_NAMES = tuple(KERNELS)
 OWNERS = {name: name for name in KERNELS} | {  # the kernel that a name stands for
     function: kernel for kernel, signature in KERNELS.items() for function in signature.functions
 }
-DTYPES = ("float64", "float32")
 _SOURCE, _SAMPLES = "source.json", "samples"  # files of an entry
 _LARGEST = 1 << 28  # bytes of a package's metadata
 
@@ -132,7 +131,7 @@ def _at_once(robot: Robot, options: Options, progress: StageReport = no_report) 
 
 def _with_beside(robot: Robot, options: Options) -> Options:
     """The options with the kernels that come with those that are asked for."""
-    return replace(options, kernels=with_beside(options.kernels, bool(robot.loops)))
+    return replace(options, kernels=with_beside(options.kernels, build_model(robot)))
 
 
 def _loaded_again(package: store.Entry, robot: Robot, options: Options, level: str) -> Kernel:

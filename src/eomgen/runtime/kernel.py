@@ -201,7 +201,7 @@ class Kernel:
                 for name, method in vars(Kernel).items()
                 if isinstance(method, FunctionType) and getattr(type(self), name) is method  # not one of a subclass
             }
-            found = functions(module, self.raw, methods, self.frames, bool(self.loops))
+            found = functions(module, self.raw, methods, self.frames, bool(self.constraints), self._given)
             self._functions = (module, found)
         plain = self._with_methods_in_python()
         state = self.parameters.state
@@ -314,7 +314,7 @@ class Kernel:
             wrench: (links, 6), per link force (N) then moment (N m) about its centre of mass, base axes.
             out: array to write to.
         """
-        return self.calls.run_with_wrench("generalized_force", out, (q, v), wrench, 1.0)
+        return self.calls.run_with_wrench("generalized_force", out, (q, v), wrench)
 
     def residual(
         self,
@@ -327,7 +327,7 @@ class Kernel:
         out: Array | None = None,
     ) -> Array:
         """M a + bias - generalized_force - u, (n,), N or N m; zero on a motion."""
-        return self.calls.run_with_wrench("residual", out, (q, v, a, u), wrench, -1.0)
+        return self.calls.run_with_wrench("residual", out, (q, v, a, u), wrench)
 
     def inverse_dynamics(
         self,
@@ -532,7 +532,7 @@ class Kernel:
         Raises:
             LoopError: as of ``inverse_dynamics``.
         """
-        return self._driving("reactions", out, (q, v, a), wrench, 1.0, "external_reactions", cut=cut)
+        return self._driving("reactions", out, (q, v, a), wrench, cut=cut)
 
     def loop_reactions(
         self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, wrench: ArrayLike | None = None, out: Array | None = None
@@ -540,8 +540,8 @@ class Kernel:
         """Wrench that each loop's cut joint exerts on its second link, (loops, 6): force (N), moment (N m).
 
         At the origin and in the axes of the cut frame on that link; the first link feels the opposite.  Components
-        that the joint leaves free are zero.  Where constraints are redundant, those of them that rigid bodies do not
-        determine have about the least norm.
+        that the joint leaves free are zero, elastic ones what their laws say.  Where constraints are redundant, those
+        of them that rigid bodies do not determine have about the least norm.
 
         Args:
             q, v, a: (n,), a motion that keeps the loops closed, made by drives at the coordinates that have one.
@@ -552,7 +552,7 @@ class Kernel:
             LoopError: as of ``inverse_dynamics``.
             UnknownNameError: the robot has no loops.
         """
-        if wrench is None:
+        if wrench is None or not self.constraints:
             return self.calls.run("loop_reactions", out, (q, v, a))
         return self.calls.run("loop_reactions_under_load", out, (q, v, a, self.external_force(q, wrench)))
 
@@ -562,20 +562,18 @@ class Kernel:
         out: Array | None,
         values: tuple[ArrayLike, ...],
         wrench: ArrayLike | None,
-        sign: float = -1.0,
-        part: str = "external_force",
         *,
         cut: bool,
     ) -> Array:
         """What a motion takes, with its loops closed or cut; see ``Calls.run_with_wrench``."""
-        if cut or not self.loops:
-            return self.calls.run_with_wrench(self.calls.of_tree(name), out, values, wrench, sign, part)
+        if cut or not self.constraints:
+            return self.calls.run_with_wrench(self.calls.of_tree(name), out, values, wrench)
         if wrench is None:
             return self.calls.run(name, out, values)
         under = (*values, self.external_force(values[0], wrench))
-        if part == "external_force":
+        if name != "reactions":
             return self.calls.run(f"{name}{LOADED}", out, under)
-        return self.calls.run_with_wrench(f"{name}{LOADED}", out, under, wrench, sign, part)
+        return self.calls.run_with_wrench(f"{name}{LOADED}", out, under, wrench)
 
     def tangent(self, name: str, *arrays: ArrayLike, out: Array | None = None) -> Array:
         """The exact directional derivative of another kernel's result, by rates of what that kernel reads.

@@ -73,7 +73,7 @@ def _not_held(raw: RawKernel, title: str, i: int, place: str, ask: Ask, tree: st
     driven = [x for k, x in enumerate(coordinates) if k in meta["driven"] or x in meta["prescribed"]]
     found, jacobian = ask("constrained_drives"), ask("constraint_jacobian")
     left = math.nan if found is None else float(np.abs(found[len(coordinates) + 5 * m :][: len(coordinates)]).max())
-    loop, freedoms = next(iter(meta["loops"])), ""
+    loop, freedoms = meta["constraints"][0].partition(".")[0], ""
     if jacobian is not None:
         moving = [k for k, x in enumerate(coordinates) if x not in meta["prescribed"]]
         sizes = np.linalg.svd(jacobian[:, moving], compute_uv=False)

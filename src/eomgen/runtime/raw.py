@@ -225,7 +225,7 @@ class RawKernel:
         self.dtype: np.dtype[Any] = np.dtype(meta["dtype"])
         self.shapes: dict[str, tuple[int, ...]] = {key: tuple(shape) for key, shape in meta["shapes"].items()}
         n, m = len(meta["coordinates"]), len(meta.get("constraints", ()))
-        self.statuses: int = n + (3 * m + n if "loops" in meta else 0)
+        self.statuses: int = n + (3 * m + n if m else 0)
         self.ffi = FFI
         self.view = partial(FFI.from_buffer, POINTERS[meta["dtype"]])
         kinds = {name: entry["kind"] for name, entry in meta["functions"].items()}

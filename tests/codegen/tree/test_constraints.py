@@ -229,7 +229,9 @@ def test_refusals(built: Build) -> None:
     ):
         with pytest.raises(DescriptionError, match=rf"loops\.joint4\.{said}"):  # made by hand, not read
             build_model(replace(robot, loops=(replace(robot.loops[0], **change),)))
-    with pytest.raises(InputError, match=r"'constraint' is for robots with \[\[loops\]\], and ur5 has none"):
+    with pytest.raises(
+        InputError, match=r"'constraint' is for robots with rigid \[\[loops\]\] or \[\[couplings\]\], and ur5 has none"
+    ):
         eomgen.build(eomgen.load_robot("ur5"), kernels=("constraint",))
 
 
