@@ -77,7 +77,8 @@ def _closed_derivatives(model: Model, run: Run, inputs: Mapping[str, Array]) -> 
     a, multipliers = found[:n], found[n : n + m]
     out: Array = run("residual_jacobian", a=a)[0].reshape(3, n, n, lanes).copy()
     D = run("closing_derivatives", a=a, multipliers=multipliers)[0]
-    J, right = np.zeros((m, n, lanes), D.dtype), np.zeros((m, 3, n, lanes), D.dtype)
+    J: Array = np.zeros((m, n, lanes), D.dtype)
+    right: Array = np.zeros((m, 3, n, lanes), D.dtype)
     at = 0
     for block in row_blocks(model):
         rows, columns = slice(block.first, block.first + block.rows), list(block.columns)

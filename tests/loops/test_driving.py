@@ -11,7 +11,7 @@ import eomgen
 from eomgen.codegen.solve.drives import WEIGHINGS, least_drives
 from eomgen.codegen.solve.rows import Row
 from eomgen.errors import LoopError, UnknownNameError
-from eomgen.robot.value import Robot
+from eomgen.robot.value import Coordinate, Coupling, Robot
 from eomgen.runtime.kernel import Kernel
 from tests.oracles import closed_loops as oracle
 from tests.support.builds import Build
@@ -19,9 +19,10 @@ from tests.support.random_robots import Array
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
-CLOSURE = ("constraint", "constraint_jacobian", "constraint_bias", "cut_poses")
+CLOSURE: tuple[str, ...] = ("constraint", "constraint_jacobian", "constraint_bias", "cut_poses")
 KERNELS = (*CLOSURE, "forward_dynamics", "inverse_dynamics", "external_force", "kinematics")
 STATICS = (*KERNELS, "reactions", "external_reactions", "loop_reactions")
+DERIVED = (*CLOSURE, "forward_dynamics", "constrained_dynamics", "forward_dynamics_jacobian")
 GUESSES = {
     "four_bar": ([0.5, 0.2, 1.2], (0,)),
     "bennett": ([1.0, 1.5, -1.0], (0,)),
@@ -188,6 +189,57 @@ def test_drives_that_cannot_make_the_motion_are_refused(built: Build) -> None:
         kernel.reactions(q[0], v[0], a[0], wrench=np.zeros((3, 6)))
 
 
+@pytest.mark.parametrize("elastic", [("x",), ("x", "y", "z", "alpha", "beta")])
+def test_elastic_coordinates_of_a_cut_bear_what_their_laws_say(elastic: tuple[str, ...], built: Build) -> None:
+    """The same bars without a loop, with the forces in the cut as wrenches, move alike."""
+    robot = driven_at("four_bar", choose=False)
+    soft = Coordinate(stiffness=3e3, damping=2.0)
+    loop = replace(robot.loops[0], coordinates=dict.fromkeys(elastic, soft), offset=(0.01, *[None] * 5))
+    robot = replace(robot, loops=(loop,), name=f"soft_{len(elastic)}")
+    kernel = built(robot, *(STATICS if len(elastic) == 1 else STATICS[3:]))
+    bars = built(
+        replace(robot, loops=(), name="bars"), "inverse_dynamics", "reactions", *KERNELS[6:], "external_reactions"
+    )
+    rng = np.random.default_rng(8)
+    q, v = np.array([0.5, 0.2, 1.2]), rng.normal(size=3)
+    if kernel.constraints:
+        q, v = oracle.closed_state(kernel, q, [0], rng)
+    wrench = rng.normal(size=(3, 6))
+    a = kernel.forward_dynamics(q, v, rng.normal(size=3), wrench=wrench)
+    cut = kernel.loop_reactions(q, v, a, wrench=wrench)
+    acting = oracle.as_link_wrenches(kernel, robot, q, cut) + wrench
+    for name in ("inverse_dynamics", "reactions"):
+        found = getattr(kernel, name)(q, v, a, wrench=wrench)
+        expected = getattr(bars, name)(q, v, a, wrench=acting)
+        if name == "reactions" or not kernel.constraints:
+            assert np.abs(found - expected).max() <= 1e-11 * np.abs(expected).max()
+        else:  # drives at all joints: one of many ways
+            J = kernel.constraint_jacobian(q)
+            assert np.abs(oracle.least_drives(J, expected, drives_of(kernel))[0] - found).max() <= 1e-10
+    gap = kernel.cut_coordinates(q)[0, 0] - 0.01
+    rate = np.diff(kernel.cut_coordinates([q - 1e-6 * v, q + 1e-6 * v])[:, 0, 0])[0] / 2e-6
+    R = kernel.cut_poses(q)[0, :3, :3]
+    assert abs((R @ cut[0, :3])[0] + 3e3 * gap + 2.0 * rate) <= 1e-7
+
+
+def test_coupled_coordinates_share_their_drives(built: Build) -> None:
+    """Gears between the joints of bars without a loop: drives, and derivatives in all directions."""
+    gears = (Coupling("gear", "joint3.gamma", {"joint1.gamma": -0.5, "joint2.gamma": 0.3}),)
+    robot = replace(driven_at("four_bar", choose=False), loops=(), couplings=gears, name="geared_bars")
+    kernel = built(robot, *CLOSURE[:3], "constrained_dynamics", "inverse_dynamics", *DERIVED[4:])
+    q, v = np.array([0.5, 0.2, -0.25 + 0.06]), np.array([1.0, 2.0, -0.5 + 0.6])
+    u = np.array([3.0, -1.0, 0.0])
+    a = kernel.forward_dynamics(q, v, u)
+    found, tree = kernel.inverse_dynamics(q, v, a), kernel.inverse_dynamics(q, v, a, cut=True)
+    assert np.abs(found - oracle.least_drives(kernel.constraint_jacobian(q), tree, [0, 1])[0]).max() <= 1e-12
+    assert np.abs(found - u).max() <= 1e-11
+    for place, x in enumerate(kernel.forward_dynamics_jacobian(q, v, u)):
+        expected = differences(kernel, [q, v, u], place, 1e-5)
+        assert np.abs(x - expected).max() <= 1e-8 * max(1.0, np.abs(x).max())
+    with pytest.raises(LoopError, match=r"^inverse_dynamics: geared_bars: .*gear.* is open"):
+        kernel.inverse_dynamics(q + [0.0, 0.0, 0.1], v, a)
+
+
 def test_coordinates_of_cut_joints(built: Build) -> None:
     kernel = built(eomgen.load_robot("bennett"), *CLOSURE)
     q = np.random.default_rng(3).uniform(-1.5, 1.5, (7, 3))
@@ -210,8 +262,6 @@ def test_robots_without_loops_have_nothing_of_them(built: Build) -> None:
 
 
 # ---- derivatives
-
-DERIVED = (*CLOSURE, "forward_dynamics", "constrained_dynamics", "forward_dynamics_jacobian")
 
 
 def smooth(kernel: Kernel, *state: Array) -> Array:
