@@ -23,7 +23,6 @@ from .raw import Library, RawKernel, Setup
 Array = NDArray[Any]
 
 NAME = "_direct"
-CLOSED = ("forward_dynamics",)  # methods with ``cut`` that know the forces in loops
 ROLES = {"frame": "frame", "out": "out", "wrench": "nothing", "cut": "cut"}  # of parameters that are not read
 
 
@@ -47,7 +46,11 @@ WRENCHED: Mapping[str, Added] = {
     "inverse_dynamics": Added("external_force", -1.0),
     "forward_dynamics": Added("external_force", 1.0, "u"),
     "reactions": Added("external_reactions", 1.0),
+    "tree_inverse_dynamics": Added("external_force", -1.0),
+    "tree_reactions": Added("external_reactions", 1.0),
+    "reactions_under_load": Added("external_reactions", 1.0),
 }
+DRIVING = ("inverse_dynamics", "reactions")  # where loops are closed, they call other functions for wrenches
 
 
 class State:
@@ -187,10 +190,8 @@ def functions(
             continue
         code = methods[name].__code__
         parameters = code.co_varnames[1 : code.co_argcount + code.co_kwonlyargcount]
-        if loops and "cut" in parameters and name not in CLOSED:
-            continue
         reads = tuple(entry["reads"])
-        places = tuple(_place(label, reads, raw, name) for label in parameters)
+        places = tuple(_place(label, reads, raw, "" if loops and name in DRIVING else name) for label in parameters)
         part = WRENCHED.get(name, Added("", 1.0))
         function = module.Function(
             name=name,

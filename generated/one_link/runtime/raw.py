@@ -208,8 +208,9 @@ class RawKernel:
         dtype: the dtype of all arrays.
         shapes: shape of every array by its name, for one state.
         functions: functions of one state or a batch, by name; one may be compiled when it is looked up.
-        statuses: reasons why a function may fail in one state: a pivot of each coordinate, then a gap of each
-            constraint of closed loops, then its rate.
+        statuses: reasons why a function may fail in one state: a pivot of each coordinate; where there are loops a
+            gap of each constraint, then its rate, then its acceleration, then a force on each coordinate that no drive
+            takes.
         rollout: the function of many steps, or None where the kernel was built without one; its arguments are in the
             header.
         ffi: cffi's object for pointers and their types.
@@ -223,7 +224,8 @@ class RawKernel:
         self.name: str = meta["name"]
         self.dtype: np.dtype[Any] = np.dtype(meta["dtype"])
         self.shapes: dict[str, tuple[int, ...]] = {key: tuple(shape) for key, shape in meta["shapes"].items()}
-        self.statuses: int = len(meta["coordinates"]) + 2 * len(meta.get("constraints", ()))
+        n, m = len(meta["coordinates"]), len(meta.get("constraints", ()))
+        self.statuses: int = n + (3 * m + n if m else 0)
         self.ffi = FFI
         self.view = partial(FFI.from_buffer, POINTERS[meta["dtype"]])
         kinds = {name: entry["kind"] for name, entry in meta["functions"].items()}

@@ -210,11 +210,11 @@ def _moving_system(arm: HeldRobot, q: Array, v: ArrayLike, a: ArrayLike | None, 
     if a is not None:
         acceleration = state_vector("a", given, kernel.coordinates)
     else:
-        missing = state_vector("u", given, kernel.coordinates) + dead - kernel.inverse_dynamics(q, rates, 0 * q)
+        missing = state_vector("u", given, kernel.coordinates) + dead - kernel.inverse_dynamics(q, rates, 0 * q, cut=True)
         M, free = kernel.residual_jacobian(q, rates, 0 * q)[2], ~fixation.locked
         acceleration = np.zeros(kernel.n)
         acceleration[free] = np.linalg.solve(M[np.ix_(free, free)], missing[free])
-    forces = kernel.inverse_dynamics(q, rates, acceleration) - dead
+    forces = kernel.inverse_dynamics(q, rates, acceleration, cut=True) - dead
     found = tangent(kernel, q, rates, acceleration, loads)
     notes = tuple(f"{name} floats in its clearance: no stiffness there" for name in floating(kernel, q))
     return reduced(kernel, q, rates, acceleration, forces, found, replace(fixation, notes=()), notes)
