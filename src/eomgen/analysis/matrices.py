@@ -210,7 +210,8 @@ def _moving_system(arm: HeldRobot, q: Array, v: ArrayLike, a: ArrayLike | None, 
     if a is not None:
         acceleration = state_vector("a", given, kernel.coordinates)
     else:
-        missing = state_vector("u", given, kernel.coordinates) + dead - kernel.inverse_dynamics(q, rates, 0 * q, cut=True)
+        needed = kernel.inverse_dynamics(q, rates, 0 * q, cut=True)
+        missing = state_vector("u", given, kernel.coordinates) + dead - needed
         M, free = kernel.residual_jacobian(q, rates, 0 * q)[2], ~fixation.locked
         acceleration = np.zeros(kernel.n)
         acceleration[free] = np.linalg.solve(M[np.ix_(free, free)], missing[free])
