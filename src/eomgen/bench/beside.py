@@ -37,6 +37,7 @@ Array = NDArray[np.float64]
 
 STATES = 16  # random states that every sample cycles through: enough to defeat a lucky one, all in the first cache
 CALLS = 200  # from Python, of a sample
+CLOSED = ("tree_inverse_dynamics", "tree_forward_dynamics")  # of robots whose own kernels close loops
 TOLERANCE = 1e-9  # greatest relative difference between contenders that are timed
 
 
@@ -243,8 +244,11 @@ def _inputs(robot: Robot, kernel: Kernel) -> dict[str, Array]:
 
 
 def counterparts(kernel: Kernel) -> tuple[str, ...]:
-    """Kernels beside which there is a textbook's algorithm; articulated bodies know no prescribed coordinate."""
-    known = (name for name in COUNTERPARTS if name in kernel.raw.functions)
+    """Kernels beside which there is a textbook's algorithm, which knows no loops.
+
+    Articulated bodies know no prescribed coordinate.
+    """
+    known = (x for x in COUNTERPARTS if x in kernel.raw.functions and kernel.calls.of_tree(x) not in CLOSED)
     return tuple(name for name in known if COUNTERPARTS[name].prescribes or not kernel.prescribed)
 
 
