@@ -37,7 +37,7 @@ class Signature:
     solves: whether it inverts the mass matrix, and so fails where that is singular; the others always return 0.
     symmetric: whether it writes a matrix that is symmetric to the bit.
     needs: what a robot must have for it: "loops", "springs", "constraints" (loops or couplings that are rigid in some
-        direction), "cuts" (loops that are) or nothing.
+        direction), "cuts" (loops that are), "laws" (forces in cut joints, elastic couplings) or nothing.
     beside: kernels that come with it where the robot has constraints: those of the open tree and of wrenches.
     mapped: whether packages say which of its entries vanish identically.
     """
@@ -54,7 +54,7 @@ class Signature:
     columns_of: str = ""
     solves: bool = False
     symmetric: bool = False
-    needs: Literal["", "loops", "springs", "constraints", "cuts"] = ""
+    needs: Literal["", "loops", "springs", "constraints", "cuts", "laws"] = ""
     beside: tuple[str, ...] = ()
     mapped: bool = False
 
@@ -251,6 +251,15 @@ KERNELS: Mapping[str, Signature] = {
     "spring_jacobian": Signature(
         ("q",), "spring_rows", "Derivatives of the springs' lengths by q: moment arms.", needs="springs"
     ),
+    "cut_forces": Signature(
+        ("q", "v"),
+        "law_pairs",
+        "Per coordinate of a cut joint with a force, and elastic coupling, its deviation and what resists it.",
+        needs="laws",
+    ),
+    "cut_jacobian": Signature(
+        ("q",), "law_rows", "Derivatives by q of the deviations of cut joints and elastic couplings.", needs="laws"
+    ),
     "spring_stiffness": Signature(
         ("q",),
         "matrix",
@@ -272,7 +281,6 @@ KERNELS: Mapping[str, Signature] = {
 
 CLOSURE_KERNELS = ("constraint", "constraint_jacobian", "constraint_bias", "cut_poses")  # of the constraint itself
 LOOP_KERNELS = tuple(name for name, signature in KERNELS.items() if signature.needs in ("loops", "constraints", "cuts"))
-SPRING_KERNELS = tuple(name for name, signature in KERNELS.items() if signature.needs == "springs")
 
 PARTS: Mapping[str, Signature] = {  # programs that only other kernels call
     "closing_derivatives": Signature(
@@ -304,6 +312,7 @@ def available(model: Model) -> tuple[str, ...]:
         "springs": bool(model.robot.springs),
         "constraints": bool(model.constraints),
         "cuts": bool(model.robot.loops and model.constraints),
+        "laws": bool(model.cut_laws),
     }
     return tuple(name for name, signature in KERNELS.items() if has[signature.needs])
 
@@ -375,11 +384,12 @@ def shapes(model: Model) -> dict[str, tuple[int, ...]]:
         "multipliers": (m,),
         "closing": (sum(3 * block.size + len(block.columns) ** 2 for block in row_blocks(model)),),
     }
-    springs = len(model.robot.springs)
+    springs, laws = len(model.robot.springs), len(model.cut_laws)
     return {
         **vectors,
         **(closing if m else {}),
         **({"cut_poses": (loops, 4, 4), "loop_reactions": (loops, 6)} if loops else {}),
+        **({"law_pairs": (laws, 2), "law_rows": (laws, n)} if laws else {}),
         **({"spring_pairs": (springs, 2), "spring_rows": (springs, n)} if springs else {}),
         "wrench": (len(model.links), 6),
         "dwrench": (len(model.links), 6),
