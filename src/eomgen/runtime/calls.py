@@ -226,7 +226,7 @@ class Calls:
         return shared(work, count, min(self.threads, count // SHARE))
 
     def _asked(self, given: Mapping[str, Array], name: str) -> Array | None:
-        """What another function says of a state, with zeros for what is not given; None where there is none."""
+        """Ask another function about a state, with zeros for what is not given; None where there is none."""
         if name not in self.raw.functions:
             return None
         reads = self.raw.functions[name].reads
