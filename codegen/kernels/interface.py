@@ -7,6 +7,7 @@ from typing import Any
 
 from eomgen._version import __version__
 from eomgen.names import component_name, joint_of
+from eomgen.robot.cuts import UPRIGHT
 from eomgen.robot.laws import least_of
 from eomgen.robot.model import Model
 from eomgen.robot.value import MOTOR
@@ -80,6 +81,7 @@ def _motor_metadata(model: Model) -> dict[str, Any]:
 
 
 def _loop_metadata(model: Model) -> dict[str, Any]:
-    """The loops' types and the components of their constraint, where there are loops."""
+    """The loops' types, what tells that they are not turned over, and the components of their constraint, if any."""
     loops = {loop.name: loop.type for loop in model.robot.loops}
-    return {"loops": loops, "constraints": model.constraints} if loops else {}
+    upright = {name: UPRIGHT.get(kind, ()) for name, kind in loops.items()}
+    return {"loops": loops, "upright": upright, "constraints": model.constraints} if loops else {}
