@@ -1,0 +1,125 @@
+"""Coordinates of a closed mechanism that may be chosen freely, and the others as functions of them.
+
+g(q) = 0 is solved, by Newton's method, for as many dependent coordinates as there are independent constraints, out of
+as many constraints; redundant ones follow where those are met, and are looked at there alone: at open states they
+contradict the others.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import LoopError
+from ..runtime.kernel import Kernel
+from ..runtime.opened import left_open
+from ..state.vectors import RANK, prescribed_mask
+
+Array = NDArray[np.float64]
+
+CLOSED, NEARLY = 1e-12, 1e-11  # m, or sine of an angle: what is met, and what round-off may leave of it
+ROUNDS = 15
+FARTHEST = 0.5  # m or rad, from where linear extrapolation leads: beyond it may be another way to close the loops
+STEEP = 8.0  # of dependent coordinates by independent ones, each over its size: another chart may be better
+BETTER = 0.5  # of the steepness: what another chart must come below
+
+
+class Chart:
+    """A choice of independent coordinates, with the closed state about which it was used last.
+
+    Attributes:
+        free: indices of the independent coordinates, (f,).
+        bound: those of the dependent ones, (rank,).
+        rest: of all that are not dependent: the free and the prescribed ones, in the coordinates' order.
+    """
+
+    def __init__(self, kernel: Kernel, q: Array) -> None:
+        """The best chart about a closed state.
+
+        Args:
+            kernel: of a robot with loops.
+            q: a closed state, (n,).
+        """
+        self.kernel = kernel
+        moving = np.flatnonzero(~prescribed_mask(kernel))
+        J = kernel.constraint_jacobian(q)
+        self._sizes = 1.0 / np.sqrt(np.maximum(np.diagonal(kernel.mass_matrix(q)), 1e-12))  # of equal kinetic energy
+        scaled = J[:, moving] * self._sizes[moving]
+        values = np.linalg.svd(scaled, compute_uv=False)
+        self.rank = int(np.count_nonzero(values > RANK * max(values.max(initial=0.0), 1e-300)))
+        self.bound = np.sort(moving[_pivots(scaled, self.rank)])
+        self.free = np.setdiff1d(moving, self.bound)
+        self.rest = np.setdiff1d(np.arange(kernel.n), self.bound)
+        rows = np.sort(_pivots((J * self._sizes)[:, self.bound].T, self.rank))
+        self._rows = rows
+        self._square = rows[:, np.newaxis] * kernel.n + self.bound
+        self._beside = rows[:, np.newaxis] * kernel.n + self.rest
+        self._q, self._slopes = q.copy(), self._slopes_at(J[np.newaxis])[0]
+
+    @property
+    def steepness(self) -> float:
+        """See above; where the chart was used last."""
+        columns = np.isin(self.rest, self.free)
+        scaled = self._slopes[:, columns] * self._sizes[self.free] / self._sizes[self.bound, np.newaxis]
+        return float(np.abs(scaled).max(initial=0.0))
+
+    def close(self, q: Array) -> tuple[Array, Array]:
+        """States whose free and prescribed coordinates are given, (N, n), closed, and d(dependent)/d(rest) there.
+
+        Raises:
+            LoopError: there is none near the state about which the chart was used last.
+        """
+        q = q.copy()
+        q[:, self.bound] = self._q[self.bound] + (q[:, self.rest] - self._q[self.rest]) @ self._slopes.T
+        expected, before = q[:, self.bound], np.full(len(q), np.inf)
+        for _ in range(ROUNDS):
+            g, J = self.kernel.constraint(q), self.kernel.constraint_jacobian(q)
+            gap = np.abs(g).max(axis=1)
+            if (gap <= CLOSED).all() or ((gap <= NEARLY) & (gap >= 0.1 * before)).all():
+                return q, self._slopes_at(J)
+            if not (gap <= np.maximum(0.7 * before, NEARLY)).all():
+                break
+            before = gap
+            q[:, self.bound] -= self._solved(J, g[:, self._rows, np.newaxis])[:, :, 0]
+            if not (np.abs(q[:, self.bound] - expected) <= FARTHEST).all():
+                break
+        raise left_open(self.kernel.raw, g[int(gap.argmax())], "comes open", "a shorter step")
+
+    def use(self, q: Array, slopes: Array) -> None:
+        """Go on from a closed state, (n,), with the slopes there."""
+        self._q, self._slopes = q, slopes
+
+    def moved(self) -> Chart | None:
+        """A better chart for where this one was used last; None while this one is good, or no other is better."""
+        if self.steepness <= STEEP:
+            return None
+        other = Chart(self.kernel, self._q)
+        return other if other.rank == self.rank and other.steepness <= BETTER * self.steepness else None
+
+    def _slopes_at(self, J: Array) -> Array:
+        """d(dependent)/d(rest), (N, rank, n - rank)."""
+        return -self._solved(J, J.reshape(len(J), -1)[:, self._beside])
+
+    def _solved(self, J: Array, right: Array) -> Array:
+        """The dependent coordinates' part of J^-1 right, (N, rank, columns)."""
+        square = J.reshape(len(J), -1)[:, self._square]
+        try:
+            return np.asarray(np.linalg.solve(square, right))
+        except np.linalg.LinAlgError:
+            worst = int(np.argmin(np.abs(np.linalg.det(square))))
+            gaps = np.abs(J[worst]).max(axis=1)
+            what, allowed = "is in a singular position", "a motion that does not pass it"
+            raise left_open(self.kernel.raw, gaps, what, allowed) from None
+
+
+def _pivots(J: Array, rank: int) -> list[int]:
+    """Columns of J that are as independent as possible, ``rank`` of them: Gram and Schmidt's method with pivoting."""
+    left, found = J.copy(), []
+    for _ in range(rank):
+        norms = np.linalg.norm(left, axis=0)
+        norms[found] = -1.0
+        found.append(int(norms.argmax()))
+        unit = left[:, found[-1]] / norms[found[-1]]
+        for _ in range(2):  # once more for round-off
+            left -= np.outer(unit, unit @ left)
+    return found
