@@ -16,7 +16,6 @@ import eomgen
 from eomgen.cli.entry import main
 from eomgen.errors import ArrayError, InputError, IntegrationStopped, SingularError
 from eomgen.integration.solve import integrate
-from eomgen.loops.closed import ClosedLoops
 from eomgen.motion.point_to_point import Harmonic
 from eomgen.robot.value import Robot
 from eomgen.scenario.load import scenario_from_toml
@@ -24,6 +23,7 @@ from eomgen.simulation.assembly import KERNELS as NEEDED
 from eomgen.simulation.assembly import assemble
 from eomgen.simulation.run import simulate
 from eomgen.sweep.pace import Pace, roll
+from tests.oracles.closed_loops import ClosedLoops
 from tests.support.builds import Build
 
 METHODS = ("rk4", "RK45", "DOP853", "Radau", "BDF", "LSODA", "CVODE", "IDA")

@@ -7,6 +7,7 @@ KERNELS = (
     "constraint_jacobian",
     "constraint_bias",
     "cut_poses",
+    "constrained_dynamics",
     "mass_matrix",
     "inverse_dynamics",
     "energy",

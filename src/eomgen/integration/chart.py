@@ -10,7 +10,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import LoopError
 from ..runtime.kernel import Kernel
 from ..runtime.opened import left_open
 from ..state.vectors import RANK, prescribed_mask

@@ -64,7 +64,8 @@ def integrate(
 
     Args:
         kernel: float64, with forward_dynamics and energy; implicit methods and ``atol=None`` need mass_matrix, and
-            implicit ones inverse_dynamics.
+            implicit ones inverse_dynamics.  Of a robot with loops constrained_dynamics, constraint,
+            constraint_jacobian and mass_matrix in the place of forward_dynamics.
         q0, v0: the state at t = 0, (n,).
         duration: s.
         drive: (t, q, v) -> u, (n,), N or N m; none if not given.  With an attribute ``batched`` that is true it is

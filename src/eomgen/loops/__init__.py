@@ -1,9 +1,8 @@
-"""A mechanism closed in one state: consistent positions and rates, constraint forces, redundancy.
+"""A mechanism closed in one state: which constraints are redundant, and the freedoms that they leave.
 
-Uses runtime, robot and state.
+Uses runtime and state.
 """
 
-from .closed import ClosedLoops, LoopDynamics, LoopForces
-from .redundant import Redundancy
+from .redundant import Redundancy, redundancy
 
-__all__ = ["ClosedLoops", "LoopDynamics", "LoopForces", "Redundancy"]
+__all__ = ["Redundancy", "redundancy"]

@@ -116,7 +116,7 @@ def _closed(calls: Calls, guesses: Array, free: Mask) -> tuple[Array, Array]:
 def _damped_step(J: Array, g: Array, damping: Array) -> Array:
     """The step that makes |J step + g|^2 + damping |step|^2 least, of a state each, not longer than STEP."""
     U, S, Vt = np.linalg.svd(J.astype(np.float64), full_matrices=False)
-    weight = np.divide(S, S**2 + damping[:, np.newaxis], out=np.zeros_like(S), where=S > 1e-15 * S[:, :1])
+    weight = np.divide(S, S**2 + damping[:, np.newaxis], out=np.zeros_like(S), where=1e-15 * S[:, :1] < S)
     step = -np.einsum("kri,kr,kmr,km->ki", Vt, weight, U, g, optimize=True)
     longest = np.maximum(np.abs(step).max(axis=1, keepdims=True), 1e-300)
     return np.asarray(step * np.minimum(1.0, STEP / longest))

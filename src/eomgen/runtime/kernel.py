@@ -17,7 +17,8 @@ from ..names import html_table, nearest_or_all, show
 from .arrays import Arrays, joint_lead
 from .by_name import Blocks, make_blocks
 from .calls import Calls
-from .closing import closed_positions, closed_rates, roots as found_roots
+from .closing import closed_positions, closed_rates
+from .closing import roots as found_roots
 from .direct import Face, functions
 from .many_steps import rollout
 from .parameters import Parameters
