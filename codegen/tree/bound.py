@@ -199,7 +199,10 @@ class _Binder:
         return self.triple("gravity", self.model.robot.gravity)
 
     def placement(self, owner: str, given: Placement) -> Pose:
-        prefix = f"{owner}.placement"
+        return self.placed(f"{owner}.placement", given)
+
+    def placed(self, prefix: str, given: Placement) -> Pose:
+        """The pose of a placement whose numbers have names that begin so."""
         rotation: Mat = given.rotation
         if given.rpy is not None and any(f"{prefix}.rpy.{i}" in self.model.parameters for i in range(3)):
             rotation = self._rotation(self.triple(f"{prefix}.rpy", given.rpy, "012"))
@@ -249,7 +252,7 @@ class _Binder:
             sides = []
             for i, (link, placement) in enumerate(zip(loop.links, loop.placements, strict=True)):
                 body, pose = poses[link]
-                sides.append((body, pose @ self.placement(f"loops.{loop.name}.{i}", placement)))
+                sides.append((body, pose @ self.placed(f"loops.{loop.name}.placements.{i}", placement)))
             found.append((sides[0], sides[1]))
         return tuple(found)
 

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from eomgen.robot.cuts import CUTS, Component
+from eomgen.robot.cuts import Component, rigid_parts
 from eomgen.robot.model import FIXED_BODY, Model
 
 from .bound import Bound
@@ -97,7 +97,7 @@ class Closure:
     """The two sides of a loop, and frame b as seen from a: ``distance`` and axes, in the common body's axes."""
 
     def __init__(self, model: Model, bound: Bound, joints: Sequence[JointGeometry], number: int) -> None:
-        self.parts: tuple[Component, ...] = CUTS[model.robot.loops[number].type]
+        self.parts: tuple[Component, ...] = rigid_parts(model.robot.loops[number])
         cut_a, cut_b = bound.cuts[number]
         top = common_body(model, cut_a[0], cut_b[0])
         self.a, self.b = (Side(model, joints, top, cut) for cut in (cut_a, cut_b))

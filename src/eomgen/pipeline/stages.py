@@ -28,7 +28,7 @@ from ..errors import InputError
 from ..files import read_regular
 from ..names import show
 from ..progress import StageReport, no_report
-from ..robot.model import build_model
+from ..robot.model import build_model, refuse_unbuilt
 from ..robot.record import robot_hash
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
@@ -141,6 +141,7 @@ def _on_demand(robot: Robot, options: Options, progress: StageReport = no_report
     from ..codegen.package.compile import find_compiler
 
     compiler, model = find_compiler(), build_model(robot)
+    refuse_unbuilt(model)
     fixed = replace(options, level=build_level(options, compiler))
     build_flags(fixed, compiler)
 
@@ -358,6 +359,7 @@ def _derive(robot: Robot, options: Options, folder: Path, progress: StageReport)
     from ..codegen.samples.answers import samples
 
     model = build_model(robot)  # Robot -> Model
+    refuse_unbuilt(model)
     progress(f"deriving the equations of {model.size} coordinates")
     equations = derive_equations(model, options.kernels, options.dtype)  # Model -> Equations
     source = render(equations, options.dtype, batches=options.batches)  # Equations -> Source
