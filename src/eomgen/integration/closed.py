@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import IntegrationStopped, LoopError
+from ..loops.chart import Chart
 from ..runtime.kernel import Kernel
 from ..runtime.opened import left_open
 from ..state.vectors import Q_STEP, V_STEP, DriveFunction, MotionFunction, WrenchFunction
-from .chart import Chart
 from .system import System
 
 Array = NDArray[np.float64]
@@ -152,8 +152,7 @@ class ClosedSystem(System):
         for label, x in (("q", q), ("v", v)):
             self._refuse_not_finite(label, x, float(times[0]))
         q, slopes = chart.close(q)
-        v[:, chart.bound] = np.einsum("kij,kj->ki", slopes, v[:, chart.rest])
-        return q, v, slopes
+        return q, chart.rates(v, slopes), slopes
 
     def _derivatives(self, t: float, ys: Array) -> Array:
         """y' of states at one time, (N, size)."""

@@ -1,4 +1,4 @@
-"""A mechanism closed in one state: which constraints are redundant, and the freedoms that they leave.
+"""Closed mechanisms: which constraints are redundant, which coordinates are independent, and how others follow.
 
 Uses runtime and state.
 """

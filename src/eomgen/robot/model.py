@@ -432,10 +432,13 @@ def program_coordinates(robot: Robot) -> tuple[str, ...]:
     """Names of the coordinates that a program moves: those of the rigid robot that are not prescribed.
 
     A drive moves each of them, itself or through its motor (``Model.driven``); of free joints all six are among them.
+    Where there are loops, they are those with a drive alone, and the loops move the others.
     """
     if not any(joint.coordinates for joint in robot.rigid().joints):
         return ()
     model = build_model(robot.rigid())
+    if robot.loops:
+        return tuple(model.coordinates[i] for i in model.driven)
     return tuple(name for i, name in enumerate(model.coordinates) if i not in model.prescribed)
 
 

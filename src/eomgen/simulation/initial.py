@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Container
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import IntegrationError
+from ..loops.equilibrium import closed_equilibrium
 from ..names import nearest, show
 from ..robot.coordinates import index_of
 from ..robot.value import Robot
 from ..scenario.value import Scenario
-from ..state.equilibrium import static_equilibrium
 from ..state.motors import shafts, turn_motors
 from ..state.springs import clearances, stiffnesses
 from .assembly import Assembly, by_coordinate, names_in_scenarios
@@ -36,6 +38,10 @@ def initial_state(robot: Robot, scenario: Scenario, assembly: Assembly) -> tuple
     if assembly.prescribed is not None:
         given = index_of(kernel.coordinates, kernel.prescribed)
         q[given], v[given], _ = assembly.prescribed(0.0)
+    if kernel.loops:
+        q, v = _closed(assembly, q, v, rates)
+        for x, said in ((q, {*assembly.given, *_motors_at_home(robot, assembly)}), (v, rates)):
+            turn_motors(kernel, x, said)
     balanced = initial.equilibrium if initial else None
     if not (assembly.program is not None and not rates if balanced is None else balanced):
         return q, v, ()
@@ -51,6 +57,22 @@ def initial_state(robot: Robot, scenario: Scenario, assembly: Assembly) -> tuple
         v,
         _loose(assembly),
     )
+
+
+def _closed(assembly: Assembly, q: Array, v: Array, rates: Container[str]) -> tuple[Array, Array]:
+    """The state with its loops closed; what the program and the scenario say stays, as far as it is independent."""
+    kernel, path = assembly.kernel, assembly.path
+    held = [name for name in kernel.coordinates if name in assembly.given]
+    still = [name for name in kernel.coordinates if name in rates]
+    if path is not None:
+        rigid, chart = path.mechanism.rigid, path.mechanism.chart
+        for name, value in zip(rigid.coordinates, path.q[0].tolist(), strict=True):
+            if name not in assembly.given:
+                q[kernel.coordinates.index(name)] = value
+        moved = [rigid.coordinates[i] for i in chart.free]
+        held, still = list(dict.fromkeys((*held, *moved))), list(dict.fromkeys((*still, *moved)))
+    q = kernel.close(q, held)
+    return q, kernel.close_rates(q, v, still)
 
 
 def _motors_at_home(robot: Robot, assembly: Assembly) -> set[str]:
@@ -69,6 +91,8 @@ def _loose(assembly: Assembly) -> tuple[str, ...]:
     kernel = assembly.kernel
     motors = shafts(kernel)
     moved = {*kernel.prescribed, *(motors.get(name, name) for name in assembly.driven)}
+    if kernel.loops:  # which hold what has no stiffness
+        moved |= {name for name, k in zip(kernel.coordinates, stiffnesses(kernel), strict=True) if k == 0.0}
     played = {kernel.motors.get(name, name) for name in clearances(kernel)}
     return tuple(
         name
@@ -92,7 +116,7 @@ def _balanced(robot: Robot, scenario: Scenario, assembly: Assembly, q: Array, he
         return u + kernel.external_force(qs, np.array([wrenches(0.0, x, at_rest) for x in qs]))
 
     try:
-        return static_equilibrium(kernel, q, u=forces, held=held | set(_loose(assembly)))[0]
+        return closed_equilibrium(kernel, q, u=forces, held=held | set(_loose(assembly)))
     except IntegrationError as error:
         if not scenario.source:
             raise

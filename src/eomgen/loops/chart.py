@@ -7,9 +7,13 @@ contradict the others.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import LoopError
+from ..names import listed
 from ..runtime.kernel import Kernel
 from ..runtime.opened import left_open
 from ..state.vectors import RANK, prescribed_mask
@@ -29,30 +33,45 @@ class Chart:
     Attributes:
         free: indices of the independent coordinates, (f,).
         bound: those of the dependent ones, (rank,).
-        rest: of all that are not dependent: the free and the prescribed ones, in the coordinates' order.
+        rest: of all that are not dependent: the free ones and those that are given, in the coordinates' order.
+        rank: of the constraint in the coordinates that are not given.
     """
 
-    def __init__(self, kernel: Kernel, q: Array) -> None:
+    def __init__(
+        self, kernel: Kernel, q: Array, *, given: NDArray[np.bool_] | None = None, free: Sequence[int] | None = None
+    ) -> None:
         """The best chart about a closed state.
 
         Args:
             kernel: of a robot with loops.
             q: a closed state, (n,).
+            given: which coordinates something else moves, (n,); the prescribed ones if not given.
+            free: indices of the coordinates out of which the independent ones are to be; any if not given.
+
+        Raises:
+            LoopError: these do not hold all the others.
         """
         self.kernel = kernel
-        moving = np.flatnonzero(~prescribed_mask(kernel))
+        moving = np.flatnonzero(~(prescribed_mask(kernel) if given is None else given))
         J = kernel.constraint_jacobian(q)
         self._sizes = 1.0 / np.sqrt(np.maximum(np.diagonal(kernel.mass_matrix(q)), 1e-12))  # of equal kinetic energy
-        scaled = J[:, moving] * self._sizes[moving]
-        values = np.linalg.svd(scaled, compute_uv=False)
-        self.rank = int(np.count_nonzero(values > RANK * max(values.max(initial=0.0), 1e-300)))
-        self.bound = np.sort(moving[_pivots(scaled, self.rank)])
+        scaled = J * self._sizes
+        self.rank = _rank(scaled[:, moving])
+        others = moving if free is None else np.setdiff1d(moving, np.asarray(free, dtype=np.intp))
+        first = _rank(scaled[:, others])
+        if free is not None and first < others.size:
+            raise _loose(kernel, J, moving, others, [kernel.coordinates[i] for i in free])
+        chosen = others[_pivots(scaled[:, others], first)]
+        if first < self.rank:  # more of them than there are freedoms
+            also = np.setdiff1d(moving, others)
+            left = _beside(scaled[:, also], scaled[:, chosen])
+            chosen = np.concatenate([chosen, also[_pivots(left, self.rank - first)]])
+        self.bound = np.sort(chosen)
         self.free = np.setdiff1d(moving, self.bound)
         self.rest = np.setdiff1d(np.arange(kernel.n), self.bound)
-        rows = np.sort(_pivots((J * self._sizes)[:, self.bound].T, self.rank))
-        self._rows = rows
-        self._square = rows[:, np.newaxis] * kernel.n + self.bound
-        self._beside = rows[:, np.newaxis] * kernel.n + self.rest
+        self._rows = np.sort(np.array(_pivots(scaled[:, self.bound].T, self.rank), dtype=np.intp))
+        self._square = self._rows[:, np.newaxis] * kernel.n + self.bound
+        self._beside = self._rows[:, np.newaxis] * kernel.n + self.rest
         self._q, self._slopes = q.copy(), self._slopes_at(J[np.newaxis])[0]
 
     @property
@@ -62,14 +81,19 @@ class Chart:
         scaled = self._slopes[:, columns] * self._sizes[self.free] / self._sizes[self.bound, np.newaxis]
         return float(np.abs(scaled).max(initial=0.0))
 
-    def close(self, q: Array) -> tuple[Array, Array]:
-        """States whose free and prescribed coordinates are given, (N, n), closed, and d(dependent)/d(rest) there.
+    def close(self, q: Array, *, near: bool = False) -> tuple[Array, Array]:
+        """States, (N, n), closed by their dependent coordinates, and d(dependent)/d(rest) there, (N, rank, n - rank).
+
+        Args:
+            q: the states; the rest of their coordinates stays.
+            near: whether the dependent coordinates are good guesses; otherwise they are not looked at.
 
         Raises:
-            LoopError: there is none near the state about which the chart was used last.
+            LoopError: there is none near the guess, or near where the state that was used last leads.
         """
         q = q.copy()
-        q[:, self.bound] = self._q[self.bound] + (q[:, self.rest] - self._q[self.rest]) @ self._slopes.T
+        if not near:
+            q[:, self.bound] = self._q[self.bound] + (q[:, self.rest] - self._q[self.rest]) @ self._slopes.T
         expected, before = q[:, self.bound], np.full(len(q), np.inf)
         for _ in range(ROUNDS):
             g, J = self.kernel.constraint(q), self.kernel.constraint_jacobian(q)
@@ -95,6 +119,26 @@ class Chart:
         other = Chart(self.kernel, self._q)
         return other if other.rank == self.rank and other.steepness <= BETTER * self.steepness else None
 
+    def rates(self, v: Array, slopes: Array) -> Array:
+        """Rates, (N, n), whose dependent ones keep the loops closed; the rest of them stays."""
+        found = v.copy()
+        found[:, self.bound] = np.einsum("kij,kj->ki", slopes, v[:, self.rest])
+        return found
+
+    def accelerations(self, q: Array, v: Array, a: Array, slopes: Array) -> Array:
+        """Accelerations, (N, n), whose dependent ones keep the loops closed; the rest of them stays."""
+        found = self.rates(a, slopes)
+        bias = self.kernel.constraint_bias(q, v)[:, self._rows, np.newaxis]
+        found[:, self.bound] -= self._solved(self.kernel.constraint_jacobian(q), bias)[:, :, 0]
+        return found
+
+    def ways(self, slopes: Array) -> Array:
+        """Derivatives of all coordinates by the independent ones, (N, n, f)."""
+        found = np.zeros((len(slopes), self.kernel.n, self.free.size))
+        found[:, self.free, np.arange(self.free.size)] = 1.0
+        found[:, self.bound] = slopes[:, :, np.isin(self.rest, self.free)]
+        return found
+
     def _slopes_at(self, J: Array) -> Array:
         """d(dependent)/d(rest), (N, rank, n - rank)."""
         return -self._solved(J, J.reshape(len(J), -1)[:, self._beside])
@@ -109,6 +153,31 @@ class Chart:
             gaps = np.abs(J[worst]).max(axis=1)
             what, allowed = "is in a singular position", "a motion that does not pass it"
             raise left_open(self.kernel.raw, gaps, what, allowed) from None
+
+
+def _rank(J: Array) -> int:
+    values = np.linalg.svd(J, compute_uv=False)
+    return int(np.count_nonzero(values > RANK * max(values.max(initial=0.0), 1e-300)))
+
+
+def _beside(J: Array, others: Array) -> Array:
+    """What of columns is left beside the range of others."""
+    Q = np.linalg.qr(others)[0]
+    return np.asarray(J - Q @ (Q.T @ J))
+
+
+def _loose(kernel: Kernel, J: Array, moving: NDArray[np.intp], others: NDArray[np.intp], free: list[str]) -> LoopError:
+    """The error that says that some coordinates do not hold a mechanism, naming what they leave loose."""
+    ways = np.linalg.svd(J[:, others])[2]
+    name = kernel.coordinates[others[int(np.abs(ways[-1]).argmax())]]
+    loop, freedoms, missing = next(iter(kernel.loops)), moving.size - _rank(J[:, moving]), others.size
+    missing -= _rank(J[:, others])
+    return LoopError(
+        f"{kernel.name}: loop {loop} is not held by drives at {listed(free) or 'nothing'}: {name} stays loose; allowed:"
+        f" drives that hold all {freedoms} freedoms of the mechanism ({missing} more), in a pose that is not singular",
+        loop=loop,
+        gap=float("inf"),
+    )
 
 
 def _pivots(J: Array, rank: int) -> list[int]:
