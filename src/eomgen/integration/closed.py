@@ -37,6 +37,7 @@ class ClosedSystem(System):
     ) -> None:
         super().__init__(kernel, drive, wrench, prescribed)
         self._chart: Chart | None = None
+        self._opened: LoopError | None = None  # since the state that was reached
         self._origin = np.zeros(self.n)
         self._last = np.zeros(2 * self.n)  # the state that was reached
 
@@ -74,6 +75,7 @@ class ClosedSystem(System):
         """y to go on with from t, q and v there, and whether y begins anew; LoopError where the loops come open."""
         q, v, slopes = self._states(np.array([t]), y[np.newaxis])
         self.chart.use(q[0], slopes[0])
+        self._opened = None
         self._last = np.concatenate([q[0], v[0]])
         other = self.chart.moved()
         if other is None and np.abs(y[: y.size // 2]).max(initial=0.0) <= TURN:
@@ -96,6 +98,7 @@ class ClosedSystem(System):
         try:
             return super().trial(t, y)
         except LoopError as error:
+            self._opened = error
             self.note(error, y)
             return np.full_like(y, np.nan)
 
@@ -139,6 +142,9 @@ class ClosedSystem(System):
             whole[self.index] = seen
             whole[self.chart.free] += self._origin[self.chart.free]
         self._stuck = None
+        if self._opened is not None:
+            self.trouble = self._opened
+            return super().stopped("the loops do not stay closed", t, self._last)
         return super().stopped(reason, t, self._last, whole)
 
     def _states(self, times: Array, ys: Array) -> tuple[Array, Array, Array]:

@@ -106,7 +106,7 @@ class Chart:
             q[:, self.bound] -= self._solved(J, g[:, self._rows, np.newaxis])[:, :, 0]
             if not (np.abs(q[:, self.bound] - expected) <= FARTHEST).all():
                 break
-        raise left_open(self.kernel.raw, g[int(gap.argmax())], "comes open", "a shorter step")
+        raise left_open(self.kernel.raw, g[int(gap.argmax())], "comes open", "a motion that stays where it closes")
 
     def use(self, q: Array, slopes: Array) -> None:
         """Go on from a closed state, (n,), with the slopes there."""
@@ -141,7 +141,7 @@ class Chart:
 
     def _slopes_at(self, J: Array) -> Array:
         """d(dependent)/d(rest), (N, rank, n - rank)."""
-        return -self._solved(J, J.reshape(len(J), -1)[:, self._beside])
+        return np.asarray(-self._solved(J, J.reshape(len(J), -1)[:, self._beside]))
 
     def _solved(self, J: Array, right: Array) -> Array:
         """The dependent coordinates' part of J^-1 right, (N, rank, columns)."""
@@ -182,7 +182,7 @@ def _loose(kernel: Kernel, J: Array, moving: NDArray[np.intp], others: NDArray[n
 
 def _pivots(J: Array, rank: int) -> list[int]:
     """Columns of J that are as independent as possible, ``rank`` of them: Gram and Schmidt's method with pivoting."""
-    left, found = J.copy(), []
+    left, found = J.copy(), list[int]()
     for _ in range(rank):
         norms = np.linalg.norm(left, axis=0)
         norms[found] = -1.0

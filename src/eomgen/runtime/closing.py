@@ -58,7 +58,7 @@ def closed_rates(calls: Calls, q: ArrayLike, v: ArrayLike, held: Iterable[str]) 
     size = np.maximum(1.0, np.abs(J).max(axis=(1, 2)) * np.abs(moving).max(axis=1))
     what, allowed = "opens at the rates that are held", "fewer held rates, or others"
     _refuse(calls, rates / size[:, np.newaxis], OPEN[bits], what, allowed, lead, rates=rates)
-    return moving.reshape(*lead, n)
+    return np.asarray(moving.reshape(*lead, n))
 
 
 def roots(calls: Calls, q: ArrayLike, held: Iterable[str], number: int) -> Array:

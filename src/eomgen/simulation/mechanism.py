@@ -103,7 +103,7 @@ class Mechanism:
                 gap=off,
             )
         self.chart.use(closed[0], slopes[0])
-        return closed[0]
+        return np.asarray(closed[0])
 
 
 @dataclass(frozen=True, eq=False)

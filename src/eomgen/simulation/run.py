@@ -27,7 +27,7 @@ from ..motion.splines import Spline
 from ..names import component_name
 from ..progress import Progress, no_progress
 from ..robot.coordinates import index_of
-from ..robot.model import tool_of
+from ..robot.model import build_model, tool_of
 from ..robot.record import record_of, robot_hash
 from ..robot.value import MOTOR, Robot
 from ..scenario.value import Integrator, Scenario, Section
@@ -174,6 +174,7 @@ def run_assembly(
         versions=MappingProxyType(versions),
         programmed=assembly.program is not None,
         prescribed=kernel.prescribed,
+        passive=_passive(robot, assembly),
         robot_hash=about["robot_hash"],
         scenario=MappingProxyType(about["scenario"]),
         links=kernel.links,
@@ -186,6 +187,14 @@ def run_assembly(
         found.stop.trajectory, found.stop.result = result.trajectory, result
         raise found.stop
     return result
+
+
+def _passive(robot: Robot, assembly: Assembly) -> tuple[str, ...]:
+    """Names of the coordinates that loops hold: those of the rigid robot that nothing else moves."""
+    if not robot.loops:
+        return ()
+    moved = {*assembly.driven, *assembly.kernel.prescribed}
+    return tuple(name for name in build_model(robot.rigid()).coordinates if name not in moved)
 
 
 def _stop_record(stop: IntegrationStopped) -> dict[str, Any]:
@@ -209,7 +218,7 @@ def _assumptions(robot: Robot, loose: tuple[str, ...], scenario: Scenario, progr
     if undisturbed and is_rigid(robot):
         notes.append("no joint has a deviation: what the tool is off by is the integration's error")
     free = [joint.name for joint in robot.joints if joint.type == "free"]
-    if free and programmed:
+    if free and programmed and not robot.loops:
         notes.append(f"free joint {', '.join(free)}: held where it is by drives on all its six coordinates")
     motors = [component_name(joint.name, MOTOR) for joint in robot.joints if joint.motor]
     if motors and programmed:
