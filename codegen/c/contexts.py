@@ -11,13 +11,14 @@ from eomgen._version import __version__
 from eomgen.robot.model import Model
 
 from ..joint.zeros import zero_map
+from ..kernels.bodies import first_frame, frame_bodies
 from ..kernels.equations import Equations
 from ..kernels.signatures import KERNELS, SIGNATURES, Function, by_kind, functions, shapes
 from ..program.operations import CALLS
 from ..solve.factorised import coordinate_parents
-from .definitions import define, define_setup
+from .definitions import define, define_setup, define_share
 from .lanes import SQUARES, batched, calls_of, pack
-from .scalar_types import SCALARS, TURNS
+from .scalar_types import SCALARS, TURNS, Scalar
 
 LITERALS = {"zero": 0.0, "half": 0.5, "one": 1.0, "two": 2.0, "six": 6.0}  # of templates
 PIVOT_LIMITS = {"float64": 1e-12, "float32": 1e-5}  # a pivot below so much of its scale counts as vanished
@@ -43,7 +44,7 @@ def header_context(equations: Equations, dtype: str, meta: Mapping[str, Any], ba
         "n": model.size,
         "m": len(model.constraints),
         "statuses": statuses(model),
-        "closed": bool(model.robot.loops),
+        "closed": bool(model.constraints),
         "batches": batches,
         "coordinates": model.coordinates,
         "links": model.links,
@@ -72,7 +73,8 @@ def number_context(equations: Equations, dtype: str) -> dict[str, Any]:
     model, scalar = equations.model, SCALARS[dtype]
     programs = equations.programs.values()
     public = [name for name in equations.kernels if SIGNATURES[name].kind != "frames"]
-    definitions = [define(program, model.name, scalar, public=program.name in public) for program in programs]
+    whole = [program for program in programs if program.name not in equations.shares]
+    definitions = [define(program, model.name, scalar, public=program.name in public) for program in whole]
     together = batched(equations)
     alone = functions(name for name in equations.kernels if name not in together)
     return {
@@ -88,7 +90,7 @@ def number_context(equations: Equations, dtype: str) -> dict[str, Any]:
         "pivot_limit": scalar.literal(PIVOT_LIMITS[dtype]),
         "open_gap": scalar.literal(OPEN_GAPS[dtype]),
         "closed_gap": scalar.literal(CLOSED_GAPS[dtype]),
-        "checks_gaps": any(name in equations.kernels for name in CHECKED) and bool(model.robot.loops),
+        "checks_gaps": any(name in equations.kernels for name in CHECKED) and bool(model.constraints),
         "statuses_of_a_step": str(statuses(model)),
         "sizes": {key: int(np.prod(shape)) for key, shape in shapes(model).items()},
         "setup": define_setup(equations.setup, model.name, scalar),
@@ -100,8 +102,37 @@ def number_context(equations: Equations, dtype: str) -> dict[str, Any]:
         "turn": TURNS[dtype],
         "turns": any(i.op in ("sin", "cos") for program in programs for i in program.instructions),
         "called": {i.op for program in (equations.setup, *programs) for i in program.instructions} & set(CALLS),
+        "shares": _shares(equations, scalar),
         **_tables(model),
     }
+
+
+def _shares(equations: Equations, scalar: Scalar) -> dict[str, Any] | None:
+    """Runs of bodies and frames as C, by the nodes of ``share_among_bodies``; None where nobody asks for frames."""
+    for shares in equations.shares.values():
+        name, ways = equations.model.name, [shares.way(node) for node in range(len(shares.run_of))]
+        angles = [shares.angles.instructions[index] for index in shares.angles.outputs.values()]
+        plain = all(angle.op == "input" and angle.leaf[0] == "q" for angle in angles)
+        ends = [max(node for node, run in enumerate(shares.run_of) if run == i) for i in range(len(shares.runs))]
+        angles_of = [shares.turned[end] for end in ends]
+        return {
+            "runs": {
+                number: (define_share(run.program, name, scalar, run.stops), bool(run.stops))
+                for number, run in enumerate(shares.runs)
+                if run.program.outputs
+            },
+            "run_of": shares.run_of,
+            "behind": [run.behind for run in shares.runs],
+            "angles": None if plain else define_share(shares.angles, name, scalar),
+            "angle_places": [angle.leaf[1] if plain else place for place, angle in enumerate(angles)],
+            "first": [sum(angles_of[:run]) for run in range(len(ends))],
+            "turned": shares.turned,
+            "first_frame": first_frame(equations.model),
+            "kept": shares.kept,
+            "longest": max(map(len, ways)),
+            "most_turned": max(sum(shares.turned[node] for node in way) for way in ways),
+        }
+    return None
 
 
 def _composed(equations: Equations) -> list[str]:
@@ -123,9 +154,7 @@ def _tables(model: Model) -> dict[str, Any]:
     """Numbers of the tree that templates of composed kernels have tables of."""
     bodies = model.bodies
     return {
-        "origins": 12 * len(model.frames),
-        "axes": 12 * len(model.frames) + 3 * len(bodies),
-        "frame_bodies": [model.body_of[_link_of(model, frame)] for frame in model.frames],
+        "frame_bodies": frame_bodies(model),
         "body_parents": [body.parent for body in bodies],
         "body_first": [body.first for body in bodies],
         "body_count": [len(body.active) for body in bodies],
@@ -142,7 +171,9 @@ def lane_context(equations: Equations, dtype: str) -> dict[str, Any]:
     model, lanes = equations.model, SCALARS[dtype].lanes()
     together = batched(equations)
     wanted = {program for name in together for program in calls_of(equations, name)}
-    programs = [program for name, program in equations.programs.items() if name in wanted]
+    programs = [
+        program for name, program in equations.programs.items() if name in wanted and name not in equations.shares
+    ]
     public = _functions(functions(together))
     names = {function.name for function in public["functions"]}
     packings = {p.name: packing for p in programs if p.name in names and (packing := pack(p)) is not None}
@@ -164,6 +195,7 @@ def lane_context(equations: Equations, dtype: str) -> dict[str, Any]:
         "packings": packings,
         "unpacked": [(name, SIGNATURES[name]) for name in packings if name in called],
         "solving": any(definition.has_pivots for definition in definitions),
+        "shares": _shares(equations, lanes) if equations.shares.keys() & set(together) else None,
         "composed": _templates(name for name in together if name in equations.calls and not _rolls(name)),
         "framed": _templates(name for name in together if KERNELS[name].kind == "frames"),
         **public,
@@ -178,7 +210,3 @@ def christoffel_words(model: Model) -> list[str]:
     padded[: mask.size] = mask
     words = np.packbits(padded, bitorder="little").view("<u8")
     return [f"{word:#x}ULL" for word in words]
-
-
-def _link_of(model: Model, frame: str) -> str:
-    return {f.name: f.link for f in model.robot.frames}.get(frame, frame)

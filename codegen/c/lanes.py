@@ -23,6 +23,10 @@ def batched(equations: Equations) -> list[str]:
 
     def values(name: str) -> int:
         signature = SIGNATURES[name]
+        if name in equations.shares:
+            between = {key for run in equations.shares[name].runs for key in run.program.outputs}
+            results = [function.writes for function in signature.functions.values()]
+            return len(between) + sum(size[array] for array in (*signature.reads, *results))
         arrays = sum(size[array] for array in (*signature.reads, signature.writes))
         if name in equations.programs:
             program = equations.programs[name]

@@ -6,11 +6,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from ..forces.cuts import Deviating
 from ..forces.rows import effects, stretches
 from ..forces.springs import Along
 from ..solve.factorised import Factors, solve
 from ..solve.responses import EliminatedTree, FactorisedTree
-from ..solve.rows import Row
+from ..solve.rows import Row, elastic_row
 from ..tree.spatial import Scalar
 from .closed import Pivots, closed, constrained, eliminated, gaps, pivot_outputs, settling
 from .derivation import Derivation, Outputs
@@ -98,29 +99,42 @@ def implicit_step(d: Derivation) -> Outputs:
         armature[i] = armature[i] + (dt * damping + square * stiffness)
     for i, law in effects(d.bound, ahead, d.v, d.functions).items():
         armature[i] = armature[i] + d.functions.max(dt * law.by_v + square * law.by_s, 0.0)
+    driven = frozenset(d.model.driven)
     for place, i in enumerate(d.own):
-        if i in d.model.driven:
+        if i in driven:
             armature[i] = armature[i] + d.graph.input("added", place)
     slopes = {}
     for i, stretch in stretches(d.bound, ahead, d.v, d.functions).items():
         nonlinear = d.functions.max(dt * stretch.nonlinear.by_v + square * stretch.nonlinear.by_s, 0.0)
         slopes[i] = dt * stretch.linear.by_v + square * stretch.linear.by_s + nonlinear
     rows = [*_closing_rows(d, dt), *(_elastic_row(d, pull, dt, square) for pull in pulls)]
+    for own in d.deviating:
+        rows.append(_cut_row(d, own, dt, square, springs))
     tree, pivots = eliminated(d, armature, _drives(d, springs), d.v, slopes, coupled=bool(rows))
     return _solved(d, closed(d, tree, rows)[0] if rows else tree.free, pivots)
 
 
 def _closing_rows(d: Derivation, dt: Scalar) -> list[Row]:
     """Rows that close the loops by the end of a step; they take energy out where the loops' directions turn."""
-    found = gaps(d, d.still) if d.model.robot.loops else []
+    found = gaps(d, d.still) if d.model.constraints else []
     rate = 1.0 / dt if found else 0.0
     return [gap.row(-1.0 * (rate * (gap.rate(d.v) + rate * gap.value))) for gap in found]
+
+
+def _cut_row(d: Derivation, own: Deviating, dt: Scalar, square: Scalar, springs: list[Scalar]) -> Row:
+    """The row of a cut joint's coordinate with a force, which ``springs`` get: where its rate leads to after dt."""
+    rate = own.rate(d.v)
+    found = own.resists(own.s + dt * rate, rate, d.functions)
+    for i, arm in own.arms.items():
+        springs[i] = springs[i] + found.force * arm
+    slope = d.functions.max(dt * found.by_v + square * found.by_s, 0.0)
+    return elastic_row(own.arms, d.functions.sqrt(slope))
 
 
 def _elastic_row(d: Derivation, pull: Along, dt: Scalar, square: Scalar) -> Row:
     """The row of a spring between two points, whose slope is left out where it falls."""
     slope = d.functions.max(dt * pull.by_rate + square * pull.by_e, 0.0)
-    return Row(pull.arms, 0.0, root=d.functions.sqrt(slope))
+    return elastic_row(pull.arms, d.functions.sqrt(slope))
 
 
 @dataclass(frozen=True)

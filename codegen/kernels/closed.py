@@ -10,16 +10,21 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+
+from ..forces.cuts import coupled
+from ..program.ir import Node, evaluate, finish
 from ..solve.elimination import Elimination
 from ..solve.responses import EliminatedTree, Tree, total
 from ..solve.rotors import Rotors
 from ..solve.rows import PRECISIONS, Row, RowSystem
 from ..tree.bound import Bound
-from ..tree.constraints import closures
-from ..tree.spatial import Scalar
+from ..tree.spatial import Scalar, is_zero
 from .derivation import Derivation, Outputs
 
 Pivots = list[tuple[Scalar, Scalar]]
+ROUND_OFF = 1e-12  # m, or a number: arms below it at random poses are zero
+_SAMPLES = 3
 NO_SLOPES: Mapping[int, Scalar] = MappingProxyType({})
 
 
@@ -31,10 +36,11 @@ class Gap:
     arms: dict[int, Scalar]
     bias: Scalar
     group: object
+    is_weak: bool = False  # but for round-off it vanishes for the description's numbers
 
     def row(self, right: Scalar) -> Row:
         """The row that makes J a ``right``."""
-        return Row(self.arms, right, group=self.group)
+        return Row(self.arms, right, group=self.group, is_weak=self.is_weak)
 
     def rate(self, v: Sequence[Scalar]) -> Scalar:
         """J v."""
@@ -42,22 +48,49 @@ class Gap:
 
 
 def gaps(d: Derivation, v: Sequence[Scalar]) -> list[Gap]:
-    """Components of the constraint of all loops, in the order of ``Model.constraints``; arms that vanish are left out.
+    """Components of the constraint, of all loops and rigid couplings, in the order of ``Model.constraints``.
 
-    Prescribed coordinates have arms, too: they move the loops, but no multiplier moves them.
+    Arms that vanish are left out.  Prescribed coordinates have arms, too: they move the loops, but no multiplier moves
+    them.
     """
     found = []
-    for number, closure in enumerate(closures(d.model, d.bound, d.joints, d.graph.note)):
+    for closure in d.closures:
         parts = zip(closure.parts, closure.values(), closure.jacobian(), closure.bias(v), strict=True)
         for part, value, row, bias in parts:
-            arms = {index: arm for index, arm in row.items() if not is_plain_zero(arm)}
-            found.append(Gap(value, arms, bias, (number, part.axis is None)))
-    return found
+            arms = {index: arm for index, arm in row.items() if not is_zero(arm)}
+            found.append(Gap(value, arms, bias, (closure.number, part.axis is None)))
+    for number, coupling in enumerate(d.bound.couplings):
+        if coupling.law is None:
+            value = coupled(coupling.arms, coupling.offset, d.q)
+            found.append(Gap(value, dict(coupling.arms), 0.0, ("coupling", number)))
+    return _without_round_off(d, found)
 
 
-def is_plain_zero(x: Scalar) -> bool:
-    """Whether a scalar is a plain number that is zero or round-off of one."""
-    return isinstance(x, float) and abs(x) < 1e-15
+def _without_round_off(d: Derivation, found: Sequence[Gap]) -> list[Gap]:
+    """The components without arms that are round-off wherever the mechanism is: of one in a tilted plane, say.
+
+    Where an arm is round-off for the description's numbers alone, and not for others that may be tuned, its row keeps
+    it, and is weighed against the rows of all loops.
+    """
+    outputs = {("arm", place): arm for place, arm in enumerate(arm for gap in found for arm in gap.arms.values())}
+    if not any(isinstance(arm, Node) for arm in outputs.values()):
+        return list(found)
+    program, rng = finish(d.graph, "arms", outputs), np.random.default_rng(0)
+    numbers = np.array(list(d.model.parameters.values()))
+    largest = []
+    for tuned in (0.0, 0.1):
+        sizes = np.zeros(len(outputs))
+        for _ in range(_SAMPLES):
+            p = numbers * (1.0 + tuned * rng.normal(size=numbers.size)) + tuned * rng.normal(size=numbers.size)
+            values = evaluate(program, {"q": rng.uniform(-1.5, 1.5, d.model.size).tolist(), "p": p.tolist()})
+            sizes = np.maximum(sizes, np.abs(list(values.values())))
+        largest.append(iter((sizes > ROUND_OFF).tolist()))
+    kept = []
+    for gap in found:
+        now, ever = ({index for index in gap.arms if next(sizes)} for sizes in largest)
+        arms = {index: arm for index, arm in gap.arms.items() if index in ever}
+        kept.append(replace(gap, arms=arms, is_weak=bool(arms) and not now))
+    return kept
 
 
 def eliminated(
@@ -93,7 +126,7 @@ def closed(d: Derivation, tree: Tree, rows: Sequence[Row]) -> tuple[list[Scalar]
         replace(row, arms={i: arm for i, arm in row.arms.items() if i not in given}) if given else row for row in rows
     ]
     responses = [tree.respond(row) for row in pushing]
-    system = RowSystem(pushing, responses, PRECISIONS[d.dtype])
+    system = RowSystem(pushing, responses, PRECISIONS[d.dtype], tree.pivots())
     multipliers = system.multipliers(lambda r: rows[r].right - tree.along(rows[r], responses[r]))
     return tree.accelerations(total(responses, multipliers)), multipliers
 

@@ -12,11 +12,14 @@ from eomgen.robot.model import Model
 from ..program.forward_mode import tangent
 from ..program.ir import Program, finish
 from ..program.passes import hoist_parameters, run_passes
+from ..program.shares import Shares
+from .bodies import share_among_bodies
 from .derivation import Derivation
 from .signatures import KERNELS, RATES, SIGNATURES, available
 from .writers import DESCRIPTION_FRAMES, WAYS, WRITERS
 
 DIVISION = 8  # a division takes about as long as so many products
+NEEDS = {"loops": "[[loops]]", "springs": "[[springs]]", "constraints": "rigid [[loops]] or [[couplings]]"}
 STRAIGHT_COLUMNS = 12000  # up to so many operations all columns are written out, above it is a loop over them
 
 
@@ -26,7 +29,7 @@ class Equations:
 
     ``setup`` computes what depends on parameters alone; ``calls`` holds, by name, the kernels that are no programs but
     templates of their own, with the programs that their C calls; ``choices`` says which way was taken where there are
-    two.
+    two; ``shares`` are what a program of frames is written out as, by its name.
     """
 
     model: Model
@@ -35,6 +38,7 @@ class Equations:
     programs: Mapping[str, Program]
     calls: Mapping[str, tuple[str, ...]]
     choices: Mapping[str, str]
+    shares: Mapping[str, Shares]
 
 
 @without_collection()
@@ -53,7 +57,7 @@ def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "fl
     for name in kernels:
         if name not in known:
             raise InputError(
-                f"kernels: {name!r} is for robots with [[{KERNELS[name].needs}]], and {model.name} has none"
+                f"kernels: {name!r} is for robots with {NEEDS[KERNELS[name].needs]}, and {model.name} has none"
             )
     wanted = kernels or [name for name in known if not KERNELS[name].tangent_of]
     public = tuple(name for name in known if name in wanted or KERNELS[name].needs == "springs")
@@ -62,7 +66,7 @@ def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "fl
     choices: dict[str, str] = {}
     for name in public:
         signature = KERNELS[name]
-        if signature.closed and model.robot.loops:
+        if signature.closed and model.constraints:
             calls[name] = signature.closed
         elif signature.calls:
             calls[name] = signature.calls
@@ -76,7 +80,9 @@ def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "fl
             elif program not in raw:
                 raw[program] = derive(model, program, dtype)
     setup, programs = hoist_parameters(list(raw.values()), len(model.parameters))
-    return Equations(model, public, setup, dict(zip(raw, programs, strict=True)), calls, choices)
+    written = dict(zip(raw, programs, strict=True))
+    shares = {name: share_among_bodies(model, written[name]) for name in public if KERNELS[name].kind == "frames"}
+    return Equations(model, public, setup, written, calls, choices, shares)
 
 
 def _columns_cost(model: Model, kernel: str, known: Mapping[str, Program]) -> int:

@@ -10,7 +10,7 @@ from eomgen.names import component_name, joint_of
 from eomgen.robot.cuts import UPRIGHT
 from eomgen.robot.laws import least_of
 from eomgen.robot.model import Model
-from eomgen.robot.value import MOTOR
+from eomgen.robot.value import MOTOR, Loop
 
 from .signatures import KERNELS, functions, shapes
 
@@ -66,6 +66,7 @@ def knots(model: Model) -> dict[str, list[float]]:
     given |= {
         component_name(joint.name, MOTOR): joint.motor.transmission for joint in model.robot.joints if joint.motor
     }
+    given |= {component_name(owner, name) if name else owner: c for owner, name, c in model.cut_laws}
     return {name: [deviation for deviation, _ in c.curve] for name, c in given.items() if c.curve is not None}
 
 
@@ -81,7 +82,17 @@ def _motor_metadata(model: Model) -> dict[str, Any]:
 
 
 def _loop_metadata(model: Model) -> dict[str, Any]:
-    """The loops' types, what tells that they are not turned over, and the components of their constraint, if any."""
+    """The loops' types, what is above 0 where they are not turned over, and the components of all constraints."""
     loops = {loop.name: loop.type for loop in model.robot.loops}
-    upright = {name: UPRIGHT.get(kind, ()) for name, kind in loops.items()}
-    return {"loops": loops, "upright": upright, "constraints": model.constraints} if loops else {}
+    found: dict[str, Any] = {}
+    if loops:
+        found = {"loops": loops, "upright": {loop.name: _upright(loop) for loop in model.robot.loops}}
+    if model.constraints:
+        found["constraints"] = model.constraints
+    return found
+
+
+def _upright(loop: Loop) -> tuple[tuple[float, int, int], ...]:
+    """The terms of UPRIGHT where a rigid angle could be half a turn off."""
+    is_bent = any(loop.offset[3:]) or {"alpha", "beta", "gamma"} & loop.coordinates.keys()
+    return () if is_bent else UPRIGHT.get(loop.type, ())

@@ -55,7 +55,7 @@ def _columns(model: Model) -> list[int]:
 def forward_dynamics_jacobian(model: Model, run: Run, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
     """Derivatives of the accelerations: those of the residual, solved with M = L^T D L along the branches."""
     n, lanes = inputs["q"].shape
-    a, status = run("tree_forward_dynamics" if model.robot.loops else "forward_dynamics")
+    a, status = run("tree_forward_dynamics" if model.constraints else "forward_dynamics")
     out = run("residual_jacobian", a=a)[0].reshape(3, n, n, lanes).copy()
     M, known = out[2].copy(), list(model.prescribed)
     out[:2, known] = 0.0

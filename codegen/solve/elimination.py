@@ -58,6 +58,7 @@ class _Block:
     free: Vec
     yielding: Mat
     gain: Mat
+    whole: Mat
     inverse: Mat
     coupling: Mat
 
@@ -200,7 +201,8 @@ class Elimination:
         D = (self.bound.armature[first], self.bound.armature[first + 1], self.bound.armature[first + 2])
         drives = (self.drives[first], self.drives[first + 1], self.drives[first + 2])
         L, C, A, p = inertia.L, inertia.C, inertia.A, inertia.p
-        K, determinant = inverse3(sum_mat(L, diagonal(D)))
+        whole = sum_mat(L, diagonal(D))
+        K, determinant = inverse3(whole)
         x, y, z = (self.sizes[k][0] + d for d in D)
         self.pivots[first] = (determinant, x * y * z)
         KL = (
@@ -210,7 +212,7 @@ class Elimination:
         )
         gain = matmul(K, C)
         free = matvec(K, add(drives, scale(-1.0, p.force)))
-        self.blocks[k] = _Block(free, KL, gain, K, C)
+        self.blocks[k] = _Block(free, KL, gain, whole, K, C)
         for i in range(3):
             A = symmetric(less(A, C[i], gain[i]))
         held = (drives[0] - D[0] * free[0], drives[1] - D[1] * free[1], drives[2] - D[2] * free[2])

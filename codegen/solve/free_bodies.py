@@ -225,6 +225,13 @@ class FreeBodies:
             add(cross(behind, about_gamma), cross(behind, about_beta)),
         )
 
+    def inertia_of(self, k: int) -> dict[tuple[int, int], Scalar]:
+        """Mass and inertia of a body about its centre of mass, by pairs of the coordinates that ``respond`` goes by."""
+        first, H = self.model.bodies[k].first, self.bound.bodies[k].inertia
+        inertia = inertia_tensor(about_com(H)[1])
+        masses = {(first + i, first + i): H.mass for i in range(3)}
+        return masses | {(first + 3 + i, first + 3 + j): inertia[i][j] for i in range(3) for j in range(i, 3)}
+
     def respond(self, k: int, push: Sequence[Scalar], load: Wrench) -> tuple[Vec, Vec, Vec, Vec, Wrench]:
         """What drives and a load do to the body at rest: no body is coupled to another by an armature.
 

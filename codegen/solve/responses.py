@@ -18,7 +18,7 @@ from ..tree.spatial import Scalar, Vec, add, cross, dot, is_zero, matvec, scale,
 from .elimination import Elimination
 from .factorised import Factors
 from .rotors import Rotors
-from .rows import Response, Row, Sparse
+from .rows import Entries, Response, Row, Sparse
 
 
 class Tree(Protocol):
@@ -26,6 +26,9 @@ class Tree(Protocol):
 
     def respond(self, row: Row) -> Response:
         """What drives along a row leave at the pivots."""
+
+    def pivots(self) -> list[Entries]:
+        """What stands at the pivots of every body's joint, by pairs of coordinates; none where that is not known."""
 
     def along(self, row: Row, response: Response) -> Scalar:
         """J a_free."""
@@ -48,6 +51,10 @@ class FactorisedTree:
         for index, left in enumerate(self.factors.back(push)):
             response.put(index, left, left * self.factors.inverse[index])
         return response
+
+    def pivots(self) -> list[Entries]:
+        """Do without: such trees are small."""
+        return []
 
     def along(self, row: Row, response: Response) -> Scalar:
         """J a_free."""
@@ -132,6 +139,21 @@ class EliminatedTree:
         armature = self.tree.bound.armature
         held = tuple(drives[i] - armature[first + i] * free[i] for i in range(3))
         return Wrench((held[0], held[1], held[2]), add(load.moment, matvec(transpose(block.coupling), free)))
+
+    def pivots(self) -> list[Entries]:
+        """What stands at the pivots of every body's joint, by pairs of coordinates."""
+        found: list[Entries] = []
+        for k, joint in enumerate(self.tree.joints):
+            if self.tree.free[k]:
+                found.append(self.tree.bodies.inertia_of(k))
+                continue
+            here: Entries = {(step.index, step.index): self.tree.pivots[step.index][0] for step in self.tree.steps[k]}
+            if k in self.tree.blocks:
+                first = joint.translations[0][0]
+                whole = self.tree.blocks[k].whole
+                here |= {(first + i, first + j): whole[i][j] for i in range(3) for j in range(i, 3)}
+            found.append(here)
+        return found
 
     def along(self, row: Row, response: Response) -> Scalar:
         """J a_free."""

@@ -74,6 +74,25 @@ class BoundSpring:
 
 
 @dataclass(frozen=True)
+class BoundLaw:
+    """A force law: stiffness and damping of a straight line, ``law`` and ``knots`` as in ``Bound``."""
+
+    stiffness: Scalar
+    damping: Scalar
+    law: Mapping[str, Scalar]
+    knots: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class BoundCoupling:
+    """value(of) - sum of ratio * coordinate - offset, which vanishes or has a law; coordinates by their indices."""
+
+    arms: Mapping[int, Scalar]
+    offset: Scalar
+    law: BoundLaw | None
+
+
+@dataclass(frozen=True)
 class Bound:
     """A model with its numbers, in the model's order; ``links`` and ``frames`` hold (body, pose in that body).
 
@@ -86,6 +105,8 @@ class Bound:
     ``transmissions`` holds, by the index of a motor's coordinate, what is between it and its joint; its inertia is an
     armature.
     ``springs`` are those between points of two bodies.
+    ``cut_offsets`` holds per loop what its six coordinates keep to, ``cut_laws`` the forces of some of them by the
+    loop's number and the coordinate's name; ``couplings`` are those of coordinates.
     """
 
     gravity: Vec
@@ -102,6 +123,9 @@ class Bound:
     knots: Mapping[int, tuple[float, ...]] = field(default_factory=dict)
     transmissions: Mapping[int, Transmission] = field(default_factory=dict)
     springs: tuple[BoundSpring, ...] = ()
+    cut_offsets: tuple[tuple[Scalar, ...], ...] = ()
+    cut_laws: Mapping[tuple[int, str], BoundLaw] = field(default_factory=dict)
+    couplings: tuple[BoundCoupling, ...] = ()
 
 
 def bind(
@@ -144,8 +168,23 @@ def bind(
     laws, knots = binder.laws()
     forces, offsets, cuts = binder.forces(), binder.angle_offsets(), binder.cuts(poses)
     frames, between, springs = binder.frames(poses), binder.transmissions(), binder.springs(poses)
-    still = (0.0, 0.0, 0.0)
-    return Bound(binder.gravity(), bodies, frames, coms, *forces, offsets, still, cuts, laws, knots, between, springs)
+    return Bound(
+        binder.gravity(),
+        bodies,
+        frames,
+        coms,
+        *forces,
+        offsets,
+        at_rest=(0.0, 0.0, 0.0),
+        cuts=cuts,
+        laws=laws,
+        knots=knots,
+        transmissions=between,
+        springs=springs,
+        cut_offsets=binder.cut_offsets(),
+        cut_laws=binder.cut_laws(),
+        couplings=binder.couplings(),
+    )
 
 
 class _Binder:
@@ -255,6 +294,47 @@ class _Binder:
                 sides.append((body, pose @ self.placed(f"loops.{loop.name}.placements.{i}", placement)))
             found.append((sides[0], sides[1]))
         return tuple(found)
+
+    def cut_offsets(self) -> tuple[tuple[Scalar, ...], ...]:
+        """What the six coordinates of each cut joint keep to."""
+        return tuple(
+            tuple(
+                self.value(f"loops.{loop.name}.offset.{name}", number or 0.0)
+                for name, number in zip(COORDINATES, loop.offset, strict=True)
+            )
+            for loop in self.model.robot.loops
+        )
+
+    def cut_laws(self) -> dict[tuple[int, str], BoundLaw]:
+        """Forces of cut joints' coordinates."""
+        given = {(owner, name) for owner, name, _ in self.model.cut_laws}
+        return {
+            (number, name): self._bound_law(f"loops.{loop.name}.{name}", coordinate)
+            for number, loop in enumerate(self.model.robot.loops)
+            for name, coordinate in loop.coordinates.items()
+            if (loop.name, name) in given
+        }
+
+    def couplings(self) -> tuple[BoundCoupling, ...]:
+        """Couplings of coordinates."""
+        found, place = [], self.model.coordinates.index
+        acting = {owner for owner, name, _ in self.model.cut_laws if not name}
+        for coupling in self.model.robot.couplings:
+            prefix = f"couplings.{coupling.name}"
+            arms: dict[int, Scalar] = {place(coupling.of): 1.0}
+            for name, ratio in coupling.to.items():
+                arms[place(name)] = -1.0 * self.value(f"{prefix}.ratio.{name}", ratio)
+            offset = self.value(f"{prefix}.offset", coupling.offset or 0.0)
+            if coupling.law is None:
+                found.append(BoundCoupling(arms, offset, None))
+            elif coupling.name in acting:
+                found.append(BoundCoupling(arms, offset, self._bound_law(prefix, coupling.law)))
+        return tuple(found)
+
+    def _bound_law(self, prefix: str, given: Coordinate) -> BoundLaw:
+        stiffness = 0.0 if _is_bent(given) else self.value(f"{prefix}.stiffness", given.stiffness or 0.0)
+        damping = self.value(f"{prefix}.damping", given.damping or 0.0)
+        return BoundLaw(stiffness, damping, self._law(prefix, given), _knots(given))
 
     def springs(self, poses: dict[str, tuple[int, Pose]]) -> tuple[BoundSpring, ...]:
         """The springs between points, each with its ends in the bodies' frames."""

@@ -199,7 +199,7 @@ class Kernel:
                 for name, method in vars(Kernel).items()
                 if isinstance(method, FunctionType) and getattr(type(self), name) is method  # not one of a subclass
             }
-            found = functions(module, self.raw, methods, self.frames, bool(self.loops))
+            found = functions(module, self.raw, methods, self.frames, bool(self.constraints), self._given)
             self._functions = (module, found)
         plain = self._with_methods_in_python()
         state = self.parameters.state
@@ -312,7 +312,7 @@ class Kernel:
             wrench: (links, 6), per link force (N) then moment (N m) about its centre of mass, base axes.
             out: array to write to.
         """
-        return self.calls.run_with_wrench("generalized_force", out, (q, v), wrench, 1.0)
+        return self.calls.run_with_wrench("generalized_force", out, (q, v), wrench)
 
     def residual(
         self,
@@ -325,7 +325,7 @@ class Kernel:
         out: Array | None = None,
     ) -> Array:
         """M a + bias - generalized_force - u, (n,), N or N m; zero on a motion."""
-        return self.calls.run_with_wrench("residual", out, (q, v, a, u), wrench, -1.0)
+        return self.calls.run_with_wrench("residual", out, (q, v, a, u), wrench)
 
     def inverse_dynamics(
         self,
@@ -337,7 +337,7 @@ class Kernel:
         out: Array | None = None,
     ) -> Array:
         """The drives u, (n,), N or N m, that make the residual zero."""
-        return self.calls.run_with_wrench("inverse_dynamics", out, (q, v, a), wrench, -1.0)
+        return self.calls.run_with_wrench("inverse_dynamics", out, (q, v, a), wrench)
 
     def forward_dynamics(
         self,
@@ -367,7 +367,9 @@ class Kernel:
         """
         if wrench is not None:
             u = self._with_wrench(q, u, wrench)
-        return self.calls.run("tree_forward_dynamics" if cut and self.loops else "forward_dynamics", out, (q, v, u))
+        return self.calls.run(
+            "tree_forward_dynamics" if cut and self.constraints else "forward_dynamics", out, (q, v, u)
+        )
 
     def constraint_forces(
         self, q: ArrayLike, v: ArrayLike, u: ArrayLike, *, wrench: ArrayLike | None = None, out: Array | None = None
@@ -511,7 +513,7 @@ class Kernel:
             InputError: the robot has loops, and forces pass through them.
         """
         self.refuse_loops("reactions", cut=cut)
-        return self.calls.run_with_wrench("reactions", out, (q, v, a), wrench, 1.0, "external_reactions")
+        return self.calls.run_with_wrench("reactions", out, (q, v, a), wrench)
 
     def tangent(self, name: str, *arrays: ArrayLike, out: Array | None = None) -> Array:
         """The exact directional derivative of another kernel's result, by rates of what that kernel reads.

@@ -36,6 +36,7 @@ from ..robot.value import (
     Placement,
     Robot,
 )
+from .builtin import BUILTIN, builtin_robots
 from .couplings import read_coupling
 from .draft import Draft, ordered_joints
 from .forces import read_coordinate, read_motor
@@ -45,14 +46,8 @@ from .springs import check_springs, read_spring
 
 RobotLike = Robot | str | Path  # what functions take where they ask for a robot, see as_robot
 SUFFIXES = (".toml", ".urdf", ".xml", ".mjcf")
-_BUILTIN = Path(__file__).parents[1] / "robots"
 
 _WORLD = (BASE, "world")  # what the ground may be called when the root link of an URDF is put on a joint
-
-
-def builtin_robots() -> tuple[str, ...]:
-    """Names of the built-in robots, sorted."""
-    return tuple(sorted(path.stem for path in _BUILTIN.glob("*.toml")))
 
 
 def load_robot(
@@ -82,7 +77,7 @@ def load_robot(
         DescriptionError: with the file, the place, what came and what is allowed.
     """
     if isinstance(source, str) and source in builtin_robots():
-        return robot_from_toml(read_text(_BUILTIN / f"{source}.toml", source), source=source, inertia=inertia)
+        return robot_from_toml(read_text(BUILTIN / f"{source}.toml", source), source=source, inertia=inertia)
     if not isinstance(source, (str, Path)):
         raise DescriptionError(f"a robot cannot be loaded from {type(source).__name__}; allowed: a name or a path")
     path = Path(source)

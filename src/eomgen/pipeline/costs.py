@@ -11,7 +11,7 @@ from ..names import component_name
 from ..progress import StageReport, no_report
 from ..robot.coordinates import UNITS, unit_of
 from ..robot.laws import number_texts
-from ..robot.model import Model, build_model, refuse_unbuilt
+from ..robot.model import Model, build_model
 from ..robot.value import CUT_NUMBERS, MOTOR, PRINCIPAL, Coordinate, Coupling
 
 
@@ -165,7 +165,6 @@ def robot_info(robot: RobotLike, *, progress: StageReport = no_report) -> RobotI
     from ..codegen.kernels.operation_counts import operations
 
     model = build_model(as_robot(robot))
-    refuse_unbuilt(model)
     progress(f"deriving the equations of {model.size} coordinates")
     equations = derive_equations(model)
     zeros = zero_map(model)

@@ -66,12 +66,13 @@ def _wrong(module: ModuleType, dtype: np.dtype[Any]) -> Iterator[str]:
         in_three=False,
         cut_must_be_false=False,
         frames={},
+        added=(1.0, -1, ()),
     )
     state = module.State(np.ones(1, dtype), _asked)
     bound: dict[str, Any] = {}
     module.bind((function,), kept, state, bound)
     call = bound["doubled"]
-    function.arm(kept, 0, code, batch, setup, 1, 1.0, 16)
+    function.arm("own", kept, 0, code, batch, setup, 1, 1.0, 16)
     for numbers in PLAIN:
         given = np.array(numbers, dtype)
         out = np.empty(4, dtype)

@@ -22,13 +22,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from .._version import __version__
-from ..codegen.kernels.signatures import KERNELS, available
+from ..codegen.kernels.signatures import DTYPES, KERNELS, available
 from ..description import RobotLike, as_robot
 from ..errors import InputError
 from ..files import read_regular
 from ..names import show
 from ..progress import StageReport, no_report
-from ..robot.model import build_model, refuse_unbuilt
+from ..robot.model import build_model
 from ..robot.record import robot_hash
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
@@ -48,7 +48,6 @@ KERNEL_NAMES = tuple(KERNELS)
 OWNERS = {name: name for name in KERNELS} | {  # the kernel that a name stands for
     function: kernel for kernel, signature in KERNELS.items() for function in signature.functions
 }
-DTYPES = ("float64", "float32")
 _SOURCE, _SAMPLES = "source.json", "samples"  # files of an entry
 _LARGEST = 1 << 28  # bytes of a package's metadata
 
@@ -141,7 +140,6 @@ def _on_demand(robot: Robot, options: Options, progress: StageReport = no_report
     from ..codegen.package.compile import find_compiler
 
     compiler, model = find_compiler(), build_model(robot)
-    refuse_unbuilt(model)
     fixed = replace(options, level=build_level(options, compiler))
     build_flags(fixed, compiler)
 
@@ -359,7 +357,6 @@ def _derive(robot: Robot, options: Options, folder: Path, progress: StageReport)
     from ..codegen.samples.answers import samples
 
     model = build_model(robot)  # Robot -> Model
-    refuse_unbuilt(model)
     progress(f"deriving the equations of {model.size} coordinates")
     equations = derive_equations(model, options.kernels, options.dtype)  # Model -> Equations
     source = render(equations, options.dtype, batches=options.batches)  # Equations -> Source

@@ -442,18 +442,6 @@ def program_coordinates(robot: Robot) -> tuple[str, ...]:
     return tuple(name for i, name in enumerate(model.coordinates) if i not in model.prescribed)
 
 
-def refuse_unbuilt(model: Model) -> None:
-    """InputError for what equations do not have yet: forces and offsets in cut joints, couplings."""
-    missing = [f"loops.{loop}.{name}" for loop, name, _ in model.cut_laws if name]
-    missing += [f"couplings.{coupling.name}" for coupling in model.robot.couplings]
-    missing += [f"loops.{x.name}.offset" for x in model.robot.loops if any(value is not None for value in x.offset)]
-    if missing:
-        raise InputError(
-            f"{model.name}: equations with couplings, and forces or offsets in cut joints, are not made yet:"
-            f" {listed(missing)}; allowed: cut joints whose coordinates are free or rigid"
-        )
-
-
 def refuse_loops(robot: Robot) -> None:
     """InputError for a robot whose motion scenarios cannot integrate."""
     if robot.loops:

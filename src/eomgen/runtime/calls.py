@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ArrayError, SingularError
 from .arrays import Arrays, Lead, is_finite, joint_lead, place_of, rows_of
+from .direct import WRENCHED
 from .opened import open_loop
 from .parameters import Parameters
 from .pieces import shared, states_at_once
@@ -75,19 +76,16 @@ class Calls:
         out: Array | None,
         values: Sequence[ArrayLike],
         wrench: ArrayLike | None,
-        sign: float,
-        part: str = "external_force",
     ) -> Array:
-        """A function's result plus what wrenches add to it, times a sign.
+        """A function's result with what wrenches add to it, as ``WRENCHED`` says.
 
         Args:
             name, out, values: as of ``run``.
             wrench: external wrenches, (..., links, 6), or None.
-            sign: 1 or -1.
-            part: the function of q and the wrenches that is added; it writes an array of the same shape.
         """
         if wrench is None:
             return self.run(name, out, values)
+        part, sign, _ = WRENCHED[name]
         external = self.run(part, None, (values[0], wrench))
         single = self.raw.shapes[self.raw.functions[part].writes]
         result = self.run(name, out, values, lead=external.shape[: external.ndim - len(single)])

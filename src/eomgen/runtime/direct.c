@@ -6,7 +6,7 @@
  * State, with a kernel that has methods in Python alone.
  *
  * A call is plain where every array is an ndarray itself (no subclass) of the kernel's dtype, aligned, C-contiguous, of
- * exactly the shape of one state or of N of them, and no keyword asks for more than `out`.  Whatever is not plain, and
+ * exactly the shape of one state or of N of them, and no keyword asks for more than `out` and `wrench`.  Whatever is not plain, and
  * whatever turns out not to be regular (NaN, infinity, a singular mass matrix), is left to the method in Python, which
  * is called with the very same arguments: it computes what has to be computed, or raises.  So results and messages are
  * the same by construction.
@@ -47,6 +47,7 @@ static const npy_intp SHARE = 256;
 typedef enum {
     READ,    /* an array that the code reads */
     BESIDE,  /* an array that may be left out; it has states and is checked, and nothing reads it */
+    WRENCH,  /* an array that may be left out; further code reads it, and what that computes is added */
     FRAME,   /* the name of a frame, in place of its number */
     OUT,     /* an array to write to */
     NOTHING, /* plain only where it is left out or None */
@@ -65,26 +66,36 @@ typedef struct {
     Shape shape;
 } Place;
 
+/* Code for one state and for many, and what it reads of the parameters. */
+typedef struct {
+    PyObject *library; /* which keeps it */
+    int part;          /* number of the library */
+    npy_intp hoisted;  /* numbers that the library computes from the parameters */
+    double operations;
+    npy_intp piece;  /* states that one call computes at most */
+    uintptr_t setup; /* address of the library's code that computes from the parameters */
+    uintptr_t batch; /* for many states; 0 where there is none */
+    uintptr_t one;   /* for one state; 0 until armed, and published last */
+} Code;
+
 typedef struct {
     PyObject_HEAD
     PyObject *method; /* the function of Python */
     PyObject *name;
-    PyObject *arming; /* arming(function) tells the addresses after a first call, or NULL */
+    PyObject *arming; /* arming(function, which) tells the addresses after a first call of "own" or "added" code */
     PyObject *frames; /* their numbers by name, a dict */
-    PyObject *library; /* which keeps the code */
     PyArray_Descr *dtype;
     int places, positional;
     Place place[PLACES];
     Shape result;
     int framed, in_three; /* takes a frame's number; its result are three views */
     int cut_must_be_false;
-    int part;         /* number of the library */
-    npy_intp hoisted; /* numbers that it computes from the parameters */
-    double operations;
-    npy_intp piece;  /* states that one call computes at most */
-    uintptr_t setup; /* address of the library's code that computes from the parameters */
-    uintptr_t batch; /* for many states; 0 where there is none */
-    uintptr_t code;  /* for one state; 0 until armed, and published last */
+    Code own, added; /* added: of the wrenches, reads the first array and them; it writes what "own" writes */
+    double sign;     /* of what is added to the result */
+    int into;        /* number of the array that it is added to instead, with sign 1; -1 for the result */
+    npy_intp *left;  /* places of this array that nothing is added to */
+    Py_ssize_t lefts;
+    char asked_own, asked_added; /* whether arming was asked for it */
 } Function;
 
 typedef struct {
@@ -129,26 +140,26 @@ DEFINE_FINITE(finite_float, uint32_t, UINT32_C(0x7f800000), UINT32_C(0x00800000)
 
 /* Code of one state and of a batch, with as many arrays as it reads; -1 or the first failure. */
 #define DEFINE_CALLS(REAL)                                                                                             \
-    static long long one_##REAL(const Function *f, int reads, const void *h, const void *const *x, int frame,          \
-                                void *written)                                                                         \
+    static long long one_##REAL(const Code *c, int framed, int reads, const void *h, const void *const *x,             \
+                                int frame, void *written)                                                              \
     {                                                                                                                  \
-        const REAL *p = h, *a = x[0], *b = x[1], *c = x[2], *d = x[3];                                                 \
+        const REAL *p = h, *a = x[0], *b = x[1], *e = x[2], *d = x[3];                                                 \
         REAL *out = written;                                                                                           \
         typedef int (*One)(const REAL *, const REAL *, REAL *);                                                        \
         typedef int (*Framed)(const REAL *, const REAL *, int, REAL *);                                                \
         typedef int (*Two)(const REAL *, const REAL *, const REAL *, REAL *);                                          \
         typedef int (*Three)(const REAL *, const REAL *, const REAL *, const REAL *, REAL *);                          \
         typedef int (*Four)(const REAL *, const REAL *, const REAL *, const REAL *, const REAL *, REAL *);             \
-        if (f->framed) return ((Framed)f->code)(p, a, frame, out) - 1LL;                                               \
-        if (reads == 1) return ((One)f->code)(p, a, out) - 1LL;                                                        \
-        if (reads == 2) return ((Two)f->code)(p, a, b, out) - 1LL;                                                     \
-        if (reads == 3) return ((Three)f->code)(p, a, b, c, out) - 1LL;                                                \
-        return ((Four)f->code)(p, a, b, c, d, out) - 1LL;                                                              \
+        if (framed) return ((Framed)c->one)(p, a, frame, out) - 1LL;                                                   \
+        if (reads == 1) return ((One)c->one)(p, a, out) - 1LL;                                                         \
+        if (reads == 2) return ((Two)c->one)(p, a, b, out) - 1LL;                                                      \
+        if (reads == 3) return ((Three)c->one)(p, a, b, e, out) - 1LL;                                                 \
+        return ((Four)c->one)(p, a, b, e, d, out) - 1LL;                                                               \
     }                                                                                                                  \
-    static long long many_##REAL(const Function *f, int reads, size_t n, const void *h, const void *const *x,          \
+    static long long many_##REAL(const Code *c, int framed, int reads, size_t n, const void *h, const void *const *x,  \
                                  const size_t *s, int frame, void *written)                                            \
     {                                                                                                                  \
-        const REAL *p = h, *a = x[0], *b = x[1], *c = x[2], *d = x[3];                                                 \
+        const REAL *p = h, *a = x[0], *b = x[1], *e = x[2], *d = x[3];                                                 \
         REAL *out = written;                                                                                           \
         typedef const REAL *R;                                                                                         \
         typedef long long (*One)(size_t, R, R, size_t, REAL *);                                                        \
@@ -156,14 +167,28 @@ DEFINE_FINITE(finite_float, uint32_t, UINT32_C(0x7f800000), UINT32_C(0x00800000)
         typedef long long (*Two)(size_t, R, R, size_t, R, size_t, REAL *);                                             \
         typedef long long (*Three)(size_t, R, R, size_t, R, size_t, R, size_t, REAL *);                                \
         typedef long long (*Four)(size_t, R, R, size_t, R, size_t, R, size_t, R, size_t, REAL *);                      \
-        if (f->framed) return ((Framed)f->batch)(n, p, a, s[0], frame, out);                                           \
-        if (reads == 1) return ((One)f->batch)(n, p, a, s[0], out);                                                    \
-        if (reads == 2) return ((Two)f->batch)(n, p, a, s[0], b, s[1], out);                                           \
-        if (reads == 3) return ((Three)f->batch)(n, p, a, s[0], b, s[1], c, s[2], out);                                \
-        return ((Four)f->batch)(n, p, a, s[0], b, s[1], c, s[2], d, s[3], out);                                        \
+        if (framed) return ((Framed)c->batch)(n, p, a, s[0], frame, out);                                              \
+        if (reads == 1) return ((One)c->batch)(n, p, a, s[0], out);                                                    \
+        if (reads == 2) return ((Two)c->batch)(n, p, a, s[0], b, s[1], out);                                           \
+        if (reads == 3) return ((Three)c->batch)(n, p, a, s[0], b, s[1], e, s[2], out);                                \
+        return ((Four)c->batch)(n, p, a, s[0], b, s[1], e, s[2], d, s[3], out);                                        \
     }
 DEFINE_CALLS(double)
 DEFINE_CALLS(float)
+
+/* to[i] = from[i] + sign * what[i], states of so many numbers each; one state stands for all where there are fewer. */
+#define DEFINE_SUM(REAL)                                                                                               \
+    static void sum_##REAL(const void *from, npy_intp from_step, const void *what, npy_intp what_step, REAL sign,      \
+                           npy_intp states, npy_intp size, void *to)                                                   \
+    {                                                                                                                  \
+        const REAL *x = from, *y = what;                                                                               \
+        REAL *out = to;                                                                                                \
+        for (npy_intp k = 0; k < states; ++k)                                                                          \
+            for (npy_intp i = 0; i < size; ++i)                                                                        \
+                out[k * size + i] = x[k * from_step + i] + sign * y[k * what_step + i];                                \
+    }
+DEFINE_SUM(double)
+DEFINE_SUM(float)
 
 /* ---- arrays -------------------------------------------------------------------------------------------------- */
 
@@ -223,41 +248,41 @@ failed:
 
 /* ---- calls --------------------------------------------------------------------------------------------------- */
 
-/* What the function's library computes from the values of the parameters; a new array. */
-static PyArrayObject *computed_from(PyArrayObject *values, const Function *f)
+/* What the code's library computes from the values of the parameters; a new array. */
+static PyArrayObject *computed_from(PyArrayObject *values, const Function *f, const Code *code)
 {
-    const npy_intp count = f->hoisted > 0 ? f->hoisted : 1;
+    const npy_intp count = code->hoisted > 0 ? code->hoisted : 1;
     if (PyArray_TYPE(values) != f->dtype->type_num) {
         PyErr_SetString(PyExc_TypeError, "values of another dtype than the kernel's");
         return NULL;
     }
     PyArrayObject *h = (PyArrayObject *)PyArray_SimpleNew(1, &count, f->dtype->type_num);
     if (h != NULL && f->dtype->type_num == NPY_DOUBLE)
-        ((void (*)(const double *, double *))f->setup)(PyArray_DATA(values), PyArray_DATA(h));
+        ((void (*)(const double *, double *))code->setup)(PyArray_DATA(values), PyArray_DATA(h));
     else if (h != NULL)
-        ((void (*)(const float *, float *))f->setup)(PyArray_DATA(values), PyArray_DATA(h));
+        ((void (*)(const float *, float *))code->setup)(PyArray_DATA(values), PyArray_DATA(h));
     return h;
 }
 
-/* What the function's library reads of the parameters; a new reference, so that a running call keeps its own. */
-static PyArrayObject *hoisted(State *state, const Function *f)
+/* What the code's library reads of the parameters; a new reference, so that a running call keeps its own. */
+static PyArrayObject *hoisted(State *state, const Function *f, const Code *code)
 {
     PyArrayObject *h = NULL, *other = NULL, *values = NULL;
     Py_BEGIN_CRITICAL_SECTION(state);
-    h = state->h[f->part];
+    h = state->h[code->part];
     Py_XINCREF(h);
     if (h == NULL) values = state->values;
     Py_XINCREF(values);
     Py_END_CRITICAL_SECTION();
     if (h != NULL) return h;
-    h = computed_from(values, f);
+    h = computed_from(values, f, code);
     if (h != NULL) {
         Py_BEGIN_CRITICAL_SECTION(state);
         if (state->values == values) { /* no assignment came between */
-            other = state->h[f->part];
+            other = state->h[code->part];
             Py_INCREF(h);
-            state->h[f->part] = h;
-            if (state->parts <= f->part) state->parts = f->part + 1;
+            state->h[code->part] = h;
+            if (state->parts <= code->part) state->parts = code->part + 1;
         }
         Py_END_CRITICAL_SECTION();
     }
@@ -291,6 +316,10 @@ typedef struct {
     int reads, frame;
     npy_intp states; /* 0 for one alone */
     PyArrayObject *out;
+    const void *wrench; /* or NULL */
+    npy_intp wrench_size;
+    size_t wrench_step;
+    npy_intp wrench_states; /* of the first array and the wrenches together, 0 for one alone */
 } Plain;
 
 /* Look at the arguments; 0 where the call is plain. */
@@ -299,14 +328,21 @@ static int look(const Function *f, const State *state, PyObject *const *given, P
     for (int i = 0; i < f->places; ++i) { /* shapes first: what is large and not plain is read once */
         const Place *place = &f->place[i];
         PyObject *value = given[i];
-        if (place->role == READ || place->role == BESIDE) {
-            if (place->role == BESIDE && (value == NULL || value == Py_None)) continue;
+        if (place->role <= WRENCH) {
+            if (place->role != READ && (value == NULL || value == Py_None)) continue;
             if (value == NULL) return -1;
             const npy_intp states = states_of(value, f, &place->shape);
             if (states < 0) return -1;
             if (states > 0) {
                 if (call->states != 0 && call->states != states) return -1;
                 call->states = states;
+            }
+            if (place->role == WRENCH) {
+                if (PUBLISHED(f->added.one) == 0) return -1;
+                call->wrench = PyArray_DATA((PyArrayObject *)value);
+                call->wrench_size = states > 0 ? states * place->shape.size : place->shape.size;
+                call->wrench_step = states > 0 ? (size_t)place->shape.size : 0;
+                continue;
             }
             const int to = place->role == READ ? call->reads++ : ARRAYS;
             call->x[to] = PyArray_DATA((PyArrayObject *)value);
@@ -326,7 +362,9 @@ static int look(const Function *f, const State *state, PyObject *const *given, P
     }
     if (call->states > 0) {
         const Py_ssize_t threads = PUBLISHED(state->threads);
-        if (f->batch == 0 || call->states > f->piece || (threads > 1 && call->states >= 2 * SHARE)) return -1;
+        const npy_intp piece = call->wrench != NULL && f->added.piece < f->own.piece ? f->added.piece : f->own.piece;
+        if (f->own.batch == 0 || (call->wrench != NULL && f->added.batch == 0)) return -1;
+        if (call->states > piece || (threads > 1 && call->states >= 2 * SHARE)) return -1;
     }
     if (call->out != NULL) {
         const npy_intp states = states_of((PyObject *)call->out, f, &f->result);
@@ -337,9 +375,12 @@ static int look(const Function *f, const State *state, PyObject *const *given, P
             if (first < other + bytes_of(f, call->sizes[i]) && other < end) return -1;
         }
     }
-    if (PUBLISHED(state->checks))
+    if (call->wrench != NULL && (call->steps[0] > 0 || call->wrench_step > 0)) call->wrench_states = call->states;
+    if (PUBLISHED(state->checks)) {
         for (int i = 0; i <= ARRAYS; ++i)
             if (call->sizes[i] > 0 && !all_finite(f, call->x[i], call->sizes[i])) return -1;
+        if (call->wrench != NULL && !all_finite(f, call->wrench, call->wrench_size)) return -1;
+    }
     return 0;
 }
 
@@ -357,9 +398,88 @@ static long long compute(const Function *f, const void *h, const Plain *call, vo
 {
     const int is_double = f->dtype->type_num == NPY_DOUBLE;
     if (call->states == 0)
-        return (is_double ? one_double : one_float)(f, call->reads, h, call->x, call->frame, out);
-    return (is_double ? many_double : many_float)(f, call->reads, (size_t)call->states, h, call->x, call->steps,
-                                                  call->frame, out);
+        return (is_double ? one_double : one_float)(&f->own, f->framed, call->reads, h, call->x, call->frame, out);
+    return (is_double ? many_double : many_float)(&f->own, f->framed, call->reads, (size_t)call->states, h, call->x,
+                                                  call->steps, call->frame, out);
+}
+
+/* What the wrenches add, for as many states as the first array and they have. */
+static void compute_added(const Function *f, const void *h, const Plain *call, void *out)
+{
+    const int is_double = f->dtype->type_num == NPY_DOUBLE;
+    const void *x[ARRAYS] = {call->x[0], call->wrench};
+    const size_t steps[ARRAYS] = {call->steps[0], call->wrench_step};
+    if (call->wrench_states == 0)
+        (void)(is_double ? one_double : one_float)(&f->added, 0, 2, h, x, 0, out);
+    else
+        (void)(is_double ? many_double : many_float)(&f->added, 0, 2, (size_t)call->wrench_states, h, x, steps, 0, out);
+}
+
+/* to = from + sign * what, each of one state for all or of as many as there are. */
+static void add(const Function *f, const void *from, npy_intp from_step, const void *what, npy_intp what_step,
+                double sign, npy_intp states, npy_intp size, void *to)
+{
+    if (f->dtype->type_num == NPY_DOUBLE)
+        sum_double(from, from_step, what, what_step, sign, states, size, to);
+    else
+        sum_float(from, from_step, what, what_step, (float)sign, states, size, to);
+}
+
+/* Numbers of a call with wrenches: what they add, and an array with it; in place where there are few. */
+typedef struct {
+    double few[128];
+    void *memory; /* NULL for these */
+    char *added, *sum;
+} Beside;
+
+static int make_room(const Function *f, const Plain *call, Beside *beside)
+{
+    const npy_intp size = f->into < 0 ? f->result.size : f->place[f->into].shape.size;
+    const npy_intp states = call->wrench_states > 0 ? call->wrench_states : 1;
+    const size_t one = (size_t)bytes_of(f, states * size);
+    const size_t other = f->into < 0 ? 0 : (size_t)bytes_of(f, (call->states > 0 ? call->states : 1) * size);
+    beside->memory = NULL;
+    beside->added = (char *)beside->few;
+    if (one + other > sizeof beside->few && (beside->added = beside->memory = PyMem_Malloc(one + other)) == NULL) {
+        PyErr_NoMemory();
+        return -1;
+    }
+    beside->sum = beside->added + one;
+    return 0;
+}
+
+/* Compute what the wrenches add, and put it into the array that takes it, if one does; 0 where all of it is regular. */
+static int begin_added(const Function *f, const void *h, Plain *call, Beside *beside, int checks)
+{
+    const npy_intp size = f->into < 0 ? f->result.size : f->place[f->into].shape.size;
+    const npy_intp states = call->wrench_states > 0 ? call->wrench_states : 1, step = call->wrench_states > 0 ? size : 0;
+    compute_added(f, h, call, beside->added);
+    if (checks && !all_finite(f, beside->added, states * size)) return -1;
+    if (f->into < 0) return 0;
+    for (npy_intp k = 0; k < states; ++k)
+        for (Py_ssize_t i = 0; i < f->lefts; ++i)
+            memset(beside->added + bytes_of(f, k * size + f->left[i]), 0, (size_t)bytes_of(f, 1));
+    const int is_many = call->steps[f->into] > 0 || step > 0;
+    const npy_intp all = is_many ? call->states : 1;
+    add(f, call->x[f->into], (npy_intp)call->steps[f->into], beside->added, step, 1.0, all, size, beside->sum);
+    if (checks && !all_finite(f, beside->sum, all * size)) return -1;
+    call->x[f->into] = beside->sum;
+    call->steps[f->into] = is_many ? (size_t)size : 0;
+    return 0;
+}
+
+/* Compute with what the wrenches add; 0 where all of it is regular. */
+static int compute_all(const Function *f, const void *h, const void *h_added, Plain *call, Beside *beside, int checks,
+                       void *out)
+{
+    const npy_intp states = call->states > 0 ? call->states : 1, step = call->wrench_states > 0 ? f->result.size : 0;
+    if (call->wrench != NULL && begin_added(f, h_added, call, beside, checks) < 0) return -1;
+    if (compute(f, h, call, out) >= 0) return -1;
+    if (call->wrench != NULL && f->into < 0) {
+        if (checks && !all_finite(f, out, states * f->result.size)) return -1;
+        add(f, out, f->result.size, beside->added, step, f->sign, states, f->result.size, out);
+    }
+    return checks && !all_finite(f, out, states * f->result.size) ? -1 : 0;
 }
 
 /* The result of a plain call; NULL without an error where the method in Python has to be asked. */
@@ -367,12 +487,15 @@ static PyObject *straight(const Function *f, State *state, PyObject *const *args
 {
     PyObject *given[PLACES] = {NULL};
     Plain call = {.states = 0};
+    Beside beside;
     if (sort_arguments(f, args, count, names, given) < 0 || look(f, state, given, &call) < 0) return NULL;
+    if (call.wrench != NULL && make_room(f, &call, &beside) < 0) return NULL;
     PyObject *found = NULL;
-    PyArrayObject *kept = hoisted(state, f);
-    if (kept == NULL) return NULL;
-    const void *h = PyArray_DATA(kept);
-    PyArrayObject *out = call.out;
+    PyArrayObject *out = NULL, *kept = hoisted(state, f, &f->own), *kept_added = NULL;
+    if (kept != NULL && call.wrench != NULL) kept_added = hoisted(state, f, &f->added);
+    if (kept == NULL || (call.wrench != NULL && kept_added == NULL)) goto end;
+    const void *h = PyArray_DATA(kept), *h_added = kept_added == NULL ? NULL : PyArray_DATA(kept_added);
+    out = call.out;
     if (out == NULL)
         out = new_result(f, call.states);
     else
@@ -380,15 +503,17 @@ static PyObject *straight(const Function *f, State *state, PyObject *const *args
     if (out == NULL) goto end;
     void *written = PyArray_DATA(out);
     const npy_intp states = call.states > 0 ? call.states : 1;
-    long long failed;
-    if (f->operations * (double)states < LONG)
-        failed = compute(f, h, &call, written);
+    const double operations = f->own.operations + (call.wrench == NULL ? 0.0 : f->added.operations);
+    const int checks = PUBLISHED(state->checks);
+    int failed;
+    if (operations * (double)states < LONG)
+        failed = compute_all(f, h, h_added, &call, &beside, checks, written);
     else {
         Py_BEGIN_ALLOW_THREADS
-        failed = compute(f, h, &call, written);
+        failed = compute_all(f, h, h_added, &call, &beside, checks, written);
         Py_END_ALLOW_THREADS
     }
-    if (failed < 0 && (!PUBLISHED(state->checks) || all_finite(f, written, states * f->result.size))) {
+    if (!failed) {
         if (f->in_three)
             found = three_views(f, out, call.states);
         else {
@@ -396,41 +521,55 @@ static PyObject *straight(const Function *f, State *state, PyObject *const *args
             Py_INCREF(found);
         }
     }
-    Py_DECREF(out);
 end:
-    Py_DECREF(kept);
+    Py_XDECREF(out);
+    Py_XDECREF(kept);
+    Py_XDECREF(kept_added);
+    if (call.wrench != NULL) PyMem_Free(beside.memory);
     return found;
 }
 
 /* Ask for the addresses, once: after a first call the code is there. */
-static int arm_once(Function *f)
+static int arm_once(Function *f, char *asked, const char *which)
 {
-    PyObject *arming = NULL;
+    int again = 0;
     Py_BEGIN_CRITICAL_SECTION(f);
-    arming = f->arming;
-    f->arming = NULL;
+    again = *asked;
+    *asked = 1;
     Py_END_CRITICAL_SECTION();
-    if (arming == NULL) return 0;
-    PyObject *answer = PyObject_CallOneArg(arming, (PyObject *)f);
-    Py_DECREF(arming);
+    if (again) return 0;
+    PyObject *answer = PyObject_CallFunction(f->arming, "Os", (PyObject *)f, which);
     Py_XDECREF(answer);
     return answer == NULL ? -1 : 0;
+}
+
+/* Whether there are wrenches, and nobody knows yet where their code is. */
+static int lacks_added(const Function *f, PyObject *const *args, Py_ssize_t count, PyObject *names)
+{
+    PyObject *given[PLACES] = {NULL};
+    if (PUBLISHED(f->added.one) != 0 || sort_arguments(f, args, count, names, given) < 0) return 0;
+    for (int i = 0; i < f->places; ++i)
+        if (f->place[i].role == WRENCH && given[i] != NULL && given[i] != Py_None) return 1;
+    return 0;
 }
 
 static PyObject *direct_vectorcall(PyObject *self, PyObject *const *args, size_t nargsf, PyObject *names)
 {
     Direct *direct = (Direct *)self;
     Function *f = direct->function;
-    const int armed = PUBLISHED(f->code) != 0;
+    const Py_ssize_t count = PyVectorcall_NARGS(nargsf);
+    const int armed = PUBLISHED(f->own.one) != 0;
     if (armed) {
-        PyObject *found = straight(f, direct->state, args, PyVectorcall_NARGS(nargsf), names);
+        PyObject *found = straight(f, direct->state, args, count, names);
         if (found != NULL || PyErr_Occurred()) return found;
     }
     PyObject *bound = PyMethod_New(f->method, direct->owner);
     if (bound == NULL) return NULL;
     PyObject *found = PyObject_Vectorcall(bound, args, nargsf, names);
     Py_DECREF(bound);
-    if (!armed && found != NULL && arm_once(f) < 0) Py_CLEAR(found);
+    if (!armed && found != NULL && arm_once(f, &f->asked_own, "own") < 0) Py_CLEAR(found);
+    if (found != NULL && lacks_added(f, args, count, names) && arm_once(f, &f->asked_added, "added") < 0)
+        Py_CLEAR(found);
     return found;
 }
 
@@ -459,7 +598,7 @@ static PyObject *direct_doc(PyObject *self, void *closure)
 static PyObject *direct_is_armed(PyObject *self, void *closure)
 {
     (void)closure;
-    return PyBool_FromLong(PUBLISHED(((Direct *)self)->function->code) != 0);
+    return PyBool_FromLong(PUBLISHED(((Direct *)self)->function->own.one) != 0);
 }
 
 /* All that a bound method shows: its names, annotations, signature. */
@@ -586,7 +725,7 @@ static int read_shape(PyObject *lengths, Shape *shape)
 
 static int read_place(PyObject *given, Place *place)
 {
-    static const char *const names[] = {"read", "beside", "frame", "out", "nothing", "cut"};
+    static const char *const names[] = {"read", "beside", "wrench", "frame", "out", "nothing", "cut"};
     PyObject *label, *lengths;
     const char *role;
     if (!PyArg_ParseTuple(given, "UsO:place", &label, &role, &lengths) || read_shape(lengths, &place->shape) < 0)
@@ -607,7 +746,7 @@ static int read_place(PyObject *given, Place *place)
 static int read_places(Function *f, PyObject *places)
 {
     const Py_ssize_t count = PyTuple_GET_SIZE(places);
-    int reads = 0, beside = 0;
+    int reads = 0, beside = 0, wrenches = 0;
     if (count > PLACES) {
         PyErr_SetString(PyExc_ValueError, "too many parameters");
         return -1;
@@ -617,11 +756,40 @@ static int read_places(Function *f, PyObject *places)
         f->places = (int)i + 1;
         reads += f->place[i].role == READ;
         beside += f->place[i].role == BESIDE;
+        wrenches += f->place[i].role == WRENCH;
         f->framed |= f->place[i].role == FRAME;
     }
-    if (reads < 1 || reads > ARRAYS || beside > 1 || (f->framed && (reads != 1 || f->frames == NULL))) {
+    if (reads < 1 || reads > ARRAYS || beside > 1 || wrenches > 1 || (f->framed && (reads != 1 || f->frames == NULL))) {
         PyErr_SetString(PyExc_ValueError, "no function reads such arrays");
         return -1;
+    }
+    return 0;
+}
+
+/* What is added of wrenches: a sign, the place of the array that takes it or -1, and its numbers that take nothing. */
+static int read_added(Function *f, PyObject *given)
+{
+    PyObject *left;
+    if (!PyArg_ParseTuple(given, "diO!:added", &f->sign, &f->into, &PyTuple_Type, &left)) return -1;
+    int reads = 0; /* at the beginning: there the number of a place is that of its array */
+    while (reads < f->places && f->place[reads].role == READ) ++reads;
+    if (f->into < -1 || f->into >= reads) {
+        PyErr_SetString(PyExc_ValueError, "nothing can be added there");
+        return -1;
+    }
+    const npy_intp size = f->into < 0 ? 0 : f->place[f->into].shape.size;
+    f->left = PyMem_Calloc((size_t)PyTuple_GET_SIZE(left) + 1, sizeof *f->left);
+    if (f->left == NULL) {
+        PyErr_NoMemory();
+        return -1;
+    }
+    for (; f->lefts < PyTuple_GET_SIZE(left); ++f->lefts) {
+        const Py_ssize_t place = PyLong_AsSsize_t(PyTuple_GET_ITEM(left, f->lefts));
+        if (place < 0 || place >= size) {
+            if (!PyErr_Occurred()) PyErr_SetString(PyExc_IndexError, "no such number of the array");
+            return -1;
+        }
+        f->left[f->lefts] = place;
     }
     return 0;
 }
@@ -629,12 +797,12 @@ static int read_places(Function *f, PyObject *places)
 static PyObject *function_new(PyTypeObject *type, PyObject *args, PyObject *kwargs)
 {
     static char *names[] = {"name",     "method",           "arming", "dtype", "places", "positional", "result",
-                            "in_three", "cut_must_be_false", "frames", NULL};
-    PyObject *name, *method, *arming, *dtype, *places, *result, *frames;
+                            "in_three", "cut_must_be_false", "frames", "added", NULL};
+    PyObject *name, *method, *arming, *dtype, *places, *result, *frames, *added;
     int positional, in_three, cut;
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "UOOO!O!iOppO!:Function", names, &name, &method, &arming,
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "UOOO!O!iOppO!O!:Function", names, &name, &method, &arming,
                                      &PyArrayDescr_Type, &dtype, &PyTuple_Type, &places, &positional, &result,
-                                     &in_three, &cut, &PyDict_Type, &frames))
+                                     &in_three, &cut, &PyDict_Type, &frames, &PyTuple_Type, &added))
         return NULL;
     const int number = ((PyArray_Descr *)dtype)->type_num;
     if ((number != NPY_DOUBLE && number != NPY_FLOAT) || !PyArray_ISNBO(((PyArray_Descr *)dtype)->byteorder)) {
@@ -651,7 +819,7 @@ static PyObject *function_new(PyTypeObject *type, PyObject *args, PyObject *kwar
     f->positional = positional;
     f->in_three = in_three;
     f->cut_must_be_false = cut;
-    if (read_places(f, places) < 0 || read_shape(result, &f->result) < 0) goto failed;
+    if (read_places(f, places) < 0 || read_shape(result, &f->result) < 0 || read_added(f, added) < 0) goto failed;
     if (positional > f->places || (in_three && (f->result.axes != 3 || f->result.lengths[0] != 3))) {
         PyErr_SetString(PyExc_ValueError, "no function has such parameters or such a result");
         goto failed;
@@ -662,8 +830,8 @@ failed:
     return NULL;
 }
 
-PyDoc_STRVAR(arm_doc, "arm(library, part, code, batch, setup, hoisted, operations, piece)\n\n"
-                      "Tell where the code is; from then on plain calls go there.\n\n"
+PyDoc_STRVAR(arm_doc, "arm(which, library, part, code, batch, setup, hoisted, operations, piece)\n\n"
+                      "Tell where the \"own\" code is, or what is \"added\"; from then on plain calls go there.\n\n"
                       "Arguments: the library, which is kept, and its number; addresses of the code for one state, for\n"
                       "many (0: none) and of what computes from the parameters, how many numbers; operations of a\n"
                       "state; states that one call computes at most.");
@@ -673,27 +841,29 @@ static PyObject *function_arm(PyObject *self, PyObject *args)
     Function *f = (Function *)self;
     unsigned long long code, batch, setup;
     PyObject *library;
+    const char *which;
     int part;
     double operations;
     Py_ssize_t hoisted_count, piece;
-    if (!PyArg_ParseTuple(args, "OiKKKndn:arm", &library, &part, &code, &batch, &setup, &hoisted_count, &operations,
-                          &piece))
+    if (!PyArg_ParseTuple(args, "sOiKKKndn:arm", &which, &library, &part, &code, &batch, &setup, &hoisted_count,
+                          &operations, &piece))
         return NULL;
     if (part < 0 || part >= PARTS) Py_RETURN_FALSE;
     npy_intp least = f->result.size;
     for (int i = 0; i < f->places; ++i)
-        if (f->place[i].role <= BESIDE && f->place[i].shape.size < least) least = f->place[i].shape.size;
+        if (f->place[i].role <= WRENCH && f->place[i].shape.size < least) least = f->place[i].shape.size;
     if (least < 1 || code == 0 || setup == 0) Py_RETURN_FALSE; /* nothing to point to */
+    Code *to = strcmp(which, "added") == 0 ? &f->added : &f->own;
     Py_BEGIN_CRITICAL_SECTION(self);
-    if (f->code == 0) {
-        Py_INCREF(library), f->library = library;
-        f->part = part;
-        f->operations = operations;
-        f->piece = piece;
-        f->hoisted = hoisted_count;
-        f->setup = (uintptr_t)setup;
-        f->batch = (uintptr_t)batch;
-        PUBLISH(f->code, (uintptr_t)code);
+    if (to->one == 0) {
+        Py_INCREF(library), to->library = library;
+        to->part = part;
+        to->operations = operations;
+        to->piece = piece;
+        to->hoisted = hoisted_count;
+        to->setup = (uintptr_t)setup;
+        to->batch = (uintptr_t)batch;
+        PUBLISH(to->one, (uintptr_t)code);
     }
     Py_END_CRITICAL_SECTION();
     Py_RETURN_TRUE;
@@ -706,7 +876,8 @@ static int function_traverse(PyObject *self, visitproc visit, void *arg)
     Py_VISIT(f->method);
     Py_VISIT(f->arming);
     Py_VISIT(f->frames);
-    Py_VISIT(f->library);
+    Py_VISIT(f->own.library);
+    Py_VISIT(f->added.library);
     return 0;
 }
 
@@ -719,7 +890,9 @@ static void function_dealloc(PyObject *self)
     Py_XDECREF(f->name);
     Py_XDECREF(f->arming);
     Py_XDECREF(f->frames);
-    Py_XDECREF(f->library);
+    Py_XDECREF(f->own.library);
+    Py_XDECREF(f->added.library);
+    PyMem_Free(f->left);
     Py_XDECREF(f->dtype);
     for (int i = 0; i < f->places; ++i) Py_DECREF(f->place[i].label);
     type->tp_free(self);
