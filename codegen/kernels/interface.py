@@ -7,9 +7,10 @@ from typing import Any
 
 from eomgen._version import __version__
 from eomgen.names import component_name, joint_of
+from eomgen.robot.cuts import UPRIGHT
 from eomgen.robot.laws import least_of
 from eomgen.robot.model import Model
-from eomgen.robot.value import MOTOR
+from eomgen.robot.value import MOTOR, Loop
 
 from .signatures import KERNELS, functions, shapes
 
@@ -81,11 +82,19 @@ def _motor_metadata(model: Model) -> dict[str, Any]:
 
 
 def _loop_metadata(model: Model) -> dict[str, Any]:
-    """The loops' types, and the components of the constraint of loops and couplings, where there are some."""
+    """The loops' types, what is above 0 where they are not turned over, and the components of all constraints."""
     loops = {loop.name: loop.type for loop in model.robot.loops}
-    found: dict[str, Any] = {"loops": loops} if loops else {}
+    found: dict[str, Any] = {}
+    if loops:
+        found = {"loops": loops, "upright": {loop.name: _upright(loop) for loop in model.robot.loops}}
     if model.constraints:
         found["constraints"] = model.constraints
     if model.cut_laws:
         found["cut_laws"] = [component_name(owner, name) if name else owner for owner, name, _ in model.cut_laws]
     return found
+
+
+def _upright(loop: Loop) -> tuple[tuple[float, int, int], ...]:
+    """The terms of UPRIGHT where a rigid angle could be half a turn off."""
+    is_bent = any(loop.offset[3:]) or {"alpha", "beta", "gamma"} & loop.coordinates.keys()
+    return () if is_bent else UPRIGHT.get(loop.type, ())

@@ -20,7 +20,6 @@ from eomgen.identification.from_motion import forces
 from eomgen.identification.least_squares import fit
 from eomgen.integration.solve import integrate
 from eomgen.integration.steps import fixed_step
-from eomgen.loops.closed import ClosedLoops
 from eomgen.motion.files import motion_from_columns
 from eomgen.motion.point_to_point import Harmonic, PointToPoint
 from eomgen.pipeline.costs import robot_info
@@ -30,6 +29,7 @@ from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.run import run_scenario, simulate
 from eomgen.state.equilibrium import static_equilibrium
 from eomgen.state.springs import coordinate_sizes, stiffness_matrix, stiffnesses
+from tests.oracles.by_singular_values import ClosedLoops
 from tests.support.builds import Build
 from tests.support.pendulums import MOTOR, described
 from tests.support.random_motors import geared_robot, gears, motor_state, without_motors

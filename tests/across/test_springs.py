@@ -19,12 +19,12 @@ from eomgen.errors import InputError
 from eomgen.identification.from_motion import forces
 from eomgen.identification.least_squares import fit
 from eomgen.integration.solve import integrate
-from eomgen.loops.closed import ClosedLoops
 from eomgen.motion.files import motion_from_columns
 from eomgen.pipeline.costs import robot_info
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Coordinate, Robot, Spring
 from eomgen.simulation.run import simulate
+from tests.oracles.by_singular_values import ClosedLoops
 from tests.oracles.springs import SpringOracle, implicit_step
 from tests.support.builds import Build
 from tests.support.closeness import close

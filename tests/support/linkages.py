@@ -16,6 +16,8 @@ KERNELS = (
     "constraint_jacobian",
     "constraint_bias",
     "cut_poses",
+    "constrained_dynamics",
+    "residual",
     "mass_matrix",
     "inverse_dynamics",
     "energy",

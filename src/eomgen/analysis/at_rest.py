@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import IntegrationError
-from ..loops.closed import CLOSED, ClosedLoops
 from ..runtime.kernel import Kernel
 from ..shown import Shown
 from ..state.vectors import RANK
@@ -23,6 +22,7 @@ from .tangent_system import LinearSystem, Tangent, load_force, moving_basis, red
 Array = NDArray[np.float64]
 
 STEPS = 400
+CLOSED = 1e-12  # m, or sine of an angle: a loop that is closed
 LONGEST = 0.5  # m or rad, of a step
 FIRST, GROWTH, LAST, SHORTEST = (
     1e-2,
@@ -78,7 +78,7 @@ def rest(
     still = fixation.still & ~(fixation.driven & (springs > 0.0))
     if kernel.loops:
         names = [name for name, stays in zip(kernel.coordinates, still, strict=True) if stays]
-        q = ClosedLoops(kernel).consistent_positions(q, held=names)
+        q = kernel.close(q, held=names)
     else:
         q = q.copy()
     inertia = np.maximum(np.diagonal(kernel.residual_jacobian(q, zero, zero)[2]), 1e-12)

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from ..description import RobotLike
 from ..errors import InputError
-from ..loops.closed import ClosedLoops
 from ..progress import StageReport
 from ..robot.coordinates import MOTIONS
 from ..robot.model import tool_of
@@ -141,7 +140,7 @@ def deflection_of(arm: HeldRobot, q: Array, frame: str) -> Deflection:
     kernel, fixation, loads = arm.kernel, arm.fixation, arm.loads
     if kernel.loops:
         names = [name for name, stays in zip(kernel.coordinates, fixation.locked, strict=True) if stays]
-        q = ClosedLoops(kernel).consistent_positions(q, held=names)
+        q = kernel.close(q, held=names)
     state = rest(kernel, q, fixation, loads, sagging=True)
     unloaded = rest(kernel, q, fixation, {}, sagging=True).q if loads else state.q
     rigid_pose, pose, before = (np.asarray(kernel.frame_pose(x, frame)) for x in (q, state.q, unloaded))

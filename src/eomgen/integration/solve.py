@@ -23,13 +23,13 @@ from .steps import (
     SCIPY_IMPLICIT,
     Record,
     Samples,
+    Steps,
     checked_times,
     fixed_step,
     output_times,
     reporter,
     rk4,
     sampled,
-    start_solver,
     tolerances,
 )
 from .system import System
@@ -59,13 +59,13 @@ def integrate(
     times: ArrayLike | None = None,
     progress: Progress | None = None,
     record: Record | None = None,
-    baumgarte: float | None = None,
 ) -> Trajectory:
-    """Integrate M(q) a + bias = generalized force + u from a state; loops are kept closed to 1e-12 at every step.
+    """Integrate M(q) a + bias = generalized force + u from a state; loops are closed to 1e-12 throughout.
 
     Args:
         kernel: float64, with forward_dynamics and energy; implicit methods and ``atol=None`` need mass_matrix, and
-            implicit ones inverse_dynamics.
+            implicit ones inverse_dynamics.  Of a robot with loops or couplings constrained_dynamics, constraint,
+            constraint_jacobian, mass_matrix and residual in their place.
         q0, v0: the state at t = 0, (n,).
         duration: s.
         drive: (t, q, v) -> u, (n,), N or N m; none if not given.  With an attribute ``batched`` that is true it is
@@ -78,7 +78,7 @@ def integrate(
             inverse_dynamics.
         method: "auto" (Radau if there are springs, stiff dampers or friction, else DOP853: see ``why_stiff``),
             "Radau", "BDF", "LSODA", "DOP853", "RK45" (all SciPy's), "CVODE", "IDA" (SUNDIALS'), or "rk4" with a fixed
-            step.  With loops "rk4" is the only one, and what "auto" takes.
+            step.  Those of SUNDIALS do not take mechanisms with loops.
         rtol, atol: tolerances; atol is a number or (2n,), first of q, then of v.  By default rtol times the size of
             each coordinate: ``coordinate_sizes``.
         step: of rk4, s; shortened so that it divides ``output_step``.  Default: half the time in which the fastest
@@ -88,8 +88,6 @@ def integrate(
             which need not be 0; the last must be the duration.
         progress: called with a fraction from 0 to 1 and a line of text.
         record: called with times of samples (k,) and states (k, 2n) as they are reached, the first one not among them.
-        baumgarte: of loops: w, 1/s, of g_ddot = -2 w g_dot - w^2 g, a fraction of 1 / step, which keeps gaps small
-            in the place of the projection that closes them.
 
     Returns:
         The samples.  With loops ``info`` also has gap and gap_rate, the greatest |g| and |J v| among them, and the
@@ -103,32 +101,26 @@ def integrate(
             coordinate and time and has the last good state and the trajectory up to it.
         InputError: an argument is wrong, a prescribed coordinate has no motion, or SciPy is not installed.
     """
-    if kernel.loops:
-        system: System = ClosedSystem(kernel, drive, wrench, prescribed, baumgarte)
-    elif baumgarte is None:
-        system = System(kernel, drive, wrench, prescribed)
-    else:
-        raise InputError(f"baumgarte: {kernel.name} has no loops to keep closed; leave it out")
+    system = (ClosedSystem if kernel.constraints else System)(kernel, drive, wrench, prescribed)
     q0, v0 = (state_vector(label, x, kernel.coordinates) for label, x in (("q0", q0), ("v0", v0)))
     times = output_times(duration, output_step) if times is None else checked_times(times, duration, output_step)
     method = choose_method(kernel, method, q0, float(times[-1] - times[0]))
     began = time.perf_counter()
     report = reporter(progress, float(times[-1]))
-    system.begin(float(times[0]), q0, v0)
+    y0 = system.begin(float(times[0]), q0, v0)
     system.advance = Advance(float(times[0]), float(times[-1]))
-    y0 = np.concatenate([q0, v0])
     watch = ContactWatch(kernel)
-    samples = Samples(times, y0, record)
+    samples = Samples(times, np.concatenate([q0, v0]), record)
 
     def run() -> None:
-        if method == "rk4":
-            rk4(system, samples, fixed_step(kernel, q0, step, times), report, watch)
+        if method == "rk4" or not y0.size:  # nothing is free to be integrated
+            rk4(system, y0, samples, fixed_step(kernel, q0, step, times), report, watch)
             return
-        absolute = tolerances(system, y0, rtol, atol)
+        absolute = tolerances(system, q0, rtol, atol)
         if method in sundials.METHODS:
             sundials.sundials_states(system, samples, method, rtol, absolute, report, watch)
         else:
-            sampled(start_solver(system, y0, times, method, rtol, absolute), system, samples, report, watch)
+            sampled(Steps(method, rtol, absolute, float(times[-1])), system, y0, samples, report, watch)
 
     def info(motion: FiniteMotion) -> dict[str, float]:
         return {**system.about(motion.q, motion.v), "wall_s": time.perf_counter() - began}
@@ -137,7 +129,7 @@ def integrate(
 
 
 def choose_method(kernel: Kernel, method: str = "auto", q: Array | None = None, duration: float = 1.0) -> str:
-    """The method that ``integrate`` takes: see ``method_of``; rk4 where there are loops.
+    """The method that ``integrate`` takes: see ``method_of``.
 
     Args:
         kernel: with the parameters that it has now.
@@ -148,11 +140,12 @@ def choose_method(kernel: Kernel, method: str = "auto", q: Array | None = None, 
     Raises:
         InputError: the method is unknown, or does not keep loops closed.
     """
-    if not kernel.loops:
-        return method_of(method, method == "auto" and bool(why_stiff(kernel, q, duration)))
-    if method_of(method, stiff=False) and method not in ("auto", "rk4"):
-        raise InputError(f"method: {kernel.name} has loops, which {method!r} does not keep closed; allowed: rk4")
-    return "rk4"
+    if kernel.constraints and method in sundials.METHODS:
+        allowed = ", ".join(name for name in METHODS if name not in sundials.METHODS)
+        raise InputError(
+            f"method: {kernel.name} has loops or couplings, which {method!r} does not keep closed; allowed: {allowed}"
+        )
+    return method_of(method, method == "auto" and bool(why_stiff(kernel, q, duration)))
 
 
 def why_stiff(kernel: Kernel, q: Array | None = None, duration: float = 1.0) -> str:
@@ -164,7 +157,7 @@ def why_stiff(kernel: Kernel, q: Array | None = None, duration: float = 1.0) -> 
     """
     if any_spring(kernel):
         return "there are springs"
-    if not {"mass_matrix", "inverse_dynamics"} <= set(kernel.operations):
+    if not ({"mass_matrix"} if kernel.constraints else {"mass_matrix", "inverse_dynamics"}) <= set(kernel.operations):
         return ""
     try:
         slowing = fastest_rates(kernel, np.zeros(kernel.n) if q is None else q)[1]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -114,19 +115,20 @@ class Samples:
 
 def rk4(
     system: System,
+    y: Array,
     samples: Samples,
     step: float,
     report: Progress,
     watch: ContactWatch | None = None,
 ) -> None:
-    """Fill the samples by the classical Runge-Kutta method of order 4; ``system.settle`` corrects every step."""
-    y, f = samples.states[0], system.derivative
+    """Fill the samples by the classical Runge-Kutta method of order 4, from y at the first of them."""
+    f, whole = system.derivative, samples.states[0]
     for t0, t1 in pairwise(samples.times):
         count = max(1, int(np.ceil((t1 - t0) / step - 1e-9)))
         h = (t1 - t0) / count
         for j in range(count):
             t = float(t0 + j * h)
-            good = y
+            good, before = y, whole
             try:
                 with np.errstate(over="ignore", invalid="ignore"):
                     k1 = f(t, y)
@@ -134,42 +136,61 @@ def rk4(
                     k3 = f(t + 0.5 * h, y + 0.5 * h * k2)
                     k4 = f(t + h, y + h * k3)
                     y = y + (h / 6.0) * (k1 + 2.0 * (k2 + k3) + k4)
+                if np.isfinite(y).all():
+                    y, whole, _ = system.arrived(t + h, y)
             except (EomgenError, ValueError, ArithmeticError) as error:
                 system.trouble = error
                 raise system.stopped(f"rk4 cannot go on with a step of {h:.3g} s", t, good) from error
             if not np.isfinite(y).all():
                 raise system.stopped(f"rk4 diverged with a step of {h:.3g} s", t, good, y)
-            y = system.settle(t, h, y, good)
             if watch is not None:
-                watch.find(t, good, t + h, y)
+                watch.find(t, before, t + h, whole)
             system.counts["steps"] += 1
-        samples.take(y[np.newaxis])
+        samples.take(whole[np.newaxis])
         report(float(t1), f"t = {t1:.3f} s, rk4, {system.counts['steps']} steps")
 
 
-def start_solver(system: System, y0: Array, times: Array, method: str, rtol: float, atol: Array) -> Any:
-    """SciPy's solver at the first time: the classes that solve_ivp drives, stepped here to show progress."""
-    with optional_import("SciPy", f"method {method} needs", '"rk4" works without'):
-        from scipy import integrate as scipy_integrate
-    system.derivative(float(times[0]), y0)  # a state that cannot move is the caller's: its error comes as it is
-    options: dict[str, Any] = {"rtol": rtol, "atol": atol}
-    if method in SCIPY_IMPLICIT:
-        options["jac"] = system.jacobian
-    function = system.derivative if method == "LSODA" else system.trial
-    return getattr(scipy_integrate, method)(function, times[0], y0, times[-1], **options)
+@dataclass(frozen=True)
+class Steps:
+    """What SciPy's solvers are started with: the method, its tolerances and the last time, s.
+
+    Attributes:
+        atol: of (q, v), (2n,).
+    """
+
+    method: str
+    rtol: float
+    atol: Array
+    end: float
+
+    def solver(self, system: System, t: float, y: Array, first: float | None = None) -> Any:
+        """SciPy's solver at t: the classes that solve_ivp drives, stepped here to show progress.
+
+        Args:
+            system: the equations.
+            t: s.
+            y: the state there.
+            first: the first step, s; looked for where it is not known.
+        """
+        with optional_import("SciPy", f"method {self.method} needs", '"rk4" works without'):
+            from scipy import integrate as scipy_integrate
+        system.derivative(t, y)  # a state that cannot move is the caller's: its error comes as it is
+        part = 1.0 if self.method == "Radau" else system.part  # whose estimate is larger than its error
+        options: dict[str, Any] = {"rtol": max(part * self.rtol, 1e-13), "atol": part * self.atol[system.index]}
+        if self.method in SCIPY_IMPLICIT:
+            options["jac"] = system.jacobian
+        if first:
+            options["first_step"] = min(first, self.end - t)
+        function = system.derivative if self.method == "LSODA" else system.trial
+        return getattr(scipy_integrate, self.method)(function, t, y, self.end, **options)
 
 
-def sampled(
-    solver: Any,
-    system: System,
-    samples: Samples,
-    report: Progress,
-    watch: ContactWatch,
-) -> None:
-    """Step SciPy's solver to the end, and fill the samples."""
-    times, name = samples.times, type(solver).__name__
+def sampled(steps: Steps, system: System, y: Array, samples: Samples, report: Progress, watch: ContactWatch) -> None:
+    """Step SciPy's solver from y to the end, and fill the samples; where y begins anew, so does the solver."""
+    times, name, whole = samples.times, steps.method, samples.states[0]
+    solver = steps.solver(system, float(times[0]), y)
     while solver.status == "running":
-        t, y = solver.t, solver.y
+        t, y, before = solver.t, solver.y, whole
         try:
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
                 message = solver.step()
@@ -186,21 +207,40 @@ def sampled(
         system.counts["steps"] += 1
         system.trouble = None  # it was overcome
         end = int(np.searchsorted(times, solver.t, side="right"))
-        if end > samples.done or len(watch):
-            between = solver.dense_output()
-            watch.find(t, y, solver.t, solver.y, between)
-            if end > samples.done:
-                samples.take(between(times[samples.done : end]).T)
+        try:
+            taken = _between(solver, system, times[samples.done : end], (t, before), watch)
+            y, whole, anew = system.arrived(float(solver.t), solver.y)
+        except EomgenError as error:
+            system.trouble = error
+            raise system.stopped(f"{name} cannot go on", t, y) from error
+        if len(taken):
+            samples.take(taken)
         report(solver.t, f"t = {solver.t:.3f} s, {name}, {system.counts['steps']} steps")
+        if anew and solver.status == "running":
+            solver = steps.solver(system, float(solver.t), y, getattr(solver, "h_abs", None))
 
 
-def tolerances(system: System, y0: Array, rtol: float, atol: ArrayLike | None) -> Array:
+def _between(solver: Any, system: System, times: Array, begin: tuple[float, Array], watch: ContactWatch) -> Array:
+    """q and v, (k, 2n), at times within the last step, which began at ``begin``; the watch is told of contacts."""
+    if not (times.size or len(watch)):
+        return np.empty((0, 2 * system.n))
+    between = solver.dense_output()
+
+    def at(t: float) -> Array:
+        return np.asarray(system.whole(np.array([t]), between(t)[np.newaxis])[0])
+
+    if len(watch):
+        watch.find(*begin, solver.t, system.whole(np.array([solver.t]), solver.y[np.newaxis])[0], at)
+    return system.whole(times, between(times).T) if times.size else np.empty((0, 2 * system.n))
+
+
+def tolerances(system: System, q0: Array, rtol: float, atol: ArrayLike | None) -> Array:
     """Absolute ones of (q, v), (2n,)."""
     n = system.n
     if not (np.isfinite(rtol) and 1e-13 <= rtol < 1.0):
         raise InputError(f"rtol: {rtol!r}; allowed: from 1e-13 to less than 1")
     if atol is None:
-        return rtol * np.concatenate(coordinate_sizes(system.kernel, y0[:n]))
+        return rtol * np.concatenate(coordinate_sizes(system.kernel, q0))
     try:
         tolerance = np.broadcast_to(np.asarray(atol, dtype=np.float64), (2 * n,))
     except (TypeError, ValueError):

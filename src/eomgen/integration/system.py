@@ -15,11 +15,16 @@ Array = NDArray[np.float64]
 
 
 class System:
-    """The equations of motion as y' = f(t, y), y = (q, v), with their Jacobian; counts its calls.
+    """The equations of motion as y' = f(t, y), y = (q, v) or a part of it, with their Jacobian; counts its calls.
 
     Whatever ``kernel.checks`` says, a drive, wrench, prescribed motion, state or acceleration that is not finite is an
     ArrayError that names it.  With ``advance`` evaluations that lead nowhere are an IntegrationError.
+
+    Attributes:
+        part: of the tolerances that is left to y, where that is a part of the state.
     """
+
+    part = 1.0
 
     def __init__(
         self,
@@ -49,12 +54,22 @@ class System:
         self.advance: Advance | None = None
         self._stuck: Array | None = None  # where evaluations lead nowhere
 
-    def begin(self, t: float, q: Array, v: Array) -> None:
-        """Look at the state at the first time, (n,) each; what has to be put right is put into its arrays."""
+    def begin(self, t: float, q: Array, v: Array) -> Array:
+        """y of the state at the first time, (n,) each; what has to be put right is put into its arrays."""
+        return np.concatenate([q, v])
 
-    def settle(self, t: float, h: float, y: Array, good: Array) -> Array:
-        """The state that goes on where a fixed step of h from the state ``good`` at t has led to y."""
-        return y
+    @property
+    def index(self) -> NDArray[np.intp]:
+        """Places of y in (q, v)."""
+        return np.arange(2 * self.n)
+
+    def whole(self, times: Array, ys: Array) -> Array:
+        """q and v, (N, 2n), of y, (N, size), at the times."""
+        return ys
+
+    def arrived(self, t: float, y: Array) -> tuple[Array, Array, bool]:
+        """y to go on with from t, where a step has led, q and v there, and whether y begins anew."""
+        return y, y, False
 
     def about(self, q: Array, v: Array) -> dict[str, float]:
         """Counts of calls, and more that is said of the motion with samples q and v, (T, n)."""

@@ -1,9 +1,9 @@
-"""A mechanism closed in one state: consistent positions and rates, constraint forces, redundancy.
+"""Closed mechanisms: which constraints are redundant, which coordinates are independent, and how others follow.
 
-Uses runtime, robot and state.
+Uses runtime and state.
 """
 
-from .closed import ClosedLoops, LoopDynamics, LoopForces
-from .redundant import Redundancy
+from .equilibrium import closed_equilibrium
+from .redundant import Redundancy, redundancy
 
-__all__ = ["ClosedLoops", "LoopDynamics", "LoopForces", "Redundancy"]
+__all__ = ["Redundancy", "closed_equilibrium", "redundancy"]

@@ -1,15 +1,18 @@
-"""The linear algebra of constraints that may be redundant."""
+"""Constraints that may be redundant: how many are independent, and what they leave free."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from ..errors import InputError
+from ..runtime.kernel import Kernel
 from ..shown import Shown
-from ..state.vectors import RANK
+from ..state.vectors import RANK, prescribed_mask, state_vector
 
 Array = NDArray[Any]
 
@@ -30,6 +33,26 @@ class Redundancy(Shown):
     mobility: int
     redundant: tuple[str, ...]
     undetermined: tuple[str, ...]
+
+
+def redundancy(kernel: Kernel, q: ArrayLike) -> Redundancy:
+    """The rank of a mechanism's constraint at q, where prescribed coordinates do not move, and what is redundant.
+
+    Args:
+        kernel: of a robot with loops.
+        q: coordinates that close the loops, (n,); elsewhere redundant constraints seem independent.
+
+    Raises:
+        InputError: the robot has no constraint.
+    """
+    if not kernel.constraints:
+        raise InputError(
+            f"{kernel.name} has nothing to close; allowed: a kernel of a robot with [[loops]] or [[couplings]]"
+        )
+    q, free = state_vector("q", q, kernel.coordinates), ~prescribed_mask(kernel)
+    M = np.asarray(kernel.mass_matrix(q.astype(kernel.dtype)), dtype=np.float64)[np.ix_(free, free)]
+    factors = Factors(np.asarray(kernel.constraint_jacobian(q.astype(kernel.dtype)), dtype=np.float64)[:, free], M)
+    return factors.redundancy(kernel.constraints)
 
 
 class Factors:
@@ -75,23 +98,9 @@ class Factors:
         inside = np.einsum("ij,ij->i", self.U, self.U)
         return [i for i, part in enumerate(inside) if part < 1.0 - 1e-8]
 
-
-def least_drives(J: Array, needed: Array, places: list[int]) -> tuple[Array, Array, float]:
-    """u + J^T lambda = needed with drives at some places alone, of least sums of squares.
-
-    Args:
-        J: (m, n).
-        needed: (n,).
-        places: indices of the drives.
-
-    Returns:
-        u, (n,), lambda, (m,), and the greatest part of ``needed`` that no drive can take.
-    """
-    U, S, Vt = np.linalg.svd(J)
-    rank = int(np.count_nonzero(S / max(S.max(initial=0.0), 1e-300) > RANK))
-    ways = Vt[rank:]  # rates that keep the loops closed: lambda does no work on them
-    u = np.zeros(needed.size)
-    if places:
-        u[places] = np.linalg.lstsq(ways[:, places], ways @ needed, rcond=RANK)[0]
-    left = float(np.abs(ways @ (needed - u)).max(initial=0.0))
-    return u, U[:, :rank] @ ((Vt[:rank] @ (needed - u)) / S[:rank]), left
+    def redundancy(self, constraints: Sequence[str]) -> Redundancy:
+        """What is redundant, by the names of the constraints."""
+        redundant, undetermined = (
+            tuple(constraints[i] for i in rows) for rows in (self.dependent_rows(), self.undetermined_rows())
+        )
+        return Redundancy(self.rank, self.J.shape[1] - self.rank, redundant, undetermined)

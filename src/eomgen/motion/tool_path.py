@@ -7,7 +7,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import ArrayError, InputError
+from ..errors import ArrayError, InputError, LoopError
+from ..loops.chart import Chart
 from ..optional import optional_import
 from ..runtime.kernel import Kernel
 from .point_to_point import PointToPoint
@@ -26,7 +27,7 @@ class ToolPath:
     Joints follow by inverse kinematics, each time the smallest change that does it; the tool turns as they let it.
 
     Args:
-        kernel: of the rigid robot, with kinematics; all its coordinates may move.
+        kernel: of the rigid robot, with kinematics; all its coordinates may move, as far as its loops let them.
         tool: a frame or link.
         points: (POINTS, 3), m, base axes, at equal parts of the path.
         duration: s.
@@ -185,7 +186,9 @@ def _reached(kernel: Kernel, tool: str, point: Array, q: Array, limits: Array, c
 
 
 def reach(kernel: Kernel, tool: str, point: Array, q: Array, limits: Array, close: float) -> tuple[Array, float]:
-    """Levenberg and Marquardt's method: coordinates, and the distance that is left."""
+    """Levenberg and Marquardt's method: coordinates, and the distance that is left; loops stay closed."""
+    if kernel.constraints:
+        return _reach_closed(kernel, tool, point, q, limits, close)
     q, damping = q.copy(), 1e-8
     held = limits[:, 0] == limits[:, 1]
     error = point - kernel.frame_pose(q, tool)[:3, 3]
@@ -204,6 +207,38 @@ def reach(kernel: Kernel, tool: str, point: Array, q: Array, limits: Array, clos
         else:
             damping *= 10.0
     return q, float(np.linalg.norm(error))
+
+
+def _reach_closed(
+    kernel: Kernel, tool: str, point: Array, q: Array, limits: Array, close: float
+) -> tuple[Array, float]:
+    """``reach`` by the independent coordinates of a closed mechanism; infinitely far where it does not close."""
+    held = limits[:, 0] == limits[:, 1]
+    try:
+        q = kernel.close(q, [name for name, stays in zip(kernel.coordinates, held, strict=True) if stays])
+    except LoopError:
+        return q, np.inf
+    damping, distance = 1e-8, np.inf
+    for _ in range(STEPS):
+        error = point - kernel.frame_pose(q, tool)[:3, 3]
+        distance = float(np.linalg.norm(error))
+        chart = Chart(kernel, q, given=held)
+        if distance <= close or not chart.free.size:
+            break
+        J = kernel.frame_jacobian(q, tool)[:3] @ chart.ways(chart.close(q[np.newaxis])[1])[0]
+        step = J.T @ np.linalg.solve(J @ J.T + damping * np.eye(3), error)
+        trial = q[np.newaxis].copy()
+        trial[0, chart.free] += step * min(1.0, REACH / max(float(np.abs(step).max()), 1e-300))
+        try:
+            trial = chart.close(trial)[0]
+        except LoopError:
+            damping *= 10.0
+            continue
+        if np.linalg.norm(point - kernel.frame_pose(trial[0], tool)[:3, 3]) < distance:
+            q, damping = trial[0], max(damping / 10.0, 1e-14)
+        else:
+            damping *= 10.0
+    return q, distance
 
 
 def within_limits(q: Array, limits: Array) -> bool:

@@ -231,10 +231,14 @@ class Joint:
         """Active coordinates and, behind them, the motor's: those of q, in its order."""
         return {**self.coordinates, **({MOTOR: self.motor.rotor} if self.motor else {})}
 
-    def rigid(self) -> Joint:
-        """The joint with every deviation locked, and with its motor's inertia as an armature of inertia ratio^2."""
+    def rigid(self, *, loose: bool = False) -> Joint:
+        """The joint with every deviation locked, and with its motor's inertia as an armature of inertia ratio^2.
+
+        loose: keep deviations without a stiffness, which loops hold: those of a universal joint, say.
+        """
         keep = COORDINATES if self.type == "free" else (PRINCIPAL.get(self.type),)
-        kept = {k: v for k, v in self.coordinates.items() if k in keep or v.prescribed}
+        held = {k for k, v in self.coordinates.items() if v.has_stiffness or not loose}
+        kept = {k: v for k, v in self.coordinates.items() if k in keep or v.prescribed or k not in held}
         if self.motor is not None:
             name = PRINCIPAL[self.type]
             given = kept[name]
@@ -448,14 +452,22 @@ class Robot:
         """The joint of that name; KeyError if there is none."""
         return {joint.name: joint for joint in self.joints}[name]
 
+    @property
+    def is_closed(self) -> bool:
+        """True if coordinates follow from others: there are loops or couplings."""
+        return bool(self.loops or self.couplings)
+
     def rigid(self) -> Robot:
         """The same robot with every deviation locked: principal and prescribed coordinates and free joints move.
+
+        Where there are loops, coordinates without a stiffness move, too: the loops hold them.
 
         Cut joints are rigid in what their types block, couplings with a stiffness where that contradicts no other one.
         Transmissions are rigid: a motor counts as an armature, and the motion of one that is prescribed as its joint's.
         Springs between links that then do not move against each other are left out.
         """
-        joints, loops = [joint.rigid() for joint in self.joints], [loop.rigid() for loop in self.loops]
+        joints = [joint.rigid(loose=bool(self.loops)) for joint in self.joints]
+        loops = [loop.rigid() for loop in self.loops]
         carrier = {self.base: self.base}
         for joint in joints:
             carrier[joint.child] = joint.child if joint.coordinates else carrier[joint.parent]

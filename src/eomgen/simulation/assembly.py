@@ -26,6 +26,7 @@ from ..scenario.value import Scenario, Section
 from ..state.motors import shafts
 from .controls import ComputedTorque, Control, JointPD, MotionOverTime, NoControl, TableTorque, actuators
 from .loads import Wrenches, check_loads, with_payload_parameters
+from .mechanism import Mechanism, Path, mechanism_of
 from .programs import PrescribedMotion, make_program
 
 Array = NDArray[np.float64]
@@ -34,6 +35,8 @@ Array = NDArray[np.float64]
 RIGID_KERNELS = ("inverse_dynamics", "kinematics")
 KERNELS = (*RIGID_KERNELS, "forward_dynamics", "mass_matrix", "external_force", "energy", "generalized_force")
 IMPLICIT_KERNELS = (*KERNELS, "residual_jacobian")
+LOOPS = ("residual", "mass_matrix", "constraint", "constraint_jacobian", "constraint_bias", "cut_poses")
+CLOSED_KERNELS = (*LOOPS, "constrained_dynamics", "kinematics", "external_force", "energy", "generalized_force")
 BANDWIDTH = 30.0  # rad/s, of drives by computed torque
 
 
@@ -41,7 +44,8 @@ BANDWIDTH = 30.0  # rad/s, of drives by computed torque
 class Assembly:
     """A scenario for one robot: kernel, names of the driven coordinates, program, drives, wrenches, prescribed motion.
 
-    given: initial positions by coordinate, as the scenario has them.
+    given: initial positions by coordinate, as the scenario has them.  path: of the rigid mechanism along the program,
+    where there are loops.
     """
 
     kernel: Kernel
@@ -51,6 +55,7 @@ class Assembly:
     drive: Control
     wrenches: Wrenches | None
     prescribed: PrescribedMotion | None
+    path: Path | None = None
 
 
 def assemble(
@@ -85,9 +90,11 @@ def assemble(
 
     @cache
     def rigid() -> Kernel:
-        if robot.rigid().joints == robot.joints and not scenario.payloads:  # drives do not know of payloads
+        if is_rigid(robot) and not scenario.payloads:  # drives do not know of payloads
             return kernel
-        return build(robot.rigid(), kernels=RIGID_KERNELS, progress=lambda text: report(0.0, f"rigid model: {text}"))
+        return build(
+            robot.rigid(), kernels=rigid_kernels(robot), progress=lambda text: report(0.0, f"rigid model: {text}")
+        )
 
     start = {**robot.home, **given}
     if prescribed is not None:
@@ -99,14 +106,34 @@ def assemble(
         program = make_program(scenario, robot, driven, rigid, tool, start)
     elif control.type in ("pd", "computed_torque"):
         program = Standstill(np.array([start.get(name, 0.0) for name in driven]))
-    drive = _drive(robot, scenario, control, kernel, driven, program, rigid, prescribed)
+    path = None
+    if robot.is_closed and program is not None:
+        moved = None if prescribed is None else _at_joints(kernel, rigid(), prescribed)
+        begin = start | dict(zip(driven, program.at(0.0)[0].tolist(), strict=True))
+        if moved is not None:
+            begin |= dict(zip(rigid().prescribed, moved(0.0)[0].tolist(), strict=True))
+        path = mechanism_of(rigid(), driven, begin).path(program, moved, scenario.duration)
+    mechanism = None if path is None else path.mechanism
+    drive = _drive(robot, scenario, control, kernel, driven, program, rigid, prescribed, mechanism)
     wrenches = Wrenches(scenario, robot, kernel) if scenario.wrenches else None
-    return Assembly(kernel, driven, given, program, drive, wrenches, prescribed)
+    return Assembly(kernel, driven, given, program, drive, wrenches, prescribed, path)
+
+
+def is_rigid(robot: Robot) -> bool:
+    """Whether nothing of a robot but what its rigid robot has, too, can move."""
+    rigid = robot.rigid()
+    return all(getattr(rigid, key) == getattr(robot, key) for key in ("joints", "loops", "couplings"))
+
+
+def rigid_kernels(robot: Robot) -> tuple[str, ...]:
+    """Names of the kernels of the rigid robot that drives and programs call."""
+    rigid = robot.rigid()
+    return ("kinematics", *_there(rigid, LOOPS)) if build_model(rigid).constraints else RIGID_KERNELS
 
 
 def _refuse_undriven(robot: Robot, moved: tuple[str, ...]) -> None:
     """InputError if a program moves coordinates of a tree that its description gives no drive."""
-    if robot.driven is None or robot.loops or robot.couplings:
+    if robot.driven is None or robot.is_closed:
         return
     drives = {drive_of(robot, name) for name in robot.driven}
     without = [name for name in moved if drive_of(robot, name) not in drives]
@@ -120,7 +147,14 @@ def _refuse_undriven(robot: Robot, moved: tuple[str, ...]) -> None:
 def kernels_of(robot: Robot, scenario: Scenario) -> tuple[str, ...]:
     """Names of the kernels that the scenario's integrator calls."""
     explicit = method_of(scenario.integrator.method, _may_be_stiff(robot)) in EXPLICIT
+    if build_model(robot).constraints:
+        return _there(robot, CLOSED_KERNELS)
     return KERNELS if explicit else IMPLICIT_KERNELS
+
+
+def _there(robot: Robot, kernels: tuple[str, ...]) -> tuple[str, ...]:
+    """Those of the kernels that the robot has: couplings have no cut joints."""
+    return tuple(name for name in kernels if robot.loops or name != "cut_poses")
 
 
 def with_kernel(assembly: Assembly, robot: Robot, scenario: Scenario, kernel: Kernel) -> Assembly:
@@ -174,6 +208,7 @@ def _drive(
     program: Program | None,
     rigid: Callable[[], Kernel],
     prescribed: PrescribedMotion | None,
+    mechanism: Mechanism | None,
 ) -> Control:
     if control.type == "torque":
         return _torque(robot, scenario, control.get("table"), kernel)
@@ -184,10 +219,10 @@ def _drive(
         if not control.get("gravity", False):
             return JointPD(program, actuators(kernel, driven), kp, kd)
         whole = actuators(kernel, rigid().coordinates)
-        return JointPD(program, actuators(kernel, driven), kp, kd, rigid(), whole)
+        return JointPD(program, actuators(kernel, driven), kp, kd, rigid(), whole, mechanism)
     given = None if prescribed is None else _at_joints(kernel, rigid(), prescribed)
     whole = actuators(kernel, rigid().coordinates)
-    return ComputedTorque(rigid(), program, whole, control.get("bandwidth", BANDWIDTH), given)
+    return ComputedTorque(rigid(), program, whole, control.get("bandwidth", BANDWIDTH), given, mechanism)
 
 
 def _torque(robot: Robot, scenario: Scenario, table: TimeTable, kernel: Kernel) -> TableTorque:

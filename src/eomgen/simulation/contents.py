@@ -75,6 +75,7 @@ class Meta:
     versions: Mapping[str, str]
     programmed: bool = True
     prescribed: tuple[str, ...] = ()
+    passive: tuple[str, ...] = ()
     robot_hash: str = ""
     links: tuple[str, ...] = ()
     contacts: tuple[Contact, ...] = field(default=(), metadata={"owner": TRAJECTORY})
@@ -194,6 +195,7 @@ def _check_coordinates(meta: Meta, found: Mapping[str, Any], where: str) -> None
     for key, names in (
         ("array program_coordinates", found["program_coordinates"]),
         ("prescribed", meta.prescribed),
+        ("passive", meta.passive),
         ("contacts", tuple(contacts)),
     ):
         unknown = [name for name in names if name not in coordinates]

@@ -16,6 +16,7 @@ from ..robot.coordinates import index_of
 from ..runtime.kernel import Kernel
 from ..state.motors import shafts
 from ..state.vectors import prescribed_mask
+from .mechanism import Mechanism
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -108,6 +109,7 @@ class ComputedTorque:
         bandwidth: w, rad/s; the error of a rigid robot dies out as exp(-w t), critically damped.
         prescribed: t -> (q, v, a) of the rigid robot's prescribed coordinates, whose accelerations the drives know;
             None without any.
+        mechanism: of a rigid robot with loops: what its drives do, and which coordinates have one.
     """
 
     rigid: Kernel
@@ -115,24 +117,27 @@ class ComputedTorque:
     actuators: Actuators
     bandwidth: float
     prescribed: MotionOverTime | None = None
+    mechanism: Mechanism | None = None
     batched = True
 
     @property
     def _driven(self) -> NDArray[np.bool_]:
-        return ~prescribed_mask(self.rigid)
+        return ~prescribed_mask(self.rigid) if self.mechanism is None else self.mechanism.mask
 
     def __call__(self, t: float, q: Array, v: Array) -> Array:
         q_d, v_d, a_d = self.motion.at(t)
         q_m, v_m = self.actuators.measured(q), self.actuators.measured(v)
-        if self.prescribed is None:
+        if self.prescribed is None and self.mechanism is None:
             a = a_d + self.bandwidth * (self.bandwidth * (q_d - q_m) + 2.0 * (v_d - v_m))
             return self.actuators.torques(self.rigid.inverse_dynamics(q_m, v_m, a), q)
         driven = self._driven
-        a = np.empty_like(q_m)
+        a = np.zeros_like(q_m)
         error, rate = q_d - q_m[..., driven], v_d - v_m[..., driven]
         a[..., driven] = a_d + self.bandwidth * (self.bandwidth * error + 2.0 * rate)
-        a[..., ~driven] = self.prescribed(t)[2]
-        return self.actuators.torques(np.where(driven, self.rigid.inverse_dynamics(q_m, v_m, a), 0.0), q)
+        if self.prescribed is not None:
+            a[..., prescribed_mask(self.rigid)] = self.prescribed(t)[2]
+        forces = self.rigid.inverse_dynamics if self.mechanism is None else self.mechanism.forces
+        return self.actuators.torques(np.where(driven, forces(q_m, v_m, a), 0.0), q)
 
     def resting(self) -> Control:
         still = None if self.prescribed is None else _stopped(self.prescribed)
@@ -159,6 +164,7 @@ class JointPD:
         kp, kd: (m,), N/m and N s/m, or N m/rad and N m s/rad, at the joint.
         rigid: kernel of the rigid robot; None without the feed-forward.
         rigid_actuators: where its coordinates are measured and driven.
+        mechanism: of a rigid robot with loops: what its drives do.
     """
 
     motion: Program
@@ -167,6 +173,7 @@ class JointPD:
     kd: Array
     rigid: Kernel | None = None
     rigid_actuators: Actuators | None = None
+    mechanism: Mechanism | None = None
     batched = True
 
     def __call__(self, t: float, q: Array, v: Array) -> Array:
@@ -176,7 +183,8 @@ class JointPD:
         if self.rigid is not None and self.rigid_actuators is not None:
             q_m = self.rigid_actuators.measured(q)
             zero = np.zeros_like(q_m)
-            held = np.where(prescribed_mask(self.rigid), 0.0, self.rigid.inverse_dynamics(q_m, zero, zero))
+            forces = self.rigid.inverse_dynamics if self.mechanism is None else self.mechanism.forces
+            held = np.where(prescribed_mask(self.rigid), 0.0, forces(q_m, zero, zero))
             u += self.rigid_actuators.torques(held, q)
         return u
 

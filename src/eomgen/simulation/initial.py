@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Container
+from contextlib import suppress
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import IntegrationError
-from ..names import nearest, show
+from ..loops.equilibrium import closed_equilibrium
+from ..names import nearest, parameter_name, parameter_path, show
 from ..robot.coordinates import index_of
 from ..robot.value import Robot
+from ..runtime.kernel import Kernel
 from ..scenario.value import Scenario
-from ..state.equilibrium import static_equilibrium
 from ..state.motors import shafts, turn_motors
-from ..state.springs import clearances, stiffnesses
+from ..state.springs import clearances, cut_numbers, stiffnesses
 from .assembly import Assembly, by_coordinate, names_in_scenarios
 from .loads import loaded_parameters
 
@@ -36,6 +40,10 @@ def initial_state(robot: Robot, scenario: Scenario, assembly: Assembly) -> tuple
     if assembly.prescribed is not None:
         given = index_of(kernel.coordinates, kernel.prescribed)
         q[given], v[given], _ = assembly.prescribed(0.0)
+    if kernel.constraints or assembly.path is not None:
+        q, v = _closed(assembly, q, v, rates)
+        for x, said in ((q, {*assembly.given, *_motors_at_home(robot, assembly)}), (v, rates)):
+            turn_motors(kernel, x, said)
     balanced = initial.equilibrium if initial else None
     if not (assembly.program is not None and not rates if balanced is None else balanced):
         return q, v, ()
@@ -49,8 +57,26 @@ def initial_state(robot: Robot, scenario: Scenario, assembly: Assembly) -> tuple
     return (
         _balanced(robot, scenario, assembly, q, {names_in_scenarios(robot)[name] for name in held}),
         v,
-        _loose(assembly),
+        _loose(robot, assembly),
     )
+
+
+def _closed(assembly: Assembly, q: Array, v: Array, rates: Container[str]) -> tuple[Array, Array]:
+    """The state with its loops closed; what the program and the scenario say stays, as far as it is independent."""
+    kernel, path = assembly.kernel, assembly.path
+    held = [name for name in kernel.coordinates if name in assembly.given]
+    still = [name for name in kernel.coordinates if name in rates]
+    if path is not None:
+        rigid, chart = path.mechanism.rigid, path.mechanism.chart
+        for name, value in zip(rigid.coordinates, path.q[0].tolist(), strict=True):
+            if name not in assembly.given:
+                q[kernel.coordinates.index(name)] = value
+        moved = [rigid.coordinates[i] for i in chart.free]
+        held, still = list(dict.fromkeys((*held, *moved))), list(dict.fromkeys((*still, *moved)))
+    if not kernel.constraints:  # the loops are elastic
+        return q, v
+    q = kernel.close(q, held)
+    return q, kernel.close_rates(q, v, still)
 
 
 def _motors_at_home(robot: Robot, assembly: Assembly) -> set[str]:
@@ -62,13 +88,15 @@ def _motors_at_home(robot: Robot, assembly: Assembly) -> set[str]:
     }
 
 
-def _loose(assembly: Assembly) -> tuple[str, ...]:
+def _loose(robot: Robot, assembly: Assembly) -> tuple[str, ...]:
     """Names of the deviations that nothing holds; inside a clearance nothing does, and of a joint with backlash the
     motor takes up its side.
     """
     kernel = assembly.kernel
     motors = shafts(kernel)
     moved = {*kernel.prescribed, *(motors.get(name, name) for name in assembly.driven)}
+    if robot.is_closed:  # which hold what has no stiffness
+        moved |= {name for name, k in zip(kernel.coordinates, stiffnesses(kernel), strict=True) if k == 0.0}
     played = {kernel.motors.get(name, name) for name in clearances(kernel)}
     return tuple(
         name
@@ -91,9 +119,26 @@ def _balanced(robot: Robot, scenario: Scenario, assembly: Assembly, q: Array, he
             return u + kernel.external_force(qs, wrenches(0.0, qs, at_rest))
         return u + kernel.external_force(qs, np.array([wrenches(0.0, x, at_rest) for x in qs]))
 
+    still = held | set(_loose(robot, assembly))
     try:
-        return static_equilibrium(kernel, q, u=forces, held=held | set(_loose(assembly)))[0]
+        taut = _taut(kernel)
+        if taut is None:
+            return closed_equilibrium(kernel, q, u=forces, held=still)
+        q = closed_equilibrium(taut, q, u=forces, held=still)
+        with suppress(IntegrationError):  # where something floats in its play, that is as good as any other place
+            q = closed_equilibrium(kernel, q, u=forces, held=still)
+        return q
     except IntegrationError as error:
         if not scenario.source:
             raise
         raise IntegrationError(f"{scenario.label('initial')}: {error}") from None
+
+
+def _taut(kernel: Kernel) -> Kernel | None:
+    """The kernel without play in cut joints and couplings, which no coordinate of its own can be held in; or None."""
+    play = [name for name, given in cut_numbers(kernel).items() if given.get("clearance")]
+    if not play:
+        return None
+    kinds = {name: "loops" if "." in name else "couplings" for name in play}
+    paths = [parameter_name(kinds[name], *parameter_path(name), "clearance") for name in play]
+    return kernel.with_parameters(dict.fromkeys(paths, 0.0))

@@ -30,6 +30,8 @@ from .contents import ARRAYS, BALANCE, RESULT, TRAJECTORY, Meta, check_contents,
 
 Array = NDArray[np.float64]
 
+WHOLE = ("steps", "evaluations", "jacobians", "redundant")  # numbers of a trajectory's ``info``
+
 
 @dataclass(frozen=True)
 class Series(Shown):
@@ -57,6 +59,7 @@ class SimulationResult(Shown, Tabular):
         programmed: whether there was a program; if not, ``program_q`` is what the principal coordinates did, and
             ``program_pose`` leaves out the deviations alone.
         prescribed: names of the coordinates whose motion was given.
+        passive: names of the coordinates that follow from the driven ones, since loops hold them.
         robot_hash: of what the description says, as ``robot.record.robot_hash`` makes it.
         scenario: what was simulated, as ``Scenario.as_dict`` has it.
         links: names of the links of ``wrench``, (T, links, 6), N, N m, as kernels take it; None without wrenches.
@@ -77,6 +80,7 @@ class SimulationResult(Shown, Tabular):
     versions: Mapping[str, str]
     programmed: bool = True
     prescribed: tuple[str, ...] = ()
+    passive: tuple[str, ...] = ()
     robot_hash: str = ""
     scenario: Mapping[str, Any] = field(default_factory=dict)
     links: tuple[str, ...] = ()
@@ -87,8 +91,8 @@ class SimulationResult(Shown, Tabular):
 
     @property
     def deviation_coordinates(self) -> tuple[str, ...]:
-        """Names of the coordinates that no program or prescribed motion moves; motors follow their joints'."""
-        others = (*self.program_coordinates, *self.prescribed)
+        """Names of the coordinates that no program, prescribed motion or loop moves; motors follow their joints'."""
+        others = (*self.program_coordinates, *self.prescribed, *self.passive)
         names = self.trajectory.coordinates
         return tuple(name for name in names if name not in others and kind_of(name) != MOTOR)
 
@@ -129,7 +133,7 @@ class SimulationResult(Shown, Tabular):
             "driven": list(self.program_coordinates) if self.programmed else [],
             "duration": float(motion.t[-1]),
             "method": motion.method,
-            **{key: float(value) if key == "wall_s" else int(value) for key, value in motion.info.items()},
+            **{key: int(value) if key in WHOLE else float(value) for key, value in motion.info.items()},
             "tool": self.tool,
             "tool_deviation_max": float(tool.max()),
             "tool_deviation_max_at": float(motion.t[int(tool.argmax())]),

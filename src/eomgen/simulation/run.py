@@ -27,11 +27,11 @@ from ..motion.splines import Spline
 from ..names import component_name
 from ..progress import Progress, no_progress
 from ..robot.coordinates import index_of
-from ..robot.model import refuse_loops, tool_of
+from ..robot.model import build_model, tool_of
 from ..robot.record import record_of, robot_hash
 from ..robot.value import MOTOR, Robot
 from ..scenario.value import Integrator, Scenario, Section
-from .assembly import BANDWIDTH, Assembly, assemble
+from .assembly import BANDWIDTH, Assembly, assemble, is_rigid
 from .initial import initial_state
 from .result import SimulationResult
 from .segments import Loads, run_segments
@@ -72,7 +72,8 @@ def simulate(
         progress: called with a fraction from 0 to 1 and a line of text.
 
     Raises:
-        InputError: an argument is wrong, nothing can be driven, the robot has loops, SciPy is not installed.
+        InputError: an argument is wrong, nothing can be driven, SciPy is not installed.
+        LoopError: loops do not close at the start, or on the way, or the drives do not hold the mechanism.
         IntegrationStopped: the motion could not be integrated to its end; see ``integrate``.  What there is of it is in
             the error's ``result``.
     """
@@ -102,7 +103,7 @@ def run_scenario(
     """Do what a scenario says with a robot, and integrate all its coordinates.
 
     Args:
-        robot: a Robot, the name of a built-in one, or the path of a description; without loops.
+        robot: a Robot, the name of a built-in one, or the path of a description.
         scenario: from ``load_scenario``.
         progress: called with a fraction from 0 to 1 and a line of text.
         stream: a new folder to which q and v are written while they are integrated, see ``eomgen.load_stream``.
@@ -114,7 +115,6 @@ def run_scenario(
             IntegrationStopped, whose ``result`` has what there is of it.
     """
     robot, report = as_robot(robot), progress or no_progress
-    refuse_loops(robot)
     tool = tool_of(robot, scenario.frame, scenario.label("frame") if scenario.source else "tool")
     return run_assembly(robot, scenario, assemble(robot, scenario, tool, report), tool, report, stream)
 
@@ -152,6 +152,11 @@ def run_assembly(
     rigid_q = np.zeros_like(q)
     given = index_of(kernel.coordinates, kernel.prescribed)
     rigid_q[:, driven], rigid_q[:, given] = program_q, q[:, given]
+    if assembly.path is not None:
+        mechanism = index_of(kernel.coordinates, assembly.path.mechanism.rigid.coordinates)
+        rigid_q[:, mechanism] = assembly.path.at(t)
+    elif kernel.constraints:
+        rigid_q = q
     notes = [
         *_method_note(asked, method, reason),
         *_assumptions(robot, loose, scenario, assembly.program is not None),
@@ -169,6 +174,7 @@ def run_assembly(
         versions=MappingProxyType(versions),
         programmed=assembly.program is not None,
         prescribed=kernel.prescribed,
+        passive=_passive(robot, assembly),
         robot_hash=about["robot_hash"],
         scenario=MappingProxyType(about["scenario"]),
         links=kernel.links,
@@ -181,6 +187,14 @@ def run_assembly(
         found.stop.trajectory, found.stop.result = result.trajectory, result
         raise found.stop
     return result
+
+
+def _passive(robot: Robot, assembly: Assembly) -> tuple[str, ...]:
+    """Names of the coordinates that loops hold: those of the rigid robot that nothing else moves."""
+    if not robot.is_closed:
+        return ()
+    moved = {*assembly.driven, *assembly.kernel.prescribed}
+    return tuple(name for name in build_model(robot.rigid()).coordinates if name not in moved)
 
 
 def _stop_record(stop: IntegrationStopped) -> dict[str, Any]:
@@ -201,10 +215,10 @@ def _method_note(asked: str, taken: str, reason: str) -> tuple[str, ...]:
 def _assumptions(robot: Robot, loose: tuple[str, ...], scenario: Scenario, programmed: bool) -> tuple[str, ...]:
     notes = []
     undisturbed = programmed and not scenario.wrenches and not scenario.payloads and _computed(scenario)
-    if undisturbed and robot.rigid().joints == robot.joints:
+    if undisturbed and is_rigid(robot):
         notes.append("no joint has a deviation: what the tool is off by is the integration's error")
     free = [joint.name for joint in robot.joints if joint.type == "free"]
-    if free and programmed:
+    if free and programmed and not robot.is_closed:
         notes.append(f"free joint {', '.join(free)}: held where it is by drives on all its six coordinates")
     motors = [component_name(joint.name, MOTOR) for joint in robot.joints if joint.motor]
     if motors and programmed:

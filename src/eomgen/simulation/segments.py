@@ -122,7 +122,7 @@ def run_segments(
         keep = np.isin(piece["t"], grid)
         keep[-1] &= end == scenario.duration or stop is not None  # else it is the first sample of the next piece
         pieces.append({name: values[keep] for name, values in piece.items()})
-        info = {key: info.get(key, 0) + value for key, value in part.info.items()}
+        info = {key: _joined(key, info.get(key, 0), value) for key, value in part.info.items()}
         contacts += part.contacts
         if stop is not None:
             break
@@ -135,6 +135,11 @@ def run_segments(
     about: dict[str, Any] = {"method": method, "info": info, "contacts": tuple(contacts)}
     trajectory = Trajectory(**whole, coordinates=kernel.coordinates, **about)
     return SegmentedMotion(trajectory, EnergyBalance(work, trajectory.energy), wrench, stop)
+
+
+def _joined(key: str, before: float, value: float) -> float:
+    """A number of a trajectory's ``info`` over two pieces: the greatest gap, and counts together."""
+    return max(before, value) if key in ("gap", "gap_rate", "redundant") else before + value
 
 
 def _good_rows(whole: dict[str, Array]) -> dict[str, Array]:

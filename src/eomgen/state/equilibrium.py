@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import ArrayError, IntegrationError, UnknownNameError
+from ..errors import ArrayError, InputError, IntegrationError, LoopError, UnknownNameError
 from ..runtime.kernel import Kernel
 from .springs import REFERENCE_ACCELERATION, coordinate_sizes, line_rates, stiffnesses
 from .vectors import Q_STEP, state_vector
@@ -38,14 +38,27 @@ def static_equilibrium(
     Raises:
         IntegrationError: there is no such state near the guess: a coordinate that nothing holds is named.
         UnknownNameError, ArrayError: a name or an array is wrong.
-        InputError: the robot has loops.
+        InputError: the robot has loops or couplings that are rigid.
     """
-    kernel.refuse_loops("static_equilibrium")
+    if kernel.constraints:
+        raise InputError(f"static_equilibrium: {kernel.name} is to be closed; see eomgen.loops.closed_equilibrium")
     q = state_vector("q_guess", q_guess, kernel.coordinates)
-    constant = np.zeros(kernel.n) if u is None or callable(u) else state_vector("u", u, kernel.coordinates)
     kept = known_coordinates(held, kernel) | set(kernel.prescribed)
     free = np.array([name not in kept for name in kernel.coordinates])
     zero = np.zeros(kernel.n)
+
+    given = given_forces(kernel, u)
+
+    def needed(qs: Array) -> Array:
+        return np.asarray(kernel.inverse_dynamics(qs, zero, zero, wrench=wrench, cut=True))
+
+    q = _newton(kernel, q, free, lambda qs: needed(qs) - given(qs))
+    return q, np.where(free, given(q), needed(q))
+
+
+def given_forces(kernel: Kernel, u: ArrayLike | Callable[[Array], ArrayLike] | None) -> Callable[[Array], Array]:
+    """Drives as a function of q, (n,) or (N, n), that checks their shape; ``u`` as of ``static_equilibrium``."""
+    constant = np.zeros(kernel.n) if u is None or callable(u) else state_vector("u", u, kernel.coordinates)
 
     def given(qs: Array) -> Array:
         forces = np.asarray(u(qs), dtype=np.float64) if callable(u) else np.broadcast_to(constant, qs.shape)
@@ -53,11 +66,7 @@ def static_equilibrium(
             raise ArrayError(f"u: expected forces of shape {qs.shape}, got shape {forces.shape}")
         return forces
 
-    def needed(qs: Array) -> Array:
-        return np.asarray(kernel.inverse_dynamics(qs, zero, zero, wrench=wrench, cut=True))
-
-    q = _newton(kernel, q, free, lambda qs: needed(qs) - given(qs))
-    return q, np.where(free, given(q), needed(q))
+    return given
 
 
 def known_coordinates(names: Iterable[str], kernel: Kernel) -> set[str]:
@@ -83,13 +92,17 @@ def _newton(kernel: Kernel, q: Array, free: NDArray[np.bool_], residual: Callabl
         states[np.arange(1, index.size + 1), index] += Q_STEP
         r = residual(states)[:, free] / inertia  # as accelerations
         slopes = (r[1:] - r[0]).T / Q_STEP * size
-        _refuse_singular(slopes, [kernel.coordinates[i] for i in index], kernel.name)
+        refuse_singular(slopes, [kernel.coordinates[i] for i in index], kernel.name)
         change = -np.linalg.solve(slopes, r[0]) * size
         change *= min(1.0, 0.5 / np.abs(change).max(initial=0.0)) if change.any() else 1.0
         for factor in 0.5 ** np.arange(12):
             trial = q.copy()
             trial[free] += factor * change
-            if np.linalg.norm(residual(trial)[free] / inertia) <= (1.0 - 1e-4 * factor) * np.linalg.norm(r[0]):
+            try:
+                left = np.linalg.norm(residual(trial)[free] / inertia)
+            except LoopError:  # drives that know a closed mechanism do not know it so far away
+                continue
+            if left <= (1.0 - 1e-4 * factor) * np.linalg.norm(r[0]):
                 break
         q = trial
         # the slopes are good to 1e-7: what is left is round-off, of springs between points that of q itself
@@ -99,7 +112,8 @@ def _newton(kernel: Kernel, q: Array, free: NDArray[np.bool_], residual: Callabl
     raise IntegrationError(f"{kernel.name}: no static equilibrium near the guess; {worst} stays out of balance")
 
 
-def _refuse_singular(slopes: Array, names: list[str], robot: str) -> None:
+def refuse_singular(slopes: Array, names: list[str], robot: str) -> None:
+    """IntegrationError if nothing holds one of the coordinates, whose slopes of forces these are, (m, m)."""
     _, values, directions = np.linalg.svd(slopes)
     if values[-1] <= 1e-12 * values[0]:
         loose = names[int(np.argmax(np.abs(directions[-1])))]

@@ -27,7 +27,7 @@ from ..errors import EomgenError, InputError
 from ..forms.toml_text import parse_toml
 from ..names import parameter_path, show
 from ..progress import Progress, no_progress
-from ..robot.model import refuse_loops, tool_of
+from ..robot.model import tool_of
 from ..robot.parameter_names import expand_each, expand_tunable
 from ..robot.value import Robot
 from ..scenario.load import read_scenario, scenario_from_values
@@ -60,7 +60,7 @@ def run(
     """Do all samples of a plan that the output folder does not have yet.
 
     Args:
-        robot: a Robot, the name of a built-in one, or the path of a description; without loops.
+        robot: a Robot, the name of a built-in one, or the path of a description.
         scenario: built-in name or path of a .toml file, or the values of one.
         plan: from ``load_plan``.
         output: a new folder, or that of the same sweep, which goes on where it ended.
@@ -98,7 +98,6 @@ def prepare(
 ) -> tuple[Job, Design, tuple[str, ...]]:
     """Check a plan against robot and scenario: the job, its samples, and notes about how it is done."""
     robot = as_robot(robot)
-    refuse_loops(robot)
     if isinstance(scenario, Mapping):
         values, source, folder = dict(scenario), "scenario", Path()
     else:

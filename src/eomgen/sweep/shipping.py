@@ -16,7 +16,7 @@ from ..pipeline import cache as store
 from ..pipeline.stages import cache_keys
 from ..robot.value import Robot
 from ..scenario.value import Scenario
-from ..simulation.assembly import RIGID_KERNELS
+from ..simulation.assembly import rigid_kernels
 from ..simulation.loads import with_payload_parameters
 
 
@@ -33,7 +33,7 @@ Builds = tuple[tuple[Robot, tuple[str, ...]], ...]
 
 def builds_of(robot: Robot, scenario: Scenario, kernels: Sequence[str]) -> Builds:
     """Builds that a scenario of a robot needs: the robot, and the rigid one that drives may know."""
-    return ((with_payload_parameters(robot, scenario), tuple(kernels)), (robot.rigid(), RIGID_KERNELS))
+    return ((with_payload_parameters(robot, scenario), tuple(kernels)), (robot.rigid(), rigid_kernels(robot)))
 
 
 def machine() -> tuple[str, ...]:

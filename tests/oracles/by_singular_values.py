@@ -1,4 +1,4 @@
-"""Mechanisms with closed loops: a kernel's tree together with the constraint of its cut joints.
+"""Mechanisms with closed loops, in NumPy: a kernel's tree together with the constraint of its cut joints.
 
     M a + h = u + J^T lambda,    J a + J_dot v = 0,    g(q) = 0,
 
@@ -14,15 +14,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import InputError, LoopError, SingularError, UnknownNameError
-from ..robot.coordinates import unit_of
-from ..robot.cuts import CUTS, UPRIGHT
-from ..runtime.kernel import Kernel
-from ..runtime.singular import null_coordinates, singular_place
-from ..shown import Shown
-from ..state.equilibrium import known_coordinates
-from ..state.vectors import prescribed_mask, state_vector
-from .redundant import Factors, Redundancy, least_drives
+from eomgen.errors import InputError, LoopError, SingularError, UnknownNameError
+from eomgen.loops.redundant import Factors, Redundancy
+from eomgen.robot.coordinates import unit_of
+from eomgen.robot.cuts import CUTS, UPRIGHT
+from eomgen.runtime.kernel import Kernel
+from eomgen.runtime.singular import null_coordinates, singular_place
+from eomgen.shown import Shown
+from eomgen.state.equilibrium import known_coordinates
+from eomgen.state.vectors import RANK, prescribed_mask, state_vector
 
 Array = NDArray[np.float64]
 
@@ -336,12 +336,7 @@ class ClosedLoops:
             ) from None
 
     def _redundancy(self, factors: Factors) -> Redundancy:
-        names = self.kernel.constraints
-        redundant, undetermined = factors.dependent_rows(), factors.undetermined_rows()
-        mobility = int(self._moving.sum()) - factors.rank
-        return Redundancy(
-            factors.rank, mobility, tuple(names[i] for i in redundant), tuple(names[i] for i in undetermined)
-        )
+        return factors.redundancy(self.kernel.constraints)
 
     def _open(self, gaps: Array, what: str, allowed: str, per: str = "") -> LoopError:
         """The error that names the loop with the greatest gap."""
@@ -354,3 +349,24 @@ class ClosedLoops:
             loop=loop,
             gap=gap,
         )
+
+
+def least_drives(J: Array, needed: Array, places: list[int]) -> tuple[Array, Array, float]:
+    """u + J^T lambda = needed with drives at some places alone, of least sums of squares.
+
+    Args:
+        J: (m, n).
+        needed: (n,).
+        places: indices of the drives.
+
+    Returns:
+        u, (n,), lambda, (m,), and the greatest part of ``needed`` that no drive can take.
+    """
+    U, S, Vt = np.linalg.svd(J)
+    rank = int(np.count_nonzero(S / max(S.max(initial=0.0), 1e-300) > RANK))
+    ways = Vt[rank:]  # rates that keep the loops closed: lambda does no work on them
+    u = np.zeros(needed.size)
+    if places:
+        u[places] = np.linalg.lstsq(ways[:, places], ways @ needed, rcond=RANK)[0]
+    left = float(np.abs(ways @ (needed - u)).max(initial=0.0))
+    return u, U[:, :rank] @ ((Vt[:rank] @ (needed - u)) / S[:rank]), left

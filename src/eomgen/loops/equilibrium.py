@@ -1,0 +1,99 @@
+"""Static equilibrium of a closed mechanism."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import IntegrationError
+from ..runtime.kernel import Kernel
+from ..state.equilibrium import given_forces, known_coordinates, refuse_singular, static_equilibrium
+from ..state.springs import REFERENCE_ACCELERATION, coordinate_sizes, line_rates, stiffnesses
+from ..state.vectors import Q_STEP, state_vector
+from .chart import Chart
+
+Array = NDArray[np.float64]
+
+ROUNDS = 100
+STEP = 0.5  # m or rad, the longest
+SMALL = 1e-9  # of a coordinate's size
+
+
+def closed_equilibrium(
+    kernel: Kernel,
+    q_guess: ArrayLike,
+    *,
+    u: ArrayLike | Callable[[Array], ArrayLike] | None = None,
+    held: Iterable[str] = (),
+    wrench: ArrayLike | None = None,
+) -> Array:
+    """The state of rest near a guess, its loops closed, (n,); of a robot without loops ``static_equilibrium``.
+
+    Args:
+        kernel: float64, with residual, mass_matrix and the constraint.
+        q_guess: coordinates, (n,).
+        u: drives, (n,), N or N m, or a function of q, (n,) or (N, n), to the same shape; none if not given.
+        held: names of coordinates that stay at their guess, whatever drive that takes; prescribed ones do.
+        wrench: external wrenches, (links, 6).
+
+    Raises:
+        LoopError: the loops do not close near the guess.
+        IntegrationError: there is no such state near the guess: a coordinate that nothing holds is named.
+        UnknownNameError, ArrayError: a name or an array is wrong.
+    """
+    if not kernel.constraints:
+        return static_equilibrium(kernel, q_guess, u=u, held=held, wrench=wrench)[0]
+    kept = known_coordinates(held, kernel) | set(kernel.prescribed)
+    given = np.array([name in kept for name in kernel.coordinates])
+    q = kernel.close(state_vector("q_guess", q_guess, kernel.coordinates), kept)
+    forces = given_forces(kernel, u)
+
+    def imbalance(qs: Array) -> Array:
+        zero = np.zeros_like(qs)
+        return np.asarray(kernel.residual(qs, zero, zero, forces(qs), wrench=wrench))
+
+    for _ in range(ROUNDS):
+        chart = Chart(kernel, q, given=given)
+        if not chart.free.size:
+            return q
+        change, size = _newton_step(chart, q, imbalance)
+        q, done = _taken(chart, q, change, imbalance)
+        if done or (np.abs(change) <= SMALL * size + 1e-13 * np.abs(q[chart.free])).all():
+            return q
+    worst = kernel.coordinates[chart.free[int(np.argmax(np.abs(change) / size))]]
+    raise IntegrationError(f"{kernel.name}: no static equilibrium near the guess; {worst} stays out of balance")
+
+
+def _newton_step(chart: Chart, q: Array, imbalance: Callable[[Array], Array]) -> tuple[Array, Array]:
+    """Change of the independent coordinates that balances the forces along them, and their sizes, (f,) each."""
+    kernel, free = chart.kernel, chart.free
+    size = coordinate_sizes(kernel, q)[0][free]
+    states = np.tile(q, (free.size + 1, 1))
+    states[np.arange(1, free.size + 1), free] += Q_STEP
+    states, slopes = chart.close(states)
+    r, ways = _along(chart, imbalance(states), slopes), chart.ways(slopes[:1])[0]
+    springs = (stiffnesses(kernel) + np.diagonal(line_rates(kernel, q)[0]))[free] * size / REFERENCE_ACCELERATION
+    inertia = np.maximum(np.einsum("ni,nm,mi->i", ways, kernel.mass_matrix(q), ways), np.maximum(springs, 1e-12))
+    matrix = ((r[1:] - r[0]).T / Q_STEP * size) / inertia[:, np.newaxis]
+    refuse_singular(matrix, [kernel.coordinates[i] for i in free], kernel.name)
+    change = -np.linalg.solve(matrix, r[0] / inertia) * size
+    return np.asarray(change * min(1.0, STEP / max(np.abs(change).max(), 1e-300))), size
+
+
+def _taken(chart: Chart, q: Array, change: Array, imbalance: Callable[[Array], Array]) -> tuple[Array, bool]:
+    """The state to which as much of a change as lessens the imbalance leads, and whether none of it does."""
+    before = np.linalg.norm(_along(chart, imbalance(q[np.newaxis]), chart.close(q[np.newaxis])[1]))
+    for factor in 0.5 ** np.arange(12):
+        trial = q[np.newaxis].copy()
+        trial[0, chart.free] += factor * change
+        trial, slopes = chart.close(trial)
+        if np.linalg.norm(_along(chart, imbalance(trial), slopes)) <= (1.0 - 1e-4 * factor) * before:
+            return trial[0], False
+    return q, bool(np.abs(change).max() <= 1e-7)
+
+
+def _along(chart: Chart, forces: Array, slopes: Array) -> Array:
+    """Forces, (N, n), of states as the independent coordinates feel them, (N, f); the loops do no work."""
+    return np.asarray(np.einsum("kni,kn->ki", chart.ways(slopes), forces))

@@ -1,0 +1,153 @@
+"""The rigid closed mechanism that a program moves by its drives: its path, and the drives that accelerate it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import LoopError
+from ..loops.chart import Chart
+from ..motion.point_to_point import Program
+from ..names import joint_of
+from ..robot.coordinates import index_of
+from ..runtime.kernel import Kernel
+from ..state.vectors import MotionFunction, prescribed_mask
+
+Array = NDArray[np.float64]
+
+FINE = 0.05  # rad or m, between two states of a path that is closed from one to the next
+LEAST, MOST, LOOKED_AT = 200, 20_000, 2_000  # of them, and how many are looked at to see how far the program goes
+AGREES = 1e-9  # m or rad: programs of more drives than freedoms that contradict each other do by more
+
+
+@dataclass(frozen=True, eq=False)
+class Mechanism:
+    """A rigid mechanism with loops, by whose drives all its coordinates follow.
+
+    Attributes:
+        rigid: its kernel, with residual, mass_matrix and the constraint.
+        driven: indices of the driven coordinates among its own, in the order of the program, (k,).
+        chart: whose independent coordinates are some of the driven ones.
+    """
+
+    rigid: Kernel
+    driven: NDArray[np.intp]
+    chart: Chart
+
+    @property
+    def mask(self) -> NDArray[np.bool_]:
+        """Which coordinates are driven, (n,)."""
+        return np.isin(np.arange(self.rigid.n), self.driven)
+
+    def forces(self, q: Array, v: Array, a: Array) -> Array:
+        """Drives that accelerate the mechanism so, (n,) or (N, n); 0 at coordinates without one.
+
+        Of more drives than there are freedoms the least ones, by the sum of their squares.
+
+        Args:
+            q, v, a: states near closure; driven and prescribed coordinates count, the others are made to follow.
+
+        Raises:
+            LoopError: it does not close there.
+        """
+        chart, single = self.chart, a.ndim == 1
+        q, v, a = (np.atleast_2d(x) for x in (q, v, a))
+        q, slopes = chart.close(q, near=True)
+        v = chart.rates(v, slopes)
+        a = chart.accelerations(q, v, a, slopes)
+        ways = chart.ways(slopes)
+        needed = np.einsum("kni,kn->ki", ways, self.rigid.residual(q, v, a, np.zeros_like(q)))  # the loops do no work
+        u = np.zeros_like(q)
+        u[:, self.driven] = np.einsum("kij,ki->kj", np.linalg.pinv(ways[:, self.driven]), needed)
+        return u[0] if single else u
+
+    def path(self, program: Program, prescribed: MotionFunction | None, duration: float) -> Path:
+        """The closed mechanism along a program, from the chart's state on.
+
+        Raises:
+            LoopError: it cannot follow; says when.
+        """
+        looked = program.at(np.linspace(0.0, duration, LOOKED_AT))[0]
+        length = float(np.abs(np.diff(looked, axis=0)).max(axis=1, initial=0.0).sum())
+        times = np.linspace(0.0, duration, int(np.clip(length / FINE, LEAST, MOST)) + 1)
+        found = np.empty((times.size, self.rigid.n))
+        for k, t in enumerate(times.tolist()):
+            found[k] = self._at(program, prescribed, t)
+        self._at(program, prescribed, 0.0, found[0])
+        return Path(self, program, prescribed, times, found)
+
+    def _at(self, program: Program, prescribed: MotionFunction | None, t: float, guess: Array | None = None) -> Array:
+        """The mechanism at a time, (n,), from where the chart was used last, which then is there."""
+        q = np.zeros(self.rigid.n) if guess is None else guess.copy()
+        wanted = program.at(t)[0]
+        q[self.driven] = wanted
+        if prescribed is not None:
+            q[prescribed_mask(self.rigid)] = np.asarray(prescribed(t)[0])
+        try:
+            closed, slopes = self.chart.close(q[np.newaxis], near=guess is not None)
+        except LoopError as error:
+            raise LoopError(
+                f"{error}; the program leads there at t = {t:.4g} s", loop=error.loop, gap=error.gap
+            ) from None
+        off = float(np.abs(closed[0, self.driven] - wanted).max())
+        if off > AGREES:
+            name = self.rigid.coordinates[self.driven[int(np.abs(closed[0, self.driven] - wanted).argmax())]]
+            loop = joint_of(self.rigid.constraints[0])
+            raise LoopError(
+                f"{self.rigid.name}: loop {loop} opens on the program at t = {t:.4g} s: {name} is off by {off:.3g};"
+                f" allowed: programs of more than {self.chart.free.size} drives that do not contradict each other, or"
+                " fewer coordinates in 'driven'",
+                loop=loop,
+                gap=off,
+            )
+        self.chart.use(closed[0], slopes[0])
+        return np.asarray(closed[0])
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """States of a mechanism along its program.
+
+    Attributes:
+        mechanism: whose they are.
+        program: of its driven coordinates.
+        prescribed: of its prescribed ones; None without any.
+        t: times, (T,), s.
+        q: states, (T, n).
+    """
+
+    mechanism: Mechanism
+    program: Program
+    prescribed: MotionFunction | None
+    t: Array
+    q: Array
+
+    def at(self, times: Array) -> Array:
+        """The closed mechanism at times, (K,), within the path: (K, n)."""
+        kernel = self.mechanism.rigid
+        q = np.column_stack([np.interp(times, self.t, column) for column in self.q.T])
+        q[:, self.mechanism.driven] = self.program.at(times)[0]
+        if self.prescribed is not None:
+            q[:, prescribed_mask(kernel)] = [self.prescribed(t)[0] for t in times.tolist()]
+        held = [kernel.coordinates[i] for i in self.mechanism.chart.free]
+        return np.asarray(kernel.close(q, held))
+
+
+def mechanism_of(rigid: Kernel, driven: Sequence[str], start: Mapping[str, float]) -> Mechanism:
+    """The mechanism where a program of its driven coordinates begins.
+
+    Args:
+        rigid: kernel of the rigid robot.
+        driven: names of the driven coordinates, in the order of the program.
+        start: coordinates near which the loops close, by name; the driven and the prescribed ones stay.
+
+    Raises:
+        LoopError: the loops do not close near there, or the drives do not hold the mechanism.
+    """
+    q = np.array([start.get(name, 0.0) for name in rigid.coordinates])
+    q = rigid.close(q, driven)
+    index = index_of(rigid.coordinates, driven)
+    return Mechanism(rigid, np.asarray(index, dtype=np.intp), Chart(rigid, q, free=list(index)))
