@@ -12,7 +12,7 @@ from eomgen.robot.model import Model
 
 from ..joint.zeros import zero_map
 from ..kernels.equations import Equations
-from ..kernels.signatures import KERNELS, SIGNATURES, Function, by_kind, functions, shapes
+from ..kernels.signatures import KERNELS, SIGNATURES, SINGLES, Function, by_kind, functions, shapes
 from ..program.operations import CALLS
 from ..solve.factorised import coordinate_parents
 from .definitions import define, define_setup
@@ -34,6 +34,7 @@ def header_context(equations: Equations, dtype: str, meta: Mapping[str, Any], ba
         "real": SCALARS[dtype].name,
         "n": model.size,
         "batches": batches,
+        "declared": [name for names in meta["halves"].values() for name in names],
         "coordinates": model.coordinates,
         "links": model.links,
         "frames": model.frames,
@@ -56,14 +57,13 @@ def _functions(public: list[Function]) -> dict[str, Any]:
     }
 
 
-def number_context(equations: Equations, dtype: str) -> dict[str, Any]:
-    """Names that C uses beside those of the header, where a number is one state's."""
+def number_context(equations: Equations, dtype: str, meta: Mapping[str, Any]) -> dict[str, Any]:
+    """Names that C uses beside those of the header, where a number is one state's; ``meta`` as of the header."""
     model, scalar = equations.model, SCALARS[dtype]
     programs = equations.programs.values()
     public = [name for name in equations.kernels if SIGNATURES[name].kind != "frames"]
     definitions = [define(program, model.name, scalar, public=program.name in public) for program in programs]
-    together = batched(equations)
-    alone = functions(name for name in equations.kernels if name not in together)
+    looped = [x for x in functions(equations.kernels) if f"{x.name}_batch" in meta["halves"][SINGLES]]
     return {
         "scalar": scalar.name,
         "suffix": "",
@@ -81,8 +81,8 @@ def number_context(equations: Equations, dtype: str) -> dict[str, Any]:
         "programs": definitions,
         "solving": any(definition.has_pivots for definition in definitions),
         "composed": _templates(_composed(equations)),
-        "looped": [function for function in alone if not function.is_rollout],
-        "rollout_is_looped": any(function.is_rollout for function in alone),
+        "looped": [function for function in looped if not function.is_rollout],
+        "rollout_is_looped": any(function.is_rollout for function in looped),
         "turn": TURNS[dtype],
         "turns": any(i.op in ("sin", "cos") for program in programs for i in program.instructions),
         "called": {i.op for program in (equations.setup, *programs) for i in program.instructions} & set(CALLS),

@@ -242,18 +242,24 @@ def _build_api(source: Source, compiler: Compiler, flags: Sequence[str], folder:
     wrapper = work / f"_{name}.c"
     make_c_source(ffi, f"_{name}", f'#include "{name}.h"', str(wrapper))  # emit_c_code prints to stdout
     include = ("-iquote", str(folder), "-I", headers)  # a robot may be named as a system header is
-    objects = [work / f"{part}.o" for part in ("singles", "batches", "wrapper")]
-    halves = ("-DEOMGEN_SINGLES_ONLY", "-DEOMGEN_BATCHES_ONLY")  # one source, compiled on two cores
+    halves = [source.half] if source.half else list(source.cdefs)  # one source, compiled on two cores
+    objects = [work / f"{part}.o" for part in (*halves, "wrapper")]
     compile_c = [*compiler.command, "-c", "-fPIC"]
     jobs = [
-        [*compile_c, *WARNINGS, *flags, half, str(folder / f"{name}.c"), "-o", str(target)]
+        [*compile_c, *WARNINGS, *flags, *_only(half, source), str(folder / f"{name}.c"), "-o", str(target)]
         for half, target in zip(halves, objects, strict=False)
     ]
     # -O0: the wrapper passes pointers on, and optimising it takes longer than many a kernel
-    jobs.append([*compile_c, "-O0", *compiler.flags, *include, str(wrapper), "-o", str(objects[2])])
+    jobs.append([*compile_c, "-O0", *compiler.flags, *include, str(wrapper), "-o", str(objects[-1])])
     run_all(jobs)
     link_shared(compiler, objects, folder / f"_{name}{_suffix()}")
     shutil.rmtree(work)
+
+
+def _only(half: str, source: Source) -> tuple[str, ...]:
+    """Flags that compile a half of the source; one that becomes a library by itself needs what h is made by."""
+    setup = ("-DEOMGEN_SETUP",) if source.half else ()
+    return (f"-DEOMGEN_{half.upper()}_ONLY", *setup)
 
 
 def _build_abi(source: Source, compiler: Compiler, flags: Sequence[str], folder: Path) -> None:
@@ -269,7 +275,8 @@ def _build_abi(source: Source, compiler: Compiler, flags: Sequence[str], folder:
     )
     (folder / f"_{name}.py").write_text(opened, encoding="ascii")
     code, library = str(folder / f"{name}.c"), str(folder / f"lib{name}.so")
-    command = [*compiler.command, "-fPIC", *WARNINGS, *flags, *shared_flags(), code, "-o", library]
+    only = _only(source.half, source) if source.half else ()
+    command = [*compiler.command, "-fPIC", *WARNINGS, *flags, *only, *shared_flags(), code, "-o", library]
     run_all([[*command, *compiler.link_flags, "-lm"]])
 
 

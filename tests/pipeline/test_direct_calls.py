@@ -198,7 +198,7 @@ def test_kernels_do_not_wait_for_the_module(empty_cache: Path, monkeypatch: pyte
     kernel.mass_matrix([0.2, 0.5])
     assert kernel.is_direct
     assert kernel.mass_matrix.is_armed is False  # type: ignore[attr-defined]
-    kernel.mass_matrix([0.2, 0.5])
+    kernel.mass_matrix(np.array([0.2, 0.5]))
     assert kernel.mass_matrix.is_armed  # type: ignore[attr-defined]
 
 

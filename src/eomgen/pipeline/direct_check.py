@@ -71,7 +71,8 @@ def _wrong(module: ModuleType, dtype: np.dtype[Any]) -> Iterator[str]:
     bound: dict[str, Any] = {}
     module.bind((function,), kept, state, bound)
     call = bound["doubled"]
-    function.arm(kept, 0, code, batch, setup, 1, 1.0, 16)
+    for many, address in ((False, code), (True, batch)):
+        function.arm(many, address, kept, 0, setup, 1, 1.0, 16)
     for numbers in PLAIN:
         given = np.array(numbers, dtype)
         out = np.empty(4, dtype)

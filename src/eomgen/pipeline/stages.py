@@ -144,8 +144,8 @@ def _on_demand(robot: Robot, options: Options, progress: StageReport = no_report
     fixed = replace(options, level=build_level(options, compiler))
     build_flags(fixed, compiler)
 
-    def package_of(names: tuple[str, ...], report: StageReport) -> store.Entry:
-        return make_package(robot, replace(fixed, kernels=names), report, compiler)
+    def package_of(names: tuple[str, ...], half: str, report: StageReport) -> store.Entry:
+        return make_package(robot, replace(fixed, kernels=names), report, compiler, half)
 
     def source_of(names: tuple[str, ...], report: StageReport) -> Source:
         return make_source(robot, replace(options, kernels=names), report)
@@ -259,13 +259,18 @@ def _check_target(place: Path, target: Path) -> None:
 
 
 def make_package(
-    robot: Robot, options: Options, progress: StageReport = no_report, compiler: Compiler | None = None
+    robot: Robot,
+    options: Options,
+    progress: StageReport = no_report,
+    compiler: Compiler | None = None,
+    half: str = "",
 ) -> store.Entry:
     """The compiled package of a robot's kernels, made or from the cache.
 
     Args:
         robot, options, progress: as of ``generate``; a level may be beyond this processor, and none is the best here.
         compiler: that of the environment if None.
+        half: of the code, see ``Source.only``; both without a name.
 
     Raises:
         BuildError: see ``build``.
@@ -275,7 +280,7 @@ def make_package(
     compiler = compiler or find_compiler()
     direct_calls.begin(compiler)
     derived = _derived(robot, options, progress)
-    source = _source(derived)
+    source = _source(derived).only(half)
     flags = build_flags(options, compiler)
     level = NATIVE if options.native else options.level or build_level(options, compiler)
     tried = level == NATIVE or level in allowed_levels()

@@ -1,9 +1,9 @@
 /* Methods of kernels as callables in C: calls with plain arrays go from Python to the compiled function at once.
  *
  * Nothing here knows a robot.  A Function is what one method of all kernels of a package does: the method in Python,
- * the names, roles and shapes of its parameters, and, once it is armed, the address of its code.  A State is what may
- * change of one kernel: its parameters, checks and threads.  A Direct is the method of one kernel: a Function and a
- * State, with a kernel that has methods in Python alone.
+ * the names, roles and shapes of its parameters, and, once it is armed, the addresses of its code for one state and for
+ * many, of which either may come first.  A State is what may change of one kernel: its parameters, checks and threads.  A
+ * Direct is the method of one kernel: a Function and a State, with a kernel that has methods in Python alone.
  *
  * A call is plain where every array is an ndarray itself (no subclass) of the kernel's dtype, aligned, C-contiguous, of
  * exactly the shape of one state or of N of them, and no keyword asks for more than `out`.  Whatever is not plain, and
@@ -69,9 +69,9 @@ typedef struct {
     PyObject_HEAD
     PyObject *method; /* the function of Python */
     PyObject *name;
-    PyObject *arming; /* arming(function) tells the addresses after a first call, or NULL */
+    PyObject *arming; /* arming(function, batch) tells an address after a first call of that kind */
     PyObject *frames; /* their numbers by name, a dict */
-    PyObject *library; /* which keeps the code */
+    PyObject *kept; /* which keeps all code */
     PyArray_Descr *dtype;
     int places, positional;
     Place place[PLACES];
@@ -83,8 +83,8 @@ typedef struct {
     double operations;
     npy_intp piece;  /* states that one call computes at most */
     uintptr_t setup; /* address of the library's code that computes from the parameters */
-    uintptr_t batch; /* for many states; 0 where there is none */
-    uintptr_t code;  /* for one state; 0 until armed, and published last */
+    uintptr_t code[2];   /* for one state and for many; 0 until armed, and published last */
+    char was_asked[2]; /* whether arming was called for them */
 } Function;
 
 typedef struct {
@@ -139,11 +139,11 @@ DEFINE_FINITE(finite_float, uint32_t, UINT32_C(0x7f800000), UINT32_C(0x00800000)
         typedef int (*Two)(const REAL *, const REAL *, const REAL *, REAL *);                                          \
         typedef int (*Three)(const REAL *, const REAL *, const REAL *, const REAL *, REAL *);                          \
         typedef int (*Four)(const REAL *, const REAL *, const REAL *, const REAL *, const REAL *, REAL *);             \
-        if (f->framed) return ((Framed)f->code)(p, a, frame, out) - 1LL;                                               \
-        if (reads == 1) return ((One)f->code)(p, a, out) - 1LL;                                                        \
-        if (reads == 2) return ((Two)f->code)(p, a, b, out) - 1LL;                                                     \
-        if (reads == 3) return ((Three)f->code)(p, a, b, c, out) - 1LL;                                                \
-        return ((Four)f->code)(p, a, b, c, d, out) - 1LL;                                                              \
+        if (f->framed) return ((Framed)f->code[0])(p, a, frame, out) - 1LL;                                               \
+        if (reads == 1) return ((One)f->code[0])(p, a, out) - 1LL;                                                        \
+        if (reads == 2) return ((Two)f->code[0])(p, a, b, out) - 1LL;                                                     \
+        if (reads == 3) return ((Three)f->code[0])(p, a, b, c, out) - 1LL;                                                \
+        return ((Four)f->code[0])(p, a, b, c, d, out) - 1LL;                                                              \
     }                                                                                                                  \
     static long long many_##REAL(const Function *f, int reads, size_t n, const void *h, const void *const *x,          \
                                  const size_t *s, int frame, void *written)                                            \
@@ -156,11 +156,11 @@ DEFINE_FINITE(finite_float, uint32_t, UINT32_C(0x7f800000), UINT32_C(0x00800000)
         typedef long long (*Two)(size_t, R, R, size_t, R, size_t, REAL *);                                             \
         typedef long long (*Three)(size_t, R, R, size_t, R, size_t, R, size_t, REAL *);                                \
         typedef long long (*Four)(size_t, R, R, size_t, R, size_t, R, size_t, R, size_t, REAL *);                      \
-        if (f->framed) return ((Framed)f->batch)(n, p, a, s[0], frame, out);                                           \
-        if (reads == 1) return ((One)f->batch)(n, p, a, s[0], out);                                                    \
-        if (reads == 2) return ((Two)f->batch)(n, p, a, s[0], b, s[1], out);                                           \
-        if (reads == 3) return ((Three)f->batch)(n, p, a, s[0], b, s[1], c, s[2], out);                                \
-        return ((Four)f->batch)(n, p, a, s[0], b, s[1], c, s[2], d, s[3], out);                                        \
+        if (f->framed) return ((Framed)f->code[1])(n, p, a, s[0], frame, out);                                           \
+        if (reads == 1) return ((One)f->code[1])(n, p, a, s[0], out);                                                    \
+        if (reads == 2) return ((Two)f->code[1])(n, p, a, s[0], b, s[1], out);                                           \
+        if (reads == 3) return ((Three)f->code[1])(n, p, a, s[0], b, s[1], c, s[2], out);                                \
+        return ((Four)f->code[1])(n, p, a, s[0], b, s[1], c, s[2], d, s[3], out);                                        \
     }
 DEFINE_CALLS(double)
 DEFINE_CALLS(float)
@@ -290,6 +290,7 @@ typedef struct {
     size_t steps[ARRAYS + 1]; /* numbers between two states */
     int reads, frame;
     npy_intp states; /* 0 for one alone */
+    int unarmed; /* what is asked for is code that is not known yet */
     PyArrayObject *out;
 } Plain;
 
@@ -324,9 +325,13 @@ static int look(const Function *f, const State *state, PyObject *const *given, P
             call->out = (PyArrayObject *)value;
         }
     }
+    if (PUBLISHED(f->code[call->states > 0]) == 0) {
+        call->unarmed = 1;
+        return -1;
+    }
     if (call->states > 0) {
         const Py_ssize_t threads = PUBLISHED(state->threads);
-        if (f->batch == 0 || call->states > f->piece || (threads > 1 && call->states >= 2 * SHARE)) return -1;
+        if (call->states > f->piece || (threads > 1 && call->states >= 2 * SHARE)) return -1;
     }
     if (call->out != NULL) {
         const npy_intp states = states_of((PyObject *)call->out, f, &f->result);
@@ -362,12 +367,18 @@ static long long compute(const Function *f, const void *h, const Plain *call, vo
                                                   call->frame, out);
 }
 
-/* The result of a plain call; NULL without an error where the method in Python has to be asked. */
-static PyObject *straight(const Function *f, State *state, PyObject *const *args, Py_ssize_t count, PyObject *names)
+/* The result of a plain call; NULL without an error where the method in Python has to be asked.  That is so the first
+ * time that there is one state, or many: ``unarmed`` is then 0 or 1. */
+static PyObject *straight(const Function *f, State *state, PyObject *const *args, Py_ssize_t count, PyObject *names,
+                          int *unarmed)
 {
     PyObject *given[PLACES] = {NULL};
     Plain call = {.states = 0};
-    if (sort_arguments(f, args, count, names, given) < 0 || look(f, state, given, &call) < 0) return NULL;
+    if (sort_arguments(f, args, count, names, given) < 0) return NULL;
+    if (look(f, state, given, &call) < 0) {
+        if (call.unarmed) *unarmed = call.states > 0;
+        return NULL;
+    }
     PyObject *found = NULL;
     PyArrayObject *kept = hoisted(state, f);
     if (kept == NULL) return NULL;
@@ -402,17 +413,16 @@ end:
     return found;
 }
 
-/* Ask for the addresses, once: after a first call the code is there. */
-static int arm_once(Function *f)
+/* Ask for the address of the code for one state or for many, once: after a first call it is there. */
+static int arm_once(Function *f, int batch)
 {
-    PyObject *arming = NULL;
+    int was_asked = 1;
     Py_BEGIN_CRITICAL_SECTION(f);
-    arming = f->arming;
-    f->arming = NULL;
+    was_asked = f->was_asked[batch];
+    f->was_asked[batch] = 1;
     Py_END_CRITICAL_SECTION();
-    if (arming == NULL) return 0;
-    PyObject *answer = PyObject_CallOneArg(arming, (PyObject *)f);
-    Py_DECREF(arming);
+    if (was_asked) return 0;
+    PyObject *answer = PyObject_CallFunctionObjArgs(f->arming, (PyObject *)f, batch ? Py_True : Py_False, NULL);
     Py_XDECREF(answer);
     return answer == NULL ? -1 : 0;
 }
@@ -421,16 +431,14 @@ static PyObject *direct_vectorcall(PyObject *self, PyObject *const *args, size_t
 {
     Direct *direct = (Direct *)self;
     Function *f = direct->function;
-    const int armed = PUBLISHED(f->code) != 0;
-    if (armed) {
-        PyObject *found = straight(f, direct->state, args, PyVectorcall_NARGS(nargsf), names);
-        if (found != NULL || PyErr_Occurred()) return found;
-    }
+    int unarmed = -1;
+    PyObject *found = straight(f, direct->state, args, PyVectorcall_NARGS(nargsf), names, &unarmed);
+    if (found != NULL || PyErr_Occurred()) return found;
     PyObject *bound = PyMethod_New(f->method, direct->owner);
     if (bound == NULL) return NULL;
-    PyObject *found = PyObject_Vectorcall(bound, args, nargsf, names);
+    found = PyObject_Vectorcall(bound, args, nargsf, names);
     Py_DECREF(bound);
-    if (!armed && found != NULL && arm_once(f) < 0) Py_CLEAR(found);
+    if (unarmed >= 0 && found != NULL && arm_once(f, unarmed) < 0) Py_CLEAR(found);
     return found;
 }
 
@@ -459,7 +467,13 @@ static PyObject *direct_doc(PyObject *self, void *closure)
 static PyObject *direct_is_armed(PyObject *self, void *closure)
 {
     (void)closure;
-    return PyBool_FromLong(PUBLISHED(((Direct *)self)->function->code) != 0);
+    return PyBool_FromLong(PUBLISHED(((Direct *)self)->function->code[0]) != 0);
+}
+
+static PyObject *direct_takes_many(PyObject *self, void *closure)
+{
+    (void)closure;
+    return PyBool_FromLong(PUBLISHED(((Direct *)self)->function->code[1]) != 0);
 }
 
 /* All that a bound method shows: its names, annotations, signature. */
@@ -537,7 +551,8 @@ static PyMemberDef direct_members[] = {
 static PyGetSetDef direct_getset[] = {
     {"__doc__", direct_doc, NULL, NULL, NULL},
     {"__wrapped__", bound_method, NULL, "the method in Python, bound", NULL},
-    {"is_armed", direct_is_armed, NULL, "whether plain calls go to the code", NULL},
+    {"is_armed", direct_is_armed, NULL, "whether plain calls with one state go to the code", NULL},
+    {"takes_many", direct_takes_many, NULL, "whether plain calls with many states go to the code", NULL},
     {NULL, NULL, NULL, NULL, NULL},
 };
 static PyMethodDef direct_methods[] = {
@@ -662,21 +677,21 @@ failed:
     return NULL;
 }
 
-PyDoc_STRVAR(arm_doc, "arm(library, part, code, batch, setup, hoisted, operations, piece)\n\n"
-                      "Tell where the code is; from then on plain calls go there.\n\n"
-                      "Arguments: the library, which is kept, and its number; addresses of the code for one state, for\n"
-                      "many (0: none) and of what computes from the parameters, how many numbers; operations of a\n"
-                      "state; states that one call computes at most.");
+PyDoc_STRVAR(arm_doc, "arm(batch, code, kept, part, setup, hoisted, operations, piece)\n\n"
+                      "Tell where the code for one state is, or that for many; from then on plain calls go there.\n\n"
+                      "Arguments: which of both; its address; what keeps all code; number of the library whose code\n"
+                      "computes from the parameters what either reads, address of that, how many numbers; operations\n"
+                      "of a state; states that one call computes at most.  Those of the first time count.");
 
 static PyObject *function_arm(PyObject *self, PyObject *args)
 {
     Function *f = (Function *)self;
-    unsigned long long code, batch, setup;
-    PyObject *library;
-    int part;
+    unsigned long long code, setup;
+    PyObject *kept;
+    int batch, part;
     double operations;
     Py_ssize_t hoisted_count, piece;
-    if (!PyArg_ParseTuple(args, "OiKKKndn:arm", &library, &part, &code, &batch, &setup, &hoisted_count, &operations,
+    if (!PyArg_ParseTuple(args, "pKOiKndn:arm", &batch, &code, &kept, &part, &setup, &hoisted_count, &operations,
                           &piece))
         return NULL;
     if (part < 0 || part >= PARTS) Py_RETURN_FALSE;
@@ -685,16 +700,15 @@ static PyObject *function_arm(PyObject *self, PyObject *args)
         if (f->place[i].role <= BESIDE && f->place[i].shape.size < least) least = f->place[i].shape.size;
     if (least < 1 || code == 0 || setup == 0) Py_RETURN_FALSE; /* nothing to point to */
     Py_BEGIN_CRITICAL_SECTION(self);
-    if (f->code == 0) {
-        Py_INCREF(library), f->library = library;
+    if (f->kept == NULL) {
+        Py_INCREF(kept), f->kept = kept;
         f->part = part;
         f->operations = operations;
         f->piece = piece;
         f->hoisted = hoisted_count;
         f->setup = (uintptr_t)setup;
-        f->batch = (uintptr_t)batch;
-        PUBLISH(f->code, (uintptr_t)code);
     }
+    if (f->code[batch] == 0) PUBLISH(f->code[batch], (uintptr_t)code);
     Py_END_CRITICAL_SECTION();
     Py_RETURN_TRUE;
 }
@@ -706,7 +720,7 @@ static int function_traverse(PyObject *self, visitproc visit, void *arg)
     Py_VISIT(f->method);
     Py_VISIT(f->arming);
     Py_VISIT(f->frames);
-    Py_VISIT(f->library);
+    Py_VISIT(f->kept);
     return 0;
 }
 
@@ -719,7 +733,7 @@ static void function_dealloc(PyObject *self)
     Py_XDECREF(f->name);
     Py_XDECREF(f->arming);
     Py_XDECREF(f->frames);
-    Py_XDECREF(f->library);
+    Py_XDECREF(f->kept);
     Py_XDECREF(f->dtype);
     for (int i = 0; i < f->places; ++i) Py_DECREF(f->place[i].label);
     type->tp_free(self);
