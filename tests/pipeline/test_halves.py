@@ -12,6 +12,7 @@ import pytest
 
 import eomgen
 from eomgen.errors import BuildError, IntegrationStopped, SingularError
+from eomgen.pipeline.stages import build_groups
 from eomgen.runtime.raw import RawFunction
 from tests.support.builds import Build
 from tests.support.quick_builds import logging_compiler, script
@@ -106,9 +107,6 @@ def test_both_halves_have_the_same_bits(built: Build) -> None:
         for state in (0, 17, 519):
             alone = apart.calls.run(name, None, [x[state] for x in arrays], extra)
             assert alone.tobytes() == expected[state].tobytes(), name
-        libraries = [apart.raw.libraries.library(function.kernel, x) for x in (name, f"{name}_batch")]
-        computed = [apart.parameters.setup.computed(library).tobytes() for library in libraries]
-        assert computed[0] == computed[1], name
 
 
 @pytest.mark.parametrize("batch_first", [False, True])
@@ -134,6 +132,27 @@ def test_an_assignment_reaches_both_halves(batch_first: bool, built: Build) -> N
     assert all((x == one(other)).all() for x in before)
     assert kernel.inverse_dynamics.is_armed  # type: ignore[attr-defined]
     assert kernel.inverse_dynamics.takes_many  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("batch_first", [False, True])
+def test_groups_are_compiled_together(batch_first: bool, compiled: Compiled) -> None:
+    """Some kernels' functions for one state, other kernels' for batches: what each reads of parameters is its own."""
+    groups = {"singles": ("residual", "mass_matrix"), "batches": ("energy", "residual")}
+    kernel, whole = build_groups(eomgen.load_robot("one_link"), groups), eomgen.build("one_link", kernels="all")
+    compiled.new()
+    assert set(kernel.raw.libraries.about("energy")["kernels"]) == set(groups["batches"])
+    ways = [(Q, V, V, V), (MANY, V, V, V)]
+    for stiffness in (7.0, 8.0):
+        kernel.parameters[STIFFNESS] = whole.parameters[STIFFNESS] = stiffness
+        for arguments in reversed(ways) if batch_first else ways:
+            for _ in range(2):
+                assert kernel.residual(*arguments).tobytes() == whole.residual(*arguments).tobytes()
+    assert kernel.mass_matrix(Q).tobytes() == whole.mass_matrix(Q).tobytes()
+    assert kernel.energy(MANY, V).tobytes() == whole.energy(MANY, V).tobytes()
+    assert sorted(compiled.new()) == ["batches", "singles"]
+    assert kernel.energy(Q, V).tobytes() == whole.energy(Q, V).tobytes()
+    assert kernel.mass_matrix(MANY).tobytes() == whole.mass_matrix(MANY).tobytes()
+    assert sorted(compiled.new()) == ["batches", "singles"]
 
 
 def test_a_failure_is_said_by_the_batch(

@@ -244,6 +244,7 @@ def test_plain_calls_do_not_go_through_python(built: Build, monkeypatch: pytest.
         labels = inspect.signature(getattr(kernel, name)).parameters.values()
         arguments[name] = [given[x.name] for x in labels if x.kind is not inspect.Parameter.KEYWORD_ONLY]
         getattr(kernel, name)(*arguments[name])
+        getattr(kernel, name)(*(np.stack([x] * N) if isinstance(x, np.ndarray) else x for x in arguments[name]))
     asked: list[str] = []
 
     def refuse(calls: Any, name: str, *rest: Any, **keywords: Any) -> Array:

@@ -57,7 +57,8 @@ def cut(kernel: eomgen.Kernel, operations: int, seen: list[int] | None = None, e
         return call
 
     own = kernel.raw.libraries.library("")
-    counts = {name: {"mul": operations // (STAGES if name == "rollout" else 1)} for name in own.meta["operations"]}
+    of_stages = max(operations // STAGES, 1)
+    counts = {name: {"mul": of_stages if name == "rollout" else operations} for name in own.meta["operations"]}
     libraries = OneLibrary(own.ffi, own.lib, {**own.meta, "operations": counts})
     library = libraries.library("")
     library.function = lambda name: watched(own.function(name))  # type: ignore[method-assign]

@@ -35,6 +35,7 @@ def test_every_function_does_what_its_call_does(dtype: str, built: Build) -> Non
         pointer = kernel.parameters.setup.pointer(function.library)
         assert function.code(pointer, *(raw.view(x[0]) for x in arrays), *extra, raw.view(one)) == 0, name
         steps = [item for x in arrays for item in (raw.view(x), x[0].size)]
+        pointer = kernel.parameters.setup.pointer(function.where(batch=True))
         assert function.batch(3, pointer, *steps, *extra, raw.view(many)) == -1, name
         expected = kernel.calls.run(name, None, arrays, extra)
         assert np.array_equal(many, expected), name

@@ -72,7 +72,7 @@ def _wrong(module: ModuleType, dtype: np.dtype[Any]) -> Iterator[str]:
     module.bind((function,), kept, state, bound)
     call = bound["doubled"]
     for many, address in ((False, code), (True, batch)):
-        function.arm(many, address, kept, 0, setup, 1, 1.0, 16)
+        function.arm(many, kept, int(many), address, setup, 1, 1.0, 16)
     for numbers in PLAIN:
         given = np.array(numbers, dtype)
         out = np.empty(4, dtype)

@@ -58,14 +58,16 @@ class OnDemand:
             code, or of both without a name, and tells its stages.
         source_of: gives the C of kernels, with both halves.
         progress: called with a line of text when a stage begins; without one a terminal sees which kernel is built.
+        groups: by the name of a half, kernels whose halves are in one library.
     """
 
     meta: Mapping[str, Any]
     package_of: Callable[[Names, str, StageReport], store.Entry]
     source_of: Callable[[Names, StageReport], Source]
     progress: StageReport = no_report
-    _found: dict[tuple[str, str], Library] = field(default_factory=dict)
-    _locks: dict[tuple[str, str], threading.Lock] = field(default_factory=dict)
+    groups: Mapping[str, Names] = field(default_factory=dict)
+    _found: dict[tuple[Names, str], Library] = field(default_factory=dict)
+    _locks: dict[tuple[Names, str], threading.Lock] = field(default_factory=dict)
 
     def library(self, kernel: str, function: str = "") -> Library:
         """The library with a function of C of a kernel; without a name with those for one state.
@@ -74,10 +76,11 @@ class OnDemand:
             BuildError: it does not compile, or computes something else than the equations.
         """
         report = self._report(f"{kernel} for batches" if function.endswith(BATCH) else kernel)
-        place = kernel, self._half(kernel, function, report)
+        half = self._half(kernel, function, report)
+        place = self._names(kernel, half), half
         with self._locks.setdefault(place, threading.Lock()):
             if place not in self._found:
-                package = self.package_of((kernel,), place[1], report)
+                package = self.package_of(*place, report)
                 self._found[place] = Library(*_loaded(package, self._name))
                 settle(self.progress)
             return self._found[place]
@@ -89,15 +92,24 @@ class OnDemand:
         halves = self._meta(kernel, report)["halves"]
         return next(half for half, names in halves.items() if function in names)
 
+    def _names(self, kernel: str, half: str) -> Names:
+        """Kernels that are in one library with a half of this one."""
+        group = self.groups.get(half, ())
+        return group if kernel in group else (kernel,)
+
     def about(self, kernel: str) -> Mapping[str, Any]:
         """Metadata of the C of a kernel; it is derived for that, but not compiled."""
         return self._meta(kernel, no_report)
 
     def _meta(self, kernel: str, report: StageReport) -> Mapping[str, Any]:
-        found = self._found.get((kernel, SINGLES)) or self._found.get((kernel, BATCHES))
-        if found is not None:
-            return found.meta
-        meta: dict[str, Any] = json.loads(self.source_of(() if kernel == SETUP else (kernel,), report).meta)
+        if kernel == SETUP:
+            return self._read((), report)
+        places = [(self._names(kernel, half), half) for half in (SINGLES, BATCHES)]
+        found = [self._found[place].meta for place in places if place in self._found]
+        return found[0] if found else self._read(places[1][0], report)
+
+    def _read(self, kernels: Names, report: StageReport) -> Mapping[str, Any]:
+        meta: dict[str, Any] = json.loads(self.source_of(kernels, report).meta)
         return meta
 
     def source(self, file: str) -> str:

@@ -200,7 +200,7 @@ class Calls:
         """
         setup, view = self.parameters.setup, self.raw.view  # which may be replaced by another one meanwhile
         code = function.code if count is None else function.batch
-        pointer = setup.pointer(function.library)
+        pointer = setup.pointer(function.where(batch=count is not None))
         if count is None:
             return int(code(pointer, *map(view, arrays), *extra, view(result))) - 1
         size = states_at_once(function.operations)

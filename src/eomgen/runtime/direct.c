@@ -66,25 +66,29 @@ typedef struct {
 } Place;
 
 typedef struct {
+    PyObject *library;  /* which keeps the code */
+    int part;           /* its number */
+    npy_intp hoisted;   /* numbers that it computes from the parameters */
+    uintptr_t setup;    /* address of its code that does so */
+    uintptr_t address;  /* of the code; 0 until armed, and published last */
+    char was_asked_for; /* whether arming was called */
+} Code;
+
+typedef struct {
     PyObject_HEAD
     PyObject *method; /* the function of Python */
     PyObject *name;
     PyObject *arming; /* arming(function, batch) tells an address after a first call of that kind */
     PyObject *frames; /* their numbers by name, a dict */
-    PyObject *kept; /* which keeps all code */
     PyArray_Descr *dtype;
     int places, positional;
     Place place[PLACES];
     Shape result;
     int framed, in_three; /* takes a frame's number; its result are three views */
     int cut_must_be_true;
-    int part;         /* number of the library */
-    npy_intp hoisted; /* numbers that it computes from the parameters */
     double operations;
-    npy_intp piece;  /* states that one call computes at most */
-    uintptr_t setup; /* address of the library's code that computes from the parameters */
-    uintptr_t code[2];   /* for one state and for many; 0 until armed, and published last */
-    char was_asked[2]; /* whether arming was called for them */
+    npy_intp piece; /* states that one call computes at most */
+    Code codes[2];  /* for one state and for many */
 } Function;
 
 typedef struct {
@@ -139,11 +143,11 @@ DEFINE_FINITE(finite_float, uint32_t, UINT32_C(0x7f800000), UINT32_C(0x00800000)
         typedef int (*Two)(const REAL *, const REAL *, const REAL *, REAL *);                                          \
         typedef int (*Three)(const REAL *, const REAL *, const REAL *, const REAL *, REAL *);                          \
         typedef int (*Four)(const REAL *, const REAL *, const REAL *, const REAL *, const REAL *, REAL *);             \
-        if (f->framed) return ((Framed)f->code[0])(p, a, frame, out) - 1LL;                                               \
-        if (reads == 1) return ((One)f->code[0])(p, a, out) - 1LL;                                                        \
-        if (reads == 2) return ((Two)f->code[0])(p, a, b, out) - 1LL;                                                     \
-        if (reads == 3) return ((Three)f->code[0])(p, a, b, c, out) - 1LL;                                                \
-        return ((Four)f->code[0])(p, a, b, c, d, out) - 1LL;                                                              \
+        if (f->framed) return ((Framed)f->codes[0].address)(p, a, frame, out) - 1LL;                                   \
+        if (reads == 1) return ((One)f->codes[0].address)(p, a, out) - 1LL;                                            \
+        if (reads == 2) return ((Two)f->codes[0].address)(p, a, b, out) - 1LL;                                         \
+        if (reads == 3) return ((Three)f->codes[0].address)(p, a, b, c, out) - 1LL;                                    \
+        return ((Four)f->codes[0].address)(p, a, b, c, d, out) - 1LL;                                                  \
     }                                                                                                                  \
     static long long many_##REAL(const Function *f, int reads, size_t n, const void *h, const void *const *x,          \
                                  const size_t *s, int frame, void *written)                                            \
@@ -156,11 +160,11 @@ DEFINE_FINITE(finite_float, uint32_t, UINT32_C(0x7f800000), UINT32_C(0x00800000)
         typedef long long (*Two)(size_t, R, R, size_t, R, size_t, REAL *);                                             \
         typedef long long (*Three)(size_t, R, R, size_t, R, size_t, R, size_t, REAL *);                                \
         typedef long long (*Four)(size_t, R, R, size_t, R, size_t, R, size_t, R, size_t, REAL *);                      \
-        if (f->framed) return ((Framed)f->code[1])(n, p, a, s[0], frame, out);                                           \
-        if (reads == 1) return ((One)f->code[1])(n, p, a, s[0], out);                                                    \
-        if (reads == 2) return ((Two)f->code[1])(n, p, a, s[0], b, s[1], out);                                           \
-        if (reads == 3) return ((Three)f->code[1])(n, p, a, s[0], b, s[1], c, s[2], out);                                \
-        return ((Four)f->code[1])(n, p, a, s[0], b, s[1], c, s[2], d, s[3], out);                                        \
+        if (f->framed) return ((Framed)f->codes[1].address)(n, p, a, s[0], frame, out);                                \
+        if (reads == 1) return ((One)f->codes[1].address)(n, p, a, s[0], out);                                         \
+        if (reads == 2) return ((Two)f->codes[1].address)(n, p, a, s[0], b, s[1], out);                                \
+        if (reads == 3) return ((Three)f->codes[1].address)(n, p, a, s[0], b, s[1], c, s[2], out);                     \
+        return ((Four)f->codes[1].address)(n, p, a, s[0], b, s[1], c, s[2], d, s[3], out);                             \
     }
 DEFINE_CALLS(double)
 DEFINE_CALLS(float)
@@ -223,41 +227,41 @@ failed:
 
 /* ---- calls --------------------------------------------------------------------------------------------------- */
 
-/* What the function's library computes from the values of the parameters; a new array. */
-static PyArrayObject *computed_from(PyArrayObject *values, const Function *f)
+/* What the code's library computes from the values of the parameters; a new array. */
+static PyArrayObject *computed_from(PyArrayObject *values, const Function *f, const Code *code)
 {
-    const npy_intp count = f->hoisted > 0 ? f->hoisted : 1;
+    const npy_intp count = code->hoisted > 0 ? code->hoisted : 1;
     if (PyArray_TYPE(values) != f->dtype->type_num) {
         PyErr_SetString(PyExc_TypeError, "values of another dtype than the kernel's");
         return NULL;
     }
     PyArrayObject *h = (PyArrayObject *)PyArray_SimpleNew(1, &count, f->dtype->type_num);
     if (h != NULL && f->dtype->type_num == NPY_DOUBLE)
-        ((void (*)(const double *, double *))f->setup)(PyArray_DATA(values), PyArray_DATA(h));
+        ((void (*)(const double *, double *))code->setup)(PyArray_DATA(values), PyArray_DATA(h));
     else if (h != NULL)
-        ((void (*)(const float *, float *))f->setup)(PyArray_DATA(values), PyArray_DATA(h));
+        ((void (*)(const float *, float *))code->setup)(PyArray_DATA(values), PyArray_DATA(h));
     return h;
 }
 
-/* What the function's library reads of the parameters; a new reference, so that a running call keeps its own. */
-static PyArrayObject *hoisted(State *state, const Function *f)
+/* What the code reads of the parameters; a new reference, so that a running call keeps its own. */
+static PyArrayObject *hoisted(State *state, const Function *f, const Code *code)
 {
     PyArrayObject *h = NULL, *other = NULL, *values = NULL;
     Py_BEGIN_CRITICAL_SECTION(state);
-    h = state->h[f->part];
+    h = state->h[code->part];
     Py_XINCREF(h);
     if (h == NULL) values = state->values;
     Py_XINCREF(values);
     Py_END_CRITICAL_SECTION();
     if (h != NULL) return h;
-    h = computed_from(values, f);
+    h = computed_from(values, f, code);
     if (h != NULL) {
         Py_BEGIN_CRITICAL_SECTION(state);
         if (state->values == values) { /* no assignment came between */
-            other = state->h[f->part];
+            other = state->h[code->part];
             Py_INCREF(h);
-            state->h[f->part] = h;
-            if (state->parts <= f->part) state->parts = f->part + 1;
+            state->h[code->part] = h;
+            if (state->parts <= code->part) state->parts = code->part + 1;
         }
         Py_END_CRITICAL_SECTION();
     }
@@ -325,7 +329,7 @@ static int look(const Function *f, const State *state, PyObject *const *given, P
             call->out = (PyArrayObject *)value;
         }
     }
-    if (PUBLISHED(f->code[call->states > 0]) == 0) {
+    if (PUBLISHED(f->codes[call->states > 0].address) == 0) {
         call->unarmed = 1;
         return -1;
     }
@@ -380,7 +384,7 @@ static PyObject *straight(const Function *f, State *state, PyObject *const *args
         return NULL;
     }
     PyObject *found = NULL;
-    PyArrayObject *kept = hoisted(state, f);
+    PyArrayObject *kept = hoisted(state, f, &f->codes[call.states > 0]);
     if (kept == NULL) return NULL;
     const void *h = PyArray_DATA(kept);
     PyArrayObject *out = call.out;
@@ -418,8 +422,8 @@ static int arm_once(Function *f, int batch)
 {
     int was_asked = 1;
     Py_BEGIN_CRITICAL_SECTION(f);
-    was_asked = f->was_asked[batch];
-    f->was_asked[batch] = 1;
+    was_asked = f->codes[batch].was_asked_for;
+    f->codes[batch].was_asked_for = 1;
     Py_END_CRITICAL_SECTION();
     if (was_asked) return 0;
     PyObject *answer = PyObject_CallFunctionObjArgs(f->arming, (PyObject *)f, batch ? Py_True : Py_False, NULL);
@@ -467,13 +471,13 @@ static PyObject *direct_doc(PyObject *self, void *closure)
 static PyObject *direct_is_armed(PyObject *self, void *closure)
 {
     (void)closure;
-    return PyBool_FromLong(PUBLISHED(((Direct *)self)->function->code[0]) != 0);
+    return PyBool_FromLong(PUBLISHED(((Direct *)self)->function->codes[0].address) != 0);
 }
 
 static PyObject *direct_takes_many(PyObject *self, void *closure)
 {
     (void)closure;
-    return PyBool_FromLong(PUBLISHED(((Direct *)self)->function->code[1]) != 0);
+    return PyBool_FromLong(PUBLISHED(((Direct *)self)->function->codes[1].address) != 0);
 }
 
 /* All that a bound method shows: its names, annotations, signature. */
@@ -677,21 +681,21 @@ failed:
     return NULL;
 }
 
-PyDoc_STRVAR(arm_doc, "arm(batch, code, kept, part, setup, hoisted, operations, piece)\n\n"
+PyDoc_STRVAR(arm_doc, "arm(batch, library, part, code, setup, hoisted, operations, piece)\n\n"
                       "Tell where the code for one state is, or that for many; from then on plain calls go there.\n\n"
-                      "Arguments: which of both; its address; what keeps all code; number of the library whose code\n"
-                      "computes from the parameters what either reads, address of that, how many numbers; operations\n"
-                      "of a state; states that one call computes at most.  Those of the first time count.");
+                      "Arguments: which of both; its library, which is kept, and the number of that; addresses of the\n"
+                      "code and of what computes from the parameters, how many numbers; operations of a state; states\n"
+                      "that one call computes at most.");
 
 static PyObject *function_arm(PyObject *self, PyObject *args)
 {
     Function *f = (Function *)self;
     unsigned long long code, setup;
-    PyObject *kept;
+    PyObject *library;
     int batch, part;
     double operations;
     Py_ssize_t hoisted_count, piece;
-    if (!PyArg_ParseTuple(args, "pKOiKndn:arm", &batch, &code, &kept, &part, &setup, &hoisted_count, &operations,
+    if (!PyArg_ParseTuple(args, "pOiKKndn:arm", &batch, &library, &part, &code, &setup, &hoisted_count, &operations,
                           &piece))
         return NULL;
     if (part < 0 || part >= PARTS) Py_RETURN_FALSE;
@@ -700,15 +704,18 @@ static PyObject *function_arm(PyObject *self, PyObject *args)
         if (f->place[i].role <= BESIDE && f->place[i].shape.size < least) least = f->place[i].shape.size;
     if (least < 1 || code == 0 || setup == 0) Py_RETURN_FALSE; /* nothing to point to */
     Py_BEGIN_CRITICAL_SECTION(self);
-    if (f->kept == NULL) {
-        Py_INCREF(kept), f->kept = kept;
-        f->part = part;
-        f->operations = operations;
-        f->piece = piece;
-        f->hoisted = hoisted_count;
-        f->setup = (uintptr_t)setup;
+    Code *armed = &f->codes[batch];
+    if (armed->address == 0) {
+        Py_INCREF(library), armed->library = library;
+        armed->part = part;
+        armed->hoisted = hoisted_count;
+        armed->setup = (uintptr_t)setup;
+        if (f->codes[!batch].address == 0) { /* else these are known, and may be read now */
+            f->operations = operations;
+            f->piece = piece;
+        }
+        PUBLISH(armed->address, (uintptr_t)code);
     }
-    if (f->code[batch] == 0) PUBLISH(f->code[batch], (uintptr_t)code);
     Py_END_CRITICAL_SECTION();
     Py_RETURN_TRUE;
 }
@@ -720,7 +727,7 @@ static int function_traverse(PyObject *self, visitproc visit, void *arg)
     Py_VISIT(f->method);
     Py_VISIT(f->arming);
     Py_VISIT(f->frames);
-    Py_VISIT(f->kept);
+    for (int i = 0; i < 2; ++i) Py_VISIT(f->codes[i].library);
     return 0;
 }
 
@@ -733,7 +740,7 @@ static void function_dealloc(PyObject *self)
     Py_XDECREF(f->name);
     Py_XDECREF(f->arming);
     Py_XDECREF(f->frames);
-    Py_XDECREF(f->kept);
+    for (int i = 0; i < 2; ++i) Py_XDECREF(f->codes[i].library);
     Py_XDECREF(f->dtype);
     for (int i = 0; i < f->places; ++i) Py_DECREF(f->place[i].label);
     type->tp_free(self);

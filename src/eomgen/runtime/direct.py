@@ -184,7 +184,7 @@ def _place(label: str, reads: tuple[str, ...], raw: RawKernel) -> tuple[str, str
 def _arm(raw: RawKernel, parts: dict[Library, int], new: itertools.count[int], function: Any, batch: bool) -> None:
     """Tell a ``Function`` where its code is, that for one state or that for many."""
     found = raw.functions[function.name]
-    address, library, work = found.address(batch=batch), found.library, found.operations
+    address, library, work = found.address(batch=batch), found.where(batch=batch), found.operations
     number = parts[library] if library in parts else parts.setdefault(library, next(new))
     setup = library.address("setup")
-    function.arm(batch, address, found, number, setup, library.hoisted, float(work), states_at_once(work))
+    function.arm(batch, library, number, address, setup, library.hoisted, float(work), states_at_once(work))

@@ -77,15 +77,16 @@ class RawFunction:
 
     @property
     def library(self) -> Library:
-        """A library with its code; ``Setup`` has what it reads of the parameters, the same for all of its code."""
-        return self.where(batch=False not in self._found and True in self._found)
+        """Where its code for one state is; ``Setup`` has what that reads of the parameters."""
+        return self.where()
 
     @property
     def operations(self) -> int:
         """Operations of a call, or of a step of a rollout, at most: multiplications and additions, or what takes as
         long.
         """
-        work = sum(WEIGHTS[key] * count for key, count in self.library.meta["operations"][self.kernel].items())
+        library = self.where(batch=False not in self._found and True in self._found)  # either says it
+        work = sum(WEIGHTS[key] * count for key, count in library.meta["operations"][self.kernel].items())
         return work * (STAGES if self.kind == ROLLOUT else 1)
 
     def address(self, *, batch: bool = False) -> int:
@@ -93,7 +94,7 @@ class RawFunction:
         return self.where(batch=batch).address(f"{self.name}{BATCH}" if batch else self.name)
 
     def where(self, *, batch: bool = False) -> Library:
-        """The library with the code for one state, or for several, which takes drives of its own."""
+        """The library with the code for one state, or for several, which takes ``Setup.pointer`` of its own."""
         return self._part(batch=batch)[1]
 
     def _part(self, *, batch: bool) -> tuple[Any, Library]:
