@@ -155,9 +155,7 @@ def test_groups_are_compiled_together(batch_first: bool, compiled: Compiled) -> 
     assert sorted(compiled.new()) == ["batches", "singles"]
 
 
-def test_a_failure_is_said_by_the_batch(
-    empty_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_failure_is_said_by_the_batch(empty_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     text = 'case "$*" in *BATCHES_ONLY*) echo no room for vectors; exit 3;; esac\nexec cc "$@"'
     monkeypatch.setenv("CC", script(tmp_path / "cc", text))
     kernel = eomgen.build("one_link")

@@ -9,9 +9,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from ..codegen.kernels.signatures import BATCHES, SINGLES
 from ..errors import UnknownNameError
 from ..progress import StageReport, no_report
-from ..codegen.kernels.signatures import BATCHES, SINGLES
 from ..runtime.raw import BATCH, SETUP, Library, OneLibrary
 from . import cache as store
 from .direct_calls import settle

@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..codegen.kernels.signatures import BATCHES, SINGLES
 from ..codegen.samples.stored import MEASURED, STATES, read_samples
 from ..errors import BuildError
-from ..codegen.kernels.signatures import BATCHES, SINGLES
 from ..runtime.raw import BATCH, OneLibrary, RawFunction, RawKernel
 from . import cache as store
 from .load import fresh_module, keep_module
@@ -102,9 +102,7 @@ def first_difference(
 class _Examination:
     """Asks all functions of a library; one number of every answer that is wrong is told."""
 
-    def __init__(
-        self, libraries: OneLibrary, samples: Mapping[str, Array], bits: bool, halves: Sequence[str]
-    ) -> None:
+    def __init__(self, libraries: OneLibrary, samples: Mapping[str, Array], bits: bool, halves: Sequence[str]) -> None:
         self.known = {name for half in halves for name in libraries.meta["halves"][half]}
         self.libraries, self.raw, self.samples, self.bits = libraries, RawKernel(libraries), samples, bits
         self.h = self._pointer(samples["h"])

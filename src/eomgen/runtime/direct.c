@@ -2,7 +2,7 @@
  *
  * Nothing here knows a robot.  A Function is what one method of all kernels of a package does: the method in Python,
  * the names, roles and shapes of its parameters, and, once it is armed, the addresses of its code for one state and for
- * many, of which either may come first.  A State is what may change of one kernel: its parameters, checks and threads.  A
+ * many, each after a first such call, which may have compiled it.  A State is what may change of one kernel: its parameters, checks and threads.  A
  * Direct is the method of one kernel: a Function and a State, with a kernel that has methods in Python alone.
  *
  * A call is plain where every array is an ndarray itself (no subclass) of the kernel's dtype, aligned, C-contiguous, of
