@@ -1,9 +1,9 @@
 /* Methods of kernels as callables in C: calls with plain arrays go from Python to the compiled function at once.
  *
  * Nothing here knows a robot.  A Function is what one method of all kernels of a package does: the method in Python,
- * the names, roles and shapes of its parameters, and, once it is armed, the address of its code.  A State is what may
- * change of one kernel: its parameters, checks and threads.  A Direct is the method of one kernel: a Function and a
- * State, with a kernel that has methods in Python alone.
+ * the names, roles and shapes of its parameters, and, once it is armed, the addresses of its code for one state and for
+ * many, each after a first such call, which may have compiled it.  A State is what may change of one kernel: its parameters, checks and threads.  A
+ * Direct is the method of one kernel: a Function and a State, with a kernel that has methods in Python alone.
  *
  * A call is plain where every array is an ndarray itself (no subclass) of the kernel's dtype, aligned, C-contiguous, of
  * exactly the shape of one state or of N of them, and no keyword asks for more than `out`.  Whatever is not plain, and
@@ -66,25 +66,29 @@ typedef struct {
 } Place;
 
 typedef struct {
+    PyObject *library;  /* which keeps the code */
+    int part;           /* its number */
+    npy_intp hoisted;   /* numbers that it computes from the parameters */
+    uintptr_t setup;    /* address of its code that does so */
+    uintptr_t address;  /* of the code; 0 until armed, and published last */
+    char was_asked_for; /* whether arming was called */
+} Code;
+
+typedef struct {
     PyObject_HEAD
     PyObject *method; /* the function of Python */
     PyObject *name;
-    PyObject *arming; /* arming(function) tells the addresses after a first call, or NULL */
+    PyObject *arming; /* arming(function, batch) tells an address after a first call of that kind */
     PyObject *frames; /* their numbers by name, a dict */
-    PyObject *library; /* which keeps the code */
     PyArray_Descr *dtype;
     int places, positional;
     Place place[PLACES];
     Shape result;
     int framed, in_three; /* takes a frame's number; its result are three views */
     int cut_must_be_true;
-    int part;         /* number of the library */
-    npy_intp hoisted; /* numbers that it computes from the parameters */
     double operations;
-    npy_intp piece;  /* states that one call computes at most */
-    uintptr_t setup; /* address of the library's code that computes from the parameters */
-    uintptr_t batch; /* for many states; 0 where there is none */
-    uintptr_t code;  /* for one state; 0 until armed, and published last */
+    npy_intp piece; /* states that one call computes at most */
+    Code codes[2];  /* for one state and for many */
 } Function;
 
 typedef struct {
@@ -139,11 +143,11 @@ DEFINE_FINITE(finite_float, uint32_t, UINT32_C(0x7f800000), UINT32_C(0x00800000)
         typedef int (*Two)(const REAL *, const REAL *, const REAL *, REAL *);                                          \
         typedef int (*Three)(const REAL *, const REAL *, const REAL *, const REAL *, REAL *);                          \
         typedef int (*Four)(const REAL *, const REAL *, const REAL *, const REAL *, const REAL *, REAL *);             \
-        if (f->framed) return ((Framed)f->code)(p, a, frame, out) - 1LL;                                               \
-        if (reads == 1) return ((One)f->code)(p, a, out) - 1LL;                                                        \
-        if (reads == 2) return ((Two)f->code)(p, a, b, out) - 1LL;                                                     \
-        if (reads == 3) return ((Three)f->code)(p, a, b, c, out) - 1LL;                                                \
-        return ((Four)f->code)(p, a, b, c, d, out) - 1LL;                                                              \
+        if (f->framed) return ((Framed)f->codes[0].address)(p, a, frame, out) - 1LL;                                   \
+        if (reads == 1) return ((One)f->codes[0].address)(p, a, out) - 1LL;                                            \
+        if (reads == 2) return ((Two)f->codes[0].address)(p, a, b, out) - 1LL;                                         \
+        if (reads == 3) return ((Three)f->codes[0].address)(p, a, b, c, out) - 1LL;                                    \
+        return ((Four)f->codes[0].address)(p, a, b, c, d, out) - 1LL;                                                  \
     }                                                                                                                  \
     static long long many_##REAL(const Function *f, int reads, size_t n, const void *h, const void *const *x,          \
                                  const size_t *s, int frame, void *written)                                            \
@@ -156,11 +160,11 @@ DEFINE_FINITE(finite_float, uint32_t, UINT32_C(0x7f800000), UINT32_C(0x00800000)
         typedef long long (*Two)(size_t, R, R, size_t, R, size_t, REAL *);                                             \
         typedef long long (*Three)(size_t, R, R, size_t, R, size_t, R, size_t, REAL *);                                \
         typedef long long (*Four)(size_t, R, R, size_t, R, size_t, R, size_t, R, size_t, REAL *);                      \
-        if (f->framed) return ((Framed)f->batch)(n, p, a, s[0], frame, out);                                           \
-        if (reads == 1) return ((One)f->batch)(n, p, a, s[0], out);                                                    \
-        if (reads == 2) return ((Two)f->batch)(n, p, a, s[0], b, s[1], out);                                           \
-        if (reads == 3) return ((Three)f->batch)(n, p, a, s[0], b, s[1], c, s[2], out);                                \
-        return ((Four)f->batch)(n, p, a, s[0], b, s[1], c, s[2], d, s[3], out);                                        \
+        if (f->framed) return ((Framed)f->codes[1].address)(n, p, a, s[0], frame, out);                                \
+        if (reads == 1) return ((One)f->codes[1].address)(n, p, a, s[0], out);                                         \
+        if (reads == 2) return ((Two)f->codes[1].address)(n, p, a, s[0], b, s[1], out);                                \
+        if (reads == 3) return ((Three)f->codes[1].address)(n, p, a, s[0], b, s[1], c, s[2], out);                     \
+        return ((Four)f->codes[1].address)(n, p, a, s[0], b, s[1], c, s[2], d, s[3], out);                             \
     }
 DEFINE_CALLS(double)
 DEFINE_CALLS(float)
@@ -223,41 +227,41 @@ failed:
 
 /* ---- calls --------------------------------------------------------------------------------------------------- */
 
-/* What the function's library computes from the values of the parameters; a new array. */
-static PyArrayObject *computed_from(PyArrayObject *values, const Function *f)
+/* What the code's library computes from the values of the parameters; a new array. */
+static PyArrayObject *computed_from(PyArrayObject *values, const Function *f, const Code *code)
 {
-    const npy_intp count = f->hoisted > 0 ? f->hoisted : 1;
+    const npy_intp count = code->hoisted > 0 ? code->hoisted : 1;
     if (PyArray_TYPE(values) != f->dtype->type_num) {
         PyErr_SetString(PyExc_TypeError, "values of another dtype than the kernel's");
         return NULL;
     }
     PyArrayObject *h = (PyArrayObject *)PyArray_SimpleNew(1, &count, f->dtype->type_num);
     if (h != NULL && f->dtype->type_num == NPY_DOUBLE)
-        ((void (*)(const double *, double *))f->setup)(PyArray_DATA(values), PyArray_DATA(h));
+        ((void (*)(const double *, double *))code->setup)(PyArray_DATA(values), PyArray_DATA(h));
     else if (h != NULL)
-        ((void (*)(const float *, float *))f->setup)(PyArray_DATA(values), PyArray_DATA(h));
+        ((void (*)(const float *, float *))code->setup)(PyArray_DATA(values), PyArray_DATA(h));
     return h;
 }
 
-/* What the function's library reads of the parameters; a new reference, so that a running call keeps its own. */
-static PyArrayObject *hoisted(State *state, const Function *f)
+/* What the code reads of the parameters; a new reference, so that a running call keeps its own. */
+static PyArrayObject *hoisted(State *state, const Function *f, const Code *code)
 {
     PyArrayObject *h = NULL, *other = NULL, *values = NULL;
     Py_BEGIN_CRITICAL_SECTION(state);
-    h = state->h[f->part];
+    h = state->h[code->part];
     Py_XINCREF(h);
     if (h == NULL) values = state->values;
     Py_XINCREF(values);
     Py_END_CRITICAL_SECTION();
     if (h != NULL) return h;
-    h = computed_from(values, f);
+    h = computed_from(values, f, code);
     if (h != NULL) {
         Py_BEGIN_CRITICAL_SECTION(state);
         if (state->values == values) { /* no assignment came between */
-            other = state->h[f->part];
+            other = state->h[code->part];
             Py_INCREF(h);
-            state->h[f->part] = h;
-            if (state->parts <= f->part) state->parts = f->part + 1;
+            state->h[code->part] = h;
+            if (state->parts <= code->part) state->parts = code->part + 1;
         }
         Py_END_CRITICAL_SECTION();
     }
@@ -290,6 +294,7 @@ typedef struct {
     size_t steps[ARRAYS + 1]; /* numbers between two states */
     int reads, frame;
     npy_intp states; /* 0 for one alone */
+    int unarmed; /* what is asked for is code that is not known yet */
     PyArrayObject *out;
 } Plain;
 
@@ -324,9 +329,13 @@ static int look(const Function *f, const State *state, PyObject *const *given, P
             call->out = (PyArrayObject *)value;
         }
     }
+    if (PUBLISHED(f->codes[call->states > 0].address) == 0) {
+        call->unarmed = 1;
+        return -1;
+    }
     if (call->states > 0) {
         const Py_ssize_t threads = PUBLISHED(state->threads);
-        if (f->batch == 0 || call->states > f->piece || (threads > 1 && call->states >= 2 * SHARE)) return -1;
+        if (call->states > f->piece || (threads > 1 && call->states >= 2 * SHARE)) return -1;
     }
     if (call->out != NULL) {
         const npy_intp states = states_of((PyObject *)call->out, f, &f->result);
@@ -362,14 +371,20 @@ static long long compute(const Function *f, const void *h, const Plain *call, vo
                                                   call->frame, out);
 }
 
-/* The result of a plain call; NULL without an error where the method in Python has to be asked. */
-static PyObject *straight(const Function *f, State *state, PyObject *const *args, Py_ssize_t count, PyObject *names)
+/* The result of a plain call; NULL without an error where the method in Python has to be asked.  That is so the first
+ * time that there is one state, or many: ``unarmed`` is then 0 or 1. */
+static PyObject *straight(const Function *f, State *state, PyObject *const *args, Py_ssize_t count, PyObject *names,
+                          int *unarmed)
 {
     PyObject *given[PLACES] = {NULL};
     Plain call = {.states = 0};
-    if (sort_arguments(f, args, count, names, given) < 0 || look(f, state, given, &call) < 0) return NULL;
+    if (sort_arguments(f, args, count, names, given) < 0) return NULL;
+    if (look(f, state, given, &call) < 0) {
+        if (call.unarmed) *unarmed = call.states > 0;
+        return NULL;
+    }
     PyObject *found = NULL;
-    PyArrayObject *kept = hoisted(state, f);
+    PyArrayObject *kept = hoisted(state, f, &f->codes[call.states > 0]);
     if (kept == NULL) return NULL;
     const void *h = PyArray_DATA(kept);
     PyArrayObject *out = call.out;
@@ -402,17 +417,16 @@ end:
     return found;
 }
 
-/* Ask for the addresses, once: after a first call the code is there. */
-static int arm_once(Function *f)
+/* Ask for the address of the code for one state or for many, once: after a first call it is there. */
+static int arm_once(Function *f, int batch)
 {
-    PyObject *arming = NULL;
+    int was_asked = 1;
     Py_BEGIN_CRITICAL_SECTION(f);
-    arming = f->arming;
-    f->arming = NULL;
+    was_asked = f->codes[batch].was_asked_for;
+    f->codes[batch].was_asked_for = 1;
     Py_END_CRITICAL_SECTION();
-    if (arming == NULL) return 0;
-    PyObject *answer = PyObject_CallOneArg(arming, (PyObject *)f);
-    Py_DECREF(arming);
+    if (was_asked) return 0;
+    PyObject *answer = PyObject_CallFunctionObjArgs(f->arming, (PyObject *)f, batch ? Py_True : Py_False, NULL);
     Py_XDECREF(answer);
     return answer == NULL ? -1 : 0;
 }
@@ -421,16 +435,14 @@ static PyObject *direct_vectorcall(PyObject *self, PyObject *const *args, size_t
 {
     Direct *direct = (Direct *)self;
     Function *f = direct->function;
-    const int armed = PUBLISHED(f->code) != 0;
-    if (armed) {
-        PyObject *found = straight(f, direct->state, args, PyVectorcall_NARGS(nargsf), names);
-        if (found != NULL || PyErr_Occurred()) return found;
-    }
+    int unarmed = -1;
+    PyObject *found = straight(f, direct->state, args, PyVectorcall_NARGS(nargsf), names, &unarmed);
+    if (found != NULL || PyErr_Occurred()) return found;
     PyObject *bound = PyMethod_New(f->method, direct->owner);
     if (bound == NULL) return NULL;
-    PyObject *found = PyObject_Vectorcall(bound, args, nargsf, names);
+    found = PyObject_Vectorcall(bound, args, nargsf, names);
     Py_DECREF(bound);
-    if (!armed && found != NULL && arm_once(f) < 0) Py_CLEAR(found);
+    if (unarmed >= 0 && found != NULL && arm_once(f, unarmed) < 0) Py_CLEAR(found);
     return found;
 }
 
@@ -459,7 +471,13 @@ static PyObject *direct_doc(PyObject *self, void *closure)
 static PyObject *direct_is_armed(PyObject *self, void *closure)
 {
     (void)closure;
-    return PyBool_FromLong(PUBLISHED(((Direct *)self)->function->code) != 0);
+    return PyBool_FromLong(PUBLISHED(((Direct *)self)->function->codes[0].address) != 0);
+}
+
+static PyObject *direct_takes_many(PyObject *self, void *closure)
+{
+    (void)closure;
+    return PyBool_FromLong(PUBLISHED(((Direct *)self)->function->codes[1].address) != 0);
 }
 
 /* All that a bound method shows: its names, annotations, signature. */
@@ -537,7 +555,8 @@ static PyMemberDef direct_members[] = {
 static PyGetSetDef direct_getset[] = {
     {"__doc__", direct_doc, NULL, NULL, NULL},
     {"__wrapped__", bound_method, NULL, "the method in Python, bound", NULL},
-    {"is_armed", direct_is_armed, NULL, "whether plain calls go to the code", NULL},
+    {"is_armed", direct_is_armed, NULL, "whether plain calls with one state go to the code", NULL},
+    {"takes_many", direct_takes_many, NULL, "whether plain calls with many states go to the code", NULL},
     {NULL, NULL, NULL, NULL, NULL},
 };
 static PyMethodDef direct_methods[] = {
@@ -662,21 +681,21 @@ failed:
     return NULL;
 }
 
-PyDoc_STRVAR(arm_doc, "arm(library, part, code, batch, setup, hoisted, operations, piece)\n\n"
-                      "Tell where the code is; from then on plain calls go there.\n\n"
-                      "Arguments: the library, which is kept, and its number; addresses of the code for one state, for\n"
-                      "many (0: none) and of what computes from the parameters, how many numbers; operations of a\n"
-                      "state; states that one call computes at most.");
+PyDoc_STRVAR(arm_doc, "arm(batch, library, part, code, setup, hoisted, operations, piece)\n\n"
+                      "Tell where the code for one state is, or that for many; from then on plain calls go there.\n\n"
+                      "Arguments: which of both; its library, which is kept, and the number of that; addresses of the\n"
+                      "code and of what computes from the parameters, how many numbers; operations of a state; states\n"
+                      "that one call computes at most.");
 
 static PyObject *function_arm(PyObject *self, PyObject *args)
 {
     Function *f = (Function *)self;
-    unsigned long long code, batch, setup;
+    unsigned long long code, setup;
     PyObject *library;
-    int part;
+    int batch, part;
     double operations;
     Py_ssize_t hoisted_count, piece;
-    if (!PyArg_ParseTuple(args, "OiKKKndn:arm", &library, &part, &code, &batch, &setup, &hoisted_count, &operations,
+    if (!PyArg_ParseTuple(args, "pOiKKndn:arm", &batch, &library, &part, &code, &setup, &hoisted_count, &operations,
                           &piece))
         return NULL;
     if (part < 0 || part >= PARTS) Py_RETURN_FALSE;
@@ -685,15 +704,17 @@ static PyObject *function_arm(PyObject *self, PyObject *args)
         if (f->place[i].role <= BESIDE && f->place[i].shape.size < least) least = f->place[i].shape.size;
     if (least < 1 || code == 0 || setup == 0) Py_RETURN_FALSE; /* nothing to point to */
     Py_BEGIN_CRITICAL_SECTION(self);
-    if (f->code == 0) {
-        Py_INCREF(library), f->library = library;
-        f->part = part;
-        f->operations = operations;
-        f->piece = piece;
-        f->hoisted = hoisted_count;
-        f->setup = (uintptr_t)setup;
-        f->batch = (uintptr_t)batch;
-        PUBLISH(f->code, (uintptr_t)code);
+    Code *armed = &f->codes[batch];
+    if (armed->address == 0) {
+        Py_INCREF(library), armed->library = library;
+        armed->part = part;
+        armed->hoisted = hoisted_count;
+        armed->setup = (uintptr_t)setup;
+        if (f->codes[!batch].address == 0) { /* else these are known, and may be read now */
+            f->operations = operations;
+            f->piece = piece;
+        }
+        PUBLISH(armed->address, (uintptr_t)code);
     }
     Py_END_CRITICAL_SECTION();
     Py_RETURN_TRUE;
@@ -706,7 +727,7 @@ static int function_traverse(PyObject *self, visitproc visit, void *arg)
     Py_VISIT(f->method);
     Py_VISIT(f->arming);
     Py_VISIT(f->frames);
-    Py_VISIT(f->library);
+    for (int i = 0; i < 2; ++i) Py_VISIT(f->codes[i].library);
     return 0;
 }
 
@@ -719,7 +740,7 @@ static void function_dealloc(PyObject *self)
     Py_XDECREF(f->name);
     Py_XDECREF(f->arming);
     Py_XDECREF(f->frames);
-    Py_XDECREF(f->library);
+    for (int i = 0; i < 2; ++i) Py_XDECREF(f->codes[i].library);
     Py_XDECREF(f->dtype);
     for (int i = 0; i < f->places; ++i) Py_DECREF(f->place[i].label);
     type->tp_free(self);

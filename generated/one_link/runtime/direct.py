@@ -140,7 +140,8 @@ def functions(
 ) -> tuple[Any, ...]:
     """Make the module's ``Function`` of every method that calls the function of its name.
 
-    Each is armed with the address of its code after a first call, which may have compiled it.
+    Each is armed with the address of its code for one state, and of that for many, after a first call of that kind,
+    which may have compiled it.
 
     Args:
         module: the extension module.
@@ -180,11 +181,10 @@ def _place(label: str, reads: tuple[str, ...], raw: RawKernel) -> tuple[str, str
     return label, role, raw.shapes[label] if role in ("read", "beside") else ()
 
 
-def _arm(raw: RawKernel, parts: dict[Library, int], new: itertools.count[int], function: Any) -> None:
-    """Tell a ``Function`` where its code is."""
+def _arm(raw: RawKernel, parts: dict[Library, int], new: itertools.count[int], function: Any, batch: bool) -> None:
+    """Tell a ``Function`` where its code is, that for one state or that for many."""
     found = raw.functions[function.name]
-    library, name = found.library, found.name
+    address, library, work = found.address(batch=batch), found.where(batch=batch), found.operations
     number = parts[library] if library in parts else parts.setdefault(library, next(new))
-    code, batch, setup = (library.address(x) for x in (name, f"{name}_batch", "setup"))
-    work = found.operations
-    function.arm(library, number, code, batch, setup, library.hoisted, float(work), states_at_once(work))
+    setup = library.address("setup")
+    function.arm(batch, library, number, address, setup, library.hoisted, float(work), states_at_once(work))

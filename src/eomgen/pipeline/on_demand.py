@@ -86,7 +86,7 @@ class OnDemand:
             return self._found[place]
 
     def _half(self, kernel: str, function: str, report: StageReport) -> str:
-        """The half of a kernel's code that has a function; where its batches are loops they are in that of one state."""
+        """The half of a kernel's code that has a function; batches that are loops are in that of one state."""
         if not function.endswith(BATCH):
             return SINGLES
         halves = self._meta(kernel, report)["halves"]
