@@ -89,7 +89,7 @@ class OnDemand:
         """The half of a kernel's code that has a function; batches that are loops are in that of one state."""
         if not function.endswith(BATCH):
             return SINGLES
-        halves = self._meta(kernel, report)["halves"]
+        halves: Mapping[str, Names] = self._meta(kernel, report)["halves"]
         return next(half for half, names in halves.items() if function in names)
 
     def _names(self, kernel: str, half: str) -> Names:

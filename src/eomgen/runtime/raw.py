@@ -86,7 +86,7 @@ class RawFunction:
         long.
         """
         library = self.where(batch=False not in self._found and True in self._found)  # either says it
-        work = sum(WEIGHTS[key] * count for key, count in library.meta["operations"][self.kernel].items())
+        work: int = sum(WEIGHTS[key] * count for key, count in library.meta["operations"][self.kernel].items())
         return work * (STAGES if self.kind == ROLLOUT else 1)
 
     def address(self, *, batch: bool = False) -> int:
