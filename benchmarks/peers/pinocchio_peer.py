@@ -161,7 +161,10 @@ def coordinate_joints() -> dict[str, Any]:
 
 
 def one_by_one(robot: Robot) -> Any:
-    """A pinocchio.Model with a joint per coordinate, and no bodies in between: faster than its composite joints."""
+    """A pinocchio.Model with a joint per coordinate, and no bodies in between: faster than its composite joints.
+
+    Links are frames of it, by their names.
+    """
     import pinocchio as pin
 
     kinds = coordinate_joints()
@@ -180,6 +183,8 @@ def one_by_one(robot: Robot) -> Any:
         xx, yy, zz, xy, xz, yz = link.inertia
         tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         model.appendBodyToJoint(at, pin.Inertia(link.mass, np.array(link.com), tensor), pose)
+    for name, (at, pose) in where.items():
+        model.addFrame(pin.Frame(name, at, 0, pose, pin.FrameType.BODY))
     return model
 
 

@@ -11,16 +11,25 @@ from eomgen._version import __version__
 from eomgen.robot.model import Model
 
 from ..joint.zeros import zero_map
+from ..kernels.bodies import first_frame, frame_bodies
 from ..kernels.equations import Equations
 from ..kernels.signatures import KERNELS, SIGNATURES, SINGLES, Function, by_kind, functions, shapes
 from ..program.operations import CALLS
 from ..solve.factorised import coordinate_parents
-from .definitions import define, define_setup
+from .definitions import define, define_setup, define_share
 from .lanes import SQUARES, batched, calls_of, pack
-from .scalar_types import SCALARS, TURNS
+from .scalar_types import SCALARS, TURNS, Scalar
 
 LITERALS = {"zero": 0.0, "half": 0.5, "one": 1.0, "two": 2.0, "six": 6.0}  # of templates
 PIVOT_LIMITS = {"float64": 1e-12, "float32": 1e-5}  # a pivot below so much of its scale counts as vanished
+OPEN_GAPS = {"float64": 1e-9, "float32": 1e-5}  # m or rad, and per second of a rate of 1: more is not round-off
+CLOSED_GAPS = {"float64": 1e-11, "float32": 2e-6}  # m or rad, from which one more projection leaves round-off
+CHECKED = ("forward_dynamics", "constraint_forces")  # of loops, which must be closed
+
+
+def statuses(model: Model) -> int:
+    """Reasons why a kernel may fail in one state: a pivot of a coordinate, a gap of a constraint, or its rate."""
+    return model.size + 2 * len(model.constraints)
 
 
 def header_context(equations: Equations, dtype: str, meta: Mapping[str, Any], batches: bool) -> dict[str, Any]:
@@ -33,6 +42,9 @@ def header_context(equations: Equations, dtype: str, meta: Mapping[str, Any], ba
         "dtype": dtype,
         "real": SCALARS[dtype].name,
         "n": model.size,
+        "m": len(model.constraints),
+        "statuses": statuses(model),
+        "closed": bool(model.constraints),
         "batches": batches,
         "declared": [name for names in meta["halves"].values() for name in names],
         "coordinates": model.coordinates,
@@ -62,7 +74,8 @@ def number_context(equations: Equations, dtype: str, meta: Mapping[str, Any]) ->
     model, scalar = equations.model, SCALARS[dtype]
     programs = equations.programs.values()
     public = [name for name in equations.kernels if SIGNATURES[name].kind != "frames"]
-    definitions = [define(program, model.name, scalar, public=program.name in public) for program in programs]
+    whole = [program for program in programs if program.name not in equations.shares]
+    definitions = [define(program, model.name, scalar, public=program.name in public) for program in whole]
     looped = [x for x in functions(equations.kernels) if f"{x.name}_batch" in meta["halves"][SINGLES]]
     return {
         "scalar": scalar.name,
@@ -75,7 +88,10 @@ def number_context(equations: Equations, dtype: str, meta: Mapping[str, Any]) ->
         "zero": scalar.literal(0.0),
         "whole": scalar.whole,
         "pivot_limit": scalar.literal(PIVOT_LIMITS[dtype]),
-        "statuses_of_a_step": str(model.size),
+        "open_gap": scalar.literal(OPEN_GAPS[dtype]),
+        "closed_gap": scalar.literal(CLOSED_GAPS[dtype]),
+        "checks_gaps": any(name in equations.kernels for name in CHECKED) and bool(model.constraints),
+        "statuses_of_a_step": str(statuses(model)),
         "sizes": {key: int(np.prod(shape)) for key, shape in shapes(model).items()},
         "setup": define_setup(equations.setup, model.name, scalar),
         "programs": definitions,
@@ -86,14 +102,47 @@ def number_context(equations: Equations, dtype: str, meta: Mapping[str, Any]) ->
         "turn": TURNS[dtype],
         "turns": any(i.op in ("sin", "cos") for program in programs for i in program.instructions),
         "called": {i.op for program in (equations.setup, *programs) for i in program.instructions} & set(CALLS),
+        "shares": _shares(equations, scalar),
         **_tables(model),
     }
+
+
+def _shares(equations: Equations, scalar: Scalar) -> dict[str, Any] | None:
+    """Runs of bodies and frames as C, by the nodes of ``share_among_bodies``; None where nobody asks for frames."""
+    for shares in equations.shares.values():
+        name, ways = equations.model.name, [shares.way(node) for node in range(len(shares.run_of))]
+        angles = [shares.angles.instructions[index] for index in shares.angles.outputs.values()]
+        plain = all(angle.op == "input" and angle.leaf[0] == "q" for angle in angles)
+        ends = [max(node for node, run in enumerate(shares.run_of) if run == i) for i in range(len(shares.runs))]
+        angles_of = [shares.turned[end] for end in ends]
+        return {
+            "runs": {
+                number: (define_share(run.program, name, scalar, run.stops), bool(run.stops))
+                for number, run in enumerate(shares.runs)
+                if run.program.outputs
+            },
+            "run_of": shares.run_of,
+            "behind": [run.behind for run in shares.runs],
+            "angles": None if plain else define_share(shares.angles, name, scalar),
+            "angle_places": [angle.leaf[1] if plain else place for place, angle in enumerate(angles)],
+            "first": [sum(angles_of[:run]) for run in range(len(ends))],
+            "turned": shares.turned,
+            "first_frame": first_frame(equations.model),
+            "kept": shares.kept,
+            "longest": max(map(len, ways)),
+            "most_turned": max(sum(shares.turned[node] for node in way) for way in ways),
+        }
+    return None
 
 
 def _composed(equations: Equations) -> list[str]:
     """Kernels with a template of their own, in the order in which they are written, but for rollouts."""
     own = [name for name in equations.kernels if name in equations.calls or KERNELS[name].kind == "frames"]
-    return by_kind(name for name in own if KERNELS[name].kind != "rollout")
+    return by_kind(name for name in own if not _rolls(name))
+
+
+def _rolls(kernel: str) -> bool:
+    return KERNELS[kernel].kind == "rollout"
 
 
 def _templates(kernels: Iterable[str]) -> list[dict[str, str]]:
@@ -105,9 +154,7 @@ def _tables(model: Model) -> dict[str, Any]:
     """Numbers of the tree that templates of composed kernels have tables of."""
     bodies = model.bodies
     return {
-        "origins": 12 * len(model.frames),
-        "axes": 12 * len(model.frames) + 3 * len(bodies),
-        "frame_bodies": [model.body_of[_link_of(model, frame)] for frame in model.frames],
+        "frame_bodies": frame_bodies(model),
         "body_parents": [body.parent for body in bodies],
         "body_first": [body.first for body in bodies],
         "body_count": [len(body.active) for body in bodies],
@@ -124,7 +171,9 @@ def lane_context(equations: Equations, dtype: str) -> dict[str, Any]:
     model, lanes = equations.model, SCALARS[dtype].lanes()
     together = batched(equations)
     wanted = {program for name in together for program in calls_of(equations, name)}
-    programs = [program for name, program in equations.programs.items() if name in wanted]
+    programs = [
+        program for name, program in equations.programs.items() if name in wanted and name not in equations.shares
+    ]
     public = _functions(functions(together))
     names = {function.name for function in public["functions"]}
     packings = {p.name: packing for p in programs if p.name in names and (packing := pack(p)) is not None}
@@ -141,12 +190,13 @@ def lane_context(equations: Equations, dtype: str) -> dict[str, Any]:
         "whole": lanes.whole,
         "one": lanes.whole(one),
         "zero": lanes.whole(zero),
-        "statuses_of_a_step": f"{model.size} * LANES",
+        "statuses_of_a_step": f"{statuses(model)} * LANES",
         "programs": definitions,
         "packings": packings,
         "unpacked": [(name, SIGNATURES[name]) for name in packings if name in called],
         "solving": any(definition.has_pivots for definition in definitions),
-        "composed": _templates(name for name in together if KERNELS[name].kind == "composed"),
+        "shares": _shares(equations, lanes) if equations.shares.keys() & set(together) else None,
+        "composed": _templates(name for name in together if name in equations.calls and not _rolls(name)),
         "framed": _templates(name for name in together if KERNELS[name].kind == "frames"),
         **public,
         "squares": SQUARES[dtype],
@@ -160,7 +210,3 @@ def christoffel_words(model: Model) -> list[str]:
     padded[: mask.size] = mask
     words = np.packbits(padded, bitorder="little").view("<u8")
     return [f"{word:#x}ULL" for word in words]
-
-
-def _link_of(model: Model, frame: str) -> str:
-    return {f.name: f.link for f in model.robot.frames}.get(frame, frame)

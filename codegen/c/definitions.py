@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ..kernels.signatures import SIGNATURES
 from ..program.ir import Program
 from .scalar_types import Scalar
-from .statements import Function, write_function
+from .statements import NO_STOPS, Function, write_function
 
 SHARED = ("h", "p")  # arrays with one number for all states
 
@@ -71,6 +72,13 @@ def define(program: Program, robot: str, scalar: Scalar, *, public: bool = False
 def define_setup(program: Program, robot: str, scalar: Scalar) -> Definition:
     """The program that computes what depends on parameters alone."""
     return _definition(write_function(program, scalar, turning=False), f"{robot}_setup", scalar, None, "")
+
+
+def define_share(program: Program, robot: str, scalar: Scalar, stops: Mapping[int, int] = NO_STOPS) -> Definition:
+    """A run of a tree's nodes, or the angles of all of them, ``program.shares``."""
+    name = f"{robot}_{program.name}{'_lanes' if scalar.spread else ''}"
+    function = write_function(program, scalar, turning=False, stops=stops)
+    return _definition(function, name, scalar, None, "EOMGEN_PART ")
 
 
 def _definition(function: Function, name: str, scalar: Scalar, turns: Turns | None, linkage: str) -> Definition:

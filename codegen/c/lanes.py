@@ -23,6 +23,10 @@ def batched(equations: Equations) -> list[str]:
 
     def values(name: str) -> int:
         signature = SIGNATURES[name]
+        if name in equations.shares:
+            between = {key for run in equations.shares[name].runs for key in run.program.outputs}
+            results = [function.writes for function in signature.functions.values()]
+            return len(between) + sum(size[array] for array in (*signature.reads, *results))
         arrays = sum(size[array] for array in (*signature.reads, signature.writes))
         if name in equations.programs:
             program = equations.programs[name]
@@ -36,7 +40,7 @@ def batched(equations: Equations) -> list[str]:
 
 def _has_lanes(equations: Equations, name: str) -> bool:
     """True if there is C of the kernel for vectors: a program, or a template that is written for both."""
-    return name in equations.programs or KERNELS[name].kind in ("composed", "rollout")
+    return name in equations.programs or KERNELS[name].kind in ("composed", "rollout") or bool(KERNELS[name].closed)
 
 
 def calls_of(equations: Equations, name: str) -> tuple[str, ...]:

@@ -9,15 +9,19 @@ from __future__ import annotations
 import re
 from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 from ..kernels.signatures import SIGNATURES
 from ..program.ir import Program, users
 from ..program.operations import CALLS
+from ..program.shares import GIVEN, TURNS
 from .scalar_types import Scalar
 
 CHUNK = 900  # values per function
 INLINE = 72  # longest expression, in characters, that is written into another one
 _BRACKETS = re.compile(r"\([^()]*\)")
+ARRAYS = ("h", "p", "q", "v", "a", "u", "wrench", *TURNS.values(), GIVEN)  # that no signature lists, in this order
+NO_STOPS: Mapping[int, int] = MappingProxyType({})
 FILL = 16  # from so many zeros on an output is cleared in a loop
 
 
@@ -47,17 +51,22 @@ class Function:
         return f"{array} + {first}" if found == [(array, first + i) for i in range(len(found))] else ""
 
 
-def write_function(program: Program, scalar: Scalar, *, turning: bool = True) -> Function:
+def write_function(
+    program: Program, scalar: Scalar, *, turning: bool = True, stops: Mapping[int, int] = NO_STOPS
+) -> Function:
     """Program -> statements of C.
 
     Args:
         turning: take all sines and cosines at once in front (``turn`` of ``kernel/vectors.jinja``), not one by one.
+        stops: of a run (``program.shares``), which ends there if nothing is wanted of what comes behind.
     """
     signature = SIGNATURES.get(program.name)
-    arrays: tuple[str, ...] = tuple(a for a in ("h", "p", "q", "v", "a", "u", "wrench") if a in program.inputs())
+    arrays: tuple[str, ...] = tuple(
+        a for a in ("h", "p", "q", "v", "a", "u", "wrench", *TURNS.values(), GIVEN) if a in program.inputs()
+    )
     if signature is not None:
         arrays = ("h", *signature.reads)
-    writer = _Writer(program, scalar, turning)
+    writer = _Writer(program, scalar, turning, stops)
     chunks = writer.chunks()
     texts = ["\n".join(chunk) for chunk in chunks]
     unused = [[a for a in arrays if not _reads(text, a)] for text in texts]
@@ -118,8 +127,8 @@ def handed_on(program: Program, chunk_of: Mapping[int, int]) -> dict[int, int]:
 class _Writer:
     """Writes the statements of one program."""
 
-    def __init__(self, program: Program, scalar: Scalar, turning: bool) -> None:
-        self.program, self.scalar = program, scalar
+    def __init__(self, program: Program, scalar: Scalar, turning: bool, stops: Mapping[int, int]) -> None:
+        self.program, self.scalar, self.stops = program, scalar, stops
         self.count = users(program)
         self.stores: dict[int, list[str]] = {}
         for (array, position), index in program.outputs.items():
@@ -129,6 +138,8 @@ class _Writer:
         self.turns: dict[int, str] = {}  # sines and cosines that are taken in front
         self._take_turns(apart)
         self.chunk_of = split(program, apart)
+        if stops:  # a run is short, and what ends it ends a function
+            self.chunk_of = dict.fromkeys(self.chunk_of, 0)
         self.last = max(self.chunk_of.values(), default=0)
         self.slots = handed_on(program, self.chunk_of)
 
@@ -158,6 +169,8 @@ class _Writer:
         known: list[dict[int, str]] = [{} for _ in lines]
         chunk_of, notes = self.chunk_of, self.program.notes
         for index, instruction in enumerate(self.program.instructions):
+            if index in self.stops:
+                lines[0].append(f"if (last <= {self.stops[index]}) {{ return; }}")
             chunk = chunk_of.get(index)
             note = notes.get(index, note)
             if chunk is None:

@@ -162,10 +162,12 @@ def _contact(numbers: Numbers, k: Scalar, s: Scalar, v: Scalar, f: Functions) ->
         energy = energy + c * (within + 0.25 * (end * end * end * end - root * root))
     if "restitution_damping" in numbers:
         c = numbers["restitution_damping"]
-        raised = 1.0 + c * (slope * v)
-        factor, pushes = f.max(raised, 0.0), c * f.step(raised)
+        approach = c * v  # both ends share it
+        raised = 1.0 + slope * approach
+        factor, pushes = f.max(raised, 0.0), f.step(raised)
         bend = (f.step(x) - f.step(x - w)) * inverse
-        return Effect(force * factor, by_s * factor + force * (pushes * (bend * v)), force * (pushes * slope), energy)
+        by_s = by_s * factor + force * (pushes * (bend * approach))
+        return Effect(force * factor, by_s, force * (c * (pushes * slope)), energy)
     return Effect(force, by_s, energy=energy)
 
 

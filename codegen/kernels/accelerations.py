@@ -6,25 +6,24 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from ..forces.cuts import Deviating
 from ..forces.rows import effects, stretches
 from ..forces.springs import Along
-from ..solve.elimination import Elimination
-from ..solve.factorised import solve
-from ..solve.rotors import Rotors
-from ..tree.bound import Bound
+from ..solve.factorised import Factors, solve
+from ..solve.responses import EliminatedTree, FactorisedTree
+from ..solve.rows import Row, elastic_row
 from ..tree.spatial import Scalar
+from .closed import Pivots, closed, constrained, eliminated, gaps, pivot_outputs, settling
 from .derivation import Derivation, Outputs
 
 FACTORISED = "M = L^T D L factorised"
+ELIMINATED = "joints eliminated in O(n)"
 STRAIGHT_SOLVE = 12  # up to so many coordinates the factorisation is tried beside the elimination
 
 
-def _solved(d: Derivation, acceleration: list[Scalar], pivots: list[tuple[Scalar, Scalar]]) -> Outputs:
+def _solved(d: Derivation, acceleration: Sequence[Scalar], pivots: Pivots) -> Outputs:
     """Accelerations, and for every coordinate a pivot with the size that it is compared to."""
-    outputs = d.vector(acceleration)
-    for place, index in enumerate(d.own):
-        outputs["pivot", 2 * place], outputs["pivot", 2 * place + 1] = pivots[index]
-    return outputs
+    return {**d.vector(acceleration), **pivot_outputs(d, pivots)}
 
 
 def _factorised(d: Derivation) -> Outputs:
@@ -43,27 +42,38 @@ def _drives(d: Derivation, springs: list[Scalar]) -> list[Scalar]:
 
 def _eliminated(d: Derivation) -> Outputs:
     """Joint by joint from the tips, without a mass matrix."""
-    found = _by_elimination(d, d.bound, d.bound.armature, _drives(d, d.forces(d.v)), d.v, {})
-    return _solved(d, *found)
+    tree, pivots = _tree(d, _drives(d, d.forces(d.v)), d.v)
+    return _solved(d, tree.free, pivots)
 
 
-def _by_elimination(
-    d: Derivation,
-    bound: Bound,
-    armature: Sequence[Scalar],
-    drives: list[Scalar],
-    v: list[Any],
-    slopes: Mapping[int, Scalar],
-) -> tuple[list[Scalar], list[tuple[Scalar, Scalar]]]:
-    """Accelerations and pivots: the motors' scalar rows, then the tree.
+def _tree(d: Derivation, drives: list[Scalar], v: list[Any], *, coupled: bool = False) -> tuple[EliminatedTree, Pivots]:
+    """The tree with its joints eliminated, in forward dynamics."""
+    return eliminated(d, d.bound.armature, drives, v, coupled=coupled)
 
-    ``slopes`` are those of the transmissions in an implicit step.
-    """
-    rotors = Rotors(d.model, bound, armature, drives, slopes)
-    left = replace(bound, armature=tuple(rotors.armature))
-    solved = Elimination(d.model, left, d.joints, v, rotors.drives, d.graph.note)
-    rotors.release(solved.accelerations, solved.pivots)
-    return solved.accelerations, solved.pivots
+
+def _constrained_by_elimination(d: Derivation) -> Outputs:
+    return constrained(d, *_tree(d, _drives(d, d.forces(d.v)), d.v, coupled=True))
+
+
+def _constrained_by_factors(d: Derivation) -> Outputs:
+    right = [drive - row for row, drive in zip(d.dynamics(d.v, d.still), d.u, strict=True)]
+    return constrained(d, *_by_factors(d, right))
+
+
+def _settling_by_elimination(d: Derivation) -> Outputs:
+    rest = replace(d.bound, gravity=(0.0, 0.0, 0.0))
+    return settling(d, *eliminated(d, d.bound.armature, d.still, d.still, bound=rest, coupled=True))
+
+
+def _settling_by_factors(d: Derivation) -> Outputs:
+    return settling(d, *_by_factors(d, d.still))
+
+
+def _by_factors(d: Derivation, right: Sequence[Scalar]) -> tuple[FactorisedTree, Pivots]:
+    """The tree by M = L^T D L, with the pivots and what they are compared to."""
+    matrix = d.matrix()
+    factors = Factors(d.model, matrix)
+    return FactorisedTree(factors, right), [(pivot, matrix[i, i]) for i, pivot in enumerate(factors.pivots)]
 
 
 def implicit_step(d: Derivation) -> Outputs:
@@ -74,7 +84,8 @@ def implicit_step(d: Derivation) -> Outputs:
     positive definite.
     ``added`` is what a joint's controller adds to the diagonal; it acts on coordinates that are driven.
     Springs between points act where their rates lead to, in the directions that they have; their tangents are no
-    diagonal, and join in afterwards (``_with_lines``).
+    diagonal, but rows like those of closed loops.  Loops are closed at the end of the step, at the level of rates:
+    J v = -g / dt.
     """
     dt, square = d.graph.input("dt", 0), d.graph.input("dt", 1)
     ahead = [q + dt * v for q, v in zip(d.q, d.v, strict=True)]
@@ -83,58 +94,47 @@ def implicit_step(d: Derivation) -> Outputs:
     for pull in pulls:
         for i, arm in pull.arms.items():
             springs[i] = springs[i] + pull.tension * arm
-    drives = _drives(d, springs)
     armature = list(d.bound.armature)
     for i, (stiffness, damping) in enumerate(zip(d.bound.stiffness, d.bound.damping, strict=True)):
         armature[i] = armature[i] + (dt * damping + square * stiffness)
     for i, law in effects(d.bound, ahead, d.v, d.functions).items():
         armature[i] = armature[i] + d.functions.max(dt * law.by_v + square * law.by_s, 0.0)
+    driven = frozenset(d.model.driven)
     for place, i in enumerate(d.own):
-        if i in d.model.driven:
+        if i in driven:
             armature[i] = armature[i] + d.graph.input("added", place)
     slopes = {}
     for i, stretch in stretches(d.bound, ahead, d.v, d.functions).items():
         nonlinear = d.functions.max(dt * stretch.nonlinear.by_v + square * stretch.nonlinear.by_s, 0.0)
         slopes[i] = dt * stretch.linear.by_v + square * stretch.linear.by_s + nonlinear
-    accelerations, pivots = _by_elimination(d, d.bound, armature, drives, d.v, slopes)
-    return _solved(d, _with_lines(d, armature, accelerations, pulls, dt, square, slopes), pivots)
+    rows = [*_closing_rows(d, dt), *(_elastic_row(d, pull, dt, square) for pull in pulls)]
+    for own in d.deviating:
+        rows.append(_cut_row(d, own, dt, square, springs))
+    tree, pivots = eliminated(d, armature, _drives(d, springs), d.v, slopes, coupled=bool(rows))
+    return _solved(d, closed(d, tree, rows)[0] if rows else tree.free, pivots)
 
 
-def _with_lines(
-    d: Derivation,
-    armature: Sequence[Scalar],
-    accelerations: list[Scalar],
-    pulls: Sequence[Along],
-    dt: Scalar,
-    square: Scalar,
-    slopes: Mapping[int, Scalar],
-) -> list[Scalar]:
-    """Accelerations with slope j j^T, j = dL/dq, of every spring between points added to the matrix.
-
-    One rank at a time (J. Sherman, W. J. Morrison 1950): each takes the answer to its own j, which is one more
-    elimination at rest and weightless, whose inertias are those of the first.
-    """
-    rest = replace(d.bound, gravity=(0.0, 0.0, 0.0))
-    answers = []
-    for pull in pulls:
-        drives = [0.0 if i in d.model.prescribed else pull.arms.get(i, 0.0) for i in range(d.model.size)]
-        answers.append(_by_elimination(d, rest, armature, drives, d.still, slopes)[0])
-    found = list(accelerations)
-    for place, pull in enumerate(pulls):
-        own, slope = answers[place], d.functions.max(dt * pull.by_rate + square * pull.by_e, 0.0)
-        share = slope / (1.0 + slope * _along(pull, own))
-        for other in (found, *answers[place + 1 :]):
-            taken = share * _along(pull, other)
-            other[:] = [x - taken * y for x, y in zip(other, own, strict=True)]
-    return found
+def _closing_rows(d: Derivation, dt: Scalar) -> list[Row]:
+    """Rows that close the loops by the end of a step; they take energy out where the loops' directions turn."""
+    found = gaps(d, d.still) if d.model.constraints else []
+    rate = 1.0 / dt if found else 0.0
+    return [gap.row(-1.0 * (rate * (gap.rate(d.v) + rate * gap.value))) for gap in found]
 
 
-def _along(pull: Along, accelerations: Sequence[Scalar]) -> Scalar:
-    """Acceleration of a spring's length."""
-    total: Scalar = 0.0
-    for index, arm in pull.arms.items():
-        total = total + arm * accelerations[index]
-    return total
+def _cut_row(d: Derivation, own: Deviating, dt: Scalar, square: Scalar, springs: list[Scalar]) -> Row:
+    """The row of a cut joint's coordinate with a force, which ``springs`` get: where its rate leads to after dt."""
+    rate = own.rate(d.v)
+    found = own.resists(own.s + dt * rate, rate, d.functions)
+    for i, arm in own.arms.items():
+        springs[i] = springs[i] + found.force * arm
+    slope = d.functions.max(dt * found.by_v + square * found.by_s, 0.0)
+    return elastic_row(own.arms, d.functions.sqrt(slope))
+
+
+def _elastic_row(d: Derivation, pull: Along, dt: Scalar, square: Scalar) -> Row:
+    """The row of a spring between two points, whose slope is left out where it falls."""
+    slope = d.functions.max(dt * pull.by_rate + square * pull.by_e, 0.0)
+    return elastic_row(pull.arms, d.functions.sqrt(slope))
 
 
 @dataclass(frozen=True)
@@ -150,7 +150,15 @@ class Way:
     prescribes: bool = True
 
 
+CONSTRAINED: Mapping[str, Way] = {
+    FACTORISED: Way(_constrained_by_factors, STRAIGHT_SOLVE, prescribes=False),
+    ELIMINATED: Way(_constrained_by_elimination),
+}
+SETTLING: Mapping[str, Way] = {
+    FACTORISED: Way(_settling_by_factors, STRAIGHT_SOLVE, prescribes=False),
+    ELIMINATED: Way(_settling_by_elimination),
+}
 SOLVERS: Mapping[str, Way] = {
     FACTORISED: Way(_factorised, STRAIGHT_SOLVE, prescribes=False),  # M would have to be divided by what is known
-    "joints eliminated in O(n)": Way(_eliminated),
+    ELIMINATED: Way(_eliminated),
 }

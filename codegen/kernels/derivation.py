@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
 from eomgen.robot.model import Model, with_offset_angles
 
+from ..forces.cuts import Deviating, deviating
 from ..forces.rows import resisting_rows
 from ..forces.scalar_functions import Functions
 from ..forces.springs import Line, lines
@@ -14,6 +16,7 @@ from ..program.ir import Graph, Value
 from ..program.passes import PARAMETERS
 from ..tree.bound import Bound, bind
 from ..tree.composite import Rows, mass_matrix
+from ..tree.constraints import Closure, closures
 from ..tree.frames import choose_frames
 from ..tree.frozen_joints import JointGeometry, geometry
 from ..tree.recursion import inertial_rows
@@ -28,12 +31,14 @@ class Derivation:
 
     ``regrouped``: with the frames and pseudo-inertias that cost least (``choose_frames``, ``regroup``).
 
+    ``dtype``: of the numbers that the C computes with.
+
     An angle that is not active but has an offset is a coordinate here whose q, v and a are zero; ``own`` are the places
     of the coordinates that kernels know, and what is written leaves the others out.
     """
 
-    def __init__(self, model: Model, *, regrouped: bool = True) -> None:
-        self.graph = Graph()
+    def __init__(self, model: Model, *, regrouped: bool = True, dtype: str = "float64") -> None:
+        self.graph, self.dtype = Graph(), dtype
         self.model, self.own = with_offset_angles(model)
         slots = {name: slot for slot, name in enumerate(model.parameters)}
 
@@ -75,13 +80,29 @@ class Derivation:
         return list(lines(self.model, self.bound, self.joints, v, self.functions, self.graph.note))
 
     def forces(self, v: list[Any]) -> list[Scalar]:
-        """Forces, (n,), that all springs and dampers take from the drives."""
+        """Forces, (n,), that all springs and dampers, those of cut joints as well, take from the drives."""
         rows = self.resisting(self.q, v)
         for line in self.lines(v):
             ratio = line.pull().ratio
             for index, value in line.g.items():
                 rows[index] = rows[index] + ratio * value
+        for own in self.deviating:
+            force = own.resists(own.s, own.rate(v), self.functions).force
+            for index, arm in own.arms.items():
+                rows[index] = rows[index] + force * arm
         return rows
+
+    @cached_property
+    def closures(self) -> list[Closure]:
+        """The loops where q is."""
+        return list(closures(self.model, self.bound, self.joints, self.graph.sincos, self.graph.note))
+
+    @cached_property
+    def deviating(self) -> list[Deviating]:
+        """Coordinates of cut joints with a force, and elastic couplings, where q is."""
+        if not (self.bound.cut_laws or self.bound.couplings):
+            return []
+        return deviating(self.bound, self.closures, self.q, self.functions)
 
     def matrix(self) -> Rows:
         """Entries of M on and above the diagonal."""

@@ -12,11 +12,14 @@ from eomgen.robot.model import Model
 from ..program.forward_mode import tangent
 from ..program.ir import Program, finish
 from ..program.passes import hoist_parameters, run_passes
+from ..program.shares import Shares
+from .bodies import share_among_bodies
 from .derivation import Derivation
 from .signatures import KERNELS, RATES, SIGNATURES, available
 from .writers import DESCRIPTION_FRAMES, WAYS, WRITERS
 
 DIVISION = 8  # a division takes about as long as so many products
+NEEDS = {"loops": "[[loops]]", "springs": "[[springs]]", "constraints": "rigid [[loops]] or [[couplings]]"}
 STRAIGHT_COLUMNS = 12000  # up to so many operations all columns are written out, above it is a loop over them
 
 
@@ -26,7 +29,7 @@ class Equations:
 
     ``setup`` computes what depends on parameters alone; ``calls`` holds, by name, the kernels that are no programs but
     templates of their own, with the programs that their C calls; ``choices`` says which way was taken where there are
-    two.
+    two; ``shares`` are what a program of frames is written out as, by its name.
     """
 
     model: Model
@@ -35,13 +38,15 @@ class Equations:
     programs: Mapping[str, Program]
     calls: Mapping[str, tuple[str, ...]]
     choices: Mapping[str, str]
+    shares: Mapping[str, Shares]
 
 
 @without_collection()
-def derive_equations(model: Model, kernels: Sequence[str] = ()) -> Equations:
+def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "float64") -> Equations:
     """Model -> Equations, with every pass run.
 
     Args:
+        dtype: of the numbers that the C computes with; loops are solved for its precision.
         kernels: names of KERNELS; all that there are for the model but tangents if empty.  Those of springs between
             points come with any: they are small, and integrations choose method and step by them.
 
@@ -52,7 +57,7 @@ def derive_equations(model: Model, kernels: Sequence[str] = ()) -> Equations:
     for name in kernels:
         if name not in known:
             raise InputError(
-                f"kernels: {name!r} is for robots with [[{KERNELS[name].needs}]], and {model.name} has none"
+                f"kernels: {name!r} is for robots with {NEEDS[KERNELS[name].needs]}, and {model.name} has none"
             )
     wanted = kernels or [name for name in known if not KERNELS[name].tangent_of]
     public = tuple(name for name in known if name in wanted or KERNELS[name].needs == "springs")
@@ -61,7 +66,9 @@ def derive_equations(model: Model, kernels: Sequence[str] = ()) -> Equations:
     choices: dict[str, str] = {}
     for name in public:
         signature = KERNELS[name]
-        if signature.calls:
+        if signature.closed and model.constraints:
+            calls[name] = signature.closed
+        elif signature.calls:
             calls[name] = signature.calls
         elif signature.columns_of and _columns_cost(model, signature.columns_of, raw) > STRAIGHT_COLUMNS:
             calls[name] = (signature.columns_of,)
@@ -69,11 +76,13 @@ def derive_equations(model: Model, kernels: Sequence[str] = ()) -> Equations:
             choices[name] = f"a loop in C, one {words} per unit velocity"
         for program in calls.get(name, (name,)):
             if program in WAYS and program not in raw:
-                raw[program], choices[program] = derive_cheapest(model, program)
+                raw[program], choices[program] = derive_cheapest(model, program, dtype=dtype)
             elif program not in raw:
-                raw[program] = derive(model, program)
+                raw[program] = derive(model, program, dtype)
     setup, programs = hoist_parameters(list(raw.values()), len(model.parameters))
-    return Equations(model, public, setup, dict(zip(raw, programs, strict=True)), calls, choices)
+    written = dict(zip(raw, programs, strict=True))
+    shares = {name: share_among_bodies(model, written[name]) for name in public if KERNELS[name].kind == "frames"}
+    return Equations(model, public, setup, written, calls, choices, shares)
 
 
 def _columns_cost(model: Model, kernel: str, known: Mapping[str, Program]) -> int:
@@ -83,17 +92,17 @@ def _columns_cost(model: Model, kernel: str, known: Mapping[str, Program]) -> in
 
 
 @without_collection()
-def derive(model: Model, kernel: str) -> Program:
+def derive(model: Model, kernel: str, dtype: str = "float64") -> Program:
     """The program of one entry of WRITERS or WAYS, or of a tangent."""
     if kernel in WAYS:
-        return derive_cheapest(model, kernel)[0]
+        return derive_cheapest(model, kernel, dtype=dtype)[0]
     if SIGNATURES[kernel].tangent_of:
         return run_passes(tangent(derive(model, SIGNATURES[kernel].tangent_of), RATES, kernel))
-    derivation = Derivation(model, regrouped=kernel not in DESCRIPTION_FRAMES)
+    derivation = Derivation(model, regrouped=kernel not in DESCRIPTION_FRAMES, dtype=dtype)
     return run_passes(finish(derivation.graph, kernel, WRITERS[kernel](derivation)))
 
 
-def derive_cheapest(model: Model, kernel: str, chosen: str = "") -> tuple[Program, str]:
+def derive_cheapest(model: Model, kernel: str, chosen: str = "", dtype: str = "float64") -> tuple[Program, str]:
     """The program of a kernel that can be written in several ways, and the name of its way in WAYS.
 
     Args:
@@ -105,7 +114,7 @@ def derive_cheapest(model: Model, kernel: str, chosen: str = "") -> tuple[Progra
         is_long = way.most is not None and model.size > way.most
         if name != chosen and (chosen or is_long):
             continue
-        derivation = Derivation(model)
+        derivation = Derivation(model, dtype=dtype)
         if way.prescribes or not derivation.model.prescribed:
             program = run_passes(finish(derivation.graph, kernel, way.write(derivation)))
             candidates.append((program, name))

@@ -65,6 +65,7 @@ def knots(model: Model) -> dict[str, list[float]]:
     given |= {
         component_name(joint.name, MOTOR): joint.motor.transmission for joint in model.robot.joints if joint.motor
     }
+    given |= {component_name(owner, name) if name else owner: c for owner, name, c in model.cut_laws}
     return {name: [deviation for deviation, _ in c.curve] for name, c in given.items() if c.curve is not None}
 
 
@@ -80,6 +81,9 @@ def _motor_metadata(model: Model) -> dict[str, Any]:
 
 
 def _loop_metadata(model: Model) -> dict[str, Any]:
-    """The loops' types and the components of their constraint, where there are loops."""
+    """The loops' types, and the components of the constraint of loops and couplings, where there are some."""
     loops = {loop.name: loop.type for loop in model.robot.loops}
-    return {"loops": loops, "constraints": model.constraints} if loops else {}
+    found: dict[str, Any] = {"loops": loops} if loops else {}
+    if model.constraints:
+        found["constraints"] = model.constraints
+    return found

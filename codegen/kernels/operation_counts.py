@@ -1,4 +1,7 @@
-"""Operations of every kernel's C: those of its program, or of the programs that its template calls."""
+"""Operations of every kernel's C: those of its program, or of the programs that its template calls.
+
+Of a frame's pose or Jacobian: those of the frame that needs most, from the base to it.
+"""
 
 from __future__ import annotations
 
@@ -24,11 +27,14 @@ def operations(equations: Equations) -> dict[str, Counts]:
 
 
 def _of_kernel(equations: Equations, name: str) -> Counts:
+    if name in equations.shares:
+        return equations.shares[name].count()
     if name in equations.programs:
         return equations.programs[name].count()
     if KERNELS[name].columns_of:
         column = equations.programs[KERNELS[name].columns_of].count()
         return {key: equations.model.size * number for key, number in column.items()}
-    parts = [equations.programs[program].count() for program in KERNELS[name].counts]
+    closed = KERNELS[name].closed if equations.model.constraints else ()
+    parts = [equations.programs[program].count() for program in closed or KERNELS[name].counts]
     parts += [OWN[name](equations.model)] if name in OWN else []
     return {key: sum(part[key] for part in parts) for key in parts[0]}

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-from eomgen.robot.model import Model
+if TYPE_CHECKING:
+    from eomgen.robot.model import Model
 
+DTYPES = ("float64", "float32")  # types of kernels' numbers
 Kind = Literal["program", "tangent", "frames", "composed", "rollout"]
 KINDS: Mapping[Kind, str] = {  # in the order in which C and packages have them
     "program": "straight-line code of one writer",
     "tangent": "straight-line code, differentiated from another kernel's; there only if it is asked for",
-    "frames": "straight-line code that nobody calls but functions of a frame's number",
+    "frames": "straight-line code in shares of bodies and frames, which functions of a frame's number call",
     "composed": "a template of its own, which calls programs: ``templates/composed``",
     "rollout": "the same, with a call of its own: many steps at once",
 }
@@ -26,13 +28,15 @@ class Signature:
     kind: where its C comes from and how it is called, one of KINDS.
     calls: the programs that its C calls, where the kind is "composed" or "rollout".
     counts: of these the ones whose operations count as the kernel's.
+    closed: the programs that its C calls where the robot has loops; they count, too.
     tangent_of: the kernel that it differentiates, where the kind is "tangent".
     functions: what users call instead of it, where the kind is "frames".
     columns_of: the program that a template of its own calls once for every coordinate, where its own program would be
         too long.
     solves: whether it inverts the mass matrix, and so fails where that is singular; the others always return 0.
     symmetric: whether it writes a matrix that is symmetric to the bit.
-    needs: what a robot must have for it: "loops", "springs" or nothing.
+    needs: what a robot must have for it: "loops", "springs", "constraints" (loops or couplings that are rigid in some
+        direction) or nothing.
     mapped: whether packages say which of its entries vanish identically.
     """
 
@@ -42,12 +46,13 @@ class Signature:
     kind: Kind = "program"
     calls: tuple[str, ...] = ()
     counts: tuple[str, ...] = ()
+    closed: tuple[str, ...] = ()
     tangent_of: str = ""
     functions: Mapping[str, Signature] = field(default_factory=dict)
     columns_of: str = ""
     solves: bool = False
     symmetric: bool = False
-    needs: Literal["", "loops", "springs"] = ""
+    needs: Literal["", "loops", "springs", "constraints"] = ""
     mapped: bool = False
 
 
@@ -71,7 +76,36 @@ KERNELS: Mapping[str, Signature] = {
     ),
     "residual": Signature(("q", "v", "a", "u"), "vector", "M a + bias - Q - u, eq. (5) unexpanded; zero on a motion."),
     "inverse_dynamics": Signature(("q", "v", "a"), "vector", "The drives u that make the residual zero."),
-    "forward_dynamics": Signature(("q", "v", "u"), "vector", "Accelerations under the drives u.", solves=True),
+    "forward_dynamics": Signature(
+        ("q", "v", "u"), "vector", "Accelerations under the drives u.", solves=True, closed=("constrained_dynamics",)
+    ),
+    "tree_forward_dynamics": Signature(
+        ("q", "v", "u"), "vector", "Accelerations under the drives u, loops cut.", solves=True, needs="constraints"
+    ),
+    "constrained_dynamics": Signature(
+        ("q", "v", "u"),
+        "constrained",
+        "Accelerations under the drives u, multipliers, g and J v; whatever the gaps are.",
+        solves=True,
+        needs="constraints",
+    ),
+    "constraint_forces": Signature(
+        ("q", "v", "u"),
+        "constraints",
+        "Multipliers of the constraint under the drives u.",
+        "composed",
+        calls=("constrained_dynamics",),
+        counts=("constrained_dynamics",),
+        solves=True,
+        needs="constraints",
+    ),
+    "settling": Signature(
+        ("q", "v"),
+        "settling",
+        "Changes of q and v towards the nearest closed state, by the kinetic energy, and g.",
+        solves=True,
+        needs="constraints",
+    ),
     "residual_jacobian": Signature(
         ("q", "v", "a"),
         "derivatives",
@@ -84,6 +118,7 @@ KERNELS: Mapping[str, Signature] = {
         "composed",
         calls=("forward_dynamics", "residual_jacobian"),
         counts=("forward_dynamics", "residual_jacobian"),
+        closed=("tree_forward_dynamics", "residual_jacobian"),
         solves=True,
     ),
     "coriolis_matrix": Signature(("q", "v"), "matrix", "Coriolis matrix C(q, v) with C v = bias and M_dot = C + C^T."),
@@ -123,10 +158,12 @@ KERNELS: Mapping[str, Signature] = {
     **_tangent("external_reactions", "q", "wrench", writes="reactions"),
     "euler_cosines": Signature(("q",), "joints", "Cosine of beta of every joint with three angles, 1 for the others."),
     "constraint": Signature(
-        ("q",), "constraints", "Constraint g(q) of the cut joints; zero where loops are closed.", needs="loops"
+        ("q",), "constraints", "Constraint g(q) of the cut joints; zero where loops are closed.", needs="constraints"
     ),
-    "constraint_jacobian": Signature(("q",), "constraint_rows", "Jacobian J = dg/dq of the constraint.", needs="loops"),
-    "constraint_bias": Signature(("q", "v"), "constraints", "J_dot v: g_ddot = J a + J_dot v.", needs="loops"),
+    "constraint_jacobian": Signature(
+        ("q",), "constraint_rows", "Jacobian J = dg/dq of the constraint.", needs="constraints"
+    ),
+    "constraint_bias": Signature(("q", "v"), "constraints", "J_dot v: g_ddot = J a + J_dot v.", needs="constraints"),
     "cut_poses": Signature(
         ("q",), "cut_poses", "Per loop the cut frame on its second link seen from that on its first.", needs="loops"
     ),
@@ -150,11 +187,13 @@ KERNELS: Mapping[str, Signature] = {
         "rollout",
         calls=("forward_dynamics", "implicit_step"),
         counts=("implicit_step",),  # those of one linearly implicit step
+        closed=("constrained_dynamics", "implicit_step", "settling"),
         solves=True,
     ),
 }
 
-LOOP_KERNELS = tuple(name for name, signature in KERNELS.items() if signature.needs == "loops")
+CLOSURE_KERNELS = ("constraint", "constraint_jacobian", "constraint_bias", "cut_poses")  # of the constraint itself
+LOOP_KERNELS = tuple(name for name, signature in KERNELS.items() if signature.needs in ("loops", "constraints"))
 SPRING_KERNELS = tuple(name for name, signature in KERNELS.items() if signature.needs == "springs")
 
 PARTS: Mapping[str, Signature] = {  # programs that only other kernels call
@@ -170,7 +209,12 @@ SIGNATURES: Mapping[str, Signature] = {**KERNELS, **PARTS}
 
 def available(model: Model) -> tuple[str, ...]:
     """Names of the kernels that there are for a model."""
-    has = {"": True, "loops": bool(model.robot.loops), "springs": bool(model.robot.springs)}
+    has = {
+        "": True,
+        "loops": bool(model.robot.loops),
+        "springs": bool(model.robot.springs),
+        "constraints": bool(model.constraints),
+    }
     return tuple(name for name, signature in KERNELS.items() if has[signature.needs])
 
 
@@ -224,11 +268,17 @@ def shapes(model: Model) -> dict[str, tuple[int, ...]]:
     vectors: dict[str, tuple[int, ...]] = dict.fromkeys(("q", "v", "a", "u", "added", "vector"), (n,))
     vectors |= dict.fromkeys(("dq", "dv", "da"), (n,))
     m, loops = len(model.constraints), len(model.robot.loops)
-    closing: dict[str, tuple[int, ...]] = {"constraints": (m,), "constraint_rows": (m, n), "cut_poses": (loops, 4, 4)}
+    closing: dict[str, tuple[int, ...]] = {
+        "constraints": (m,),
+        "constraint_rows": (m, n),
+        "constrained": (n + 3 * m,),
+        "settling": (2 * n + m,),
+    }
     springs = len(model.robot.springs)
     return {
         **vectors,
-        **(closing if loops else {}),
+        **(closing if m else {}),
+        **({"cut_poses": (loops, 4, 4)} if loops else {}),
         **({"spring_pairs": (springs, 2), "spring_rows": (springs, n)} if springs else {}),
         "wrench": (len(model.links), 6),
         "dwrench": (len(model.links), 6),

@@ -6,25 +6,27 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from ..forces.cuts import Deviating
 from ..forces.rows import effects, gravity_rows, resisting_slopes, stretches
 from ..forces.springs import add_derivatives
 from ..joint.zeros import zero_map
+from ..program.forward_mode import gradients
 from ..tree.composite import Rows, coriolis_matrix
-from ..tree.constraints import Closure, closures
 from ..tree.derivatives import residual_derivatives
 from ..tree.kinematics import body_poses, external_rows, frame_poses, potential_energy
 from ..tree.recursion import Wrench, inertial_rows, kinetic_energy
 from ..tree.spatial import Scalar
-from .accelerations import SOLVERS, Way, implicit_step
+from .accelerations import CONSTRAINED, SETTLING, SOLVERS, Way, implicit_step
+from .closed import gaps
 from .derivation import Derivation, Outputs, vector
-from .signatures import LOOP_KERNELS
+from .signatures import CLOSURE_KERNELS
 
 DESCRIPTION_FRAMES = (
     "reactions",
     "kinematics",
     "external_force",
     "external_reactions",
-    *LOOP_KERNELS,
+    *CLOSURE_KERNELS,
 )  # report, or are asked, in the description's frames
 
 
@@ -72,7 +74,21 @@ def _residual_jacobian(d: Derivation) -> Outputs:
         found.by_v[key] = found.by_v.get(key, 0.0) + by_v[key]
     for line in d.lines(d.v):
         add_derivatives(line, d.v, found.by_q, found.by_v)
+    for own in d.deviating:
+        _add_derivatives(d, own, found.by_q, found.by_v)
     return d.matrices(found.by_q, found.by_v, found.by_a)
+
+
+def _add_derivatives(d: Derivation, own: Deviating, by_q: Rows, by_v: Rows) -> None:
+    """Derivatives of what a coordinate of a cut joint is resisted with, in all rows that it has."""
+    force = own.resists(own.s, own.rate(d.v), d.functions).force
+    moving = [i for i in own.arms if i in d.own]
+    rows = [force * own.arms[i] for i in own.arms]
+    for x, into in ((d.q, by_q), (d.v, by_v)):
+        found = gradients(d.graph, rows, [x[j] for j in moving])
+        for i, row in zip(own.arms, found, strict=True):
+            for j, slope in zip(moving, row, strict=True):
+                into[i, j] = into.get((i, j), 0.0) + slope
 
 
 def _euler_cosines(d: Derivation) -> Outputs:
@@ -128,6 +144,8 @@ def _energy(d: Derivation) -> Outputs:
         potential = potential + stretch.whole.energy
     for line in d.lines(d.still):
         potential = potential + line.pull().energy
+    for own in d.deviating:
+        potential = potential + own.resists(own.s, 0.0, d.functions).energy
     return vector([kinetic, potential])
 
 
@@ -136,29 +154,27 @@ def _reactions(d: Derivation) -> Outputs:
     for line in d.lines(d.v):  # their forces pass the joints between both points by
         for k, held in line.wrenches():
             total[k] = total[k] + held
+    for own in d.deviating:
+        for k, held in own.wrenches(own.resists(own.s, own.rate(d.v), d.functions).force):
+            total[k] = total[k] + held
     return vector([x for wrench in total for x in (*wrench.force, *wrench.moment)])
 
 
-def _closures(d: Derivation) -> list[Closure]:
-    return list(closures(d.model, d.bound, d.joints, d.graph.note))
-
-
 def _constraint(d: Derivation) -> Outputs:
-    return vector([value for closure in _closures(d) for value in closure.values()])
+    return vector([gap.value for gap in gaps(d, d.still)])
 
 
 def _constraint_jacobian(d: Derivation) -> Outputs:
-    rows = [row for closure in _closures(d) for row in closure.jacobian()]
-    return vector([row.get(i, 0.0) for row in rows for i in d.own])
+    return vector([gap.arms.get(i, 0.0) for gap in gaps(d, d.still) for i in d.own])
 
 
 def _constraint_bias(d: Derivation) -> Outputs:
-    return vector([value for closure in _closures(d) for value in closure.bias(d.v)])
+    return vector([gap.bias for gap in gaps(d, d.v)])
 
 
 def _cut_poses(d: Derivation) -> Outputs:
     values: list[Scalar] = []
-    for pose in (closure.pose() for closure in _closures(d)):
+    for pose in (closure.pose() for closure in d.closures):
         for row, x in zip(pose.rotation, pose.origin, strict=True):
             values.extend((*row, x))
         values.extend((0.0, 0.0, 0.0, 1.0))
@@ -207,4 +223,9 @@ WRITERS: Mapping[str, Callable[[Derivation], Outputs]] = {
     "implicit_step": implicit_step,
 }
 
-WAYS: Mapping[str, Mapping[str, Way]] = {"forward_dynamics": SOLVERS}  # kernels that can be written in several ways
+WAYS: Mapping[str, Mapping[str, Way]] = {  # kernels that can be written in several ways
+    "forward_dynamics": SOLVERS,
+    "tree_forward_dynamics": SOLVERS,
+    "constrained_dynamics": CONSTRAINED,
+    "settling": SETTLING,
+}

@@ -8,7 +8,7 @@ Source: A. Griewank, A. Walther, "Evaluating Derivatives", 2nd ed., SIAM 2008, s
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from .ir import Graph, Instruction, Node, Program, Value, finish
 from .operations import OPERATIONS
@@ -32,6 +32,34 @@ def tangent(program: Program, rates: Mapping[str, str], name: str) -> Program:
         values.append(graph.insert(instruction.op, args, instruction.leaf))
         moving.append(_rate(graph, instruction, values, moving, rates))
     return finish(graph, name, {key: moving[index] for key, index in program.outputs.items()})
+
+
+def gradients(graph: Graph, values: Sequence[Value], inputs: Sequence[Node]) -> list[list[Value]]:
+    """Derivatives of values by inputs of the same graph, (values, inputs), written behind them.
+
+    What many of the derivatives share is written once.
+    """
+    needed: set[int] = set()
+    waiting = [value.index for value in values if isinstance(value, Node)]
+    while waiting:
+        index = waiting.pop()
+        if index not in needed:
+            needed.add(index)
+            waiting += graph.instructions[index].args
+    order, columns = sorted(needed), []
+    for moved in inputs:
+        rates: dict[int, Value] = {moved.index: 1.0}
+        for index in order:
+            op, args, _ = graph.instructions[index]
+            derivative = OPERATIONS[op].rate
+            if derivative is None or not any(arg in rates for arg in args):
+                continue
+            x = [Node(graph, arg) for arg in args]
+            found: Value = derivative(graph, x, Node(graph, index), [rates.get(arg, 0.0) for arg in args])
+            if isinstance(found, Node) or found != 0.0:
+                rates[index] = found
+        columns.append([rates.get(value.index, 0.0) if isinstance(value, Node) else 0.0 for value in values])
+    return [list(row) for row in zip(*columns, strict=True)]
 
 
 def _rate(

@@ -79,6 +79,14 @@ OPERATIONS: Mapping[str, Operation] = MappingProxyType(
         "exp": Operation(
             1, "sincos", math.exp, lambda g, x, y, dx: y * dx[0], "exponential", lambda sympy, x: sympy.exp(x)
         ),
+        "atan2": Operation(  # the angle of (x[1], x[0]), as in C
+            2,
+            "sincos",
+            math.atan2,
+            lambda g, x, y, dx: (x[1] * dx[0] - x[0] * dx[1]) / (x[0] * x[0] + x[1] * x[1]),
+            "bearing",
+            lambda sympy, x, y: sympy.atan2(x, y),
+        ),
     }
 )
 ARITY = {name: op.arity for name, op in OPERATIONS.items()}

@@ -109,16 +109,23 @@ def _summands(program: Program, index: int, inner: Sequence[bool]) -> list[tuple
     return found
 
 
-def _groups(summands: list[tuple[int, int]], program: Program, count: Sequence[int]) -> list[_Group]:
+def summands(program: Program) -> dict[int, list[tuple[int, int]]]:
+    """Per sum that is no part of another one: (sign, value) of what it adds up."""
+    inner = _inner_sums(program, users(program))
+    tops = (i for i, instruction in enumerate(program.instructions) if instruction.op in SUMS and not inner[i])
+    return {index: _summands(program, index, inner) for index in tops}
+
+
+def _groups(terms: list[tuple[int, int]], program: Program, count: Sequence[int]) -> list[_Group]:
     """The summands, those with a common factor together, at the place of the first of them; none if all stay alone."""
-    products = {value for _, value in summands if count[value] == 1 and program.instructions[value].op == "mul"}
+    products = {value for _, value in terms if count[value] == 1 and program.instructions[value].op == "mul"}
     factors = [arg for value in products for arg in set(program.instructions[value].args)]
     if len(set(factors)) == len(factors):
         return []
     often = Counter(factors)
     groups: list[_Group] = []
     open_groups: dict[int, _Group] = {}
-    for sign, value in summands:
+    for sign, value in terms:
         args = program.instructions[value].args if value in products else ()
         factor = max(args, key=lambda arg: (arg in open_groups, often[arg]), default=None)
         if factor is None or often[factor] < 2:

@@ -84,6 +84,11 @@ class Arithmetic:
             values.append(value * rows[index % _ROWS] if rounding and op not in _EXACT else value)
         return _arrays(program, values, rows[0].size, self.dtype)
 
+    def value(self, op: str, args: Sequence[Any]) -> Any:
+        """The result of an operation that is no sine and no cosine."""
+        operator = _OPERATORS.get(op)
+        return operator(*args) if operator is not None else self._called(op, list(args))
+
     @staticmethod
     def has_no_choice(program: Program) -> bool:
         """Whether IEEE arithmetic says every bit of its results, if its sines and cosines are rounded correctly."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from eomgen.robot.model import Model
 
-from ..c.contexts import PIVOT_LIMITS
+from ..c.contexts import OPEN_GAPS, PIVOT_LIMITS
 from ..joint.zeros import zero_map
 from ..solve.factorised import coordinate_parents
 from .arithmetic import Array
@@ -55,7 +55,7 @@ def _columns(model: Model) -> list[int]:
 def forward_dynamics_jacobian(model: Model, run: Run, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
     """Derivatives of the accelerations: those of the residual, solved with M = L^T D L along the branches."""
     n, lanes = inputs["q"].shape
-    a, status = run("forward_dynamics")
+    a, status = run("tree_forward_dynamics" if model.constraints else "forward_dynamics")
     out = run("residual_jacobian", a=a)[0].reshape(3, n, n, lanes).copy()
     M, known = out[2].copy(), list(model.prescribed)
     out[:2, known] = 0.0
@@ -97,8 +97,34 @@ def _chains(model: Model) -> list[list[int]]:
     return [list(before(k)) for k in range(model.size)]
 
 
+def forward_dynamics(model: Model, run: Run, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
+    """Accelerations with the loops closed, and whether they are."""
+    found, status = run("constrained_dynamics")
+    return found[: model.size], _with_gaps(model, found, status, inputs["v"])
+
+
+def constraint_forces(model: Model, run: Run, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
+    """Multipliers, and whether the loops are closed."""
+    found, status = run("constrained_dynamics")
+    m = len(model.constraints)
+    return found[model.size : model.size + m], _with_gaps(model, found, status, inputs["v"])
+
+
+def _with_gaps(model: Model, found: Array, status: Array, v: Array) -> Array:
+    """The status (lanes,) with that of gaps and their rates, the last numbers of what is found."""
+    n, m, one = model.size, len(model.constraints), found.dtype.type
+    size = np.where(np.abs(v) > one(1.0), np.abs(v), one(1.0))  # NaN does not count
+    scale = np.concatenate([np.ones((m, v.shape[1]), found.dtype), np.tile(size.max(axis=0), (m, 1))])
+    opened = ~(np.abs(found[n + m :]) <= scale * one(OPEN_GAPS[str(found.dtype)]))
+    own = np.where(opened.any(axis=0), 1 + n + opened.argmax(axis=0), 0)
+    result: Array = np.where(status != 0, status, own)
+    return result
+
+
 COMPOSED: Mapping[str, Composed] = {
     "christoffel": christoffel,
+    "constraint_forces": constraint_forces,
+    "forward_dynamics": forward_dynamics,
     "forward_dynamics_jacobian": forward_dynamics_jacobian,
 }
 PLACES: Mapping[str, Callable[[Model], Array]] = {"christoffel": christoffel_places}  # of answers that are not whole

@@ -14,7 +14,8 @@ from ..kernels.equations import Equations
 from ..kernels.signatures import RATES, SIGNATURES, shapes
 from ..program.ir import Instruction, Program
 from .arithmetic import Arithmetic, Array, polynomials
-from .stored import STATES
+from .rounding import telling_lanes
+from .stored import ROUNDED, STATES
 
 Angle = tuple[Instruction, ...]
 
@@ -29,19 +30,23 @@ def sample_inputs(equations: Equations, arithmetic: Arithmetic) -> tuple[dict[st
     wanted = {array for name in (*equations.kernels, *equations.programs) for array in SIGNATURES[name].reads}
     tiny = _TINY[str(dtype)]
     q, exact = _coordinates(equations, arithmetic, rng)
-    found = {"q": q}
+    found, many = {"q": q}, {"q": _other_coordinates(equations, q, rng)}
     for name in sorted(wanted & {"v", "a", "u", "wrench", *RATES.values()}):
         x = _numbers(rng, int(np.prod(size[name])), 1)[:, 0]
         columns = (x, _numbers(rng, x.size, 1)[:, 0] * _SMALL, x * tiny, np.copysign(np.inf, x), x * np.nan)
         found[name] = np.stack(columns, axis=1).astype(dtype)
-    return found, exact
+        many[name] = _numbers(rng, x.size, _CANDIDATES).astype(dtype)
+    values = np.array(list(equations.model.parameters.values())).astype(dtype)[:, None]
+    h = arithmetic.run(equations.setup, {"p": values}, rounding=False).get("h", values)
+    lanes = telling_lanes(list(equations.programs.values()), {**many, "h": h}, arithmetic, ROUNDED)
+    return {name: np.concatenate([array, many[name][:, lanes]], axis=1) for name, array in found.items()}, exact
 
 
 def sample_parameters(values: Array, dtype: np.dtype[np.floating]) -> Array:
     """Parameters (size, states); those of the first state are the description's own."""
     tiny = _TINY[str(dtype)]
     columns = (values, values * _SMALL, np.sign(values) * tiny, values * np.inf, values * np.nan)
-    found: Array = np.stack(columns, axis=1).reshape(len(values), len(STATES)).astype(dtype)
+    found: Array = np.stack([*columns, *[values] * ROUNDED], axis=1).reshape(len(values), len(STATES)).astype(dtype)
     return found
 
 
@@ -74,7 +79,7 @@ def _coordinates(equations: Equations, arithmetic: Arithmetic, rng: np.random.Ge
         right = (library[0] == own[0]) & (library[1] == own[1])
         for place in places:
             good[place] &= right
-    q = np.zeros((n, len(STATES)), dtype)
+    q = np.zeros((n, len(STATES) - ROUNDED), dtype)
     for i in range(n):
         for state, begin in enumerate((0, _CANDIDATES)):
             found = np.flatnonzero(good[i, begin : begin + _CANDIDATES])
@@ -83,6 +88,15 @@ def _coordinates(equations: Equations, arithmetic: Arithmetic, rng: np.random.Ge
         q[i, 2] = candidates[i, -1] if good[i, -1] else q[i, 0]
         q[i, 3:] = q[i, 0], np.nan
     return q, exact
+
+
+def _other_coordinates(equations: Equations, q: Array, rng: np.random.Generator) -> Array:
+    """Candidates (n, candidates) that differ in the coordinates of which nobody takes a sine."""
+    taken = {i.leaf[1] for angle in _angles(equations) for i in angle if i.op == "input" and i.leaf[0] == "q"}
+    found = _numbers(rng, len(q), _CANDIDATES).astype(q.dtype)
+    for place in taken:
+        found[place] = q[place, 0]
+    return found
 
 
 def _angles(equations: Equations) -> set[Angle]:

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-STATES = ("ordinary", "small", "denormal", "infinite", "not a number")
+ROUNDED = 4  # states in which other orders of computing show
+STATES = ("ordinary", "small", "denormal", "infinite", "not a number", *("rounded",) * ROUNDED)
 MEASURED = 3  # states of which is known what rounding does
 
 

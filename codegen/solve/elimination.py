@@ -42,20 +42,25 @@ from .free_bodies import FreeBodies, Speeds
 
 @dataclass(frozen=True)
 class _Step:
-    """An eliminated coordinate for the forward pass: acceleration = free - gain . (a, w_dot)."""
+    """An eliminated coordinate: acceleration = free - gain . (a, w_dot), free = inverse (drive - what is there)."""
 
     index: int
+    row: int  # of its unit axis, 0-2 force, 3-5 moment
     free: Scalar
     gain: Wrench
+    inverse: Scalar
 
 
 @dataclass(frozen=True)
 class _Block:
-    """The same of a joint's three translations: accelerations = free - yielding a - gain w_dot."""
+    """A joint's three translations, the same way: accelerations = free - yielding a - gain w_dot."""
 
     free: Vec
     yielding: Mat
     gain: Mat
+    whole: Mat
+    inverse: Mat
+    coupling: Mat
 
 
 class Elimination:
@@ -69,13 +74,21 @@ class Elimination:
         v: Sequence[Scalar],
         drives: Sequence[Scalar],
         note: Note = no_note,
+        *,
+        coupled: bool = False,
     ) -> None:
+        """Eliminate all joints.
+
+        Args:
+            coupled: whether rows of closed loops come on top, which ``respond`` to them needs; armatures then couple
+                no free bodies.
+        """
         self.model, self.bound, self.joints, self.v, self.drives, self.note = model, bound, joints, v, drives, note
         n = model.size
         self.given = frozenset(model.prescribed)
         self.accelerations: list[Scalar] = [0.0] * n
         self.pivots: list[tuple[Scalar, Scalar]] = [(1.0, 1.0)] * n
-        self.bodies = FreeBodies(model, bound, joints, v, drives, self.accelerations, self.pivots)
+        self.bodies = FreeBodies(model, bound, joints, v, drives, self.accelerations, self.pivots, alone=coupled)
         self.free = self.bodies.free
         self.sizes = self._sizes()
         self.speeds = self._speeds()
@@ -166,7 +179,7 @@ class Elimination:
         inverse = inverse_or_zero(pivot)
         free = (self.drives[index] - here) * inverse
         scaled = Wrench(scale(inverse, gain.force), scale(inverse, gain.moment))
-        self.steps[k].append(_Step(index, free, scaled))
+        self.steps[k].append(_Step(index, row, free, scaled, inverse))
         p = inertia.p + Wrench(scale(free, gain.force), scale(free, gain.moment))
         left = Articulated(
             symmetric(less(inertia.L, scaled.force, gain.force)),
@@ -188,7 +201,8 @@ class Elimination:
         D = (self.bound.armature[first], self.bound.armature[first + 1], self.bound.armature[first + 2])
         drives = (self.drives[first], self.drives[first + 1], self.drives[first + 2])
         L, C, A, p = inertia.L, inertia.C, inertia.A, inertia.p
-        K, determinant = inverse3(sum_mat(L, diagonal(D)))
+        whole = sum_mat(L, diagonal(D))
+        K, determinant = inverse3(whole)
         x, y, z = (self.sizes[k][0] + d for d in D)
         self.pivots[first] = (determinant, x * y * z)
         KL = (
@@ -198,7 +212,7 @@ class Elimination:
         )
         gain = matmul(K, C)
         free = matvec(K, add(drives, scale(-1.0, p.force)))
-        self.blocks[k] = _Block(free, KL, gain)
+        self.blocks[k] = _Block(free, KL, gain, whole, K, C)
         for i in range(3):
             A = symmetric(less(A, C[i], gain[i]))
         held = (drives[0] - D[0] * free[0], drives[1] - D[1] * free[1], drives[2] - D[2] * free[2])

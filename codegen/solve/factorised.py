@@ -5,7 +5,7 @@ Source: R. Featherstone, Rigid Body Dynamics Algorithms, section 6.5 (branch-ind
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 from eomgen.robot.model import Model
 
@@ -38,33 +38,44 @@ def solve_operations(model: Model) -> dict[str, int]:
     return {"mul": couples, "add": couples + 2 * n * n, "div": factors + 3 * n * n, "sincos": 0}
 
 
+class Factors:
+    """M = L^T D L: ``pivots`` D (all positive for a body that can be) and their inverses."""
+
+    def __init__(self, model: Model, matrix: Rows) -> None:
+        self.parents, M, n = coordinate_parents(model), dict(matrix), model.size
+        self.pivots: list[Scalar] = [0.0] * n
+        self.inverse: list[Scalar] = [0.0] * n
+        self.factors: dict[tuple[int, int], Scalar] = {}
+        for k in range(n - 1, -1, -1):
+            self.pivots[k] = M[k, k]
+            self.inverse[k] = inverse_or_zero(self.pivots[k])
+            for i in self._before(k):
+                self.factors[k, i] = M.get((i, k), 0.0) * self.inverse[k]
+                for j in (i, *self._before(i)):
+                    M[j, i] = M.get((j, i), 0.0) - self.factors[k, i] * M.get((j, k), 0.0)
+
+    def _before(self, k: int) -> Iterator[int]:
+        """Coordinates in front of k, the nearest first."""
+        while (k := self.parents[k]) >= 0:
+            yield k
+
+    def back(self, x: list[Scalar]) -> list[Scalar]:
+        """L^-T x, in place."""
+        for k in range(len(x) - 1, -1, -1):
+            for i in self._before(k):
+                x[i] = x[i] - self.factors[k, i] * x[k]
+        return x
+
+    def forward(self, x: list[Scalar]) -> list[Scalar]:
+        """L^-1 x, in place."""
+        for k in range(len(x)):
+            for i in self._before(k):
+                x[k] = x[k] - self.factors[k, i] * x[i]
+        return x
+
+
 def solve(model: Model, matrix: Rows, right: Sequence[Scalar]) -> tuple[list[Scalar], list[Scalar]]:
-    """x of M x = right, and the pivots D (all positive for a body that can be)."""
-    parents = coordinate_parents(model)
-    M, x = dict(matrix), list(right)
-    pivots: list[Scalar] = [0.0] * model.size
-    inverse: list[Scalar] = [0.0] * model.size
-    factors: dict[tuple[int, int], Scalar] = {}
-    for k in range(model.size - 1, -1, -1):
-        pivots[k] = M[k, k]
-        inverse[k] = inverse_or_zero(pivots[k])
-        i = parents[k]
-        while i >= 0:
-            factors[k, i] = M.get((i, k), 0.0) * inverse[k]
-            j = i
-            while j >= 0:
-                M[j, i] = M.get((j, i), 0.0) - factors[k, i] * M.get((j, k), 0.0)
-                j = parents[j]
-            i = parents[i]
-    for k in range(model.size - 1, -1, -1):  # L^T y = right
-        i = parents[k]
-        while i >= 0:
-            x[i] = x[i] - factors[k, i] * x[k]
-            i = parents[i]
-    for k in range(model.size):  # D L x = y
-        x[k] = x[k] * inverse[k]
-        i = parents[k]
-        while i >= 0:
-            x[k] = x[k] - factors[k, i] * x[i]
-            i = parents[i]
-    return x, pivots
+    """x of M x = right, and the pivots D."""
+    found = Factors(model, matrix)
+    left = found.back(list(right))
+    return found.forward([x * inverse for x, inverse in zip(left, found.inverse, strict=True)]), found.pivots

@@ -96,10 +96,13 @@ class FreeBodies:
         drives: Sequence[Scalar],
         accelerations: list[Scalar],
         pivots: list[tuple[Scalar, Scalar]],
+        *,
+        alone: bool = False,
     ) -> None:
+        """Find the free bodies; ``alone``: those alone that no armature couples to others."""
         self.model, self.bound, self.joints, self.v, self.drives = model, bound, joints, v, drives
         self.accelerations, self.pivots = accelerations, pivots
-        self.free = _free_bodies(model, bound)
+        self.free = _free_bodies(model, bound, alone)
         self.solved: dict[int, _Solved] = {}
         self.own: list[list[_Psi]] = [[] for _ in model.bodies]
         self.rows: list[list[_Row]] = [[] for _ in model.bodies]  # eliminated when this body was reached
@@ -112,7 +115,7 @@ class FreeBodies:
     def eliminate(self, k: int, load: Wrench, speeds: Speeds) -> Articulated:
         """Solve body k under the load of what hangs on it; the inertia that its parent feels, in the joint's axes."""
         joint, first, H = self.joints[k], self.model.bodies[k].first, self.bound.bodies[k].inertia
-        held, moment, inverse_cosine = self._moments(k)
+        held, moment, inverse_cosine = self._moments(k, self.drives)
         force = (self.drives[first], self.drives[first + 1], self.drives[first + 2])
         push = force
         for turn in joint.rotations:
@@ -135,10 +138,10 @@ class FreeBodies:
             return self._hand_on(k, wrench)
         return Articulated(NOTHING, NOTHING, NOTHING, wrench)
 
-    def _moments(self, k: int) -> tuple[Vec, Vec, Scalar]:
+    def _moments(self, k: int, drives: Sequence[Scalar]) -> tuple[Vec, Vec, Scalar]:
         """The joint's moment behind beta, the same in the joint's axes, and 1 / cos(beta)."""
         alpha, beta, gamma = self.joints[k].rotations
-        about_alpha, about_beta, about_gamma = (self.drives[turn.index] for turn in (alpha, beta, gamma))
+        about_alpha, about_beta, about_gamma = (drives[turn.index] for turn in (alpha, beta, gamma))
         inverse_cosine = 1.0 / beta.cos
         self.pivots[beta.index] = (beta.cos * beta.cos, 1.0)
         n_x = (about_alpha - beta.sin * about_gamma) * inverse_cosine
@@ -222,6 +225,56 @@ class FreeBodies:
             add(cross(behind, about_gamma), cross(behind, about_beta)),
         )
 
+    def inertia_of(self, k: int) -> dict[tuple[int, int], Scalar]:
+        """Mass and inertia of a body about its centre of mass, by pairs of the coordinates that ``respond`` goes by."""
+        first, H = self.model.bodies[k].first, self.bound.bodies[k].inertia
+        inertia = inertia_tensor(about_com(H)[1])
+        masses = {(first + i, first + i): H.mass for i in range(3)}
+        return masses | {(first + 3 + i, first + 3 + j): inertia[i][j] for i in range(3) for j in range(i, 3)}
+
+    def respond(self, k: int, push: Sequence[Scalar], load: Wrench) -> tuple[Vec, Vec, Vec, Vec, Wrench]:
+        """What drives and a load do to the body at rest: no body is coupled to another by an armature.
+
+        Args:
+            push: drives, (n,).
+            load: of what hangs on the body, at its origin in its axes.
+
+        Returns:
+            Force on the body and acceleration of its centre of mass, moment about that and w_dot, all in body axes; and
+            the wrench that the parent feels, in the joint's axes.
+        """
+        joint, first, body = self.joints[k], self.model.bodies[k].first, self.solved[k]
+        held, moment, _ = self._moments(k, push)
+        force: Vec = (push[first], push[first + 1], push[first + 2])
+        pushed = force
+        for turn in joint.rotations:
+            pushed = matvec(transpose(turn.matrix), pushed)
+        left = add(pushed, scale(-1.0, load.force))
+        in_body = matvec(transpose(joint.rotations[-1].matrix), held)
+        torque = add(in_body, scale(-1.0, add(load.moment, cross(body.com, left))))
+        specific = scale(inverse_or_zero(self.bound.bodies[k].inertia.mass), left)
+        return left, specific, torque, matvec(body.inverse, torque), Wrench(force, moment)
+
+    def released(self, k: int, specific: Vec, rate: Vec, parent: tuple[Vec, Vec], found: list[Scalar]) -> Vec:
+        """Accelerations of the joint of a body at rest, written into ``found``; that of its origin, in body axes.
+
+        Args:
+            specific, rate: acceleration of its centre of mass and w_dot, body axes.
+            parent: acceleration at the joint's frame and w_dot of the parent, the joint's axes.
+        """
+        joint, first, (carried, turning) = self.joints[k], self.model.bodies[k].first, parent
+        alpha, beta, gamma = joint.rotations
+        a = add(specific, scale(-1.0, cross(rate, self.solved[k].com)))
+        along = a
+        for turn in reversed(joint.rotations):
+            along = matvec(turn.matrix, along)
+        found[first : first + 3] = add(along, scale(-1.0, carried))
+        turned, (x, y, z) = matvec(transpose(alpha.matrix), turning), matvec(gamma.matrix, rate)
+        angles = self._angles(k, (x, y, z), turned)
+        for turn, value in zip((alpha, beta, gamma), angles, strict=True):
+            found[turn.index] = value
+        return a
+
     def release(self, k: int, parent: Acceleration, speeds: Speeds) -> tuple[Vec, Vec]:
         """The joint's accelerations; that of the body's origin and w_dot, in body axes."""
         joint, body, first = self.joints[k], self.solved[k], self.model.bodies[k].first
@@ -252,12 +305,19 @@ class FreeBodies:
         alpha, beta, gamma = self.joints[k].rotations
         in_front, behind = self._drifts(k, speeds)
         carried = add(matvec(transpose(alpha.matrix), turning), in_front)
-        x, y, z = add(matvec(gamma.matrix, d), scale(-1.0, behind))
+        angles = self._angles(k, add(matvec(gamma.matrix, d), scale(-1.0, behind)), carried)
+        for turn, value in zip((alpha, beta, gamma), angles, strict=True):
+            self.accelerations[turn.index] = value
+
+    def _angles(self, k: int, own: Vec, carried: Vec) -> Vec:
+        """Accelerations of the angles from w_dot of the body and of its parent, in the axes behind beta and alpha."""
+        beta, (x, y, z), t = self.joints[k].rotations[1], own, self.solved[k].inverse_cosine
         # cos(beta) (carried_x + alpha_ddot) = x + sin(beta) carried_z
-        t = self.solved[k].inverse_cosine
-        self.accelerations[alpha.index] = (x + beta.sin * carried[2]) * t - carried[0]
-        self.accelerations[beta.index] = y - carried[1]
-        self.accelerations[gamma.index] = z - (beta.sin * x + carried[2]) * t
+        return (
+            (x + beta.sin * carried[2]) * t - carried[0],
+            y - carried[1],
+            z - (beta.sin * x + carried[2]) * t,
+        )
 
 
 def about_com(H: PseudoInertia) -> tuple[Vec, Mat]:
@@ -266,14 +326,14 @@ def about_com(H: PseudoInertia) -> tuple[Vec, Mat]:
     return com, symmetric(less(H.second, com, H.first))
 
 
-def _free_bodies(model: Model, bound: Bound) -> list[bool]:
+def _free_bodies(model: Model, bound: Bound, alone: bool) -> list[bool]:
     """Bodies behind six coordinates whose children, all of that kind too, hand on no mass."""
     free, given = [False] * len(model.bodies), frozenset(model.prescribed)
     for k in range(len(model.bodies) - 1, -1, -1):
         body = model.bodies[k]
         armature = bound.armature[body.first : body.first + len(body.active)]
         light = body.active == COORDINATES and given.isdisjoint(body.indices) and all(is_zero(c) for c in armature[:3])
-        bare = all(is_zero(c) for c in armature[3:]) or not _flat(bound.bodies[k].inertia)
+        bare = all(is_zero(c) for c in armature[3:]) or not (alone or _flat(bound.bodies[k].inertia))
         free[k] = light and bare and all(free[child] for child in model.children(k))
     return free
 

@@ -18,7 +18,8 @@ from dataclasses import dataclass
 from eomgen.robot.model import Model
 
 from ..tree.bound import Bound
-from ..tree.spatial import Scalar
+from ..tree.spatial import Scalar, is_zero
+from .rows import Response
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,7 @@ class Rotors:
         """
         self.bound, self.armature, self.drives = bound, list(armature), list(drives)
         self.rows: dict[int, _Row] = {}
-        given = model.prescribed
+        self.given = given = frozenset(model.prescribed)
         for motor, between in bound.transmissions.items():
             p, own, slope = between.principal, armature[motor], slopes.get(motor, 0.0)
             across = slope * between.inverse_ratio
@@ -62,6 +63,21 @@ class Rotors:
             self.armature[p] = self.armature[p] + (slope if held else slope * (own * inverse))
             if p not in given:  # there the right side is the acceleration itself
                 self.drives[p] = self.drives[p] + across * row.free
+
+    def respond(self, push: list[Scalar], response: Response) -> None:
+        """Eliminate motors at rest under drives ``push``, (n,), to which what comes through to the joints is added."""
+        for motor, row in self.rows.items():
+            if motor not in self.given and not is_zero(push[motor]):
+                response.put(motor, push[motor], push[motor] * (1.0 / row.pivot))
+                p = self.bound.transmissions[motor].principal
+                push[p] = push[p] + row.gain * push[motor]
+
+    def released(self, free: Mapping[int, Scalar], accelerations: list[Scalar]) -> None:
+        """Put accelerations of motors at rest, under what ``respond`` has found, into those of the tree."""
+        for motor, row in self.rows.items():
+            if motor not in self.given:
+                p = self.bound.transmissions[motor].principal
+                accelerations[motor] = free.get(motor, 0.0) + row.gain * accelerations[p]
 
     def release(self, accelerations: list[Scalar], pivots: list[tuple[Scalar, Scalar]]) -> None:
         """Put the motors' accelerations and pivots, with what they are compared to, into those of the tree."""

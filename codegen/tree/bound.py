@@ -35,6 +35,8 @@ from .spatial import (
     vec3,
 )
 
+Cuts = tuple[tuple[tuple[int, Pose], tuple[int, Pose]], ...]  # per loop, on both links: the body, the cut frame in it
+
 
 @dataclass(frozen=True)
 class BoundBody:
@@ -72,6 +74,25 @@ class BoundSpring:
 
 
 @dataclass(frozen=True)
+class BoundLaw:
+    """A force law: stiffness and damping of a straight line, ``law`` and ``knots`` as in ``Bound``."""
+
+    stiffness: Scalar
+    damping: Scalar
+    law: Mapping[str, Scalar]
+    knots: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class BoundCoupling:
+    """value(of) - sum of ratio * coordinate - offset, which vanishes or has a law; coordinates by their indices."""
+
+    arms: Mapping[int, Scalar]
+    offset: Scalar
+    law: BoundLaw | None
+
+
+@dataclass(frozen=True)
 class Bound:
     """A model with its numbers, in the model's order; ``links`` and ``frames`` hold (body, pose in that body).
 
@@ -84,6 +105,8 @@ class Bound:
     ``transmissions`` holds, by the index of a motor's coordinate, what is between it and its joint; its inertia is an
     armature.
     ``springs`` are those between points of two bodies.
+    ``cut_offsets`` holds per loop what its six coordinates keep to, ``cut_laws`` the forces of some of them by the
+    loop's number and the coordinate's name; ``couplings`` are those of coordinates.
     """
 
     gravity: Vec
@@ -95,11 +118,14 @@ class Bound:
     armature: tuple[Scalar, ...]
     angle_offsets: tuple[Scalar, ...]
     at_rest: Vec = (0.0, 0.0, 0.0)
-    cuts: tuple[tuple[tuple[int, Pose], tuple[int, Pose]], ...] = ()
+    cuts: Cuts = ()
     laws: Mapping[int, Mapping[str, Scalar]] = field(default_factory=dict)
     knots: Mapping[int, tuple[float, ...]] = field(default_factory=dict)
     transmissions: Mapping[int, Transmission] = field(default_factory=dict)
     springs: tuple[BoundSpring, ...] = ()
+    cut_offsets: tuple[tuple[Scalar, ...], ...] = ()
+    cut_laws: Mapping[tuple[int, str], BoundLaw] = field(default_factory=dict)
+    couplings: tuple[BoundCoupling, ...] = ()
 
 
 def bind(
@@ -142,8 +168,23 @@ def bind(
     laws, knots = binder.laws()
     forces, offsets, cuts = binder.forces(), binder.angle_offsets(), binder.cuts(poses)
     frames, between, springs = binder.frames(poses), binder.transmissions(), binder.springs(poses)
-    still = (0.0, 0.0, 0.0)
-    return Bound(binder.gravity(), bodies, frames, coms, *forces, offsets, still, cuts, laws, knots, between, springs)
+    return Bound(
+        binder.gravity(),
+        bodies,
+        frames,
+        coms,
+        *forces,
+        offsets,
+        at_rest=(0.0, 0.0, 0.0),
+        cuts=cuts,
+        laws=laws,
+        knots=knots,
+        transmissions=between,
+        springs=springs,
+        cut_offsets=binder.cut_offsets(),
+        cut_laws=binder.cut_laws(),
+        couplings=binder.couplings(),
+    )
 
 
 class _Binder:
@@ -197,7 +238,10 @@ class _Binder:
         return self.triple("gravity", self.model.robot.gravity)
 
     def placement(self, owner: str, given: Placement) -> Pose:
-        prefix = f"{owner}.placement"
+        return self.placed(f"{owner}.placement", given)
+
+    def placed(self, prefix: str, given: Placement) -> Pose:
+        """The pose of a placement whose numbers have names that begin so."""
         rotation: Mat = given.rotation
         if given.rpy is not None and any(f"{prefix}.rpy.{i}" in self.model.parameters for i in range(3)):
             rotation = self._rotation(self.triple(f"{prefix}.rpy", given.rpy, "012"))
@@ -240,16 +284,57 @@ class _Binder:
             found[frame.name] = (body, pose @ self.placement(f"frames.{frame.name}", frame.placement))
         return {name: found[name] for name in self.model.frames}
 
-    def cuts(self, poses: dict[str, tuple[int, Pose]]) -> tuple[tuple[tuple[int, Pose], tuple[int, Pose]], ...]:
+    def cuts(self, poses: dict[str, tuple[int, Pose]]) -> Cuts:
         """The bodies of each loop's links, with the cut frame in each."""
         found = []
         for loop in self.model.robot.loops:
             sides = []
             for i, (link, placement) in enumerate(zip(loop.links, loop.placements, strict=True)):
                 body, pose = poses[link]
-                sides.append((body, pose @ self.placement(f"loops.{loop.name}.{i}", placement)))
+                sides.append((body, pose @ self.placed(f"loops.{loop.name}.placements.{i}", placement)))
             found.append((sides[0], sides[1]))
         return tuple(found)
+
+    def cut_offsets(self) -> tuple[tuple[Scalar, ...], ...]:
+        """What the six coordinates of each cut joint keep to."""
+        return tuple(
+            tuple(
+                self.value(f"loops.{loop.name}.offset.{name}", number or 0.0)
+                for name, number in zip(COORDINATES, loop.offset, strict=True)
+            )
+            for loop in self.model.robot.loops
+        )
+
+    def cut_laws(self) -> dict[tuple[int, str], BoundLaw]:
+        """Forces of cut joints' coordinates."""
+        given = {(owner, name) for owner, name, _ in self.model.cut_laws}
+        return {
+            (number, name): self._bound_law(f"loops.{loop.name}.{name}", coordinate)
+            for number, loop in enumerate(self.model.robot.loops)
+            for name, coordinate in loop.coordinates.items()
+            if (loop.name, name) in given
+        }
+
+    def couplings(self) -> tuple[BoundCoupling, ...]:
+        """Couplings of coordinates."""
+        found, place = [], self.model.coordinates.index
+        acting = {owner for owner, name, _ in self.model.cut_laws if not name}
+        for coupling in self.model.robot.couplings:
+            prefix = f"couplings.{coupling.name}"
+            arms: dict[int, Scalar] = {place(coupling.of): 1.0}
+            for name, ratio in coupling.to.items():
+                arms[place(name)] = -1.0 * self.value(f"{prefix}.ratio.{name}", ratio)
+            offset = self.value(f"{prefix}.offset", coupling.offset or 0.0)
+            if coupling.law is None:
+                found.append(BoundCoupling(arms, offset, None))
+            elif coupling.name in acting:
+                found.append(BoundCoupling(arms, offset, self._bound_law(prefix, coupling.law)))
+        return tuple(found)
+
+    def _bound_law(self, prefix: str, given: Coordinate) -> BoundLaw:
+        stiffness = 0.0 if _is_bent(given) else self.value(f"{prefix}.stiffness", given.stiffness or 0.0)
+        damping = self.value(f"{prefix}.damping", given.damping or 0.0)
+        return BoundLaw(stiffness, damping, self._law(prefix, given), _knots(given))
 
     def springs(self, poses: dict[str, tuple[int, Pose]]) -> tuple[BoundSpring, ...]:
         """The springs between points, each with its ends in the bodies' frames."""

@@ -7,19 +7,30 @@ coordinate of p, the origin of b seen from a, or a sum of products of axes of a 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from eomgen.robot.cuts import CUTS, Component
+from eomgen.robot.cuts import Component, rigid_parts
 from eomgen.robot.model import FIXED_BODY, Model
+from eomgen.robot.value import ANGULAR
 
 from .bound import Bound
 from .frozen_joints import JointGeometry
 from .kinematics import BASE_POSE, through_joint
-from .spatial import Mat, Pose, Scalar, Vec, add, cross, dot, matvec, scale, transpose
+from .recursion import Wrench
+from .spatial import Mat, Pose, Scalar, Vec, add, cross, dot, is_zero, matmul, matvec, scale, transpose
 
 ZERO: Vec = (0.0, 0.0, 0.0)
+Turn = Callable[[Scalar], tuple[Scalar, Scalar]]
+
+
+@dataclass(frozen=True)
+class Direction:
+    """A direction of motion of frame b against frame a, in the common body's axes: of its origin, or a turn."""
+
+    vector: Vec
+    is_rotation: bool
 
 
 @dataclass(frozen=True)
@@ -96,17 +107,54 @@ class Side:
 class Closure:
     """The two sides of a loop, and frame b as seen from a: ``distance`` and axes, in the common body's axes."""
 
-    def __init__(self, model: Model, bound: Bound, joints: Sequence[JointGeometry], number: int) -> None:
-        self.parts: tuple[Component, ...] = CUTS[model.robot.loops[number].type]
+    def __init__(self, model: Model, bound: Bound, joints: Sequence[JointGeometry], number: int, sincos: Turn) -> None:
+        """Follow both sides of the loop of that number.
+
+        Args:
+            sincos: sine and cosine of a scalar.
+        """
+        self.number = number
+        self.parts: tuple[Component, ...] = rigid_parts(model.robot.loops[number])
         cut_a, cut_b = bound.cuts[number]
         top = common_body(model, cut_a[0], cut_b[0])
         self.a, self.b = (Side(model, joints, top, cut) for cut in (cut_a, cut_b))
         self.distance = subtract(self.b.pose.origin, self.a.pose.origin)
         self.axes_a, self.axes_b = transpose(self.a.pose.rotation), transpose(self.b.pose.rotation)
+        offset = bound.cut_offsets[number]
+        self.shift: Vec = (offset[0], offset[1], offset[2])
+        self._compare_axes(offset[3:], sincos)
 
     def values(self) -> list[Scalar]:
         """Components of g: m, and sines of angles."""
-        return [self._of(part, self.distance, lambda i, j: dot(self.axes_a[i], self.axes_b[j])) for part in self.parts]
+        away = [self._of(part, self.distance, lambda i, j: dot(self.rows_a[i], self.rows_b[j])) for part in self.parts]
+        return [value - self._kept(part) for value, part in zip(away, self.parts, strict=True)]
+
+    def _compare_axes(self, offset: Sequence[Scalar], sincos: Turn) -> None:
+        """Turn the axes of both frames, as rows compare them, by what rigid angles keep to.
+
+        Where all angles are rigid, the whole offset turns those of a.  Otherwise alpha turns a about x, gamma b back
+        about z, and beta is taken off its own row, sin(beta): each is exact whatever the other angles are.
+        """
+        rigid = {part.name for part in self.parts if part.axis is None}
+        R, S = self.a.pose.rotation, self.b.pose.rotation
+        self.sine: Scalar = 0.0
+        for axis, (name, angle) in enumerate(zip(ANGULAR, offset, strict=True)):
+            if name not in rigid or is_zero(angle):
+                continue
+            sine, cosine = sincos(angle)
+            if len(rigid) == len(ANGULAR) or axis == 0:
+                R = matmul(R, about(axis, sine, cosine))
+            elif axis == 1:
+                self.sine = sine
+            else:
+                S = matmul(S, transpose(about(axis, sine, cosine)))
+        self.rows_a, self.rows_b = transpose(R), transpose(S)
+
+    def _kept(self, part: Component) -> Scalar:
+        """What a component keeps to."""
+        if part.axis is not None:
+            return self.shift[part.axis]
+        return self.sine if part.name == "beta" else 0.0
 
     def pose(self) -> Pose:
         """Frame b seen from frame a."""
@@ -115,17 +163,38 @@ class Closure:
 
     def jacobian(self) -> list[dict[int, Scalar]]:
         """Rows of J by coordinate; those that move a move b the other way, as seen from a."""
-        rows: list[dict[int, Scalar]] = [{} for _ in self.parts]
-        moments = [self._moment(part) for part in self.parts]
+        return self.arms([self.direction(part) for part in self.parts])
+
+    def direction(self, part: Component) -> Direction:
+        """The direction that a component is a coordinate along."""
+        if part.axis is not None:
+            return Direction(self.axes_a[part.axis], is_rotation=False)
+        return Direction(self._moment(part), is_rotation=True)
+
+    def arms(self, directions: Sequence[Direction]) -> list[dict[int, Scalar]]:
+        """Derivatives by the coordinates of how far b comes along directions, as seen from a."""
+        rows: list[dict[int, Scalar]] = [{} for _ in directions]
         for side, sign in ((self.a, -1.0), (self.b, 1.0)):
             for column in side.columns(self.b.pose.origin):
                 slide = cross(column.axis, column.arm) if column.is_rotation else column.axis
-                for row, part, moment in zip(rows, self.parts, moments, strict=True):
-                    if part.axis is not None:
-                        row[column.index] = sign * dot(self.axes_a[part.axis], slide)
+                for row, direction in zip(rows, directions, strict=True):
+                    if not direction.is_rotation:
+                        row[column.index] = sign * dot(direction.vector, slide)
                     elif column.is_rotation:
-                        row[column.index] = sign * dot(moment, column.axis)
+                        row[column.index] = sign * dot(direction.vector, column.axis)
         return rows
+
+    def wrenches(self, force: Vec, moment: Vec) -> Iterator[tuple[int, Wrench]]:
+        """Wrenches of joints on the bodies of both sides that hold a wrench on b at its origin, and the opposite on a.
+
+        At each body's origin in its axes; the wrench is given in the common body's axes.
+        """
+        for side, sign in ((self.a, 1.0), (self.b, -1.0)):
+            f, n = scale(sign, force), scale(sign, moment)
+            for k, pose in zip(side.path, side.poses, strict=True):
+                back = transpose(pose.rotation)
+                arm = subtract(self.b.pose.origin, pose.origin)
+                yield k, Wrench(matvec(back, f), matvec(back, add(n, cross(arm, f))))
 
     def bias(self, v: Sequence[Scalar]) -> list[Scalar]:
         """J_dot v: second derivatives of the components at q_ddot = 0."""
@@ -136,8 +205,8 @@ class Closure:
         slide = add(subtract(b.acceleration, a.acceleration), subtract(cross(w, inner), cross(a.dot, self.distance)))
         turn = subtract(b.rate, w)  # of b against a, and its derivative as seen from a
         dot_turn = subtract(subtract(b.dot, a.dot), cross(w, turn))
-        bend = [add(cross(dot_turn, f), cross(turn, cross(turn, f))) for f in self.axes_b]
-        return [self._of(part, slide, lambda i, j: dot(self.axes_a[i], bend[j])) for part in self.parts]
+        bend = [add(cross(dot_turn, f), cross(turn, cross(turn, f))) for f in self.rows_b]
+        return [self._of(part, slide, lambda i, j: dot(self.rows_a[i], bend[j])) for part in self.parts]
 
     def _of(self, part: Component, vector: Vec, product: Any) -> Scalar:
         """The component of a vector, or the sum of products of axes, that the part stands for."""
@@ -152,15 +221,24 @@ class Closure:
         """The factor of b's angular velocity against a: e_i . (w x f_j) = w . (f_j x e_i)."""
         total = ZERO
         for factor, i, j in part.products:
-            total = add(total, scale(factor, cross(self.axes_b[j], self.axes_a[i])))
+            total = add(total, scale(factor, cross(self.rows_b[j], self.rows_a[i])))
         return total
 
 
-def closures(model: Model, bound: Bound, joints: Sequence[JointGeometry], note: Any) -> Iterator[Closure]:
+def closures(model: Model, bound: Bound, joints: Sequence[JointGeometry], sincos: Turn, note: Any) -> Iterator[Closure]:
     """The robot's loops, each with a comment in front of its values."""
     for number, loop in enumerate(model.robot.loops):
         note(f"{loop.name}: {loop.type} joint between {loop.links[0]} and {loop.links[1]}")
-        yield Closure(model, bound, joints, number)
+        yield Closure(model, bound, joints, number, sincos)
+
+
+def about(axis: int, sine: Scalar, cosine: Scalar) -> Mat:
+    """Rotation matrix about x, y or z."""
+    if axis == 0:
+        return ((1.0, 0.0, 0.0), (0.0, cosine, -1.0 * sine), (0.0, sine, cosine))
+    if axis == 1:
+        return ((cosine, 0.0, sine), (0.0, 1.0, 0.0), (-1.0 * sine, 0.0, cosine))
+    return ((cosine, -1.0 * sine, 0.0), (sine, cosine, 0.0), (0.0, 0.0, 1.0))
 
 
 def common_body(model: Model, a: int, b: int) -> int:

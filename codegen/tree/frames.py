@@ -17,7 +17,7 @@ from dataclasses import replace
 from eomgen.robot.geometry import IDENTITY
 from eomgen.robot.model import Model
 
-from .bound import Bound, BoundBody, BoundSpring
+from .bound import Bound, BoundBody, BoundSpring, Cuts
 from .spatial import Mat, Pose, Scalar, Vec, add, congruence, dot, matvec, scale, transpose
 
 AXIS = 2  # the principal axis
@@ -27,7 +27,7 @@ VECTORS = 5  # so many are turned by a placement, so many products go with a com
 
 def choose_frames(model: Model, bound: Bound) -> Bound:
     """The same robot with body frames shifted and turned where that leaves fewer non-zero numbers."""
-    bodies, offsets, springs = list(bound.bodies), list(bound.angle_offsets), bound.springs
+    bodies, offsets, springs, cuts = list(bound.bodies), list(bound.angle_offsets), bound.springs, bound.cuts
     for k, body in enumerate(model.bodies):
         children = model.children(k)
         plain = _plain(bodies, [k]) and set(body.active) <= {"z", "gamma"}
@@ -43,18 +43,18 @@ def choose_frames(model: Model, bound: Bound) -> Bound:
             if shift:
                 by = Pose(IDENTITY, (0.0, 0.0, shift))
                 _move(bodies, k, children, by, placed=True)
-                springs = _points_moved(springs, k, by)
+                springs, cuts = _points_moved(springs, k, by), _cuts_moved(cuts, k, by)
         if "gamma" in body.active:
             angle = _best_turn(bodies, children) if children else _turn_onto_x(bound, bodies, k)
             if angle:
                 by = Pose(_about_z(angle), (0.0, 0.0, 0.0))
                 _move(bodies, k, children, by, placed=False)
-                springs = _points_moved(springs, k, by)
+                springs, cuts = _points_moved(springs, k, by), _cuts_moved(cuts, k, by)
                 offsets[body.indices[-1]] += angle
                 if not children:
                     x, _, z = bodies[k].inertia.first
                     bodies[k] = replace(bodies[k], inertia=replace(bodies[k].inertia, first=(x, 0.0, z)))
-    return replace(bound, bodies=tuple(bodies), angle_offsets=tuple(offsets), springs=springs)
+    return replace(bound, bodies=tuple(bodies), angle_offsets=tuple(offsets), springs=springs, cuts=cuts)
 
 
 def _about_z(angle: float) -> Mat:
@@ -77,8 +77,7 @@ def _turned(pose: Pose, angle: float) -> Pose:
 
 def _move(bodies: list[BoundBody], k: int, children: Sequence[int], by: Pose, *, placed: bool) -> None:
     """Move body k's frame by a pose given in that frame; ``placed``: the joint's placement moves too."""
-    back_rotation = transpose(by.rotation)
-    back = Pose(back_rotation, scale(-1.0, tuple(dot(row, by.origin) for row in back_rotation)))
+    back = _back(by)
     placement = bodies[k].placement @ by if placed else bodies[k].placement
     bodies[k] = BoundBody(placement, congruence(back, bodies[k].inertia))
     for child in children:
@@ -91,6 +90,12 @@ def _move(bodies: list[BoundBody], k: int, children: Sequence[int], by: Pose, *,
         bodies[child] = replace(bodies[child], placement=moved)
 
 
+def _back(by: Pose) -> Pose:
+    """The inverse of a pose."""
+    back = transpose(by.rotation)
+    return Pose(back, scale(-1.0, matvec(back, by.origin)))
+
+
 def _points_moved(springs: tuple[BoundSpring, ...], k: int, by: Pose) -> tuple[BoundSpring, ...]:
     """The springs with their ends on body k seen from its frame moved by a pose given in it."""
     back = transpose(by.rotation)
@@ -99,6 +104,24 @@ def _points_moved(springs: tuple[BoundSpring, ...], k: int, by: Pose) -> tuple[B
         return (k, matvec(back, add(end[1], scale(-1.0, by.origin)))) if end[0] == k else end
 
     return tuple(replace(spring, ends=(seen(spring.ends[0]), seen(spring.ends[1]))) for spring in springs)
+
+
+def _cuts_moved(cuts: Cuts, k: int, by: Pose) -> Cuts:
+    """The loops' cut frames with those on body k seen from its frame moved by a pose given in it."""
+
+    def seen(side: tuple[int, Pose]) -> tuple[int, Pose]:
+        return (k, _cleaned(_back(by) @ side[1])) if side[0] == k else side
+
+    return tuple((seen(a), seen(b)) for a, b in cuts)
+
+
+def _cleaned(pose: Pose) -> Pose:
+    """The pose without round-off in entries that are meant to be 0, 1 or -1, where it is one of numbers."""
+    if not all(isinstance(x, float) for row in (*pose.rotation, pose.origin) for x in row):
+        return pose
+    size = ROUND_OFF * math.hypot(*pose.origin)
+    x, y, z = (0.0 if abs(component) <= size else component for component in pose.origin)
+    return Pose(_turned(pose, 0.0).rotation, (x, y, z))
 
 
 def _best_shift(bodies: list[BoundBody], k: int, children: Sequence[int]) -> float:

@@ -304,39 +304,6 @@ int one_link_christoffel(const double *restrict h, const double *restrict q, dou
     return 0;
 }
 
-/* Frames [R | X], bodies' origins, coordinates' axes; eqs. (1)-(3). */
-static int one_link_kinematics(const double *restrict h, const double *restrict q, double *restrict out)
-{
-    const double angle[PADDED(1)] = { q[1] };
-    double sine[PADDED(1)];
-    double cosine[PADDED(1)];
-    turn(angle, PADDED(1), sine, cosine);
-    (void)h;
-
-    for (size_t i = 0; i < 45U; ++i) { out[i] = 0.0; }
-    out[0] = cosine[0];
-    out[5] = out[0];
-    out[24] = out[0];
-    out[29] = out[0];
-    out[4] = sine[0];
-    out[7] = out[4];
-    out[28] = out[4];
-    out[10] = 1.0;
-    out[12] = 1.0;
-    out[17] = 1.0;
-    out[22] = 1.0;
-    out[34] = 1.0;
-    out[39] = 1.0;
-    out[44] = 1.0;
-    out[27] = q[0];
-    out[36] = out[27];
-    out[1] = -sine[0];
-    out[25] = out[1];
-    out[3] = q[0] + cosine[0];
-
-    return 0;
-}
-
 /* Kinetic energy, eq. (4), and potential energy of gravity and springs. */
 int one_link_energy(const double *restrict h, const double *restrict q, const double *restrict v, double *restrict out)
 {
@@ -414,7 +381,7 @@ static int one_link_implicit_step(const double *restrict h, const double *restri
     double cosine[PADDED(1)];
     turn(angle, PADDED(1), sine, cosine);
 
-    const double t17 = h[3]*dt[1];
+    const double t16 = h[3]*dt[1];
     /* joint1: eliminated, from the tips to the base */
     const double t23 = added[1] + 0.3333333333333333;
     pivot[2] = t23;
@@ -423,9 +390,9 @@ static int one_link_implicit_step(const double *restrict h, const double *restri
     const double t26 = u[1]*t25;
     const double t33 = sine[0]*(1.0 - (1.0 - 0.25*t25));
     const double t35 = 1.0 - sine[0]*t33;
-    const double t40 = t17 + t35;
+    const double t40 = t16 + t35;
     pivot[0] = t40;
-    pivot[1] = t17 + 1.0;
+    pivot[1] = t16 + 1.0;
     const double t42 = 1.0/t40;
     const double t43 = u[0] - h[3]*(q[0] + v[0]*dt[0]) + (cosine[0]*(0.5*(v[1]*v[1])) + sine[0]*(0.5*t26));
     /* joint1: accelerations, from the base to the tips */
@@ -436,12 +403,122 @@ static int one_link_implicit_step(const double *restrict h, const double *restri
     return one_link_failed(pivot);
 }
 
+EOMGEN_PART void one_link_kinematics0(const double *restrict q, const double *restrict sine, const double *restrict cosine, int last, double *restrict origins, double *restrict axes, double *restrict kept)
+{
+    origins[0] = q[0];
+    origins[1] = 0.0;
+    origins[2] = 0.0;
+    axes[1] = 0.0;
+    axes[2] = 0.0;
+    axes[3] = 0.0;
+    axes[4] = 0.0;
+    axes[0] = 1.0;
+    axes[5] = 1.0;
+    kept[0] = cosine[0];
+    kept[2] = sine[0];
+    if (last <= 0) { return; }
+    kept[1] = -sine[0];
+}
+
+EOMGEN_PART void one_link_kinematics1(const double *restrict q, const double *restrict given, double *restrict pose)
+{
+    pose[0] = given[0];
+    pose[5] = pose[0];
+    pose[1] = given[1];
+    pose[2] = 0.0;
+    pose[6] = 0.0;
+    pose[8] = 0.0;
+    pose[9] = 0.0;
+    pose[11] = 0.0;
+    pose[4] = given[2];
+    pose[7] = pose[4];
+    pose[10] = 1.0;
+    pose[3] = q[0] + given[0];
+}
+
+EOMGEN_PART void one_link_kinematics2(double *restrict pose)
+{
+    pose[0] = 1.0;
+    pose[5] = 1.0;
+    pose[10] = 1.0;
+    pose[1] = 0.0;
+    pose[2] = 0.0;
+    pose[3] = 0.0;
+    pose[4] = 0.0;
+    pose[6] = 0.0;
+    pose[7] = 0.0;
+    pose[8] = 0.0;
+    pose[9] = 0.0;
+    pose[11] = 0.0;
+}
+
+EOMGEN_PART void one_link_kinematics3(const double *restrict q, const double *restrict given, double *restrict pose)
+{
+    pose[0] = given[0];
+    pose[5] = pose[0];
+    pose[1] = given[1];
+    pose[2] = 0.0;
+    pose[6] = 0.0;
+    pose[7] = 0.0;
+    pose[8] = 0.0;
+    pose[9] = 0.0;
+    pose[11] = 0.0;
+    pose[3] = q[0];
+    pose[4] = given[2];
+    pose[10] = 1.0;
+}
+
+/* Pose [R | X] of a frame; origins of the bodies between the base and it, and axes of their coordinates; eqs. (1)-(3).
+ * Nodes are the base, the bodies, and the frames, each behind its body; several bodies may be a run.  Sines and cosines
+ * on the way are taken at once. */
+static void one_link_on_the_way(const double *restrict h, const double *restrict q, int frame, double *restrict pose, double *restrict origins, double *restrict axes)
+{
+    static const int run_of[5] = { 0, 0, 1, 2, 3 };
+    static const int behind[4] = { -1, 1, 0, 1 };
+    int way[2];
+    int count = 0;
+    double kept[3];
+    const double *const given = kept;
+    static const int turned[5] = { 0, 1, 0, 0, 0 };
+    static const int first[4] = { 0, 1, 1, 1 };
+    static const int place[1] = { 1 };
+    double turning[PADDED(1)] = { 0 };
+    double sines[PADDED(1)];
+    double cosines[PADDED(1)];
+    int angles = 0;
+    int done = 0;
+    (void)h;
+    (void)q;
+    (void)given;
+    for (int node = 2 + frame; node >= 0; node = behind[run_of[node]]) { way[count] = node; ++count; }
+    for (int i = count - 1; i >= 0; --i) {
+        const int *const own = &place[first[run_of[way[i]]]];
+        for (int k = 0; k < turned[way[i]]; ++k) { turning[angles] = q[own[k]]; ++angles; }
+    }
+    const int padded = PADDED(angles);
+    turn(turning, (size_t)padded, sines, cosines);
+    while (count > 0) {
+        --count;
+        const int last = way[count];
+        const double *const sine = &sines[done];
+        const double *const cosine = &cosines[done];
+        done += turned[last];
+        switch (run_of[last]) {
+        case 0: one_link_kinematics0(q, sine, cosine, last, origins, axes, kept); break;
+        case 1: one_link_kinematics1(q, given, pose); break;
+        case 2: one_link_kinematics2(pose); break;
+        case 3: one_link_kinematics3(q, given, pose); break;
+        default: break;
+        }
+    }
+}
+
 /* Pose of a frame in the base, 4x4; eqs. (1) and (2). */
 int one_link_frame_pose(const double *restrict h, const double *restrict q, int frame, double *restrict out)
 {
-    double k[45];
-    (void)one_link_kinematics(h, q, k);
-    for (int i = 0; i < 12; ++i) { out[i] = k[12 * frame + i]; }
+    double origins[3];
+    double axes[6];
+    one_link_on_the_way(h, q, frame, out, origins, axes);
     for (int i = 12; i < 15; ++i) { out[i] = 0.0; }
     out[15] = 1.0;
     return 0;
@@ -455,14 +532,16 @@ int one_link_frame_jacobian(const double *restrict h, const double *restrict q, 
     static const int first[1] = { 0 };
     static const int count[1] = { 2 };
     static const int is_rotation[2] = { 0, 1 };
-    double k[45];
-    (void)one_link_kinematics(h, q, k);
+    double pose[12];
+    double origins[3];
+    double axes[6];
+    one_link_on_the_way(h, q, frame, pose, origins, axes);
     for (int i = 0; i < 12; ++i) { out[i] = 0.0; }
     for (int body = body_of[frame]; body >= 0; body = parent[body]) {
-        const double *origin = &k[36 + 3 * body];
-        const double arm[3] = { k[12 * frame + 3] - origin[0], k[12 * frame + 7] - origin[1], k[12 * frame + 11] - origin[2] };
+        const double *origin = &origins[3 * body];
+        const double arm[3] = { pose[3] - origin[0], pose[7] - origin[1], pose[11] - origin[2] };
         for (int s = first[body]; s < first[body] + count[body]; ++s) {
-            const double *axis = &k[39 + 3 * s];
+            const double *axis = &axes[3 * s];
             if (is_rotation[s] != 0) {
                 out[s] = axis[1] * arm[2] - axis[2] * arm[1];
                 out[2 + s] = axis[2] * arm[0] - axis[0] * arm[2];
@@ -1124,38 +1203,6 @@ static int one_link_christoffel_lanes(const double *restrict h, const lanes *res
     return 0;
 }
 
-/* Frames [R | X], bodies' origins, coordinates' axes; eqs. (1)-(3). */
-static int one_link_kinematics_lanes(const double *restrict h, const lanes *restrict q, lanes *restrict out)
-{
-    lanes sine[1];
-    lanes cosine[1];
-    turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
-    (void)h;
-
-    for (size_t i = 0; i < 45U; ++i) { out[i] = ALL(0.0); }
-    out[0] = cosine[0];
-    out[5] = out[0];
-    out[24] = out[0];
-    out[29] = out[0];
-    out[4] = sine[0];
-    out[7] = out[4];
-    out[28] = out[4];
-    out[10] = ALL(1.0);
-    out[12] = out[10];
-    out[17] = out[10];
-    out[22] = out[10];
-    out[34] = out[10];
-    out[39] = out[10];
-    out[44] = out[10];
-    out[27] = q[0];
-    out[36] = out[27];
-    out[1] = -sine[0];
-    out[25] = out[1];
-    out[3] = q[0] + cosine[0];
-
-    return 0;
-}
-
 /* Kinetic energy, eq. (4), and potential energy of gravity and springs. */
 static int one_link_energy_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, lanes *restrict out)
 {
@@ -1229,7 +1276,7 @@ static int one_link_implicit_step_lanes(const double *restrict h, const lanes *r
     lanes cosine[1];
     turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
 
-    const lanes t17 = h[3]*dt[1];
+    const lanes t16 = h[3]*dt[1];
     /* joint1: eliminated, from the tips to the base */
     const lanes t23 = added[1] + 0.3333333333333333;
     pivot[2] = t23;
@@ -1238,9 +1285,9 @@ static int one_link_implicit_step_lanes(const double *restrict h, const lanes *r
     const lanes t26 = u[1]*t25;
     const lanes t33 = sine[0]*(1.0 - (1.0 - 0.25*t25));
     const lanes t35 = 1.0 - sine[0]*t33;
-    const lanes t40 = t17 + t35;
+    const lanes t40 = t16 + t35;
     pivot[0] = t40;
-    pivot[1] = t17 + 1.0;
+    pivot[1] = t16 + 1.0;
     const lanes t42 = 1.0/t40;
     const lanes t43 = u[0] - h[3]*(q[0] + v[0]*dt[0]) + (cosine[0]*(0.5*(v[1]*v[1])) + sine[0]*(0.5*t26));
     /* joint1: accelerations, from the base to the tips */
@@ -1300,8 +1347,8 @@ long long one_link_mass_matrix_batch(size_t count, const double *restrict h, con
         const int more = count - i >= AHEAD + LANES;
         gather(q + i * q_step, q_step, here, more, 2, q_lanes);
         const int status = one_link_mass_matrix_lanes(h, q_lanes, out_lanes);
-        if (status != 0) return (long long)i * 2 + status - 1;
         scatter(out_lanes, NULL, here, more, 4, 4, out + i * 4);
+        if (status != 0) return (long long)i * 2 + status - 1;
     }
     return -1;
 }
@@ -1315,8 +1362,8 @@ long long one_link_bias_force_batch(size_t count, const double *restrict h, cons
         gather(q + i * q_step, q_step, here, more, 2, q_lanes);
         gather(v + i * v_step, v_step, here, more, 2, v_lanes);
         const int status = one_link_bias_force_lanes(h, q_lanes, v_lanes, out_lanes);
-        if (status != 0) return (long long)i * 2 + status - 1;
         scatter(out_lanes, NULL, here, more, 2, 2, out + i * 2);
+        if (status != 0) return (long long)i * 2 + status - 1;
     }
     return -1;
 }
@@ -1330,8 +1377,8 @@ long long one_link_generalized_force_batch(size_t count, const double *restrict 
         gather(q + i * q_step, q_step, here, more, 2, q_lanes);
         gather(v + i * v_step, v_step, here, more, 2, v_lanes);
         const int status = one_link_generalized_force_lanes(h, q_lanes, v_lanes, out_lanes);
-        if (status != 0) return (long long)i * 2 + status - 1;
         scatter(out_lanes, NULL, here, more, 2, 2, out + i * 2);
+        if (status != 0) return (long long)i * 2 + status - 1;
     }
     return -1;
 }
@@ -1345,8 +1392,8 @@ long long one_link_external_force_batch(size_t count, const double *restrict h, 
         gather(q + i * q_step, q_step, here, more, 2, q_lanes);
         gather(wrench + i * wrench_step, wrench_step, here, more, 6, wrench_lanes);
         const int status = one_link_external_force_lanes(h, q_lanes, wrench_lanes, out_lanes);
-        if (status != 0) return (long long)i * 2 + status - 1;
         scatter(out_lanes, NULL, here, more, 2, 2, out + i * 2);
+        if (status != 0) return (long long)i * 2 + status - 1;
     }
     return -1;
 }
@@ -1362,8 +1409,8 @@ long long one_link_residual_batch(size_t count, const double *restrict h, const 
         gather(a + i * a_step, a_step, here, more, 2, a_lanes);
         gather(u + i * u_step, u_step, here, more, 2, u_lanes);
         const int status = one_link_residual_lanes(h, q_lanes, v_lanes, a_lanes, u_lanes, out_lanes);
-        if (status != 0) return (long long)i * 2 + status - 1;
         scatter(out_lanes, NULL, here, more, 2, 2, out + i * 2);
+        if (status != 0) return (long long)i * 2 + status - 1;
     }
     return -1;
 }
@@ -1378,8 +1425,8 @@ long long one_link_inverse_dynamics_batch(size_t count, const double *restrict h
         gather(v + i * v_step, v_step, here, more, 2, v_lanes);
         gather(a + i * a_step, a_step, here, more, 2, a_lanes);
         const int status = one_link_inverse_dynamics_lanes(h, q_lanes, v_lanes, a_lanes, out_lanes);
-        if (status != 0) return (long long)i * 2 + status - 1;
         scatter(out_lanes, NULL, here, more, 2, 2, out + i * 2);
+        if (status != 0) return (long long)i * 2 + status - 1;
     }
     return -1;
 }
@@ -1394,8 +1441,8 @@ long long one_link_forward_dynamics_batch(size_t count, const double *restrict h
         gather(v + i * v_step, v_step, here, more, 2, v_lanes);
         gather(u + i * u_step, u_step, here, more, 2, u_lanes);
         const int status = one_link_forward_dynamics_lanes(h, q_lanes, v_lanes, u_lanes, out_lanes);
-        if (status != 0) return (long long)i * 2 + status - 1;
         scatter(out_lanes, NULL, here, more, 2, 2, out + i * 2);
+        if (status != 0) return (long long)i * 2 + status - 1;
     }
     return -1;
 }
@@ -1410,8 +1457,8 @@ long long one_link_residual_jacobian_batch(size_t count, const double *restrict 
         gather(v + i * v_step, v_step, here, more, 2, v_lanes);
         gather(a + i * a_step, a_step, here, more, 2, a_lanes);
         const int status = one_link_residual_jacobian_lanes(h, q_lanes, v_lanes, a_lanes, out_lanes);
-        if (status != 0) return (long long)i * 2 + status - 1;
         scatter(out_lanes, NULL, here, more, 12, 12, out + i * 12);
+        if (status != 0) return (long long)i * 2 + status - 1;
     }
     return -1;
 }
@@ -1426,8 +1473,8 @@ long long one_link_forward_dynamics_jacobian_batch(size_t count, const double *r
         gather(v + i * v_step, v_step, here, more, 2, v_lanes);
         gather(u + i * u_step, u_step, here, more, 2, u_lanes);
         const int status = one_link_forward_dynamics_jacobian_lanes(h, q_lanes, v_lanes, u_lanes, out_lanes);
-        if (status != 0) return (long long)i * 2 + status - 1;
         scatter(out_lanes, NULL, here, more, 12, 12, out + i * 12);
+        if (status != 0) return (long long)i * 2 + status - 1;
     }
     return -1;
 }
@@ -1441,8 +1488,8 @@ long long one_link_coriolis_matrix_batch(size_t count, const double *restrict h,
         gather(q + i * q_step, q_step, here, more, 2, q_lanes);
         gather(v + i * v_step, v_step, here, more, 2, v_lanes);
         const int status = one_link_coriolis_matrix_lanes(h, q_lanes, v_lanes, out_lanes);
-        if (status != 0) return (long long)i * 2 + status - 1;
         scatter(out_lanes, NULL, here, more, 4, 4, out + i * 4);
+        if (status != 0) return (long long)i * 2 + status - 1;
     }
     return -1;
 }
@@ -1455,8 +1502,8 @@ long long one_link_christoffel_batch(size_t count, const double *restrict h, con
         const int more = count - i >= AHEAD + LANES;
         gather(q + i * q_step, q_step, here, more, 2, q_lanes);
         const int status = one_link_christoffel_lanes(h, q_lanes, out_lanes);
-        if (status != 0) return (long long)i * 2 + status - 1;
         scatter(out_lanes, NULL, here, more, 8, 8, out + i * 8);
+        if (status != 0) return (long long)i * 2 + status - 1;
     }
     return -1;
 }
@@ -1470,8 +1517,8 @@ long long one_link_energy_batch(size_t count, const double *restrict h, const do
         gather(q + i * q_step, q_step, here, more, 2, q_lanes);
         gather(v + i * v_step, v_step, here, more, 2, v_lanes);
         const int status = one_link_energy_lanes(h, q_lanes, v_lanes, out_lanes);
-        if (status != 0) return (long long)i * 2 + status - 1;
         scatter(out_lanes, NULL, here, more, 2, 2, out + i * 2);
+        if (status != 0) return (long long)i * 2 + status - 1;
     }
     return -1;
 }
@@ -1486,8 +1533,8 @@ long long one_link_reactions_batch(size_t count, const double *restrict h, const
         gather(v + i * v_step, v_step, here, more, 2, v_lanes);
         gather(a + i * a_step, a_step, here, more, 2, a_lanes);
         const int status = one_link_reactions_lanes(h, q_lanes, v_lanes, a_lanes, out_lanes);
-        if (status != 0) return (long long)i * 2 + status - 1;
         scatter(out_lanes, NULL, here, more, 6, 6, out + i * 6);
+        if (status != 0) return (long long)i * 2 + status - 1;
     }
     return -1;
 }
@@ -1501,8 +1548,8 @@ long long one_link_external_reactions_batch(size_t count, const double *restrict
         gather(q + i * q_step, q_step, here, more, 2, q_lanes);
         gather(wrench + i * wrench_step, wrench_step, here, more, 6, wrench_lanes);
         const int status = one_link_external_reactions_lanes(h, q_lanes, wrench_lanes, out_lanes);
-        if (status != 0) return (long long)i * 2 + status - 1;
         scatter(out_lanes, NULL, here, more, 6, 6, out + i * 6);
+        if (status != 0) return (long long)i * 2 + status - 1;
     }
     return -1;
 }
@@ -1515,17 +1562,128 @@ long long one_link_euler_cosines_batch(size_t count, const double *restrict h, c
         const int more = count - i >= AHEAD + LANES;
         gather(q + i * q_step, q_step, here, more, 2, q_lanes);
         const int status = one_link_euler_cosines_lanes(h, q_lanes, out_lanes);
-        if (status != 0) return (long long)i * 2 + status - 1;
         scatter(out_lanes, NULL, here, more, 1, 1, out + i * 1);
+        if (status != 0) return (long long)i * 2 + status - 1;
     }
     return -1;
 }
+
+EOMGEN_PART void one_link_kinematics0_lanes(const lanes *restrict q, const lanes *restrict sine, const lanes *restrict cosine, int last, lanes *restrict origins, lanes *restrict axes, lanes *restrict kept)
+{
+    origins[0] = q[0];
+    origins[1] = ALL(0.0);
+    origins[2] = origins[1];
+    axes[1] = origins[1];
+    axes[2] = origins[1];
+    axes[3] = origins[1];
+    axes[4] = origins[1];
+    axes[0] = ALL(1.0);
+    axes[5] = axes[0];
+    kept[0] = cosine[0];
+    kept[2] = sine[0];
+    if (last <= 0) { return; }
+    kept[1] = -sine[0];
+}
+
+EOMGEN_PART void one_link_kinematics1_lanes(const lanes *restrict q, const lanes *restrict given, lanes *restrict pose)
+{
+    pose[0] = given[0];
+    pose[5] = pose[0];
+    pose[1] = given[1];
+    pose[2] = ALL(0.0);
+    pose[6] = pose[2];
+    pose[8] = pose[2];
+    pose[9] = pose[2];
+    pose[11] = pose[2];
+    pose[4] = given[2];
+    pose[7] = pose[4];
+    pose[10] = ALL(1.0);
+    pose[3] = q[0] + given[0];
+}
+
+EOMGEN_PART void one_link_kinematics2_lanes(lanes *restrict pose)
+{
+    pose[0] = ALL(1.0);
+    pose[5] = pose[0];
+    pose[10] = pose[0];
+    pose[1] = ALL(0.0);
+    pose[2] = pose[1];
+    pose[3] = pose[1];
+    pose[4] = pose[1];
+    pose[6] = pose[1];
+    pose[7] = pose[1];
+    pose[8] = pose[1];
+    pose[9] = pose[1];
+    pose[11] = pose[1];
+}
+
+EOMGEN_PART void one_link_kinematics3_lanes(const lanes *restrict q, const lanes *restrict given, lanes *restrict pose)
+{
+    pose[0] = given[0];
+    pose[5] = pose[0];
+    pose[1] = given[1];
+    pose[2] = ALL(0.0);
+    pose[6] = pose[2];
+    pose[7] = pose[2];
+    pose[8] = pose[2];
+    pose[9] = pose[2];
+    pose[11] = pose[2];
+    pose[3] = q[0];
+    pose[4] = given[2];
+    pose[10] = ALL(1.0);
+}
+
+/* Pose [R | X] of a frame; origins of the bodies between the base and it, and axes of their coordinates; eqs. (1)-(3).
+ * Nodes are the base, the bodies, and the frames, each behind its body; several bodies may be a run.  Sines and cosines
+ * on the way are taken at once. */
+static void one_link_on_the_way_lanes(const double *restrict h, const lanes *restrict q, int frame, lanes *restrict pose, lanes *restrict origins, lanes *restrict axes)
+{
+    static const int run_of[5] = { 0, 0, 1, 2, 3 };
+    static const int behind[4] = { -1, 1, 0, 1 };
+    int way[2];
+    int count = 0;
+    lanes kept[3];
+    const lanes *const given = kept;
+    static const int turned[5] = { 0, 1, 0, 0, 0 };
+    static const int first[4] = { 0, 1, 1, 1 };
+    static const int place[1] = { 1 };
+    lanes turning[1];
+    lanes sines[1];
+    lanes cosines[1];
+    int angles = 0;
+    int done = 0;
+    (void)h;
+    (void)q;
+    (void)given;
+    for (int node = 2 + frame; node >= 0; node = behind[run_of[node]]) { way[count] = node; ++count; }
+    for (int i = count - 1; i >= 0; --i) {
+        const int *const own = &place[first[run_of[way[i]]]];
+        for (int k = 0; k < turned[way[i]]; ++k) { turning[angles] = q[own[k]]; ++angles; }
+    }
+    if (angles == 0) { turning[0] = ALL(0.0); }
+    turn((const double *)turning, (size_t)angles * LANES, (double *)sines, (double *)cosines);
+    while (count > 0) {
+        --count;
+        const int last = way[count];
+        const lanes *const sine = &sines[done];
+        const lanes *const cosine = &cosines[done];
+        done += turned[last];
+        switch (run_of[last]) {
+        case 0: one_link_kinematics0_lanes(q, sine, cosine, last, origins, axes, kept); break;
+        case 1: one_link_kinematics1_lanes(q, given, pose); break;
+        case 2: one_link_kinematics2_lanes(pose); break;
+        case 3: one_link_kinematics3_lanes(q, given, pose); break;
+        default: break;
+        }
+    }
+}
+
 /* Pose of a frame in the base, 4x4; eqs. (1) and (2). */
 static int one_link_frame_pose_lanes(const double *restrict h, const lanes *restrict q, int frame, lanes *restrict out)
 {
-    lanes k[45];
-    (void)one_link_kinematics_lanes(h, q, k);
-    for (int i = 0; i < 12; ++i) { out[i] = k[12 * frame + i]; }
+    lanes origins[3];
+    lanes axes[6];
+    one_link_on_the_way_lanes(h, q, frame, out, origins, axes);
     for (int i = 12; i < 15; ++i) { out[i] = ALL(0.0); }
     out[15] = ALL(1.0);
     return 0;
@@ -1539,14 +1697,16 @@ static int one_link_frame_jacobian_lanes(const double *restrict h, const lanes *
     static const int first[1] = { 0 };
     static const int count[1] = { 2 };
     static const int is_rotation[2] = { 0, 1 };
-    lanes k[45];
-    (void)one_link_kinematics_lanes(h, q, k);
+    lanes pose[12];
+    lanes origins[3];
+    lanes axes[6];
+    one_link_on_the_way_lanes(h, q, frame, pose, origins, axes);
     for (int i = 0; i < 12; ++i) { out[i] = ALL(0.0); }
     for (int body = body_of[frame]; body >= 0; body = parent[body]) {
-        const lanes *origin = &k[36 + 3 * body];
-        const lanes arm[3] = { k[12 * frame + 3] - origin[0], k[12 * frame + 7] - origin[1], k[12 * frame + 11] - origin[2] };
+        const lanes *origin = &origins[3 * body];
+        const lanes arm[3] = { pose[3] - origin[0], pose[7] - origin[1], pose[11] - origin[2] };
         for (int s = first[body]; s < first[body] + count[body]; ++s) {
-            const lanes *axis = &k[39 + 3 * s];
+            const lanes *axis = &axes[3 * s];
             if (is_rotation[s] != 0) {
                 out[s] = axis[1] * arm[2] - axis[2] * arm[1];
                 out[2 + s] = axis[2] * arm[0] - axis[0] * arm[2];

@@ -44,7 +44,7 @@ SEMANTIC = {
     "names that do not exist": {
         *("unknown parent", "unknown child", "unknown link of frame", "spring of no link", "loop of no link"),
         *("tunable of no link", "tunable of no joint", "tunable of inactive", "tunable of a spring"),
-        *("tunable rpy of dh", "tunable half wildcard"),
+        *("tunable rpy of dh", "tunable half wildcard", "drive that is not there", "home that is not there"),
     },
     "names that are taken": {"duplicate link", "duplicate joint", "spring twice", "link named base"},
     "no tree, or nothing moves": {

@@ -11,8 +11,8 @@ import pytest
 
 from eomgen.cli import entry
 from eomgen.cli.completion import SHELLS
-from eomgen.description.load import builtin_robots
-from eomgen.scenario.load import builtin_scenarios
+from eomgen.description.builtin import builtin_robots
+from eomgen.scenario.builtin import builtin_scenarios
 
 
 def script(shell: str, capsys: pytest.CaptureFixture[str]) -> str:

@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eomgen.description.load import builtin_robots, load_robot, robot_from_toml
+from eomgen.description.builtin import builtin_robots
+from eomgen.description.load import load_robot, robot_from_toml
 from eomgen.errors import DescriptionError, EomgenWarning
 from eomgen.robot.inertia_policy import second_moments
 from eomgen.robot.model import build_model

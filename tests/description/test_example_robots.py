@@ -37,9 +37,10 @@ def name_of(path: Path) -> str:
 
 
 def load(path: Path, inertia: str | None = None) -> Robot:
+    """The open tree, as Pinocchio reads it."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", EomgenWarning)
-        return eomgen.load_robot(path, inertia=inertia)
+        return eomgen.load_robot(path, inertia=inertia, urdf_mimic=False)
 
 
 def close(found: np.ndarray, expected: np.ndarray, tolerance: float = TOLERANCE) -> bool:

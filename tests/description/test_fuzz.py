@@ -83,7 +83,8 @@ def robots(kind: str, first: int, count: int, folder: Path) -> list[Robot]:
         made = accepted(kind, mutant(kind, seed), folder)
         seed += 1
         if isinstance(made, Robot) and sum(len(joint.all_coordinates) for joint in made.joints) <= 8:
-            found.setdefault(repr((made.links, made.joints, made.frames, made.loops, made.springs)), made)
+            parts = (made.links, made.joints, made.frames, made.loops, made.couplings, made.springs)
+            found.setdefault(repr(parts), made)
     return list(found.values())
 
 

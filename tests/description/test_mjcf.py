@@ -169,7 +169,7 @@ REFUSED = [  # what is replaced, by what, and what the message says
         "include (line 36)",
         "mj_saveLastXML",
     ),
-    ("<actuator>", '<equality><weld body1="torso"/></equality><actuator>', "equality 'weld' (line 36)", "softly"),
+    ("<actuator>", '<equality><tendon tendon1="rope"/></equality><actuator>', "equality 'tendon' (line 36)", "softly"),
     ("<actuator>", "<extension/><actuator>", "extension (line 36)", "plugins"),
     ("<actuator>", "<actuators/><actuator>", "mujoco (line 36)", "did you mean 'actuator'?"),
     ('<site site="hook"/>', "", "tendon 'rope' (line 34)", "two <site>"),
@@ -204,7 +204,6 @@ def own_model() -> str:
     text = path.read_text(encoding="utf-8")
     changes = (
         (' density="1.225" viscosity="1.8e-5"', "", "forces of a fluid"),
-        ('<weld body1="world" body2="cylinder"/>', "", "softly"),
         (' gravcomp="0.5"', "", "gravcomp"),
         ('damping=".1" armature=".1"', 'damping="0" armature="0"', "acts otherwise"),
         (
@@ -213,8 +212,10 @@ def own_model() -> str:
             "that of a mesh",
         ),
     )
-    if not all(old in text for old, _, _ in changes):
+    weld = '<weld body1="world" body2="cylinder"/>'
+    if weld not in text or not all(old in text for old, _, _ in changes):
         pytest.skip("this wheel of MuJoCo brings another model")
+    text = text.replace(weld, "")
     for old, new, reason in changes:
         with pytest.raises(DescriptionError, match=reason):
             robot_from_mjcf(text)

@@ -228,7 +228,10 @@ def test_friction_is_read_on_request_only() -> None:
 def test_mimic_and_friction_are_noted() -> None:
     text = URDF.replace('<dynamics damping="0.7"/>', '<dynamics friction="0.1"/><mimic joint="elbow"/>')
     notes = robot_from_urdf(text).notes
-    assert any("mimic" in note and "'shoulder'" in note for note in notes)
+    assert "mimic joints are coupled rigidly to those they follow: 'shoulder'" in notes
+    plain = robot_from_urdf(text, urdf_mimic=False)
+    assert plain.couplings == ()
+    assert "mimic joints are read as independent (urdf_mimic=True couples them): 'shoulder'" in plain.notes
     assert any("friction" in note and "'shoulder'" in note for note in notes)
 
 

@@ -29,7 +29,7 @@ KERNELS = (
 
 
 def given(robot: Robot, name: str, coordinate: str) -> Robot:
-    """The robot with one coordinate prescribed."""
+    """The robot with one coordinate prescribed, which then has no drive."""
     joints = []
     for joint in robot.joints:
         if joint.name == name:
@@ -37,7 +37,8 @@ def given(robot: Robot, name: str, coordinate: str) -> Robot:
             numbers[coordinate] = replace(numbers[coordinate], prescribed=True)
             joint = replace(joint, coordinates=numbers)
         joints.append(joint)
-    return replace(robot, joints=tuple(joints))
+    kept = None if robot.driven is None else tuple(x for x in robot.driven if x != f"{name}.{coordinate}")
+    return replace(robot, joints=tuple(joints), driven=kept)
 
 
 def test_a_prescribed_crank_moves_as_its_force_moves_a_free_one(built: Build) -> None:

@@ -13,38 +13,19 @@ from eomgen.errors import ArrayError, InputError, IntegrationStopped, LoopError,
 from eomgen.integration import integrate
 from eomgen.loops.closed import ClosedLoops
 from eomgen.robot.geometry import IDENTITY
-from eomgen.robot.value import Coordinate, Joint, Link, Loop, Placement, Robot
+from eomgen.robot.value import Coordinate, Joint, Loop, Placement, Robot
 from eomgen.runtime.kernel import Kernel
 from tests.support.builds import Build
-from tests.support.linkages import KERNELS
+from tests.support.linkages import FREE, KERNELS, bricard, threefold
 from tests.support.random_robots import Array, random_link, random_placement, random_robot, random_state, seeds
+from tests.support.recuts import placed, pose
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
-
-FREE = {
-    "revolute": ("gamma",),
-    "prismatic": ("z",),
-    "cylindrical": ("z", "gamma"),
-    "universal": ("alpha", "beta"),
-    "spherical": ("alpha", "beta", "gamma"),
-    "planar": ("x", "y", "gamma"),
-}
 
 
 @pytest.fixture
 def example(built: Build) -> object:
     return lambda name: ClosedLoops(built(eomgen.load_robot(name), *KERNELS))
-
-
-def pose(placement: Placement) -> Array:
-    result = np.eye(4)
-    result[:3, :3], result[:3, 3] = placement.rotation, placement.xyz
-    return result
-
-
-def placed(X: Array) -> Placement:
-    rotation = tuple(tuple(float(x) for x in row) for row in X[:3, :3])
-    return Placement(tuple(float(x) for x in X[:3, 3]), rotation)  # type: ignore[arg-type]
 
 
 # ---- closed-form linkages
@@ -122,33 +103,6 @@ def test_bennetts_linkage(example) -> None:  # type: ignore[no-untyped-def]
         assert abs(q[0] + q[2]) <= 1e-10
         found = loops.redundancy(q)
         assert (found.rank, found.mobility, len(found.redundant)) == (2, 1, 3)
-
-
-def bricard() -> Robot:
-    """Bricard's mechanism of the IFToMM benchmarks: 6 revolute joints, 5 rods of 1 m and 1 kg, right angles."""
-    rod = (0.0, 1 / 12, 1 / 12, 0.0, 0.0, 0.0)
-    links = tuple(Link(f"rod{i}", 1.0, (0.5, 0.0, 0.0), rod) for i in range(1, 6))
-    quarter = (np.pi / 2, -np.pi / 2)
-    joints = tuple(
-        Joint(
-            f"joint{i}",
-            "base" if i == 1 else f"rod{i - 1}",
-            f"rod{i}",
-            "revolute",
-            Placement() if i == 1 else Placement.from_dh(1.0, quarter[i % 2], 0.0, 0.0),
-            coordinates={"gamma": Coordinate()},
-        )
-        for i in range(1, 6)
-    )
-    ground = np.linalg.inv(pose(Placement.from_dh(1.0, quarter[1], 0.0, 0.0)))
-    cut = Loop("joint6", ("rod5", "base"), "revolute", (Placement.from_dh(1.0, quarter[0], 0.0, 0.0), placed(ground)))
-    return Robot("bricard", (0.0, -9.81, 0.0), links, joints, loops=(cut,))
-
-
-def threefold(theta: float) -> Array:
-    """Angles of the threefold-symmetric form, Chen, You and Tarnai (2005) at 90 degrees."""
-    phi = np.arccos(-np.cos(theta) / (1 + np.cos(theta)))
-    return np.array([theta, phi, theta, phi, theta])
 
 
 def test_bricards_mechanism(built: Build) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import cmath
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -18,7 +19,14 @@ COMPLEX = {
     "max": lambda x, y: y if complex(x).real < complex(y).real else x,
     "step": lambda x: float(complex(x).real > 0.0),
     "exp": cmath.exp,
+    "atan2": lambda y, x: bearing(complex(y), complex(x)),
 }
+
+
+def bearing(y: complex, x: complex) -> complex:
+    """Angle of the point (x, y), of steps whose squares vanish."""
+    turn = (x.real * y.imag - y.real * x.imag) / (x.real**2 + y.real**2)
+    return complex(math.atan2(y.real, x.real), turn)
 
 
 def complex_steps(robot: Robot, s: State, label: str) -> Array:

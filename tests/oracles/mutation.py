@@ -168,7 +168,7 @@ def check_parameters() -> None:
     found = equations.derive_equations(case.model, ("mass_matrix", "inverse_dynamics", "forward_dynamics_jacobian"))
     assert found.kernels == ("mass_matrix", "inverse_dynamics", "forward_dynamics_jacobian")
     assert set(found.programs) == {"mass_matrix", "inverse_dynamics", "forward_dynamics", "residual_jacobian"}
-    assert found.loops == {"forward_dynamics_jacobian"}
+    assert set(found.calls) == {"forward_dynamics_jacobian"}
     assert found.choices == {"forward_dynamics": equations.derive_cheapest(case.model, "forward_dynamics")[1]}
     prepared = codegen("program.ir").evaluate(found.setup, case.inputs)
     inputs = {**case.inputs, "h": [prepared["h", i] for i in range(len(prepared))]}
@@ -197,7 +197,8 @@ COUNTS: dict[str, tuple[tuple[int, int, int], ...]] = {
     ),
     "six rotors": ((106, 97, 0), (187, 149, 0), (456, 362, 7), (431, 340, 0), (169, 108, 0), (77, 60, 0)),
     "prescribed": ((107, 94, 0), (285, 232, 0), (413, 353, 5), (520, 404, 0), (311, 203, 0), (177, 122, 0)),
-    "motors": ((55, 43, 0), (156, 123, 5), (298, 213, 9), (232, 167, 0), (168, 109, 1), (102, 78, 0)),
+    # both ends of its clearance damp by the penetration's rate, d'(x) v: a product at each end, c v is shared
+    "motors": ((55, 43, 0), (158, 123, 5), (300, 213, 9), (232, 167, 0), (168, 109, 1), (102, 78, 0)),
     "springs": ((80, 73, 0), (506, 462, 15), (669, 591, 20), (335, 277, 0), (332, 310, 10), (126, 96, 0)),
     "puma560": ((89, 90, 0), (193, 169, 0), (327, 288, 4), (398, 327, 0), (155, 93, 0), (66, 52, 0)),
     "ur5": ((84, 84, 0), (179, 151, 0), (308, 269, 4), (378, 312, 0), (143, 84, 0), (64, 50, 0)),

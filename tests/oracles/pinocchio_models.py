@@ -23,7 +23,8 @@ JOINTS = coordinate_joints()
 class PinocchioOracle:
     """The robot in Pinocchio: arrays (n,) of one state, in the robot's coordinates, SI units.
 
-    ``links`` are the links that move; ``last`` is Pinocchio's last joint of each joint that moves.
+    ``links`` are the links that move; ``last`` is Pinocchio's last joint of each joint that moves; ``coms``
+    has Pinocchio's joint and the centre of mass in it of each of these links.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -31,7 +32,7 @@ class PinocchioOracle:
         self.model.gravity.linear = np.array(robot.gravity)
         self.last: list[int] = []
         self.links: list[str] = []
-        self._coms: dict[str, tuple[int, Array]] = {}
+        self.coms: dict[str, tuple[int, Array]] = {}
         where = {robot.base: (0, pin.SE3.Identity())}  # link -> (Pinocchio's joint, the link's pose in it)
         for joint in robot.joints:
             at, pose = where[joint.parent]
@@ -68,7 +69,7 @@ class PinocchioOracle:
         xx, yy, zz, xy, xz, yz = link.inertia
         tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         self.model.appendBodyToJoint(at, pin.Inertia(link.mass, np.array(link.com), tensor), pose)
-        self._coms[name] = (at, pose * np.array(link.com))
+        self.coms[name] = (at, pose * np.array(link.com))
         self.links.append(name)
 
     def inverse_dynamics(self, q: Array, v: Array, a: Array) -> Array:
@@ -129,7 +130,7 @@ class PinocchioOracle:
         forces = [pin.Force.Zero() for _ in self.model.joints]
         pin.forwardKinematics(self.model, self.data, q)
         for name, given in zip(self.links, wrench, strict=True):
-            at, com = self._coms[name]
+            at, com = self.coms[name]
             R = self.data.oMi[at].rotation.T
             forces[at] += pin.SE3(np.eye(3), com).act(pin.Force(R @ given[:3], R @ given[3:]))
         pin.rnea(self.model, self.data, q, v, a, forces)
@@ -140,7 +141,7 @@ class PinocchioOracle:
         result = np.zeros(len(q))
         pin.computeJointJacobians(self.model, self.data, q)
         for name, given in zip(self.links, wrench, strict=True):
-            at, com = self._coms[name]
+            at, com = self.coms[name]
             placed = pin.SE3(np.eye(3), com)
             J = pin.getFrameJacobian(self.model, self.data, at, placed, pin.LOCAL_WORLD_ALIGNED)
             result += J.T @ given

@@ -130,19 +130,24 @@ class SpringOracle:
         found[1] += sum(stored(spring, length) for spring, length in zip(self.springs, lengths, strict=True))
         return found
 
-    def reactions(self, q: Array, v: Array, a: Array) -> Array:
-        """Pinocchio's inverse dynamics with the springs as external wrenches on its joints; (joints, 6).
-
-        In the axes and at the origin behind the joint, its offsets included.
-        """
-        model, data = self.bodies.model, self.bodies.data
-        wrenches = [pin.Force.Zero() for _ in range(model.njoints)]
+    def wrenches(self, q: Array, v: Array) -> list[pin.Force]:
+        """What the springs exert on Pinocchio's joints, in their frames."""
+        data = self.bodies.data
+        wrenches = [pin.Force.Zero() for _ in range(self.bodies.model.njoints)]
         for spring in self.springs:
             _, T, n, ends = self._line(q, v, spring)
             for (at, point, _), sign in zip(ends, (1.0, -1.0), strict=True):
                 force = sign * T * n
                 in_base = pin.Force(force, np.cross(point, force))
                 wrenches[at] = wrenches[at] + data.oMi[at].actInv(in_base)
+        return wrenches
+
+    def reactions(self, q: Array, v: Array, a: Array) -> Array:
+        """Pinocchio's inverse dynamics with the springs as external wrenches on its joints; (joints, 6).
+
+        In the axes and at the origin behind the joint, its offsets included.
+        """
+        model, data, wrenches = self.bodies.model, self.bodies.data, self.wrenches(q, v)
         pin.rnea(model, data, q, v, a, wrenches)
         found = []
         for at, joint in zip(self.bodies.last, self.moving, strict=True):

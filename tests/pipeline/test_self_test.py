@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,18 +15,23 @@ import eomgen
 from eomgen.codegen.kernels.equations import Equations, derive_equations
 from eomgen.codegen.kernels.signatures import KERNELS
 from eomgen.codegen.package.compile import fuses, processor
+from eomgen.codegen.program.ir import Graph, finish
 from eomgen.codegen.samples.answers import samples
 from eomgen.codegen.samples.arithmetic import Arithmetic, polynomials
 from eomgen.codegen.samples.composed import COMPOSED, FRAMED
-from eomgen.codegen.samples.stored import STATES, read_samples
+from eomgen.codegen.samples.rounding import telling_lanes
+from eomgen.codegen.samples.stored import ROUNDED, STATES, read_samples
+from eomgen.description.load import robot_from_toml
 from eomgen.errors import BuildError
 from eomgen.pipeline.cache import clear
 from eomgen.pipeline.self_test import first_difference
 from eomgen.pipeline.stages import Options, generate
 from eomgen.robot.model import build_model
+from eomgen.robot.value import Robot
 from tests.support.builds import Build
 from tests.support.quick_builds import QUICK, Q, as_new_process, one_link, script, without_headers
 
+Array = np.ndarray[Any, Any]
 FUSED = Options(("forward_dynamics", "inverse_dynamics", "reactions", "residual_jacobian"), flags=("-O2",))
 FORWARD = Options(("forward_dynamics",), flags=("-O0",))
 CC = shutil.which("cc") or shutil.which("gcc") or "cc"
@@ -68,6 +75,82 @@ def test_a_compiler_that_adds_flags_is_refused(
     assert 5e-324 * float(np.ones(1)[0]) != 0.0, "denormal numbers of this thread"
     monkeypatch.delenv("CC")
     assert one_link(options=options).n == 2
+
+
+def slides(count: int) -> Robot:
+    """Sliding joints one behind the other with springs and dampers: no sines, and sums of a few terms."""
+    text = 'name = "slides"\n'
+    for i in range(count):
+        text += f"""
+[[links]]
+name = "link{i}"
+mass = {1.3 + 0.17 * i}
+com = [0.1, 0.2, 0.3]
+inertia = {{ xx = 0.1, yy = 0.1, zz = 0.1 }}
+[[joints]]
+name = "joint{i}"
+parent = "{f"link{i - 1}" if i else "base"}"
+child = "link{i}"
+type = "prismatic"
+x = {{ stiffness = 1.7, damping = 0.3 }}
+placement = {{ xyz = [0.1, 0.2, 0.3], rpy = [0.3, 0.4, {0.5 + i}] }}
+"""
+    return robot_from_toml(text)
+
+
+REORDERS = "-fassociative-math -fno-signed-zeros -fno-trapping-math"
+
+
+@pytest.mark.parametrize("added", ["-funsafe-math-optimizations", REORDERS], ids=["unsafe", "associative"])
+@pytest.mark.parametrize(
+    ("robot", "kernel"),
+    [
+        (lambda: eomgen.load_robot("one_link"), "energy"),
+        (lambda: eomgen.load_robot("four_bar"), "mass_matrix"),
+        (lambda: slides(1), "forward_dynamics"),
+        (lambda: slides(1), "energy"),
+        (lambda: slides(3), "forward_dynamics"),
+        (lambda: slides(3), "inverse_dynamics"),
+    ],
+    ids=["one_link", "four_bar", "a slide", "energy of a slide", "slides", "forces of slides"],
+)
+def test_another_order_of_sums_is_refused(
+    robot: Callable[[], Robot],
+    kernel: str,
+    added: str,
+    empty_cache: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """By the states that are made for it alone, where there are no angles."""
+    monkeypatch.setattr("eomgen.pipeline.self_test.read_samples", lambda data: without_luck(read_samples(data)))
+    monkeypatch.setenv("CC", wrapper(tmp_path, f'set -- "$@" {added}'))
+    with pytest.raises(BuildError, match="compute something else than their equations"):
+        eomgen.build(robot(), kernels=(kernel,), flags=("-O2",))
+
+
+def without_luck(given: dict[str, Array]) -> dict[str, Array]:
+    """Samples whose ordinary and small states are those that are made for rounding."""
+    states, last = len(STATES), len(STATES) - ROUNDED
+    order = [last, last + 1, *range(2, states)]
+    return {name: x[order] if x.ndim and len(x) == states else x for name, x in given.items()}
+
+
+def test_states_show_every_other_order() -> None:
+    """Of sums and products of a slide's accelerations, and a quotient by its inverse."""
+    graph = Graph()
+    q, v, u = (graph.input(name, 0) for name in "qvu")
+    outputs = {("out", 0): u - 1.7 * q - 0.3 * v, ("out", 1): q * v * u, ("out", 2): q / v, ("out", 3): q + u}
+    program = finish(graph, "three", outputs)
+    arithmetic, rng = Arithmetic("float64"), np.random.default_rng(3)
+    inputs = {name: rng.uniform(0.25, 1.0, (1, 128)) for name in "qvu"}
+    q, v, u = (inputs[name][0, telling_lanes([program], inputs, arithmetic, ROUNDED)] for name in "qvu")
+    a, b = 1.7 * q, 0.3 * v
+    assert ((u - a - b) != (u - (a + b))).any()
+    assert ((u - a - b) != (u - b - a)).any()
+    assert ((q * v * u) != (q * (v * u))).any()
+    assert ((q * v * u) != (q * u * v)).any()
+    assert (q / v != q * (1.0 / v)).any()
 
 
 CHANGES = {
@@ -152,7 +235,7 @@ def test_a_status_is_looked_at(built: Build) -> None:
     kernel = built(eomgen.load_robot("one_link"), "all")
     given = read_samples(samples(derived(), "float64"))
     name, library = "forward_dynamics status", kernel.raw.libraries.library("")
-    assert given[name].tolist() == [0, 0, 0, 0, 1]
+    assert given[name].tolist() == [0, 0, 0, 0, 1, *[0] * ROUNDED]
     for state in range(len(STATES)):
         wrong = {**given, name: given[name].copy()}
         wrong[name][state] = 1 - given[name][state]

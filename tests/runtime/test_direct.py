@@ -26,7 +26,7 @@ import eomgen
 from eomgen.errors import ArrayError, InputError, SingularError
 from eomgen.robot.value import Robot
 from eomgen.runtime import Kernel
-from eomgen.runtime.direct import Face
+from eomgen.runtime.direct import WRENCHED, Face
 from eomgen.runtime.pieces import states_at_once
 from tests.support.builds import Build
 from tests.support.random_robots import random_robot, some_prescribed, with_random_loops
@@ -158,9 +158,9 @@ class Calls:
                 value = OUTS[kind](np.full(shape, 7.0, kernel.dtype), positional or [None])
                 said.append(f"out: {kind}")
             elif label == "wrench":
-                if rng.random() < 0.7:
+                if rng.random() < 0.5:
                     continue
-                value = None if rng.random() < 0.5 else array(kernel.raw.shapes["wrench"])
+                value = None if rng.random() < 0.2 else array(kernel.raw.shapes["wrench"])
             else:
                 value = [True, False, 1, "yes", None][int(rng.integers(5))]
                 if rng.random() < 0.3:
@@ -219,7 +219,8 @@ ROBOTS: dict[str, Callable[[], Robot]] = {
 def test_both_faces_say_the_same(robot: str, dtype: str, calls: int, built: Build) -> None:
     kernel = built(ROBOTS[robot](), dtype=dtype)
     made, direct = Calls(kernel, 5), 0
-    assert set(made.names) == {x for x in made.entries if hasattr(Kernel, x)} - {"rollout"} - {"external_reactions"}
+    others = {"rollout", "external_reactions"} | ({"forward_dynamics_jacobian", "reactions"} if kernel.loops else set())
+    assert set(made.names) == {x for x in made.entries if hasattr(Kernel, x)} - others
     assert len(made.names) > 12
     for name in made.names:
         for number in range(calls):
@@ -243,8 +244,10 @@ def test_plain_calls_do_not_go_through_python(built: Build, monkeypatch: pytest.
     for name in methods:
         labels = inspect.signature(getattr(kernel, name)).parameters.values()
         arguments[name] = [given[x.name] for x in labels if x.kind is not inspect.Parameter.KEYWORD_ONLY]
-        getattr(kernel, name)(*arguments[name])
-        getattr(kernel, name)(*(np.stack([x] * N) if isinstance(x, np.ndarray) else x for x in arguments[name]))
+        wrenched = {"wrench": wrench} if name in WRENCHED else {}
+        getattr(kernel, name)(*arguments[name], **wrenched)
+        several = [np.stack([x] * N) if isinstance(x, np.ndarray) else x for x in arguments[name]]
+        getattr(kernel, name)(*several, **wrenched)
     asked: list[str] = []
 
     def refuse(calls: Any, name: str, *rest: Any, **keywords: Any) -> Array:
@@ -256,6 +259,9 @@ def test_plain_calls_do_not_go_through_python(built: Build, monkeypatch: pytest.
         shape = kernel.raw.shapes[kernel.raw.functions[name].writes]
         getattr(kernel, name)(*arguments[name])
         getattr(kernel, name)(*arguments[name], out=np.empty(shape))
+        if name in WRENCHED:
+            getattr(kernel, name)(*arguments[name], wrench=wrench)
+            getattr(kernel, name)(*arguments[name], wrench=np.stack([wrench] * N))
         many = [np.stack([x] * N) if isinstance(x, np.ndarray) else x for x in arguments[name]]
         getattr(kernel, name)(*many)
         getattr(kernel, name)(many[0], *arguments[name][1:], out=np.empty((N, *shape)))

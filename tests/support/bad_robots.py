@@ -187,6 +187,14 @@ TOML_CASES = {
     "placements of a loop": (*loop("placements = [{}]"), ["loops.loop.placements", "two tables"]),
     "placement of a loop": (*loop("placements = [{}, {xy = 1}]"), ["loops.loop.placements.1", "'xy'", "xyz, rpy"]),
     "origin of a loop": (*loop("placements = [{}, {xyz = [1]}]"), ["loops.loop.placements.1.xyz", "3 numbers"]),
+    "armature of a loop": (*loop("x = { armature = 1 }"), ["loops.loop.x", "'armature'", "stiffness, damping"]),
+    "force of a loop": (*loop("x = { cubic = -1 }"), ["loops.loop.x.cubic", "-1", "at least 0"]),
+    "drive that is not there": (
+        "gravity =",
+        'driven = ["joint1.zeta"]\ngravity =',
+        ["driven", "'joint1.zeta'", "mean 'joint2.z'", "allowed"],
+    ),
+    "home that is not there": ("gravity =", "home = { joint9.x = 1 }\ngravity =", ["home", "'joint9.x'", "allowed"]),
     "negative clearance": (
         "stiffness = 1e6",
         "stiffness = 1e6, clearance = -1e-4",

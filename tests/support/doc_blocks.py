@@ -134,4 +134,18 @@ def completed(text: str, values: dict[str, Any]) -> str:
         text += f'\n[[links]]\nname = "{name}"\nmass = 1.0\n'
         if name not in carried:
             text += f'[[joints]]\nname = "to_{name}"\nparent = "base"\nchild = "{name}"\ntype = "free"\n'
+    for joint, kind in sorted(coordinates(values)):
+        of_type = "prismatic" if kind == "z" else "revolute"
+        text += f'\n[[links]]\nname = "of_{joint}"\nmass = 1.0\n'
+        text += f'[[joints]]\nname = "{joint}"\nparent = "base"\nchild = "of_{joint}"\ntype = "{of_type}"\n'
     return text
+
+
+def coordinates(values: dict[str, Any]) -> set[tuple[str, str]]:
+    """Joints and coordinates that drives, home and couplings name."""
+    tables = [values.get("home", {}), *(entry["to"] for entry in values.get("couplings", []))]
+    names = [*values.get("driven", []), *(entry["of"] for entry in values.get("couplings", []))]
+    for table in tables:
+        for name, inner in table.items():
+            names += [f"{name}.{kind}" for kind in inner] if isinstance(inner, dict) else [name]
+    return {(joint, kind) for joint, _, kind in (name.partition(".") for name in names)}

@@ -25,6 +25,7 @@ import numpy as np
 from eomgen.description.load import load_robot, robot_from_mjcf, robot_from_toml, robot_from_urdf
 from eomgen.errors import DescriptionError, EomgenWarning, InputError
 from eomgen.motion.files import MeasuredMotion, read_motion
+from eomgen.robot.coordinates import coordinate_names
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
 from eomgen.scenario.load import scenario_from_toml
@@ -104,7 +105,7 @@ def check_motion(motion: MeasuredMotion) -> MeasuredMotion:
 
 def check_robot(robot: Robot) -> None:
     """Names are identifiers, numbers are finite, notes are lines of ASCII."""
-    items = (*robot.links, *robot.joints, *robot.frames, *robot.loops, *robot.springs)
+    items = (*robot.links, *robot.joints, *robot.frames, *robot.loops, *robot.couplings, *robot.springs)
     for name in (robot.name, robot.base, *(item.name for item in items)):
         assert re.fullmatch("[A-Za-z_][A-Za-z0-9_]*", name)
     for link in robot.links:
@@ -112,6 +113,11 @@ def check_robot(robot: Robot) -> None:
     for joint in robot.joints:
         rows = (*joint.placement.rotation, *joint.axis_turn, joint.placement.xyz)
         assert all(math.isfinite(value) for row in rows for value in row)
+    known = coordinate_names(robot)
+    for names in (robot.driven or (), robot.home, *((x.of, *x.to) for x in robot.couplings)):
+        assert set(names) <= set(known)
+    given = [*robot.home.values(), *(x for coupling in robot.couplings for x in coupling.numbers().values())]
+    assert all(value is None or math.isfinite(value) for value in given)
     assert all(note.isascii() and note.isprintable() for note in robot.notes)
 
 

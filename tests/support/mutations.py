@@ -42,6 +42,8 @@ WORN = """
 name = "worn"
 gravity = [0, 0, -9.81]
 inertia = "project"
+driven = ["j1.gamma"]
+home = { j1.gamma = 0.1, j2 = { z = 0.2 } }
 links = [{ name = "a", mass = 2, com = [0, 0, 1] }, { name = "b", mass = 1, inertia = { xx = 1, yy = 1, zz = 1 } }]
 frames = [{ name = "tcp", link = "b", placement = { xyz = [0, 0, 1], rpy = [1, 0, 0] } }]
 [[loops]]
@@ -49,6 +51,20 @@ name = "cut"
 links = ["b", "base"]
 type = "revolute"
 placements = [{ xyz = [1, 0, 0] }, { rpy = [0, 0, 1] }]
+x = { stiffness = 1e6, clearance = 1e-3 }
+alpha = {}
+offset = { y = 1e-3 }
+[[couplings]]
+name = "gear"
+of = "j2.z"
+to = { j1.gamma = 0.1, "j1.beta" = 1 }
+offset = 1
+[[couplings]]
+name = "belt"
+of = "j1.motor"
+to = { j2.z = 2 }
+stiffness = 1e3
+friction = { coulomb = 1 }
 [[joints]]
 name = "j1"
 parent = "base"
@@ -151,10 +167,11 @@ TAGS = [
 ]
 MJCF_TAGS = [
     *("body", "joint", "freejoint", "geom", "site", "frame", "inertial", "default", "compiler", "option", "flag"),
-    *("worldbody", "tendon", "spatial", "fixed", "equality", "connect", "include", "replicate", "actuator"),
+    *("worldbody", "tendon", "spatial", "fixed", "equality", "connect", "weld", "include", "replicate", "actuator"),
 ]
 MJCF_NAMES = (
     *("name", "class", "childclass", "type", "pos", "quat", "euler", "zaxis", "axis", "fromto", "size", "mass", "ref"),
+    *("joint1", "joint2", "polycoef", "body1", "body2", "anchor", "relpose", "site1", "site2"),
     *("stiffness", "range", "angle", "eulerseq", "inertiafromgeom", "balanceinertia", "boundmass", "springlength"),
 )
 MJCF_VALUES = (
@@ -162,6 +179,14 @@ MJCF_VALUES = (
     *("ellipsoid", "cylinder", "0 0 0", "1 0 0 0", "0 0 0 0 0 1", "1 2 3", "leg", "main", "world", "torso", "hook"),
 )
 XML = ("urdf", "mjcf")
+
+
+MIMICS = URDF.replace("</joint>", '<mimic joint="elbow" multiplier="2" offset="0.1"/></joint>', 1)
+HELD = MJCF.replace(
+    "<actuator>",
+    '<equality><joint joint1="knee" joint2="hip" polycoef="0.1 2 0 0 0"/><connect body1="torso" anchor="0 0 1"/>'
+    '<weld site1="head" site2="hook"/></equality><actuator>',
+)
 
 
 def element_tree(element: Any) -> list[Any]:
@@ -172,8 +197,8 @@ DOCUMENTS: dict[str, list[Any]] = {
     "toml": [tomllib.loads(text) for text in (ARM, SMALL, SMALL, SMALL, WORN)],
     "scenario": [tomllib.loads(text) for text in (SCENARIO, TORQUES)],
     "plan": [tomllib.loads(PLAN)],
-    "urdf": [element_tree(ElementTree.fromstring(URDF))],
-    "mjcf": [element_tree(ElementTree.fromstring(MJCF))],
+    "urdf": [element_tree(ElementTree.fromstring(text)) for text in (URDF, MIMICS)],
+    "mjcf": [element_tree(ElementTree.fromstring(text)) for text in (MJCF, HELD)],
 }
 
 

@@ -19,6 +19,12 @@ KEYS = [
     "frames",
     "loops",
     "springs",
+    "couplings",
+    "driven",
+    "home",
+    "of",
+    "to",
+    "offset",
     "points",
     "tension_only",
     "free_length",
@@ -66,4 +72,8 @@ TABLES = st.recursive(
 TOPS = st.dictionaries(st.sampled_from(KEYS), TABLES, max_size=6)
 
 
-ENTRIES = (st.sampled_from(["links", "joints", "frames", "loops", "springs"]), st.sampled_from(KEYS), TABLES)
+ENTRIES = (
+    st.sampled_from(["links", "joints", "frames", "loops", "couplings", "springs"]),
+    st.sampled_from(KEYS),
+    TABLES,
+)

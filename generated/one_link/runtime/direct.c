@@ -1,15 +1,16 @@
 /* Methods of kernels as callables in C: calls with plain arrays go from Python to the compiled function at once.
  *
  * Nothing here knows a robot.  A Function is what one method of all kernels of a package does: the method in Python,
- * the names, roles and shapes of its parameters, and, once it is armed, the addresses of its code for one state and for
- * many, each after a first such call, which may have compiled it.  A State is what may change of one kernel: its parameters, checks and threads.  A
- * Direct is the method of one kernel: a Function and a State, with a kernel that has methods in Python alone.
+ * the names, roles and shapes of its parameters, and, once they are armed, the addresses of its codes: its own and that
+ * of wrenches, each for one state and for many, each armed after a first call that needs it, which may have compiled
+ * it.  A State is what may change of one kernel: its parameters, checks and threads.  A Direct is the method of one
+ * kernel: a Function and a State, with a kernel that has methods in Python alone.
  *
  * A call is plain where every array is an ndarray itself (no subclass) of the kernel's dtype, aligned, C-contiguous, of
- * exactly the shape of one state or of N of them, and no keyword asks for more than `out`.  Whatever is not plain, and
- * whatever turns out not to be regular (NaN, infinity, a singular mass matrix), is left to the method in Python, which
- * is called with the very same arguments: it computes what has to be computed, or raises.  So results and messages are
- * the same by construction.
+ * exactly the shape of one state or of N of them, and no keyword asks for more than `out` and `wrench`.  Whatever is
+ * not plain, and whatever turns out not to be regular (NaN, infinity, a singular mass matrix), is left to the method in
+ * Python, which is called with the very same arguments: it computes what has to be computed, or raises.  So results and
+ * messages are the same by construction.
  *
  * A generated package carries a copy of this file, and what it was compiled to where Python's and NumPy's headers
  * were. */
@@ -38,7 +39,7 @@
 
 enum { ARRAYS = 4, PLACES = 8, AXES = 3, PARTS = 64 }; /* that a function reads, parameters, axes, libraries: at most */
 
-/* Work that others may run beside: multiplications and additions; some microseconds, in which a GIL's return is lost. */
+/* Work that others may run beside: multiplications and additions; microseconds, in which a GIL's return is lost. */
 static const double LONG = 2e4;
 /* States that are worth a thread of their own, as in calls.py. */
 static const npy_intp SHARE = 256;
@@ -47,6 +48,7 @@ static const npy_intp SHARE = 256;
 typedef enum {
     READ,    /* an array that the code reads */
     BESIDE,  /* an array that may be left out; it has states and is checked, and nothing reads it */
+    WRENCH,  /* an array that may be left out; further code reads it, and what that computes is added */
     FRAME,   /* the name of a frame, in place of its number */
     OUT,     /* an array to write to */
     NOTHING, /* plain only where it is left out or None */
@@ -65,30 +67,43 @@ typedef struct {
     Shape shape;
 } Place;
 
+/* What a method calls, and for what: for one state or for many. */
+typedef enum {
+    OWN,   /* what it is for */
+    ADDED, /* what wrenches add: reads the first array and them, writes what "own" writes or one of its arrays */
+    WAYS
+} Way;
+static const char *const WAY_NAMES[WAYS] = {"own", "added"};
+
+/* Code for one state or for many, and what it reads of the parameters. */
 typedef struct {
-    PyObject *library;  /* which keeps the code */
-    int part;           /* its number */
-    npy_intp hoisted;   /* numbers that it computes from the parameters */
-    uintptr_t setup;    /* address of its code that does so */
-    uintptr_t address;  /* of the code; 0 until armed, and published last */
-    char was_asked_for; /* whether arming was called */
+    PyObject *library; /* which keeps it */
+    int part;          /* number of the library */
+    npy_intp hoisted;  /* numbers that the library computes from the parameters */
+    double operations; /* of a state */
+    npy_intp piece;    /* states that one call computes at most */
+    uintptr_t setup;   /* address of the library's code that computes from the parameters */
+    uintptr_t address; /* of the code; 0 until armed, and published last */
+    char asked;        /* whether arming was asked for it */
 } Code;
 
 typedef struct {
     PyObject_HEAD
     PyObject *method; /* the function of Python */
     PyObject *name;
-    PyObject *arming; /* arming(function, batch) tells an address after a first call of that kind */
+    PyObject *arming; /* arming(function, way, many) tells the address of a code after a first call of it */
     PyObject *frames; /* their numbers by name, a dict */
     PyArray_Descr *dtype;
     int places, positional;
     Place place[PLACES];
     Shape result;
     int framed, in_three; /* takes a frame's number; its result are three views */
-    int cut_must_be_true;
-    double operations;
-    npy_intp piece; /* states that one call computes at most */
-    Code codes[2];  /* for one state and for many */
+    int cut_must_be_false;
+    Code codes[WAYS][2]; /* of each way for one state and for many */
+    double sign;         /* of what is added to the result */
+    int into;            /* number of the array that it is added to instead, with sign 1; -1 for the result */
+    npy_intp *left;      /* places of this array that nothing is added to */
+    Py_ssize_t lefts;
 } Function;
 
 typedef struct {
@@ -133,26 +148,26 @@ DEFINE_FINITE(finite_float, uint32_t, UINT32_C(0x7f800000), UINT32_C(0x00800000)
 
 /* Code of one state and of a batch, with as many arrays as it reads; -1 or the first failure. */
 #define DEFINE_CALLS(REAL)                                                                                             \
-    static long long one_##REAL(const Function *f, int reads, const void *h, const void *const *x, int frame,          \
-                                void *written)                                                                         \
+    static long long one_##REAL(const Code *c, int framed, int reads, const void *h, const void *const *x,             \
+                                int frame, void *written)                                                              \
     {                                                                                                                  \
-        const REAL *p = h, *a = x[0], *b = x[1], *c = x[2], *d = x[3];                                                 \
+        const REAL *p = h, *a = x[0], *b = x[1], *e = x[2], *d = x[3];                                                 \
         REAL *out = written;                                                                                           \
         typedef int (*One)(const REAL *, const REAL *, REAL *);                                                        \
         typedef int (*Framed)(const REAL *, const REAL *, int, REAL *);                                                \
         typedef int (*Two)(const REAL *, const REAL *, const REAL *, REAL *);                                          \
         typedef int (*Three)(const REAL *, const REAL *, const REAL *, const REAL *, REAL *);                          \
         typedef int (*Four)(const REAL *, const REAL *, const REAL *, const REAL *, const REAL *, REAL *);             \
-        if (f->framed) return ((Framed)f->codes[0].address)(p, a, frame, out) - 1LL;                                   \
-        if (reads == 1) return ((One)f->codes[0].address)(p, a, out) - 1LL;                                            \
-        if (reads == 2) return ((Two)f->codes[0].address)(p, a, b, out) - 1LL;                                         \
-        if (reads == 3) return ((Three)f->codes[0].address)(p, a, b, c, out) - 1LL;                                    \
-        return ((Four)f->codes[0].address)(p, a, b, c, d, out) - 1LL;                                                  \
+        if (framed) return ((Framed)c->address)(p, a, frame, out) - 1LL;                                               \
+        if (reads == 1) return ((One)c->address)(p, a, out) - 1LL;                                                     \
+        if (reads == 2) return ((Two)c->address)(p, a, b, out) - 1LL;                                                  \
+        if (reads == 3) return ((Three)c->address)(p, a, b, e, out) - 1LL;                                             \
+        return ((Four)c->address)(p, a, b, e, d, out) - 1LL;                                                           \
     }                                                                                                                  \
-    static long long many_##REAL(const Function *f, int reads, size_t n, const void *h, const void *const *x,          \
+    static long long many_##REAL(const Code *c, int framed, int reads, size_t n, const void *h, const void *const *x,  \
                                  const size_t *s, int frame, void *written)                                            \
     {                                                                                                                  \
-        const REAL *p = h, *a = x[0], *b = x[1], *c = x[2], *d = x[3];                                                 \
+        const REAL *p = h, *a = x[0], *b = x[1], *e = x[2], *d = x[3];                                                 \
         REAL *out = written;                                                                                           \
         typedef const REAL *R;                                                                                         \
         typedef long long (*One)(size_t, R, R, size_t, REAL *);                                                        \
@@ -160,14 +175,28 @@ DEFINE_FINITE(finite_float, uint32_t, UINT32_C(0x7f800000), UINT32_C(0x00800000)
         typedef long long (*Two)(size_t, R, R, size_t, R, size_t, REAL *);                                             \
         typedef long long (*Three)(size_t, R, R, size_t, R, size_t, R, size_t, REAL *);                                \
         typedef long long (*Four)(size_t, R, R, size_t, R, size_t, R, size_t, R, size_t, REAL *);                      \
-        if (f->framed) return ((Framed)f->codes[1].address)(n, p, a, s[0], frame, out);                                \
-        if (reads == 1) return ((One)f->codes[1].address)(n, p, a, s[0], out);                                         \
-        if (reads == 2) return ((Two)f->codes[1].address)(n, p, a, s[0], b, s[1], out);                                \
-        if (reads == 3) return ((Three)f->codes[1].address)(n, p, a, s[0], b, s[1], c, s[2], out);                     \
-        return ((Four)f->codes[1].address)(n, p, a, s[0], b, s[1], c, s[2], d, s[3], out);                             \
+        if (framed) return ((Framed)c->address)(n, p, a, s[0], frame, out);                                            \
+        if (reads == 1) return ((One)c->address)(n, p, a, s[0], out);                                                  \
+        if (reads == 2) return ((Two)c->address)(n, p, a, s[0], b, s[1], out);                                         \
+        if (reads == 3) return ((Three)c->address)(n, p, a, s[0], b, s[1], e, s[2], out);                              \
+        return ((Four)c->address)(n, p, a, s[0], b, s[1], e, s[2], d, s[3], out);                                      \
     }
 DEFINE_CALLS(double)
 DEFINE_CALLS(float)
+
+/* to[i] = from[i] + sign * what[i], states of so many numbers each; one state stands for all where there are fewer. */
+#define DEFINE_SUM(REAL)                                                                                               \
+    static void sum_##REAL(const void *from, npy_intp from_step, const void *what, npy_intp what_step, REAL sign,      \
+                           npy_intp states, npy_intp size, void *to)                                                   \
+    {                                                                                                                  \
+        const REAL *x = from, *y = what;                                                                               \
+        REAL *out = to;                                                                                                \
+        for (npy_intp k = 0; k < states; ++k)                                                                          \
+            for (npy_intp i = 0; i < size; ++i)                                                                        \
+                out[k * size + i] = x[k * from_step + i] + sign * y[k * what_step + i];                                \
+    }
+DEFINE_SUM(double)
+DEFINE_SUM(float)
 
 /* ---- arrays -------------------------------------------------------------------------------------------------- */
 
@@ -243,7 +272,7 @@ static PyArrayObject *computed_from(PyArrayObject *values, const Function *f, co
     return h;
 }
 
-/* What the code reads of the parameters; a new reference, so that a running call keeps its own. */
+/* What the code's library reads of the parameters; a new reference, so that a running call keeps its own. */
 static PyArrayObject *hoisted(State *state, const Function *f, const Code *code)
 {
     PyArrayObject *h = NULL, *other = NULL, *values = NULL;
@@ -294,24 +323,45 @@ typedef struct {
     size_t steps[ARRAYS + 1]; /* numbers between two states */
     int reads, frame;
     npy_intp states; /* 0 for one alone */
-    int unarmed; /* what is asked for is code that is not known yet */
     PyArrayObject *out;
+    const void *wrench; /* or NULL */
+    npy_intp wrench_size;
+    size_t wrench_step;
+    npy_intp wrench_states; /* of the first array and the wrenches together, 0 for one alone */
+    Code *codes[WAYS];      /* that it calls; NULL for none */
 } Plain;
 
+/* Find the codes that a call needs; 0 where all are armed. */
+static int find_codes(Function *f, Plain *call)
+{
+    int lacking = 0;
+    call->codes[OWN] = &f->codes[OWN][call->states > 0];
+    if (call->wrench != NULL) call->codes[ADDED] = &f->codes[ADDED][call->wrench_states > 0];
+    for (int way = 0; way < WAYS; ++way)
+        lacking |= call->codes[way] != NULL && PUBLISHED(call->codes[way]->address) == 0;
+    return lacking ? -1 : 0;
+}
+
 /* Look at the arguments; 0 where the call is plain. */
-static int look(const Function *f, const State *state, PyObject *const *given, Plain *call)
+static int look(Function *f, const State *state, PyObject *const *given, Plain *call)
 {
     for (int i = 0; i < f->places; ++i) { /* shapes first: what is large and not plain is read once */
         const Place *place = &f->place[i];
         PyObject *value = given[i];
-        if (place->role == READ || place->role == BESIDE) {
-            if (place->role == BESIDE && (value == NULL || value == Py_None)) continue;
+        if (place->role <= WRENCH) {
+            if (place->role != READ && (value == NULL || value == Py_None)) continue;
             if (value == NULL) return -1;
             const npy_intp states = states_of(value, f, &place->shape);
             if (states < 0) return -1;
             if (states > 0) {
                 if (call->states != 0 && call->states != states) return -1;
                 call->states = states;
+            }
+            if (place->role == WRENCH) {
+                call->wrench = PyArray_DATA((PyArrayObject *)value);
+                call->wrench_size = states > 0 ? states * place->shape.size : place->shape.size;
+                call->wrench_step = states > 0 ? (size_t)place->shape.size : 0;
+                continue;
             }
             const int to = place->role == READ ? call->reads++ : ARRAYS;
             call->x[to] = PyArray_DATA((PyArrayObject *)value);
@@ -323,19 +373,19 @@ static int look(const Function *f, const State *state, PyObject *const *given, P
             if (number == NULL) return -1;
             call->frame = (int)PyLong_AsLong(number);
         } else if (place->role == CUT) {
-            if (f->cut_must_be_true && value != Py_True) return -1;
+            if (f->cut_must_be_false && value != NULL && value != Py_False) return -1;
         } else if (value != NULL && value != Py_None) {
             if (place->role != OUT || !PyArray_CheckExact(value)) return -1;
             call->out = (PyArrayObject *)value;
         }
     }
-    if (PUBLISHED(f->codes[call->states > 0].address) == 0) {
-        call->unarmed = 1;
-        return -1;
-    }
+    if (call->wrench != NULL && (call->steps[0] > 0 || call->wrench_step > 0)) call->wrench_states = call->states;
+    if (find_codes(f, call) < 0) return -1;
     if (call->states > 0) {
         const Py_ssize_t threads = PUBLISHED(state->threads);
-        if (call->states > f->piece || (threads > 1 && call->states >= 2 * SHARE)) return -1;
+        if (threads > 1 && call->states >= 2 * SHARE) return -1;
+        if (call->states > call->codes[OWN]->piece) return -1;
+        if (call->wrench_states > 0 && call->states > call->codes[ADDED]->piece) return -1;
     }
     if (call->out != NULL) {
         const npy_intp states = states_of((PyObject *)call->out, f, &f->result);
@@ -346,9 +396,11 @@ static int look(const Function *f, const State *state, PyObject *const *given, P
             if (first < other + bytes_of(f, call->sizes[i]) && other < end) return -1;
         }
     }
-    if (PUBLISHED(state->checks))
+    if (PUBLISHED(state->checks)) {
         for (int i = 0; i <= ARRAYS; ++i)
             if (call->sizes[i] > 0 && !all_finite(f, call->x[i], call->sizes[i])) return -1;
+        if (call->wrench != NULL && !all_finite(f, call->wrench, call->wrench_size)) return -1;
+    }
     return 0;
 }
 
@@ -366,28 +418,111 @@ static long long compute(const Function *f, const void *h, const Plain *call, vo
 {
     const int is_double = f->dtype->type_num == NPY_DOUBLE;
     if (call->states == 0)
-        return (is_double ? one_double : one_float)(f, call->reads, h, call->x, call->frame, out);
-    return (is_double ? many_double : many_float)(f, call->reads, (size_t)call->states, h, call->x, call->steps,
-                                                  call->frame, out);
+        return (is_double ? one_double : one_float)(call->codes[OWN], f->framed, call->reads, h, call->x, call->frame,
+                                                    out);
+    return (is_double ? many_double : many_float)(call->codes[OWN], f->framed, call->reads, (size_t)call->states, h,
+                                                  call->x, call->steps, call->frame, out);
 }
 
-/* The result of a plain call; NULL without an error where the method in Python has to be asked.  That is so the first
- * time that there is one state, or many: ``unarmed`` is then 0 or 1. */
-static PyObject *straight(const Function *f, State *state, PyObject *const *args, Py_ssize_t count, PyObject *names,
-                          int *unarmed)
+/* What the wrenches add, for as many states as the first array and they have. */
+static void compute_added(const Function *f, const void *h, const Plain *call, void *out)
+{
+    const int is_double = f->dtype->type_num == NPY_DOUBLE;
+    const Code *code = call->codes[ADDED];
+    const void *x[ARRAYS] = {call->x[0], call->wrench};
+    const size_t steps[ARRAYS] = {call->steps[0], call->wrench_step};
+    if (call->wrench_states == 0)
+        (void)(is_double ? one_double : one_float)(code, 0, 2, h, x, 0, out);
+    else
+        (void)(is_double ? many_double : many_float)(code, 0, 2, (size_t)call->wrench_states, h, x, steps, 0, out);
+}
+
+/* to = from + sign * what, each of one state for all or of as many as there are. */
+static void add(const Function *f, const void *from, npy_intp from_step, const void *what, npy_intp what_step,
+                double sign, npy_intp states, npy_intp size, void *to)
+{
+    if (f->dtype->type_num == NPY_DOUBLE)
+        sum_double(from, from_step, what, what_step, sign, states, size, to);
+    else
+        sum_float(from, from_step, what, what_step, (float)sign, states, size, to);
+}
+
+/* Numbers of a call with wrenches: what they add, and an array with it; in place where there are few. */
+typedef struct {
+    double few[128];
+    void *memory; /* NULL for these */
+    char *added, *sum;
+} Beside;
+
+static int make_room(const Function *f, const Plain *call, Beside *beside)
+{
+    const npy_intp size = f->into < 0 ? f->result.size : f->place[f->into].shape.size;
+    const npy_intp states = call->wrench_states > 0 ? call->wrench_states : 1;
+    const size_t one = (size_t)bytes_of(f, states * size);
+    const size_t other = f->into < 0 ? 0 : (size_t)bytes_of(f, (call->states > 0 ? call->states : 1) * size);
+    beside->memory = NULL;
+    beside->added = (char *)beside->few;
+    if (one + other > sizeof beside->few && (beside->added = beside->memory = PyMem_Malloc(one + other)) == NULL) {
+        PyErr_NoMemory();
+        return -1;
+    }
+    beside->sum = beside->added + one;
+    return 0;
+}
+
+/* Compute what the wrenches add, and put it into the array that takes it, if one does; 0 where all of it is regular. */
+static int begin_added(const Function *f, const void *h, Plain *call, Beside *beside, int checks)
+{
+    const npy_intp size = f->into < 0 ? f->result.size : f->place[f->into].shape.size;
+    const npy_intp states = call->wrench_states > 0 ? call->wrench_states : 1;
+    const npy_intp step = call->wrench_states > 0 ? size : 0;
+    compute_added(f, h, call, beside->added);
+    if (checks && !all_finite(f, beside->added, states * size)) return -1;
+    if (f->into < 0) return 0;
+    for (npy_intp k = 0; k < states; ++k)
+        for (Py_ssize_t i = 0; i < f->lefts; ++i)
+            memset(beside->added + bytes_of(f, k * size + f->left[i]), 0, (size_t)bytes_of(f, 1));
+    const int is_many = call->steps[f->into] > 0 || step > 0;
+    const npy_intp all = is_many ? call->states : 1;
+    add(f, call->x[f->into], (npy_intp)call->steps[f->into], beside->added, step, 1.0, all, size, beside->sum);
+    if (checks && !all_finite(f, beside->sum, all * size)) return -1;
+    call->x[f->into] = beside->sum;
+    call->steps[f->into] = is_many ? (size_t)size : 0;
+    return 0;
+}
+
+/* Compute with what the wrenches add; 0 where all of it is regular. */
+static int compute_all(const Function *f, const void *h, const void *h_added, Plain *call, Beside *beside, int checks,
+                       void *out)
+{
+    const npy_intp states = call->states > 0 ? call->states : 1, step = call->wrench_states > 0 ? f->result.size : 0;
+    if (call->wrench != NULL && begin_added(f, h_added, call, beside, checks) < 0) return -1;
+    if (compute(f, h, call, out) >= 0) return -1;
+    if (call->wrench != NULL && f->into < 0) {
+        if (checks && !all_finite(f, out, states * f->result.size)) return -1;
+        add(f, out, f->result.size, beside->added, step, f->sign, states, f->result.size, out);
+    }
+    return checks && !all_finite(f, out, states * f->result.size) ? -1 : 0;
+}
+
+/* The result of a plain call; NULL without an error where the method in Python has to be asked.  ``codes`` are then
+ * those that the call would need, and NULL if it is not plain whatever is armed. */
+static PyObject *straight(Function *f, State *state, PyObject *const *args, Py_ssize_t count, PyObject *names,
+                          Code **codes)
 {
     PyObject *given[PLACES] = {NULL};
     Plain call = {.states = 0};
+    Beside beside;
     if (sort_arguments(f, args, count, names, given) < 0) return NULL;
-    if (look(f, state, given, &call) < 0) {
-        if (call.unarmed) *unarmed = call.states > 0;
-        return NULL;
-    }
+    const int is_plain = look(f, state, given, &call) == 0;
+    memcpy(codes, call.codes, sizeof call.codes);
+    if (!is_plain || (call.wrench != NULL && make_room(f, &call, &beside) < 0)) return NULL;
     PyObject *found = NULL;
-    PyArrayObject *kept = hoisted(state, f, &f->codes[call.states > 0]);
-    if (kept == NULL) return NULL;
-    const void *h = PyArray_DATA(kept);
-    PyArrayObject *out = call.out;
+    PyArrayObject *out = NULL, *kept = hoisted(state, f, codes[OWN]), *kept_added = NULL;
+    if (kept != NULL && call.wrench != NULL) kept_added = hoisted(state, f, codes[ADDED]);
+    if (kept == NULL || (call.wrench != NULL && kept_added == NULL)) goto end;
+    const void *h = PyArray_DATA(kept), *h_added = kept_added == NULL ? NULL : PyArray_DATA(kept_added);
+    out = call.out;
     if (out == NULL)
         out = new_result(f, call.states);
     else
@@ -395,15 +530,17 @@ static PyObject *straight(const Function *f, State *state, PyObject *const *args
     if (out == NULL) goto end;
     void *written = PyArray_DATA(out);
     const npy_intp states = call.states > 0 ? call.states : 1;
-    long long failed;
-    if (f->operations * (double)states < LONG)
-        failed = compute(f, h, &call, written);
+    const double operations = codes[OWN]->operations + (call.wrench == NULL ? 0.0 : codes[ADDED]->operations);
+    const int checks = PUBLISHED(state->checks);
+    int failed;
+    if (operations * (double)states < LONG)
+        failed = compute_all(f, h, h_added, &call, &beside, checks, written);
     else {
         Py_BEGIN_ALLOW_THREADS
-        failed = compute(f, h, &call, written);
+        failed = compute_all(f, h, h_added, &call, &beside, checks, written);
         Py_END_ALLOW_THREADS
     }
-    if (failed < 0 && (!PUBLISHED(state->checks) || all_finite(f, written, states * f->result.size))) {
+    if (!failed) {
         if (f->in_three)
             found = three_views(f, out, call.states);
         else {
@@ -411,22 +548,25 @@ static PyObject *straight(const Function *f, State *state, PyObject *const *args
             Py_INCREF(found);
         }
     }
-    Py_DECREF(out);
 end:
-    Py_DECREF(kept);
+    Py_XDECREF(out);
+    Py_XDECREF(kept);
+    Py_XDECREF(kept_added);
+    if (call.wrench != NULL) PyMem_Free(beside.memory);
     return found;
 }
 
-/* Ask for the address of the code for one state or for many, once: after a first call it is there. */
-static int arm_once(Function *f, int batch)
+/* Ask for the address of a code, once: after a first call it is there. */
+static int arm_once(Function *f, Way way, Code *code)
 {
-    int was_asked = 1;
+    int again = 1;
     Py_BEGIN_CRITICAL_SECTION(f);
-    was_asked = f->codes[batch].was_asked_for;
-    f->codes[batch].was_asked_for = 1;
+    again = code->asked;
+    code->asked = 1;
     Py_END_CRITICAL_SECTION();
-    if (was_asked) return 0;
-    PyObject *answer = PyObject_CallFunctionObjArgs(f->arming, (PyObject *)f, batch ? Py_True : Py_False, NULL);
+    if (again) return 0;
+    PyObject *many = code == &f->codes[way][1] ? Py_True : Py_False;
+    PyObject *answer = PyObject_CallFunction(f->arming, "OsO", (PyObject *)f, WAY_NAMES[way], many);
     Py_XDECREF(answer);
     return answer == NULL ? -1 : 0;
 }
@@ -435,14 +575,16 @@ static PyObject *direct_vectorcall(PyObject *self, PyObject *const *args, size_t
 {
     Direct *direct = (Direct *)self;
     Function *f = direct->function;
-    int unarmed = -1;
-    PyObject *found = straight(f, direct->state, args, PyVectorcall_NARGS(nargsf), names, &unarmed);
+    Code *codes[WAYS] = {NULL};
+    PyObject *found = straight(f, direct->state, args, PyVectorcall_NARGS(nargsf), names, codes);
     if (found != NULL || PyErr_Occurred()) return found;
     PyObject *bound = PyMethod_New(f->method, direct->owner);
     if (bound == NULL) return NULL;
     found = PyObject_Vectorcall(bound, args, nargsf, names);
     Py_DECREF(bound);
-    if (unarmed >= 0 && found != NULL && arm_once(f, unarmed) < 0) Py_CLEAR(found);
+    for (int way = 0; way < WAYS && found != NULL; ++way)
+        if (codes[way] != NULL && PUBLISHED(codes[way]->address) == 0 && arm_once(f, (Way)way, codes[way]) < 0)
+            Py_CLEAR(found);
     return found;
 }
 
@@ -471,13 +613,13 @@ static PyObject *direct_doc(PyObject *self, void *closure)
 static PyObject *direct_is_armed(PyObject *self, void *closure)
 {
     (void)closure;
-    return PyBool_FromLong(PUBLISHED(((Direct *)self)->function->codes[0].address) != 0);
+    return PyBool_FromLong(PUBLISHED(((Direct *)self)->function->codes[OWN][0].address) != 0);
 }
 
 static PyObject *direct_takes_many(PyObject *self, void *closure)
 {
     (void)closure;
-    return PyBool_FromLong(PUBLISHED(((Direct *)self)->function->codes[1].address) != 0);
+    return PyBool_FromLong(PUBLISHED(((Direct *)self)->function->codes[OWN][1].address) != 0);
 }
 
 /* All that a bound method shows: its names, annotations, signature. */
@@ -605,7 +747,7 @@ static int read_shape(PyObject *lengths, Shape *shape)
 
 static int read_place(PyObject *given, Place *place)
 {
-    static const char *const names[] = {"read", "beside", "frame", "out", "nothing", "cut"};
+    static const char *const names[] = {"read", "beside", "wrench", "frame", "out", "nothing", "cut"};
     PyObject *label, *lengths;
     const char *role;
     if (!PyArg_ParseTuple(given, "UsO:place", &label, &role, &lengths) || read_shape(lengths, &place->shape) < 0)
@@ -626,7 +768,7 @@ static int read_place(PyObject *given, Place *place)
 static int read_places(Function *f, PyObject *places)
 {
     const Py_ssize_t count = PyTuple_GET_SIZE(places);
-    int reads = 0, beside = 0;
+    int reads = 0, beside = 0, wrenches = 0;
     if (count > PLACES) {
         PyErr_SetString(PyExc_ValueError, "too many parameters");
         return -1;
@@ -636,11 +778,40 @@ static int read_places(Function *f, PyObject *places)
         f->places = (int)i + 1;
         reads += f->place[i].role == READ;
         beside += f->place[i].role == BESIDE;
+        wrenches += f->place[i].role == WRENCH;
         f->framed |= f->place[i].role == FRAME;
     }
-    if (reads < 1 || reads > ARRAYS || beside > 1 || (f->framed && (reads != 1 || f->frames == NULL))) {
+    if (reads < 1 || reads > ARRAYS || beside > 1 || wrenches > 1 || (f->framed && (reads != 1 || f->frames == NULL))) {
         PyErr_SetString(PyExc_ValueError, "no function reads such arrays");
         return -1;
+    }
+    return 0;
+}
+
+/* What is added of wrenches: a sign, the place of the array that takes it or -1, and its numbers that take nothing. */
+static int read_added(Function *f, PyObject *given)
+{
+    PyObject *left;
+    if (!PyArg_ParseTuple(given, "diO!:added", &f->sign, &f->into, &PyTuple_Type, &left)) return -1;
+    int reads = 0; /* at the beginning: there the number of a place is that of its array */
+    while (reads < f->places && f->place[reads].role == READ) ++reads;
+    if (f->into < -1 || f->into >= reads) {
+        PyErr_SetString(PyExc_ValueError, "nothing can be added there");
+        return -1;
+    }
+    const npy_intp size = f->into < 0 ? 0 : f->place[f->into].shape.size;
+    f->left = PyMem_Calloc((size_t)PyTuple_GET_SIZE(left) + 1, sizeof *f->left);
+    if (f->left == NULL) {
+        PyErr_NoMemory();
+        return -1;
+    }
+    for (; f->lefts < PyTuple_GET_SIZE(left); ++f->lefts) {
+        const Py_ssize_t place = PyLong_AsSsize_t(PyTuple_GET_ITEM(left, f->lefts));
+        if (place < 0 || place >= size) {
+            if (!PyErr_Occurred()) PyErr_SetString(PyExc_IndexError, "no such number of the array");
+            return -1;
+        }
+        f->left[f->lefts] = place;
     }
     return 0;
 }
@@ -648,12 +819,12 @@ static int read_places(Function *f, PyObject *places)
 static PyObject *function_new(PyTypeObject *type, PyObject *args, PyObject *kwargs)
 {
     static char *names[] = {"name",     "method",           "arming", "dtype", "places", "positional", "result",
-                            "in_three", "cut_must_be_true", "frames", NULL};
-    PyObject *name, *method, *arming, *dtype, *places, *result, *frames;
+                            "in_three", "cut_must_be_false", "frames", "added", NULL};
+    PyObject *name, *method, *arming, *dtype, *places, *result, *frames, *added;
     int positional, in_three, cut;
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "UOOO!O!iOppO!:Function", names, &name, &method, &arming,
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "UOOO!O!iOppO!O!:Function", names, &name, &method, &arming,
                                      &PyArrayDescr_Type, &dtype, &PyTuple_Type, &places, &positional, &result,
-                                     &in_three, &cut, &PyDict_Type, &frames))
+                                     &in_three, &cut, &PyDict_Type, &frames, &PyTuple_Type, &added))
         return NULL;
     const int number = ((PyArray_Descr *)dtype)->type_num;
     if ((number != NPY_DOUBLE && number != NPY_FLOAT) || !PyArray_ISNBO(((PyArray_Descr *)dtype)->byteorder)) {
@@ -669,8 +840,8 @@ static PyObject *function_new(PyTypeObject *type, PyObject *args, PyObject *kwar
     Py_INCREF(dtype), f->dtype = (PyArray_Descr *)dtype;
     f->positional = positional;
     f->in_three = in_three;
-    f->cut_must_be_true = cut;
-    if (read_places(f, places) < 0 || read_shape(result, &f->result) < 0) goto failed;
+    f->cut_must_be_false = cut;
+    if (read_places(f, places) < 0 || read_shape(result, &f->result) < 0 || read_added(f, added) < 0) goto failed;
     if (positional > f->places || (in_three && (f->result.axes != 3 || f->result.lengths[0] != 3))) {
         PyErr_SetString(PyExc_ValueError, "no function has such parameters or such a result");
         goto failed;
@@ -681,40 +852,42 @@ failed:
     return NULL;
 }
 
-PyDoc_STRVAR(arm_doc, "arm(batch, library, part, code, setup, hoisted, operations, piece)\n\n"
-                      "Tell where the code for one state is, or that for many; from then on plain calls go there.\n\n"
-                      "Arguments: which of both; its library, which is kept, and the number of that; addresses of the\n"
-                      "code and of what computes from the parameters, how many numbers; operations of a state; states\n"
-                      "that one call computes at most.");
+PyDoc_STRVAR(arm_doc, "arm(way, many, library, part, code, setup, hoisted, operations, piece)\n\n"
+                      "Tell where a code is; from then on plain calls go there.\n\n"
+                      "Arguments: which code: the \"own\" one or what is \"added\", for many states or for one; its\n"
+                      "library, which is kept, and the number of that; addresses of the code and of what computes\n"
+                      "from the parameters, how many numbers; operations of a state; states that one call computes at\n"
+                      "most.");
 
 static PyObject *function_arm(PyObject *self, PyObject *args)
 {
     Function *f = (Function *)self;
-    unsigned long long code, setup;
+    unsigned long long address, setup;
     PyObject *library;
-    int batch, part;
+    const char *name;
+    int many, part, way = 0;
     double operations;
     Py_ssize_t hoisted_count, piece;
-    if (!PyArg_ParseTuple(args, "pOiKKndn:arm", &batch, &library, &part, &code, &setup, &hoisted_count, &operations,
-                          &piece))
+    if (!PyArg_ParseTuple(args, "spOiKKndn:arm", &name, &many, &library, &part, &address, &setup, &hoisted_count,
+                          &operations, &piece))
         return NULL;
+    while (way < WAYS && strcmp(WAY_NAMES[way], name) != 0) ++way;
+    if (way == WAYS) return PyErr_Format(PyExc_ValueError, "arm: %s is no code of a function", name);
     if (part < 0 || part >= PARTS) Py_RETURN_FALSE;
     npy_intp least = f->result.size;
     for (int i = 0; i < f->places; ++i)
-        if (f->place[i].role <= BESIDE && f->place[i].shape.size < least) least = f->place[i].shape.size;
-    if (least < 1 || code == 0 || setup == 0) Py_RETURN_FALSE; /* nothing to point to */
+        if (f->place[i].role <= WRENCH && f->place[i].shape.size < least) least = f->place[i].shape.size;
+    if (least < 1 || address == 0 || setup == 0) Py_RETURN_FALSE; /* nothing to point to */
+    Code *code = &f->codes[way][many];
     Py_BEGIN_CRITICAL_SECTION(self);
-    Code *armed = &f->codes[batch];
-    if (armed->address == 0) {
-        Py_INCREF(library), armed->library = library;
-        armed->part = part;
-        armed->hoisted = hoisted_count;
-        armed->setup = (uintptr_t)setup;
-        if (f->codes[!batch].address == 0) { /* else these are known, and may be read now */
-            f->operations = operations;
-            f->piece = piece;
-        }
-        PUBLISH(armed->address, (uintptr_t)code);
+    if (code->address == 0) {
+        Py_INCREF(library), code->library = library;
+        code->part = part;
+        code->operations = operations;
+        code->piece = piece;
+        code->hoisted = hoisted_count;
+        code->setup = (uintptr_t)setup;
+        PUBLISH(code->address, (uintptr_t)address);
     }
     Py_END_CRITICAL_SECTION();
     Py_RETURN_TRUE;
@@ -727,7 +900,8 @@ static int function_traverse(PyObject *self, visitproc visit, void *arg)
     Py_VISIT(f->method);
     Py_VISIT(f->arming);
     Py_VISIT(f->frames);
-    for (int i = 0; i < 2; ++i) Py_VISIT(f->codes[i].library);
+    for (int way = 0; way < WAYS; ++way)
+        for (int many = 0; many < 2; ++many) Py_VISIT(f->codes[way][many].library);
     return 0;
 }
 
@@ -740,7 +914,9 @@ static void function_dealloc(PyObject *self)
     Py_XDECREF(f->name);
     Py_XDECREF(f->arming);
     Py_XDECREF(f->frames);
-    for (int i = 0; i < 2; ++i) Py_XDECREF(f->codes[i].library);
+    for (int way = 0; way < WAYS; ++way)
+        for (int many = 0; many < 2; ++many) Py_XDECREF(f->codes[way][many].library);
+    PyMem_Free(f->left);
     Py_XDECREF(f->dtype);
     for (int i = 0; i < f->places; ++i) Py_DECREF(f->place[i].label);
     type->tp_free(self);
@@ -914,8 +1090,10 @@ static void state_dealloc(PyObject *self)
     Py_DECREF(type);
 }
 
-PyDoc_STRVAR(assign_doc, "assign(slot, number, ...)\n\nReplace the values by others that differ in these slots, at once.");
-PyDoc_STRVAR(copy_doc, "copy()\n\nA state with the same values, checks and threads; neither sees what becomes of the other.");
+PyDoc_STRVAR(assign_doc, "assign(slot, number, ...)\n\n"
+                         "Replace the values by others that differ in these slots, at once.");
+PyDoc_STRVAR(copy_doc, "copy()\n\n"
+                       "A state with the same values, checks and threads; neither sees what becomes of the other.");
 
 static PyMemberDef state_members[] = {
     {"checks", T_BOOL, offsetof(State, checks), 0, "whether NaN and infinity are refused"},
@@ -948,7 +1126,8 @@ static PyType_Spec state_spec = {
 
 PyDoc_STRVAR(bind_doc, "bind(functions, owner, state, into)\n\n"
                        "Put a Direct of every function into a dict, by its name.\n\n"
-                       "Arguments: a tuple of Function; a kernel whose methods are those of Python; its State; a dict.");
+                       "Arguments: a tuple of Function; a kernel whose methods are those of Python; its State; a\n"
+                       "dict.");
 
 static PyObject *bind(PyObject *module, PyObject *args)
 {

@@ -10,10 +10,10 @@ import importlib
 import itertools
 import threading
 import weakref
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from types import FunctionType, ModuleType
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from numpy.typing import NDArray
 
@@ -23,7 +23,31 @@ from .raw import Library, RawKernel, Setup
 Array = NDArray[Any]
 
 NAME = "_direct"
+CLOSED = ("forward_dynamics",)  # methods with ``cut`` that know the forces in loops
 ROLES = {"frame": "frame", "out": "out", "wrench": "nothing", "cut": "cut"}  # of parameters that are not read
+
+
+class Added(NamedTuple):
+    """The part of a method's result that wrenches add.
+
+    Attributes:
+        part: the function of q and the wrenches that is added.
+        sign: 1 or -1.
+        into: the argument that it is added to, with sign 1, where it is not the result.
+    """
+
+    part: str
+    sign: float
+    into: str = ""
+
+
+WRENCHED: Mapping[str, Added] = {
+    "generalized_force": Added("external_force", 1.0),
+    "residual": Added("external_force", -1.0),
+    "inverse_dynamics": Added("external_force", -1.0),
+    "forward_dynamics": Added("external_force", 1.0, "u"),
+    "reactions": Added("external_reactions", 1.0),
+}
 
 
 class State:
@@ -136,7 +160,12 @@ def packaged() -> Face:
 
 
 def functions(
-    module: ModuleType, raw: RawKernel, methods: Mapping[str, FunctionType], frames: tuple[str, ...], loops: bool
+    module: ModuleType,
+    raw: RawKernel,
+    methods: Mapping[str, FunctionType],
+    frames: tuple[str, ...],
+    loops: bool,
+    given: Sequence[int],
 ) -> tuple[Any, ...]:
     """Make the module's ``Function`` of every method that calls the function of its name.
 
@@ -148,7 +177,8 @@ def functions(
         raw: the functions.
         methods: of a kernel, by name; those that call no function are left out.
         frames: names of the frames by their numbers.
-        loops: whether the robot has loops, so that methods with ``cut`` are plain only where it is True.
+        loops: whether the robot has loops, so that methods with ``cut`` are plain only where it is False.
+        given: numbers of the coordinates whose motion is prescribed; to their drives wrenches add nothing.
     """
     numbers = {name: number for number, name in reversed(list(enumerate(frames)))}  # the first of a name counts
     arming = partial(_arm, raw, {}, itertools.count())
@@ -158,7 +188,11 @@ def functions(
             continue
         code = methods[name].__code__
         parameters = code.co_varnames[1 : code.co_argcount + code.co_kwonlyargcount]
-        places = tuple(_place(label, entry["reads"], raw) for label in parameters)
+        if loops and "cut" in parameters and name not in CLOSED:
+            continue
+        reads = tuple(entry["reads"])
+        places = tuple(_place(label, reads, raw, name) for label in parameters)
+        part = WRENCHED.get(name, Added("", 1.0))
         function = module.Function(
             name=name,
             method=methods[name],
@@ -168,23 +202,28 @@ def functions(
             positional=code.co_argcount - 1,
             result=raw.shapes[entry["writes"]],
             in_three=entry["writes"] == "derivatives",
-            cut_must_be_true=loops and "cut" in parameters,
+            cut_must_be_false=loops and "cut" in parameters,
             frames=numbers,
+            added=(part.sign, reads.index(part.into), tuple(given)) if part.into else (part.sign, -1, ()),
         )
         found.append(function)
     return tuple(found)
 
 
-def _place(label: str, reads: tuple[str, ...], raw: RawKernel) -> tuple[str, str, tuple[int, ...]]:
-    """Name, role and shape of a parameter, as the module takes them."""
+def _place(label: str, reads: tuple[str, ...], raw: RawKernel, name: str) -> tuple[str, str, tuple[int, ...]]:
+    """Name, role and shape of a parameter of a method, as the module takes them."""
     role = "read" if label in reads else ROLES.get(label, "beside")
-    return label, role, raw.shapes[label] if role in ("read", "beside") else ()
+    if label == "wrench" and name in WRENCHED and WRENCHED[name].part in raw.functions:
+        role = "wrench"
+    return label, role, raw.shapes[label] if role in ("read", "beside", "wrench") else ()
 
 
-def _arm(raw: RawKernel, parts: dict[Library, int], new: itertools.count[int], function: Any, batch: bool) -> None:
-    """Tell a ``Function`` where its code is, that for one state or that for many."""
-    found = raw.functions[function.name]
-    address, library, work = found.address(batch=batch), found.where(batch=batch), found.operations
+def _arm(
+    raw: RawKernel, parts: dict[Library, int], new: itertools.count[int], function: Any, way: str, many: bool
+) -> None:
+    """Tell a ``Function`` where its "own" code is, or what wrenches have "added": for one state, or for many."""
+    found = raw.functions[function.name if way == "own" else WRENCHED[function.name].part]
+    address, library, work = found.address(batch=many), found.where(batch=many), found.operations
     number = parts[library] if library in parts else parts.setdefault(library, next(new))
     setup = library.address("setup")
-    function.arm(batch, library, number, address, setup, library.hoisted, float(work), states_at_once(work))
+    function.arm(way, many, library, number, address, setup, library.hoisted, float(work), states_at_once(work))

@@ -63,7 +63,8 @@ class RawFunction:
     def code(self) -> Any:
         """The C for one state: ``int code(h, array, ..., out)``, with ``int frame`` before ``out`` for "frames".
 
-        The value is 0, or 1 + i where the mass matrix cannot be inverted at coordinate i.
+        The value is 0, or 1 + i where the mass matrix cannot be inverted at coordinate i; 1 + n + r where the
+        constraint r of closed loops is open, and as many more as there are constraints where it is opening.
         """
         return self._part(batch=False)[0]
 
@@ -71,7 +72,8 @@ class RawFunction:
     def batch(self) -> Any:
         """The C for several: ``long long batch(count, h, array, step, ..., out)``, states ``step`` numbers apart.
 
-        A step of 0 stands for one that is the same for all.  The value is -1, or state * n + i of the first failure.
+        A step of 0 stands for one that is the same for all.  The value is -1, or state * ``statuses`` + i of the first
+        failure.
         """
         return self._part(batch=True)[0]
 
@@ -247,6 +249,8 @@ class RawKernel:
         dtype: the dtype of all arrays.
         shapes: shape of every array by its name, for one state.
         functions: functions of one state or a batch, by name.
+        statuses: reasons why a function may fail in one state: a pivot of each coordinate, then a gap of each
+            constraint of closed loops, then its rate.
         rollout: the function of many steps, or None where the kernel was built without one; its arguments are in the
             header.
         ffi: cffi's object for pointers and their types.
@@ -260,6 +264,7 @@ class RawKernel:
         self.name: str = meta["name"]
         self.dtype: np.dtype[Any] = np.dtype(meta["dtype"])
         self.shapes: dict[str, tuple[int, ...]] = {key: tuple(shape) for key, shape in meta["shapes"].items()}
+        self.statuses: int = len(meta["coordinates"]) + 2 * len(meta.get("constraints", ()))
         self.ffi = FFI
         self.view = partial(FFI.from_buffer, POINTERS[meta["dtype"]])
         known = [_function(libraries, name, entry) for name, entry in meta["functions"].items()]

@@ -109,7 +109,7 @@ def fixation_of(
 
 
 def pose_of(robot: Robot, kernel: Kernel, pose: PoseLike | None) -> Array:
-    """Coordinates of a pose, (n,): deviations not given are zero, motors not given follow their joints.
+    """Coordinates of a pose, (n,): deviations not given are at home, motors not given follow their joints.
 
     Args:
         robot, kernel: whose coordinates they are.
@@ -121,7 +121,7 @@ def pose_of(robot: Robot, kernel: Kernel, pose: PoseLike | None) -> Array:
         UnknownNameError: a name is no coordinate.
     """
     model, names = build_model(robot), kernel.coordinates
-    q = np.zeros(kernel.n)
+    q = np.array(model.home)
     if pose is None or isinstance(pose, Mapping):
         try:
             rigid = build_model(robot.rigid()).coordinates
@@ -134,7 +134,7 @@ def pose_of(robot: Robot, kernel: Kernel, pose: PoseLike | None) -> Array:
             if name not in places:
                 raise UnknownNameError(f"pose: {show(str(name))} is unknown; known: {', '.join(names)}")
             q[places[name]] = _number(f"pose: {name}", value)
-        turn_motors(kernel, q, pose or {})
+        turn_motors(kernel, q, robot.home if pose is None else pose)
         return q
     values = np.atleast_1d(np.asarray(pose, dtype=object))
     where = model.principal if values.shape == (len(model.principal),) else range(kernel.n)

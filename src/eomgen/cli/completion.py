@@ -36,8 +36,8 @@ def completion_script(parser: argparse.ArgumentParser, shell: str) -> str:
     Raises:
         InputError: shtab is not installed.
     """
-    from ..description.load import builtin_robots
-    from ..scenario.load import builtin_scenarios
+    from ..description.builtin import builtin_robots
+    from ..scenario.builtin import builtin_scenarios
 
     with optional_import("shtab", "--completion needs"):
         import shtab

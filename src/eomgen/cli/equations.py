@@ -31,7 +31,7 @@ def _derive(options: argparse.Namespace) -> None:
 
 
 def _add_generate(parser: argparse.ArgumentParser) -> None:
-    from ..pipeline.stages import DTYPES, KERNEL_NAMES
+    from ..codegen.kernels.signatures import DTYPES, KERNELS
     from ..runtime.levels import LEVELS
 
     add_robot(parser)
@@ -47,7 +47,7 @@ def _add_generate(parser: argparse.ArgumentParser) -> None:
         type=_names,
         default=[],
         metavar="NAME[,NAME...]",
-        help=f"only these (all but tangents): {', '.join(KERNEL_NAMES)}",
+        help=f"only these (all but tangents): {', '.join(KERNELS)}",
     )
 
 

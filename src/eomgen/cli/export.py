@@ -19,7 +19,8 @@ Export = Callable[["Robot", argparse.Namespace, StageReport], list[Path]]
 
 
 def _export_fmu(robot: Robot, options: argparse.Namespace, report: StageReport) -> list[Path]:
-    from ..export.fmu.pack import VERSIONS, export_fmu
+    from ..export.fmu.choices import VERSIONS
+    from ..export.fmu.pack import export_fmu
 
     return [
         export_fmu(
@@ -53,7 +54,7 @@ FORMATS: Mapping[str, tuple[str, Export]] = {  # an option's name, what it says,
 
 
 def _add_export(parser: argparse.ArgumentParser) -> None:
-    from ..export.fmu.pack import METHODS, VERSIONS
+    from ..export.fmu.choices import METHODS, VERSIONS
 
     add_robot(parser)
     for name, (text, _) in FORMATS.items():

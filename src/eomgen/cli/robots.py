@@ -8,7 +8,8 @@ from .shared import Command, add_json, add_robot, read_robot, show_json, show_re
 
 
 def _robots(options: argparse.Namespace) -> None:
-    from ..description.load import builtin_robots, load_robot
+    from ..description.builtin import builtin_robots
+    from ..description.load import load_robot
     from ..robot.model import build_model
 
     rows = []

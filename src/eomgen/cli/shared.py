@@ -74,6 +74,7 @@ def add_robot(parser: argparse.ArgumentParser) -> None:
         parser,
         "read <dynamics damping=...> of an URDF",
         "read <dynamics friction=...> of an URDF, as Coulomb friction",
+        "read joints with <mimic> of an URDF as independent ones",
     )
 
 
@@ -87,7 +88,7 @@ def add_robot_of_result(parser: argparse.ArgumentParser, default: str) -> None:
     as_elsewhere = "as in the other commands"
     parser.add_argument("--robot", help=f"the robot that was simulated ({default})")
     add_inertia(parser, as_elsewhere)
-    _add_urdf(parser, as_elsewhere, as_elsewhere)
+    _add_urdf(parser, as_elsewhere, as_elsewhere, as_elsewhere)
 
 
 def add_inertia(parser: argparse.ArgumentParser, about: str = _INERTIA) -> None:
@@ -95,9 +96,10 @@ def add_inertia(parser: argparse.ArgumentParser, about: str = _INERTIA) -> None:
     parser.add_argument("--inertia", choices=("error", "warn", "project"), help=about)
 
 
-def _add_urdf(parser: argparse.ArgumentParser, damping: str, friction: str) -> None:
+def _add_urdf(parser: argparse.ArgumentParser, damping: str, friction: str, mimic: str) -> None:
     parser.add_argument("--urdf-damping", action="store_true", help=damping)
     parser.add_argument("--urdf-friction", action="store_true", help=friction)
+    parser.add_argument("--urdf-no-mimic", action="store_true", help=mimic)
 
 
 def read_robot(options: argparse.Namespace) -> Robot:
@@ -113,6 +115,7 @@ def read_robot(options: argparse.Namespace) -> Robot:
         inertia=options.inertia,
         urdf_damping=options.urdf_damping,
         urdf_friction=options.urdf_friction,
+        urdf_mimic=not options.urdf_no_mimic,
     )
     for note in robot.notes:
         say(f"note: {note}", sys.stderr)

@@ -130,7 +130,7 @@ def _add_budget(parser: argparse.ArgumentParser) -> None:
 
 def _budget(options: argparse.Namespace) -> None:
     from ..analysis.tool_budget import budget
-    from ..description.load import builtin_robots
+    from ..description.builtin import builtin_robots
     from ..simulation.result import load_result
 
     result = load_result(result_path(options.result))

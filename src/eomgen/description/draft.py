@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NoReturn
 
 from ..errors import DescriptionError
 from ..names import listed, nearest, show
 from ..robot.geometry import Vector
-from ..robot.value import BASE, Frame, Joint, Link, Loop, Spring
+from ..robot.value import BASE, Coupling, Frame, Joint, Link, Loop, Spring
 
 Place = tuple[int, int]  # line and column, from 1
 GRAVITY: Vector = (0.0, 0.0, -9.81)
@@ -39,7 +39,10 @@ class Draft:
     joints: dict[str, Joint] = field(default_factory=dict)
     frames: dict[str, Frame] = field(default_factory=dict)
     loops: dict[str, Loop] = field(default_factory=dict)
+    couplings: dict[str, Coupling] = field(default_factory=dict)
     springs: dict[str, Spring] = field(default_factory=dict)
+    driven: tuple[str, ...] | None = None
+    home: Mapping[str, float] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     inherited: tuple[str, ...] = ()
     foreign: set[str] = field(default_factory=set)

@@ -33,7 +33,7 @@ def read_coordinate(table: Table, old: Coordinate, read_text: ReadText) -> Coord
             numbers |= _inner_numbers(table, key)
         elif isinstance(kind, Number) and (number := table.number(key)) is not None:
             numbers[key] = number
-    curve, role = read_curve(table, read_text), table.choice("role")
+    curve, role = read_curve(table, read_text), table.choice("role") if "role" in table.keys else None
     if role == "locked" and len(table.values) > 1:
         given = ", ".join(key for key in table.keys if key in table and key != "role")
         table.fail(f"the coordinate is locked, so that its {given} would do nothing; leave it out", "role")

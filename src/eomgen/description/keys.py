@@ -2,7 +2,21 @@
 
 from __future__ import annotations
 
-from ..forms.keys import Choice, Either, FileName, Flag, Key, Listed, Name, Number, Numbers, RobotName, Strings, Text
+from ..forms.keys import (
+    ByName,
+    Choice,
+    Either,
+    FileName,
+    Flag,
+    Key,
+    Listed,
+    Name,
+    Number,
+    Numbers,
+    RobotName,
+    Strings,
+    Text,
+)
 from ..forms.tables import Entries, Form, Pair, Sub
 from ..names import IDENTIFIER_RULE, ROBOT_RULE
 from ..robot import laws
@@ -116,6 +130,11 @@ LINK = Form(
 _AXES = {
     key: f"along {key}" if key in LINEAR else f"about {axis}" for key, axis in zip(COORDINATES, "xyzxyz", strict=True)
 }
+_OFFSET = Sub(
+    "constants that are added to the coordinates, whether they move or not",
+    "m, rad",
+    inner=Form({key: Number(axis, UNITS[key]) for key, axis in _AXES.items()}),
+)
 JOINT = Form(
     {
         "name": Name("of the joint, unique", needed=IDENTIFIER_RULE),
@@ -138,11 +157,7 @@ JOINT = Form(
         MOTOR: Sub("a motor behind an elastic gear drives the principal coordinate", inner=MOTOR_FORM),
         "limits": Numbers("lower and upper limit of the principal coordinate", "m or rad", count=2),
         "prescribed": Strings("coordinates whose motion is given", words=(*COORDINATES, MOTOR)),
-        "offset": Sub(
-            "constants that are added to the coordinates, whether they move or not",
-            "m, rad",
-            inner=Form({key: Number(axis, UNITS[key]) for key, axis in _AXES.items()}),
-        ),
+        "offset": _OFFSET,
     },
     refines=True,
 )
@@ -153,12 +168,35 @@ FRAME = Form(
         "placement": Sub("pose in the link's frame", "m, rad", inner=PLACEMENT),
     }
 )
+CUT_COORDINATE = Form({key: kind for key, kind in _LAW.items() if key != "armature"})
 LOOP = Form(
     {
         "name": Name("of the cut joint, unique", needed=IDENTIFIER_RULE),
         "links": Strings("the two links that it joins, either may be 'base'", needed=_LINKS, count=2, rule=_LINKS),
         "type": Choice("of the cut joint", needed=", ".join(CUTS), words=tuple(CUTS)),
         "placements": Pair("the cut joint's frame on both links; default their frames", "m, rad", inner=PLACEMENT),
+        **{
+            key: Sub(
+                f"coordinate {key}, {axis} of the cut joint: with this table it has these forces in the place of what"
+                " the type says",
+                inner=CUT_COORDINATE,
+            )
+            for key, axis in _AXES.items()
+        },
+        "offset": _OFFSET,
+    }
+)
+COUPLING = Form(
+    {
+        "name": Name("of the coupling, unique", needed=IDENTIFIER_RULE),
+        "of": Text("the coordinate that follows, such as 'finger2.gamma'", needed="the name of a coordinate"),
+        "to": ByName(
+            "ratios by the coordinates that it follows; { } where it keeps to the offset",
+            "1, m/rad or rad/m",
+            "a table of ratios by coordinate",
+        ),
+        "offset": Number("added to the sum of ratio * coordinate", "m or rad"),
+        **CUT_COORDINATE.keys,
     }
 )
 SPRING = Form(
@@ -189,10 +227,15 @@ ROBOT = Form(
             words=POLICIES,
         ),
         "tunable": Strings("names of numbers that stay run-time parameters; * stands for one component"),
+        "driven": Strings("coordinates with a drive; default the principal ones"),
+        "home": ByName("where simulations start and closing begins, by coordinate; default 0", "m or rad"),
         "links": Entries("rigid bodies", inner=LINK),
         "joints": Entries("joints with one to six coordinates", inner=JOINT),
         "frames": Entries("points whose pose and Jacobian can be asked for", inner=FRAME),
         "loops": Entries("joints that are cut, so that the rest is a tree", inner=LOOP),
+        "couplings": Entries(
+            "coordinates that move together, as by a gear: rigid, or elastic with a stiffness", inner=COUPLING
+        ),
         "springs": Entries("springs, dampers and cables between points of two links", inner=SPRING),
     },
     refines=True,

@@ -12,12 +12,14 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..errors import DescriptionError, InputError
+from ..forms.keys import ByName
 from ..forms.tables import Table
 from ..forms.toml_place import located
 from ..forms.toml_text import parse_toml, read_text
 from ..names import nearest, show, show_path
 from ..robot.geometry import ZERO
 from ..robot.inertia_policy import POLICIES, Judged, apply_inertia_policy, link_sizes
+from ..robot.mechanism import mechanism_conflict
 from ..robot.parameter_names import expand_tunable
 from ..robot.rules import motor_conflict
 from ..robot.value import (
@@ -34,6 +36,8 @@ from ..robot.value import (
     Placement,
     Robot,
 )
+from .builtin import BUILTIN, builtin_robots
+from .couplings import read_coupling
 from .draft import Draft, ordered_joints
 from .forces import read_coordinate, read_motor
 from .keys import ROBOT
@@ -42,18 +46,17 @@ from .springs import check_springs, read_spring
 
 RobotLike = Robot | str | Path  # what functions take where they ask for a robot, see as_robot
 SUFFIXES = (".toml", ".urdf", ".xml", ".mjcf")
-_BUILTIN = Path(__file__).parents[1] / "robots"
 
 _WORLD = (BASE, "world")  # what the ground may be called when the root link of an URDF is put on a joint
 
 
-def builtin_robots() -> tuple[str, ...]:
-    """Names of the built-in robots, sorted."""
-    return tuple(sorted(path.stem for path in _BUILTIN.glob("*.toml")))
-
-
 def load_robot(
-    source: str | Path, *, inertia: str | None = None, urdf_damping: bool = False, urdf_friction: bool = False
+    source: str | Path,
+    *,
+    inertia: str | None = None,
+    urdf_damping: bool = False,
+    urdf_friction: bool = False,
+    urdf_mimic: bool = True,
 ) -> Robot:
     """Read a robot.
 
@@ -65,6 +68,7 @@ def load_robot(
             in TOML and "warn" for one of an URDF or MJCF.
         urdf_damping: read ``<dynamics damping>`` of an URDF; otherwise a note says that it is left out.
         urdf_friction: the same for ``<dynamics friction>``, as Coulomb friction.
+        urdf_mimic: make couplings of ``<mimic>``; otherwise a note says that its joints are independent.
 
     Returns:
         The robot in SI units; ``notes`` says what was changed or left out.
@@ -73,7 +77,7 @@ def load_robot(
         DescriptionError: with the file, the place, what came and what is allowed.
     """
     if isinstance(source, str) and source in builtin_robots():
-        return robot_from_toml(read_text(_BUILTIN / f"{source}.toml", source), source=source, inertia=inertia)
+        return robot_from_toml(read_text(BUILTIN / f"{source}.toml", source), source=source, inertia=inertia)
     if not isinstance(source, (str, Path)):
         raise DescriptionError(f"a robot cannot be loaded from {type(source).__name__}; allowed: a name or a path")
     path = Path(source)
@@ -89,7 +93,12 @@ def load_robot(
             return robot_from_mjcf(text, source=str(path), inertia=inertia)
     if path.suffix != ".toml":
         return robot_from_urdf(
-            text, source=str(path), inertia=inertia, urdf_damping=urdf_damping, urdf_friction=urdf_friction
+            text,
+            source=str(path),
+            inertia=inertia,
+            urdf_damping=urdf_damping,
+            urdf_friction=urdf_friction,
+            urdf_mimic=urdf_mimic,
         )
     return robot_from_toml(
         text,
@@ -98,6 +107,7 @@ def load_robot(
         inertia=inertia,
         urdf_damping=urdf_damping,
         urdf_friction=urdf_friction,
+        urdf_mimic=urdf_mimic,
     )
 
 
@@ -125,11 +135,13 @@ def robot_from_urdf(
     inertia: str | None = None,
     urdf_damping: bool = False,
     urdf_friction: bool = False,
+    urdf_mimic: bool = True,
 ) -> Robot:
     """The robot that an URDF text describes; arguments and errors as load_robot."""
     from .urdf import draft_from_urdf  # only who has an URDF pays for the XML parser
 
-    return _finish_xml(draft_from_urdf(text, source, damping=urdf_damping, friction=urdf_friction), inertia)
+    draft = draft_from_urdf(text, source, damping=urdf_damping, friction=urdf_friction, mimic=urdf_mimic)
+    return _finish_xml(draft, inertia)
 
 
 def robot_from_mjcf(text: str, *, source: str = "", inertia: str | None = None) -> Robot:
@@ -155,12 +167,13 @@ def robot_from_toml(
     inertia: str | None = None,
     urdf_damping: bool = False,
     urdf_friction: bool = False,
+    urdf_mimic: bool = True,
 ) -> Robot:
     """The robot that a TOML text describes; ``folder`` is where its ``urdf`` is looked for, the rest as load_robot."""
     values = parse_toml(text, source)
     with located(text, values, source):
         top = ROBOT.read(values, "", source, ())
-        draft = _start(top, source, folder, urdf_damping, urdf_friction)
+        draft = _start(top, source, folder, urdf_damping, urdf_friction, urdf_mimic)
         return _robot_from_table(top, draft, folder, inertia)
 
 
@@ -173,9 +186,13 @@ def _robot_from_table(top: Table, draft: Draft, folder: Path | None, inertia: st
     for name, entry in top.entries("frames"):
         draft.frames[name] = _frame(name, entry)
     for name, entry in top.entries("loops"):
-        draft.loops[name] = read_loop(name, entry)
+        draft.loops[name] = read_loop(name, entry, lambda table: _beside(table, folder))
+    for name, entry in top.entries("couplings"):
+        draft.couplings[name] = read_coupling(name, entry, _beside(entry, folder))
     for name, entry in top.entries("springs"):
         draft.springs[name] = read_spring(name, entry, _beside(entry, folder))
+    draft.driven = tuple(top.strings("driven")) if "driven" in top else draft.driven
+    draft.home = top.value("home", ByName) or draft.home
     _settle_base(draft)
     try:
         return _finish(draft, inertia or top.choice("inertia"), top.strings("tunable"))
@@ -194,7 +211,7 @@ def _says(top: Table, where: str) -> bool:
     return any(entry.get("name") == rest.partition(".")[0] for entry in top.values.get(kind, []))
 
 
-def _start(top: Table, source: str, folder: Path | None, damping: bool, friction: bool) -> Draft:
+def _start(top: Table, source: str, folder: Path | None, damping: bool, friction: bool, mimic: bool) -> Draft:
     """The draft to fill: that of the URDF, or an empty one; with its name."""
     draft = Draft(source)
     urdf = top.text("urdf")
@@ -204,7 +221,8 @@ def _start(top: Table, source: str, folder: Path | None, damping: bool, friction
         from .urdf import draft_from_urdf
 
         path = folder / urdf
-        draft = draft_from_urdf(read_text(path, str(path)), str(path), damping=damping, friction=friction)
+        given = read_text(path, str(path))
+        draft = draft_from_urdf(given, str(path), damping=damping, friction=friction, mimic=mimic)
         draft.source = source
         draft.inherited = (*draft.links, *draft.joints)
     else:
@@ -378,7 +396,13 @@ def _finish(draft: Draft, policy: str | None, tunable: list[str]) -> Robot:
         notes=(*draft.notes, *notes),
         loops=tuple(draft.loops.values()),
         springs=tuple(draft.springs.values()),
+        driven=draft.driven,
+        home=draft.home,
+        couplings=tuple(draft.couplings.values()),
     )
+    found = mechanism_conflict(robot)
+    if found is not None:
+        draft.fail(*found)
     return Robot(**{**vars(robot), "tunable": expand_tunable(robot, tunable)})
 
 

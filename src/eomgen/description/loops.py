@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from ..forms.tables import Pair, Table
 from ..names import show
 from ..robot.geometry import ZERO
-from ..robot.value import Loop, Placement
+from ..robot.value import COORDINATES, Coordinate, Loop, Placement
 from .draft import Draft
+from .forces import ReadText, read_coordinate
 
 
-def read_loop(name: str, entry: Table) -> Loop:
+def read_loop(name: str, entry: Table, beside: Callable[[Table], ReadText]) -> Loop:
     """One entry of [[loops]].
 
+    Args:
+        entry: of the keys ``LOOP``.
+        beside: of a coordinate's table what gives the text of the file that its curve names.
+
     Raises:
-        DescriptionError: a key is missing or wrong, or the loop joins a link to itself.
+        DescriptionError: a key is missing or wrong, keys do not go together, or the loop joins a link to itself.
     """
     entry.require()
     links = entry.strings("links")
@@ -21,7 +28,14 @@ def read_loop(name: str, entry: Table) -> Loop:
         entry.fail(f"got {show(links)}; a loop cannot join a link to itself; allowed: two different links", "links")
     kind = entry.choice("type")
     assert kind is not None
-    return Loop(name, (links[0], links[1]), kind, _placements(entry))
+    tables = {key: table for key in COORDINATES if (table := entry.table(key)) is not None}
+    coordinates = {key: read_coordinate(table, Coordinate(), beside(table)) for key, table in tables.items()}
+    return Loop(name, (links[0], links[1]), kind, _placements(entry), coordinates, _offset(entry))
+
+
+def _offset(entry: Table) -> tuple[float | None, ...]:
+    table = entry.table("offset")
+    return tuple(None if table is None or key not in table else table.number(key) for key in COORDINATES)
 
 
 def _placements(entry: Table) -> tuple[Placement, Placement]:

@@ -44,6 +44,7 @@ def _check(robot: Robot) -> None:
         joints={joint.name: joint for joint in robot.joints},
         frames={frame.name: frame for frame in robot.frames},
         loops={loop.name: loop for loop in robot.loops},
+        couplings={coupling.name: coupling for coupling in robot.couplings},
         springs={spring.name: spring for spring in robot.springs},
     )
     ordered_joints(draft)

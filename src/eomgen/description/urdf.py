@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, NoReturn
 
 from ..errors import DescriptionError
 from ..limits import LARGEST, MOST_ENTRIES
-from ..names import is_robot_name, listed, nearest, show, to_robot_name, unique_identifiers
+from ..names import component_name, is_robot_name, listed, nearest, show, to_robot_name, unique_identifiers
 from ..robot.geometry import IDENTITY, ZERO, Matrix, Vector, axis_turn, turn_inertia
 from ..robot.geometry import rotation_from_rpy as rpy_matrix
 from ..robot.laws import SMOOTHING
-from ..robot.value import COORDINATES, PRINCIPAL, Coordinate, Friction, Joint, Link, Placement
+from ..robot.value import COORDINATES, PRINCIPAL, Coordinate, Coupling, Friction, Joint, Link, Placement
 from .draft import Draft, spot
 from .xml_text import NUMBER, Xml, parse_xml
 
@@ -33,7 +33,9 @@ _MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 _FIRST_COUNTS = ("axis", "limit", "dynamics")  # where several differ: so they do in urdfdom, and so in Pinocchio
 
 
-def draft_from_urdf(text: str, source: str, *, damping: bool = False, friction: bool = False) -> Draft:
+def draft_from_urdf(
+    text: str, source: str, *, damping: bool = False, friction: bool = False, mimic: bool = True
+) -> Draft:
     """Read an URDF.
 
     Args:
@@ -41,12 +43,13 @@ def draft_from_urdf(text: str, source: str, *, damping: bool = False, friction: 
         source: the file's name, for messages.
         damping: put <dynamics damping> into the principal coordinates; otherwise a note says that it is left out.
         friction: the same for <dynamics friction>, as Coulomb friction.
+        mimic: make couplings of <mimic>; otherwise a note says that the joints are independent.
 
     Raises:
         DescriptionError: anything that is not a robot, with the element and the name it belongs to.
     """
     xml = parse_xml(text, source)
-    reader = _Reader(xml, damping, friction)
+    reader = _Reader(xml, damping, friction, mimic)
     try:
         return reader.read()
     except DescriptionError as error:
@@ -57,17 +60,18 @@ def draft_from_urdf(text: str, source: str, *, damping: bool = False, friction: 
 class _Reader:
     """One URDF being read; ``where`` of a message is the element's kind and name, ``at`` the element being read."""
 
-    def __init__(self, xml: Xml, damping: bool, friction: bool) -> None:
+    def __init__(self, xml: Xml, damping: bool, friction: bool, mimic: bool) -> None:
         self.xml = xml
         self.draft = Draft(xml.source, xml_source=xml.source, notes=list(xml.notes))
         self.draft.places = lambda wheres: xml.places_of([self.element(where) for where in wheres])
         self.root = self.at = xml.root
         self.written: dict[str, Element] = {}  # by what messages about the whole robot say: links.NAME
         self.mended: list[tuple[Element, str]] = []  # elements that are not as they should be, and how they are read
-        self.damping, self.friction = damping, friction
+        self.damping, self.friction, self.mimic = damping, friction, mimic
         self.damped: list[str] = []
         self.rubbing: list[str] = []
-        self.mimics: list[str] = []
+        self.mimics: dict[str, Element] = {}  # by the joints that follow
+        self.unmoved: list[str] = []  # those of them that have no coordinate to follow with
 
     def fail(self, where: str, message: str) -> NoReturn:
         self.draft.fail(where, message)
@@ -96,6 +100,9 @@ class _Reader:
             self.written[f"joints.{joint_names[name]}"] = self.at = joints[name]
             joint = self._joint(joint_names[name], joints[name], f"joint {show(name)}", link_names)
             self.draft.joints[joint.name] = joint
+        if self.mimic:
+            for name, element in self.mimics.items():
+                self._follow(name, element, joint_names)
         self.at = root
         self.draft.foreign = set(self.draft.links)
         self.draft.base = self._root()
@@ -166,9 +173,29 @@ class _Reader:
             limits = self._limits(element, where) if kind != "continuous" else None
         elif kind == "floating":
             coordinates = {key: Coordinate() for key in COORDINATES}
-        if self._only(element, "mimic", where) is not None:
-            self.mimics.append(name)
+        mimic = self._only(element, "mimic", where)
+        if mimic is not None:
+            self.mimics[name] = mimic
         return Joint(name, parent, child, TYPES[kind], self._origin(element, where), turn, coordinates, limits)
+
+    def _follow(self, name: str, element: Element, names: dict[str, str]) -> None:
+        """A joint that follows another: value = multiplier * that of the other + offset."""
+        self.written[f"couplings.{name}"] = self.at = element
+        where = f"joint {show(name)}, <mimic>"
+        kind = PRINCIPAL.get(self.draft.joints[name].type)
+        text = element.get("joint", "")
+        multiplier = self._number(element, "multiplier", where, 1.0)
+        offset = self._number(element, "offset", where, 0.0)
+        if text not in names or self.draft.joints[names[text]].type not in PRINCIPAL:
+            what = "has no coordinate to follow" if text in names else f"is not there{nearest(text, names)}"
+            self.mended.append((element, f"{where}: the joint {show(text)} {what}; it is read as independent"))
+            return
+        if kind is None:
+            self.unmoved.append(name)
+            return
+        other = self.draft.joints[names[text]]
+        to = {component_name(other.name, PRINCIPAL[other.type]): multiplier}
+        self.draft.couplings[name] = Coupling(name, component_name(name, kind), to, offset or None)
 
     def _end(self, element: Element, end: str, where: str, links: dict[str, str]) -> str:
         found = self._only(element, end, where)
@@ -280,8 +307,12 @@ class _Reader:
         places = self.xml.places_of([element for element, _ in self.mended])
         for place, (_, said) in zip(places, self.mended, strict=True):
             notes.append(f"{spot(self.xml.source, place)}: {said}")
-        if self.mimics:
-            notes.append(f"mimic joints are read as independent: {listed(self.mimics)}")
+        if self.mimics and not self.mimic:
+            notes.append(f"mimic joints are read as independent (urdf_mimic=True couples them): {listed(self.mimics)}")
+        elif self.draft.couplings:
+            notes.append(f"mimic joints are coupled rigidly to those they follow: {listed(self.draft.couplings)}")
+        if self.unmoved:
+            notes.append(f"<mimic> is left out of joints without a coordinate: {listed(self.unmoved)}")
         if self.damped and not self.damping:
             notes.append(f"<dynamics damping> is left out (urdf_damping=True reads it): {listed(self.damped)}")
         if self.rubbing and not self.friction:

@@ -3,7 +3,24 @@
 Uses runtime, robot, description, codegen (c, package), templates and pipeline.
 """
 
-from .fmu import export_fmu
-from .mujoco import export_mjcf
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ..lazily import attributes
+
+if TYPE_CHECKING:
+    from .fmu import export_fmu
+    from .mujoco import export_mjcf
 
 __all__ = ["export_fmu", "export_mjcf"]
+
+_MODULES = {"export_fmu": "fmu.pack", "export_mjcf": "mujoco"}
+
+
+if not TYPE_CHECKING:  # or type checkers would take every name to be there
+    __getattr__ = attributes(__name__, _MODULES)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -123,6 +123,7 @@ def _check(robot: Robot, integrator: str, approximate: bool) -> None:
 def left_out(robot: Robot) -> list[str]:
     """Notes on all that MuJoCo has no equal for: its name, and what becomes of it."""
     found = [f"loops.{loop.name}: left open (MuJoCo's equality constraints are soft)" for loop in robot.loops]
+    found += [f"couplings.{coupling.name}: left out" for coupling in robot.couplings]
     for joint in robot.joints:
         for name, given in joint.coordinates.items():
             found += [f"joints.{joint.name}.{name}.{what}" for what in _unknown(given)]

@@ -3,8 +3,31 @@
 Uses runtime, robot, state and loops; never the generator or the pipeline, so that it builds nothing behind your back.
 """
 
-from .contacts import Contact
-from .solve import METHODS, choose_method, integrate
-from .trajectory import Trajectory
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ..lazily import attributes
+
+if TYPE_CHECKING:
+    from .contacts import Contact
+    from .solve import METHODS, choose_method, integrate
+    from .trajectory import Trajectory
 
 __all__ = ["METHODS", "Contact", "Trajectory", "choose_method", "integrate"]
+
+_MODULES = {
+    "Contact": "contacts",
+    "METHODS": "solve",
+    "Trajectory": "trajectory",
+    "choose_method": "solve",
+    "integrate": "solve",
+}
+
+
+if not TYPE_CHECKING:  # or type checkers would take every name to be there
+    __getattr__ = attributes(__name__, _MODULES)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

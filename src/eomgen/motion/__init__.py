@@ -3,12 +3,19 @@
 Uses runtime, robot and forms.
 """
 
-from .ends import default_motion, principal_limits
-from .files import MeasuredMotion, motion_from_columns, read_motion
-from .point_to_point import Harmonic, PointToPoint, Program
-from .splines import Spline, Standstill
-from .timetable import TimeTable
-from .tool_path import ToolCircle, ToolLine, ToolPath
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ..lazily import attributes
+
+if TYPE_CHECKING:
+    from .ends import default_motion, principal_limits
+    from .files import MeasuredMotion, motion_from_columns, read_motion
+    from .point_to_point import Harmonic, PointToPoint, Program
+    from .splines import Spline, Standstill
+    from .timetable import TimeTable
+    from .tool_path import ToolCircle, ToolLine, ToolPath
 
 __all__ = [
     "Harmonic",
@@ -26,3 +33,28 @@ __all__ = [
     "principal_limits",
     "read_motion",
 ]
+
+_MODULES = {
+    "Harmonic": "point_to_point",
+    "MeasuredMotion": "files",
+    "PointToPoint": "point_to_point",
+    "Program": "point_to_point",
+    "Spline": "splines",
+    "Standstill": "splines",
+    "TimeTable": "timetable",
+    "ToolCircle": "tool_path",
+    "ToolLine": "tool_path",
+    "ToolPath": "tool_path",
+    "default_motion": "ends",
+    "motion_from_columns": "files",
+    "principal_limits": "ends",
+    "read_motion": "files",
+}
+
+
+if not TYPE_CHECKING:  # or type checkers would take every name to be there
+    __getattr__ = attributes(__name__, _MODULES)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

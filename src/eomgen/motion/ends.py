@@ -21,9 +21,10 @@ SPAN_ANGULAR, SPAN_LINEAR = np.pi / 4, 0.2  # rad, m: default motion of a joint,
 
 
 def principal_limits(robot: Robot, coordinate: str) -> tuple[float, float]:
-    """Limits of a driven coordinate, m or rad; infinite if there are none, zero where it is held: of a free joint."""
+    """Limits of a driven coordinate, m or rad; infinite if there are none, home where it is held: of a free joint."""
     limits, held = _limits(robot, coordinate)
-    return (0.0, 0.0) if held else limits
+    home = robot.home.get(coordinate, 0.0)
+    return (home, home) if held else limits
 
 
 def _limits(robot: Robot, coordinate: str) -> tuple[tuple[float, float], bool]:
@@ -36,17 +37,18 @@ def _limits(robot: Robot, coordinate: str) -> tuple[tuple[float, float], bool]:
 
 
 def default_ends(robot: Robot, coordinates: Sequence[str]) -> tuple[Array, Array]:
-    """Start and goal of a default motion, (n,) each."""
+    """Start and goal of a default motion, (n,) each; from the description's home where it names a coordinate."""
     ends = []
     for name in coordinates:
         limits, held = _limits(robot, name)
-        ends.append((0.0, 0.0) if held else _default_span(limits, unit_of(name)))
+        home = robot.home.get(name, 0.0 if held else None)
+        ends.append((home or 0.0,) * 2 if held else _default_span(limits, unit_of(name), home))
     start, goal = np.array(ends).reshape(-1, 2).T
     return start, goal
 
 
-def _default_span(limits: tuple[float, float], unit: str) -> tuple[float, float]:
-    """Start near zero, well inside the limits, and a goal on the side where there is more room."""
+def _default_span(limits: tuple[float, float], unit: str, home: float | None) -> tuple[float, float]:
+    """Start at home or near zero, well inside the limits, and a goal on the side where there is more room."""
     low, high = limits
     span = SPAN_ANGULAR if unit == "rad" else SPAN_LINEAR
     if not (np.isfinite(low) and np.isfinite(high)):
@@ -54,7 +56,7 @@ def _default_span(limits: tuple[float, float], unit: str) -> tuple[float, float]
         if low >= high:  # one limit, beyond the default span
             low, high = (low, low + 4.0 * span) if np.isfinite(limits[0]) else (high - 4.0 * span, high)
     margin = 0.1 * (high - low)
-    start = min(max(0.0, low + margin), high - margin)
+    start = min(max(0.0, low + margin), high - margin) if home is None else home
     length = min(span, 0.4 * (high - low))
     return start, start + length if high - start >= start - low else start - length
 

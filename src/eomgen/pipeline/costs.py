@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..description import RobotLike, as_robot
+from ..names import component_name
 from ..progress import StageReport, no_report
-from ..robot.coordinates import UNITS
+from ..robot.coordinates import UNITS, unit_of
 from ..robot.laws import number_texts
 from ..robot.model import Model, build_model
-from ..robot.value import MOTOR, PRINCIPAL
+from ..robot.value import CUT_NUMBERS, MOTOR, PRINCIPAL, Coordinate, Coupling
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,15 @@ class RobotInfo:
             "frames": list(model.frames),
             "loops": {loop.name: loop.type for loop in model.robot.loops},
             "constraints": list(model.constraints),
+            "cut_laws": {
+                component_name(owner, name) if name else owner: {**_linear(law), **law.law()}
+                for owner, name, law in model.cut_laws
+            },
+            "couplings": {
+                x.name: {"of": x.of, "to": dict(x.to), "offset": x.offset or 0.0, "rigid": x.law is None}
+                for x in model.robot.couplings
+            },
+            "home": dict(model.robot.home),
             "mass": self._mass(),
             "springs": [
                 {"name": x.name, "links": list(x.links), "tension_only": x.tension_only, **x.law()}
@@ -64,6 +74,7 @@ class RobotInfo:
             "",
             *self._loop_lines(),
             *self._spring_lines(),
+            *self._start_lines(),
             *self.zero_lines,
             "",
             *self._operation_lines(),
@@ -96,10 +107,23 @@ class RobotInfo:
         return lines
 
     def _loop_lines(self) -> list[str]:
-        """The cut joints, where there are some, with an empty line after them."""
+        """The cut joints and couplings, where there are some, with an empty line after them."""
         loops, count = self.model.robot.loops, len(self.model.constraints)
-        lines = [f"loop {x.name}: {x.type} joint between {x.links[0]} and {x.links[1]}, cut" for x in loops]
-        return [*lines, f"{count} constraints; all else is that of the open tree", ""] if loops else []
+        lines = []
+        for loop in loops:
+            lines.append(f"loop {loop.name}: {loop.type} joint between {loop.links[0]} and {loop.links[1]}, cut")
+            lines += [f"  {name} [{UNITS[name]}]: {_law_text(given)}" for name, given in loop.coordinates.items()]
+        lines += [_coupling_line(coupling) for coupling in self.model.robot.couplings]
+        return [*lines, f"{count} constraints; all else is that of the open tree", ""] if lines else []
+
+    def _start_lines(self) -> list[str]:
+        """Drives and home, where the description names them, with an empty line after them."""
+        robot, lines = self.model.robot, []
+        if robot.driven is not None:
+            lines.append(f"driven: {', '.join(self.model.coordinates[i] for i in self.model.driven) or 'nothing'}")
+        if robot.home:
+            lines.append("home: " + ", ".join(f"{x} {value:.6g} {unit_of(x)}" for x, value in robot.home.items()))
+        return [*lines, ""] if lines else []
 
     def _spring_lines(self) -> list[str]:
         """The springs between points, where there are some, with an empty line after them."""
@@ -116,6 +140,22 @@ class RobotInfo:
             row = f"{count['mul']:>9}{count['add']:>9}{count['div']:>7}{count['sincos']:>8}"
             lines.append(f"{name:<24}{row}" + (f"  {self.choices[name]}" if name in self.choices else ""))
         return lines
+
+
+def _linear(given: Coordinate) -> dict[str, float]:
+    """Stiffness and damping, where they are given."""
+    return {key: value for key in CUT_NUMBERS if (value := getattr(given, key)) is not None}
+
+
+def _law_text(given: Coordinate) -> str:
+    return ", ".join(number_texts({**_linear(given), **given.law()})) or "free"
+
+
+def _coupling_line(coupling: Coupling) -> str:
+    terms = [f"{ratio:.6g} {name}" for name, ratio in coupling.to.items()]
+    terms += [f"{coupling.offset or 0.0:.6g}"] if coupling.offset or not terms else []
+    law = "rigid" if coupling.law is None else _law_text(coupling.law)
+    return f"coupling {coupling.name}: {coupling.of} = {' + '.join(terms)}, {law}"
 
 
 def robot_info(robot: RobotLike, *, progress: StageReport = no_report) -> RobotInfo:

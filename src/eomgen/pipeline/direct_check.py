@@ -64,15 +64,16 @@ def _wrong(module: ModuleType, dtype: np.dtype[Any]) -> Iterator[str]:
         positional=1,
         result=(4,),
         in_three=False,
-        cut_must_be_true=False,
+        cut_must_be_false=False,
         frames={},
+        added=(1.0, -1, ()),
     )
     state = module.State(np.ones(1, dtype), _asked)
     bound: dict[str, Any] = {}
     module.bind((function,), kept, state, bound)
     call = bound["doubled"]
     for many, address in ((False, code), (True, batch)):
-        function.arm(many, kept, int(many), address, setup, 1, 1.0, 16)
+        function.arm("own", many, kept, int(many), address, setup, 1, 1.0, 16)
     for numbers in PLAIN:
         given = np.array(numbers, dtype)
         out = np.empty(4, dtype)

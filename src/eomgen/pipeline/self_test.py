@@ -118,7 +118,7 @@ class _Examination:
                 yield from self._of_single_states(function)
             if f"{function.name}{BATCH}" in self.known:
                 yield from self._of_batches(function)
-        if self.raw.rollout is not None:
+        if self.raw.rollout is not None and self.raw.rollout.name in self.samples:
             yield from self._of_steps(self.raw.rollout)
 
     def _of_setup(self) -> Iterator[Difference]:
@@ -136,12 +136,18 @@ class _Examination:
                 code = function.code(self.h, *arguments, *frame, self.raw.view(out))
                 if (code == 0) != (status[state] == 0) or (self._has_bits(function.name) and code != status[state]):
                     yield Difference(f"the status of {function.name}", STATES[state], 0, code, int(status[state]))
-                elif code == 0:
+                elif code == 0 or code > self.samples["q"].shape[1]:  # a loop is open: it answers all the same
                     yield from self._compared(function.name, (state, *place), out)
 
     def _of_batches(self, function: RawFunction) -> Iterator[Difference]:
-        """States that do not fail, in one call."""
-        states = np.flatnonzero(self.samples[f"{function.name} status"] == 0)
+        """States that do not fail, in one call, and those alone in which a loop is open."""
+        status = self.samples[f"{function.name} status"]
+        yield from self._of_batch(function, np.flatnonzero(status == 0), -1)
+        for state in np.flatnonzero(status > self.samples["q"].shape[1]):
+            yield from self._of_batch(function, np.array([state]), int(status[state]) - 1)
+
+    def _of_batch(self, function: RawFunction, states: Array, expected: int) -> Iterator[Difference]:
+        """Some states in one call, which says what is expected."""
         arguments: list[Any] = []
         for name in function.reads:
             given = self.samples[name][states]
@@ -149,8 +155,8 @@ class _Examination:
         for place, frame in self._frames(function):
             out = self._room(function, states.size)
             code = function.batch(states.size, self.h, *arguments, *frame, self.raw.view(out))
-            if code != -1:
-                yield Difference(f"the status of {function.name}_batch", STATES[0], 0, code, -1)
+            if (code == -1) != (expected == -1) or (self._has_bits(function.name) and code != expected):
+                yield Difference(f"the status of {function.name}_batch", STATES[0], 0, code, expected)
             for state, row in zip(states, out.reshape(max(states.size, 1), -1), strict=False):
                 yield from self._compared(function.name, (int(state), *place), row, "_batch")
 

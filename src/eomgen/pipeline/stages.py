@@ -23,7 +23,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal
 
 from .._version import __version__
-from ..codegen.kernels.signatures import KERNELS, available
+from ..codegen.kernels.signatures import DTYPES, KERNELS, available
 from ..description import RobotLike, as_robot
 from ..errors import InputError
 from ..files import read_regular
@@ -49,7 +49,6 @@ KERNEL_NAMES = tuple(KERNELS)
 OWNERS = {name: name for name in KERNELS} | {  # the kernel that a name stands for
     function: kernel for kernel, signature in KERNELS.items() for function in signature.functions
 }
-DTYPES = ("float64", "float32")
 _SOURCE, _SAMPLES = "source.json", "samples"  # files of an entry
 _LARGEST = 1 << 28  # bytes of a package's metadata
 
@@ -387,7 +386,7 @@ def _derive(robot: Robot, options: Options, folder: Path, progress: StageReport)
 
     model = build_model(robot)  # Robot -> Model
     progress(f"deriving the equations of {model.size} coordinates")
-    equations = derive_equations(model, options.kernels)  # Model -> Equations
+    equations = derive_equations(model, options.kernels, options.dtype)  # Model -> Equations
     source = render(equations, options.dtype, batches=options.batches)  # Equations -> Source
     (folder / _SOURCE).write_text(json.dumps(asdict(source)), encoding="ascii")
     (folder / _SAMPLES).write_bytes(samples(equations, options.dtype))

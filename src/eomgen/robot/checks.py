@@ -24,7 +24,7 @@ def check_parts(robot: Robot) -> None:
     Raises:
         DescriptionError: with the place, what came and what is allowed.
     """
-    for kind in ("links", "joints", "frames", "loops", "springs"):
+    for kind in ("links", "joints", "frames", "loops", "couplings", "springs"):
         seen = {robot.base} if kind == "links" else set[str]()
         for item in getattr(robot, kind):
             if item.name in seen:
@@ -32,6 +32,9 @@ def check_parts(robot: Robot) -> None:
             seen.add(item.name)
     for joint in robot.joints:
         _check_joint(robot, joint)
+    for loop in robot.loops:
+        if len(loop.offset) != len(COORDINATES):
+            _fail(robot, f"loops.{loop.name}.offset", f"got {len(loop.offset)} numbers; allowed: {len(COORDINATES)}")
     for where, rotation in _rotations(robot):
         if not _turns(rotation):
             _fail(robot, where, "the axes are no rotation; allowed: orthogonal axes of length 1, right-handed")

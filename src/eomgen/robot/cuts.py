@@ -10,6 +10,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Protocol
+
+
+class Cut(Protocol):
+    """A joint that is cut: its type, and its coordinates that have a force."""
+
+    @property
+    def type(self) -> str:
+        """One of CUTS."""
+
+    @property
+    def coordinates(self) -> Mapping[str, object]:
+        """Properties by x, y, z, alpha, beta, gamma."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +46,7 @@ _NO_TURN = (  # sine of the angle of R times its axis
     Component("gamma", products=((0.5, 1, 0), (-0.5, 0, 1))),
 )
 _CROSS = (Component("gamma", products=((-1.0, 0, 1),)),)
+_SINGLE = {part.name: part for part in (*_AXES_PARALLEL, *_CROSS)}  # each vanishes with one angle of Rx Ry Rz
 
 CUTS: Mapping[str, tuple[Component, ...]] = {
     "revolute": (_X, _Y, _Z, *_AXES_PARALLEL),
@@ -49,3 +63,15 @@ UPRIGHT: Mapping[str, tuple[tuple[float, int, int], ...]] = {
     **dict.fromkeys(("revolute", "cylindrical", "planar"), ((1.0, 2, 2),)),
     **dict.fromkeys(("prismatic", "fixed"), ((1.0, 0, 0), (1.0, 1, 1), (1.0, 2, 2))),
 }
+
+
+def rigid_parts(loop: Cut) -> tuple[Component, ...]:
+    """The components of a loop's constraint: what its type blocks, without coordinates that have a force.
+
+    Where an angle has one beside angles that are rigid, each of these has the component that vanishes with it alone
+    while beta is within a quarter of a turn: sin(alpha) cos(beta), sin(beta), cos(beta) sin(gamma).
+    """
+    kept = tuple(part for part in CUTS[loop.type] if part.name not in loop.coordinates)
+    if sum(part.name in _SINGLE for part in kept) == len(_SINGLE):
+        return kept
+    return tuple(_SINGLE.get(part.name, part) for part in kept)

@@ -368,12 +368,12 @@ def number_texts(numbers: Values) -> list[str]:
 
 
 def number_of(parameter: str) -> Number | None:
-    """The table's number that a run-time parameter of a joint or spring is; None of what is no force."""
+    """The table's number that a run-time parameter is; None of what is no force."""
     kind, *path = parameter_path(parameter)
-    if kind not in ("joints", "springs"):
+    if kind not in ("joints", "loops", "couplings", "springs"):
         return None
-    key = parameter_name(*path[2 if kind == "joints" else 1 :])
-    table = _OF_COORDINATES if kind == "joints" else BETWEEN_POINTS
+    key = parameter_name(*path[2 if kind in ("joints", "loops") else 1 :])
+    table = BETWEEN_POINTS if kind == "springs" else _OF_COORDINATES
     return table.get(key) or table.get(key.partition(".")[0])
 
 

@@ -23,17 +23,21 @@ from ..names import (
     parameter_path,
     show,
 )
-from .cuts import CUTS
-from .rules import conflict, motor_conflict, spring_conflict
+from .cuts import CUTS, rigid_parts
+from .mechanism import drive_of, mechanism_conflict
+from .rules import conflict, cut_conflict, motor_conflict, spring_conflict
 from .value import (
     ANGULAR,
     COORDINATE_NUMBERS,
     COORDINATES,
+    CUT_NUMBERS,
     INERTIA_KEYS,
     MOTOR,
     PRINCIPAL,
     Coordinate,
+    Coupling,
     Joint,
+    Loop,
     Placement,
     Robot,
     Spring,
@@ -102,8 +106,26 @@ class Model:
 
     @property
     def constraints(self) -> tuple[str, ...]:
-        """Names of the components of the loops' constraint g(q) = 0 ("loop1.x", ...), in their order."""
-        return tuple(component_name(loop.name, part.name) for loop in self.robot.loops for part in CUTS[loop.type])
+        """Names of the components of g(q) = 0, in their order: of loops ("loop1.x", ...), then rigid couplings."""
+        cut = (component_name(loop.name, part.name) for loop in self.robot.loops for part in rigid_parts(loop))
+        return (*cut, *(coupling.name for coupling in self.robot.couplings if coupling.law is None))
+
+    @property
+    def cut_laws(self) -> tuple[tuple[str, str, Coordinate], ...]:
+        """Forces on what is no coordinate of the tree: (owner, coordinate, properties), in their order.
+
+        Coordinates of cut joints, by the loop's name and the coordinate's; then elastic couplings, by their names and
+        "".  One that no number is given of, and none is tunable, has no force and is not among them.
+        """
+        known = {parameter_path(name)[:3] for name in self.parameters}
+        cut = [(loop.name, name, given) for loop in self.robot.loops for name, given in loop.coordinates.items()]
+        coupled = [
+            (coupling.name, "", coupling.law)
+            for coupling in self.robot.couplings
+            if coupling.law is not None
+            and any(("couplings", coupling.name, key.partition(".")[0]) in known for key in _law_keys(coupling))
+        ]
+        return (*(item for item in cut if ("loops", *item[:2]) in known), *coupled)
 
     @property
     def principal(self) -> tuple[int, ...]:
@@ -126,10 +148,29 @@ class Model:
 
     @property
     def driven(self) -> tuple[int, ...]:
-        """Indices of the coordinates that have a drive: motors, and principal ones without; none that is prescribed."""
+        """Indices of the coordinates that have a drive: motors, and principal ones without.
+
+        None that is prescribed or follows others in a rigid coupling.  Where the description names them, those: a motor
+        in the place of the coordinate that it drives.
+        """
+        if self.robot.driven is not None:
+            return tuple(sorted(self.coordinates.index(drive_of(self.robot, name)) for name in self.robot.driven))
         behind = self.motors.values()
         driving = sorted({*self.principal, *self.motors}.difference(behind))
-        return tuple(index for index in driving if index not in self.prescribed)
+        following = {coupling.of for coupling in self.robot.couplings if coupling.law is None}
+        return tuple(i for i in driving if i not in self.prescribed and self.coordinates[i] not in following)
+
+    @property
+    def home(self) -> tuple[float, ...]:
+        """The description's home, (n,), m or rad; a motor that it does not name is turned as its joint is."""
+        given = self.robot.home
+        values = [given.get(name, 0.0) for name in self.coordinates]
+        for index, principal in self.motors.items():
+            motor = self.robot.joint(joint_of(self.coordinates[index])).motor
+            assert motor is not None
+            if self.coordinates[index] not in given:
+                values[index] = motor.ratio * values[principal]
+        return tuple(values)
 
     @property
     def prescribed(self) -> tuple[int, ...]:
@@ -187,6 +228,7 @@ def build_model(robot: Robot) -> Model:
         )
     _check_loops(robot, body_of)
     _check_springs(robot, body_of)
+    _check_mechanism(robot)
     merged = tuple(
         Body(body.joint, body.parent, body.first, body.active, tuple(names))
         for body, names in zip(bodies, links, strict=True)
@@ -209,7 +251,7 @@ def with_offset_angles(model: Model) -> tuple[Model, tuple[int, ...]]:
 def _check_names(robot: Robot) -> None:
     """Names go into C and Python: the last look at them."""
     named = [("links", robot.base, is_identifier), ("name", robot.name, is_robot_name)]
-    for key in ("links", "joints", "frames", "loops", "springs"):
+    for key in ("links", "joints", "frames", "loops", "couplings", "springs"):
         named += [(key, item.name, is_identifier) for item in getattr(robot, key)]
     for where, name, is_allowed in named:
         if not is_allowed(name):
@@ -227,6 +269,11 @@ def _check_loops(robot: Robot, body_of: Mapping[str, int]) -> None:
                 source=robot.source or robot.name,
             )
         _check_pair(robot, body_of, loop.links, f"loops.{loop.name}.links")
+        for name, given in loop.coordinates.items():
+            found = cut_conflict(given)
+            if found is not None:
+                where = ".".join(filter(None, ("loops", loop.name, name, found[0])))
+                raise DescriptionError(found[1], where=where, source=robot.source or robot.name)
 
 
 def _check_springs(robot: Robot, body_of: Mapping[str, int]) -> None:
@@ -237,6 +284,13 @@ def _check_springs(robot: Robot, body_of: Mapping[str, int]) -> None:
         if found is not None:
             where = ".".join(filter(None, ("springs", spring.name, found[0])))
             raise DescriptionError(found[1], where=where, source=robot.source or robot.name)
+
+
+def _check_mechanism(robot: Robot) -> None:
+    """Refuse drives, a home and couplings that do not go with the coordinates."""
+    found = mechanism_conflict(robot)
+    if found is not None:
+        raise DescriptionError(found[1], where=found[0], source=robot.source or robot.name)
 
 
 def _check_pair(robot: Robot, body_of: Mapping[str, int], links: tuple[str, str], where: str) -> None:
@@ -277,7 +331,8 @@ def _parameters(robot: Robot) -> dict[str, float]:
     def always(name: str) -> bool:
         path = parameter_path(name)
         return path[0] == "gravity" or (
-            path[0] == "joints" and (path[-1] in ("stiffness", "damping") or path[2] == "offset")
+            path[0] in ("joints", "loops", "couplings")
+            and (path[-1] in ("stiffness", "damping") or path[2] == "offset")
         )
 
     chosen = {name for name, value in values.items() if value is not None and always(name)}
@@ -287,6 +342,11 @@ def _parameters(robot: Robot) -> dict[str, float]:
         if joint.motor is not None:
             laws = (*joint.motor.transmission.law(), *joint.motor.rotor.law())
             chosen.update(f"joints.{joint.name}.{MOTOR}.{key}" for key in laws)
+    for loop in robot.loops:
+        for name, given in loop.coordinates.items():
+            chosen.update(f"loops.{loop.name}.{name}.{key}" for key in given.law())
+    for coupling in robot.couplings:
+        chosen.update(f"couplings.{coupling.name}.{key}" for key in (coupling.law.law() if coupling.law else ()))
     for spring in robot.springs:
         chosen.update(f"springs.{spring.name}.{key}" for key in spring.law())
     chosen.update(robot.tunable)
@@ -307,6 +367,11 @@ def parameter_values(robot: Robot) -> Iterator[tuple[str, float | None]]:
         yield from _joint_values(joint)
     for frame in robot.frames:
         yield from _placement_values(f"frames.{frame.name}", frame.placement)
+    for loop in robot.loops:
+        yield from _loop_values(loop)
+    for coupling in robot.couplings:
+        for key, number in coupling.numbers().items():
+            yield f"couplings.{coupling.name}.{key}", number
     for spring in robot.springs:
         yield from _spring_values(spring)
 
@@ -326,6 +391,23 @@ def _joint_values(joint: Joint) -> Iterator[tuple[str, float | None]]:
     yield from _placement_values(f"joints.{joint.name}", joint.placement)
 
 
+def _law_keys(coupling: Coupling) -> Iterator[str]:
+    """Names of the numbers of an elastic coupling's forces, below its own."""
+    return (key for key in coupling.numbers() if key != "offset" and not key.startswith("ratio."))
+
+
+def _loop_values(loop: Loop) -> Iterator[tuple[str, float | None]]:
+    for name, coordinate in loop.coordinates.items():
+        for key in CUT_NUMBERS:
+            yield f"loops.{loop.name}.{name}.{key}", getattr(coordinate, key)
+        for key, value in coordinate.law().items():
+            yield f"loops.{loop.name}.{name}.{key}", value
+    for name, offset in zip(COORDINATES, loop.offset, strict=True):
+        yield f"loops.{loop.name}.offset.{name}", offset
+    for place, placement in enumerate(loop.placements):
+        yield from _pose_values(f"loops.{loop.name}.placements.{place}", placement)
+
+
 def _spring_values(spring: Spring) -> Iterator[tuple[str, float | None]]:
     given = spring.law()
     for key in dict.fromkeys((*spring.optional, *given)):
@@ -336,10 +418,14 @@ def _spring_values(spring: Spring) -> Iterator[tuple[str, float | None]]:
 
 
 def _placement_values(owner: str, placement: Placement) -> Iterator[tuple[str, float | None]]:
+    yield from _pose_values(f"{owner}.placement", placement)
+
+
+def _pose_values(name: str, placement: Placement) -> Iterator[tuple[str, float | None]]:
     for i, value in enumerate(placement.xyz):
-        yield f"{owner}.placement.xyz.{i}", value
+        yield f"{name}.xyz.{i}", value
     for i, value in enumerate(placement.rpy or ()):
-        yield f"{owner}.placement.rpy.{i}", value
+        yield f"{name}.rpy.{i}", value
 
 
 def program_coordinates(robot: Robot) -> tuple[str, ...]:
@@ -376,7 +462,8 @@ def tool_of(robot: Robot, tool: str | None, label: str = "tool") -> str:
 
 
 def open_tree(robot: Robot) -> str:
-    """Say, beside figures of a robot's tree, that its loops are open there; "" where it has none."""
-    if not robot.loops:
-        return ""
-    return f"the loops are cut ({listed([loop.name for loop in robot.loops])}): all figures are those of the open tree"
+    """Say, beside figures of a robot's tree, that its loops and couplings are open there; "" where it has none."""
+    loops, couplings = [loop.name for loop in robot.loops], [coupling.name for coupling in robot.couplings]
+    said = [f"the loops are cut ({listed(loops)})"] if loops else []
+    said += [f"the couplings are left out ({listed(couplings)})"] if couplings else []
+    return f"{' and '.join(said)}: all figures are those of the open tree" if said else ""

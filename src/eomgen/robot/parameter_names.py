@@ -8,13 +8,26 @@ from typing import NoReturn
 
 from ..errors import DescriptionError
 from ..names import nearest, parameter_name, parameter_path, show
-from .value import COORDINATE_NUMBERS, COORDINATES, INERTIA_KEYS, LINEAR, MOTOR, Placement, Robot
+from .value import (
+    COORDINATE_NUMBERS,
+    COORDINATES,
+    CUT_NUMBERS,
+    INERTIA_KEYS,
+    LINEAR,
+    MOTOR,
+    Loop,
+    Placement,
+    Robot,
+)
 
 FORMS = (
     "gravity[.x], links.LINK.mass, links.LINK.com[.x], links.LINK.inertia[.xx], "
     "joints.JOINT.COORDINATE.stiffness (or damping, armature), joints.JOINT.offset[.x], "
     "joints.JOINT.motor.inertia (or ratio), "
-    "joints.JOINT.placement.xyz[.0] (or rpy), frames.FRAME.placement.xyz[.0] (or rpy), springs.SPRING.stiffness (or "
+    "joints.JOINT.placement.xyz[.0] (or rpy), frames.FRAME.placement.xyz[.0] (or rpy), "
+    "loops.LOOP.COORDINATE.stiffness (or damping), loops.LOOP.offset[.x], "
+    "loops.LOOP.placements[.0.xyz.0] (or rpy), couplings.COUPLING.ratio[.JOINT.COORDINATE], "
+    "couplings.COUPLING.stiffness (or damping, offset), springs.SPRING.stiffness (or "
     "damping, free_length), springs.SPRING.points[.0.x]; * stands for any one component"
 )
 _LONG = 1000  # characters of a name that no parameter has which are looked at for a hint
@@ -41,7 +54,7 @@ def parameters(robot: Robot) -> Iterator[Parameter]:
     for joint in robot.joints:
         for name, value in zip(COORDINATES, joint.offset, strict=True):
             yield Parameter(("joints", joint.name, "offset", name), value is not None)
-        yield from _placement(("joints", joint.name), joint.placement)
+        yield from _placement(("joints", joint.name, "placement"), joint.placement)
         for name, coordinate in joint.coordinates.items():
             for key in COORDINATE_NUMBERS:
                 yield Parameter(("joints", joint.name, name, key), getattr(coordinate, key) is not None)
@@ -50,7 +63,12 @@ def parameters(robot: Robot) -> Iterator[Parameter]:
         for key, value in (joint.motor.numbers() if joint.motor else {}).items():
             yield Parameter(("joints", joint.name, MOTOR, *parameter_path(key)), value is not None)
     for frame in robot.frames:
-        yield from _placement(("frames", frame.name), frame.placement)
+        yield from _placement(("frames", frame.name, "placement"), frame.placement)
+    for loop in robot.loops:
+        yield from _of_loop(loop)
+    for coupling in robot.couplings:
+        for key, number in coupling.numbers().items():
+            yield Parameter(("couplings", coupling.name, *parameter_path(key)), number is not None)
     for spring in robot.springs:
         given = spring.law()
         for key in dict.fromkeys((*spring.optional, *given)):
@@ -60,10 +78,22 @@ def parameters(robot: Robot) -> Iterator[Parameter]:
                 yield Parameter(("springs", spring.name, "points", index, axis))
 
 
-def _placement(owner: tuple[str, str], placement: Placement) -> Iterator[Parameter]:
+def _of_loop(loop: Loop) -> Iterator[Parameter]:
+    for name, coordinate in loop.coordinates.items():
+        for key in CUT_NUMBERS:
+            yield Parameter(("loops", loop.name, name, key), getattr(coordinate, key) is not None)
+        for key in coordinate.law():
+            yield Parameter(("loops", loop.name, name, *parameter_path(key)))
+    for name, value in zip(COORDINATES, loop.offset, strict=True):
+        yield Parameter(("loops", loop.name, "offset", name), value is not None)
+    for place, placement in enumerate(loop.placements):
+        yield from _placement(("loops", loop.name, "placements", str(place)), placement)
+
+
+def _placement(owner: tuple[str, ...], placement: Placement) -> Iterator[Parameter]:
     for key in ("xyz", "rpy") if placement.rpy is not None else ("xyz",):
         for index in "012":
-            yield Parameter((*owner, "placement", key, index))
+            yield Parameter((*owner, key, index))
 
 
 def expand_tunable(robot: Robot, patterns: Sequence[str]) -> tuple[str, ...]:
@@ -132,12 +162,12 @@ def _meaning(start: _Node, item: Parameter) -> Iterator[str]:
 
 def _shortest(path: tuple[str, ...]) -> int:
     """Least number of components of a pattern for this parameter."""
-    return {"gravity": 1, "links": 3, "joints": 4, "frames": 4, "springs": 3}[path[0]]
+    return {"gravity": 1, "links": 3, "joints": 4, "frames": 4, "loops": 3, "couplings": 3, "springs": 3}[path[0]]
 
 
 def _refuse(robot: Robot, pattern: str, known: Sequence[Parameter]) -> NoReturn:
     wanted, reason = parameter_path(pattern[:_LONG]), "no parameter has this name"
-    if "rpy" in wanted and wanted[0] in ("joints", "frames"):
+    if "rpy" in wanted and wanted[0] in ("joints", "frames", "loops"):
         reason += " (an rpy can be tuned only where the description gives it; dh does not)"
     paths = (item.path for item in known)
     hint = nearest(

@@ -5,21 +5,21 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ..errors import InputError
 from ..forms.plain import value_of
 from ..limits import LARGEST
 from ..names import show
-from .value import COORDINATES, Robot
+from .value import COORDINATES, Joint, Loop, Robot
 
 
 def record_of(robot: Robot) -> dict[str, Any]:
     """The robot as nested dicts, lists, numbers and texts; ``robot_of`` makes an equal robot of it.
 
-    Fields that are marked LATER are left out where they are empty, so that records and hashes of robots that do not use
-    them stay what they were.
+    Fields that are marked LATER are left out where they have their defaults, so that records and hashes of robots that
+    do not use them stay what they were.
     """
     plain = _plain(robot)
     assert isinstance(plain, dict)
@@ -33,25 +33,39 @@ def robot_of(record: Mapping[str, Any]) -> Robot:
         InputError: it is no record of a robot, or one of a newer eomgen.
     """
     robot: Robot = value_of(Robot, record, "this is no robot that was recorded, or one of a newer eomgen", LARGEST)
-    for joint, given in zip(robot.joints, record["joints"], strict=True):
-        for name in given.get("coordinates", {}):
-            if name not in joint.coordinates:
+    _refuse_unknown("joint", robot.joints, record["joints"])
+    _refuse_unknown("loop", robot.loops, record.get("loops", ()))
+    return robot
+
+
+def _refuse_unknown(what: str, items: Sequence[Joint | Loop], given: Sequence[Mapping[str, Any]]) -> None:
+    """Refuse coordinates that there are not, which a joint or loop leaves out."""
+    for item, said in zip(items, given, strict=True):
+        for name in said.get("coordinates", {}):
+            if name not in item.coordinates:
                 raise InputError(
-                    f"this is no robot that was recorded: joint {show(joint.name)}: {show(name)} is no coordinate;"
+                    f"this is no robot that was recorded: {what} {show(item.name)}: {show(name)} is no coordinate;"
                     f" allowed: {', '.join(COORDINATES)}"
                 )
-    return robot
 
 
 def _plain(value: object) -> Any:
     if dataclasses.is_dataclass(value):
         fields = {item: getattr(value, item.name) for item in dataclasses.fields(value)}
-        return {item.name: _plain(x) for item, x in fields.items() if x or not item.metadata.get("later")}
+        return {item.name: _plain(x) for item, x in fields.items() if not _is_unused(item, x)}
     if isinstance(value, Mapping):
         return {key: _plain(x) for key, x in value.items()}
     if isinstance(value, (tuple, list)):
         return [_plain(x) for x in value]
     return value
+
+
+def _is_unused(item: dataclasses.Field[Any], value: object) -> bool:
+    """Whether a field that is marked LATER has the value that it has where a description does not speak of it."""
+    if not item.metadata.get("later"):
+        return False
+    empty = item.default if item.default_factory is dataclasses.MISSING else item.default_factory()
+    return bool(value == empty)
 
 
 def robot_hash(robot: Robot) -> str:

@@ -12,7 +12,7 @@ from dataclasses import fields, replace
 from ..limits import LARGEST
 from ..names import show
 from .laws import LAWS, NUMBERS, SMALLEST, given_laws, law_conflict
-from .value import MOTOR, PRINCIPAL, Coordinate, Curve, Motor, Spring
+from .value import CUT_NUMBERS, MOTOR, PRINCIPAL, Coordinate, Curve, Motor, Spring
 
 POINTS = (2, 64)  # fewest and most points of a curve
 STIFF = ("stiffness", *(law.name for law in LAWS.values() if law.stiffness and not law.takes_stiffness))  # by itself
@@ -54,6 +54,15 @@ def conflict(given: Coordinate) -> tuple[str, str] | None:
         numbers["stiffness"] = given.stiffness
     found = law_conflict(numbers)
     return curve_conflict(given.curve) if found is None and given.curve is not None else found
+
+
+def cut_conflict(given: Coordinate) -> tuple[str, str] | None:
+    """The key and the message of what is wrong with forces in a cut joint or coupling; None if nothing is."""
+    if given.armature is not None:
+        return "armature", f"it moves no inertia of its own; allowed: {', '.join((*CUT_NUMBERS, *LAWS))}"
+    if given.prescribed:
+        return "", "it has no motion of its own to prescribe; allowed: prescribed coordinates of joints"
+    return conflict(given)
 
 
 def curve_conflict(curve: Curve, what: str = "deviation") -> tuple[str, str] | None:

@@ -10,12 +10,13 @@ where ``axis_turn`` is the identity unless the description is an URDF, whose joi
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
-from ..names import html_table
+from ..names import NAME_LENGTH, html_table
+from .cuts import CUTS
 from .geometry import IDENTITY, ZERO, Matrix, Vector, rotation_from_rpy, snap
 from .laws import BASIC, BETWEEN_POINTS, NUMBERS, SMALLEST, defaults, given_laws
 
@@ -26,6 +27,7 @@ JOINT_TYPES = ("revolute", "prismatic", "fixed", "free")
 PRINCIPAL = {"revolute": "gamma", "prismatic": "z"}
 MOTOR = "motor"  # the coordinate of a joint's motor, behind the six
 COORDINATE_NUMBERS = tuple(number.key for number in BASIC)  # of any coordinate; each may be a run-time parameter
+CUT_NUMBERS = ("stiffness", "damping")  # those of a cut joint's, which moves no inertia of its own
 INERTIA_KEYS = ("xx", "yy", "zz", "xy", "xz", "yz")
 BASE = "base"
 Curve = tuple[tuple[float, float], ...]  # (deviation, force)
@@ -150,6 +152,11 @@ class Coordinate:
         return replace(self, **fields, friction=Friction(**rubbing) if rubbing else None, further=kept)
 
 
+def _in_order(coordinates: Mapping[str, Coordinate]) -> Mapping[str, Coordinate]:
+    """The six coordinates, as many as there are, in canonical order and frozen."""
+    return MappingProxyType({name: coordinates[name] for name in COORDINATES if name in coordinates})
+
+
 @dataclass(frozen=True)
 class Motor:
     """A motor behind a gear and a spring: one more coordinate of its joint, the rotor's angle, rad at its shaft.
@@ -213,8 +220,7 @@ class Joint:
     motor: Motor | None = None
 
     def __post_init__(self) -> None:
-        ordered = {name: self.coordinates[name] for name in COORDINATES if name in self.coordinates}
-        object.__setattr__(self, "coordinates", MappingProxyType(ordered))
+        object.__setattr__(self, "coordinates", _in_order(self.coordinates))
 
     def __reduce__(self) -> tuple[object, ...]:
         values = (dict(value) if name == "coordinates" else value for name, value in vars(self).items())
@@ -248,12 +254,78 @@ class Frame:
 
 @dataclass(frozen=True)
 class Loop:
-    """A joint that is cut: its type (``cuts.CUTS``) and its frame on each of the two links that it joins."""
+    """A joint that is cut: its type (``cuts.CUTS``) and its frame on each of the two links that it joins.
+
+    Its six coordinates are those of the second frame as seen from the first, T(x, y, z) . Rx(alpha) . Ry(beta) .
+    Rz(gamma).  One with properties in ``coordinates`` (without armature and role) has that force; of the others those
+    that the type leaves free are free, the rest are rigid.  offset: as that of a joint: a rigid coordinate keeps to it,
+    and forces act on what it deviates from it.
+    """
 
     name: str
     links: tuple[str, str]
     type: str
     placements: tuple[Placement, Placement] = (Placement(), Placement())
+    coordinates: Mapping[str, Coordinate] = field(default_factory=dict, hash=False, metadata=LATER)
+    offset: tuple[float | None, ...] = field(default=(None,) * 6, metadata=LATER)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "coordinates", _in_order(self.coordinates))
+
+    def __reduce__(self) -> tuple[object, ...]:
+        values = (dict(value) if name == "coordinates" else value for name, value in vars(self).items())
+        return (Loop, tuple(values))  # a mapping proxy cannot be pickled
+
+    def rigid(self) -> Loop:
+        """The loop with every coordinate that its type blocks rigid."""
+        blocked = [part.name for part in CUTS[self.type]]
+        kept = {name: given for name, given in self.coordinates.items() if name not in blocked}
+        return replace(self, coordinates=kept)
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """Coordinates that move together: value(of) = sum of ratio * value(coordinate) + offset.
+
+    of: the name of a coordinate; to: ratios by the names of others, in the unit of ``of`` per theirs; none where
+    ``of`` keeps to the offset.  law: forces in what value(of) deviates from the right side, in units of ``of``, without
+    armature and role; None where the coupling is rigid.
+    """
+
+    name: str
+    of: str
+    to: Mapping[str, float] = field(hash=False)
+    offset: float | None = None
+    law: Coordinate | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "to", MappingProxyType(dict(self.to)))
+
+    def __reduce__(self) -> tuple[object, ...]:
+        values = (dict(value) if name == "to" else value for name, value in vars(self).items())
+        return (Coupling, tuple(values))  # a mapping proxy cannot be pickled
+
+    def numbers(self) -> dict[str, float | None]:
+        """Numbers by the names of parameters: "ratio.finger1.gamma", "offset", "stiffness"; None where not given."""
+        found: dict[str, float | None] = {f"ratio.{name}": ratio for name, ratio in self.to.items()}
+        found["offset"] = self.offset
+        if self.law is not None:
+            found |= {key: getattr(self.law, key) for key in CUT_NUMBERS} | self.law.law()
+        return found
+
+    def rigid(self, moving: Container[str]) -> Coupling | None:
+        """The coupling without its spring where only some coordinates move and others are 0; None if none is left."""
+        law = None if self.law is not None and self.law.has_stiffness else self.law
+        to = {name: ratio for name, ratio in self.to.items() if name in moving}
+        if self.of in moving:
+            return replace(self, to=to, law=law)
+        lead = next((name for name, ratio in to.items() if ratio != 0.0), None)
+        if lead is None or law is not None:
+            return None
+        ratio = to.pop(lead)
+        offset = None if self.offset is None else -self.offset / ratio
+        solved = {name: -x / ratio for name, x in to.items()}
+        return Coupling(self.name[: NAME_LENGTH - 6] + "_rigid", lead, solved, offset)  # its numbers are others
 
 
 @dataclass(frozen=True)
@@ -293,13 +365,41 @@ class Spring:
         return {key: value for key, value in given.items() if value is not None}
 
 
+def first_contradiction(couplings: Sequence[Coupling]) -> tuple[Coupling, str] | None:
+    """A rigid coupling that says what others say already, and how; None if all of them are independent."""
+    said: dict[str, Coupling] = {}
+    for coupling in couplings:
+        if coupling.law is None:
+            if coupling.of in said:
+                return coupling, f"{coupling.of} follows from the coupling {said[coupling.of].name}"
+            said[coupling.of] = coupling
+    settled: set[str] = set()
+    for start in said:
+        path: dict[str, Iterator[str]] = {start: iter(said[start].to)}  # coordinates that follow from the next one
+        while path:
+            last = next(reversed(path))
+            below = next((name for name in path[last] if name in said and name not in settled), None)
+            if below is None:
+                settled.add(last)
+                del path[last]
+            elif below in path:
+                names = list(path)
+                circle = [said[name].name for name in names[names.index(below) :]]
+                return said[last], f"it goes round in a circle: {' -> '.join([*circle, circle[0]])}"
+            else:
+                path[below] = iter(said[below].to)
+    return None
+
+
 @dataclass(frozen=True)
 class Robot:
     """A validated robot.  Links exclude the base; ``base`` is the base link's name in the description.
 
     joints are in depth-first order; ``loops`` are the joints that close it, cut; ``springs`` act between points of
-    links; ``tunable`` names parameters that stay run-time values; ``notes`` are one-line remarks about the reading (an
-    inertia that was projected, say), for the user to see.
+    links; ``couplings`` join coordinates; ``tunable`` names parameters that stay run-time values; ``notes`` are
+    one-line remarks about the reading (an inertia that was projected, say), for the user to see.
+    driven: names of the coordinates with a drive (of a joint or its motor, which is the same drive); None: the
+    principal ones.  home: where simulations start and closing begins, m or rad by coordinate; 0 where it has none.
     """
 
     name: str
@@ -313,6 +413,16 @@ class Robot:
     notes: tuple[str, ...] = ()
     loops: tuple[Loop, ...] = ()
     springs: tuple[Spring, ...] = ()
+    driven: tuple[str, ...] | None = field(default=None, metadata=LATER)
+    home: Mapping[str, float] = field(default_factory=dict, hash=False, metadata=LATER)
+    couplings: tuple[Coupling, ...] = field(default=(), metadata=LATER)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "home", MappingProxyType(dict(self.home)))
+
+    def __reduce__(self) -> tuple[object, ...]:
+        values = (dict(value) if name == "home" else value for name, value in vars(self).items())
+        return (Robot, tuple(values))  # a mapping proxy cannot be pickled
 
     def _repr_html_(self) -> str:
         """A small table, for notebooks."""
@@ -325,6 +435,7 @@ class Robot:
             "coordinates": sum(len(joint.all_coordinates) for joint in self.joints),
             "loops": len(self.loops),
             "springs between points": len(self.springs),
+            "couplings": len(self.couplings),
             "frames": ", ".join(frame.name for frame in self.frames) or "none",
         }
         return html_table(f"Robot {self.name}", rows)
@@ -340,15 +451,17 @@ class Robot:
     def rigid(self) -> Robot:
         """The same robot with every deviation locked: principal and prescribed coordinates and free joints move.
 
+        Cut joints are rigid in what their types block, couplings with a stiffness where that contradicts no other one.
         Transmissions are rigid: a motor counts as an armature, and the motion of one that is prescribed as its joint's.
         Springs between links that then do not move against each other are left out.
         """
-        joints = [joint.rigid() for joint in self.joints]
+        joints, loops = [joint.rigid() for joint in self.joints], [loop.rigid() for loop in self.loops]
         carrier = {self.base: self.base}
         for joint in joints:
             carrier[joint.child] = joint.child if joint.coordinates else carrier[joint.parent]
         springs = tuple(s for s in self.springs if carrier[s.links[0]] != carrier[s.links[1]])
         active = {f"joints.{j.name}.{c}." for j in joints for c in j.coordinates}
+        active |= {f"loops.{loop.name}.{c}." for loop in loops for c in loop.coordinates}
         active |= {f"springs.{spring.name}." for spring in springs}
         gone = tuple(
             name
@@ -357,7 +470,26 @@ class Robot:
             and not any(name.startswith(prefix) for prefix in active)
         )
         tunable = tuple(name for name in self.tunable if name not in gone)
-        return replace(self, name=self.name[:42] + "_rigid", joints=tuple(joints), tunable=tunable, springs=springs)
+        moving = {f"{joint.name}.{name}" for joint in joints for name in joint.coordinates}
+        drives = {f"{j.name}.{MOTOR}": f"{j.name}.{PRINCIPAL[j.type]}" for j in self.joints if j.motor is not None}
+        driven = None if self.driven is None else dict.fromkeys(drives.get(name, name) for name in self.driven)
+        couplings: tuple[Coupling, ...] = ()
+        for coupling in self.couplings:
+            stiff = coupling.rigid(moving)
+            if stiff is not None:
+                fits = first_contradiction((*couplings, stiff)) is None
+                couplings += (stiff if fits else coupling,)
+        known = {f"couplings.{x.name}.{key}" for x in couplings for key in x.numbers()}
+        tunable = tuple(name for name in tunable if name in known or not name.startswith("couplings."))
+        made = replace(self, name=self.name[:42] + "_rigid", joints=tuple(joints), loops=tuple(loops))
+        return replace(
+            made,
+            tunable=tunable,
+            springs=springs,
+            driven=None if driven is None else tuple(name for name in driven if name in moving),
+            home={name: value for name, value in self.home.items() if name in moving},
+            couplings=couplings,
+        )
 
     def with_coordinates(self, coordinates: Mapping[str, Mapping[str, Coordinate]]) -> Robot:
         """The same robot with these coordinates (by joint, then by name) added to the active ones."""

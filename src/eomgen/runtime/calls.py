@@ -15,6 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ArrayError, SingularError
 from .arrays import Arrays, Lead, is_finite, joint_lead, place_of, rows_of
+from .direct import WRENCHED
+from .opened import open_loop
 from .parameters import Parameters
 from .pieces import shared, states_at_once
 from .raw import RawFunction, RawKernel
@@ -74,19 +76,16 @@ class Calls:
         out: Array | None,
         values: Sequence[ArrayLike],
         wrench: ArrayLike | None,
-        sign: float,
-        part: str = "external_force",
     ) -> Array:
-        """A function's result plus what wrenches add to it, times a sign.
+        """A function's result with what wrenches add to it, as ``WRENCHED`` says.
 
         Args:
             name, out, values: as of ``run``.
             wrench: external wrenches, (..., links, 6), or None.
-            sign: 1 or -1.
-            part: the function of q and the wrenches that is added; it writes an array of the same shape.
         """
         if wrench is None:
             return self.run(name, out, values)
+        part, sign, _ = WRENCHED[name]
         external = self.run(part, None, (values[0], wrench))
         single = self.raw.shapes[self.raw.functions[part].writes]
         result = self.run(name, out, values, lead=external.shape[: external.ndim - len(single)])
@@ -143,11 +142,13 @@ class Calls:
         if failed >= 0:
             for label, array in zip(function.reads, arrays, strict=True):  # NaN has no pivot, either
                 self.refuse_not_finite(label, array, raw.shapes[label])
-            state, coordinate = divmod(failed, self.n)
+            state, reason = divmod(failed, raw.statuses)
             q, place = arrays[function.reads.index("q")], ""
             if lead:
                 q, place = rows_of(q, (self.n,), lead), place_of([int(i) for i in np.unravel_index(state, lead)])
-            raise self.singular(name, coordinate, place, q[state] if q.ndim == 2 else q)
+            if reason >= self.n:
+                raise open_loop(raw, name, reason - self.n, place, self._gap(reason - self.n, function, arrays, state))
+            raise self.singular(name, reason, place, q[state] if q.ndim == 2 else q)
         if checks and not is_finite(result):
             raise self._overflow(name, result, function.reads, arrays)
         return result
@@ -196,7 +197,7 @@ class Calls:
             result: what it writes.
 
         Returns:
-            -1, or state * n + i where the mass matrix cannot be inverted at coordinate i.
+            -1, or state * ``raw.statuses`` + i of the first failure.
         """
         setup, view = self.parameters.setup, self.raw.view  # which may be replaced by another one meanwhile
         code = function.code if count is None else function.batch
@@ -212,9 +213,26 @@ class Calls:
                 for array, step in zip(arrays, steps, strict=True):
                     arguments += [view(array[begin:last] if step else array), step]
                 failed = code(last - begin, pointer, *arguments, *extra, view(result[begin:last]))
-                yield int(failed) + begin * self.n if failed >= 0 else -1
+                yield int(failed) + begin * self.raw.statuses if failed >= 0 else -1
 
         return shared(work, count, min(self.threads, count // SHARE))
+
+    def _gap(self, row: int, function: RawFunction, arrays: Sequence[Array], state: int) -> float:
+        """The gap that made a function fail, or its rate where ``row`` is beyond the constraints; NaN if unknown.
+
+        Args:
+            row: of the reasons behind those of the coordinates.
+            function, arrays: of the call.
+            state: the first that failed, of the broadcast ones.
+        """
+        given = dict(zip(function.reads, arrays, strict=True))
+        m = (self.raw.statuses - self.n) // 2
+        wanted = "constraint" if row < m else "constraint_jacobian"
+        if wanted not in self.raw.functions:
+            return math.nan
+        q, v = (x.reshape(-1, self.n)[state if x.size > self.n else 0] for x in (given["q"], given["v"]))
+        found = self.run(wanted, None, (q,))
+        return abs(float(found[row] if row < m else (found @ v)[row - m]))
 
     def array(self, label: str, value: ArrayLike, shape: tuple[int, ...]) -> tuple[Array, Lead]:
         """A value as a C-contiguous array of the kernel's dtype, and the axes in front of a state's.

@@ -199,7 +199,7 @@ class Kernel:
                 for name, method in vars(Kernel).items()
                 if isinstance(method, FunctionType) and getattr(type(self), name) is method  # not one of a subclass
             }
-            found = functions(module, self.raw, methods, self.frames, bool(self.loops))
+            found = functions(module, self.raw, methods, self.frames, bool(self.constraints), self._given)
             self._functions = (module, found)
         plain = self._with_methods_in_python()
         state = self.parameters.state
@@ -312,7 +312,7 @@ class Kernel:
             wrench: (links, 6), per link force (N) then moment (N m) about its centre of mass, base axes.
             out: array to write to.
         """
-        return self.calls.run_with_wrench("generalized_force", out, (q, v), wrench, 1.0)
+        return self.calls.run_with_wrench("generalized_force", out, (q, v), wrench)
 
     def residual(
         self,
@@ -325,7 +325,7 @@ class Kernel:
         out: Array | None = None,
     ) -> Array:
         """M a + bias - generalized_force - u, (n,), N or N m; zero on a motion."""
-        return self.calls.run_with_wrench("residual", out, (q, v, a, u), wrench, -1.0)
+        return self.calls.run_with_wrench("residual", out, (q, v, a, u), wrench)
 
     def inverse_dynamics(
         self,
@@ -337,7 +337,7 @@ class Kernel:
         out: Array | None = None,
     ) -> Array:
         """The drives u, (n,), N or N m, that make the residual zero."""
-        return self.calls.run_with_wrench("inverse_dynamics", out, (q, v, a), wrench, -1.0)
+        return self.calls.run_with_wrench("inverse_dynamics", out, (q, v, a), wrench)
 
     def forward_dynamics(
         self,
@@ -358,20 +358,48 @@ class Kernel:
             q, v, u: (n,).
             wrench: (links, 6) as in ``generalized_force``.
             out: array to write to.
-            cut: of a robot with loops, that its loops are meant to be open.
+            cut: of a robot with loops, that its loops are open: of the tree alone.
 
         Raises:
             SingularError: M cannot be inverted in this state.
-            InputError: the robot has loops, and they are not to be open: see ``eomgen.loops``.
+            LoopError: a loop is open, or opening, by more than 1e-9 (float32: 1e-5) m or rad (per second and the
+                largest rate).
         """
-        self.refuse_loops("forward_dynamics", cut=cut)
         if wrench is not None:
-            drives, lead = self.calls.array("u", u, self.raw.shapes["u"])
-            external = self.external_force(q, wrench)
-            joint_lead("u", lead, external.shape[:-1])
-            external[..., self._given] = 0  # where u is an acceleration
-            u = drives + external
-        return self.calls.run("forward_dynamics", out, (q, v, u))
+            u = self._with_wrench(q, u, wrench)
+        return self.calls.run(
+            "tree_forward_dynamics" if cut and self.constraints else "forward_dynamics", out, (q, v, u)
+        )
+
+    def constraint_forces(
+        self, q: ArrayLike, v: ArrayLike, u: ArrayLike, *, wrench: ArrayLike | None = None, out: Array | None = None
+    ) -> Array:
+        """Multipliers lambda of the constraint, (constraints,), N or N m: M a + h = u + J^T lambda.
+
+        They are the forces that the loops' cut joints exert on their second links.  Where constraints are redundant,
+        those of them that rigid bodies do not determine have the least norm, weighted by the diagonal of J M^-1 J^T.
+
+        Args:
+            q, v, u: (n,), as in ``forward_dynamics``.
+            wrench: (links, 6) as in ``generalized_force``.
+            out: array to write to.
+
+        Raises:
+            SingularError, LoopError: as of ``forward_dynamics``.
+            UnknownNameError: the robot has no loops.
+        """
+        if wrench is not None:
+            u = self._with_wrench(q, u, wrench)
+        return self.calls.run("constraint_forces", out, (q, v, u))
+
+    def _with_wrench(self, q: ArrayLike, u: ArrayLike, wrench: ArrayLike) -> Array:
+        """Drives with the generalized forces of wrenches; of a prescribed coordinate its acceleration."""
+        drives, lead = self.calls.array("u", u, self.raw.shapes["u"])
+        external = self.external_force(q, wrench)
+        joint_lead("u", lead, external.shape[:-1])
+        external[..., self._given] = 0  # where u is an acceleration
+        found: Array = drives + external
+        return found
 
     def residual_jacobian(
         self, q: ArrayLike, v: ArrayLike, a: ArrayLike, u: ArrayLike | None = None, *, out: Array | None = None
@@ -485,7 +513,7 @@ class Kernel:
             InputError: the robot has loops, and forces pass through them.
         """
         self.refuse_loops("reactions", cut=cut)
-        return self.calls.run_with_wrench("reactions", out, (q, v, a), wrench, 1.0, "external_reactions")
+        return self.calls.run_with_wrench("reactions", out, (q, v, a), wrench)
 
     def tangent(self, name: str, *arrays: ArrayLike, out: Array | None = None) -> Array:
         """The exact directional derivative of another kernel's result, by rates of what that kernel reads.
@@ -570,6 +598,8 @@ class Kernel:
     ) -> tuple[Array, Array]:
         """Integrate with fixed steps in C, one state or many at a time; no external wrenches.
 
+        Loops are closed after every step, to the nearest state in the metric of the kinetic energy that is closed to
+        1e-10 m or rad; where they are open at the beginning, the first step closes them.
         "rk4" is the classical Runge-Kutta method: fourth order, stable while dt is below about 2.8 over the fastest
         eigenfrequency.  "implicit" takes springs, dampers and the controller at the end of a step: first order, and
         stable whatever their stiffness; theory section "Stiff joints without small steps".  Springs between points are
@@ -595,9 +625,8 @@ class Kernel:
             SingularError: M cannot be inverted in a state that is reached.
             IntegrationStopped: a state is not finite any more, or its accelerations, whatever ``checks`` says; it names
                 the coordinate and the step, and keeps what was stored.
-            InputError: another argument is wrong, or the robot has loops (``eomgen.loops`` integrates them).
+            InputError: another argument is wrong.
         """
-        self.refuse_loops("rollout")
         return rollout(
             self.calls, self._driven, q0, v0, u, dt, steps, method=method, every=every, kp=kp, kd=kd, target=target
         )

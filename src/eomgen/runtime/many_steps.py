@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import ArrayError, InputError, IntegrationStopped
 from ..names import show
 from .calls import Calls
+from .opened import stays_open
 from .pieces import OPERATIONS, ROUND, shared
 from .raw import RawFunction
 
@@ -72,23 +73,27 @@ def rollout(
         return result
     trouble = _not_finite(calls, starts, drives)
     if code >= 0:
-        state, step = divmod(code // calls.n, steps)
+        reason = code % calls.raw.statuses
+        state, step = divmod(code // calls.raw.statuses, steps)
         place = f" in step {step}" + ("" if count is None else f" of state {state}")
         alone = [(_row(x, apart, state), 0) for x, apart in starts]
         drives = [(_row(x, apart, state), 0, n) for x, apart, n in drives]
+        if reason >= calls.n:
+            what = f"{stays_open(calls.raw, reason - calls.n)}{place};{ADVICE}"
+            raise _stopped(calls, result, state, every * dt, 0, what, trouble)
         one = None if count is None else 1  # by the same code
         if trouble is None and not _begins_well(calls, alone, drives, gains, dt, step, METHODS[method], one):
-            raise calls.singular("rollout", code % calls.n, place, None if step else alone[0][0])
-        reason = f"no acceleration{place}, though there is one where it begins;{ADVICE}"
-        raise _stopped(calls, result, state, every * dt, code % calls.n, reason, trouble)
+            raise calls.singular("rollout", reason, place, None if step else alone[0][0])
+        what = f"no acceleration{place}, though there is one where it begins;{ADVICE}"
+        raise _stopped(calls, result, state, every * dt, reason, what, trouble)
     ok = np.isfinite(np.concatenate(result, axis=-1)).all(axis=-1).reshape(-1, steps // every + 1)
     row = int(np.where(ok.all(axis=1), ok.shape[1], ok.argmin(axis=1)).min())  # where the first one ends
     state = int((~ok[:, row]).argmax())
     bad = [~np.isfinite(array.reshape(*ok.shape, calls.n)[state, row]) for array in result]
     i = int((bad[0] | bad[1]).argmax())
     place = "" if count is None else f" of state {state}"
-    reason = f"{calls.coordinates[i]} is not finite after step {row * every}{place};{ADVICE}"
-    raise _stopped(calls, result, state, every * dt, i, reason, trouble)
+    what = f"{calls.coordinates[i]} is not finite after step {row * every}{place};{ADVICE}"
+    raise _stopped(calls, result, state, every * dt, i, what, trouble)
 
 
 def _not_finite(
@@ -256,7 +261,7 @@ def _call(
     count: int | None,
     result: tuple[Array, Array],
 ) -> int:
-    """Call the C for a state, or for many in threads; -1, or (state * steps + step) * n + i of a failure.
+    """Call the C for a state, or for many in threads; -1, or (state * steps + step) * statuses + i of a failure.
 
     Args:
         starts: q and v, and how far apart two states lie.
@@ -349,7 +354,7 @@ class _Run:
             at: q and v where it begins, (n,) or (states, n).
             ends: where q and v are stored, (states, rows, n).
         """
-        view, n = self.calls.raw.view, self.calls.n
+        view, n, statuses = self.calls.raw.view, self.calls.n, self.calls.raw.statuses
         (first, last), (begin, end) = states, span
         dt, steps, _, method = self.how
         fields: dict[str, Any] = {}
@@ -367,8 +372,8 @@ class _Run:
             failed = int(self.function.batch(last - first, pointer, *q_and_v, drive, *how, *outs))
         if failed < 0:
             return -1
-        state, rest = divmod(failed, (end - begin) * n)
-        return ((first + state) * steps + begin) * n + rest
+        state, rest = divmod(failed, (end - begin) * statuses)
+        return ((first + state) * steps + begin) * statuses + rest
 
 
 def _spans(steps: int, every: int, most: int) -> Iterator[tuple[int, int]]:

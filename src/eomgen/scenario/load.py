@@ -21,16 +21,10 @@ from ..robot.coordinates import FORCES
 from ..robot.geometry import ZERO
 from ..robot.inertia_policy import lowest_moments
 from ..robot.value import INERTIA_KEYS, Link
+from .builtin import BUILTIN, builtin_scenarios
 from .keys import SCENARIO
 from .tables import CONTROL_READERS, MOTION_READERS, read_sampled, time_table
 from .value import Initial, Integrator, Payload, Scenario, Section, Wrench
-
-_BUILTIN = Path(__file__).parents[1] / "scenarios"
-
-
-def builtin_scenarios() -> tuple[str, ...]:
-    """Names of the built-in scenarios, sorted."""
-    return tuple(sorted(path.stem for path in _BUILTIN.glob("*.toml")))
 
 
 def load_scenario(source: str | Path) -> Scenario:
@@ -47,7 +41,7 @@ def load_scenario(source: str | Path) -> Scenario:
 def read_scenario(source: str | Path) -> tuple[str, str, Path]:
     """The text of a scenario, what messages call it, and the folder of the files that it names; errors as above."""
     if isinstance(source, str) and source in builtin_scenarios():
-        return read_text(_BUILTIN / f"{source}.toml", source), source, _BUILTIN
+        return read_text(BUILTIN / f"{source}.toml", source), source, BUILTIN
     path = Path(source)
     if path.suffix != ".toml":
         known = builtin_scenarios()

@@ -14,11 +14,12 @@ from ..integration.solve import EXPLICIT, method_of
 from ..motion.point_to_point import Program
 from ..motion.splines import Standstill
 from ..motion.timetable import TimeTable
-from ..names import joint_of, nearest, show, split_component
+from ..names import joint_of, listed, nearest, show, split_component
 from ..pipeline.ahead import Ahead
 from ..pipeline.stages import build, build_groups
 from ..progress import Progress
 from ..robot.coordinates import coordinate_names, index_of
+from ..robot.mechanism import drive_of
 from ..robot.model import build_model, program_coordinates
 from ..robot.value import PRINCIPAL, Robot
 from ..runtime.kernel import Kernel
@@ -82,6 +83,8 @@ def assemble(
             f"{robot.name}: no joint has a principal coordinate, so there is nothing to drive; "
             "eomgen.integration.integrate integrates free motions"
         )
+    if control.type in ("pd", "computed_torque"):
+        _refuse_undriven(robot, driven)
     if scenario.motion is not None and control.type in ("none", "torque"):
         scenario.fail(
             "motion", f"nothing follows it under control.type = {control.type!r}; allowed: pd, computed_torque"
@@ -98,7 +101,7 @@ def assemble(
             return kernel
         return build(robot.rigid(), kernels=RIGID_KERNELS, progress=lambda text: report(0.0, f"rigid model: {text}"))
 
-    start = dict(given)
+    start = {**robot.home, **given}
     if prescribed is not None:
         start |= dict(zip(names, prescribed(0.0)[0].tolist(), strict=True))
     program: Program | None = None
@@ -107,7 +110,7 @@ def assemble(
     elif scenario.motion is not None:
         program = make_program(scenario, robot, driven, rigid, tool, start)
     elif control.type in ("pd", "computed_torque"):
-        program = Standstill(np.array([given.get(name, 0.0) for name in driven]))
+        program = Standstill(np.array([start.get(name, 0.0) for name in driven]))
     drive = _drive(robot, scenario, control, kernel, driven, program, rigid, prescribed)
     wrenches = Wrenches(scenario, robot, kernel) if scenario.wrenches else None
     return Assembly(kernel, driven, given, program, drive, wrenches, prescribed)
@@ -129,6 +132,19 @@ def _begin(ahead: Ahead, kernel: Kernel, kernels: tuple[str, ...]) -> None:
         kernel.raw.libraries.about("residual_jacobian")  # which derives it
         ahead.build(kernel, "residual_jacobian")
     ahead.build(kernel, "inverse_dynamics", batch=True)
+
+
+def _refuse_undriven(robot: Robot, moved: tuple[str, ...]) -> None:
+    """InputError if a program moves coordinates of a tree that its description gives no drive."""
+    if robot.driven is None or robot.loops or robot.couplings:
+        return
+    drives = {drive_of(robot, name) for name in robot.driven}
+    without = [name for name in moved if drive_of(robot, name) not in drives]
+    if without:
+        raise InputError(
+            f"{robot.name}: nothing drives {listed(without)}, which a controlled motion moves; allowed: a robot whose"
+            " 'driven' names them, or control.type 'none' or 'torque'"
+        )
 
 
 def kernels_of(robot: Robot, scenario: Scenario) -> tuple[str, ...]:

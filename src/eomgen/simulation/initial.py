@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 def initial_state(robot: Robot, scenario: Scenario, assembly: Assembly) -> tuple[Array, Array, tuple[str, ...]]:
     """q and v at t = 0, and the names of the coordinates that nothing holds."""
     initial, kernel = scenario.initial, assembly.kernel
-    q, v = np.zeros(kernel.n), np.zeros(kernel.n)
+    q, v = np.array([robot.home.get(name, 0.0) for name in kernel.coordinates]), np.zeros(kernel.n)
     driven = index_of(kernel.coordinates, assembly.driven)
     if assembly.program is not None:
         q[driven], v[driven] = (x for x in assembly.program.at(0.0)[:2])
@@ -31,7 +31,7 @@ def initial_state(robot: Robot, scenario: Scenario, assembly: Assembly) -> tuple
     rates = by_coordinate(robot, scenario, "v", initial.v if initial else {})
     for name, value in rates.items():
         v[kernel.coordinates.index(name)] = value
-    for x, said in ((q, assembly.given), (v, rates)):
+    for x, said in ((q, {*assembly.given, *_motors_at_home(robot, assembly)}), (v, rates)):
         turn_motors(kernel, x, said)
     if assembly.prescribed is not None:
         given = index_of(kernel.coordinates, kernel.prescribed)
@@ -51,6 +51,15 @@ def initial_state(robot: Robot, scenario: Scenario, assembly: Assembly) -> tuple
         v,
         _loose(assembly),
     )
+
+
+def _motors_at_home(robot: Robot, assembly: Assembly) -> set[str]:
+    """Motors whose angles are those of the description's home, since nothing puts their joints elsewhere."""
+    if assembly.program is not None:
+        return set()
+    return {
+        motor for motor, joint in assembly.kernel.motors.items() if motor in robot.home and joint not in assembly.given
+    }
 
 
 def _loose(assembly: Assembly) -> tuple[str, ...]:

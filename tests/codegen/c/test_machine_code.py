@@ -23,7 +23,7 @@ from eomgen.codegen.c.source import Source
 from eomgen.codegen.c.sources import render
 from eomgen.codegen.kernels.equations import derive_equations
 from eomgen.codegen.package.compile import FLAGS
-from eomgen.description.load import builtin_robots
+from eomgen.description.builtin import builtin_robots
 from eomgen.pipeline.stages import Options, generate
 from eomgen.robot.model import build_model
 from eomgen.robot.value import PRINCIPAL, Robot

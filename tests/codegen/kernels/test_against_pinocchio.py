@@ -41,7 +41,7 @@ EXAMPLES = {path.stem: path for path in example_urdfs()}
 def load(path: Path) -> Robot:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", EomgenWarning)
-        return eomgen.load_robot(path, inertia="warn")
+        return eomgen.load_robot(path, inertia="warn", urdf_mimic=False)
 
 
 def random_states(robot: Robot, seed: int, count: int = STATES) -> tuple[Array, Array, Array, Array]:

@@ -12,7 +12,7 @@ import pytest
 import eomgen
 from eomgen.codegen.kernels.derivation import Derivation
 from eomgen.codegen.kernels.equations import derive, derive_equations
-from eomgen.codegen.kernels.signatures import LOOP_KERNELS
+from eomgen.codegen.kernels.signatures import CLOSURE_KERNELS, LOOP_KERNELS
 from eomgen.codegen.program.ir import Program, evaluate
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import DescriptionError, InputError, LoopError
@@ -168,7 +168,7 @@ def test_what_moves_both_sides_is_not_in_the_constraint() -> None:
     robot = random_robot(5, joints=(4, 4), rigid=True, types=("revolute",))
     loop = Loop("loop", ("link2", "link4"), "revolute", (Placement(), Placement((0.1, 0.2, 0.3), IDENTITY)))
     model = build_model(replace(robot, loops=(loop,)))
-    read = {i.leaf for kernel in LOOP_KERNELS for i in derive(model, kernel).instructions if i.op == "input"}
+    read = {i.leaf for kernel in CLOSURE_KERNELS for i in derive(model, kernel).instructions if i.op == "input"}
     assert {index for array, index in read if array in "qv"} == {2, 3}
 
 
@@ -178,9 +178,16 @@ def test_loops_do_not_change_the_tree(built: Build) -> None:
     with_loops = with_random_loops(robot, 9, TYPES)
     one, other = (derive_equations(build_model(r)) for r in (robot, with_loops))
     assert not set(one.programs) & set(LOOP_KERNELS)
-    assert set(other.programs) - set(one.programs) == set(LOOP_KERNELS)
-    assert {name: (p.instructions, p.outputs) for name, p in one.programs.items()} == {
-        name: (p.instructions, p.outputs) for name, p in other.programs.items() if name in one.programs
+    assert set(other.programs) - set(one.programs) == set(LOOP_KERNELS) - {"constraint_forces"}
+    assert set(one.programs) - set(other.programs) == {"forward_dynamics"}
+    tree = other.programs["tree_forward_dynamics"]
+    assert (tree.instructions, tree.outputs) == (
+        one.programs["forward_dynamics"].instructions,
+        one.programs["forward_dynamics"].outputs,
+    )
+    same = (set(one.programs) & set(other.programs)) - {"implicit_step"}  # a step closes the loops
+    assert {name: (one.programs[name].instructions, one.programs[name].outputs) for name in same} == {
+        name: (other.programs[name].instructions, other.programs[name].outputs) for name in same
     }
     assert built(robot, "mass_matrix").constraints == ()
 
@@ -225,7 +232,9 @@ def test_refusals(built: Build) -> None:
     ):
         with pytest.raises(DescriptionError, match=rf"loops\.joint4\.{said}"):  # made by hand, not read
             build_model(replace(robot, loops=(replace(robot.loops[0], **change),)))
-    with pytest.raises(InputError, match=r"'constraint' is for robots with \[\[loops\]\], and ur5 has none"):
+    with pytest.raises(
+        InputError, match=r"'constraint' is for robots with rigid \[\[loops\]\] or \[\[couplings\]\], and ur5 has none"
+    ):
         eomgen.build(eomgen.load_robot("ur5"), kernels=("constraint",))
 
 
@@ -243,16 +252,16 @@ def test_dynamics_of_the_open_tree_are_not_taken_for_those_of_the_robot(built: B
     expected = oracle.reactions(s.q, s.v, s.a)
     assert np.abs(kernel.reactions(s.q, s.v, s.a, cut=True) - expected).max() <= 1e-11 * np.abs(expected).max()
     refused = [
-        lambda: kernel.forward_dynamics(s.q, s.v, s.u),
         lambda: kernel.forward_dynamics_jacobian(s.q, s.v, s.u),
         lambda: kernel.reactions(s.q, s.v, s.a),
-        lambda: kernel.rollout(s.q, s.v, s.u, 1e-3, 2),
         lambda: static_equilibrium(kernel, s.q),
         lambda: simulate(robot),
     ]
     for call in refused:
         with pytest.raises(InputError, match=rf"{robot.name} has loops \(loop1\).*eomgen\.(loops|integration)"):
             call()
+    with pytest.raises(LoopError, match=r"loop1 is open: .*kernel\.close, or cut=True"):
+        kernel.forward_dynamics(s.q, s.v, s.u)
     with pytest.raises(LoopError, match="loop1 is open"):
         integrate(kernel, s.q, s.v, 0.1)
     with pytest.raises(InputError, match="has loops, which 'Radau' does not keep closed; allowed: rk4"):

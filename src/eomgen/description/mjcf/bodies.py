@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eomgen.limits import LARGEST
-from eomgen.names import NAME_LENGTH, listed, nearest, show, to_identifier, unique_identifiers
+from eomgen.names import NAME_LENGTH, component_name, joint_of, listed, nearest, show, to_identifier, unique_identifiers
 from eomgen.robot.geometry import ZERO
 from eomgen.robot.value import COORDINATES, PRINCIPAL, Frame, Joint, Link
 
@@ -58,24 +58,32 @@ class Names:
 
 @dataclass(frozen=True)
 class Place:
-    """A body: its link, the last link before it that moves by itself, and where it is while joint springs rest."""
+    """A body: its link, the last link before it that moves by itself, and where it is while joint springs rest.
+
+    reference: where it is in the reference position.
+    """
 
     link: str
     carrier: str
     world: Pose
+    reference: Pose
 
 
 @dataclass(frozen=True)
 class Site:
-    """A point of a link (m, its frame), with the body that it is on."""
+    """A point of a link (m) with axes (columns), in its frame, and the body that it is on."""
 
     body: Place
     xyz: Array
+    rotation: Array
 
 
 @dataclass
 class Bodies:
-    """Reads bodies into the draft.  ``sites`` are those with names, by these."""
+    """Reads bodies into the draft.  ``sites`` are those with names, by these, and ``places`` such bodies.
+
+    coordinates: what the file's hinges and slides became, by their names, and its value in the reference position.
+    """
 
     reading: Reading
     defaults: Defaults
@@ -83,6 +91,8 @@ class Bodies:
     flags: Mapping[str, bool]
     written: dict[str, Element]
     sites: dict[str, Site] = field(default_factory=dict)
+    places: dict[str, Place] = field(default_factory=dict)
+    coordinates: dict[str, tuple[str, float]] = field(default_factory=dict)
     notes: dict[str, list[str]] = field(default_factory=dict)
 
     def note(self, text: str, name: str) -> None:
@@ -93,7 +103,7 @@ class Bodies:
         """Read all bodies, depth first as MuJoCo orders them."""
         trees = list(root.iterfind("worldbody"))
         self._name(trees)
-        world = Place(self.reading.draft.base, self.reading.draft.base, HERE)
+        world = self.places["world"] = Place(self.reading.draft.base, self.reading.draft.base, HERE, HERE)
         self.joint_reader = JointReader(self.reading, self.defaults, self.flags, self.note)
         stack: list[tuple[Element, Pose, str | None, Place]] = []
         for tree in reversed(trees):
@@ -176,7 +186,7 @@ class Bodies:
         if made != name:
             self.note("sites that are called otherwise here", f"{name} -> {made}")
         self.reading.draft.frames[made] = Frame(made, body.link, pose.placement())
-        self.sites[name] = Site(body, pose.xyz)
+        self.sites[name] = Site(body, pose.xyz, pose.rotation)
 
     def _body(
         self, element: Element, frame: Pose, childclass: str | None, parent: Place
@@ -206,7 +216,9 @@ class Bodies:
         world = parent.world @ place
         for joint in joints:
             world = world @ joint.at_rest
-        body = Place(link, link if joints else parent.carrier, world)
+        body = Place(link, link if joints else parent.carrier, world, parent.reference @ place)
+        if text:
+            self.places[text] = body
         self._joints(element, joints, place, parent.link, link)
         self.reading.draft.links[link] = self._link(link, inside, where, moves)
         return self._fill(element, body, childclass, where)
@@ -221,6 +233,9 @@ class Bodies:
             child = link if group is found[-1] and not anchor.any() else self.links.fresh(f"{link}_{name}")
             at = Pose(before.rotation, before.point(anchor))
             self._add(element, _joint(name, parent, child, group, at))
+            for coordinate, moving in group.by_coordinate.items():
+                if moving.name and moving.kind in ("hinge", "slide"):
+                    self.coordinates[moving.name] = component_name(name, coordinate), -(moving.offset or 0.0)
             if child != link:
                 self.reading.draft.links[child] = Link(child, 0.0, ZERO, (0.0,) * 6)
             parent, before = child, Pose(HERE.rotation, -anchor)
@@ -231,6 +246,15 @@ class Bodies:
     def _add(self, element: Element, joint: Joint) -> None:
         self.written[f"joints.{joint.name}"] = element
         self.reading.draft.joints[joint.name] = joint
+
+    def start(self) -> dict[str, float]:
+        """Coordinates of the reference position that are not 0, but where limits leave them out."""
+        found = {}
+        for name, value in self.coordinates.values():
+            low, high = self.reading.draft.joints[joint_of(name)].limits or (value, value)
+            if value != 0.0 and low <= value <= high:
+                found[name] = value
+        return found
 
     def _joint_name(self, group: Group, link: str) -> str:
         if group.stem:

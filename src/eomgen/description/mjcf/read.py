@@ -21,6 +21,7 @@ from ..draft import Draft
 from ..xml_text import parse_xml
 from .bodies import read_bodies
 from .defaults import Defaults
+from .equalities import read_equalities
 from .geoms import Rules
 from .tendons import read_tendons
 from .values import Item, Reading, triple
@@ -96,6 +97,7 @@ def _read(root: Element, reading: Reading, written: dict[str, Element]) -> None:
     defaults = Defaults(reading, root)
     bodies = read_bodies(root, reading, defaults, rules, flags, written)
     read_tendons(root, reading, defaults, bodies, flags)
+    read_equalities(root, reading, defaults, bodies, written)
     _remarks(root, reading)
 
 
@@ -169,14 +171,6 @@ def _option(root: Element, reading: Reading) -> dict[str, bool]:
 
 def _refuse(root: Element, reading: Reading) -> None:
     """Refuse what acts on the motion outside of bodies and is not supported."""
-    for part in root.iterfind("equality"):
-        for element in part:
-            item = Item(reading, element, f"equality {show(element.get('name') or element.tag)}")
-            if item.flag("active", True):
-                item.fail(
-                    f"<{show(element.tag)[1:-1]}> constrains the motion softly, which has no equal here; allowed: "
-                    "without it, or with active='false' (TOML has [[loops]])"
-                )
     for part in root.iterfind("deformable"):
         for element in part:
             if element.tag not in _NO_EFFECT:

@@ -202,7 +202,12 @@ class Item:
         length = math.hypot(*quat)
         if length < _SMALL:
             self.fail(f"quat is {show(self.values['quat'])}; allowed: four numbers w x y z that are not all 0")
-        w, x, y, z = quat / length
+        return self.turned(quat / length)
+
+    @staticmethod
+    def turned(quat: Array) -> Array:
+        """The rotation of a quaternion w, x, y, z that is not 0, (3, 3)."""
+        w, x, y, z = quat / math.hypot(*quat)
         return np.array(
             [
                 [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],

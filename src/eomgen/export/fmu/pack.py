@@ -29,12 +29,11 @@ from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
 
 from ..step import default_step
+from .choices import METHODS, VERSIONS
 
 if TYPE_CHECKING:
     from .variables import Layout
 
-VERSIONS = (2, 3)
-METHODS = ("rk4", "implicit")
 TANGENTS = ("external_force_tangent", "energy_tangent", "reactions_tangent", "external_reactions_tangent")
 KERNELS = (
     *("forward_dynamics", "forward_dynamics_jacobian", "external_force", "kinematics", "energy", "reactions"),

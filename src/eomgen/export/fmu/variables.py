@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from eomgen.names import parameter_path
+from eomgen.names import parameter_name, parameter_path
 from eomgen.robot.coordinates import FORCES, force_unit_of, unit_of
 from eomgen.robot.laws import BASIC, NUMBERS, least_of, number_of
 from eomgen.robot.model import FIXED_BODY, Model
@@ -42,7 +42,7 @@ UNITS: Mapping[str, Mapping[str, int]] = {
     name: exponents(name)
     for name in (
         *("1", "s", "m", "rad", "m/s", "rad/s", "m/s2", "rad/s2", "kg", "kg.m2", "N", "N.m", "J", "N/m", "N.m/rad"),
-        *("N.s/m", "N.m.s/rad", "N/m3", "N.m/rad3", "s/m", "s/rad", "rad/m", *_OF_LAWS),
+        *("N.s/m", "N.m.s/rad", "N/m3", "N.m/rad3", "s/m", "s/rad", "rad/m", "m/rad", *_OF_LAWS),
     )
 }
 STEP = "solver.step"
@@ -182,6 +182,16 @@ def _energies(states: tuple[int, ...]) -> Iterator[Variable]:
     yield Variable("energy.potential", "output", "J", "Energy of gravity and springs", depends=half)
 
 
+def _coupling_unit(robot: Robot, parts: tuple[str, ...]) -> str:
+    """Unit of a number of a coupling: of a ratio that of its coordinate per the other one's."""
+    (coupling,) = (x for x in robot.couplings if x.name == parts[1])
+    unit, number = unit_of(coupling.of), number_of(parameter_name(*parts))
+    if parts[2] == "ratio":
+        other = unit_of(parameter_name(*parts[3:]))
+        return "1" if unit == other else f"{unit}/{other}"
+    return unit if number is None else unit_name(number.unit[0 if unit == "m" else 1])
+
+
 def parameter_unit(robot: Robot, name: str) -> str:
     """A name of UNITS: that of a run-time parameter."""
     parts = parameter_path(name)
@@ -192,11 +202,14 @@ def parameter_unit(robot: Robot, name: str) -> str:
     number = number_of(name)
     if parts[0] == "springs":
         return "m" if number is None else unit_name(number.unit[0])
-    if parts[2] == "placement":
-        return "m" if parts[3] == "xyz" else "rad"
+    if parts[0] == "couplings":
+        return _coupling_unit(robot, parts)
+    if parts[2] in ("placement", "placements"):
+        return "m" if "xyz" in parts[3:5] else "rad"
     if parts[2] == "offset":
         return "m" if parts[3] in LINEAR else "rad"
-    linear = PRINCIPAL[robot.joint(parts[1]).type] in LINEAR if parts[2] == MOTOR else parts[2] in LINEAR
+    of_motor = parts[0] == "joints" and parts[2] == MOTOR
+    linear = PRINCIPAL[robot.joint(parts[1]).type] in LINEAR if of_motor else parts[2] in LINEAR
     if number is None:  # of a motor
         return {"inertia": "kg.m2", "ratio": "rad/m" if linear else "1"}[parts[3]]
     at_shaft = parts[2] == MOTOR and parts[3] == "friction"

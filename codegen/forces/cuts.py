@@ -1,0 +1,113 @@
+"""Forces in the six coordinates of cut joints, and of elastic couplings.
+
+Frame b on a loop's second link, seen from frame a on its first, is T(x, y, z) . Rx(alpha) . Ry(beta) . Rz(gamma),
+eq. (3).  A coordinate e with a force keeps to its offset: s = e - offset is resisted like the deviation of any joint's
+coordinate, along the row de/dq.  With R the rotation of b as seen from a,
+
+    beta = atan2(R02, c),    alpha = atan2(-R12, R22),    gamma = atan2(-R01, R00),    c = cos(beta) = |(R12, R22)|,
+
+and the rates of the angles are the relative angular velocity along the dual vectors of their axes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from eomgen.robot.value import ANGULAR, COORDINATES, LINEAR
+
+from ..tree.bound import Bound, BoundLaw
+from ..tree.constraints import Closure, Direction
+from ..tree.recursion import ZERO, Wrench
+from ..tree.spatial import Scalar, Vec, add, dot, is_zero, scale
+from .laws import Effect, effect
+from .scalar_functions import Functions
+
+
+@dataclass(frozen=True)
+class Deviating:
+    """A coordinate with a force outside of the tree's own: s, ds/dq by the index of the coordinate, and the law.
+
+    closure: of a cut joint's coordinate, with its direction there; None of a coupling's.
+    """
+
+    s: Scalar
+    arms: dict[int, Scalar]
+    law: BoundLaw
+    closure: Closure | None = None
+    direction: Direction | None = None
+
+    def rate(self, v: Sequence[Scalar]) -> Scalar:
+        """ds/dt."""
+        total: Scalar = 0.0
+        for index, arm in self.arms.items():
+            total = total + arm * v[index]
+        return total
+
+    def resists(self, s: Scalar, rate: Scalar, f: Functions) -> Effect:
+        """What a deviation s at a rate is resisted with."""
+        k, c = self.law.stiffness, self.law.damping
+        linear = Effect(k * s + c * rate, k, c, 0.5 * k * s * s)
+        return linear + effect(self.law.law, self.law.knots, s, rate, f)
+
+    def wrenches(self, force: Scalar) -> Iterator[tuple[int, Wrench]]:
+        """Wrenches of the tree's joints that hold the resisting force, as of ``Closure.wrenches``."""
+        if self.closure is not None and self.direction is not None:
+            vector = scale(-1.0 * force, self.direction.vector)
+            yield from self.closure.wrenches(*((ZERO, vector) if self.direction.is_rotation else (vector, ZERO)))
+
+
+def deviating(bound: Bound, closures: Sequence[Closure], q: Sequence[Scalar], f: Functions) -> list[Deviating]:
+    """All coordinates of cut joints with a force, then elastic couplings, in the order of ``Model.cut_laws``."""
+    found: list[Deviating] = []
+    for closure in closures:
+        names = [name for name in COORDINATES if (closure.number, name) in bound.cut_laws]
+        if names:
+            found += _of_loop(bound, closure, names, f)
+    for coupling in bound.couplings:
+        if coupling.law is not None:
+            found.append(Deviating(coupled(coupling.arms, coupling.offset, q), dict(coupling.arms), coupling.law))
+    return found
+
+
+def coupled(arms: Mapping[int, Scalar], offset: Scalar, q: Sequence[Scalar]) -> Scalar:
+    """By how much a coupled coordinate is off."""
+    total: Scalar = -1.0 * offset
+    for index, arm in arms.items():
+        total = total + arm * q[index]
+    return total
+
+
+def _of_loop(bound: Bound, closure: Closure, names: Sequence[str], f: Functions) -> Iterator[Deviating]:
+    offset = bound.cut_offsets[closure.number]
+    values, directions = [], []
+    angles = _angles(closure, f) if any(name in ANGULAR for name in names) else {}
+    for name in names:
+        if name in LINEAR:
+            axis = closure.axes_a[LINEAR.index(name)]
+            values.append(dot(axis, closure.distance))
+            directions.append(Direction(axis, is_rotation=False))
+        else:
+            value, vector = angles[name]
+            values.append(value)
+            directions.append(Direction(vector, is_rotation=True))
+    for name, value, direction, arms in zip(names, values, directions, closure.arms(directions), strict=True):
+        law = bound.cut_laws[closure.number, name]
+        moved = {index: arm for index, arm in arms.items() if not is_zero(arm)}
+        yield Deviating(value - offset[COORDINATES.index(name)], moved, law, closure, direction)
+
+
+def _angles(closure: Closure, f: Functions) -> dict[str, tuple[Scalar, Vec]]:
+    """alpha, beta and gamma of b as seen from a, and the dual vectors of their axes, in the common body's axes."""
+    x, y, z = closure.axes_a
+    R = closure.pose().rotation
+    cosine = f.sqrt(R[1][2] * R[1][2] + R[2][2] * R[2][2])
+    inverse = 1.0 / cosine
+    sin_alpha, cos_alpha, sin_beta = -1.0 * (R[1][2] * inverse), R[2][2] * inverse, R[0][2]
+    behind_y = add(scale(cos_alpha, y), scale(sin_alpha, z))
+    behind_z = scale(inverse, add(scale(-1.0 * sin_alpha, y), scale(cos_alpha, z)))
+    return {
+        "alpha": (f.atan2(-1.0 * R[1][2], R[2][2]), add(x, scale(-1.0 * sin_beta, behind_z))),
+        "beta": (f.atan2(sin_beta, cosine), behind_y),
+        "gamma": (f.atan2(-1.0 * R[0][1], R[0][0]), behind_z),
+    }

@@ -1,0 +1,215 @@
+"""What drives do to a tree at rest and without weight, through the inertias that an elimination has found already.
+
+Each set of drives passes from the tips to the base; products of what it leaves at the pivots are the entries of
+J M^-1 J^T, and one pass back to the tips gives the accelerations of any sum of such sets.  Bodies that neither a drive
+nor a body behind them moves are not visited.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Protocol
+
+from eomgen.robot.model import FIXED_BODY
+
+from ..tree.frozen_joints import unit
+from ..tree.recursion import NO_WRENCH, ZERO, Wrench
+from ..tree.spatial import Scalar, Vec, add, cross, dot, is_zero, matvec, scale, transpose
+from .elimination import Elimination
+from .factorised import Factors
+from .rotors import Rotors
+from .rows import Entries, Response, Row, Sparse
+
+
+class Tree(Protocol):
+    """A tree whose accelerations under its own drives are known, and that answers further ones."""
+
+    def respond(self, row: Row) -> Response:
+        """What drives along a row leave at the pivots."""
+
+    def pivots(self) -> list[Entries]:
+        """What stands at the pivots of every body's joint, by pairs of coordinates; none where that is not known."""
+
+    def along(self, row: Row, response: Response) -> Scalar:
+        """J a_free."""
+
+    def accelerations(self, more: Mapping[int, Scalar]) -> list[Scalar]:
+        """Accelerations, (n,), with a sum of responses added: ``more`` is what these leave, divided."""
+
+
+class FactorisedTree:
+    """A tree by its mass matrix, M = L^T D L."""
+
+    def __init__(self, factors: Factors, right: Sequence[Scalar]) -> None:
+        """Take what of the drives is left at the pivots; ``right``: u less everything but M a."""
+        self.factors, self.left = factors, factors.back(list(right))
+
+    def respond(self, row: Row) -> Response:
+        """What drives along a row leave at the pivots."""
+        push = [row.arms.get(i, 0.0) for i in range(len(self.left))]
+        response = Response()
+        for index, left in enumerate(self.factors.back(push)):
+            response.put(index, left, left * self.factors.inverse[index])
+        return response
+
+    def pivots(self) -> list[Entries]:
+        """Do without: such trees are small."""
+        return []
+
+    def along(self, row: Row, response: Response) -> Scalar:
+        """J a_free."""
+        total: Scalar = 0.0
+        for index, free in response.free.items():
+            total = total + free * self.left[index]
+        return total
+
+    def accelerations(self, more: Mapping[int, Scalar]) -> list[Scalar]:
+        """Accelerations, (n,), with a sum of responses added."""
+        inverse = self.factors.inverse
+        return self.factors.forward([x * inverse[i] + more.get(i, 0.0) for i, x in enumerate(self.left)])
+
+
+class EliminatedTree:
+    """A tree whose joints are eliminated one after the other, and its motors before them."""
+
+    def __init__(self, rotors: Rotors, tree: Elimination, free: Sequence[Scalar]) -> None:
+        """Keep the elimination; ``free``: the accelerations that it has found, motors included."""
+        self.rotors, self.tree, self.free, self.model = rotors, tree, free, tree.model
+
+    def respond(self, row: Row) -> Response:
+        """What drives along a row leave at the pivots."""
+        response, tree, model = Response(), self.tree, self.model
+        push: list[Scalar] = [0.0] * model.size
+        for index, arm in row.arms.items():
+            push[index] = arm
+        self.rotors.respond(push, response)
+        moved = {k for k, body in enumerate(model.bodies) if any(not is_zero(push[i]) for i in body.indices)}
+        reached = {k for body in moved for k in model.ancestors(body)}
+        loads = dict.fromkeys(reached, NO_WRENCH)
+        for k in sorted(reached, reverse=True):
+            at_joint = self._through(k, push, loads[k], response)
+            parent, joint = model.bodies[k].parent, tree.joints[k]
+            if parent != FIXED_BODY:
+                force = matvec(joint.turn, at_joint.force)
+                moment = add(matvec(joint.turn, at_joint.moment), cross(joint.offset, force))
+                loads[parent] = loads[parent] + Wrench(force, moment)
+        return response
+
+    def _through(self, k: int, push: Sequence[Scalar], load: Wrench, response: Response) -> Wrench:
+        """The wrench in front of a joint, in its axes, of drives and of the load behind it."""
+        tree, joint = self.tree, self.tree.joints[k]
+        if tree.free[k]:
+            left, specific, torque, rate, passed = tree.bodies.respond(k, push, load)
+            for (index, _), own, free in zip(joint.translations, left, specific, strict=True):
+                response.put(index, own, free)
+            for turn, own, free in zip(joint.rotations, torque, rate, strict=True):
+                response.put(turn.index, own, free)
+            return passed
+        for turn in reversed(joint.rotations):
+            load = self._past(k, turn.index, push, load, response)
+            load = Wrench(matvec(turn.matrix, load.force), matvec(turn.matrix, load.moment))
+        if k in tree.blocks:
+            return self._past_block(k, push, load, response)
+        for index, _ in reversed(joint.translations):
+            load = self._past(k, index, push, load, response)
+        return load
+
+    def _past(self, k: int, index: int, push: Sequence[Scalar], load: Wrench, response: Response) -> Wrench:
+        """The load in front of one coordinate; one whose motion is given passes it on."""
+        step = next((step for step in self.tree.steps[k] if step.index == index), None)
+        if step is None:
+            return load
+        axis, is_force = step.row % 3, step.row < 3
+        left = push[index] - (load.force if is_force else load.moment)[axis]
+        response.put(index, left, left * step.inverse)
+        force = list(add(load.force, scale(left, step.gain.force)))
+        moment = list(add(load.moment, scale(left, step.gain.moment)))
+        held = push[index] - self.tree.bound.armature[index] * (left * step.inverse)
+        (force if is_force else moment)[axis] = held
+        return Wrench((force[0], force[1], force[2]), (moment[0], moment[1], moment[2]))
+
+    def _past_block(self, k: int, push: Sequence[Scalar], load: Wrench, response: Response) -> Wrench:
+        """The same of three translations at once."""
+        block, first = self.tree.blocks[k], self.tree.joints[k].translations[0][0]
+        drives: Vec = (push[first], push[first + 1], push[first + 2])
+        left = add(drives, scale(-1.0, load.force))
+        free = matvec(block.inverse, left)
+        for i in range(3):
+            response.put(first + i, left[i], free[i])
+        armature = self.tree.bound.armature
+        held = tuple(drives[i] - armature[first + i] * free[i] for i in range(3))
+        return Wrench((held[0], held[1], held[2]), add(load.moment, matvec(transpose(block.coupling), free)))
+
+    def pivots(self) -> list[Entries]:
+        """What stands at the pivots of every body's joint, by pairs of coordinates."""
+        found: list[Entries] = []
+        for k, joint in enumerate(self.tree.joints):
+            if self.tree.free[k]:
+                found.append(self.tree.bodies.inertia_of(k))
+                continue
+            here: Entries = {(step.index, step.index): self.tree.pivots[step.index][0] for step in self.tree.steps[k]}
+            if k in self.tree.blocks:
+                first = joint.translations[0][0]
+                whole = self.tree.blocks[k].whole
+                here |= {(first + i, first + j): whole[i][j] for i in range(3) for j in range(i, 3)}
+            found.append(here)
+        return found
+
+    def along(self, row: Row, response: Response) -> Scalar:
+        """J a_free."""
+        return row.along(self.free)
+
+    def accelerations(self, more: Mapping[int, Scalar]) -> list[Scalar]:
+        """Accelerations, (n,), with a sum of responses added."""
+        found: list[Scalar] = [0.0] * self.model.size
+        bodies: list[tuple[Vec, Vec]] = []
+        for k, body in enumerate(self.model.bodies):
+            parent = (ZERO, ZERO) if body.parent == FIXED_BODY else bodies[body.parent]
+            bodies.append(self._released(k, parent, more, found))
+        self.rotors.released(more, found)
+        return [own + added for own, added in zip(self.free, found, strict=True)]
+
+    def _released(
+        self, k: int, parent: tuple[Vec, Vec], more: Mapping[int, Scalar], found: list[Scalar]
+    ) -> tuple[Vec, Vec]:
+        """Acceleration of the body's origin and w_dot, in body axes; those of the joint are written."""
+        tree, joint = self.tree, self.tree.joints[k]
+        back = transpose(joint.turn)
+        a, d = matvec(back, add(parent[0], cross(parent[1], joint.offset))), matvec(back, parent[1])
+        if tree.free[k]:
+            x, y, z = (more.get(index, 0.0) for index, _ in joint.translations)
+            alpha, beta, gamma = (more.get(turn.index, 0.0) for turn in joint.rotations)
+            rate = (alpha, beta, gamma)
+            return tree.bodies.released(k, (x, y, z), rate, (a, d), found), rate
+        steps = {step.index: step for step in tree.steps[k]}
+
+        def released(index: int) -> Scalar:
+            step = steps[index]
+            found[index] = more.get(index, 0.0) - (dot(step.gain.force, a) + dot(step.gain.moment, d))
+            return found[index]
+
+        if k in tree.blocks:
+            block, first = tree.blocks[k], joint.translations[0][0]
+            x, y, z = (more.get(first + i, 0.0) for i in range(3))
+            moved = add((x, y, z), scale(-1.0, add(matvec(block.yielding, a), matvec(block.gain, d))))
+            found[first : first + 3] = moved
+            a = add(a, moved)
+        else:
+            for index, axis in joint.translations:
+                if index in steps:
+                    a = add(a, unit(axis, released(index)))
+        for turn in joint.rotations:
+            turned = transpose(turn.matrix)
+            a, d = matvec(turned, a), matvec(turned, d)
+            if turn.index in steps:
+                d = add(d, unit(turn.axis, released(turn.index)))
+        return a, d
+
+
+def total(responses: Sequence[Response], multipliers: Sequence[Scalar]) -> Sparse:
+    """What a sum of responses leaves at the pivots, divided."""
+    found: Sparse = {}
+    for response, multiplier in zip(responses, multipliers, strict=True):
+        for index, free in response.free.items():
+            found[index] = found.get(index, 0.0) + multiplier * free
+    return found

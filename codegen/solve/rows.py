@@ -1,0 +1,265 @@
+"""Rows of closed mechanisms: a symmetric system that is factored sparsely, without pivoting, and refined.
+
+With J the rows, M the tree's mass matrix and a_free what it does with its loops open,
+
+    (J M^-1 J^T) lambda = right - J a_free,    a = a_free + M^-1 J^T lambda.
+
+Rows may be redundant: the matrix A is factored with a little of its diagonal added, D, and the solution is refined a
+fixed number of times, x += y with y = (A + D)^-1 D y (the proximal iteration of J. Carpentier, R. Budhiraja,
+N. Mansard, "Proximal and Sparse Resolution of Constrained Dynamic Equations", RSS 2021).  Consistent ones converge to
+accelerations that are unique; their multipliers have the least norm weighted by D.
+
+An elastic row has a slope s = h^2 k + h c in a linearly implicit step.  Scaled by its root, it has 1 + s (J M^-1 J^T)
+on the diagonal, and an open gap, s = 0, is nothing special.
+
+Where many elastic rows end at one body, its accelerations stay in the system as unknowns of their own (the system is
+quasi-definite: R. J. Vanderbei, "Symmetric Quasidefinite Matrices", SIAM J. Optimization 5 (1995)), so that what is
+between two such bodies is eliminated from both ends and never couples to the rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from ..tree.spatial import Scalar, is_zero
+
+Sparse = dict[int, Scalar]
+
+
+@dataclass(frozen=True)
+class Precision:
+    """Shares of the diagonal that are added, and how often the solution is refined.
+
+    added: of the rows of a group.  floor: of all rows, for groups that vanish but for round-off.
+    """
+
+    added: float
+    floor: float
+    refinements: int
+
+
+PRECISIONS: Mapping[str, Precision] = {"float64": Precision(1e-11, 1e-14, 1), "float32": Precision(1e-4, 1e-6, 3)}
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of the system.
+
+    arms: its derivatives by the coordinates, without those that vanish; of an elastic row times the root of its slope.
+    right: wanted J a of a rigid row; 0 of an elastic one.
+    is_elastic: whether it has a slope.
+    group: rows of one kind that are compared to each other where they may be redundant.
+    is_weak: whether its group may vanish but for round-off, and is compared to all rigid rows, too.
+    """
+
+    arms: Sparse
+    right: Scalar = 0.0
+    is_elastic: bool = False
+    group: object = None
+    is_weak: bool = False
+
+    def along(self, x: Sequence[Scalar]) -> Scalar:
+        """J x."""
+        total: Scalar = 0.0
+        for index, arm in self.arms.items():
+            total = total + arm * x[index]
+        return total
+
+
+def elastic_row(arms: Sparse, root: Scalar) -> Row:
+    """The row of what has a slope, whose root is given."""
+    return Row({index: root * arm for index, arm in arms.items() if not is_zero(arm)}, is_elastic=True)
+
+
+@dataclass(frozen=True)
+class Response:
+    """Drives at rest and without weight, eliminated from the tips: what is ``left`` at each pivot, and that divided.
+
+    The product of two responses is an entry of J M^-1 J^T.
+    """
+
+    left: Sparse = field(default_factory=dict)
+    free: Sparse = field(default_factory=dict)
+
+    def put(self, index: int, left: Scalar, free: Scalar) -> None:
+        """Write a coordinate's numbers, but for zeros."""
+        if not (is_zero(left) and is_zero(free)):
+            self.left[index], self.free[index] = left, free
+
+    def product(self, other: Response, without: Container[int] = ()) -> Scalar:
+        """J_r M^-1 J_s^T, without what some pivots contribute."""
+        total: Scalar = 0.0
+        for index, left in self.left.items():
+            if index in other.free and index not in without:
+                total = total + left * other.free[index]
+        return total
+
+
+Entries = dict[tuple[int, int], Scalar]  # of a symmetric matrix, (i, j) with i <= j
+
+
+class RowSystem:
+    """The matrix of rows, factored.
+
+    Rows without arms stay out: their multipliers are zero.
+    """
+
+    def __init__(
+        self,
+        rows: Sequence[Row],
+        responses: Sequence[Response],
+        precision: Precision,
+        pivots: Sequence[Entries] = (),
+    ) -> None:
+        """Write and factor the matrix.
+
+        Args:
+            rows, responses: of each row.
+            precision: of the numbers.
+            pivots: per body what stands at the pivots of its joint, by pairs of coordinates.
+        """
+        self.rows, self.precision = rows, precision
+        self.kept = [r for r, row in enumerate(rows) if row.arms]
+        self.rigid = [r for r in self.kept if not rows[r].is_elastic]
+        keys = {r: frozenset(responses[r].left) for r in self.kept}
+        hubs = [] if self.rigid else _hubs(keys, pivots, len(rows))
+        within = {key for hub in hubs for key, _ in hub}
+        matrix: Entries = {}
+        for place, r in enumerate(self.kept):
+            for s in self.kept[place:]:
+                entry = responses[r].product(responses[s], within)
+                if r == s and rows[r].is_elastic:
+                    entry = 1.0 + entry
+                if r == s or not is_zero(entry):
+                    matrix[r, s] = entry
+            for key in sorted(within & keys[r]):
+                matrix[r, len(rows) + key] = responses[r].left[key]
+        for hub in hubs:
+            for (i, j), entry in hub.items():
+                matrix[len(rows) + i, len(rows) + j] = -1.0 * entry
+        self.matrix = matrix
+        self.unknowns = [*self.kept, *sorted(len(rows) + key for key in within)]
+        self.order = elimination_order(self.unknowns, matrix)
+        self._factor()
+
+    def _raised(self) -> Sparse:
+        """The diagonal, that of rigid rows with its share added; elastic ones have 1 in it."""
+        sums: dict[object, Scalar] = {}
+        for r in self.rigid:
+            sums[self.rows[r].group] = sums.get(self.rows[r].group, 0.0) + self.matrix[r, r]
+        shares = {group: self.precision.added * total for group, total in sums.items()}
+        weak = {self.rows[r].group for r in self.rigid if self.rows[r].is_weak}
+        if weak:
+            floor = self.precision.floor * sum(sums.values(), 0.0)
+            shares |= {group: shares[group] + floor for group in weak}
+        self.added = {r: shares[self.rows[r].group] for r in self.rigid}
+        return {r: self.matrix[r, r] + self.added.get(r, 0.0) for r in self.unknowns}
+
+    def _factor(self) -> None:
+        """P^T A P = L D L^T, entry by entry, in the order that leaves few."""
+        place = {r: i for i, r in enumerate(self.order)}
+        A: Entries = {}
+        for (r, s), entry in self.matrix.items():
+            i, j = sorted((place[r], place[s]))
+            A[j, i] = entry
+        for r, entry in self._raised().items():
+            A[place[r], place[r]] = entry
+        self.columns: list[Sparse] = []
+        self.inverses: list[Scalar] = []
+        behind: list[set[int]] = [set() for _ in self.order]
+        for j, i in A:
+            if j > i:
+                behind[i].add(j)
+        for i in range(len(self.order)):
+            inverse = 0.0 if is_zero(A[i, i]) else 1.0 / A[i, i]
+            column = {j: A[j, i] * inverse for j in sorted(behind[i])}
+            for j in column:
+                for k in column:
+                    if k <= j:
+                        A[j, k] = A.get((j, k), 0.0) - column[k] * A[j, i]
+                        if k < j:
+                            behind[k].add(j)
+            self.columns.append(column)
+            self.inverses.append(inverse)
+
+    def _once(self, right: Sparse) -> Sparse:
+        x = [right.get(r, 0.0) for r in self.order]
+        for i, column in enumerate(self.columns):
+            for j, factor in column.items():
+                x[j] = x[j] - factor * x[i]
+        x = [value * inverse for value, inverse in zip(x, self.inverses, strict=True)]
+        for i in range(len(x) - 1, -1, -1):
+            for j, factor in self.columns[i].items():
+                x[i] = x[i] - factor * x[j]
+        return dict(zip(self.order, x, strict=True))
+
+    def multipliers(self, missing: Callable[[int], Scalar]) -> list[Scalar]:
+        """lambda of all rows, that of an elastic one beside the force that acts in the drives already.
+
+        Args:
+            missing: right - J a_free of row r.
+        """
+        x = more = self._once({r: missing(r) for r in self.kept})
+        for _ in range(self.precision.refinements if self.rigid else 0):  # elastic rows are factored as they are
+            more = self._once({r: self.added[r] * more[r] for r in self.rigid})
+            x = {r: x[r] + more[r] for r in self.unknowns}
+        return [x.get(r, 0.0) for r in range(len(self.rows))]
+
+
+def _hubs(keys: Mapping[int, frozenset[int]], pivots: Sequence[Entries], first: int) -> list[Entries]:
+    """Bodies whose accelerations stay unknown, because that saves operations: what stands at their pivots.
+
+    Args:
+        keys: per row the coordinates at whose pivots its drives leave something.
+        pivots: per body, by pairs of coordinates.
+        first: the number of the first unknown behind the rows.
+    """
+
+    def cost(hubs: Sequence[Entries]) -> int:
+        within = {key for hub in hubs for key, _ in hub}
+        near: dict[int, set[int]] = {r: {first + key for key in found & within} for r, found in keys.items()}
+        products = 0
+        for r, found in keys.items():
+            for s, other in keys.items():
+                if r < s and (shared := len((found & other) - within)):
+                    near[r].add(s)
+                    near[s].add(r)
+                    products += shared
+        for hub in hubs:
+            for i, j in hub:
+                near.setdefault(first + i, set()).add(first + j)
+                near.setdefault(first + j, set()).add(first + i)
+        for r, others in list(near.items()):
+            others.discard(r)
+            for s in others:
+                near[s].add(r)
+        return products + sum(degree * (degree + 3) // 2 for _, degree in _least_degrees(near))
+
+    candidates = []
+    for hub in pivots:
+        own = {key for key, _ in hub}
+        if sum(not own.isdisjoint(found) for found in keys.values()) > 2 * len(own):
+            candidates.append(hub)
+    return candidates if candidates and cost(candidates) < cost(()) else []
+
+
+def elimination_order(rows: Sequence[int], entries: Mapping[tuple[int, int], Scalar]) -> list[int]:
+    """The rows in the order of least degree: each is eliminated when it couples fewest of those that are left."""
+    near: dict[int, set[int]] = {r: set() for r in rows}
+    for r, s in entries:
+        if r != s:
+            near[r].add(s)
+            near[s].add(r)
+    return [r for r, _ in _least_degrees(near)]
+
+
+def _least_degrees(near: dict[int, set[int]]) -> Iterator[tuple[int, int]]:
+    """Unknowns in the order of least degree, each with the number of those that it couples; ``near`` is used up."""
+    while near:
+        best = min(near, key=lambda r: (len(near[r]), r))
+        others = near.pop(best)
+        for r in others:
+            near[r] |= others
+            near[r] -= {r, best}
+        yield best, len(others)

@@ -1,0 +1,157 @@
+"""Equality constraints of MJCF: joints that are coupled, points and frames that are held together.
+
+MuJoCo holds them softly, by a spring and a damper of its solver; here they are rigid couplings and loops.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from eomgen.names import listed, nearest, show
+from eomgen.robot.value import Coupling, Loop, Placement
+
+from .bodies import Bodies, Names, Place
+from .defaults import Defaults
+from .values import HERE, Array, Item, Pose, Reading, tidy
+
+if TYPE_CHECKING:
+    from xml.etree.ElementTree import Element
+
+_READ = ("joint", "connect", "weld")
+_SHARED = ("name", "class", "active", "solref", "solimp")
+_IDENTITY = (0.0, 1.0, 0.0, 0.0, 0.0)  # of a polynomial, what is not given
+_KEYS = {
+    "joint": (*_SHARED, "joint1", "joint2", "polycoef"),
+    "connect": (*_SHARED, "body1", "body2", "anchor", "site1", "site2"),
+    "weld": (*_SHARED, "body1", "body2", "anchor", "relpose", "site1", "site2", "torquescale"),
+}
+
+
+def read_equalities(
+    root: Element, reading: Reading, defaults: Defaults, bodies: Bodies, written: dict[str, Element]
+) -> None:
+    """Constraints that are active into the draft; ``written`` gets the element of each loop and coupling.
+
+    Raises:
+        DescriptionError: one that is no joint, connect or weld, is no linear one, or names what there is not.
+    """
+    elements = [element for part in root.iterfind("equality") for element in part]
+    texts = list(dict.fromkeys(name for element in elements if (name := element.get("name"))))
+    names, seen = Names(texts), dict[str, None]()
+    for element in elements:
+        text, tag = element.get("name", ""), show(element.tag)[1:-1]
+        where = f"equality {show(text or element.tag)}"
+        item = Item(reading, element, where, values=defaults.values(element, "equality", where, None))
+        if not item.flag("active", True):
+            continue
+        if element.tag not in _READ:
+            allowed = f"{', '.join(_READ)}, or without it, or with active='false'"
+            item.fail(f"<{tag}> constrains the motion softly, which has no equal here; allowed: {allowed}")
+        item = Item(reading, element, where, _KEYS[element.tag], item.values)
+        if text in seen:
+            item.fail("there are two of this name; allowed: unique names")
+        name = names.of[text] if text else names.fresh(tag)
+        if text:
+            seen[text] = None
+        if element.tag == "joint":
+            reading.draft.couplings[name] = _coupling(item, name, bodies)
+            written[f"couplings.{name}"] = element
+        else:
+            reading.draft.loops[name] = _loop(item, name, bodies)
+            written[f"loops.{name}"] = element
+    made = [*reading.draft.couplings, *reading.draft.loops]
+    if made:
+        reading.draft.notes.append(f"equality constraints, which are soft in MuJoCo, are read as rigid: {listed(made)}")
+        reading.draft.home = bodies.start()
+
+
+def _coupling(item: Item, name: str, bodies: Bodies) -> Coupling:
+    """y - y0 = a + b (x - x0) with the joints' positions y and x in the reference position."""
+    of, start = _joint(item, "joint1", bodies)
+    given = item.numbers("polycoef", 1, 5)
+    a, b, *further = (*given, *_IDENTITY[len(given) :])
+    if any(further):
+        item.fail(f"polycoef is {show(item.values['polycoef'])}; allowed: a constant and a linear term")
+    if "joint2" not in item:
+        return Coupling(name, of, {}, start + a)
+    other, begin = _joint(item, "joint2", bodies)
+    return Coupling(name, of, {other: b}, (start + a - b * begin) or None)
+
+
+def _joint(item: Item, key: str, bodies: Bodies) -> tuple[str, float]:
+    """The coordinate of a hinge or slide, and its value in the reference position."""
+    text = item.values.get(key, "")
+    if text not in bodies.coordinates:
+        known = list(bodies.coordinates)
+        item.fail(
+            f"{key} is {show(text)}, and there is no hinge or slide of that name{nearest(text, known)} (allowed:"
+            f" {listed(known)})"
+        )
+    return bodies.coordinates[text]
+
+
+def _loop(item: Item, name: str, bodies: Bodies) -> Loop:
+    """A ball in one point of two bodies, or two bodies in one."""
+    kind = "spherical" if item.element.tag == "connect" else "fixed"
+    if "site1" in item or "site2" in item:
+        ends = [_site(item, key, bodies) for key in ("site1", "site2")]
+    elif kind == "spherical":
+        if "anchor" not in item:
+            item.fail("there is no anchor; allowed: an anchor in body1, or two sites")
+        ends = _meeting(item, bodies, Pose(np.eye(3), item.vector("anchor")))
+    else:
+        ends = _meeting(item, bodies, _relative(item))
+    (first, at_first), (second, at_second) = ends
+    if first.link == second.link:
+        item.fail(f"both ends are on {show(first.link)}; allowed: two different bodies")
+    placements = (_placed(at_first, kind), _placed(at_second, kind))
+    return Loop(name, (first.link, second.link), kind, placements)
+
+
+def _placed(pose: Pose, kind: str) -> Placement:
+    """The cut joint's frame; of a ball without a turn, which does not matter."""
+    return Pose(np.eye(3), pose.xyz).placement() if kind == "spherical" else pose.placement()
+
+
+def _site(item: Item, key: str, bodies: Bodies) -> tuple[Place, Pose]:
+    text = item.values.get(key, "")
+    if text not in bodies.sites:
+        known = list(bodies.sites)
+        item.fail(f"{key} is {show(text)}, and there is no such site{nearest(text, known)} (allowed: {listed(known)})")
+    site = bodies.sites[text]
+    return site.body, Pose(site.rotation, site.xyz)
+
+
+def _meeting(item: Item, bodies: Bodies, given: Pose | None) -> list[tuple[Place, Pose]]:
+    """The bodies, with a pose in body1 and what it is in body2 in the reference position; body2 there where None."""
+    first, second = _body(item, "body1", bodies), _body(item, "body2", bodies)
+    across = _inverse(first.reference) @ second.reference
+    if given is None:
+        return [(first, across), (second, HERE)]
+    if item.element.tag == "weld":
+        return [(first, given), (second, HERE)]
+    return [(first, given), (second, _inverse(across) @ given)]  # the anchor of a ball
+
+
+def _body(item: Item, key: str, bodies: Bodies) -> Place:
+    text = item.values.get(key, "world" if key == "body2" else "")
+    if text not in bodies.places:
+        known = list(bodies.places)
+        item.fail(f"{key} is {show(text)}, and there is no such body{nearest(text, known)} (allowed: {listed(known)})")
+    return bodies.places[text]
+
+
+def _relative(item: Item) -> Pose | None:
+    """The pose of body2 in body1 that a weld holds; None where it is that of the reference position."""
+    values = item.numbers("relpose", 7)
+    if not any(values[3:]):
+        return None
+    quat: Array = np.array(values[3:])
+    return Pose(tidy(item.turned(quat)), np.array(values[:3]))
+
+
+def _inverse(pose: Pose) -> Pose:
+    back = pose.rotation.T
+    return Pose(back, -(back @ pose.xyz))

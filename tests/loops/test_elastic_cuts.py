@@ -1,0 +1,256 @@
+"""Cut joints whose coordinates have forces, and couplings: against other cuts of the same mechanism, and laws."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import eomgen
+from eomgen.description.load import robot_from_toml
+from eomgen.robot.value import Robot
+from tests.support.builds import Build
+from tests.support.random_robots import Array
+
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
+LINK = """
+[[links]]
+name = "{}"
+mass = {}
+com = [{}, 0.02, 0.01]
+inertia = {{ xx = 0.002, yy = 0.01, zz = 0.012, xy = 0.0003 }}
+"""
+HEAD = """
+name = "linkage"
+gravity = [0.0, -9.81, 0.0]
+driven = ["motor.gamma"]
+
+[[joints]]
+name = "motor"
+parent = "base"
+child = "crank"
+type = "revolute"
+
+[[joints]]
+name = "pin"
+parent = "crank"
+child = "coupler"
+type = "revolute"
+placement = { xyz = [0.2, 0.0, 0.0] }
+"""
+SIX = """
+x = { stiffness = 1e4, damping = 3.0, cubic = 1e6 }
+y = { stiffness = 1.5e4, damping = 1.0, clearance = 1e-4 }
+z = { stiffness = 2e4, damping = 2.0 }
+alpha = { stiffness = 1e3, damping = 0.1 }
+beta = { stiffness = 2e3, friction = { coulomb = 0.3 } }
+gamma = { stiffness = 5.0, damping = 0.01, preload = 0.2 }
+"""
+CUT_THERE = """
+[[joints]]
+name = "pivot"
+parent = "base"
+child = "rocker"
+type = "revolute"
+placement = { xyz = [0.5, 0.0, 0.0] }
+
+[[loops]]
+name = "cut"
+links = ["coupler", "rocker"]
+type = "revolute"
+placements = [{ xyz = [0.5, 0.0, 0.0] }, { xyz = [0.4, 0.0, 0.0] }]
+"""
+CUT_ELSEWHERE = """
+[[joints]]
+name = "hinge"
+parent = "coupler"
+child = "rocker"
+type = "revolute"
+placement = { xyz = [0.5, 0.0, 0.0] }
+SIX
+[[loops]]
+name = "cut"
+links = ["base", "rocker"]
+type = "revolute"
+placements = [{ xyz = [0.5, 0.0, 0.0] }, { xyz = [-0.4, 0.0, 0.0] }]
+"""
+
+
+def linkages(six: str = SIX) -> tuple[Robot, Robot]:
+    """A four-bar linkage whose elastic joint is cut, and the same one cut at a rigid pivot."""
+    links = LINK.format("crank", 0.4, 0.1) + LINK.format("coupler", 1.0, 0.25)
+    here = HEAD + links + LINK.format("rocker", 0.8, 0.2) + CUT_THERE + six
+    elsewhere = HEAD + links + LINK.format("rocker", 0.8, -0.2) + CUT_ELSEWHERE.replace("SIX", six)
+    return robot_from_toml(here), robot_from_toml(elsewhere)
+
+
+def states(other: eomgen.Kernel, rng: np.random.Generator) -> tuple[Array, Array, Array, Array]:
+    """A state of the second linkage with its joint a little out of place, and the same one of the first."""
+    guess = np.concatenate([[0.5, 0.13], 1e-3 * rng.normal(size=3), 2e-2 * rng.normal(size=2), [1.2]])
+    q = closed(other, guess)
+    J = other.constraint_jacobian(q)
+    rates = rng.normal(size=8)
+    v = rates - np.linalg.lstsq(J, J @ rates, rcond=None)[0]
+    R = other.frame_pose(q, "rocker")[:3, :3]
+    spin = (other.frame_jacobian(q, "rocker") @ v)[5]
+    return q, v, np.array([q[0], q[1], np.arctan2(R[1, 0], R[0, 0])]), np.array([v[0], v[1], spin])
+
+
+def closed(kernel: eomgen.Kernel, q: Array) -> Array:
+    for _ in range(20):
+        J, g = kernel.constraint_jacobian(q), kernel.constraint(q)
+        q = q - np.linalg.lstsq(J, g, rcond=None)[0]
+    assert np.abs(kernel.constraint(q)).max() < 1e-13
+    return q
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_another_cut_of_the_same_mechanism(seed: int, built: Build) -> None:
+    """Accelerations and energies do not depend on which joint is cut: the elastic one, or a rigid one."""
+    kernel, other = (built(robot) for robot in linkages())
+    assert (kernel.constraints, len(other.constraints)) == ((), 5)
+    qb, vb, qa, va = states(other, np.random.default_rng(seed))
+    u = np.array([1.0, 0.4])
+    a = kernel.forward_dynamics(qa, va, np.append(u, 0.0))
+    b = other.forward_dynamics(qb, vb, np.append(u, np.zeros(6)))
+    assert np.abs(a[:2] - b[:2]).max() <= 1e-10 * np.abs(b).max()
+    assert np.allclose(kernel.energy(qa, va), other.energy(qb, vb), rtol=1e-12)
+    several = kernel.forward_dynamics(np.stack([qa] * 9), np.stack([va] * 9), np.append(u, 0.0))
+    assert np.array_equal(several, np.stack([a] * 9))
+
+
+def test_derivatives_of_forces_in_a_cut(built: Build) -> None:
+    """Those of the residual are central differences; on the way the forces are the potential energy's slope."""
+    still = "".join(f"{name} = {{ stiffness = 1e3 }}\n" for name in ("x", "y", "z", "alpha", "beta", "gamma"))
+    for robot in (linkages()[0], linkages(still)[0]):
+        kernel = built(robot)
+        q, v, a = np.array([0.5, 0.13, 1.36]), np.array([0.4, -0.3, 0.2]), np.array([1.0, 2.0, -1.0])
+        by_q, by_v, _ = kernel.residual_jacobian(q, v, a)
+        h = 1e-7
+        for x, found in ((0, by_q), (1, by_v)):
+            columns = []
+            for e in np.eye(3):
+                ahead, behind = [q, v], [q, v]
+                ahead[x], behind[x] = ahead[x] + h * e, behind[x] - h * e
+                columns.append((kernel.residual(*ahead, a, 0 * a) - kernel.residual(*behind, a, 0 * a)) / (2 * h))
+            assert np.allclose(np.transpose(columns), found, rtol=1e-5, atol=1e-5 * np.abs(found).max())
+    slope = [(kernel.energy(q + h * e, 0 * q)[1] - kernel.energy(q - h * e, 0 * q)[1]) / (2 * h) for e in np.eye(3)]
+    assert np.allclose(slope, -kernel.generalized_force(q, 0 * q), rtol=1e-6, atol=1e-4)
+
+
+def test_rising_stiffness_leads_to_the_rigid_joint(built: Build) -> None:
+    """A linearly implicit step from rest with an ever stiffer cut joint: rates come to those of the rigid one."""
+    rigid = built(linkages("")[0])
+    q = closed(rigid, np.array([0.5, 0.13, 1.36]))
+    u = np.array([1.0, 0.4, 0.0])
+    wanted = rigid.rollout(q, 0 * q, u, 1e-3, 1, method="implicit")[1][-1]
+    off = []
+    for k in (1e6, 1e8, 1e10):
+        elastic = "".join(f"{name} = {{ stiffness = {k}, damping = {k * 1e-3} }}\n" for name in ("x", "y", "z"))
+        elastic += "".join(f"{name} = {{ stiffness = {k}, damping = {k * 1e-3} }}\n" for name in ("alpha", "beta"))
+        kernel = built(linkages(elastic)[0])
+        found = kernel.rollout(q, 0 * q, u, 1e-3, 1, method="implicit")[1][-1]
+        off.append(float(np.abs(found - wanted).max() / np.abs(wanted).max()))
+    assert off[0] > 50 * off[1] > 2500 * off[2]
+    assert off[2] < 1e-4
+
+
+def test_an_implicit_step_is_the_linear_system(built: Build) -> None:
+    """(M + h C + h^2 K) a = ... with the slopes of the cut joint's laws along their rows."""
+    linear = "".join(
+        f"{name} = {{ stiffness = {k}, damping = {c} }}\n"
+        for name, k, c in (("x", 1e5, 10.0), ("y", 2e5, 0.0), ("z", 1e5, 5.0), ("alpha", 1e3, 1.0), ("beta", 2e3, 0.0))
+    )
+    kernel = built(linkages(linear)[0])
+    names = ("x", "y", "z", "alpha", "beta")
+    K, C = (
+        np.array([kernel.parameters.get(f"loops.cut.{name}.{key}", 0.0) for name in names])
+        for key in ("stiffness", "damping")
+    )
+    q, v, u, h = np.array([0.5, 0.13, 1.36]), np.array([0.4, -0.3, 0.2]), np.array([1.0, 0.4, 0.0]), 1e-3
+
+    def e(q: Array) -> Array:
+        X = kernel.cut_poses(q)[0]
+        return np.array([*X[:3, 3], np.arctan2(-X[1, 2], X[2, 2]), np.arcsin(X[0, 2])])
+
+    J = np.transpose([(e(q + 1e-6 * d) - e(q - 1e-6 * d)) / 2e-6 for d in np.eye(3)])
+    M = kernel.mass_matrix(q) + J.T @ np.diag(h * C + h * h * K) @ J
+    now = -J.T @ (K * e(q) + C * (J @ v))
+    others = kernel.generalized_force(q, v) - now - kernel.bias_force(q, v)
+    wanted = np.linalg.solve(M, u + others - J.T @ (K * (e(q) + h * (J @ v)) + C * (J @ v)))
+    found = (kernel.rollout(q, v, u, h, 1, method="implicit")[1][1] - v) / h
+    assert np.allclose(found, wanted, rtol=1e-8, atol=1e-8 * np.abs(wanted).max())
+
+
+ARM = """
+name = "pair"
+COUPLING
+
+[[links]]
+name = "one"
+mass = 1.0
+com = [0.3, 0.0, 0.0]
+inertia = { xx = 0.01, yy = 0.04, zz = 0.05 }
+
+[[links]]
+name = "two"
+mass = 0.5
+com = [0.2, 0.0, 0.0]
+inertia = { xx = 0.01, yy = 0.02, zz = 0.03 }
+
+[[joints]]
+name = "a"
+parent = "base"
+child = "one"
+type = "revolute"
+
+[[joints]]
+name = "b"
+parent = "base"
+child = "two"
+type = "revolute"
+placement = { xyz = [0.0, 1.0, 0.0] }
+"""
+
+
+def coupled(extra: str) -> Robot:
+    text = f'[[couplings]]\nname = "gear"\nof = "b.gamma"\nto = {{ "a.gamma" = -2.0 }}\noffset = 0.1\n{extra}'
+    return robot_from_toml(ARM.replace("COUPLING", text))
+
+
+def test_a_rigid_gear_without_loops(built: Build) -> None:
+    """Two arms by a gear of ratio -2 move like one: an inertia of I1 + 4 I2 about the first axis."""
+    kernel = built(coupled(""))
+    assert kernel.constraints == ("gear",)
+    q, u = np.array([0.3, 0.1 - 2 * 0.3]), np.array([0.5, 0.0])
+    a = kernel.forward_dynamics(q, np.zeros(2), u)
+    M, force = kernel.mass_matrix(q), kernel.generalized_force(q, np.zeros(2)) + u
+    ways = np.array([1.0, -2.0])
+    assert np.allclose(a, ways * (ways @ force) / (ways @ M @ ways), rtol=1e-12)
+    lam = kernel.constraint_forces(q, np.zeros(2), u)
+    assert np.allclose(M @ a, force + kernel.constraint_jacobian(q).T @ lam, rtol=1e-12, atol=1e-12)
+    with pytest.raises(eomgen.errors.LoopError, match=r"gear is open: gear is left with 0\.1 rad"):
+        kernel.forward_dynamics(q + [0.0, 0.1], np.zeros(2), u)
+
+
+def test_an_elastic_gear_with_backlash_and_a_ratio_that_is_tuned(built: Build) -> None:
+    kernel = built(
+        replace(
+            coupled("stiffness = 200.0\nclearance = 0.01\ndamping = 0.5"), tunable=("couplings.gear.ratio.a.gamma",)
+        )
+    )
+    assert kernel.constraints == ()
+    u, v = np.zeros(2), np.array([0.1, 0.0])
+
+    def torque(q: Array) -> Array:
+        bare = kernel.with_parameters({"couplings.gear.stiffness": 0.0, "couplings.gear.damping": 0.0})
+        return kernel.generalized_force(q, v) - bare.generalized_force(q, v)
+
+    inside, beyond = np.array([0.3, -0.5]), np.array([0.3, -0.45])
+    assert np.allclose(torque(inside), [-0.5 * 2.0 * 0.2, -0.5 * 0.2])  # the damper alone, along (2, 1)
+    assert np.allclose(torque(beyond) - torque(inside), -200.0 * 0.04 * np.array([2.0, 1.0]), rtol=1e-2)
+    kernel.parameters["couplings.gear.ratio.a.gamma"] = -1.0
+    assert np.allclose(torque(inside)[0], torque(inside)[1])
+    assert np.isfinite(kernel.forward_dynamics(inside, v, u)).all()
