@@ -39,6 +39,25 @@ def test_what_has_not_begun_is_left_out() -> None:
     assert not seen
 
 
+def test_work_that_comes_while_a_thread_ends_is_done(monkeypatch: pytest.MonkeyPatch) -> None:
+    work, ended, free, done = Ahead._work, threading.Event(), threading.Event(), threading.Event()
+
+    def end_slowly(ahead: Ahead) -> None:
+        work(ahead)
+        ended.set()
+        free.wait()
+
+    monkeypatch.setattr(Ahead, "_work", end_slowly)
+    monkeypatch.setattr("eomgen.pipeline.ahead.THREADS", 1)
+    with Ahead() as ahead:
+        ahead.begin(int)
+        ended.wait()
+        ahead.begin(done.set)
+        is_done = done.wait(10)
+        free.set()
+    assert is_done
+
+
 def test_a_function_is_built_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     compiler, log = logging_compiler(tmp_path)
     monkeypatch.setenv("CC", compiler)

@@ -24,6 +24,8 @@ class Ahead:
     def __init__(self) -> None:
         self._waiting: deque[Callable[[], object]] = deque()
         self._threads: list[threading.Thread] = []
+        self._lock = threading.Lock()
+        self._working = 0  # threads that will look for further work
 
     def __enter__(self) -> Ahead:
         return self
@@ -31,15 +33,19 @@ class Ahead:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        self._waiting.clear()
+        with self._lock:
+            self._waiting.clear()
         if kind is None or issubclass(kind, Exception):  # Ctrl-C waits for nothing
             for thread in self._threads:
                 thread.join()
 
     def begin(self, *work: Callable[[], object]) -> None:
         """Do this in its order, on a few threads."""
-        self._waiting.extend(work)
-        for _ in range(min(len(work), THREADS - sum(thread.is_alive() for thread in self._threads))):
+        with self._lock:
+            self._waiting.extend(work)
+            new = min(len(work), THREADS - self._working)
+            self._working += new
+        for _ in range(new):
             self._threads.append(threading.Thread(target=self._work, name="eomgen ahead", daemon=True))
             self._threads[-1].start()
 
@@ -49,9 +55,10 @@ class Ahead:
 
     def _work(self) -> None:
         while True:
-            try:
+            with self._lock:
+                if not self._waiting:
+                    self._working -= 1
+                    return
                 piece = self._waiting.popleft()
-            except IndexError:
-                return
             with suppress(Exception):
                 piece()
