@@ -73,6 +73,25 @@ def test_a_batch_needs_no_single_state(compiled: Compiled) -> None:
     assert np.array_equal(kernel.mass_matrix(np.array([Q]))[0], found)
 
 
+def test_what_wrenches_add_is_compiled_for_its_own_states(compiled: Compiled, monkeypatch: pytest.MonkeyPatch) -> None:
+    """For one state, though the call has many, where neither q nor the wrench is another one in each."""
+    kernel = eomgen.build("one_link")
+    wrench = np.random.default_rng(4).uniform(-1.0, 1.0, kernel.raw.shapes["wrench"])
+    ways = {
+        "one": lambda: kernel.residual(Q, V, V, V),
+        "one and one": lambda: kernel.residual(Q, V, V, V, wrench=wrench),
+        "one and many": lambda: kernel.residual(Q, MANY, V, V, wrench=wrench),
+        "many and many": lambda: kernel.residual(MANY, V, V, V, wrench=wrench),
+    }
+    expected = [["singles"], ["singles"], ["batches"], ["batches"]]
+    found = {}
+    for (way, call), halves in zip(ways.items(), expected, strict=True):
+        found[way] = call()
+        assert compiled.new() == halves, way
+    monkeypatch.setattr("eomgen.runtime.calls.Calls.run", None)  # calls go to the code at once from now on
+    assert all(call().tobytes() == found[way].tobytes() for way, call in ways.items())
+
+
 def test_kernels_by_name_have_both_halves(compiled: Compiled) -> None:
     kernel = eomgen.build("one_link", kernels=("energy",))
     assert sorted(compiled.new()) == ["batches", "singles"]
