@@ -74,9 +74,10 @@ def figures() -> dict[str, bytes]:
 def closed_pose(robot: eomgen.Robot) -> Mapping[str, float]:
     """The robot's pose of POSES, its loops closed."""
     given = POSES.get(robot.name, {})
-    names = build_model(robot).coordinates
-    if not robot.loops:
-        return given
+    model = build_model(robot)
+    names = model.coordinates
+    if not model.constraints:
+        return given or robot.home
     kernel = eomgen.build(robot, kernels=CLOSING, flags=("-O0",))
     guess, held = np.array([given.get(name, 0.0) for name in names]), list(given)[:1]
     if robot.name == "gough":  # the platform 1 m up, the legs reaching for it
