@@ -15,7 +15,7 @@ from ..kernels.blocks import row_blocks
 from ..kernels.bodies import first_frame, frame_bodies
 from ..kernels.closed import CLOSING, row_kinds
 from ..kernels.equations import Equations
-from ..kernels.signatures import KERNELS, SIGNATURES, Function, by_kind, functions, shapes
+from ..kernels.signatures import KERNELS, SIGNATURES, SINGLES, Function, by_kind, functions, shapes
 from ..program.operations import CALLS
 from ..solve.factorised import coordinate_parents
 from ..solve.rows import DERIVING
@@ -53,6 +53,7 @@ def header_context(equations: Equations, dtype: str, meta: Mapping[str, Any], ba
         "statuses": statuses(model),
         "closed": bool(model.constraints),
         "batches": batches,
+        "declared": [name for names in meta["halves"].values() for name in names],
         "coordinates": model.coordinates,
         "links": model.links,
         "frames": model.frames,
@@ -82,15 +83,14 @@ def _functions(public: list[Function]) -> dict[str, Any]:
     }
 
 
-def number_context(equations: Equations, dtype: str) -> dict[str, Any]:
-    """Names that C uses beside those of the header, where a number is one state's."""
+def number_context(equations: Equations, dtype: str, meta: Mapping[str, Any]) -> dict[str, Any]:
+    """Names that C uses beside those of the header, where a number is one state's; ``meta`` as of the header."""
     model, scalar = equations.model, SCALARS[dtype]
     programs = equations.programs.values()
     public = [name for name in equations.kernels if SIGNATURES[name].kind != "frames"]
     whole = [program for program in programs if program.name not in equations.shares]
     definitions = [define(program, model.name, scalar, public=program.name in public) for program in whole]
-    together = batched(equations)
-    alone = functions(name for name in equations.kernels if name not in together)
+    looped = [x for x in functions(equations.kernels) if f"{x.name}_batch" in meta["halves"][SINGLES]]
     return {
         "scalar": scalar.name,
         "suffix": "",
@@ -111,8 +111,8 @@ def number_context(equations: Equations, dtype: str) -> dict[str, Any]:
         "programs": definitions,
         "solving": any(definition.has_pivots for definition in definitions),
         "composed": _templates(_composed(equations)),
-        "looped": [function for function in alone if not function.is_rollout],
-        "rollout_is_looped": any(function.is_rollout for function in alone),
+        "looped": [function for function in looped if not function.is_rollout],
+        "rollout_is_looped": any(function.is_rollout for function in looped),
         "turn": TURNS[dtype],
         "turns": any(i.op in ("sin", "cos") for program in programs for i in program.instructions),
         "called": {i.op for program in (equations.setup, *programs) for i in program.instructions} & set(CALLS),

@@ -20,6 +20,7 @@ KINDS: Mapping[Kind, str] = {  # in the order in which C and packages have them
     "composed": "a template of its own, which calls programs: ``templates/composed``",
     "rollout": "the same, with a call of its own: many steps at once",
 }
+SINGLES, BATCHES = "singles", "batches"  # halves of the C of all kernels: for one state, and on vectors for several
 
 
 @dataclass(frozen=True)

@@ -72,7 +72,7 @@ EOMGEN_HELPER void turn(const double *restrict angle, size_t count, double *rest
     }
 }
 
-#if !defined(EOMGEN_BATCHES_ONLY) /* one state at a time */
+#if !defined(EOMGEN_BATCHES_ONLY) || defined(EOMGEN_SETUP)
 
 /* What depends on parameters alone: h holds p, then what kernels read of it. */
 void one_link_setup(const double *restrict p, double *restrict h)
@@ -88,6 +88,9 @@ void one_link_setup(const double *restrict p, double *restrict h)
     h[5] = -p[2];
     h[6] = 0.5*p[2];
 }
+#endif
+
+#if !defined(EOMGEN_BATCHES_ONLY) /* one state at a time */
 
 /* 0, or 1 + i for the first coordinate i whose pivot vanishes beside its scale; NaN counts as vanished. */
 static int one_link_failed(const double *restrict pivot)

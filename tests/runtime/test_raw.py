@@ -38,6 +38,7 @@ def test_every_function_does_what_its_call_does(dtype: str, built: Build) -> Non
         pointer = kernel.parameters.setup.pointer(function.library)
         status = function.code(pointer, *(raw.view(x[0]) for x in arrays), *extra, raw.view(one))
         steps = [item for x in arrays for item in (raw.view(x), x[0].size)]
+        pointer = kernel.parameters.setup.pointer(function.where(batch=True))
         said = function.batch(3, pointer, *steps, *extra, raw.view(many))
         if name in CLOSED:  # the loop is open here
             assert kernel.n < status <= raw.statuses

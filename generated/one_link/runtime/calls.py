@@ -209,9 +209,10 @@ class Calls:
             -1, or state * ``raw.statuses`` + i of the first failure.
         """
         setup, view = self.parameters.setup, self.raw.view  # which may be replaced by another one meanwhile
-        pointer = setup.pointer(function.library)
+        code = function.code if count is None else function.batch
+        pointer = setup.pointer(function.where(batch=count is not None))
         if count is None:
-            return int(function.code(pointer, *map(view, arrays), *extra, view(result))) - 1
+            return int(code(pointer, *map(view, arrays), *extra, view(result))) - 1
         size = states_at_once(function.operations)
 
         def work(first: int, end: int) -> Iterator[int]:
@@ -220,13 +221,13 @@ class Calls:
                 arguments: list[Any] = []
                 for array, step in zip(arrays, steps, strict=True):
                     arguments += [view(array[begin:last] if step else array), step]
-                failed = function.batch(last - begin, pointer, *arguments, *extra, view(result[begin:last]))
+                failed = code(last - begin, pointer, *arguments, *extra, view(result[begin:last]))
                 yield int(failed) + begin * self.raw.statuses if failed >= 0 else -1
 
         return shared(work, count, min(self.threads, count // SHARE))
 
     def _asked(self, given: Mapping[str, Array], name: str) -> Array | None:
-        """What another function says of a state, with zeros for what is not given; None where there is none."""
+        """Ask another function about a state, with zeros for what is not given; None where there is none."""
         if name not in self.raw.functions:
             return None
         reads = self.raw.functions[name].reads

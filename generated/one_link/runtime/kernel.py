@@ -5,7 +5,7 @@ A generated package carries a copy of this file, which imports NumPy and its nei
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from types import FunctionType, ModuleType
 from typing import Any
 
@@ -17,6 +17,8 @@ from ..names import html_table, nearest_or_all, show
 from .arrays import Arrays, joint_lead
 from .by_name import Blocks, make_blocks
 from .calls import Calls
+from .closing import closed_positions, closed_rates
+from .closing import roots as found_roots
 from .direct import Face, functions
 from .many_steps import rollout
 from .opened import LOADED
@@ -486,7 +488,7 @@ class Kernel:
         are the paper's M_i^sv and C_i^svw over all joints.
         """
         mass, christoffel = self.mass_matrix(q), self.christoffel(q)
-        survivors = self.raw.libraries.library("christoffel").meta["survivors"]
+        survivors = self.raw.libraries.about("christoffel")["survivors"]
         return make_blocks(mass, christoffel, survivors, self.coordinates)
 
     def frame_pose(self, q: ArrayLike, frame: str, *, out: Array | None = None) -> Array:
@@ -637,6 +639,42 @@ class Kernel:
             np.arctan2(-R[..., 0, 1], R[..., 0, 0]),
         )
         return np.concatenate([poses[..., :3, 3], np.stack(angles, axis=-1)], axis=-1)
+
+    def close(self, q: ArrayLike, held: Iterable[str] = (), *, roots: int | None = None) -> Array:
+        """Coordinates near a guess that close all loops, (n,); Levenberg and Marquardt's method.
+
+        Args:
+            q: the guess, (n,), or many of them.
+            held: names of coordinates that stay at their guess; prescribed ones do.
+            roots: find so many ways to close the loops, or as many as there are, from random guesses about this one
+                (always the same): (roots, n), the nearest first, angles within half a turn of the guess.  Where fewer
+                coordinates are held than the mechanism has freedoms, they are any of infinitely many.
+
+        Raises:
+            LoopError: they do not close near the guess, or only turned over; names the loop and its remaining gap.
+            UnknownNameError: a held coordinate is none.
+            InputError: the robot has no loops, or roots of many states are asked for.
+        """
+        if roots is not None:
+            return found_roots(self.calls, q, held, roots)
+        return closed_positions(self.calls, q, held)
+
+    def close_rates(self, q: ArrayLike, v: ArrayLike, held: Iterable[str] = ()) -> Array:
+        """Rates that keep the loops closed, (n,), those with the least kinetic energy of the difference to a guess.
+
+        That is what a sudden closing of the loops makes of the guess, too.
+
+        Args:
+            q: coordinates that close the loops, (n,).
+            v: the guess, (n,).
+            held: names of coordinates whose rates stay; those of prescribed ones do.
+
+        Raises:
+            LoopError: the loops are open at q, or the rates that are held open one; names it and what remains.
+            SingularError: M is not positive definite.
+            UnknownNameError, InputError: as of ``close``.
+        """
+        return closed_rates(self.calls, q, v, held)
 
     def spring_forces(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
         """Length (m) and tension (N) of every spring between two points, (springs, 2), in the order of ``springs``.

@@ -47,10 +47,9 @@ def loop_error(raw: RawKernel, name: str, reason: int, place: str, given: Mappin
     what, per, allowed = KINDS[kind]
     component, gap = names[row], _gap(ask, given, kind, row)
     loop = component.partition(".")[0]
-    unit = ("m" if component.rpartition(".")[2] in ("x", "y", "z") else "rad") + per
     return LoopError(
-        f"{name}: {raw.name}: loop {loop} {what}{place}: {component} is left with {gap:.3g} {unit}; allowed: {allowed}"
-        f"{tree}",
+        f"{name}: {raw.name}: {_kind(component)} {loop} {what}{place}: {component} is left with"
+        f" {gap:.3g} {_unit(component)}{per}; allowed: {allowed}{tree}",
         loop=loop,
         gap=gap,
     )
@@ -88,8 +87,36 @@ def _not_held(raw: RawKernel, title: str, i: int, place: str, ask: Ask, tree: st
     )
 
 
+def left_open(raw: RawKernel, gaps: NDArray[Any], what: str, allowed: str, per: str = "") -> LoopError:
+    """The error that names the loop with the greatest of the gaps.
+
+    Args:
+        raw: the functions.
+        gaps: of all components of the constraint, (constraints,): m or rad, or their derivatives by time.
+        what, allowed: what is wrong with the loop, and what would not be.
+        per: "" or the unit of time that the gaps are by, such as "/s".
+    """
+    worst = int(np.abs(gaps).argmax())
+    component = raw.libraries.meta["constraints"][worst]
+    loop, gap = component.partition(".")[0], float(abs(gaps[worst]))
+    return LoopError(
+        f"{raw.name}: {_kind(component)} {loop} {what}: {component} is left with {gap:.3g} {_unit(component)}{per};"
+        f" allowed: {allowed}",
+        loop=loop,
+        gap=gap,
+    )
+
+
 def stays_open(raw: RawKernel, row: int) -> str:
     """Say which loop a step could not close again."""
     names = raw.libraries.meta["constraints"]
     component = names[row % len(names)]
-    return f"loop {component.partition('.')[0]} does not stay closed at {component}"
+    return f"{_kind(component)} {component.partition('.')[0]} does not stay closed at {component}"
+
+
+def _kind(component: str) -> str:
+    return "loop" if "." in component else "coupling"
+
+
+def _unit(component: str) -> str:
+    return "m" if component.rpartition(".")[2] in ("x", "y", "z") else "rad"

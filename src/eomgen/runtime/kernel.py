@@ -488,7 +488,7 @@ class Kernel:
         are the paper's M_i^sv and C_i^svw over all joints.
         """
         mass, christoffel = self.mass_matrix(q), self.christoffel(q)
-        survivors = self.raw.libraries.library("christoffel").meta["survivors"]
+        survivors = self.raw.libraries.about("christoffel")["survivors"]
         return make_blocks(mass, christoffel, survivors, self.coordinates)
 
     def frame_pose(self, q: ArrayLike, frame: str, *, out: Array | None = None) -> Array:
