@@ -13,6 +13,7 @@ from ..kernels.equations import Equations
 from ..kernels.interface import describe_kernels
 from ..kernels.operation_counts import operations
 from ..kernels.signatures import KERNELS
+from .contexts import statuses
 
 
 def kernel_metadata(equations: Equations, dtype: str) -> dict[str, Any]:
@@ -23,6 +24,7 @@ def kernel_metadata(equations: Equations, dtype: str) -> dict[str, Any]:
         "hoisted": len(equations.setup.outputs),
         "operations": operations(equations),
         "survivors": survivors(model) if mapped else {},
+        **({"statuses": statuses(model)} if model.constraints else {}),
     }
 
 
