@@ -159,6 +159,7 @@ KERNELS: Mapping[str, Signature] = {
     **_tangent("external_reactions", "q", "wrench", writes="reactions"),
     **_tangent("constrained_dynamics", "q", "v", "u", writes="constrained", needs="constraints"),
     **_tangent("settling", "q", "v", writes="settling", needs="constraints"),
+    **_tangent("constraint_jacobian", "q", writes="constraint_rows", needs="constraints"),
     "euler_cosines": Signature(("q",), "joints", "Cosine of beta of every joint with three angles, 1 for the others."),
     "constraint": Signature(
         ("q",), "constraints", "Constraint g(q) of the cut joints; zero where loops are closed.", needs="constraints"
