@@ -86,4 +86,6 @@ def _loop_metadata(model: Model) -> dict[str, Any]:
     found: dict[str, Any] = {"loops": loops} if loops else {}
     if model.constraints:
         found["constraints"] = model.constraints
+    if model.cut_laws:
+        found["cut_laws"] = [component_name(owner, name) if name else owner for owner, name, _ in model.cut_laws]
     return found
