@@ -86,7 +86,7 @@ def _add_loop(equality: Element, loop: Loop, bodies: Bodies, stiff: Mapping[str,
     for number, arm in enumerate(POINTS.get(loop.type, (0.0,) if loop.type == WELDED else ())):
         sites = []
         for end, (link, (rotation, origin)) in enumerate(zip(loop.links, frames, strict=True)):
-            sites.append(f"{loop.name}.{end}" + (f".{number}" if number else ""))
+            sites.append(f"loops.{loop.name}.{end}" + (f".{number}" if number else ""))
             place = {"pos": _text(origin + arm * rotation[:, 2]), "xyaxes": _text(rotation[:, :2].T.ravel())}
             SubElement(bodies[link], "site", {"name": sites[-1], **place})
         name = loop.name + (f".{number}" if number else "")
@@ -98,7 +98,7 @@ def _frame(placement: Placement) -> tuple[Array, Array]:
 
 
 def _kept(loop: Loop) -> dict[str, float]:
-    """What every coordinate of a cut joint keeps to, 0 where it is free."""
+    """Values that the coordinates of a cut joint keep to, 0 where they are free."""
     blocked = {part.name for part in CUTS[loop.type]}
     values = zip(COORDINATES, loop.offset, strict=True)
     return {name: (value or 0.0) if name in blocked else 0.0 for name, value in values}
@@ -130,16 +130,16 @@ def _add_coupling(
     equality: Element, tendons: Element, coupling: Coupling, references: Mapping[str, float], stiff: Mapping[str, str]
 ) -> None:
     """value(of) - sum of ratio * value = offset, counted from the reference position."""
-    offset = coupling.offset or 0.0
+    offset, tendon = coupling.offset or 0.0, f"couplings.{coupling.name}"
     ends = {coupling.of: 1.0, **{name: -ratio for name, ratio in coupling.to.items()}}
     begin = sum(factor * references.get(name, 0.0) for name, factor in ends.items())
     if coupling.law is not None:
-        _add_tendon(tendons, coupling.name, ends, _spring(coupling.law), offset)
+        _add_tendon(tendons, tendon, ends, _spring(coupling.law), offset)
         return
     values = {"name": coupling.name, **stiff}
     if len(ends) > 2:
-        _add_tendon(tendons, coupling.name, ends, {}, None)
-        SubElement(equality, "tendon", {**values, "tendon1": coupling.name, "polycoef": _text([offset - begin, 0.0])})
+        _add_tendon(tendons, tendon, ends, {}, None)
+        SubElement(equality, "tendon", {**values, "tendon1": tendon, "polycoef": _text([offset - begin, 0.0])})
         return
     others = {f"joint{number}": name for number, name in enumerate(ends, 1)}
     slope = sum(coupling.to.values())

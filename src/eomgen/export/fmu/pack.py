@@ -143,7 +143,7 @@ def _files(
 
 
 def _closing(model: Model) -> dict[str, object]:
-    """What ``composed/settle.c.jinja`` and the unit name of loops."""
+    """Names that ``composed/settle.c.jinja`` and the unit use of loops."""
     from eomgen.codegen.c.contexts import CLOSED_GAPS, OPEN_GAPS
 
     dtype = "float64"
