@@ -13,6 +13,7 @@ from ..kernels.equations import Equations
 from ..kernels.interface import describe_kernels
 from ..kernels.operation_counts import operations
 from ..kernels.signatures import KERNELS
+from .contexts import statuses
 from .lanes import halves
 
 
@@ -25,6 +26,7 @@ def kernel_metadata(equations: Equations, dtype: str, *, batches: bool = True) -
         "operations": operations(equations),
         "survivors": survivors(model) if mapped else {},
         "halves": halves(equations, batches=batches),
+        **({"statuses": statuses(model)} if model.constraints else {}),
     }
 
 

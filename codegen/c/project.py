@@ -95,6 +95,8 @@ def _header_context(meta: Mapping[str, Any]) -> dict[str, Any]:
         "functions": [_function(function, meta["shapes"]) for function in public if not function.is_rollout],
         "rolls": any(function.is_rollout for function in public),
         "solving": any(function.signature.solves for function in public),
+        "m": len(meta.get("constraints", ())),
+        "statuses": meta.get("statuses", len(meta["coordinates"])),
     }
 
 

@@ -61,13 +61,15 @@ class Signature:
 
 
 TOLD = ("constraint", "constraint_jacobian", "constraint_bias", "constrained_drives")  # what errors of loops tell
-RATES = {"q": "dq", "v": "dv", "a": "da", "wrench": "dwrench"}  # of what tangents move
+RATES = {"q": "dq", "v": "dv", "a": "da", "u": "du", "wrench": "dwrench"}  # of what tangents move
 
 
-def _tangent(kernel: str, *reads: str, writes: str) -> dict[str, Signature]:
+def _tangent(
+    kernel: str, *reads: str, writes: str, needs: Literal["", "loops", "springs", "constraints"] = ""
+) -> dict[str, Signature]:
     rates = tuple(RATES[array] for array in reads)
     text = f"What {kernel} changes by along {', '.join(rates)}."
-    return {f"{kernel}_tangent": Signature((*reads, *rates), writes, text, "tangent", tangent_of=kernel)}
+    return {f"{kernel}_tangent": Signature((*reads, *rates), writes, text, "tangent", tangent_of=kernel, needs=needs)}
 
 
 KERNELS: Mapping[str, Signature] = {
@@ -235,6 +237,9 @@ KERNELS: Mapping[str, Signature] = {
     **_tangent("energy", "q", "v", writes="pair"),
     **_tangent("reactions", "q", "v", "a", writes="reactions"),
     **_tangent("external_reactions", "q", "wrench", writes="reactions"),
+    **_tangent("constrained_dynamics", "q", "v", "u", writes="constrained", needs="constraints"),
+    **_tangent("settling", "q", "v", writes="settling", needs="constraints"),
+    **_tangent("constraint_jacobian", "q", writes="constraint_rows", needs="constraints"),
     "euler_cosines": Signature(("q",), "joints", "Cosine of beta of every joint with three angles, 1 for the others."),
     "constraint": Signature(
         ("q",), "constraints", "Constraint g(q) of the cut joints; zero where loops are closed.", needs="constraints"
@@ -281,7 +286,11 @@ KERNELS: Mapping[str, Signature] = {
 }
 
 CLOSURE_KERNELS = ("constraint", "constraint_jacobian", "constraint_bias", "cut_poses")  # of the constraint itself
-LOOP_KERNELS = tuple(name for name, signature in KERNELS.items() if signature.needs in ("loops", "constraints", "cuts"))
+LOOP_KERNELS = tuple(
+    name
+    for name, signature in KERNELS.items()
+    if signature.needs in ("loops", "constraints", "cuts") and not signature.tangent_of
+)
 
 PARTS: Mapping[str, Signature] = {  # programs that only other kernels call
     "closing_derivatives": Signature(
@@ -374,7 +383,7 @@ def shapes(model: Model) -> dict[str, tuple[int, ...]]:
     """Shape of every array that kernels read and write."""
     n = model.size
     vectors: dict[str, tuple[int, ...]] = dict.fromkeys(("q", "v", "a", "u", "added", "vector"), (n,))
-    vectors |= dict.fromkeys(("dq", "dv", "da"), (n,))
+    vectors |= dict.fromkeys(("dq", "dv", "da", "du"), (n,))
     m, loops = len(model.constraints), len(model.robot.loops)
     closing: dict[str, tuple[int, ...]] = {
         "constraints": (m,),

@@ -18,7 +18,7 @@ def tangent(program: Program, rates: Mapping[str, str], name: str) -> Program:
     """The program of the outputs' rates.
 
     Args:
-        program: of which all outputs are differentiated.
+        program: of which all outputs are differentiated but pivots, which only say whether there are others.
         rates: names of the input arrays that move, with the name of the input array of their rates.
         name: of the program that is made.
     """
@@ -31,7 +31,7 @@ def tangent(program: Program, rates: Mapping[str, str], name: str) -> Program:
         args = tuple(values[arg].index for arg in instruction.args)
         values.append(graph.insert(instruction.op, args, instruction.leaf))
         moving.append(_rate(graph, instruction, values, moving, rates))
-    return finish(graph, name, {key: moving[index] for key, index in program.outputs.items()})
+    return finish(graph, name, {key: moving[index] for key, index in program.outputs.items() if key[0] != "pivot"})
 
 
 def gradients(graph: Graph, values: Sequence[Value], inputs: Sequence[Node]) -> list[list[Value]]:

@@ -17,6 +17,7 @@ from eomgen.adapters.external import external_library
 from eomgen.adapters.mappings import DifferentiableFunction, kernels_for
 from eomgen.errors import BuildError, InputError
 from eomgen.pipeline import cache
+from eomgen.robot.model import build_model
 from tests.support.adapter_samples import built_for, functions_of, sample, states
 from tests.support.builds import Build
 from tests.support.figures import Figures
@@ -55,6 +56,23 @@ def test_values_and_jacobians_are_the_kernels(seed: int, built: Build, figures: 
                 error = float(np.abs(np.array(block) - wanted).max(initial=0.0))
                 figures.at_most("jacobian", error / max(float(np.abs(wanted).max(initial=0.0)), 1.0), 1e-13)
         figures.count("functions")
+
+
+def test_closed_mechanisms(built: Build) -> None:
+    """Accelerations and forces of the constraint with their Jacobians, beside closed states, too."""
+    robot, names = eomgen.load_robot("four_bar"), ("forward_dynamics", "constraint_forces", "constraint_jacobian")
+    kernel = built(robot, *kernels_for(*names, closed=True))
+    given = [np.array(build_model(robot).home) + 1e-3, np.array([1.0, -0.4, 0.3]), np.array([2.0, -1.0, 0.5])]
+    for name in names:
+        there, made = DifferentiableFunction(kernel, name), function(kernel, name, flags=FLAGS)
+        arrays = given[: len(there.reads)]
+        np.testing.assert_allclose(
+            np.array(made(*arrays)).reshape(there.output), there.value(*arrays), rtol=1e-13, atol=1e-13
+        )
+        found = made.jacobian()(*arrays, 0)
+        blocks = found if isinstance(found, tuple) else (found,)
+        for block, expected, shape in zip(blocks, there.derivatives(*arrays), there.inputs, strict=True):
+            np.testing.assert_allclose(np.array(block), by_columns(expected, there, shape), rtol=1e-11, atol=1e-11)
 
 
 def test_forward_and_reverse_modes(built: Build) -> None:

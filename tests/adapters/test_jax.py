@@ -15,8 +15,9 @@ import pytest
 
 import eomgen
 from eomgen.adapters.jax import function
-from eomgen.adapters.mappings import kernels_for
+from eomgen.adapters.mappings import DifferentiableFunction, kernels_for
 from eomgen.errors import ArrayError, InputError
+from eomgen.robot.model import build_model
 from eomgen.runtime.calls import Calls
 from eomgen.runtime.raw import RawFunction
 from tests.support.adapter_samples import built_for, functions_of, sample, states
@@ -68,6 +69,18 @@ def test_values_and_derivatives_are_the_kernels(seed: int, built: Build, figures
         for found, block in zip(back, blocks, strict=True):
             figures.at_most("reverse", distance(found, np.tensordot(pull, block, axes=pull.ndim)), 1e-12)
         figures.count("functions")
+
+
+def test_closed_mechanisms(built: Build) -> None:
+    robot = eomgen.load_robot("four_bar")
+    kernel = built(robot, *kernels_for("forward_dynamics", "constraint_forces", closed=True))
+    q, v, u = np.array(build_model(robot).home), np.zeros(3), np.array([2.0, -1.0, 0.5])
+    for name in ("forward_dynamics", "constraint_forces"):
+        there, made = DifferentiableFunction(kernel, name), function(kernel, name)
+        np.testing.assert_allclose(made(q, v, u), there.value(q, v, u), rtol=1e-13)
+        for at, block in enumerate(jax.jacrev(made, argnums=(0, 1, 2))(q, v, u)):
+            expected = there.derivatives(q, v, u)[at]
+            assert distance(block, expected) <= 1e-12
 
 
 def both_ways(made: Any, arrays: Any, moves: Any, pull: Any) -> Any:

@@ -9,6 +9,7 @@ import eomgen
 from eomgen.adapters import rules
 from eomgen.adapters.mappings import FUNCTIONS, DifferentiableFunction, kernels_for
 from eomgen.errors import InputError, UnknownNameError
+from eomgen.robot.model import build_model
 from tests.oracles.complex_step import complex_jacobian
 from tests.support.adapter_samples import built_for, differences, functions_of, sample, states
 from tests.support.builds import Build
@@ -106,10 +107,23 @@ def test_refusals(built: Build, monkeypatch: pytest.MonkeyPatch) -> None:
         DifferentiableFunction(kernel, "generalized_force")
 
 
-def test_loops_are_refused_unless_cut(built: Build) -> None:
-    robot = sample(4104)
-    assert robot.loops
-    kernel = built_for(robot, built)
-    with pytest.raises(InputError, match="has loops"):
-        DifferentiableFunction(kernel, "forward_dynamics")
+def test_accelerations_with_loops(built: Build) -> None:
+    """Closed as they are, also beside closed states, where optimisers look; open on demand."""
+    robot, names = eomgen.load_robot("four_bar"), ("forward_dynamics", "constraint_forces", "constraint_jacobian")
+    kernel = built(robot, *kernels_for(*names, closed=True), *kernels_for(*names, cut=True), "forward_dynamics")
+    q, v, u = np.array(build_model(robot).home), np.zeros(3), np.array([2.0, -1.0, 0.5])
+    closed, tree = (DifferentiableFunction(kernel, "forward_dynamics", cut=cut) for cut in (False, True))
+    np.testing.assert_allclose(closed.value(q, v, u), kernel.forward_dynamics(q, v, u), rtol=1e-13)
+    np.testing.assert_allclose(tree.value(q, v, u), kernel.forward_dynamics(q, v, u, cut=True), rtol=1e-13)
+    arrays = [q + 1e-3, np.array([1.0, -0.4, 0.3]), u]
+    for name in names:
+        function = DifferentiableFunction(kernel, name)
+        arguments = arrays[: len(function.reads)]
+        assert function.value(*arguments).shape == function.output
+        for at, block in enumerate(function.derivatives(*arguments)):
+            expected = differences(function, arguments, at)
+            np.testing.assert_allclose(block, expected, atol=1e-7 * max(np.abs(expected).max(), 1.0))
+    without = built(robot, "forward_dynamics")
+    with pytest.raises(UnknownNameError, match="built without constrained_dynamics, constrained_dynamics_tangent"):
+        DifferentiableFunction(without, "forward_dynamics")
     assert set(kernels_for("constraint")) <= set(FUNCTIONS["constraint"].kernels)

@@ -540,10 +540,10 @@ def test_a_step_that_is_too_long_fails_and_changes_nothing(version: int, exporte
     np.testing.assert_array_equal(host.get(list(host.references)), before)
 
 
-def test_loops_and_wrong_options_are_refused(tmp_path: Path) -> None:
-    one = eomgen.load_robot("one_link")
-    with pytest.raises(eomgen.InputError, match="bennett has loops"):
-        export_fmu(eomgen.load_robot("bennett"), tmp_path / "x.fmu")
+def test_open_homes_and_wrong_options_are_refused(tmp_path: Path) -> None:
+    one, four_bar = eomgen.load_robot("one_link"), eomgen.load_robot("four_bar")
+    with pytest.raises(eomgen.LoopError, match=r"joint4\.x does not close near home, where 0\.2 is left"):
+        export_fmu(replace(four_bar, home={}), tmp_path / "x.fmu")
     for options, message in (
         ({"version": 1}, "fmi: version 1 is unknown; allowed: 2, 3"),
         ({"method": "euler"}, "method: 'euler' is unknown; allowed: rk4, implicit"),

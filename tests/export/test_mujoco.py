@@ -14,7 +14,8 @@ from eomgen.cli.entry import main
 from eomgen.description.load import robot_from_mjcf
 from eomgen.errors import EomgenWarning, InputError
 from eomgen.export.mujoco import LEAST, left_out, mjcf
-from eomgen.robot.value import COORDINATES, LINEAR, Coordinate, Friction, Robot
+from eomgen.robot.value import COORDINATES, LINEAR, Coordinate, Coupling, Friction, Robot
+from eomgen.runtime.kernel import Kernel
 from tests.oracles.mujoco_models import MujocoRobot
 from tests.support.builds import Build
 from tests.support.figures import Figures
@@ -194,3 +195,88 @@ def test_a_moment_below_zero_by_round_off_is_written() -> None:
     links = (replace(robot.links[0], com=(0.1, 0.0, 0.0), inertia=(0.0, 0.0, 0.0, 0.0, 2e-13, 0.0)), *robot.links[1:])
     model = mujoco.MjModel.from_xml_string(mjcf(replace(robot, links=links), 1e-3))
     assert np.allclose(model.body_inertia[1], 0.0, atol=1e-12)
+
+
+def home_of(model: mujoco.MjModel) -> np.ndarray:
+    return np.array(model.key("home").qpos)
+
+
+def follow(robot: Robot, kernel: Kernel, u: np.ndarray, duration: float, step: float) -> tuple[float, float, float]:
+    """How far MuJoCo's motion from home gets from the rollout, the largest gap, and the largest way, m or rad."""
+    model = mujoco.MjModel.from_xml_string(mjcf(robot, step, approximate=True, actuators=True))
+    data = mujoco.MjData(model)
+    q0, steps = home_of(model), round(duration / step)
+    data.qpos[:], data.ctrl[:] = q0, u
+    q, _ = kernel.rollout(q0, np.zeros(kernel.n), u, step, steps)
+    off = gap = 0.0
+    for k in range(1, steps + 1):
+        mujoco.mj_step(model, data)
+        off = max(off, float(np.abs(data.qpos - q[k]).max()))
+        gap = max(gap, float(np.abs(kernel.constraint(np.array(data.qpos))).max()))
+    return off, gap, float(np.abs(q - q0).max())
+
+
+def test_loops_move_nearly_as_here(built: Build) -> None:
+    """A hinge of the four-bar linkage by two pairs of points: soft, but near."""
+    robot = eomgen.load_robot("four_bar")
+    kernel = built(robot, "rollout", "constraint")
+    found = [follow(robot, kernel, np.array([2.0, 0.0, 0.0]), 0.5, step) for step in (1e-3, 2e-4)]
+    print("from ours, gap, way:", *(f"{x:.1e}" for values in found for x in values))
+    assert found[1][2] > 1.0
+    assert found[0][0] < 1e-4
+    assert found[1][0] < 1e-5
+    assert found[1][1] < 1e-6
+
+
+def forward(robot: Robot, q: np.ndarray | None = None) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """The robot in MuJoCo at coordinates, or at its closed home."""
+    model = mujoco.MjModel.from_xml_string(mjcf(robot, 1e-3, approximate=True))
+    data = mujoco.MjData(model)
+    data.qpos[:] = home_of(model) if q is None else q
+    mujoco.mj_forward(model, data)
+    return model, data
+
+
+@pytest.mark.parametrize("kind", ["revolute", "spherical", "fixed"])
+def test_offsets_of_cut_joints_are_in_the_file(kind: str) -> None:
+    """MuJoCo's constraint is closed where ours is, and open elsewhere."""
+    robot = eomgen.load_robot("four_bar")
+    angle = 0.0
+    if kind == "fixed":  # at home, the only pose in which it closes
+        angle = robot.home["joint1.gamma"] + robot.home["joint2.gamma"] - robot.home["joint3.gamma"]
+    loop = replace(robot.loops[0], type=kind, offset=(0.02 * (kind != "fixed"), None, None, None, None, angle))
+    robot = replace(robot, loops=(loop,))
+    model, data = forward(robot)
+    assert data.nefc == {"revolute": 6, "spherical": 3, "fixed": 6}[kind]
+    assert np.abs(data.efc_pos).max() < 1e-9
+    _, data = forward(robot, home_of(model) + 0.1)
+    assert np.abs(data.efc_pos).max() > 1e-2
+
+
+def test_couplings_are_in_the_file(built: Build) -> None:
+    """Wherever the reference position is; elastic ones as exact springs."""
+    robot = eomgen.load_robot("ur5")
+    a, b, c, d, e, _ = (f"{joint.name}.gamma" for joint in robot.joints if joint.coordinates)
+    joints = [replace(j, offset=(*j.offset[:5], 0.2)) if f"{j.name}.gamma" == a else j for j in robot.joints]
+    couplings = (
+        Coupling("gear", b, {a: -0.5}, 0.1),
+        Coupling("still", d, {}, 0.3),
+        Coupling("both", c, {a: 0.5, b: 0.25}, -0.05),
+        Coupling("belt", e, {a: 0.5}, -0.2, Coordinate(stiffness=50.0, damping=0.1)),
+    )
+    robot = replace(robot, joints=tuple(joints), couplings=couplings, driven=None)
+    kernel = built(robot, "constraint", "settling")
+    q = np.random.default_rng(0).uniform(-0.5, 0.5, kernel.n)
+    model, data = forward(robot, q)
+    np.testing.assert_allclose(np.sort(data.efc_pos[:3]), np.sort(kernel.constraint(q)), atol=1e-12)
+    np.testing.assert_allclose(kernel.constraint(home_of(model)), 0.0, atol=1e-11)
+    stretch = q[4] - 0.5 * q[0] + 0.2
+    np.testing.assert_allclose(data.qfrc_spring, [25.0 * stretch, 0.0, 0.0, 0.0, -50.0 * stretch, 0.0], atol=1e-11)
+    assert [note for note in left_out(robot) if "belt" in note] == []
+
+
+def test_joints_that_mujoco_cannot_close_stay_open_and_are_named() -> None:
+    robot = eomgen.load_robot("four_bar")
+    robot = replace(robot, loops=(replace(robot.loops[0], type="cylindrical"),))
+    assert left_out(robot) == ["loops.joint4: left open (MuJoCo has no cylindrical joint among its constraints)"]
+    assert forward(robot)[1].nefc == 0

@@ -41,11 +41,14 @@ def states(robot: Robot, kernel: eomgen.Kernel, seed: int) -> dict[str, Array]:
 
 def built_for(robot: Robot, built: Callable[..., eomgen.Kernel]) -> eomgen.Kernel:
     """With all that the adapters can use."""
-    return built(robot, *kernels_for(*names_of(robot)))
+    return built(robot, *kernels_for(*names_of(robot), cut=bool(robot.loops)))
 
 
 def names_of(robot: Robot) -> list[str]:
-    return [name for name in FUNCTIONS if name != "constraint" or robot.loops]
+    """Of what there is for open loops, too: no forces of a constraint that no state may meet."""
+    return [
+        name for name in FUNCTIONS if name != "constraint_forces" and (not name.startswith("constraint") or robot.loops)
+    ]
 
 
 def functions_of(robot: Robot, kernel: eomgen.Kernel) -> Iterator[DifferentiableFunction]:

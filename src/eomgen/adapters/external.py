@@ -106,6 +106,9 @@ def render(function: DifferentiableFunction, called: str) -> str:
         "function": function.name,
         "derivatives": f"casadi/{function.rule.template}.c.jinja",
         "by_kernel": function.rule.kernel,
+        "calls": function.calls,
+        "first": function.rule.first(function),
+        "written": math.prod(kernel.raw.shapes[kernel.raw.functions[function.calls].writes]),
         "n": kernel.n,
         "frame": None if function.frame is None else kernel.frame_index(function.frame),
         "inputs": inputs,
@@ -121,7 +124,7 @@ def render(function: DifferentiableFunction, called: str) -> str:
         "read_by_derivatives": read,
         "places_of_blocks": (size * np.cumsum([0, *sizes])).tolist()[: len(sizes)],
         "setups": {
-            name: [_literal(x) for x in owner.parameters.setup.computed(owner.raw.functions[function.name].library)]
+            name: [_literal(x) for x in owner.parameters.setup.computed(owner.raw.functions[function.calls].library)]
             for name, owner in (("h", kernel), ("h_free", function.free))
             if owner is not None
         },

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
 from numpy.typing import NDArray
 
 from ..errors import InputError, UnknownNameError
-from ..runtime.calls import TREE
 from ..runtime.kernel import Kernel
 from . import rules
 
@@ -25,16 +24,17 @@ class Entry:
     result: name of its result.
     kernels: what it and its derivatives take.
     rule: how its derivatives follow from these.
-    passes_loops: whether forces in the loops of a robot are part of it; then there is one of the open tree, too.
+    calls: the kernel's function whose result it is, or a part of whose result; by default that of its own name.
     """
 
     reads: tuple[str, ...]
     result: str
     kernels: tuple[str, ...]
     rule: rules.Rule
-    passes_loops: bool = False
+    calls: str = ""
 
 
+_CONSTRAINED = ("constrained_dynamics", "constrained_dynamics_tangent")
 FUNCTIONS: Mapping[str, Entry] = MappingProxyType(
     {
         "residual": Entry(
@@ -48,14 +48,12 @@ FUNCTIONS: Mapping[str, Entry] = MappingProxyType(
             "u",
             ("inverse_dynamics", "residual_jacobian"),
             rules.ByKernel("residual_jacobian"),
-            passes_loops=True,
         ),
         "forward_dynamics": Entry(
             ("q", "v", "u"),
             "a",
             ("forward_dynamics", "forward_dynamics_jacobian"),
             rules.ByKernel("forward_dynamics_jacobian"),
-            passes_loops=True,
         ),
         "mass_matrix": Entry(("q",), "M", ("mass_matrix", "christoffel"), rules.MatrixRule()),
         "bias_force": Entry(
@@ -69,32 +67,62 @@ FUNCTIONS: Mapping[str, Entry] = MappingProxyType(
         "frame_pose": Entry(("q",), "A", ("kinematics",), rules.PoseRule()),
         "frame_jacobian": Entry(("q",), "J", ("kinematics",), rules.FrameJacobianRule()),
         "constraint": Entry(("q",), "g", ("constraint", "constraint_jacobian"), rules.ByKernel("constraint_jacobian")),
+        "constraint_jacobian": Entry(
+            ("q",), "G", ("constraint_jacobian", "constraint_jacobian_tangent"), rules.TangentRule()
+        ),
+        "constraint_forces": Entry(
+            ("q", "v", "u"), "f", _CONSTRAINED, rules.ConstrainedRule("constraints", 1), "constrained_dynamics"
+        ),
     }
 )
-CLOSED = ("inverse_dynamics", "forward_dynamics", "forward_dynamics_jacobian")  # that there are of the tree, too
+CLOSED: Mapping[str, Entry] = MappingProxyType(  # in their place where a robot has loops or rigid couplings
+    {
+        "forward_dynamics": Entry(
+            ("q", "v", "u"), "a", _CONSTRAINED, rules.ConstrainedRule("vector", 0), "constrained_dynamics"
+        ),
+    }
+)
+CUT: Mapping[str, Entry] = MappingProxyType(  # and where these are meant to be open
+    {
+        "forward_dynamics": Entry(
+            ("q", "v", "u"),
+            "a",
+            ("tree_forward_dynamics", "tree_forward_dynamics_jacobian"),
+            rules.ByKernel("tree_forward_dynamics_jacobian"),
+            "tree_forward_dynamics",
+        ),
+        "inverse_dynamics": Entry(
+            ("q", "v", "a"),
+            "u",
+            ("tree_inverse_dynamics", "residual_jacobian"),
+            rules.ByKernel("residual_jacobian"),
+            "tree_inverse_dynamics",
+        ),
+    }
+)
+WITHOUT_DERIVATIVES = ("inverse_dynamics",)  # of closed mechanisms: the least drives
 FRAMES = tuple(name for name, entry in FUNCTIONS.items() if entry.rule.framed)
 
 
-def kernels_for(*names: str) -> tuple[str, ...]:
+def kernels_for(*names: str, closed: bool = False, cut: bool = False) -> tuple[str, ...]:
     """Names of the kernels that these functions and their derivatives need, for ``eomgen.build(robot, kernels=...)``.
+
+    Args:
+        names: of FUNCTIONS.
+        closed: of a robot with loops or rigid couplings.
+        cut: of one whose loops are meant to be open.
 
     Raises:
         UnknownNameError: not one of FUNCTIONS.
     """
-    return tuple(dict.fromkeys(kernel for name in names for kernel in _entry(name).kernels))
+    return tuple(dict.fromkeys(kernel for name in names for kernel in _entry(name, closed or cut, cut).kernels))
 
 
-def _entry(name: str) -> Entry:
+def _entry(name: str, closed: bool, cut: bool) -> Entry:
     if name not in FUNCTIONS:
         raise UnknownNameError(f"function: {name!r} is unknown; allowed: {', '.join(FUNCTIONS)}")
-    return FUNCTIONS[name]
-
-
-def _of_tree(entry: Entry) -> Entry:
-    """The entry of the same function of a robot with its loops cut."""
-    kernels = tuple(f"{TREE}{name}" if name in CLOSED else name for name in entry.kernels)
-    by = entry.rule.kernel
-    return replace(entry, kernels=kernels, rule=rules.ByKernel(f"{TREE}{by}" if by in CLOSED else by))
+    others: Mapping[str, Entry] = (CUT if cut else CLOSED) if closed else {}
+    return others.get(name, FUNCTIONS[name])
 
 
 class DifferentiableFunction:
@@ -105,20 +133,20 @@ class DifferentiableFunction:
         name: one of FUNCTIONS.
         frame: of frame_pose and frame_jacobian.
         rule: how derivatives follow.
+        calls: the kernel's function that has the result, or a part of it.
         reads, result: names of what it takes and of what it gives.
         inputs: shapes of what it takes; output: that of its result.
         free: of bias_force and generalized_force the kernel without any force; else None.
 
     Raises:
         UnknownNameError: no function or frame of that name, or a kernel that it takes was not built.
-        InputError: a frame is missing or not wanted; the robot has loops that are not to be open.
+        InputError: a frame is missing or not wanted.
     """
 
     def __init__(self, kernel: Kernel, name: str, frame: str | None = None, *, cut: bool = False) -> None:
-        entry = _entry(name)
-        if entry.passes_loops and kernel.loops:
+        entry = _entry(name, bool(kernel.constraints), cut)
+        if name in WITHOUT_DERIVATIVES and kernel.constraints:
             kernel.refuse_loops(name, cut=cut)
-            name, entry = f"{TREE}{name}", _of_tree(entry)
         missing = [needed for needed in entry.kernels if needed not in kernel.operations]
         if missing:
             raise UnknownNameError(
@@ -129,15 +157,15 @@ class DifferentiableFunction:
             raise InputError(f"frame: {name} got {frame!r}; allowed: {wanted}")
         self.kernel, self.name, self.frame, self.rule = kernel.together(*entry.kernels), name, frame, entry.rule
         self._extra = () if frame is None else (kernel.frame_index(frame),)
-        self.reads, self.result = entry.reads, entry.result
+        self.reads, self.result, self.calls = entry.reads, entry.result, entry.calls or name
         shapes = kernel.raw.shapes
         self.inputs: tuple[tuple[int, ...], ...] = tuple(shapes[label] for label in entry.reads)
-        self.output: tuple[int, ...] = shapes[kernel.raw.functions[name].writes]
+        self.output: tuple[int, ...] = shapes[entry.rule.writes or kernel.raw.functions[self.calls].writes]
         self.free = rules.without_forces(self.kernel) if entry.rule.needs_free else None
 
     def value(self, *arrays: Array) -> Array:
         """The kernel's result, for one state or a batch."""
-        return self.kernel.calls.run(self.name, None, arrays, self._extra)
+        return self.rule.part(self, self.kernel.calls.run(self.calls, None, arrays, self._extra))
 
     def derivatives(self, *arrays: Array) -> tuple[Array, ...]:
         """Exact derivatives by every argument: (output shape, input shape), behind the batch's axis."""

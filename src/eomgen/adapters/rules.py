@@ -24,6 +24,7 @@ class Subject(Protocol):
 
     kernel: Kernel
     name: str
+    calls: str
     frame: str | None
     reads: tuple[str, ...]
     inputs: tuple[tuple[int, ...], ...]
@@ -39,8 +40,10 @@ class Rule:
         kernel: the kernel that writes them all, or nothing.
         framed: whether the function is one of a frame.
         needs_free: whether the kernel without any force is needed.
+        writes: shape of the result, by its name in a kernel's ``shapes``, where it is a part of what a kernel writes.
     """
 
+    writes = ""
     template = ""
     kernel = ""
     framed = False
@@ -53,6 +56,14 @@ class Rule:
     def patterns(self, f: Subject) -> tuple[Array, list[Array]]:
         """Sparsity of the result and its derivatives: True where they may differ from zero, shapes as of one state."""
         return np.ones(f.output, np.bool_), [np.ones((*f.output, *shape), np.bool_) for shape in f.inputs]
+
+    def first(self, f: Subject) -> int:
+        """Place of the result in what the kernel writes."""
+        return 0
+
+    def part(self, f: Subject, written: Array) -> Array:
+        """The result, of what the kernel writes."""
+        return written
 
     def reads(self, f: Subject) -> tuple[str, ...]:
         """Arguments that the C reads."""
@@ -156,12 +167,33 @@ class TangentRule(Rule):
             whole = np.broadcast_to(array, (*lead, *shape)).reshape(count, 1, *shape)
             states.append(np.repeat(whole, total, axis=1).reshape(-1, *shape))
             directions.append(np.tile(part, (count, 1)).reshape(-1, *shape))
-        found = f.kernel.tangent(f.name, *states, *directions).reshape(*lead, total, *f.output)
+        written = self.part(f, f.kernel.tangent(f.calls, *states, *directions))
+        found = written.reshape(*lead, total, *f.output)
         blocks = np.split(np.moveaxis(found, len(lead), -1), np.cumsum(sizes)[:-1], axis=-1)
         return tuple(b.reshape(*b.shape[:-1], *shape) for b, shape in zip(blocks, f.inputs, strict=True))
 
     def spare(self, f: Subject) -> int:
-        return sum(math.prod(shape) for shape in f.inputs) + math.prod(f.output)
+        return sum(math.prod(shape) for shape in f.inputs) + math.prod(
+            f.kernel.raw.shapes[f.kernel.raw.functions[f.calls].writes]
+        )
+
+
+class ConstrainedRule(TangentRule):
+    """Accelerations or multipliers, of what constrained_dynamics writes: whatever the gaps are.
+
+    Args:
+        writes: "vector" for accelerations, "constraints" for multipliers.
+        place: 0 for the former, 1 for the latter.
+    """
+
+    def __init__(self, writes: str, place: int) -> None:
+        self.writes, self.place = writes, place
+
+    def first(self, f: Subject) -> int:
+        return f.kernel.n * self.place
+
+    def part(self, f: Subject, written: Array) -> Array:
+        return np.ascontiguousarray(written[..., self.first(f) : self.first(f) + f.output[0]])
 
 
 class EnergyRule(TangentRule):

@@ -37,6 +37,8 @@ from ..robot.value import (
     Robot,
     Spring,
 )
+from .equalities import add_equalities, held_softly
+from .start import closed_home
 
 Array = NDArray[np.float64]
 Bodies = Mapping[str, ElementTree.Element]
@@ -50,8 +52,9 @@ def export_mjcf(
 ) -> Path:
     """Write a robot as a model of MuJoCo: the same coordinates in the same order and with the same names.
 
-    Drives are motors of the coordinates' names, frames are sites.  Contacts are off; limits are written, but switched
-    off, as nothing stops at them here.  Links without mass and thin rods get ``LEAST`` in its place.
+    Drives are motors of the coordinates' names, frames are sites, and loops and couplings equality constraints, which
+    are soft; the keyframe "home" is the closed pose near the description's home.  Contacts are off; limits are written,
+    but switched off, as nothing stops at them here.  Links without mass and thin rods get ``LEAST`` in its place.
 
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description.
@@ -66,13 +69,14 @@ def export_mjcf(
     Raises:
         InputError: MuJoCo has no equal for something, and ``approximate`` is False; an argument is none of these; or
             the file cannot be written.
+        LoopError: loops do not close near the description's home.
     """
     from .step import default_step
 
     robot = as_robot(robot)
     _check(robot, integrator, approximate)
     if step is None:
-        step = 1e-3 if robot.loops else default_step(robot, integrator.lower())
+        step = default_step(robot, integrator.lower())
     text = mjcf(robot, step, integrator, approximate=approximate, actuators=True)
     for what in left_out(robot):
         warnings.warn(f"{robot.name}: {what}", EomgenWarning, stacklevel=2)
@@ -99,6 +103,8 @@ def mjcf(
     for frame in robot.frames:
         ElementTree.SubElement(bodies[frame.link], "site", {"name": frame.name, **_place(frame.placement)})
     _add_tendons(root, robot, bodies)
+    if robot.loops or robot.couplings:
+        add_equalities(root, robot, bodies, closed_home(robot), step)
     if actuators:
         part = ElementTree.SubElement(root, "actuator")
         for name in coordinate_names(robot):
@@ -122,8 +128,7 @@ def _check(robot: Robot, integrator: str, approximate: bool) -> None:
 
 def left_out(robot: Robot) -> list[str]:
     """Notes on all that MuJoCo has no equal for: its name, and what becomes of it."""
-    found = [f"loops.{loop.name}: left open (MuJoCo's equality constraints are soft)" for loop in robot.loops]
-    found += [f"couplings.{coupling.name}: left out" for coupling in robot.couplings]
+    found = list(held_softly(robot))
     for joint in robot.joints:
         for name, given in joint.coordinates.items():
             found += [f"joints.{joint.name}.{name}.{what}" for what in _unknown(given)]

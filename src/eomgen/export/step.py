@@ -5,13 +5,16 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import SingularError
 from ..pipeline.stages import build
 from ..progress import StageReport, no_report
+from ..robot.model import build_model
 from ..robot.value import Robot
-from ..runtime.kernel import Kernel
+from .start import closed_home
 
+Array = NDArray[np.float64]
 LONGEST_STEP = 1e-3  # s, of co-simulation
 PART = 0.2  # of 1 / the fastest eigenvalue: a step of the Runge-Kutta method
 
@@ -19,22 +22,43 @@ PART = 0.2  # of 1 / the fastest eigenvalue: a step of the Runge-Kutta method
 def default_step(robot: Robot, method: str, progress: StageReport = no_report) -> float:
     """LONGEST_STEP, or less where the Runge-Kutta method needs it: of 1, 2 or 5 times a power of ten, s.
 
-    By the eigenvalues about the state where all coordinates are zero.
+    By the eigenvalues about the state where all coordinates are zero, of robots with loops about their closed home.
     """
     if method != "rk4":
         return LONGEST_STEP
-    rate = _fastest(build(robot, kernels=("forward_dynamics_jacobian",), flags=("-O0",), progress=progress))
+    rate = _fastest(robot, progress)
     longest = min(LONGEST_STEP, PART / rate) if rate > 0.0 else LONGEST_STEP
     power = 10.0 ** math.floor(math.log10(longest) + 1e-9)
     return float(f"{max(digit * power for digit in (1, 2, 5) if digit * power <= longest * (1.0 + 1e-9)):.0e}")
 
 
-def _fastest(kernel: Kernel) -> float:
-    """The greatest modulus of an eigenvalue where all coordinates are zero, 1/s; 0 where there is no acceleration."""
-    zero = np.zeros(kernel.n)
+def _fastest(robot: Robot, progress: StageReport) -> float:
+    """The greatest modulus of an eigenvalue where the robot starts, 1/s; 0 where there is no acceleration."""
     try:
-        by_q, by_v, _ = kernel.forward_dynamics_jacobian(zero, zero, zero)
+        by_q, by_v = (_closed if build_model(robot).constraints else _open)(robot, progress)
     except SingularError:
         return 0.0
-    whole = np.block([[np.zeros_like(by_q), np.eye(kernel.n)], [by_q, by_v]])
+    whole = np.block([[np.zeros_like(by_q), np.eye(len(by_q))], [by_q, by_v]])
     return float(np.abs(np.linalg.eigvals(whole)).max()) if np.isfinite(whole).all() else 0.0
+
+
+def _open(robot: Robot, progress: StageReport) -> tuple[Array, Array]:
+    """Derivatives of the accelerations by q and v, (n, n) each, where all coordinates are zero."""
+    kernel = build(robot, kernels=("forward_dynamics_jacobian",), flags=("-O0",), progress=progress)
+    zero = np.zeros(kernel.n)
+    return kernel.forward_dynamics_jacobian(zero, zero, zero)[:2]
+
+
+def _closed(robot: Robot, progress: StageReport) -> tuple[Array, Array]:
+    """The same of a robot with loops at its closed home, at rest."""
+    q = np.array(closed_home(robot, progress))
+    names = ("constrained_dynamics", "constrained_dynamics_tangent")
+    kernel = build(robot, kernels=names, flags=("-O0",), progress=progress)
+    n, zero = kernel.n, np.zeros(kernel.n)
+    kernel.calls.run("constrained_dynamics", None, (q, zero, zero))  # or a singular mass matrix would go unseen
+    directions, still = np.eye(n), np.zeros((n, n))
+    found = [
+        kernel.tangent("constrained_dynamics", q, zero, zero, dq, dv, zero)[:, :n].T
+        for dq, dv in ((directions, still), (still, directions))
+    ]
+    return found[0], found[1]

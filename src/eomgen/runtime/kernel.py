@@ -587,7 +587,8 @@ class Kernel:
 
         Args:
             name: "external_force" or "external_reactions", with q, wrench, dq, dwrench; "energy", with q, v, dq, dv;
-                "reactions", with q, v, a, dq, dv, da.  Without the wrenches' part in "reactions".
+                "reactions", with q, v, a, dq, dv, da; of robots with loops also "constrained_dynamics", with q, v, u,
+                dq, dv, du, and "settling", with q, v, dq, dv.  Without the wrenches' part in "reactions".
             arrays: those, shapes as of the kernel itself.
             out: array to write to.
 
@@ -796,11 +797,11 @@ class Kernel:
         Raises:
             InputError: the robot has loops, and they are not to be open.
         """
-        if self.loops and not cut:
+        if self.constraints and not cut:
+            names = ", ".join(dict.fromkeys(component.partition(".")[0] for component in self.constraints))
             hint = "" if cut is None else "; cut=True takes the loops as open"
             raise InputError(
-                f"{name}: {self.name} has loops ({', '.join(self.loops)}), and forces in them are not known here; see"
-                f" eomgen.loops{hint}"
+                f"{name}: {self.name} has loops ({names}), and forces in them are not known here; see eomgen.loops{hint}"
             )
 
 

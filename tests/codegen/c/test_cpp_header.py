@@ -15,7 +15,8 @@ import eomgen
 from eomgen.codegen.c import project
 from eomgen.codegen.c.project import safe, view
 from eomgen.codegen.kernels.signatures import KERNELS
-from eomgen.errors import SingularError
+from eomgen.errors import LoopError, SingularError
+from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
 from eomgen.runtime.raw import RawFunction
 from tests.support.c_project import COMPILERS, NO_EIGEN, PREAMBLE, need_eigen, package_of, program, run
@@ -106,6 +107,7 @@ def calls(called: RawFunction, writes: Sequence[int], frame: str) -> list[str]:
     [
         (sprung, "float64", "gcc", True),
         (looped, "float64", "clang", False),
+        (looped, "float64", "gcc", False),
         (tree, "float32", "clang", True),
         (tree, "float64", "gcc", False),
     ],
@@ -135,6 +137,8 @@ def compare(robot: Robot, dtype: str, compiler: str, eigen: bool, tmp_path: Path
     functions, shapes = kernel.raw.functions, kernel.raw.shapes
     labels = {label for function in functions.values() for label in function.reads}
     states = {label: generator.uniform(-0.4, 0.4, (2, *shapes[label])).astype(kernel.dtype) for label in sorted(labels)}
+    if kernel.constraints:
+        states |= closed_states(robot, kernel)
     code = all_functions(robot.name, kernel, states)
     made = program(compiler, code, [package], tmp_path, *(need_eigen() if eigen else (NO_EIGEN,)))
     answers = {}
@@ -154,6 +158,69 @@ def compare(robot: Robot, dtype: str, compiler: str, eigen: bool, tmp_path: Path
             assert np.array_equal(answers[name + end], expected), name + end
             assert np.any(expected != 0) or name in MAY_VANISH, name
     return count
+
+
+def closed_states(robot: Robot, kernel: eomgen.Kernel) -> dict[str, NDArray[np.floating]]:
+    """Two rates at home that keep the loops closed, to the dtype's round-off."""
+    q = np.array([build_model(robot).home] * 2, dtype=kernel.dtype)
+    v = np.array([[0.1], [-0.2]], dtype=kernel.dtype) * np.arange(1, kernel.n + 1, dtype=kernel.dtype)
+    for _ in range(3):
+        change = kernel.calls.run("settling", None, (q, v))
+        q, v = q + change[:, : kernel.n], v + change[:, kernel.n : 2 * kernel.n]
+    return {"q": q, "v": v}
+
+
+OPEN = """
+#include <cmath>
+int main()
+{
+    const arm::Setup setup;
+    const std::array<double, 3> home{{HOME}};
+    std::array<double, 3> zero{}, out{}, v{};
+    std::array<double, 9> qs{}, q_out{}, v_out{};
+    for (int i = 0; i < 9; ++i) qs[static_cast<std::size_t>(i)] = home[static_cast<std::size_t>(i % 3)];
+    qs[8] += 0.1;
+    v[0] = 1.0;
+    const auto report = [](const char *what, const arm::Status &status) {
+        const std::string_view coordinate = arm::coordinate_names[status.coordinate()];
+        const std::string_view constraint = arm::constraint_names[status.constraint()];
+        std::printf("%s %d %.*s %.*s %zu %zu\\n", what, static_cast<int>(status.reason()),
+                    static_cast<int>(coordinate.size()), coordinate.data(),
+                    static_cast<int>(constraint.size()), constraint.data(), status.state(), status.step());
+    };
+    report("good", arm::forward_dynamics(setup, home, zero, zero, out));
+    report("batch", arm::forward_dynamics_batch(setup, 3, qs.data(), zero, zero, v_out.data()));
+    report("rate", arm::forward_dynamics(setup, home, v, zero, out));
+    std::printf("value %d\\n", int(arm::forward_dynamics(setup, home, v, zero).has_value()));
+    qs[6] = 0.0 * HUGE_VAL;
+    arm::Drive drive{};
+    drive.u = zero.data();
+    report("rollout", arm::rollout_batch(
+        setup, 3, qs.data(), zero, drive, 1e-3, 2, 2, arm::Method::rk4, q_out.data(), v_out.data()));
+    return 0;
+}
+"""
+
+
+def test_loops_that_are_open_are_reported(tmp_path: Path) -> None:
+    """Which component of which loop, and whether it is open or opening, as the Python kernel's error says."""
+    robot, kernels = eomgen.load_robot("four_bar"), ("forward_dynamics", "rollout")
+    package, kernel = package_of(robot, tmp_path, *kernels), kernel_of(robot, *kernels)
+    home = np.array(build_model(robot).home)
+    code = PREAMBLE.format(name=robot.name, space=robot.name) + OPEN.replace("{{HOME}}", literals(home))
+    made = program("gcc", code, [package], tmp_path, NO_EIGEN)
+    answers = {line.split()[0]: line.split()[1:] for line in run(made).splitlines()}
+    still, qs = np.zeros(3), np.stack([home] * 3)
+    qs[2, 2] += 0.1
+    with pytest.raises(LoopError, match=r"is open in state 2: joint4\.x is left"):
+        kernel.forward_dynamics(qs, still, still)
+    with pytest.raises(LoopError, match=r"is opening: joint4\.x is left"):
+        kernel.forward_dynamics(home, [1.0, 0.0, 0.0], still)
+    assert answers["good"] == ["0", "joint1.gamma", "joint4.x", "0", "0"]
+    assert answers["batch"] == ["2", "joint1.gamma", "joint4.x", "2", "0"]
+    assert answers["rate"] == ["3", "joint1.gamma", "joint4.x", "0", "0"]
+    assert answers["value"] == ["0"]
+    assert answers["rollout"] == ["1", "joint1.gamma", "joint4.x", "2", "0"]
 
 
 ROLLOUTS = """

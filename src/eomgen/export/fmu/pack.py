@@ -25,9 +25,10 @@ from eomgen.errors import InputError
 from eomgen.files import write_atomically
 from eomgen.pipeline.stages import Options, make_source
 from eomgen.progress import StageReport, no_report
-from eomgen.robot.model import build_model
+from eomgen.robot.model import Model, build_model
 from eomgen.robot.value import Robot
 
+from ..start import closed_home
 from ..step import default_step
 from .choices import METHODS, VERSIONS
 
@@ -38,6 +39,10 @@ TANGENTS = ("external_force_tangent", "energy_tangent", "reactions_tangent", "ex
 KERNELS = (
     *("forward_dynamics", "forward_dynamics_jacobian", "external_force", "kinematics", "energy", "reactions"),
     *("external_reactions", *TANGENTS),
+)
+CLOSED_KERNELS = (  # of robots with a constraint
+    *("constrained_dynamics", "settling", "external_force", "kinematics", "energy"),
+    *("constrained_dynamics_tangent", "settling_tangent", "external_force_tangent", "energy_tangent"),
 )
 
 
@@ -53,10 +58,11 @@ def export_fmu(
 ) -> Path:
     """Write a functional mock-up unit for model exchange and co-simulation, and return its path.
 
-    It has the binary of this machine and the C sources.
+    It has the binary of this machine and the C sources.  Loops are closed after every step of co-simulation; model
+    exchange is of ordinary differential equations that close them by and by.
 
     Args:
-        robot: a Robot, the name of a built-in one, or the path of a description; a tree.
+        robot: a Robot, the name of a built-in one, or the path of a description.
         path: file to write, usually with the suffix .fmu.
         version: of the Functional Mock-up Interface, 2 or 3.
         method: of co-simulation, "rk4" or "implicit", as of ``Kernel.rollout``.
@@ -65,14 +71,17 @@ def export_fmu(
         progress: called with a line of text when a stage begins.
 
     Raises:
-        InputError: the robot has loops, an argument is none of these, or the file cannot be written.
+        InputError: an argument is none of these, or the file cannot be written.
+        LoopError: the loops do not close near the description's home.
         BuildError: no compiler, or a compiler that fails.
     """
     robot = as_robot(robot)
-    _check(robot, version, method, step)
+    _check(version, method, step)
+    home = closed_home(robot, progress)
     made = default_step(robot, method, progress) if step is None else float(step)
-    options = Options((*KERNELS, *(("rollout",) if method == "implicit" else ())), batches=False)
-    files = _files(robot, options, version, method, made, progress)
+    kernels = CLOSED_KERNELS if build_model(robot).constraints else KERNELS
+    options = Options((*kernels, *(("rollout",) if method == "implicit" else ())), batches=False)
+    files = _files(robot, options, version, method, (made, home), progress)
     with tempfile.TemporaryDirectory() as work:
         progress("compiling the unit")
         binary, content = _compiled(robot.name, files, version, Path(work), flags)
@@ -81,7 +90,7 @@ def export_fmu(
     return write_atomically(target, lambda stream: _pack(packed, stream))
 
 
-def _check(robot: Robot, version: int, method: str, step: float | None) -> None:
+def _check(version: int, method: str, step: float | None) -> None:
     if version not in VERSIONS or isinstance(version, bool):
         raise InputError(f"fmi: version {version!r} is unknown; allowed: {', '.join(map(str, VERSIONS))}")
     if method not in METHODS:
@@ -89,22 +98,22 @@ def _check(robot: Robot, version: int, method: str, step: float | None) -> None:
     number = isinstance(step, (int, float, np.number)) and not isinstance(step, bool)
     if step is not None and not (number and 1e-9 <= step < math.inf):
         raise InputError(f"step: {step!r} is no length of a step; allowed: a finite number of at least 1e-9 s")
-    if robot.loops:
-        names = ", ".join(loop.name for loop in robot.loops)
-        raise InputError(
-            f"{robot.name} has loops ({names}); allowed in a functional mock-up unit: trees, without [[loops]]"
-        )
 
 
 def _files(
-    robot: Robot, options: Options, version: int, method: str, step: float, progress: StageReport
+    robot: Robot,
+    options: Options,
+    version: int,
+    method: str,
+    begin: tuple[float, Sequence[float]],
+    progress: StageReport,
 ) -> dict[str, bytes]:
-    """Files of the unit but its binary, by their paths."""
+    """Files of the unit but its binary, by their paths; ``begin``: its step and its coordinates at first."""
     from .variables import make_layout
     from .xml import Unit, build_description, model_description
 
     model, source = build_model(robot), make_source(robot, options, progress)
-    layout = make_layout(model, step)
+    layout = make_layout(model, *begin)
     name, meta = robot.name, json.loads(source.meta)
     context = {
         **_numbers(layout),
@@ -115,6 +124,7 @@ def _files(
         "hoisted": meta["hoisted"],
         "prescribed": model.prescribed,
         "method": method,
+        **_closing(model),
     }
     kinds = {f"unit.{end}": f"fmu/unit.{end}" for end in "hc"} | {
         f"fmi{version}.{end}": f"fmu/fmi{version}.{end}" for end in "hc"
@@ -124,12 +134,28 @@ def _files(
     texts = _rendered(kinds, {**context, "token": token})
     code = {f"{name}.h": source.header, f"{name}.c": source.code}
     code |= {f"{name}_{key}": text for key, text in texts.items()}
-    unit = Unit(name, token, layout, sorted(file for file in code if file.endswith(".c")))
+    unit = Unit(name, token, layout, sorted(file for file in code if file.endswith(".c")), bool(model.constraints))
     files = {f"sources/{file}": text.encode("ascii") for file, text in code.items()}
     files["modelDescription.xml"] = model_description(unit, version)
     if version == 3:
         files["sources/buildDescription.xml"] = build_description(unit)
     return files
+
+
+def _closing(model: Model) -> dict[str, object]:
+    """Names that ``composed/settle.c.jinja`` and the unit use of loops."""
+    from eomgen.codegen.c.contexts import CLOSED_GAPS, OPEN_GAPS
+
+    dtype = "float64"
+    return {
+        "m": len(model.constraints),
+        "real": "double",
+        "scalar": "double",
+        "suffix": "",
+        "literal_suffix": "",
+        "open_gap": repr(OPEN_GAPS[dtype]),
+        "closed_gap": repr(CLOSED_GAPS[dtype]),
+    }
 
 
 def _numbers(layout: Layout) -> dict[str, object]:

@@ -1,7 +1,8 @@
 """Variables of a robot's functional mock-up unit: names, units, start values, and what each depends on.
 
 A variable's value reference is its place in the list: time, parameters, coordinates q, rates v, drives u, wrenches, and
-then what is computed: der(q), accelerations a, poses of frames, reactions of joints, energies.
+then what is computed: der(q), accelerations a, poses of frames, reactions of joints, energies.  Where loops or rigid
+couplings are closed, multipliers of their constraint follow on the accelerations, and there are no reactions.
 """
 
 from __future__ import annotations
@@ -46,6 +47,8 @@ UNITS: Mapping[str, Mapping[str, int]] = {
     )
 }
 STEP = "solver.step"
+CLOSING = "solver.closing"
+CLOSING_TIME = 0.01  # s, in which gaps of model exchange fall to a third
 SHORTEST = 1e-9  # s, of a step
 SMALL = 1e-3  # m or rad, the usual size of a deviation
 
@@ -56,7 +59,7 @@ class Variable:
 
     start: its value at first, of what can be set and of states.  nominal: the size of a state.  derivative: the
     value reference of the state that it is the derivative of.  depends: value references of the states and inputs that
-    it depends on; None for all.
+    it depends on; None for all.  is_guess: whether initialization looks for its value from ``start`` on.
     """
 
     name: str
@@ -68,6 +71,7 @@ class Variable:
     nominal: float | None = None
     derivative: int | None = None
     depends: tuple[int, ...] | None = None
+    is_guess: bool = False
 
 
 @dataclass(frozen=True)
@@ -82,8 +86,13 @@ class Layout:
     frames: tuple[int, ...]
 
 
-def make_layout(model: Model, step: float) -> Layout:
-    """The variables of a robot's unit; ``step`` is the greatest one of co-simulation, s."""
+def make_layout(model: Model, step: float, home: Sequence[float]) -> Layout:
+    """The variables of a robot's unit.
+
+    Args:
+        step: the greatest one of co-simulation, s.
+        home: coordinates at the start, (n,), m or rad.
+    """
     found: list[Variable] = [Variable("time", "independent", "s", "Time")]
     at: dict[str, int] = {}
     frames = tuple(i for i, name in enumerate(model.frames) if name != model.robot.base)
@@ -94,14 +103,17 @@ def make_layout(model: Model, step: float) -> Layout:
 
     add("parameters", _parameters(model))
     add("step", iter([Variable(STEP, "parameter", "s", "Greatest step of co-simulation", step, SHORTEST)]))
-    add("q", _states(model, "q", "Coordinate", "", len(found)))
-    add("v", _states(model, "v", "Rate", "/s", len(found)))
+    if model.constraints:
+        add("closing", iter([Variable(CLOSING, "parameter", "s", _CLOSING_TEXT, CLOSING_TIME, SHORTEST)]))
+    add("q", _states(model, "q", "Coordinate", "", len(found), home))
+    add("v", _states(model, "v", "Rate", "/s", len(found), [0.0] * model.size))
     add("u", _drives(model))
     add("wrench", _wrenches("wrench", "input", model.links, "on link", "about its centre of mass, base axes", 0.0))
     add("rates", _rates(model, at))
     add("a", _accelerations(model, at))
+    add("multipliers", _multipliers(model))
     add("poses", _poses(model, frames, at["q"]))
-    joints = [body.joint for body in model.bodies]
+    joints = [] if model.constraints else [body.joint for body in model.bodies]
     add(
         "reactions", _wrenches("reaction", "output", joints, "on the child of joint", "at the joint, in its axes", None)
     )
@@ -116,11 +128,23 @@ def _parameters(model: Model) -> Iterator[Variable]:
         yield Variable(name, "parameter", unit, "Parameter", value, least_of(name))
 
 
-def _states(model: Model, kind: str, text: str, per: str, first: int) -> Iterator[Variable]:
+_CLOSING_TEXT = "Time constant with which model exchange closes loops"
+
+
+def _states(model: Model, kind: str, text: str, per: str, first: int, start: Sequence[float]) -> Iterator[Variable]:
     whole = {*model.principal, *model.motors}
     for i, name in enumerate(model.coordinates):
         unit, size = unit_of(name) + per, 1.0 if i in whole or i in model.prescribed else SMALL
-        yield Variable(f"{kind}.{name}", "output", unit, text, 0.0, nominal=size, depends=(first + i,))
+        yield Variable(
+            f"{kind}.{name}",
+            "output",
+            unit,
+            text,
+            start[i],
+            nominal=size,
+            depends=(first + i,),
+            is_guess=bool(model.constraints) and i not in model.prescribed,
+        )
 
 
 def _drives(model: Model) -> Iterator[Variable]:
@@ -153,6 +177,17 @@ def _accelerations(model: Model, at: Mapping[str, int]) -> Iterator[Variable]:
         yield Variable(
             f"a.{name}", "output", f"{unit_of(name)}/s2", "Acceleration", derivative=at["v"] + i, depends=given
         )
+
+
+def _multipliers(model: Model) -> Iterator[Variable]:
+    for name in model.constraints:
+        unit = unit_name(force_unit_of(constrained_coordinate(model, name)))
+        yield Variable(f"constraint.{name}", "output", unit, "Force that keeps the constraint")
+
+
+def constrained_coordinate(model: Model, name: str) -> str:
+    """A name that ends like the coordinate that a component of the constraint blocks: of a coupling its own one."""
+    return next((coupling.of for coupling in model.robot.couplings if coupling.name == name), name)
 
 
 def _poses(model: Model, frames: Sequence[int], first: int) -> Iterator[Variable]:

@@ -16,17 +16,25 @@ from eomgen._version import __version__
 from .variables import UNITS, Layout, Variable
 
 COMMUNICATION_STEP = 0.01  # s, proposed to who simulates
+CLOSED = (
+    "; loops are closed after every step of co-simulation, in model exchange by stabilised ordinary differential"
+    " equations (the gaps decay with the time constant solver.closing)"
+)
 LOG_CATEGORY = ("logStatusError", "What went wrong")
 
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit as its description shows it: name (the model identifier), token, variables and C sources."""
+    """A unit as its description shows it: name (the model identifier), token, variables and C sources.
+
+    ``closed``: whether it keeps loops or couplings closed.
+    """
 
     name: str
     token: str
     layout: Layout
     sources: Sequence[str]
+    closed: bool = False
 
 
 def model_description(unit: Unit, version: int) -> bytes:
@@ -56,7 +64,7 @@ def _bytes(root: Element) -> bytes:
 def _about(unit: Unit) -> dict[str, str]:
     return {
         "modelName": unit.name,
-        "description": f"Equations of motion of the robot {unit.name}",
+        "description": f"Equations of motion of the robot {unit.name}{CLOSED if unit.closed else ''}",
         "generationTool": f"eomgen {__version__}",
         "variableNamingConvention": "flat",
     }
@@ -142,7 +150,8 @@ def _attributes(reference: int, variable: Variable) -> tuple[dict[str, str], dic
         "variability": "tunable" if variable.causality == "parameter" else "continuous",
     }
     if variable.causality in ("output", "local"):
-        about["initial"] = "calculated" if variable.start is None else "exact"
+        with_start = "approx" if variable.is_guess else "exact"
+        about["initial"] = "calculated" if variable.start is None else with_start
     elif variable.causality == "parameter":
         about["initial"] = "exact"
     given = {"start": variable.start, "min": variable.minimum, "nominal": variable.nominal}
@@ -155,7 +164,8 @@ def _structure(layout: Layout) -> Mapping[str, list[int]]:
     numbered = list(enumerate(layout.variables))
     derivatives = [i for i, x in numbered if x.derivative is not None]
     outputs = [i for i, x in numbered if x.causality == "output"]
-    unknown = {i for i in outputs if layout.variables[i].start is None} | set(derivatives)
+    found = {i for i in outputs if layout.variables[i].start is None or layout.variables[i].is_guess}
+    unknown = found | set(derivatives)
     return {"Outputs": outputs, "Derivatives": derivatives, "InitialUnknowns": sorted(unknown)}
 
 

@@ -1,0 +1,166 @@
+"""Loops and couplings of a robot as equality constraints and tendons of MuJoCo.
+
+MuJoCo has two points that stay together and two frames that do: a ball is one pair of points, a hinge two along its
+axis, a rigid joint a pair of frames.  Rigid couplings are polynomials of two joints, or of a tendon's length where they
+have more; elastic ones are tendons.  All constraints are soft, and as stiff here as the step allows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from xml.etree.ElementTree import Element, SubElement
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..description.mjcf.values import about
+from ..robot.cuts import CUTS
+from ..robot.laws import given_laws
+from ..robot.value import ANGULAR, COORDINATES, Coordinate, Coupling, Loop, Placement, Robot
+
+Array = NDArray[np.float64]
+Bodies = Mapping[str, Element]
+ARM = 0.1  # m, between the two points of a hinge's axis
+POINTS = {"spherical": (0.0,), "revolute": (0.0, ARM)}  # m, along the axis: pairs that stay together
+WELDED = "fixed"
+STIFF = 2.0  # steps, the shortest time constant that MuJoCo takes
+_IMPEDANCE = (0.9999, 0.9999, 0.001, 0.5, 2.0)
+_SOFT = "soft in MuJoCo"
+
+
+def held_softly(robot: Robot) -> Iterator[str]:
+    """Notes on what becomes of loops and couplings: the name, and what MuJoCo has in its place."""
+    for loop in robot.loops:
+        where = f"loops.{loop.name}"
+        if loop.type not in POINTS and loop.type != WELDED:
+            yield f"{where}: left open (MuJoCo has no {loop.type} joint among its constraints)"
+            continue
+        yield f"{where}: {_SOFT}"
+        blocked = {part.name for part in CUTS[loop.type]}
+        for name in loop.coordinates:
+            yield f"{where}.{name}: {'without play or spring' if name in blocked else 'without force'}"
+    for coupling in robot.couplings:
+        where = f"couplings.{coupling.name}"
+        if coupling.law is None:
+            yield f"{where}: {_SOFT}"
+            continue
+        if coupling.law.preload:
+            yield f"{where}.preload: left out"
+        numbers = coupling.law.law() | {"stiffness": coupling.law.stiffness or 0.0}
+        for law in given_laws(numbers):
+            note = law.mjcf(numbers)
+            if note and law.name != "preload":
+                yield f"{where}.{law.name}: {note}"
+
+
+def add_equalities(root: Element, robot: Robot, bodies: Bodies, start: Sequence[float], step: float) -> None:
+    """Write the constraints behind all bodies, and what they need: sites, tendons, and the closed pose as a keyframe.
+
+    Args:
+        start: coordinates of the closed home, (n,), m or rad.
+        step: of MuJoCo's integrator, s.
+    """
+    if not robot.loops and not robot.couplings:
+        return
+    stiff = {"solref": f"{STIFF * step!r} 1", "solimp": _text(_IMPEDANCE)}
+    equality = Element("equality")
+    for loop in robot.loops:
+        _add_loop(equality, loop, bodies, stiff)
+    tendons = root.find("tendon")
+    if tendons is None:
+        tendons = Element("tendon")
+    offsets = _references(robot)
+    for coupling in robot.couplings:
+        _add_coupling(equality, tendons, coupling, offsets, stiff)
+    if len(tendons) and root.find("tendon") is None:
+        root.append(tendons)
+    root.append(equality)
+    SubElement(SubElement(root, "keyframe"), "key", name="home", qpos=_text(start))
+
+
+def _add_loop(equality: Element, loop: Loop, bodies: Bodies, stiff: Mapping[str, str]) -> None:
+    """Pairs of sites that stay together."""
+    frames = [_frame(placement) for placement in loop.placements]
+    frames[0] = (frames[0][0] @ _turn(loop), frames[0][1] + frames[0][0] @ _shift(loop))
+    kind = "weld" if loop.type == WELDED else "connect"
+    for number, arm in enumerate(POINTS.get(loop.type, (0.0,) if loop.type == WELDED else ())):
+        sites = []
+        for end, (link, (rotation, origin)) in enumerate(zip(loop.links, frames, strict=True)):
+            sites.append(f"loops.{loop.name}.{end}" + (f".{number}" if number else ""))
+            place = {"pos": _text(origin + arm * rotation[:, 2]), "xyaxes": _text(rotation[:, :2].T.ravel())}
+            SubElement(bodies[link], "site", {"name": sites[-1], **place})
+        name = loop.name + (f".{number}" if number else "")
+        SubElement(equality, kind, {"name": name, "site1": sites[0], "site2": sites[1], **stiff})
+
+
+def _frame(placement: Placement) -> tuple[Array, Array]:
+    return np.array(placement.rotation), np.array(placement.xyz)
+
+
+def _kept(loop: Loop) -> dict[str, float]:
+    """Values that the coordinates of a cut joint keep to, 0 where they are free."""
+    blocked = {part.name for part in CUTS[loop.type]}
+    values = zip(COORDINATES, loop.offset, strict=True)
+    return {name: (value or 0.0) if name in blocked else 0.0 for name, value in values}
+
+
+def _shift(loop: Loop) -> Array:
+    kept = _kept(loop)
+    return np.array([kept[name] for name in COORDINATES[:3]])
+
+
+def _turn(loop: Loop) -> Array:
+    kept, turn = _kept(loop), np.eye(3)
+    for axis, name in zip(np.eye(3), ANGULAR, strict=True):
+        turn = turn @ about(axis, kept[name])
+    return turn
+
+
+def _references(robot: Robot) -> dict[str, float]:
+    """Coordinates in MuJoCo's reference position: minus the offsets of those that move."""
+    return {
+        f"{joint.name}.{name}": -(value or 0.0)
+        for joint in robot.joints
+        for name, value in zip(COORDINATES, joint.offset, strict=True)
+        if name in joint.coordinates
+    }
+
+
+def _add_coupling(
+    equality: Element, tendons: Element, coupling: Coupling, references: Mapping[str, float], stiff: Mapping[str, str]
+) -> None:
+    """value(of) - sum of ratio * value = offset, counted from the reference position."""
+    offset, tendon = coupling.offset or 0.0, f"couplings.{coupling.name}"
+    ends = {coupling.of: 1.0, **{name: -ratio for name, ratio in coupling.to.items()}}
+    begin = sum(factor * references.get(name, 0.0) for name, factor in ends.items())
+    if coupling.law is not None:
+        _add_tendon(tendons, tendon, ends, _spring(coupling.law), offset)
+        return
+    values = {"name": coupling.name, **stiff}
+    if len(ends) > 2:
+        _add_tendon(tendons, tendon, ends, {}, None)
+        SubElement(equality, "tendon", {**values, "tendon1": tendon, "polycoef": _text([offset - begin, 0.0])})
+        return
+    others = {f"joint{number}": name for number, name in enumerate(ends, 1)}
+    slope = sum(coupling.to.values())
+    SubElement(equality, "joint", {**values, **others, "polycoef": _text([offset - begin, slope, 0.0, 0.0, 0.0])})
+
+
+def _add_tendon(
+    tendons: Element, name: str, ends: Mapping[str, float], spring: Mapping[str, str], rest: float | None
+) -> None:
+    """A fixed tendon; the other way round where its rest would be negative, which MuJoCo reads as none."""
+    sign = -1.0 if rest is not None and rest < 0.0 else 1.0
+    values = {} if rest is None else {"springlength": repr(sign * rest)}
+    tendon = SubElement(tendons, "fixed", {"name": name, **values, **spring})
+    for joint, factor in ends.items():
+        SubElement(tendon, "joint", joint=joint, coef=repr(sign * factor))
+
+
+def _spring(given: Coordinate) -> dict[str, str]:
+    cubic = [0.0, given.cubic] if given.cubic else []
+    return {"stiffness": _text([given.stiffness or 0.0, *cubic]), "damping": repr(given.damping or 0.0)}
+
+
+def _text(values: Array | Sequence[float]) -> str:
+    return " ".join(repr(float(value) + 0.0) for value in values)
