@@ -801,7 +801,8 @@ class Kernel:
             names = ", ".join(dict.fromkeys(component.partition(".")[0] for component in self.constraints))
             hint = "" if cut is None else "; cut=True takes the loops as open"
             raise InputError(
-                f"{name}: {self.name} has loops ({names}), and forces in them are not known here; see eomgen.loops{hint}"
+                f"{name}: {self.name} has loops ({names}), and forces in them are not known here; see"
+                f" eomgen.loops{hint}"
             )
 
 
