@@ -11,6 +11,7 @@ if TYPE_CHECKING:
 
 DTYPES = ("float64", "float32")  # types of kernels' numbers
 Kind = Literal["program", "tangent", "frames", "composed", "rollout"]
+Needs = Literal["", "loops", "springs", "constraints"]
 KINDS: Mapping[Kind, str] = {  # in the order in which C and packages have them
     "program": "straight-line code of one writer",
     "tangent": "straight-line code, differentiated from another kernel's; there only if it is asked for",
@@ -51,17 +52,17 @@ class Signature:
     columns_of: str = ""
     solves: bool = False
     symmetric: bool = False
-    needs: Literal["", "loops", "springs", "constraints"] = ""
+    needs: Needs = ""
     mapped: bool = False
 
 
 RATES = {"q": "dq", "v": "dv", "a": "da", "wrench": "dwrench"}  # of what tangents move
 
 
-def _tangent(kernel: str, *reads: str, writes: str) -> dict[str, Signature]:
+def _tangent(kernel: str, *reads: str, writes: str, needs: Needs = "") -> dict[str, Signature]:
     rates = tuple(RATES[array] for array in reads)
     text = f"What {kernel} changes by along {', '.join(rates)}."
-    return {f"{kernel}_tangent": Signature((*reads, *rates), writes, text, "tangent", tangent_of=kernel)}
+    return {f"{kernel}_tangent": Signature((*reads, *rates), writes, text, "tangent", tangent_of=kernel, needs=needs)}
 
 
 KERNELS: Mapping[str, Signature] = {
@@ -163,6 +164,7 @@ KERNELS: Mapping[str, Signature] = {
         ("q",), "constraint_rows", "Jacobian J = dg/dq of the constraint.", needs="constraints"
     ),
     "constraint_bias": Signature(("q", "v"), "constraints", "J_dot v: g_ddot = J a + J_dot v.", needs="constraints"),
+    **_tangent("constraint_bias", "q", "v", writes="constraints", needs="constraints"),
     "cut_poses": Signature(
         ("q",), "cut_poses", "Per loop the cut frame on its second link seen from that on its first.", needs="loops"
     ),
