@@ -29,7 +29,7 @@ from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.run import run_scenario, simulate
 from eomgen.state.equilibrium import static_equilibrium
 from eomgen.state.springs import coordinate_sizes, stiffness_matrix, stiffnesses
-from tests.oracles.closed_loops import ClosedLoops
+from tests.oracles.by_singular_values import ClosedLoops
 from tests.support.builds import Build
 from tests.support.pendulums import MOTOR, described
 from tests.support.random_motors import geared_robot, gears, motor_state, without_motors

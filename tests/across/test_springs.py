@@ -24,7 +24,7 @@ from eomgen.pipeline.costs import robot_info
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Coordinate, Robot, Spring
 from eomgen.simulation.run import simulate
-from tests.oracles.closed_loops import ClosedLoops
+from tests.oracles.by_singular_values import ClosedLoops
 from tests.oracles.springs import SpringOracle, implicit_step
 from tests.support.builds import Build
 from tests.support.closeness import close

@@ -199,7 +199,7 @@ def test_reciprocity_of_an_undamped_structure(built: Build) -> None:
 
 def test_loops_have_one_state_per_freedom(built: Build) -> None:
     """The slider-crank's A about its state of rest drives a nonlinear simulation's first second."""
-    from tests.oracles.closed_loops import ClosedLoops
+    from tests.oracles.by_singular_values import ClosedLoops
 
     robot = robot_from_toml(LOOP)
     found = linearize(robot, {"turn.gamma": 2.5, "pin.gamma": -3.2, "guide.x": 0.25}, held=[], inputs=["turn.gamma"])

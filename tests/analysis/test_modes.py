@@ -221,7 +221,7 @@ def test_redundant_loops_do_not_change_the_mode() -> None:
     found = modes(robot, {"joint1.gamma": 1.0, "joint2.gamma": 1.5, "joint3.gamma": 2.0}, held=[], drives="free")
     assert len(found.eigenvalues) == 1
     rate = found.shapes[0].real / found.shapes[0].real[0]
-    from tests.oracles.closed_loops import ClosedLoops
+    from tests.oracles.by_singular_values import ClosedLoops
 
     kernel = eomgen.build(robot)
     loops = ClosedLoops(kernel)

@@ -9,7 +9,7 @@ import eomgen
 from eomgen.errors import InputError
 from eomgen.integration import integrate
 from eomgen.loops.chart import Chart
-from tests.oracles.closed_loops import ClosedLoops
+from tests.oracles.by_singular_values import ClosedLoops
 from tests.support.builds import Build
 from tests.support.linkages import KERNELS
 
@@ -72,7 +72,9 @@ def test_every_method_keeps_the_balance_of_energy(example) -> None:  # type: ign
 
 def test_methods_that_cannot_keep_loops_closed_are_refused(example) -> None:  # type: ignore[no-untyped-def]
     kernel = example("four_bar").kernel
-    with pytest.raises(InputError, match="four_bar has loops, which 'CVODE' does not keep closed; allowed: auto"):
+    with pytest.raises(
+        InputError, match="four_bar has loops or couplings, which 'CVODE' does not keep closed; allowed: auto"
+    ):
         integrate(kernel, kernel.close([0.5, 0.2, 1.2]), np.zeros(3), 0.1, method="CVODE")
 
 

@@ -12,7 +12,7 @@ from eomgen.errors import LoopError, UnknownNameError
 from eomgen.integration import integrate
 from eomgen.motion.point_to_point import Harmonic
 from eomgen.robot.value import Placement, Robot
-from tests.oracles.closed_loops import ClosedLoops
+from tests.oracles.by_singular_values import ClosedLoops
 from tests.support.builds import Build
 from tests.support.random_robots import random_state
 
@@ -22,6 +22,7 @@ KERNELS = (
     "constraint_bias",
     "cut_poses",
     "constrained_dynamics",
+    "residual",
     "mass_matrix",
     "inverse_dynamics",
     "forward_dynamics",

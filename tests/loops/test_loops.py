@@ -14,7 +14,7 @@ from eomgen.integration import integrate
 from eomgen.robot.geometry import IDENTITY
 from eomgen.robot.value import Coordinate, Joint, Loop, Placement, Robot
 from eomgen.runtime.kernel import Kernel
-from tests.oracles.closed_loops import ClosedLoops
+from tests.oracles.by_singular_values import ClosedLoops
 from tests.support.builds import Build
 from tests.support.linkages import FREE, KERNELS, bricard, threefold
 from tests.support.random_robots import Array, random_link, random_placement, random_robot, random_state, seeds

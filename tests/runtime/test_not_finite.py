@@ -23,7 +23,7 @@ from eomgen.simulation.assembly import KERNELS as NEEDED
 from eomgen.simulation.assembly import assemble
 from eomgen.simulation.run import simulate
 from eomgen.sweep.pace import Pace, roll
-from tests.oracles.closed_loops import ClosedLoops
+from tests.oracles.by_singular_values import ClosedLoops
 from tests.support.builds import Build
 
 METHODS = ("rk4", "RK45", "DOP853", "Radau", "BDF", "LSODA", "CVODE", "IDA")

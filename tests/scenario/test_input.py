@@ -129,11 +129,6 @@ def test_files_that_are_not_there() -> None:
         load_scenario("missing.toml")
 
 
-def test_robots_with_loops_are_refused() -> None:
-    with pytest.raises(InputError, match="four_bar has loops"):
-        run_scenario(eomgen.load_robot("four_bar"), scenario_from_toml(DURATION))
-
-
 def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "s.toml"
     path.write_text(DURATION + "[initial]\nq = { joint1 = 0.3 }\n")

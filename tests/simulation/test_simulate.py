@@ -125,7 +125,7 @@ def test_default_motions_stay_inside_the_limits() -> None:
     for name in eomgen.builtin_robots():
         robot = eomgen.load_robot(name)
         if robot.loops:
-            continue  # simulate refuses these
+            continue  # whose drives move some of these alone
         rigid = robot.rigid()
         names = [
             f"{joint.name}.{key}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import eomgen
-from eomgen.loops.closed import ClosedLoops
+from tests.oracles.by_singular_values import ClosedLoops
 from tests.oracles.closed_mechanisms import NO_WRENCH, Closed, Wrench
 from tests.support.linkages import KERNELS
 from tests.support.random_robots import Array

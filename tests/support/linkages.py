@@ -17,6 +17,7 @@ KERNELS = (
     "constraint_bias",
     "cut_poses",
     "constrained_dynamics",
+    "residual",
     "mass_matrix",
     "inverse_dynamics",
     "energy",

@@ -119,7 +119,7 @@ class ClosedSystem(System):
         given, n = self.prescribe(t, q, v), self.n
         found = self._constrained(t, q[np.newaxis], v[np.newaxis], given)[0]
         a, multipliers = found[:n], found[n : n + len(self.kernel.constraints)]
-        needed = self.kernel.inverse_dynamics(q, v, a, wrench=self.wrench(t, q, v))
+        needed = self.kernel.residual(q, v, a, np.zeros(n), wrench=self.wrench(t, q, v))
         needed -= self.kernel.constraint_jacobian(q).T @ multipliers
         return np.where(self._free, u, needed)
 

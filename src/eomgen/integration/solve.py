@@ -64,8 +64,8 @@ def integrate(
 
     Args:
         kernel: float64, with forward_dynamics and energy; implicit methods and ``atol=None`` need mass_matrix, and
-            implicit ones inverse_dynamics.  Of a robot with loops constrained_dynamics, constraint,
-            constraint_jacobian and mass_matrix in the place of forward_dynamics.
+            implicit ones inverse_dynamics.  Of a robot with loops or couplings constrained_dynamics, constraint,
+            constraint_jacobian, mass_matrix and residual in their place.
         q0, v0: the state at t = 0, (n,).
         duration: s.
         drive: (t, q, v) -> u, (n,), N or N m; none if not given.  With an attribute ``batched`` that is true it is
@@ -101,7 +101,7 @@ def integrate(
             coordinate and time and has the last good state and the trajectory up to it.
         InputError: an argument is wrong, a prescribed coordinate has no motion, or SciPy is not installed.
     """
-    system = (ClosedSystem if kernel.loops else System)(kernel, drive, wrench, prescribed)
+    system = (ClosedSystem if kernel.constraints else System)(kernel, drive, wrench, prescribed)
     q0, v0 = (state_vector(label, x, kernel.coordinates) for label, x in (("q0", q0), ("v0", v0)))
     times = output_times(duration, output_step) if times is None else checked_times(times, duration, output_step)
     method = choose_method(kernel, method, q0, float(times[-1] - times[0]))
@@ -140,9 +140,11 @@ def choose_method(kernel: Kernel, method: str = "auto", q: Array | None = None, 
     Raises:
         InputError: the method is unknown, or does not keep loops closed.
     """
-    if kernel.loops and method in sundials.METHODS:
+    if kernel.constraints and method in sundials.METHODS:
         allowed = ", ".join(name for name in METHODS if name not in sundials.METHODS)
-        raise InputError(f"method: {kernel.name} has loops, which {method!r} does not keep closed; allowed: {allowed}")
+        raise InputError(
+            f"method: {kernel.name} has loops or couplings, which {method!r} does not keep closed; allowed: {allowed}"
+        )
     return method_of(method, method == "auto" and bool(why_stiff(kernel, q, duration)))
 
 
@@ -155,7 +157,7 @@ def why_stiff(kernel: Kernel, q: Array | None = None, duration: float = 1.0) -> 
     """
     if any_spring(kernel):
         return "there are springs"
-    if not {"mass_matrix", "inverse_dynamics"} <= set(kernel.operations):
+    if not ({"mass_matrix"} if kernel.constraints else {"mass_matrix", "inverse_dynamics"}) <= set(kernel.operations):
         return ""
     try:
         slowing = fastest_rates(kernel, np.zeros(kernel.n) if q is None else q)[1]

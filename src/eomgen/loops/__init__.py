@@ -3,6 +3,7 @@
 Uses runtime and state.
 """
 
+from .equilibrium import closed_equilibrium
 from .redundant import Redundancy, redundancy
 
-__all__ = ["Redundancy", "redundancy"]
+__all__ = ["Redundancy", "closed_equilibrium", "redundancy"]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LoopError
-from ..names import listed
+from ..names import joint_of, listed
 from ..runtime.kernel import Kernel
 from ..runtime.opened import left_open
 from ..state.vectors import RANK, prescribed_mask
@@ -170,7 +170,7 @@ def _loose(kernel: Kernel, J: Array, moving: NDArray[np.intp], others: NDArray[n
     """The error that says that some coordinates do not hold a mechanism, naming what they leave loose."""
     ways = np.linalg.svd(J[:, others])[2]
     name = kernel.coordinates[others[int(np.abs(ways[-1]).argmax())]]
-    loop, freedoms, missing = next(iter(kernel.loops)), moving.size - _rank(J[:, moving]), others.size
+    loop, freedoms, missing = joint_of(kernel.constraints[0]), moving.size - _rank(J[:, moving]), others.size
     missing -= _rank(J[:, others])
     return LoopError(
         f"{kernel.name}: loop {loop} is not held by drives at {listed(free) or 'nothing'}: {name} stays loose; allowed:"

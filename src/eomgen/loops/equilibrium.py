@@ -32,7 +32,7 @@ def closed_equilibrium(
     """The state of rest near a guess, its loops closed, (n,); of a robot without loops ``static_equilibrium``.
 
     Args:
-        kernel: float64, with inverse_dynamics, mass_matrix and the constraint.
+        kernel: float64, with residual, mass_matrix and the constraint.
         q_guess: coordinates, (n,).
         u: drives, (n,), N or N m, or a function of q, (n,) or (N, n), to the same shape; none if not given.
         held: names of coordinates that stay at their guess, whatever drive that takes; prescribed ones do.
@@ -43,7 +43,7 @@ def closed_equilibrium(
         IntegrationError: there is no such state near the guess: a coordinate that nothing holds is named.
         UnknownNameError, ArrayError: a name or an array is wrong.
     """
-    if not kernel.loops:
+    if not kernel.constraints:
         return static_equilibrium(kernel, q_guess, u=u, held=held, wrench=wrench)[0]
     kept = known_coordinates(held, kernel) | set(kernel.prescribed)
     given = np.array([name in kept for name in kernel.coordinates])
@@ -52,7 +52,7 @@ def closed_equilibrium(
 
     def imbalance(qs: Array) -> Array:
         zero = np.zeros_like(qs)
-        return np.asarray(kernel.inverse_dynamics(qs, zero, zero, wrench=wrench)) - forces(qs)
+        return np.asarray(kernel.residual(qs, zero, zero, forces(qs), wrench=wrench))
 
     for _ in range(ROUNDS):
         chart = Chart(kernel, q, given=given)

@@ -43,10 +43,12 @@ def redundancy(kernel: Kernel, q: ArrayLike) -> Redundancy:
         q: coordinates that close the loops, (n,); elsewhere redundant constraints seem independent.
 
     Raises:
-        InputError: the robot has no loops.
+        InputError: the robot has no constraint.
     """
-    if not kernel.loops:
-        raise InputError(f"{kernel.name} has no loops; allowed: a kernel of a robot with [[loops]]")
+    if not kernel.constraints:
+        raise InputError(
+            f"{kernel.name} has nothing to close; allowed: a kernel of a robot with [[loops]] or [[couplings]]"
+        )
     q, free = state_vector("q", q, kernel.coordinates), ~prescribed_mask(kernel)
     M = np.asarray(kernel.mass_matrix(q.astype(kernel.dtype)), dtype=np.float64)[np.ix_(free, free)]
     factors = Factors(np.asarray(kernel.constraint_jacobian(q.astype(kernel.dtype)), dtype=np.float64)[:, free], M)

@@ -187,7 +187,7 @@ def _reached(kernel: Kernel, tool: str, point: Array, q: Array, limits: Array, c
 
 def reach(kernel: Kernel, tool: str, point: Array, q: Array, limits: Array, close: float) -> tuple[Array, float]:
     """Levenberg and Marquardt's method: coordinates, and the distance that is left; loops stay closed."""
-    if kernel.loops:
+    if kernel.constraints:
         return _reach_closed(kernel, tool, point, q, limits, close)
     q, damping = q.copy(), 1e-8
     held = limits[:, 0] == limits[:, 1]

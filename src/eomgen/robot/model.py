@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
-from ..errors import DescriptionError, InputError, UnknownNameError
+from ..errors import DescriptionError, UnknownNameError
 from ..names import (
     IDENTIFIER_RULE,
     ROBOT_RULE,
@@ -432,23 +432,14 @@ def program_coordinates(robot: Robot) -> tuple[str, ...]:
     """Names of the coordinates that a program moves: those of the rigid robot that are not prescribed.
 
     A drive moves each of them, itself or through its motor (``Model.driven``); of free joints all six are among them.
-    Where there are loops, they are those with a drive alone, and the loops move the others.
+    Where there are loops or couplings, they are those with a drive alone, and the others follow.
     """
     if not any(joint.coordinates for joint in robot.rigid().joints):
         return ()
     model = build_model(robot.rigid())
-    if robot.loops:
+    if robot.is_closed:
         return tuple(model.coordinates[i] for i in model.driven)
     return tuple(name for i, name in enumerate(model.coordinates) if i not in model.prescribed)
-
-
-def refuse_loops(robot: Robot) -> None:
-    """InputError for a robot whose motion scenarios cannot integrate."""
-    if robot.loops:
-        loops = ", ".join(loop.name for loop in robot.loops)
-        raise InputError(
-            f"simulate: {robot.name} has loops ({loops}); eomgen.integration integrates mechanisms with loops"
-        )
 
 
 def tool_of(robot: Robot, tool: str | None, label: str = "tool") -> str:

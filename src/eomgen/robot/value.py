@@ -452,6 +452,11 @@ class Robot:
         """The joint of that name; KeyError if there is none."""
         return {joint.name: joint for joint in self.joints}[name]
 
+    @property
+    def is_closed(self) -> bool:
+        """True if coordinates follow from others: there are loops or couplings."""
+        return bool(self.loops or self.couplings)
+
     def rigid(self) -> Robot:
         """The same robot with every deviation locked: principal and prescribed coordinates and free joints move.
 

@@ -136,8 +136,9 @@ def _scaled(calls: Calls, q: Array, J: Array, free: Mask, lead: tuple[int, ...])
 
 def _free(calls: Calls, held: Iterable[str]) -> Mask:
     """Which coordinates may change, (n,); UnknownNameError if the name of a held one is none."""
-    if "constraint" not in calls.raw.functions:
-        raise InputError(f"close: {calls.raw.name} has no loops; allowed: a kernel of a robot with [[loops]]")
+    if not calls.raw.libraries.meta.get("constraints"):
+        allowed = "a kernel of a robot with rigid [[loops]] or [[couplings]]"
+        raise InputError(f"close: {calls.raw.name} has nothing to close; allowed: {allowed}")
     kept = {*([held] if isinstance(held, str) else held)}
     for name in kept:
         if name not in calls.coordinates:
@@ -154,7 +155,9 @@ def _turns(calls: Calls) -> Mask:
 def _turned_over(calls: Calls, q: Array) -> NDArray[np.intp]:
     """The first loop of every state that is closed by axes that point to opposite sides, or -1."""
     found = np.full(len(q), -1)
-    upright: Mapping[str, list[tuple[float, int, int]]] = calls.raw.libraries.meta["upright"]
+    upright: Mapping[str, list[tuple[float, int, int]]] = calls.raw.libraries.meta.get("upright", {})
+    if not any(upright.values()):
+        return found
     poses = calls.run("cut_poses", None, (q,))
     for loop, terms in reversed(list(enumerate(upright.values()))):
         if terms:

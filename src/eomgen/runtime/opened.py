@@ -29,8 +29,8 @@ def open_loop(raw: RawKernel, name: str, row: int, place: str, gap: float) -> Lo
     what = "is opening" if is_rate else "is open"
     allowed = "v of kernel.close_rates" if is_rate else "q of kernel.close"
     return LoopError(
-        f"{name}: {raw.name}: loop {loop} {what}{place}: {component} is left with {gap:.3g} {unit}; allowed: {allowed},"
-        " or cut=True for the open tree",
+        f"{name}: {raw.name}: {_kind(component)} {loop} {what}{place}: {component} is left with {gap:.3g} {unit};"
+        f" allowed: {allowed}, or cut=True for the open tree",
         loop=loop,
         gap=gap,
     )
@@ -49,8 +49,8 @@ def left_open(raw: RawKernel, gaps: NDArray[Any], what: str, allowed: str, per: 
     component, loop, _ = _component(raw, worst)
     gap = float(abs(gaps[worst]))
     return LoopError(
-        f"{raw.name}: loop {loop} {what}: {component} is left with {gap:.3g} {_unit(component)}{per}; allowed:"
-        f" {allowed}",
+        f"{raw.name}: {_kind(component)} {loop} {what}: {component} is left with {gap:.3g} {_unit(component)}{per};"
+        f" allowed: {allowed}",
         loop=loop,
         gap=gap,
     )
@@ -59,7 +59,7 @@ def left_open(raw: RawKernel, gaps: NDArray[Any], what: str, allowed: str, per: 
 def stays_open(raw: RawKernel, row: int) -> str:
     """Say which loop a step could not close again."""
     component, loop, _ = _component(raw, row)
-    return f"loop {loop} does not stay closed at {component}"
+    return f"{_kind(component)} {loop} does not stay closed at {component}"
 
 
 def _component(raw: RawKernel, row: int) -> tuple[str, str, bool]:
@@ -67,6 +67,10 @@ def _component(raw: RawKernel, row: int) -> tuple[str, str, bool]:
     names = raw.libraries.meta["constraints"]
     component = names[row % len(names)]
     return component, component.partition(".")[0], row >= len(names)
+
+
+def _kind(component: str) -> str:
+    return "loop" if "." in component else "coupling"
 
 
 def _unit(component: str) -> str:

@@ -35,7 +35,8 @@ Array = NDArray[np.float64]
 RIGID_KERNELS = ("inverse_dynamics", "kinematics")
 KERNELS = (*RIGID_KERNELS, "forward_dynamics", "mass_matrix", "external_force", "energy", "generalized_force")
 IMPLICIT_KERNELS = (*KERNELS, "residual_jacobian")
-LOOPS = ("constraint", "constraint_jacobian", "constraint_bias", "cut_poses", "mass_matrix")
+LOOPS = ("residual", "mass_matrix", "constraint", "constraint_jacobian", "constraint_bias", "cut_poses")
+CLOSED_KERNELS = (*LOOPS, "constrained_dynamics", "kinematics", "external_force", "energy", "generalized_force")
 BANDWIDTH = 30.0  # rad/s, of drives by computed torque
 
 
@@ -106,7 +107,7 @@ def assemble(
     elif control.type in ("pd", "computed_torque"):
         program = Standstill(np.array([start.get(name, 0.0) for name in driven]))
     path = None
-    if robot.loops and program is not None:
+    if robot.is_closed and program is not None:
         moved = None if prescribed is None else _at_joints(kernel, rigid(), prescribed)
         begin = start | dict(zip(driven, program.at(0.0)[0].tolist(), strict=True))
         if moved is not None:
@@ -126,12 +127,13 @@ def is_rigid(robot: Robot) -> bool:
 
 def rigid_kernels(robot: Robot) -> tuple[str, ...]:
     """Names of the kernels of the rigid robot that drives and programs call."""
-    return (*RIGID_KERNELS, *LOOPS) if robot.loops else RIGID_KERNELS
+    rigid = robot.rigid()
+    return ("kinematics", *_there(rigid, LOOPS)) if build_model(rigid).constraints else RIGID_KERNELS
 
 
 def _refuse_undriven(robot: Robot, moved: tuple[str, ...]) -> None:
     """InputError if a program moves coordinates of a tree that its description gives no drive."""
-    if robot.driven is None or robot.loops or robot.couplings:
+    if robot.driven is None or robot.is_closed:
         return
     drives = {drive_of(robot, name) for name in robot.driven}
     without = [name for name in moved if drive_of(robot, name) not in drives]
@@ -145,8 +147,14 @@ def _refuse_undriven(robot: Robot, moved: tuple[str, ...]) -> None:
 def kernels_of(robot: Robot, scenario: Scenario) -> tuple[str, ...]:
     """Names of the kernels that the scenario's integrator calls."""
     explicit = method_of(scenario.integrator.method, _may_be_stiff(robot)) in EXPLICIT
-    names = dict.fromkeys((*KERNELS, "constrained_dynamics", *LOOPS) if robot.loops else KERNELS)
-    return tuple(names) if explicit else tuple(dict.fromkeys((*names, *IMPLICIT_KERNELS)))
+    if build_model(robot).constraints:
+        return _there(robot, CLOSED_KERNELS)
+    return KERNELS if explicit else IMPLICIT_KERNELS
+
+
+def _there(robot: Robot, kernels: tuple[str, ...]) -> tuple[str, ...]:
+    """Those of the kernels that the robot has: couplings have no cut joints."""
+    return tuple(name for name in kernels if robot.loops or name != "cut_poses")
 
 
 def with_kernel(assembly: Assembly, robot: Robot, scenario: Scenario, kernel: Kernel) -> Assembly:

@@ -14,7 +14,7 @@ from ..state.vectors import prescribed_mask
 Array = NDArray[np.float64]
 
 CLOSED = 1e-3  # relative residue from which a balance is said not to close
-AT_REST = 1e-9  # of the energies: works that are less are those of a robot that rests
+AT_REST = 1e-7  # of the energies: works that are less are those of a robot that rests
 TERMS = ("drives", "prescribed", "wrenches", "payloads", "dissipated")
 # Lobatto's rule on [0, 1]: exact for polynomials of degree 7, and its ends are samples
 NODES = np.array([0.0, (1.0 - np.sqrt(3.0 / 7.0)) / 2.0, 0.5, (1.0 + np.sqrt(3.0 / 7.0)) / 2.0, 1.0])

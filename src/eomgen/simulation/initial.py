@@ -38,7 +38,7 @@ def initial_state(robot: Robot, scenario: Scenario, assembly: Assembly) -> tuple
     if assembly.prescribed is not None:
         given = index_of(kernel.coordinates, kernel.prescribed)
         q[given], v[given], _ = assembly.prescribed(0.0)
-    if kernel.loops:
+    if kernel.constraints or assembly.path is not None:
         q, v = _closed(assembly, q, v, rates)
         for x, said in ((q, {*assembly.given, *_motors_at_home(robot, assembly)}), (v, rates)):
             turn_motors(kernel, x, said)
@@ -55,7 +55,7 @@ def initial_state(robot: Robot, scenario: Scenario, assembly: Assembly) -> tuple
     return (
         _balanced(robot, scenario, assembly, q, {names_in_scenarios(robot)[name] for name in held}),
         v,
-        _loose(assembly),
+        _loose(robot, assembly),
     )
 
 
@@ -71,6 +71,8 @@ def _closed(assembly: Assembly, q: Array, v: Array, rates: Container[str]) -> tu
                 q[kernel.coordinates.index(name)] = value
         moved = [rigid.coordinates[i] for i in chart.free]
         held, still = list(dict.fromkeys((*held, *moved))), list(dict.fromkeys((*still, *moved)))
+    if not kernel.constraints:  # the loops are elastic
+        return q, v
     q = kernel.close(q, held)
     return q, kernel.close_rates(q, v, still)
 
@@ -84,14 +86,14 @@ def _motors_at_home(robot: Robot, assembly: Assembly) -> set[str]:
     }
 
 
-def _loose(assembly: Assembly) -> tuple[str, ...]:
+def _loose(robot: Robot, assembly: Assembly) -> tuple[str, ...]:
     """Names of the deviations that nothing holds; inside a clearance nothing does, and of a joint with backlash the
     motor takes up its side.
     """
     kernel = assembly.kernel
     motors = shafts(kernel)
     moved = {*kernel.prescribed, *(motors.get(name, name) for name in assembly.driven)}
-    if kernel.loops:  # which hold what has no stiffness
+    if robot.is_closed:  # which hold what has no stiffness
         moved |= {name for name, k in zip(kernel.coordinates, stiffnesses(kernel), strict=True) if k == 0.0}
     played = {kernel.motors.get(name, name) for name in clearances(kernel)}
     return tuple(
@@ -116,7 +118,7 @@ def _balanced(robot: Robot, scenario: Scenario, assembly: Assembly, q: Array, he
         return u + kernel.external_force(qs, np.array([wrenches(0.0, x, at_rest) for x in qs]))
 
     try:
-        return closed_equilibrium(kernel, q, u=forces, held=held | set(_loose(assembly)))
+        return closed_equilibrium(kernel, q, u=forces, held=held | set(_loose(robot, assembly)))
     except IntegrationError as error:
         if not scenario.source:
             raise

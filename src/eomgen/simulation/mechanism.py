@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ..errors import LoopError
 from ..loops.chart import Chart
 from ..motion.point_to_point import Program
+from ..names import joint_of
 from ..robot.coordinates import index_of
 from ..runtime.kernel import Kernel
 from ..state.vectors import MotionFunction, prescribed_mask
@@ -27,7 +28,7 @@ class Mechanism:
     """A rigid mechanism with loops, by whose drives all its coordinates follow.
 
     Attributes:
-        rigid: its kernel, with inverse_dynamics, mass_matrix and the constraint.
+        rigid: its kernel, with residual, mass_matrix and the constraint.
         driven: indices of the driven coordinates among its own, in the order of the program, (k,).
         chart: whose independent coordinates are some of the driven ones.
     """
@@ -58,7 +59,7 @@ class Mechanism:
         v = chart.rates(v, slopes)
         a = chart.accelerations(q, v, a, slopes)
         ways = chart.ways(slopes)
-        needed = np.einsum("kni,kn->ki", ways, self.rigid.inverse_dynamics(q, v, a))  # the loops do no work
+        needed = np.einsum("kni,kn->ki", ways, self.rigid.residual(q, v, a, np.zeros_like(q)))  # the loops do no work
         u = np.zeros_like(q)
         u[:, self.driven] = np.einsum("kij,ki->kj", np.linalg.pinv(ways[:, self.driven]), needed)
         return u[0] if single else u
@@ -94,7 +95,7 @@ class Mechanism:
         off = float(np.abs(closed[0, self.driven] - wanted).max())
         if off > AGREES:
             name = self.rigid.coordinates[self.driven[int(np.abs(closed[0, self.driven] - wanted).argmax())]]
-            loop = next(iter(self.rigid.loops))
+            loop = joint_of(self.rigid.constraints[0])
             raise LoopError(
                 f"{self.rigid.name}: loop {loop} opens on the program at t = {t:.4g} s: {name} is off by {off:.3g};"
                 f" allowed: programs of more than {self.chart.free.size} drives that do not contradict each other, or"

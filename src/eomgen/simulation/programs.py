@@ -130,7 +130,7 @@ def make_program(
         points = np.tile(start, (motion.t.size, 1))
         points[:, [driven.index(name) for name in names]] = motion.q[:, [motion.coordinates.index(n) for n in names]]
         return Spline(motion.t, points, at_rest=False)
-    guess = start if robot.loops else (start + goal) / 2  # where loops are known to close
+    guess = start if robot.is_closed else (start + goal) / 2  # where loops are known to close
     return _tool_program(scenario, section, robot, driven, rigid(), tool, given, guess, (begin, duration))
 
 
@@ -172,7 +172,7 @@ def _tool_program(
         name: x for name, x in given.items() if name in rigid.coordinates
     }
     where = np.array([guesses.get(name, 0.0) for name in rigid.coordinates])
-    passive = set(rigid.coordinates) - {*driven, *rigid.prescribed} if robot.loops else set()
+    passive = set(rigid.coordinates) - {*driven, *rigid.prescribed} if robot.is_closed else set()
     limits = np.array(
         [
             principal_limits(robot, name) if name in driven else (-np.inf, np.inf) if name in passive else (x, x)

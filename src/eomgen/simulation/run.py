@@ -155,7 +155,7 @@ def run_assembly(
     if assembly.path is not None:
         mechanism = index_of(kernel.coordinates, assembly.path.mechanism.rigid.coordinates)
         rigid_q[:, mechanism] = assembly.path.at(t)
-    elif kernel.loops:
+    elif kernel.constraints:
         rigid_q = q
     notes = [
         *_method_note(asked, method, reason),
@@ -191,7 +191,7 @@ def run_assembly(
 
 def _passive(robot: Robot, assembly: Assembly) -> tuple[str, ...]:
     """Names of the coordinates that loops hold: those of the rigid robot that nothing else moves."""
-    if not robot.loops:
+    if not robot.is_closed:
         return ()
     moved = {*assembly.driven, *assembly.kernel.prescribed}
     return tuple(name for name in build_model(robot.rigid()).coordinates if name not in moved)
@@ -218,7 +218,7 @@ def _assumptions(robot: Robot, loose: tuple[str, ...], scenario: Scenario, progr
     if undisturbed and is_rigid(robot):
         notes.append("no joint has a deviation: what the tool is off by is the integration's error")
     free = [joint.name for joint in robot.joints if joint.type == "free"]
-    if free and programmed and not robot.loops:
+    if free and programmed and not robot.is_closed:
         notes.append(f"free joint {', '.join(free)}: held where it is by drives on all its six coordinates")
     motors = [component_name(joint.name, MOTOR) for joint in robot.joints if joint.motor]
     if motors and programmed:

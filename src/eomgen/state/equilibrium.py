@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import ArrayError, IntegrationError, UnknownNameError
+from ..errors import ArrayError, InputError, IntegrationError, UnknownNameError
 from ..runtime.kernel import Kernel
 from .springs import REFERENCE_ACCELERATION, coordinate_sizes, line_rates, stiffnesses
 from .vectors import Q_STEP, state_vector
@@ -38,9 +38,10 @@ def static_equilibrium(
     Raises:
         IntegrationError: there is no such state near the guess: a coordinate that nothing holds is named.
         UnknownNameError, ArrayError: a name or an array is wrong.
-        InputError: the robot has loops.
+        InputError: the robot has loops or couplings that are rigid.
     """
-    kernel.refuse_loops("static_equilibrium")
+    if kernel.constraints:
+        raise InputError(f"static_equilibrium: {kernel.name} is to be closed; see eomgen.loops.closed_equilibrium")
     q = state_vector("q_guess", q_guess, kernel.coordinates)
     kept = known_coordinates(held, kernel) | set(kernel.prescribed)
     free = np.array([name not in kept for name in kernel.coordinates])

@@ -49,8 +49,9 @@ def damping_matrix(kernel: Kernel) -> Array:
 
 
 def any_spring(kernel: Kernel) -> bool:
-    """Whether there is a spring now: of a coordinate, a transmission, between two points."""
-    if any(has_springs(given, kernel.knots.get(name, ())) for name, given in law_numbers(kernel).items()):
+    """Whether there is a spring now: of a coordinate, a transmission, a cut joint, a coupling, between two points."""
+    laws = law_numbers(kernel) | _cut_numbers(kernel)
+    if any(has_springs(given, kernel.knots.get(name, ())) for name, given in laws.items()):
         return True
     names = (parameter_name("springs", name, "stiffness") for name in kernel.springs)
     return any(name in kernel.knots for name in kernel.springs) or any(map(kernel.parameters.get, names))
@@ -83,6 +84,17 @@ def law_numbers(kernel: Kernel) -> dict[str, dict[str, float]]:
         coordinate = parameter_name(*path[:2])
         if kind == "joints" and coordinate in found:
             found[coordinate][parameter_name(*path[2:])] = value
+    return found
+
+
+def _cut_numbers(kernel: Kernel) -> dict[str, dict[str, float]]:
+    """Like ``law_numbers`` those of cut joints, by "loop.x", and of couplings."""
+    found: dict[str, dict[str, float]] = {}
+    for name, value in kernel.parameters.items():
+        kind, *path = parameter_path(name)
+        depth = {"loops": 2, "couplings": 1}.get(kind, 0)
+        if depth:
+            found.setdefault(parameter_name(*path[:depth]), {})[parameter_name(*path[depth:])] = value
     return found
 
 

@@ -1,0 +1,156 @@
+"""Closing by the kernel: one state and many, several roots, rates, rank, rest; against the singular values' solution."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import eomgen
+from eomgen.codegen.kernels.signatures import LOOP_KERNELS
+from eomgen.description.load import robot_from_toml
+from eomgen.errors import InputError, IntegrationError, LoopError, UnknownNameError
+from eomgen.loops import closed_equilibrium, redundancy
+from eomgen.loops.chart import Chart
+from eomgen.robot.geometry import IDENTITY
+from eomgen.robot.value import Coordinate, Placement
+from tests.oracles.by_singular_values import ClosedLoops
+from tests.support.builds import Build
+from tests.support.linkages import KERNELS
+
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
+GEARED = """
+name = "geared"
+gravity = [0.0, -9.81, 0.0]
+driven = ["a.gamma"]
+links = [
+  { name = "one", mass = 1.0, com = [0.1, 0, 0], inertia = { xx = 0.1, yy = 0.1, zz = 0.1 } },
+  { name = "two", mass = 1.0, com = [0.1, 0, 0], inertia = { xx = 0.1, yy = 0.1, zz = 0.1 } },
+]
+joints = [
+  { name = "a", parent = "base", child = "one", type = "revolute" },
+  { name = "b", parent = "base", child = "two", type = "revolute", placement = { xyz = [0.5, 0, 0] } },
+]
+[[couplings]]
+name = "gear"
+of = "b.gamma"
+to = { "a.gamma" = -2.0 }
+"""
+
+
+@pytest.fixture
+def four_bar(built: Build) -> eomgen.Kernel:
+    return built(eomgen.load_robot("four_bar"), *KERNELS)
+
+
+def test_many_guesses_close_as_each_alone_does(four_bar: eomgen.Kernel) -> None:
+    guesses = np.array([[0.5, 0.2, 1.2], [1.0, -0.5, 1.0], [2.0, -0.3, 1.9], [-2.5, 2.0, 1.0]])
+    found = four_bar.close(guesses, ["joint1.gamma"])
+    assert found.shape == guesses.shape
+    assert np.abs(four_bar.constraint(found)).max() <= 1e-12
+    assert (found[:, 0] == guesses[:, 0]).all()
+    oracle = ClosedLoops(four_bar)
+    for one, guess in zip(found, guesses, strict=True):
+        assert np.array_equal(four_bar.close(guess, ["joint1.gamma"]), one)
+        assert np.abs(oracle.consistent_positions(guess, held=["joint1.gamma"]) - one).max() <= 1e-10
+    rates = four_bar.close_rates(found, [1.0, 2.0, 3.0])
+    for one, q in zip(rates, found, strict=True):
+        assert np.abs(oracle.consistent_velocities(q, [1.0, 2.0, 3.0]) - one).max() <= 1e-12
+        assert np.abs(four_bar.constraint_jacobian(q) @ one).max() <= 1e-13
+
+
+def test_both_ways_to_close_a_four_bar(four_bar: eomgen.Kernel) -> None:
+    """Two circles meet in two points: rocker angles mirrored at the line from the crank's end to the rocker's pivot."""
+    guess = [1.0, -0.5, 1.4]
+    found = four_bar.close(guess, ["joint1.gamma"], roots=5)
+    assert found.shape == (2, 3)
+    assert np.abs(four_bar.constraint(found)).max() <= 1e-12
+    assert np.abs(found[0] - four_bar.close(guess, ["joint1.gamma"])).max() <= 1e-9
+    end = 0.2 * np.array([np.cos(1.0), np.sin(1.0)])
+    line = np.arctan2(*(end - [0.5, 0.0])[::-1])
+    assert abs(np.remainder(found[:, 2].sum() - 2.0 * line + np.pi, 2.0 * np.pi) - np.pi) <= 1e-9
+    assert four_bar.close(guess, ["joint1.gamma"], roots=1).shape == (1, 3)
+
+
+def test_closing_in_single_precision() -> None:
+    kernel = eomgen.build(eomgen.load_robot("four_bar"), kernels=KERNELS, dtype="float32")
+    q = kernel.close(np.float32([0.5, 0.25, 1.25]), ["joint1.gamma"])
+    assert q.dtype == np.float32
+    assert np.abs(kernel.constraint(q)).max() <= 2e-6
+    v = kernel.close_rates(q, np.float32([1.0, 0.0, 0.0]), ["joint1.gamma"])
+    assert np.abs(kernel.constraint_jacobian(q) @ v).max() <= 1e-5
+    assert redundancy(kernel, q).mobility == 1
+
+
+def test_what_does_not_close_is_named_with_its_state(four_bar: eomgen.Kernel, built: Build) -> None:
+    q = four_bar.close([0.5, 0.2, 1.2])
+    with pytest.raises(LoopError, match=r"loop joint4 does not close near the guess in state 1: joint4\.[xy] is left"):
+        four_bar.close([q, q + 0.3], four_bar.coordinates)
+    with pytest.raises(LoopError, match=r"joint4 opens at the rates that are held: joint4\.[xy] .* m/s"):
+        four_bar.close_rates(q, [1.0, 0.0, 0.0], ["joint1.gamma", "joint3.gamma"])
+    with pytest.raises(UnknownNameError, match="held: 'joint9' is unknown"):
+        four_bar.close(q, ["joint9"])
+    with pytest.raises(InputError, match="roots of 0; allowed: a whole number from 1 on"):
+        four_bar.close(q, roots=0)
+    with pytest.raises(InputError, match=r"roots of states of shape \(2, 3\)"):
+        four_bar.close([q, q], roots=2)
+    with pytest.raises(InputError, match="one_link has nothing to close"):
+        built(eomgen.load_robot("one_link"), "mass_matrix").close([0.0, 0.0])
+    robot = eomgen.load_robot("four_bar")
+    far = replace(robot.joints[2], placement=Placement((5.0, 0.0, 0.0), IDENTITY))
+    apart = built(replace(robot, joints=(*robot.joints[:2], far)), *KERNELS)
+    with pytest.raises(LoopError, match=r"joint4\.x is left with 3\.9 m"):
+        apart.close([0.1, 0.2, 3.0], roots=2)
+
+
+def test_couplings_close_and_are_counted(built: Build) -> None:
+    kernel = built(robot_from_toml(GEARED), "constraint", "constraint_jacobian", "mass_matrix")
+    q = kernel.close([0.3, 0.1], ["a.gamma"])
+    assert q == pytest.approx([0.3, -0.6], abs=1e-12)
+    assert kernel.close_rates(q, [1.0, 0.0], ["a.gamma"]) == pytest.approx([1.0, -2.0], abs=1e-12)
+    assert redundancy(kernel, q).mobility == 1
+    with pytest.raises(LoopError, match="coupling gear does not close near the guess: gear is left with 0.7"):
+        kernel.close([0.3, 0.1], kernel.coordinates)
+
+
+def test_redundancy_is_that_of_the_singular_values(built: Build) -> None:
+    for name, mobility, redundant in (("four_bar", 1, 3), ("bennett", 1, 3), ("gough", 6, 0)):
+        robot = eomgen.load_robot(name)
+        kernel = built(robot, *KERNELS)
+        q = np.array([robot.home.get(x, 0.0) for x in kernel.coordinates])
+        found = redundancy(kernel, q)
+        assert (found.mobility, len(found.redundant)) == (mobility, redundant)
+        assert found == ClosedLoops(kernel).redundancy(q)
+
+
+def test_a_hanging_mechanism_rests_at_its_lowest_point(four_bar: eomgen.Kernel) -> None:
+    q = closed_equilibrium(four_bar, [-1.5, 0.8, -0.9])
+    assert np.abs(four_bar.constraint(q)).max() <= 1e-12
+    chart, zero = Chart(four_bar, q), np.zeros(3)
+    slope = four_bar.residual(q, zero, zero, zero) @ chart.ways(chart.close(q[np.newaxis])[1])[0]
+    assert np.abs(slope).max() <= 1e-8  # of potential energy along the mechanism's way, N m
+    around = [four_bar.energy(chart.close(q + d * np.eye(3)[chart.free])[0][0], zero)[1] for d in (-1e-2, 0.0, 1e-2)]
+    assert around[1] < min(around[0], around[2])
+    held = closed_equilibrium(four_bar, q + [0.3, 0.0, 0.0], held=["joint1.gamma"])
+    assert held[0] == q[0] + 0.3
+
+
+def test_what_nothing_holds_has_no_equilibrium(built: Build) -> None:
+    robot = replace(eomgen.load_robot("four_bar"), gravity=(0.0, 0.0, 0.0), name="weightless")
+    with pytest.raises(IntegrationError, match="nothing holds joint"):
+        closed_equilibrium(built(robot, *KERNELS), [0.5, 0.2, 1.2])
+
+
+def test_elastic_loops_rest_where_their_springs_hold(built: Build) -> None:
+    """A cut joint of which every direction is a stiff spring sags by microns from where the rigid one is."""
+    robot = eomgen.load_robot("four_bar")
+    springs = {name: Coordinate(stiffness=1e7) for name in ("x", "y", "z", "alpha", "beta")}
+    soft = built(
+        replace(robot, name="soft_bars", loops=(replace(robot.loops[0], coordinates=springs),)),
+        *(name for name in KERNELS if name not in LOOP_KERNELS),
+    )
+    q = np.array([robot.home[name] for name in soft.coordinates])
+    sagged = closed_equilibrium(soft, q, held=["joint1.gamma"])
+    assert 1e-9 < np.abs(sagged - q).max() < 1e-5

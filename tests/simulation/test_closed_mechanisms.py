@@ -1,0 +1,176 @@
+"""Simulations of mechanisms with loops: programs of their drives, controls, loads, shaken ground, tool paths, rest."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import eomgen
+from eomgen import cli
+from eomgen.errors import IntegrationStopped, LoopError
+from eomgen.robot.value import Coordinate, Robot
+from eomgen.scenario.load import scenario_from_toml
+from eomgen.simulation.result import SimulationResult
+from eomgen.simulation.run import run_scenario
+from tests.loops.test_closing import GEARED
+
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
+
+def run(robot: Robot | str, text: str) -> SimulationResult:
+    found = eomgen.load_robot(robot) if isinstance(robot, str) else robot
+    return run_scenario(found, scenario_from_toml(text))
+
+
+def with_coordinate(robot: Robot, joint: str, name: str, given: Coordinate, label: str) -> Robot:
+    joints = tuple(
+        replace(x, coordinates={**x.coordinates, name: given}) if x.name.startswith(joint) else x for x in robot.joints
+    )
+    return replace(robot, name=label, joints=joints)
+
+
+def follows(result: SimulationResult, within: float = 1e-7) -> None:
+    """Closed, balanced, and where the program of its drives leads."""
+    assert result.trajectory.info["gap"] <= 1e-11
+    assert result.balance is not None
+    assert result.balance.relative_residue <= 1e-5
+    assert np.abs(result.tool_deviation).max() <= within
+
+
+@pytest.mark.parametrize("name", ["four_bar", "bennett", "gough"])
+def test_drives_move_from_home_and_the_rest_follows(name: str) -> None:
+    robot = eomgen.load_robot(name)
+    result = eomgen.simulate(name, duration=0.5)
+    follows(result)
+    assert result.program_coordinates == robot.driven
+    home = [robot.home.get(x, 0.0) for x in result.trajectory.coordinates]
+    assert np.abs(result.trajectory.q[0] - home).max() <= 1e-9
+    assert np.abs(result.tracking_error).max() <= 1e-6
+    others = {x for x in result.trajectory.coordinates if x not in result.program_coordinates}
+    assert set(result.passive) == others
+    assert result.deviation_coordinates == ()
+    idle = [result.trajectory.coordinates.index(x) for x in result.passive]
+    assert (result.trajectory.u[:, idle] == 0.0).all()
+
+
+def test_the_work_of_a_drive_at_default_tolerances() -> None:
+    table = "duration = 0.4\n[control]\ntype = 'torque'\ncoordinates = ['joint1']\nrows = [[0.0, 20.0], [0.4, 20.0]]\n"
+    result = run("four_bar", table)
+    assert result.balance is not None
+    assert result.balance.of("drives")[-1] >= 300.0
+    assert result.balance.relative_residue <= 1e-5
+
+
+def test_pd_control_holds_against_gravity() -> None:
+    text = "duration = 0.2\n[control]\ntype = 'pd'\nkp = 200.0\nkd = 20.0\ngravity = true\n"
+    still = run("four_bar", text)
+    assert np.ptp(still.trajectory.q, axis=0).max() <= 1e-6
+    sagging = run("four_bar", text.replace("gravity = true\n", "[initial]\nequilibrium = true\n"))
+    assert 1e-4 < abs(sagging.trajectory.q[0, 0] - 1.0) < 0.1
+    assert np.ptp(sagging.trajectory.q, axis=0).max() <= 1e-6  # it starts in balance
+
+
+def test_tools_of_platforms_follow_lines_and_circles() -> None:
+    line = run("gough", "duration = 0.5\n[motion]\ntype = 'line'\nfrom = [0.0, 0.0, 1.1]\nto = [0.1, 0.05, 1.0]\n")
+    follows(line)
+    assert np.abs(line.pose[-1, :3, 3] - [0.1, 0.05, 1.0]).max() <= 1e-7
+    text = "center = [0.0, 0.0, 1.1]\nnormal = [0, 0, 1.0]\nfrom = [0.1, 0, 1.1]\n"
+    circle = run("gough", f"duration = 0.5\n[motion]\ntype = 'circle'\n{text}")
+    follows(circle)
+    assert np.abs(np.hypot(*circle.pose[:, :2, 3].T) - 0.1).max() <= 1e-6
+    with pytest.raises(eomgen.EomgenError, match=r"tcp does not reach \(0, 0, 3\) m"):
+        run("gough", "duration = 0.5\n[motion]\ntype = 'line'\nfrom = [0.0, 0.0, 3.0]\nto = [0.1, 0.05, 1.0]\n")
+
+
+def test_wrenches_and_payloads_on_a_platform() -> None:
+    push = "[[wrenches]]\nlink = 'platform'\nt0 = 0.02\nt1 = 0.05\nforce = [50.0, 0, 0]\n"
+    body = "[[payloads]]\nlink = 'platform'\nmass = 5.0\npoint = [0.0, 0.0, 0.1]\nt0 = 0.06\n"
+    result = run("gough", f"duration = 0.1\n{push}{body}[control]\ntype = 'computed_torque'\n")
+    assert result.balance is not None
+    assert result.balance.relative_residue <= 1e-4
+    assert abs(result.balance.of("wrenches")[-1]) > 0.0
+    assert result.trajectory.info["gap"] <= 1e-11
+    assert 1e-5 < np.abs(result.tool_deviation).max() < 1e-2
+
+
+def shaken() -> Robot:
+    robot = eomgen.load_robot("four_bar")
+    return with_coordinate(robot, "joint3", "x", Coordinate(prescribed=True), "shaken_bars")
+
+
+SHAKE = "[[prescribed]]\ntype = 'harmonic'\ncoordinate = 'joint3.x'\namplitude = 0.02\nfrequency = 4.0\n"
+
+
+def test_a_shaken_pivot_does_work_on_a_driven_linkage() -> None:
+    result = run(shaken(), f"duration = 0.4\n{SHAKE}[motion]\ntype = 'point_to_point'\n")
+    follows(result)
+    moved = result.trajectory.of("joint3.x")
+    assert np.abs(moved - 0.02 * np.sin(8.0 * np.pi * result.trajectory.t)).max() == 0.0
+    assert result.balance is not None
+    assert abs(result.balance.of("prescribed")).max() > 1e-3
+
+
+def test_prescribed_motions_that_open_a_loop_are_refused() -> None:
+    far = SHAKE.replace("0.02", "0.9")
+    with pytest.raises(LoopError, match=r"shaken_bars: loop joint4 comes open: joint4\.x .* allowed: .* at t = 0\.0"):
+        run(shaken(), f"duration = 0.4\n{far}[motion]\ntype = 'point_to_point'\n")
+    with pytest.raises(IntegrationStopped, match="loop joint4 comes open"):
+        run(shaken(), f"duration = 0.4\n{far}[control]\ntype = 'none'\n[integrator]\nmethod = 'rk4'\n")
+
+
+def test_elastic_legs_deviate_from_the_rigid_mechanism() -> None:
+    soft = Coordinate(stiffness=1e6, damping=1e2)
+    robot = with_coordinate(eomgen.load_robot("gough"), "leg", "x", soft, "soft_legs")
+    result = run(robot, "duration = 0.1\n[motion]\ntype = 'point_to_point'\n")
+    follows(result, within=1e-4)
+    assert set(result.deviation_coordinates) == {f"leg{i}.x" for i in range(1, 7)}
+    assert 1e-7 < np.abs(result.deviations).max() < 1e-3
+
+
+@pytest.mark.parametrize("rigid", [("z", "alpha", "beta"), ()])
+def test_elastic_cut_joints(rigid: tuple[str, ...]) -> None:
+    robot = eomgen.load_robot("four_bar")
+    soft = {name: Coordinate(stiffness=1e6, damping=1e2) for name in ("x", "y", "z", "alpha", "beta")}
+    cut = replace(robot.loops[0], coordinates={name: soft[name] for name in soft if name not in rigid})
+    result = run(
+        replace(robot, name=f"soft_cut{len(rigid)}", loops=(cut,)),
+        "duration = 0.1\n[motion]\ntype = 'point_to_point'\n",
+    )
+    assert result.trajectory.method == "Radau"
+    assert result.balance is not None
+    assert result.balance.relative_residue <= 1e-5
+    assert 1e-7 < np.abs(result.tool_deviation).max() < 1e-3
+
+
+def test_geared_coordinates_follow_their_drive() -> None:
+    result = run(eomgen.description.load.robot_from_toml(GEARED), "duration = 0.2\n[motion]\ntype = 'point_to_point'\n")
+    follows(result)
+    assert np.abs(result.trajectory.of("b.gamma") + 2.0 * result.trajectory.of("a.gamma")).max() <= 1e-12
+
+
+def test_drives_that_do_not_hold_or_contradict_are_refused() -> None:
+    robot = eomgen.load_robot("gough")
+    assert robot.driven is not None
+    with pytest.raises(LoopError, match=r"not held by drives at .*: leg6\.z stays loose; allowed: .* all 6 freedoms"):
+        run(replace(robot, driven=robot.driven[:5]), "duration = 0.1\n[motion]\ntype = 'point_to_point'\n")
+    many = replace(eomgen.load_robot("four_bar"), driven=None)
+    with pytest.raises(LoopError, match=r"joint4 opens on the program at t = .*: joint3\.gamma is off by .*; allowed"):
+        run(many, "duration = 0.1\n[motion]\ntype = 'point_to_point'\n")
+    held = run(many, "duration = 0.1\n[control]\ntype = 'computed_torque'\n")
+    assert np.count_nonzero(np.abs(held.trajectory.u[0]) > 1e-6) == 3  # the least drives share the load
+    text = "duration = 0.1\n[initial]\nq = { joint1 = 0.3, joint3 = 0.1 }\n[control]\ntype = 'none'\n"
+    with pytest.raises(LoopError, match="joint4 does not close near the guess"):
+        run("four_bar", text)
+
+
+def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out"
+    assert cli.main(["simulate", "four_bar", "--duration", "0.2", "-o", str(out), "--no-plots"]) == 0
+    assert "four_bar: 3 coordinates, 1 of them driven" in capsys.readouterr().out
+    loaded = eomgen.load_result(out / "trajectory.npz")
+    assert loaded.passive == ("joint2.gamma", "joint3.gamma")
+    assert loaded.trajectory.info["gap"] <= 1e-11
+    assert loaded.summary()["gap"] == loaded.trajectory.info["gap"]
