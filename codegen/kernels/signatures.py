@@ -11,7 +11,6 @@ if TYPE_CHECKING:
 
 DTYPES = ("float64", "float32")  # types of kernels' numbers
 Kind = Literal["program", "tangent", "frames", "composed", "rollout"]
-Needs = Literal["", "loops", "springs", "constraints"]
 KINDS: Mapping[Kind, str] = {  # in the order in which C and packages have them
     "program": "straight-line code of one writer",
     "tangent": "straight-line code, differentiated from another kernel's; there only if it is asked for",
@@ -52,14 +51,14 @@ class Signature:
     columns_of: str = ""
     solves: bool = False
     symmetric: bool = False
-    needs: Needs = ""
+    needs: Literal["", "loops", "springs", "constraints"] = ""
     mapped: bool = False
 
 
 RATES = {"q": "dq", "v": "dv", "a": "da", "wrench": "dwrench"}  # of what tangents move
 
 
-def _tangent(kernel: str, *reads: str, writes: str, needs: Needs = "") -> dict[str, Signature]:
+def _tangent(kernel: str, *reads: str, writes: str, needs: Literal["", "constraints"] = "") -> dict[str, Signature]:
     rates = tuple(RATES[array] for array in reads)
     text = f"What {kernel} changes by along {', '.join(rates)}."
     return {f"{kernel}_tangent": Signature((*reads, *rates), writes, text, "tangent", tangent_of=kernel, needs=needs)}
