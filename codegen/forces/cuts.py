@@ -45,7 +45,7 @@ class Deviating:
         return total
 
     def resists(self, s: Scalar, rate: Scalar, f: Functions) -> Effect:
-        """What a deviation s at a rate is resisted with."""
+        """The force that resists a deviation s at a rate, its slopes and energy."""
         k, c = self.law.stiffness, self.law.damping
         linear = Effect(k * s + c * rate, k, c, 0.5 * k * s * s)
         return linear + effect(self.law.law, self.law.knots, s, rate, f)

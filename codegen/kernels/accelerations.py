@@ -13,7 +13,7 @@ from ..solve.factorised import Factors, solve
 from ..solve.responses import EliminatedTree, FactorisedTree
 from ..solve.rows import Row, elastic_row
 from ..tree.spatial import Scalar
-from .closed import Pivots, closed, constrained, eliminated, gaps, pivot_outputs, settling
+from .closed import Pivots, constrained, eliminated, gaps, pivot_outputs, settling, with_rows
 from .derivation import Derivation, Outputs
 
 FACTORISED = "M = L^T D L factorised"
@@ -111,7 +111,7 @@ def implicit_step(d: Derivation) -> Outputs:
     for own in d.deviating:
         rows.append(_cut_row(d, own, dt, square, springs))
     tree, pivots = eliminated(d, armature, _drives(d, springs), d.v, slopes, coupled=bool(rows))
-    return _solved(d, closed(d, tree, rows)[0] if rows else tree.free, pivots)
+    return _solved(d, with_rows(d, tree, rows)[0] if rows else tree.free, pivots)
 
 
 def _closing_rows(d: Derivation, dt: Scalar) -> list[Row]:

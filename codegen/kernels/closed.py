@@ -131,7 +131,7 @@ def eliminated(
     return EliminatedTree(rotors, solved, solved.accelerations), solved.pivots
 
 
-def closed(d: Derivation, tree: Tree, rows: Sequence[Row]) -> tuple[list[Scalar], list[Scalar]]:
+def with_rows(d: Derivation, tree: Tree, rows: Sequence[Row]) -> tuple[list[Scalar], list[Scalar]]:
     """Accelerations, (n,), with the forces of the rows, and the multipliers of all rows."""
     given = set(d.model.prescribed)
     pushing = [
@@ -146,7 +146,7 @@ def closed(d: Derivation, tree: Tree, rows: Sequence[Row]) -> tuple[list[Scalar]
 def constrained(d: Derivation, tree: Tree, pivots: Pivots) -> Outputs:
     """Accelerations, multipliers, gaps and their rates, one after the other."""
     found = gaps(d, d.v)
-    accelerations, multipliers = closed(d, tree, [gap.row(-gap.bias) for gap in found])
+    accelerations, multipliers = with_rows(d, tree, [gap.row(-gap.bias) for gap in found])
     values = [accelerations[i] for i in d.own] + multipliers
     values += [gap.value for gap in found] + [gap.rate(d.v) for gap in found]
     return {**dict(enumerate_outputs(values)), **pivot_outputs(d, pivots)}
@@ -155,8 +155,8 @@ def constrained(d: Derivation, tree: Tree, pivots: Pivots) -> Outputs:
 def settling(d: Derivation, tree: Tree, pivots: Pivots) -> Outputs:
     """Changes of q and v towards the nearest closed state in the metric of the kinetic energy, and the gaps before."""
     found = gaps(d, d.still)
-    closing = closed(d, tree, [gap.row(-gap.value) for gap in found])[0]
-    slowing = closed(d, tree, [gap.row(-gap.rate(d.v)) for gap in found])[0]
+    closing = with_rows(d, tree, [gap.row(-gap.value) for gap in found])[0]
+    slowing = with_rows(d, tree, [gap.row(-gap.rate(d.v)) for gap in found])[0]
     values = [x[i] for x in (closing, slowing) for i in d.own] + [gap.value for gap in found]
     return {**dict(enumerate_outputs(values)), **pivot_outputs(d, pivots)}
 

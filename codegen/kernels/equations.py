@@ -19,7 +19,12 @@ from .signatures import KERNELS, RATES, SIGNATURES, available
 from .writers import DESCRIPTION_FRAMES, WAYS, WRITERS
 
 DIVISION = 8  # a division takes about as long as so many products
-NEEDS = {"loops": "[[loops]]", "springs": "[[springs]]", "constraints": "rigid [[loops]] or [[couplings]]"}
+NEEDS = {
+    "loops": "[[loops]]",
+    "springs": "[[springs]]",
+    "constraints": "rigid [[loops]] or [[couplings]]",
+    "laws": "forces in cut joints or couplings",
+}
 STRAIGHT_COLUMNS = 12000  # up to so many operations all columns are written out, above it is a loop over them
 
 
@@ -48,7 +53,8 @@ def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "fl
     Args:
         dtype: of the numbers that the C computes with; loops are solved for its precision.
         kernels: names of KERNELS; all that there are for the model but tangents if empty.  Those of springs between
-            points come with any: they are small, and integrations choose method and step by them.
+            points and of forces in cut joints come with any: they are small, and integrations choose method and step
+            by them.
 
     Raises:
         InputError: a kernel of loops or springs is asked for, but the robot has none.
@@ -60,7 +66,7 @@ def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "fl
                 f"kernels: {name!r} is for robots with {NEEDS[KERNELS[name].needs]}, and {model.name} has none"
             )
     wanted = kernels or [name for name in known if not KERNELS[name].tangent_of]
-    public = tuple(name for name in known if name in wanted or KERNELS[name].needs == "springs")
+    public = tuple(name for name in known if name in wanted or KERNELS[name].needs in ("springs", "laws"))
     raw: dict[str, Program] = {}
     calls: dict[str, tuple[str, ...]] = {}
     choices: dict[str, str] = {}

@@ -35,7 +35,7 @@ class Signature:
     solves: whether it inverts the mass matrix, and so fails where that is singular; the others always return 0.
     symmetric: whether it writes a matrix that is symmetric to the bit.
     needs: what a robot must have for it: "loops", "springs", "constraints" (loops or couplings that are rigid in some
-        direction) or nothing.
+        direction), "laws" (forces in cut joints, elastic couplings) or nothing.
     mapped: whether packages say which of its entries vanish identically.
     """
 
@@ -51,7 +51,7 @@ class Signature:
     columns_of: str = ""
     solves: bool = False
     symmetric: bool = False
-    needs: Literal["", "loops", "springs", "constraints"] = ""
+    needs: Literal["", "loops", "springs", "constraints", "laws"] = ""
     mapped: bool = False
 
 
@@ -173,6 +173,15 @@ KERNELS: Mapping[str, Signature] = {
     "spring_jacobian": Signature(
         ("q",), "spring_rows", "Derivatives of the springs' lengths by q: moment arms.", needs="springs"
     ),
+    "cut_forces": Signature(
+        ("q", "v"),
+        "law_pairs",
+        "Per coordinate of a cut joint with a force, and elastic coupling, its deviation and what resists it.",
+        needs="laws",
+    ),
+    "cut_jacobian": Signature(
+        ("q",), "law_rows", "Derivatives by q of the deviations of cut joints and elastic couplings.", needs="laws"
+    ),
     "spring_stiffness": Signature(
         ("q",),
         "matrix",
@@ -214,6 +223,7 @@ def available(model: Model) -> tuple[str, ...]:
         "loops": bool(model.robot.loops),
         "springs": bool(model.robot.springs),
         "constraints": bool(model.constraints),
+        "laws": bool(model.cut_laws),
     }
     return tuple(name for name, signature in KERNELS.items() if has[signature.needs])
 
@@ -274,11 +284,12 @@ def shapes(model: Model) -> dict[str, tuple[int, ...]]:
         "constrained": (n + 3 * m,),
         "settling": (2 * n + m,),
     }
-    springs = len(model.robot.springs)
+    springs, laws = len(model.robot.springs), len(model.cut_laws)
     return {
         **vectors,
         **(closing if m else {}),
         **({"cut_poses": (loops, 4, 4)} if loops else {}),
+        **({"law_pairs": (laws, 2), "law_rows": (laws, n)} if laws else {}),
         **({"spring_pairs": (springs, 2), "spring_rows": (springs, n)} if springs else {}),
         "wrench": (len(model.links), 6),
         "dwrench": (len(model.links), 6),

@@ -190,6 +190,14 @@ def _spring_jacobian(d: Derivation) -> Outputs:
     return vector([g.get(i, 0.0) * inverse for inverse, g in found for i in d.own])
 
 
+def _cut_forces(d: Derivation) -> Outputs:
+    return vector([x for own in d.deviating for x in (own.s, own.resists(own.s, own.rate(d.v), d.functions).force)])
+
+
+def _cut_jacobian(d: Derivation) -> Outputs:
+    return vector([own.arms.get(i, 0.0) for own in d.deviating for i in d.own])
+
+
 def _spring_stiffness(d: Derivation) -> Outputs:
     total: Rows = {}
     for line in d.lines(d.still):
@@ -219,6 +227,8 @@ WRITERS: Mapping[str, Callable[[Derivation], Outputs]] = {
     "cut_poses": _cut_poses,
     "spring_forces": _spring_forces,
     "spring_jacobian": _spring_jacobian,
+    "cut_forces": _cut_forces,
+    "cut_jacobian": _cut_jacobian,
     "spring_stiffness": _spring_stiffness,
     "implicit_step": implicit_step,
 }

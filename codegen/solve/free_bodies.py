@@ -233,7 +233,7 @@ class FreeBodies:
         return masses | {(first + 3 + i, first + 3 + j): inertia[i][j] for i in range(3) for j in range(i, 3)}
 
     def respond(self, k: int, push: Sequence[Scalar], load: Wrench) -> tuple[Vec, Vec, Vec, Vec, Wrench]:
-        """What drives and a load do to the body at rest: no body is coupled to another by an armature.
+        """Answer drives and a load at rest, where no body is coupled to another by an armature.
 
         Args:
             push: drives, (n,).

@@ -1,4 +1,4 @@
-"""What drives do to a tree at rest and without weight, through the inertias that an elimination has found already.
+"""Answers of a tree at rest and without weight to drives, through the inertias that an elimination has found already.
 
 Each set of drives passes from the tips to the base; products of what it leaves at the pivots are the entries of
 J M^-1 J^T, and one pass back to the tips gives the accelerations of any sum of such sets.  Bodies that neither a drive
@@ -25,10 +25,10 @@ class Tree(Protocol):
     """A tree whose accelerations under its own drives are known, and that answers further ones."""
 
     def respond(self, row: Row) -> Response:
-        """What drives along a row leave at the pivots."""
+        """Eliminate drives along a row: what they leave at the pivots."""
 
     def pivots(self) -> list[Entries]:
-        """What stands at the pivots of every body's joint, by pairs of coordinates; none where that is not known."""
+        """Entries at the pivots of every body's joint, by pairs of coordinates; none where that is not known."""
 
     def along(self, row: Row, response: Response) -> Scalar:
         """J a_free."""
@@ -45,7 +45,7 @@ class FactorisedTree:
         self.factors, self.left = factors, factors.back(list(right))
 
     def respond(self, row: Row) -> Response:
-        """What drives along a row leave at the pivots."""
+        """Eliminate drives along a row: what they leave at the pivots."""
         push = [row.arms.get(i, 0.0) for i in range(len(self.left))]
         response = Response()
         for index, left in enumerate(self.factors.back(push)):
@@ -77,7 +77,7 @@ class EliminatedTree:
         self.rotors, self.tree, self.free, self.model = rotors, tree, free, tree.model
 
     def respond(self, row: Row) -> Response:
-        """What drives along a row leave at the pivots."""
+        """Eliminate drives along a row: what they leave at the pivots."""
         response, tree, model = Response(), self.tree, self.model
         push: list[Scalar] = [0.0] * model.size
         for index, arm in row.arms.items():
@@ -141,7 +141,7 @@ class EliminatedTree:
         return Wrench((held[0], held[1], held[2]), add(load.moment, matvec(transpose(block.coupling), free)))
 
     def pivots(self) -> list[Entries]:
-        """What stands at the pivots of every body's joint, by pairs of coordinates."""
+        """Entries at the pivots of every body's joint, by pairs of coordinates."""
         found: list[Entries] = []
         for k, joint in enumerate(self.tree.joints):
             if self.tree.free[k]:
@@ -207,7 +207,7 @@ class EliminatedTree:
 
 
 def total(responses: Sequence[Response], multipliers: Sequence[Scalar]) -> Sparse:
-    """What a sum of responses leaves at the pivots, divided."""
+    """Sum responses: what all leave at the pivots together, divided."""
     found: Sparse = {}
     for response, multiplier in zip(responses, multipliers, strict=True):
         for index, free in response.free.items():

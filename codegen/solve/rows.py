@@ -39,7 +39,7 @@ class Precision:
     refinements: int
 
 
-PRECISIONS: Mapping[str, Precision] = {"float64": Precision(1e-11, 1e-14, 1), "float32": Precision(1e-4, 1e-6, 3)}
+PRECISIONS: Mapping[str, Precision] = {"float64": Precision(1e-11, 1e-14, 1), "float32": Precision(2e-6, 1e-6, 3)}
 
 
 @dataclass(frozen=True)

@@ -296,7 +296,7 @@ class _Binder:
         return tuple(found)
 
     def cut_offsets(self) -> tuple[tuple[Scalar, ...], ...]:
-        """What the six coordinates of each cut joint keep to."""
+        """Offsets that the six coordinates of each cut joint keep to."""
         return tuple(
             tuple(
                 self.value(f"loops.{loop.name}.offset.{name}", number or 0.0)

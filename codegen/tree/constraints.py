@@ -151,7 +151,7 @@ class Closure:
         self.rows_a, self.rows_b = transpose(R), transpose(S)
 
     def _kept(self, part: Component) -> Scalar:
-        """What a component keeps to."""
+        """The offset that a component keeps to."""
         if part.axis is not None:
             return self.shift[part.axis]
         return self.sine if part.name == "beta" else 0.0

@@ -7,27 +7,14 @@ from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
 
-import numpy as np
-
 import eomgen
 from eomgen.codegen.kernels.equations import derive_equations
 from eomgen.codegen.kernels.operation_counts import operations
-from eomgen.loops import ClosedLoops
 from eomgen.pictures import plot_robot, plot_zeros
 from eomgen.robot import Model, build_model
 
 KERNELS = ("inverse_dynamics", "mass_matrix", "forward_dynamics")
-CLOSING = ("constraint", "constraint_jacobian", "cut_poses")  # kernels that finding a closed pose takes
-POSES: dict[str, Mapping[str, float]] = {  # that show more than zero does; guesses where loops are to be closed
-    "andrews": {
-        "beta.gamma": -0.06,
-        "gamma.gamma": 0.46,
-        "phi.gamma": 0.22,
-        "delta.gamma": 0.49,
-        "epsilon.gamma": 1.23,
-    },
-    "bennett": {"joint1.gamma": 1.0, "joint2.gamma": 1.5, "joint3.gamma": -1.0},
-    "four_bar": {"joint1.gamma": 0.9, "joint2.gamma": 0.2, "joint3.gamma": 1.2},
+POSES: dict[str, Mapping[str, float]] = {  # that show more than zero does
     "puma560": {"joint2.gamma": -0.8, "joint3.gamma": 0.4},
     "puma560_elastic": {"joint2.gamma": -0.8, "joint3.gamma": 0.4},
     "ur5": {"joint2.gamma": -1.0, "joint3.gamma": 1.4},
@@ -72,17 +59,8 @@ def figures() -> dict[str, bytes]:
 
 
 def closed_pose(robot: eomgen.Robot) -> Mapping[str, float]:
-    """The robot's pose of POSES, its loops closed."""
-    given = POSES.get(robot.name, {})
-    names = build_model(robot).coordinates
-    if not robot.loops:
-        return given
-    kernel = eomgen.build(robot, kernels=CLOSING, flags=("-O0",))
-    guess, held = np.array([given.get(name, 0.0) for name in names]), list(given)[:1]
-    if robot.name == "gough":  # the platform 1 m up, the legs reaching for it
-        held = [name for name in names if name.startswith("pose.")]
-        guess = np.array([1.0 if name == "pose.z" or name.endswith(".z") else 0.0 for name in names])
-    return dict(zip(names, ClosedLoops(kernel).consistent_positions(guess, held=held).tolist(), strict=True))
+    """The robot's pose of POSES, or its home, where its loops are closed."""
+    return POSES.get(robot.name, {}) if not robot.is_closed else dict(robot.home)
 
 
 def page() -> str:

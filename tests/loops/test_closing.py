@@ -1,4 +1,4 @@
-"""Closing by the kernel: one state and many, several roots, rates, rank, rest; against the singular values' solution."""
+"""Closing by the kernel: one state and many, several roots, rates, rank, rest; against singular values."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def test_couplings_close_and_are_counted(built: Build) -> None:
     assert q == pytest.approx([0.3, -0.6], abs=1e-12)
     assert kernel.close_rates(q, [1.0, 0.0], ["a.gamma"]) == pytest.approx([1.0, -2.0], abs=1e-12)
     assert redundancy(kernel, q).mobility == 1
-    with pytest.raises(LoopError, match="coupling gear does not close near the guess: gear is left with 0.7"):
+    with pytest.raises(LoopError, match=r"coupling gear does not close near the guess: gear is left with 0\.7"):
         kernel.close([0.3, 0.1], kernel.coordinates)
 
 

@@ -10,6 +10,7 @@ import pytest
 import eomgen
 from eomgen.description.load import robot_from_toml
 from eomgen.robot.value import Robot
+from eomgen.state.springs import any_spring, fastest_rates, line_rates
 from tests.support.builds import Build
 from tests.support.random_robots import Array
 
@@ -254,3 +255,20 @@ def test_an_elastic_gear_with_backlash_and_a_ratio_that_is_tuned(built: Build) -
     kernel.parameters["couplings.gear.ratio.a.gamma"] = -1.0
     assert np.allclose(torque(inside)[0], torque(inside)[1])
     assert np.isfinite(kernel.forward_dynamics(inside, v, u)).all()
+
+
+def test_forces_and_rows_of_cut_joints(built: Build) -> None:
+    """Deviations are those of the cut's pose; forces along their rows are the generalized force; rates bound them."""
+    kernel = built(linkages()[0])
+    assert kernel.cut_laws == tuple(f"cut.{name}" for name in ("x", "y", "z", "alpha", "beta", "gamma"))
+    q, v = np.array([0.5, 0.13, 1.36]), np.array([0.4, -0.3, 0.2])
+    found, rows = kernel.cut_forces(q, v), kernel.cut_jacobian(q)
+    assert np.allclose(found[:3, 0], kernel.cut_poses(q)[0][:3, 3], atol=1e-15)
+    bare = kernel.with_parameters(dict.fromkeys([x for x in kernel.parameters if x.startswith("loops")], 1e-9))
+    assert np.allclose(-rows.T @ found[:, 1], kernel.generalized_force(q, v) - bare.generalized_force(q, v), atol=1e-6)
+    stiffness, damping = line_rates(kernel, q)
+    assert np.allclose(stiffness, stiffness.T)
+    assert np.linalg.eigvalsh(stiffness).min() > -1e-6
+    assert np.linalg.eigvalsh(damping).min() > -1e-6
+    assert any_spring(kernel)
+    assert fastest_rates(kernel, q)[0] > 100.0

@@ -11,7 +11,8 @@ from eomgen.robot.model import build_model
 from tests.support.builds import Build
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
-CLOSED = [name for name in builtin_robots() if eomgen.load_robot(name).loops]
+DRIVES = {"delta": 3, "gough": 6}
+CLOSED = [name for name in builtin_robots() if build_model(eomgen.load_robot(name)).constraints]
 
 
 @pytest.mark.parametrize("name", CLOSED)
@@ -22,4 +23,14 @@ def test_home_closes(name: str, built: Build) -> None:
     q = np.array(model.home)
     assert np.abs(kernel.constraint(q)).max() <= 1e-15
     assert robot.driven is not None
-    assert len(model.driven) == {"gough": 6}.get(name, 1)
+    assert len(model.driven) == DRIVES.get(name, 1)
+
+
+def test_home_of_an_elastic_mechanism(built: Build) -> None:
+    """Nothing is rigid there: at home its cut joints are where their springs are at rest."""
+    robot = eomgen.load_robot("hexapod_elastic")
+    model = build_model(robot)
+    assert (model.constraints, len(model.cut_laws), len(model.driven)) == ((), 36, 6)
+    kernel = built(robot, "cut_poses")
+    found = kernel.cut_forces(np.array(model.home), np.zeros(model.size)).reshape(6, 6, 2)
+    assert np.abs(found[:, :3]).max() <= 1e-7

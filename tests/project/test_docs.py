@@ -238,8 +238,10 @@ PATH = re.compile(r"(?:benchmarks|codegen|docs|examples|src|templates|tests)/[\w
 
 def test_what_pages_name_exists() -> None:
     """Files and folders of the repository, tests, and names of the package, in words set as code."""
-    tests = {path.stem: path.read_text(encoding="utf-8") for path in (ROOT / "tests").rglob("*.py")}
-    defined = set(tests) | set(re.findall(r"^def (test_\w+)", "\n".join(tests.values()), re.MULTILINE))
+    tests = {path: path.read_text(encoding="utf-8") for path in (ROOT / "tests").rglob("*.py")}
+    defined = {path.stem for path in tests} | set(
+        re.findall(r"^def (test_\w+)", "\n".join(tests.values()), re.MULTILINE)
+    )
     seen = dict.fromkeys(("path", "test", "name"), 0)
     for path in [*DOCS.rglob("*.md"), *(ROOT / name for name in ("README.md", "CONTRIBUTING.md"))]:
         text = re.sub(r"^```.*?^```$", "", path.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)

@@ -5,7 +5,7 @@ A generated package carries a copy of this file, which imports NumPy and its nei
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from types import FunctionType, ModuleType
 from typing import Any
 
@@ -17,6 +17,8 @@ from ..names import html_table, nearest_or_all, show
 from .arrays import Arrays, joint_lead
 from .by_name import Blocks, make_blocks
 from .calls import Calls
+from .closing import closed_positions, closed_rates
+from .closing import roots as found_roots
 from .direct import Face, functions
 from .many_steps import rollout
 from .parameters import Parameters
@@ -48,6 +50,8 @@ class Kernel:
             puts both together.
         constraints: names of the constraint's components, such as "loop1.x".
         springs: names of the springs between two points, in the order of ``spring_forces``.
+        cut_laws: names of the coordinates of cut joints that have a force ("pin4.x"), then of elastic couplings, in the
+            order of ``cut_forces``.
         prescribed: names of the coordinates whose motion is given, in their order.
         motors: mapping from the names of motors' coordinates to those of the principal coordinates that they drive.
         parameters: mapping from name to value; an assignment takes effect without recompiling.
@@ -88,6 +92,7 @@ class Kernel:
         self.loops: dict[str, str] = dict(meta.get("loops", {}))
         self.constraints: tuple[str, ...] = tuple(meta.get("constraints", ()))
         self.springs: tuple[str, ...] = tuple(meta.get("springs", ()))
+        self.cut_laws: tuple[str, ...] = tuple(meta.get("cut_laws", ()))
         self.prescribed: tuple[str, ...] = tuple(meta["prescribed"])
         self.motors: dict[str, str] = {name: drives for name, (drives, _) in meta.get("motors", {}).items()}
         self.operations: Mapping[str, Mapping[str, int]] = Operations(libraries)
@@ -560,6 +565,42 @@ class Kernel:
         """Pose of frame b seen from frame a of each loop, (loops, 4, 4), m: the motion of the cut joint."""
         return self.calls.run("cut_poses", out, (q,))
 
+    def close(self, q: ArrayLike, held: Iterable[str] = (), *, roots: int | None = None) -> Array:
+        """Coordinates near a guess that close all loops, (n,); Levenberg and Marquardt's method.
+
+        Args:
+            q: the guess, (n,), or many of them.
+            held: names of coordinates that stay at their guess; prescribed ones do.
+            roots: find so many ways to close the loops, or as many as there are, from random guesses about this one
+                (always the same): (roots, n), the nearest first, angles within half a turn of the guess.  Where fewer
+                coordinates are held than the mechanism has freedoms, they are any of infinitely many.
+
+        Raises:
+            LoopError: they do not close near the guess, or only turned over; names the loop and its remaining gap.
+            UnknownNameError: a held coordinate is none.
+            InputError: the robot has no loops, or roots of many states are asked for.
+        """
+        if roots is not None:
+            return found_roots(self.calls, q, held, roots)
+        return closed_positions(self.calls, q, held)
+
+    def close_rates(self, q: ArrayLike, v: ArrayLike, held: Iterable[str] = ()) -> Array:
+        """Rates that keep the loops closed, (n,), those with the least kinetic energy of the difference to a guess.
+
+        That is what a sudden closing of the loops makes of the guess, too.
+
+        Args:
+            q: coordinates that close the loops, (n,).
+            v: the guess, (n,).
+            held: names of coordinates whose rates stay; those of prescribed ones do.
+
+        Raises:
+            LoopError: the loops are open at q, or the rates that are held open one; names it and what remains.
+            SingularError: M is not positive definite.
+            UnknownNameError, InputError: as of ``close``.
+        """
+        return closed_rates(self.calls, q, v, held)
+
     def spring_forces(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
         """Length (m) and tension (N) of every spring between two points, (springs, 2), in the order of ``springs``.
 
@@ -573,6 +614,21 @@ class Kernel:
         The springs' generalized force is minus its transpose times the tensions.
         """
         return self.calls.run("spring_jacobian", out, (q,))
+
+    def cut_forces(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
+        """Deviation (m, rad) and resisting force (N, N m) of everything in ``cut_laws``, (cut_laws, 2).
+
+        The deviation is that of the cut joint's coordinate (of the frame on its second link as seen from the first)
+        from its offset, or of a coupled coordinate from what it is coupled to; dampers and friction are in the force.
+        """
+        return self.calls.run("cut_forces", out, (q, v))
+
+    def cut_jacobian(self, q: ArrayLike, *, out: Array | None = None) -> Array:
+        """Derivatives of the deviations in ``cut_forces`` by q, (cut_laws, n), in their units per m or rad.
+
+        The generalized force is minus its transpose times the resisting forces.
+        """
+        return self.calls.run("cut_jacobian", out, (q,))
 
     def spring_stiffness(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """Upper bound of the springs' stiffness in the coordinates, (n, n), N/m, N or N m/rad; at least semidefinite.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 
 from .shared import Command, add_json, add_robot, read_robot, show_json, show_result, stage_bar
 
@@ -40,9 +41,10 @@ def _info(options: argparse.Namespace) -> None:
         show_result(options, zero_report(model, vanishing_rows(model)))
         return
     from ..pipeline.costs import robot_info
+    from ..pipeline.mobility import mobility_of
 
     with stage_bar("deriving") as report:
-        info = robot_info(robot, progress=report)
+        info = replace(robot_info(robot, progress=report), mobility=mobility_of(robot, progress=report))
     show_result(options, info)
 
 

@@ -13,13 +13,15 @@ from ..robot.coordinates import UNITS, unit_of
 from ..robot.laws import number_texts
 from ..robot.model import Model, build_model
 from ..robot.value import CUT_NUMBERS, MOTOR, PRINCIPAL, Coordinate, Coupling
+from .mobility import Mobility
 
 
 @dataclass(frozen=True)
 class RobotInfo:
     """A model with its zero map's text and the operations of its kernels.
 
-    ``choices`` says how a kernel is computed where there are several ways.
+    ``choices`` says how a kernel is computed where there are several ways.  ``mobility`` is what a mechanism with loops
+    can do, where that was asked for.
     """
 
     model: Model
@@ -27,6 +29,7 @@ class RobotInfo:
     zero_lines: tuple[str, ...]
     operations: Mapping[str, Mapping[str, int]]
     choices: Mapping[str, str]
+    mobility: Mobility | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""
@@ -52,6 +55,7 @@ class RobotInfo:
                 for x in model.robot.couplings
             },
             "home": dict(model.robot.home),
+            "mobility": None if self.mobility is None else self.mobility.as_dict(),
             "mass": self._mass(),
             "springs": [
                 {"name": x.name, "links": list(x.links), "tension_only": x.tension_only, **x.law()}
@@ -75,6 +79,7 @@ class RobotInfo:
             *self._loop_lines(),
             *self._spring_lines(),
             *self._start_lines(),
+            *([*self.mobility.lines(), ""] if self.mobility else []),
             *self.zero_lines,
             "",
             *self._operation_lines(),

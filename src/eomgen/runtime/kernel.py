@@ -50,6 +50,8 @@ class Kernel:
             puts both together.
         constraints: names of the constraint's components, such as "loop1.x".
         springs: names of the springs between two points, in the order of ``spring_forces``.
+        cut_laws: names of the coordinates of cut joints that have a force ("pin4.x"), then of elastic couplings, in the
+            order of ``cut_forces``.
         prescribed: names of the coordinates whose motion is given, in their order.
         motors: mapping from the names of motors' coordinates to those of the principal coordinates that they drive.
         parameters: mapping from name to value; an assignment takes effect without recompiling.
@@ -90,6 +92,7 @@ class Kernel:
         self.loops: dict[str, str] = dict(meta.get("loops", {}))
         self.constraints: tuple[str, ...] = tuple(meta.get("constraints", ()))
         self.springs: tuple[str, ...] = tuple(meta.get("springs", ()))
+        self.cut_laws: tuple[str, ...] = tuple(meta.get("cut_laws", ()))
         self.prescribed: tuple[str, ...] = tuple(meta["prescribed"])
         self.motors: dict[str, str] = {name: drives for name, (drives, _) in meta.get("motors", {}).items()}
         self.operations: Mapping[str, Mapping[str, int]] = Operations(libraries)
@@ -611,6 +614,21 @@ class Kernel:
         The springs' generalized force is minus its transpose times the tensions.
         """
         return self.calls.run("spring_jacobian", out, (q,))
+
+    def cut_forces(self, q: ArrayLike, v: ArrayLike, *, out: Array | None = None) -> Array:
+        """Deviation (m, rad) and resisting force (N, N m) of everything in ``cut_laws``, (cut_laws, 2).
+
+        The deviation is that of the cut joint's coordinate (of the frame on its second link as seen from the first)
+        from its offset, or of a coupled coordinate from what it is coupled to; dampers and friction are in the force.
+        """
+        return self.calls.run("cut_forces", out, (q, v))
+
+    def cut_jacobian(self, q: ArrayLike, *, out: Array | None = None) -> Array:
+        """Derivatives of the deviations in ``cut_forces`` by q, (cut_laws, n), in their units per m or rad.
+
+        The generalized force is minus its transpose times the resisting forces.
+        """
+        return self.calls.run("cut_jacobian", out, (q,))
 
     def spring_stiffness(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """Upper bound of the springs' stiffness in the coordinates, (n, n), N/m, N or N m/rad; at least semidefinite.

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Container
+from contextlib import suppress
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import IntegrationError
 from ..loops.equilibrium import closed_equilibrium
-from ..names import nearest, show
+from ..names import nearest, parameter_name, parameter_path, show
 from ..robot.coordinates import index_of
 from ..robot.value import Robot
+from ..runtime.kernel import Kernel
 from ..scenario.value import Scenario
 from ..state.motors import shafts, turn_motors
-from ..state.springs import clearances, stiffnesses
+from ..state.springs import clearances, cut_numbers, stiffnesses
 from .assembly import Assembly, by_coordinate, names_in_scenarios
 from .loads import loaded_parameters
 
@@ -117,9 +119,26 @@ def _balanced(robot: Robot, scenario: Scenario, assembly: Assembly, q: Array, he
             return u + kernel.external_force(qs, wrenches(0.0, qs, at_rest))
         return u + kernel.external_force(qs, np.array([wrenches(0.0, x, at_rest) for x in qs]))
 
+    still = held | set(_loose(robot, assembly))
     try:
-        return closed_equilibrium(kernel, q, u=forces, held=held | set(_loose(robot, assembly)))
+        taut = _taut(kernel)
+        if taut is None:
+            return closed_equilibrium(kernel, q, u=forces, held=still)
+        q = closed_equilibrium(taut, q, u=forces, held=still)
+        with suppress(IntegrationError):  # where something floats in its play, that is as good as any other place
+            q = closed_equilibrium(kernel, q, u=forces, held=still)
+        return q
     except IntegrationError as error:
         if not scenario.source:
             raise
         raise IntegrationError(f"{scenario.label('initial')}: {error}") from None
+
+
+def _taut(kernel: Kernel) -> Kernel | None:
+    """The kernel without play in cut joints and couplings, which no coordinate of its own can be held in; or None."""
+    play = [name for name, given in cut_numbers(kernel).items() if given.get("clearance")]
+    if not play:
+        return None
+    kinds = {name: "loops" if "." in name else "couplings" for name in play}
+    paths = [parameter_name(kinds[name], *parameter_path(name), "clearance") for name in play]
+    return kernel.with_parameters(dict.fromkeys(paths, 0.0))

@@ -50,8 +50,9 @@ def damping_matrix(kernel: Kernel) -> Array:
 
 def any_spring(kernel: Kernel) -> bool:
     """Whether there is a spring now: of a coordinate, a transmission, a cut joint, a coupling, between two points."""
-    laws = law_numbers(kernel) | _cut_numbers(kernel)
-    if any(has_springs(given, kernel.knots.get(name, ())) for name, given in laws.items()):
+    if any(has_springs(given, kernel.knots.get(name, ())) for name, given in law_numbers(kernel).items()):
+        return True
+    if any(has_springs(given, kernel.knots.get(name, ())) for name, given in cut_numbers(kernel).items()):
         return True
     names = (parameter_name("springs", name, "stiffness") for name in kernel.springs)
     return any(name in kernel.knots for name in kernel.springs) or any(map(kernel.parameters.get, names))
@@ -87,14 +88,14 @@ def law_numbers(kernel: Kernel) -> dict[str, dict[str, float]]:
     return found
 
 
-def _cut_numbers(kernel: Kernel) -> dict[str, dict[str, float]]:
-    """Like ``law_numbers`` those of cut joints, by "loop.x", and of couplings."""
-    found: dict[str, dict[str, float]] = {}
-    for name, value in kernel.parameters.items():
+def cut_numbers(kernel: Kernel) -> dict[str, dict[str, float]]:
+    """The same of cut joints' coordinates and elastic couplings, by the names in ``Kernel.cut_laws``."""
+    found: dict[str, dict[str, float]] = {name: {} for name in kernel.cut_laws}
+    for name, value in kernel.parameters.items() if found else ():
         kind, *path = parameter_path(name)
-        depth = {"loops": 2, "couplings": 1}.get(kind, 0)
-        if depth:
-            found.setdefault(parameter_name(*path[:depth]), {})[parameter_name(*path[depth:])] = value
+        owner = parameter_name(*path[:2]) if kind == "loops" else path[0]
+        if kind in ("loops", "couplings") and owner in found:
+            found[owner][parameter_name(*path[2 if kind == "loops" else 1 :])] = value
     return found
 
 
@@ -104,14 +105,23 @@ def clearances(kernel: Kernel) -> dict[str, float]:
 
 
 def line_rates(kernel: Kernel, q: Array) -> tuple[Array, Array]:
-    """Stiffness and damping by springs between points at q, (n, n) each; cables count as taut."""
-    if not kernel.springs:
-        return np.zeros((kernel.n, kernel.n)), np.zeros((kernel.n, kernel.n))
-    arms = kernel.spring_jacobian(q)
-    damping = np.array(
-        [kernel.parameters.get(parameter_name("springs", name, "damping"), 0.0) for name in kernel.springs]
-    )
-    return np.asarray(kernel.spring_stiffness(q)), np.asarray(arms.T @ (damping[:, None] * arms))
+    """Stiffness and damping by springs between points, in cut joints and couplings at q, (n, n) each.
+
+    Cables count as taut; the largest slopes count.
+    """
+    stiffness, slowing = np.zeros((kernel.n, kernel.n)), np.zeros((kernel.n, kernel.n))
+    if kernel.springs:
+        arms = kernel.spring_jacobian(q)
+        names = (parameter_name("springs", name, "damping") for name in kernel.springs)
+        damping = np.array([kernel.parameters.get(name, 0.0) for name in names])
+        stiffness, slowing = np.asarray(kernel.spring_stiffness(q)), arms.T @ (damping[:, None] * arms)
+    if kernel.cut_laws:
+        rows, numbers = kernel.cut_jacobian(q), cut_numbers(kernel)
+        k = np.array([stiffness_of(numbers[name], kernel.knots.get(name, ())) for name in kernel.cut_laws])
+        c = np.array([given.get("damping", 0.0) + rate_slope_of(given) for given in numbers.values()])
+        stiffness = stiffness + rows.T @ (k[:, None] * rows)
+        slowing = slowing + rows.T @ (c[:, None] * rows)
+    return np.asarray(stiffness), np.asarray(slowing)
 
 
 def coordinate_numbers(kernel: Kernel, key: str) -> Array:

@@ -1,0 +1,209 @@
+"""Coordinates and rates that close a mechanism's loops, for one state or many at once.
+
+A generated package carries a copy of this file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InputError, LoopError, UnknownNameError
+from ..names import show
+from .arrays import joint_lead, place_of
+from .calls import Calls
+from .opened import left_open
+
+Array = NDArray[np.floating]
+Mask = NDArray[np.bool_]
+
+CLOSED = {8: 1e-12, 4: 2e-6}  # m, or sine of an angle, by the bytes of a number: a constraint that is met
+OPEN = {8: 1e-9, 4: 1e-5}  # m or rad per second and the largest rate: more is not round-off
+STEP = 0.5  # m or rad, the longest step towards closure
+ROUNDS = 300
+RANK = {8: 1e-7, 4: 1e-3}  # singular values below this part of the greatest one belong to redundant constraints
+GUESSES = 40  # random ones for every root that is asked for
+REACH = 0.5  # m, at least: how far from the guess lengths are tried
+SAME = 1e-6  # m or rad: roots that differ by less are one
+
+
+def closed_positions(calls: Calls, q: ArrayLike, held: Iterable[str]) -> Array:
+    """Coordinates near guesses that close all loops; see ``Kernel.close``."""
+    guesses, lead = calls.array("q", q, (calls.n,))
+    found, gaps = _closed(calls, guesses.reshape(-1, calls.n), _free(calls, held))
+    _refuse_gaps(calls, gaps, lead)
+    _refuse_turned_over(calls, found, lead)
+    return found.reshape(guesses.shape)
+
+
+def closed_rates(calls: Calls, q: ArrayLike, v: ArrayLike, held: Iterable[str]) -> Array:
+    """Rates near guesses that keep the loops closed; see ``Kernel.close_rates``."""
+    n, bits, free = calls.n, calls.dtype.itemsize, _free(calls, held)
+    states, of_q = calls.array("q", q, (n,))
+    guesses, of_v = calls.array("v", v, (n,))
+    lead = joint_lead("v", of_v, of_q)
+    states, moving = (np.broadcast_to(x, (*lead, n)).reshape(-1, n).copy() for x in (states, guesses))
+    gaps = calls.run("constraint", None, (states,))
+    _refuse(calls, gaps, OPEN[bits], "is open", "q of kernel.close", lead)
+    J = calls.run("constraint_jacobian", None, (states,))
+    if free.any():
+        back, scaled = _scaled(calls, states, J, free, lead)
+        pseudo = np.linalg.pinv(scaled, rcond=RANK[bits])
+        for _ in range(2):  # the second time for round-off
+            rates = np.einsum("kmn,kn->km", J, moving)
+            moving[:, free] -= np.einsum("kij,kjm,km->ki", back, pseudo, rates)
+    rates = np.einsum("kmn,kn->km", J, moving)
+    size = np.maximum(1.0, np.abs(J).max(axis=(1, 2)) * np.abs(moving).max(axis=1))
+    what, allowed = "opens at the rates that are held", "fewer held rates, or others"
+    _refuse(calls, rates / size[:, np.newaxis], OPEN[bits], what, allowed, lead, rates=rates)
+    return np.asarray(moving.reshape(*lead, n))
+
+
+def roots(calls: Calls, q: ArrayLike, held: Iterable[str], number: int) -> Array:
+    """Several ways to close the loops about one guess, the nearest first; see ``Kernel.close``."""
+    guess, lead = calls.array("q", q, (calls.n,))
+    if lead or isinstance(number, bool) or not isinstance(number, (int, np.integer)) or number < 1:
+        wrong = f"states of shape {guess.shape}" if lead else show(number)
+        raise InputError(f"close: roots of {wrong}; allowed: a whole number from 1 on, for one state of shape (n,)")
+    free = _free(calls, held)
+    rng = np.random.default_rng(0)
+    tried = np.tile(guess, (GUESSES * int(number) + 1, 1))
+    turns = _turns(calls)
+    spread = np.where(turns, np.pi, max(REACH, float(np.abs(guess[~turns]).max(initial=0.0))))
+    tried[1:] += (rng.uniform(-1.0, 1.0, tried[1:].shape) * spread).astype(calls.dtype)
+    with_effect = free & (np.abs(calls.run("constraint_jacobian", None, (tried,))).max(axis=(0, 1)) > 0.0)
+    tried[:, ~with_effect] = guess[~with_effect]
+    states, gaps = _closed(calls, tried, with_effect)
+    closed = np.abs(gaps).max(axis=1) <= CLOSED[calls.dtype.itemsize]
+    if not closed.any():
+        _refuse_gaps(calls, gaps[:1], ())
+    upright = _turned_over(calls, states) < 0
+    if not (closed & upright).any():
+        _refuse_turned_over(calls, states[closed][:1], ())
+    found = states[closed & upright]
+    whole = 2.0 * np.pi * np.round((found - guess) / (2.0 * np.pi))
+    found[:, turns & with_effect] -= whole[:, turns & with_effect].astype(calls.dtype)
+    found = found[np.argsort(np.linalg.norm(found - guess, axis=1), kind="stable")]
+    kept: list[Array] = []
+    for state in found:
+        if all(np.abs(state - other).max() > max(SAME, 10.0 * CLOSED[calls.dtype.itemsize]) for other in kept):
+            kept.append(state)
+    return np.array(kept[: int(number)])
+
+
+def _closed(calls: Calls, guesses: Array, free: Mask) -> tuple[Array, Array]:
+    """States, (N, n), as near to closed as Levenberg and Marquardt's method brings them, and their gaps, (N, m)."""
+    q, enough = guesses.copy(), CLOSED[calls.dtype.itemsize]
+    g = calls.run("constraint", None, (q,))
+    damping = np.full(len(q), 1e-3)
+    for _ in range(ROUNDS if free.any() else 0):
+        todo = np.flatnonzero((np.abs(g).max(axis=1) > enough) & (damping <= 1e12))
+        if not todo.size:
+            break
+        gap = np.linalg.norm(g[todo], axis=1)
+        J = calls.run("constraint_jacobian", None, (q[todo],))[:, :, free]
+        trial = q[todo]
+        trial[:, free] += _damped_step(J, g[todo], damping[todo] * gap).astype(calls.dtype)
+        found = calls.run("constraint", None, (trial,))
+        better = np.linalg.norm(found, axis=1) < gap
+        q[todo[better]], g[todo[better]] = trial[better], found[better]
+        damping[todo] = np.where(better, np.maximum(0.2 * damping[todo], 1e-12), 5.0 * damping[todo])
+    return q, g
+
+
+def _damped_step(J: Array, g: Array, damping: Array) -> Array:
+    """The step that makes |J step + g|^2 + damping |step|^2 least, of a state each, not longer than STEP."""
+    U, S, Vt = np.linalg.svd(J.astype(np.float64), full_matrices=False)
+    weight = np.divide(S, S**2 + damping[:, np.newaxis], out=np.zeros_like(S), where=1e-15 * S[:, :1] < S)
+    step = -np.einsum("kri,kr,kmr,km->ki", Vt, weight, U, g, optimize=True)
+    longest = np.maximum(np.abs(step).max(axis=1, keepdims=True), 1e-300)
+    return np.asarray(step * np.minimum(1.0, STEP / longest))
+
+
+def _scaled(calls: Calls, q: Array, J: Array, free: Mask, lead: tuple[int, ...]) -> tuple[Array, Array]:
+    """L^-T and J L^-T of the free coordinates of states, M = L L^T."""
+    M = calls.run("mass_matrix", None, (q,))[:, free][:, :, free]
+    try:
+        L = np.linalg.cholesky(M)
+    except np.linalg.LinAlgError:
+        worst = int(np.argmin([np.linalg.eigvalsh(one)[0] for one in M]))
+        raise calls.singular("close_rates", int(np.flatnonzero(free)[0]), _place(worst, lead), q[worst]) from None
+    back = np.linalg.inv(L).transpose(0, 2, 1)
+    return back, J[:, :, free] @ back
+
+
+def _free(calls: Calls, held: Iterable[str]) -> Mask:
+    """Which coordinates may change, (n,); UnknownNameError if the name of a held one is none."""
+    if not calls.raw.libraries.meta.get("constraints"):
+        allowed = "a kernel of a robot with rigid [[loops]] or [[couplings]]"
+        raise InputError(f"close: {calls.raw.name} has nothing to close; allowed: {allowed}")
+    kept = {*([held] if isinstance(held, str) else held)}
+    for name in kept:
+        if name not in calls.coordinates:
+            raise UnknownNameError(f"held: {show(name)} is unknown; known: {', '.join(calls.coordinates)}")
+    kept |= set(calls.prescribed)
+    return np.array([name not in kept for name in calls.coordinates])
+
+
+def _turns(calls: Calls) -> Mask:
+    """Which coordinates are angles, (n,)."""
+    return np.array([name.rpartition(".")[2] not in ("x", "y", "z") for name in calls.coordinates])
+
+
+def _turned_over(calls: Calls, q: Array) -> NDArray[np.intp]:
+    """The first loop of every state that is closed by axes that point to opposite sides, or -1."""
+    found = np.full(len(q), -1)
+    upright: Mapping[str, list[tuple[float, int, int]]] = calls.raw.libraries.meta.get("upright", {})
+    if not any(upright.values()):
+        return found
+    poses = calls.run("cut_poses", None, (q,))
+    for loop, terms in reversed(list(enumerate(upright.values()))):
+        if terms:
+            found[sum(factor * poses[:, loop, i, j] for factor, i, j in terms) <= 0.0] = loop
+    return found
+
+
+def _refuse_turned_over(calls: Calls, q: Array, lead: tuple[int, ...]) -> None:
+    """Products of axes vanish for opposite axes, too."""
+    found = _turned_over(calls, q)
+    if (found < 0).all():
+        return
+    state = int((found >= 0).argmax())
+    name = list(calls.raw.libraries.meta["upright"])[int(found[state])]
+    raise LoopError(
+        f"{calls.raw.name}: loop {name} closes near the guess{_place(state, lead)} only turned over by half a turn;"
+        " allowed: a guess in which the axes of the cut joint's frames point to the same side",
+        loop=name,
+        gap=float(np.pi),
+    )
+
+
+def _refuse_gaps(calls: Calls, gaps: Array, lead: tuple[int, ...]) -> None:
+    enough = CLOSED[calls.dtype.itemsize]
+    allowed = "a guess nearer to closure, or fewer held coordinates"
+    _refuse(calls, gaps, enough, "does not close near the guess", allowed, lead)
+
+
+def _refuse(
+    calls: Calls, sizes: Array, limit: float, what: str, allowed: str, lead: tuple[int, ...], rates: Array | None = None
+) -> None:
+    """Refuse the first state in which something is too large, naming its worst loop.
+
+    Args:
+        sizes: what is compared to the limit, (N, m).
+        what, allowed: of the message.
+        lead: leading axes of the states.
+        rates: what the message says in its place, per second.
+    """
+    bad = ~(np.abs(sizes).max(axis=1) <= limit)
+    if bad.any():
+        state = int(bad.argmax())
+        said = sizes[state] if rates is None else rates[state]
+        per = "" if rates is None else "/s"
+        raise left_open(calls.raw, said, f"{what}{_place(state, lead)}", allowed, per)
+
+
+def _place(state: int, lead: tuple[int, ...]) -> str:
+    return place_of([int(i) for i in np.unravel_index(state, lead)]) if lead else ""

@@ -1,0 +1,84 @@
+"""Closed mechanisms step by step in C: batches, threads, single precision, energy, and what is said of failures."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("pinocchio")
+
+import eomgen
+from eomgen.errors import IntegrationStopped, LoopError
+from eomgen.robot.model import build_model
+from tests.support.builds import Build
+from tests.support.figures import Figures
+from tests.support.random_mechanisms import mechanism
+from tests.support.random_robots import Array, seeds
+
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
+KERNELS = ("forward_dynamics", "rollout", "constraint", "energy")
+
+
+def about(q: Array, v: Array, rng: np.random.Generator, count: int) -> tuple[Array, Array]:
+    """A state with ever other rates: those of one motion, faster and slower."""
+    return np.stack([q] * count), v * rng.uniform(-1.0, 1.0, (count, 1))
+
+
+@pytest.mark.parametrize("number", seeds(3, 3, 60))
+def test_batches_are_single_states_to_the_bit(number: int, built: Build, figures: Figures) -> None:
+    m = mechanism(number)
+    kernel, rng = built(m.robot, *KERNELS), np.random.default_rng(number)
+    q, v = about(m.q, m.v * 0.1, rng, 11)
+    several = kernel.forward_dynamics(q, v, m.u)
+    assert np.array_equal(several, [kernel.forward_dynamics(q[i], v[i], m.u) for i in range(11)])
+    for method in ("rk4", "implicit"):
+        found = kernel.rollout(q, v, m.u, 1e-5, 20, method=method, every=10)
+        one = [kernel.rollout(q[i], v[i], m.u, 1e-5, 20, method=method, every=10) for i in range(11)]
+        assert np.array_equal(found, np.swapaxes(one, 0, 1))
+        figures.at_most("gap after steps", float(np.abs(kernel.constraint(found[0])).max()), 1e-10)
+        kernel.threads = 2
+        assert np.array_equal(kernel.rollout(q, v, m.u, 1e-5, 20, method=method, every=10), found)
+        kernel.threads = 1
+
+
+@pytest.mark.parametrize("number", seeds(5, 2, 60))
+def test_single_precision(number: int, built: Build, figures: Figures) -> None:
+    """Accelerations of float32 at rest, as near as the mechanism's pose lets a rounded state be; steps stay closed."""
+    m = mechanism(number)
+    kernel, double = built(m.robot, "forward_dynamics", "rollout", dtype="float32"), built(m.robot, *KERNELS)
+    q, v, u = m.q.astype(np.float32), np.zeros_like(m.v, np.float32), m.u.astype(np.float32)
+    expected = double.forward_dynamics(m.q, 0.0 * m.v, m.u)
+    off = float(np.abs(kernel.forward_dynamics(q, v, u) - expected).max() / np.abs(expected).max())
+    figures.at_most("accelerations of float32", off, 0.05)
+    moved = kernel.rollout(q, v, u, 1e-5, 5)[0]
+    figures.at_most("gap after steps of float32", float(np.abs(double.constraint(moved[1:].astype(float))).max()), 1e-5)
+
+
+def test_energy_of_a_driven_four_bar(built: Build) -> None:
+    """20 N m for a tenth of a second: the work is what the energy grows by."""
+    robot = eomgen.load_robot("four_bar")
+    kernel, q = built(robot, *KERNELS), np.array(build_model(robot).home)
+    qs, vs = kernel.rollout(q, 0 * q, [20.0, 0.0, 0.0], 1e-5, 10000, every=100)
+    grown = kernel.energy(qs, vs).sum(axis=1) - kernel.energy(q, 0 * q).sum()
+    work = 20.0 * (qs[:, 0] - q[0])
+    assert work[-1] > 10.0
+    assert np.abs(grown - work).max() <= 1e-8 * work.max()
+    assert np.abs(kernel.constraint(qs)).max() <= 1e-13
+
+
+def test_a_state_that_is_open_is_closed_by_the_first_step_or_named(built: Build) -> None:
+    robot = eomgen.load_robot("four_bar")
+    kernel, q = built(robot, *KERNELS), np.array(build_model(robot).home)
+    off = q + [0.0, 1e-3, 0.0]
+    with pytest.raises(LoopError, match=r"loop joint4 is open: joint4\.[xy] is left with \S+ m") as raised:
+        kernel.forward_dynamics(off, 0 * q, 0 * q)
+    assert raised.value.loop == "joint4"
+    assert 1e-5 < raised.value.gap < 1e-3
+    with pytest.raises(LoopError, match=r"is opening in state 1: joint4\.[xy] is left with \S+ m/s"):
+        kernel.forward_dynamics(q, np.array([0 * q, [0.1, 0.0, 0.0]]), 0 * q)
+    moved = kernel.rollout(off, 0 * q, 0 * q, 1e-4, 1)[0][1]
+    assert np.abs(kernel.constraint(moved)).max() <= 1e-13
+    assert np.abs(kernel.rollout(off, 0 * q, 0 * q, 1e-4, 1, method="implicit")[0][1] - moved).max() < 1e-4
+    with pytest.raises(IntegrationStopped, match="loop joint4 does not stay closed at joint4"):
+        kernel.rollout(q, 0 * q, [1e9, 0.0, 0.0], 1e-2, 50)
