@@ -115,7 +115,7 @@ def closed(kernel: Kernel, q: Array, still: NDArray[np.bool_]) -> Array:
         LoopError: there is none near q.
     """
     if not kernel.constraints:
-        return q.copy()
+        return np.array(q)
     names = [name for name, stays in zip(kernel.coordinates, still, strict=True) if stays]
     if np.abs(kernel.constraint(q)).max() <= ROUND_OFF:
         names = []

@@ -116,7 +116,7 @@ def _accelerations(kernel: Kernel, q: Array, v: Array, J: Array, bias: Array, fo
         M = kernel.residual_jacobian(q, v, zero)[2]
         missing = basis.T @ (forces - kernel.residual(q, v, a, zero))
         a += basis @ np.linalg.solve(basis.T @ M @ basis, missing)
-    return a
+    return np.asarray(a)
 
 
 def _jacobian_rates(arm: HeldRobot, q: Array, v: Array, a: Array) -> tuple[Array, Array]:

@@ -188,4 +188,4 @@ def _tracked(found: Sequence[Modes], metrics: Sequence[Array]) -> NDArray[np.int
         for column in sorted(set(range(len(now.eigenvalues))) - set(pairs.values())):
             tracks.append([-1] * i + [column])
             last.append((i, column))
-    return np.array(tracks, dtype=np.intp).reshape(len(tracks), len(found)).T
+    return np.asarray(np.array(tracks, dtype=np.intp).reshape(len(tracks), len(found)).T)

@@ -88,11 +88,16 @@ def _motion(joint: Joint, column: Mapping[str, Array], shape: tuple[int, ...]) -
 
 
 def program_positions(result: SimulationResult) -> Array:
-    """Coordinates of the rigid robot on its program, (T, n), m or rad: deviations and motors are zero."""
+    """Coordinates of the rigid robot on its program, (T, n), m or rad: deviations and motors are zero.
+
+    Coordinates that loops hold are where they are in reality.
+    """
     motion = result.trajectory
     q = np.zeros_like(motion.q)
     driven, given = (index_of(motion.coordinates, names) for names in (result.program_coordinates, result.prescribed))
+    passive = index_of(motion.coordinates, result.passive)
     q[:, driven], q[:, given] = result.program_q, motion.q[:, given]
+    q[:, passive] = motion.q[:, passive]
     return q
 
 
