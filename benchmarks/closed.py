@@ -22,7 +22,7 @@ import eomgen
 from eomgen.bench.beside import processor_name
 from eomgen.bench.clock import Stopwatch
 from eomgen.bench.textbook import compile_yardstick
-from eomgen.codegen.kernels.equations import derive_equations
+from eomgen.codegen.kernels.equations import derive, derive_equations
 from eomgen.codegen.kernels.operation_counts import operations
 from eomgen.codegen.package.compile import find_compiler
 from eomgen.robot.model import build_model
@@ -47,6 +47,8 @@ LADDERS = {2: (266, 207), 200: None}  # windows of ladders that are counted as w
 BATCH_ROUNDS = 0.3  # of the rounds: a round takes as long as thousands of calls
 LOOPS = ("constraint", "constraint_jacobian")
 KERNEL = "forward_dynamics"
+ELASTIC, STEP_AT_MOST = "hexapod_elastic", 6.0  # what a step of the open tree may be multiplied by
+DIVISION = 8  # a division takes about as long as so many products
 
 
 @dataclass(frozen=True)
@@ -223,6 +225,7 @@ class Found:
     rows: Sequence[Row]
     counts: Sequence[Count]
     iterations: Mapping[tuple[str, str], int]
+    step: float | None = None  # operations of an elastic mechanism's implicit step by those of its open tree
 
 
 def without_springs(robot: Robot) -> Robot:
@@ -251,7 +254,18 @@ def measure(names: Sequence[str], rounds: int, progress: Callable[[str], None]) 
             arrays = [np.tile(x, (MANY // DIFFERENT, 1)) if first.batch else x[:STATES].copy() for x in different]
             rows.append(row(stopwatch, case, [first, *others], arrays, rounds))
         iterations |= {(case.title, other.label): peer.iterations(other) for other in others}
-    return Found(rows, list(counted(names, progress)), iterations)
+    return Found(rows, list(counted(names, progress)), iterations, elastic_step(progress))
+
+
+def elastic_step(progress: Callable[[str], None] = lambda line: None) -> float:
+    """Operations of a linearly implicit step with elastic joints that close loops, by those with the loops open."""
+    progress(f"{ELASTIC}: counting a linearly implicit step")
+    whole = eomgen.load_robot(ELASTIC)
+    costs = []
+    for robot in (whole, replace(whole, loops=())):
+        count = derive(build_model(robot), "implicit_step").count()
+        costs.append(count["mul"] + count["add"] + DIVISION * count["div"])
+    return costs[0] / costs[1]
 
 
 def counted(names: Sequence[str], progress: Callable[[str], None]) -> Iterator[Count]:
@@ -307,6 +321,8 @@ Of the kernel for one state, as its C says them: a subtraction counts as an addi
 
 {operations}
 
+{step}
+
 ## The mechanisms
 
 - Gough's platform and the four-bar linkage are built in. In the plane a revolute joint is closed in Pinocchio as a
@@ -336,6 +352,7 @@ def page(found: Found, rounds: int) -> str:
         version=pinocchio_peer.version(),
         flags=" ".join(pinocchio_peer.FLAGS),
         operations="\n".join(operation_lines(found.counts)),
+        step=step_line(found.step),
         windows=WINDOWS,
         settings="\n".join(setting_lines(found.iterations)),
     )
@@ -371,6 +388,18 @@ def operation_lines(counts: Sequence[Count]) -> list[str]:
         most = "" if count.most is None else f"{count.most[0]}, {count.most[1]}"
         lines.append(f"| {count.title} | {' | '.join(cells)} | {most} |")
     return lines
+
+
+def step_line(step: float | None) -> str:
+    """What a linearly implicit step with elastic loops costs."""
+    if step is None:
+        return ""
+    held = "held" if step <= STEP_AT_MOST else "missed"
+    return (
+        f"A linearly implicit step of `{ELASTIC}`, all of whose joints have six coordinates, the cut ones too, takes"
+        f" {step:.1f} times the operations\nof the same robot with its loops open, a division as {DIVISION}; at most"
+        f" {STEP_AT_MOST:g}: {held}."
+    )
 
 
 def setting_lines(iterations: Mapping[tuple[str, str], int]) -> list[str]:

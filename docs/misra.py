@@ -14,7 +14,7 @@ import eomgen
 from eomgen.pipeline.stages import Options, make_source
 
 PAGE = Path(__file__).with_name("coding_standards.md")
-ROBOTS = ("one_link", "puma560", "worn_arm")  # the smallest; an arm; one with clearances, friction, curves
+ROBOTS = ("one_link", "puma560", "worn_arm", "four_bar")  # the smallest; an arm; with laws; with a loop
 OPTIONS = (
     *("--addon=misra", "--enable=warning,style,performance,portability", "--std=c99", "--platform=arm32-wchar_t4"),
     *("-D__GNUC__=12", "-DEOMGEN_VECTOR=0", "--template={id} {file}:{line}:{column}", "--quiet"),

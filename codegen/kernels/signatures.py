@@ -203,7 +203,6 @@ KERNELS: Mapping[str, Signature] = {
 
 CLOSURE_KERNELS = ("constraint", "constraint_jacobian", "constraint_bias", "cut_poses")  # of the constraint itself
 LOOP_KERNELS = tuple(name for name, signature in KERNELS.items() if signature.needs in ("loops", "constraints"))
-SPRING_KERNELS = tuple(name for name, signature in KERNELS.items() if signature.needs == "springs")
 
 PARTS: Mapping[str, Signature] = {  # programs that only other kernels call
     "implicit_step": Signature(

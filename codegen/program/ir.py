@@ -139,6 +139,8 @@ class Graph:
         merged = self._merged_constants(x, y)
         if merged is not None:
             return merged
+        if i == j and one.op == "mul" and self.instructions[one.args[0]].op == "const":  # c z + c z
+            return self._scaled(2.0, x)
         return self._node("add", (i, j) if i <= j else (j, i))
 
     def sub(self, x: Value, y: Value) -> Value:

@@ -119,3 +119,10 @@ def test_without_the_peer_it_says_so(no_compiler: None, tmp_path: Path, capsys: 
     with pytest.raises(SystemExit):
         closed.main(["tongs"])
     assert "allowed: gough, four_bar" in capsys.readouterr().err
+
+
+def test_a_step_of_an_elastic_mechanism_costs_few_times_its_open_tree() -> None:
+    found = closed.elastic_step()
+    assert 1.0 < found <= closed.STEP_AT_MOST
+    assert f"{found:.1f} times" in closed.step_line(found)
+    assert closed.step_line(7.0).endswith("at most 6: missed.")

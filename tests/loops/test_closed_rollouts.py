@@ -12,6 +12,7 @@ from eomgen.errors import IntegrationStopped, LoopError
 from eomgen.robot.model import build_model
 from tests.support.builds import Build
 from tests.support.figures import Figures
+from tests.support.linkages import bricard, threefold
 from tests.support.random_mechanisms import mechanism
 from tests.support.random_robots import Array, seeds
 
@@ -82,3 +83,13 @@ def test_a_state_that_is_open_is_closed_by_the_first_step_or_named(built: Build)
     assert np.abs(kernel.rollout(off, 0 * q, 0 * q, 1e-4, 1, method="implicit")[0][1] - moved).max() < 1e-4
     with pytest.raises(IntegrationStopped, match="loop joint4 does not stay closed at joint4"):
         kernel.rollout(q, 0 * q, [1e9, 0.0, 0.0], 1e-2, 50)
+
+
+def test_energy_of_bricards_mechanism(built: Build) -> None:
+    """Ten seconds of the redundant benchmark: five constraints of which four hold, and one degree of freedom."""
+    kernel, q = built(bricard(), *KERNELS), threefold(np.pi / 2)
+    qs, vs = kernel.rollout(q, 0 * q, 0 * q, 5e-4, 20000, every=100)
+    energy = kernel.energy(qs, vs)
+    assert np.ptp(energy[:, 0]) > 10.0
+    assert np.abs(energy.sum(axis=1) - energy[0].sum()).max() <= 1e-8 * np.ptp(energy[:, 0])
+    assert np.abs(kernel.constraint(qs)).max() <= 1e-13

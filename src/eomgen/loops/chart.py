@@ -123,14 +123,14 @@ class Chart:
         """Rates, (N, n), whose dependent ones keep the loops closed; the rest of them stays."""
         found = v.copy()
         found[:, self.bound] = np.einsum("kij,kj->ki", slopes, v[:, self.rest])
-        return found
+        return np.asarray(found)
 
     def accelerations(self, q: Array, v: Array, a: Array, slopes: Array) -> Array:
         """Accelerations, (N, n), whose dependent ones keep the loops closed; the rest of them stays."""
         found = self.rates(a, slopes)
         bias = self.kernel.constraint_bias(q, v)[:, self._rows, np.newaxis]
         found[:, self.bound] -= self._solved(self.kernel.constraint_jacobian(q), bias)[:, :, 0]
-        return found
+        return np.asarray(found)
 
     def ways(self, slopes: Array) -> Array:
         """Derivatives of all coordinates by the independent ones, (N, n, f)."""

@@ -60,7 +60,7 @@ def run(
     """Do all samples of a plan that the output folder does not have yet.
 
     Args:
-        robot: a Robot, the name of a built-in one, or the path of a description; without loops.
+        robot: a Robot, the name of a built-in one, or the path of a description.
         scenario: built-in name or path of a .toml file, or the values of one.
         plan: from ``load_plan``.
         output: a new folder, or that of the same sweep, which goes on where it ended.

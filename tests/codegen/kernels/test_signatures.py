@@ -48,7 +48,7 @@ def test_an_entry_has_what_its_kind_needs(name: str) -> None:
 
 
 def test_every_array_has_a_shape() -> None:
-    robots = [eomgen.load_robot(name) for name in ("one_link", "four_bar", "balanced_arm")]
+    robots = [eomgen.load_robot(name) for name in ("one_link", "four_bar", "balanced_arm", "hexapod_elastic")]
     known = {key for robot in robots for key in shapes(build_model(robot))}
     parts = [part for entry in KERNELS.values() for part in entry.functions.values()]
     for entry in (*SIGNATURES.values(), *parts):
