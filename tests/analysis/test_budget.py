@@ -148,7 +148,7 @@ def test_a_closed_mechanism_is_explained() -> None:
     rows = {row.name: row for row in found.table()}
     assert rows["joint3.x"].share > 0.9
     assert rows["joint3.x"].share + rows["joint1.gamma"].share == pytest.approx(1.0, abs=2e-3)  # and the drive's error
-    assert rows["joint2.gamma"].rms < 1e-3 * rows["joint3.x"].rms
+    assert rows["joint2.gamma"].rms < 3e-3 * rows["joint3.x"].rms
 
 
 def test_input_that_is_refused() -> None:
