@@ -44,7 +44,8 @@ print(json.dumps([own.ru_utime + own.ru_stime, others.ru_utime + others.ru_stime
 """
 HEAD = """# What a first build costs
 
-A kernel is derived and compiled when it is first called, and comes from the cache from then on. These are times
+A kernel is derived and compiled when it is first called, and comes from the cache from then on; its functions for
+batches are compiled when a batch is first asked for. These are times
 without a cache, Python's start and NumPy's import included; SymPy is not imported, since what it says of a joint is
 kept ([Theory](theory.md)). Measured on {processor} with {cores} cores by `python -m benchmarks.builds`: the least of
 {rounds} rounds in turns, in seconds. The time of all kernels is that of one library with all but tangents.

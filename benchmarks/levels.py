@@ -64,7 +64,7 @@ def contender(way: str, kernel: eomgen.Kernel, name: str, together: bool) -> Con
     """A kernel as the stopwatch takes it."""
     function, setup = kernel.raw.functions[name], kernel.parameters.setup
     address = kernel.raw.address(name, batch=together)
-    return Contender(way, address, setup.address(function.library), batch=together, kept=(kernel, setup))
+    return Contender(way, address, setup.address(function.where(batch=together)), batch=together, kept=(kernel, setup))
 
 
 def check_bits(contenders: Sequence[Contender], arrays: Sequence[np.ndarray], size: int) -> None:

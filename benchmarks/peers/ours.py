@@ -32,7 +32,7 @@ class Ours:
         """A kernel for one state, or for all states in one call."""
         function = self.kernel.raw.function(NAMES.get(kernel, kernel))
         code, setup = self.kernel.raw.address(function.name, batch=batch), self.kernel.parameters.setup
-        address = setup.address(function.library)
+        address = setup.address(function.where(batch=batch))
         return Contender(BATCH if batch else NAME, code, address, batch=batch, kept=(self, setup))
 
     def step(self, dt: float) -> Contender:

@@ -11,11 +11,14 @@ from eomgen._version import __version__
 from eomgen.robot.model import Model
 
 from ..joint.zeros import zero_map
+from ..kernels.blocks import row_blocks
 from ..kernels.bodies import first_frame, frame_bodies
+from ..kernels.closed import CLOSING, row_kinds
 from ..kernels.equations import Equations
-from ..kernels.signatures import KERNELS, SIGNATURES, Function, by_kind, functions, shapes
+from ..kernels.signatures import KERNELS, SIGNATURES, SINGLES, Function, by_kind, functions, shapes
 from ..program.operations import CALLS
 from ..solve.factorised import coordinate_parents
+from ..solve.rows import DERIVING
 from .definitions import define, define_setup, define_share
 from .lanes import SQUARES, batched, calls_of, pack
 from .scalar_types import SCALARS, TURNS, Scalar
@@ -24,12 +27,16 @@ LITERALS = {"zero": 0.0, "half": 0.5, "one": 1.0, "two": 2.0, "six": 6.0}  # of 
 PIVOT_LIMITS = {"float64": 1e-12, "float32": 1e-5}  # a pivot below so much of its scale counts as vanished
 OPEN_GAPS = {"float64": 1e-9, "float32": 1e-5}  # m or rad, and per second of a rate of 1: more is not round-off
 CLOSED_GAPS = {"float64": 1e-11, "float32": 2e-6}  # m or rad, from which one more projection leaves round-off
-CHECKED = ("forward_dynamics", "constraint_forces")  # of loops, which must be closed
+CHECKED = ("constrained_dynamics", "constrained_drives")  # programs whose callers look at the gaps that they write
 
 
 def statuses(model: Model) -> int:
-    """Reasons why a kernel may fail in one state: a pivot of a coordinate, a gap of a constraint, or its rate."""
-    return model.size + 2 * len(model.constraints)
+    """Reasons why a kernel may fail in one state.
+
+    A pivot of a coordinate; a gap of a constraint, its rate, or its acceleration; a force on a coordinate that no drive
+    takes.
+    """
+    return model.size + (3 * len(model.constraints) + model.size if model.constraints else 0)
 
 
 def header_context(equations: Equations, dtype: str, meta: Mapping[str, Any], batches: bool) -> dict[str, Any]:
@@ -46,10 +53,12 @@ def header_context(equations: Equations, dtype: str, meta: Mapping[str, Any], ba
         "statuses": statuses(model),
         "closed": bool(model.constraints),
         "batches": batches,
+        "declared": [name for names in meta["halves"].values() for name in names],
         "coordinates": model.coordinates,
         "links": model.links,
         "frames": model.frames,
         "constraints": model.constraints,
+        "closed_functions": _closed_functions(equations),
         "springs": [spring.name for spring in model.robot.springs],
         "parameters": list(model.parameters),
         "hoisted": len(equations.setup.outputs),
@@ -57,6 +66,12 @@ def header_context(equations: Equations, dtype: str, meta: Mapping[str, Any], ba
         **_functions(public),
         "controlled": "driven" if model.motors else "principal",
     }
+
+
+def _closed_functions(equations: Equations) -> list[str]:
+    """Functions in which loops are closed; their programs beside them, which look at no gap, close them as well."""
+    closing = {*CHECKED, "settling"}
+    return [name for name in equations.kernels if name in closing or closing & set(equations.calls.get(name, ()))]
 
 
 def _functions(public: list[Function]) -> dict[str, Any]:
@@ -68,15 +83,14 @@ def _functions(public: list[Function]) -> dict[str, Any]:
     }
 
 
-def number_context(equations: Equations, dtype: str) -> dict[str, Any]:
-    """Names that C uses beside those of the header, where a number is one state's."""
+def number_context(equations: Equations, dtype: str, meta: Mapping[str, Any]) -> dict[str, Any]:
+    """Names that C uses beside those of the header, where a number is one state's; ``meta`` as of the header."""
     model, scalar = equations.model, SCALARS[dtype]
     programs = equations.programs.values()
     public = [name for name in equations.kernels if SIGNATURES[name].kind != "frames"]
     whole = [program for program in programs if program.name not in equations.shares]
     definitions = [define(program, model.name, scalar, public=program.name in public) for program in whole]
-    together = batched(equations)
-    alone = functions(name for name in equations.kernels if name not in together)
+    looped = [x for x in functions(equations.kernels) if f"{x.name}_batch" in meta["halves"][SINGLES]]
     return {
         "scalar": scalar.name,
         "suffix": "",
@@ -90,20 +104,42 @@ def number_context(equations: Equations, dtype: str) -> dict[str, Any]:
         "pivot_limit": scalar.literal(PIVOT_LIMITS[dtype]),
         "open_gap": scalar.literal(OPEN_GAPS[dtype]),
         "closed_gap": scalar.literal(CLOSED_GAPS[dtype]),
-        "checks_gaps": any(name in equations.kernels for name in CHECKED) and bool(model.constraints),
+        "checks": _checks(equations, _composed(equations)),
         "statuses_of_a_step": str(statuses(model)),
         "sizes": {key: int(np.prod(shape)) for key, shape in shapes(model).items()},
         "setup": define_setup(equations.setup, model.name, scalar),
         "programs": definitions,
         "solving": any(definition.has_pivots for definition in definitions),
         "composed": _templates(_composed(equations)),
-        "looped": [function for function in alone if not function.is_rollout],
-        "rollout_is_looped": any(function.is_rollout for function in alone),
+        "looped": [function for function in looped if not function.is_rollout],
+        "rollout_is_looped": any(function.is_rollout for function in looped),
         "turn": TURNS[dtype],
         "turns": any(i.op in ("sin", "cos") for program in programs for i in program.instructions),
         "called": {i.op for program in (equations.setup, *programs) for i in program.instructions} & set(CALLS),
         "shares": _shares(equations, scalar),
         **_tables(model),
+        **_closing_tables(equations, dtype),
+    }
+
+
+def _closing_tables(equations: Equations, dtype: str) -> dict[str, Any]:
+    """What the template of the closed accelerations' derivatives has tables of."""
+    if CLOSING not in equations.programs:
+        return {}
+    precision, kinds = DERIVING[dtype], row_kinds(equations.model, equations.programs[CLOSING])
+    blocks = row_blocks(equations.model)
+    starts = [sum(len(block.columns) for block in blocks[:b]) for b in range(len(blocks))]
+    owners = [b for b, block in enumerate(blocks) for _ in range(block.rows)]
+    kept = [r for r, kind in enumerate(kinds) if kind >= 0]
+    return {
+        "blocks": blocks,
+        "row_starts": [starts[owners[r]] for r in kept],
+        "row_widths": [len(blocks[owners[r]].columns) for r in kept],
+        "row_places": [kept.index(r) if r in kept else -1 for r in range(len(kinds))],
+        "row_kinds": [kinds[r] for r in kept],
+        "closing_share": SCALARS[dtype].literal(precision.added),
+        "closing_floor": SCALARS[dtype].literal(precision.floor),
+        "closing_passes": precision.refinements,
     }
 
 
@@ -139,6 +175,11 @@ def _composed(equations: Equations) -> list[str]:
     """Kernels with a template of their own, in the order in which they are written, but for rollouts."""
     own = [name for name in equations.kernels if name in equations.calls or KERNELS[name].kind == "frames"]
     return by_kind(name for name in own if not _rolls(name))
+
+
+def _checks(equations: Equations, composed: Iterable[str]) -> set[str]:
+    """Programs whose gaps templates of these kernels look at."""
+    return {program for name in composed for program in equations.calls.get(name, ()) if program in CHECKED}
 
 
 def _rolls(kernel: str) -> bool:
@@ -182,6 +223,7 @@ def lane_context(equations: Equations, dtype: str) -> dict[str, Any]:
         for p in programs
     ]
     called = {program for name in together for program in equations.calls.get(name, ())}
+    composed = by_kind(name for name in together if name in equations.calls and not _rolls(name))
     zero, one = (SCALARS[dtype].literal(number) for number in (0.0, 1.0))
     return {
         "real": lanes.name,
@@ -196,7 +238,8 @@ def lane_context(equations: Equations, dtype: str) -> dict[str, Any]:
         "unpacked": [(name, SIGNATURES[name]) for name in packings if name in called],
         "solving": any(definition.has_pivots for definition in definitions),
         "shares": _shares(equations, lanes) if equations.shares.keys() & set(together) else None,
-        "composed": _templates(name for name in together if name in equations.calls and not _rolls(name)),
+        "composed": _templates(composed),
+        "checks": _checks(equations, composed),
         "framed": _templates(name for name in together if KERNELS[name].kind == "frames"),
         **public,
         "squares": SQUARES[dtype],

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..kernels.equations import Equations
-from ..kernels.signatures import KERNELS, SIGNATURES, shapes
+from ..kernels.signatures import BATCHES, KERNELS, SIGNATURES, SINGLES, functions, shapes
 from ..program.ir import Program
 from .statements import handed_on, split, trig_values
 
@@ -46,6 +46,23 @@ def _has_lanes(equations: Equations, name: str) -> bool:
 def calls_of(equations: Equations, name: str) -> tuple[str, ...]:
     """Programs that the C of a kernel needs."""
     return equations.calls.get(name, (name,))
+
+
+def halves(equations: Equations, *, batches: bool = True) -> dict[str, tuple[str, ...]]:
+    """Functions of C that each half of the code has, without the robot's name in front.
+
+    The half "singles" has those for one state, and the batches that call these state by state; "batches" has those that
+    work on vectors.  Each begins with "setup", which a library of both has once.
+
+    Args:
+        batches: whether there are functions for several states at all.
+    """
+    singles = [function.name for function in functions(equations.kernels)]
+    if not batches:
+        return {SINGLES: ("setup", *singles)}
+    vectors = [f"{function.name}_batch" for function in functions(batched(equations))]
+    looped = [f"{name}_batch" for name in singles if f"{name}_batch" not in vectors]
+    return {SINGLES: ("setup", *singles, *looped), BATCHES: ("setup", *vectors)}
 
 
 @dataclass(frozen=True)

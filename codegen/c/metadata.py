@@ -13,16 +13,18 @@ from ..kernels.equations import Equations
 from ..kernels.interface import describe_kernels
 from ..kernels.operation_counts import operations
 from ..kernels.signatures import KERNELS
+from .lanes import halves
 
 
-def kernel_metadata(equations: Equations, dtype: str) -> dict[str, Any]:
-    """Plain values for JSON: what ``describe_kernels`` says, operations, and what vanishes identically."""
+def kernel_metadata(equations: Equations, dtype: str, *, batches: bool = True) -> dict[str, Any]:
+    """Plain values for JSON: what ``describe_kernels`` says, operations, what vanishes identically, halves of the C."""
     model, mapped = equations.model, any(KERNELS[name].mapped for name in equations.kernels)
     return {
         **describe_kernels(model, equations.kernels, dtype),
         "hoisted": len(equations.setup.outputs),
         "operations": operations(equations),
         "survivors": survivors(model) if mapped else {},
+        "halves": halves(equations, batches=batches),
     }
 
 

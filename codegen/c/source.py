@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import cache
 
 import jinja2
@@ -12,7 +13,8 @@ import jinja2
 class Source:
     """Texts to compile: ``header``, ``code``, ``cdef`` (the header's declarations, for cffi), ``meta`` for Python.
 
-    ``statements`` is the length of the code in values.
+    ``statements`` is the length of the code in values.  ``cdefs`` are the declarations of each half of the code, and
+    ``half`` is the one that is to be compiled, without a name both.
     """
 
     name: str
@@ -21,6 +23,12 @@ class Source:
     cdef: str
     meta: str
     statements: int
+    cdefs: Mapping[str, str]
+    half: str = ""
+
+    def only(self, half: str) -> Source:
+        """The same to compile one half alone: "singles" or "batches", or both without a name."""
+        return replace(self, half=half, cdef=self.cdefs[half]) if half else self
 
 
 @cache

@@ -17,6 +17,8 @@ from .contexts import header_context, lane_context, number_context
 from .metadata import kernel_metadata
 from .source import Source, environment
 
+DECLARATIONS = "kernel/declarations.jinja"
+
 
 @without_collection()
 def render(equations: Equations, dtype: str, *, batches: bool = True) -> Source:
@@ -26,17 +28,17 @@ def render(equations: Equations, dtype: str, *, batches: bool = True) -> Source:
         dtype: "float64" or "float32".
         batches: with the functions for several states in one call.
     """
-    meta = kernel_metadata(equations, dtype)
+    meta = kernel_metadata(equations, dtype, batches=batches)
     names = header_context(equations, dtype, meta, batches)
-    context = {**names, **number_context(equations, dtype)}
+    context = {**names, **number_context(equations, dtype, meta)}
     header = _fill("kernel/kernel.h.jinja", names)
     code = _fill("kernel/kernel.c.jinja", context)
     if batches:
         code += _fill("kernel/batches.c.jinja", {**context, **lane_context(equations, dtype)})
-    declarations = header.split("/* begin of declarations */")[1].split("/* end of declarations */")[0]
+    cdefs = {half: _fill(DECLARATIONS, {**names, "declared": own}) for half, own in meta["halves"].items()}
     statements = sum(len(program.instructions) for program in equations.programs.values())
     text = json.dumps(meta, indent=1) + "\n"
-    return Source(equations.model.name, header, _tidy(code), declarations, text, statements)
+    return Source(equations.model.name, header, _tidy(code), _fill(DECLARATIONS, names), text, statements, cdefs)
 
 
 def _tidy(code: str) -> str:

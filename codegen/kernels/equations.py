@@ -34,7 +34,8 @@ class Equations:
 
     ``setup`` computes what depends on parameters alone; ``calls`` holds, by name, the kernels that are no programs but
     templates of their own, with the programs that their C calls; ``choices`` says which way was taken where there are
-    two; ``shares`` are what a program of frames is written out as, by its name.
+    two; ``shares`` are what a program of frames is written out as, by its name; ``dtype`` is that of the numbers that
+    the C computes with.
     """
 
     model: Model
@@ -44,6 +45,7 @@ class Equations:
     calls: Mapping[str, tuple[str, ...]]
     choices: Mapping[str, str]
     shares: Mapping[str, Shares]
+    dtype: str = "float64"
 
 
 @without_collection()
@@ -88,7 +90,7 @@ def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "fl
     setup, programs = hoist_parameters(list(raw.values()), len(model.parameters))
     written = dict(zip(raw, programs, strict=True))
     shares = {name: share_among_bodies(model, written[name]) for name in public if KERNELS[name].kind == "frames"}
-    return Equations(model, public, setup, written, calls, choices, shares)
+    return Equations(model, public, setup, written, calls, choices, shares, dtype)
 
 
 def _columns_cost(model: Model, kernel: str, known: Mapping[str, Program]) -> int:

@@ -9,14 +9,50 @@ from collections.abc import Callable, Mapping
 
 from eomgen.robot.model import Model
 
-from ..solve.factorised import solve_operations
+from ..solve.factorised import coordinate_parents, solve_operations
+from ..solve.rows import DERIVING
+from .blocks import row_blocks
+from .closed import CLOSING, row_kinds
 from .equations import Equations
 from .signatures import KERNELS
 
 Counts = dict[str, int]  # "mul", "add", "div", "sincos"
 
+
+def _closing_operations(model: Model, widths: list[int], refinements: int) -> Counts:
+    """Those of the derivatives of closed accelerations in C, beside the tree's: see ``accelerations_by.jinja``.
+
+    ``widths``: of the rows of the constraint that do not vanish, the coordinates that may move them.
+    """
+    m, n, factors = len(widths), model.size, sum(len(chain) for chain in _chains(model))
+    triangle, passes, columns = m * (m - 1) // 2, refinements + 1, 3 * n
+    second = sum(len(block.columns) ** 2 for block in row_blocks(model))
+    per_column = sum(widths) + m * n + passes * 2 * triangle + refinements * m * m
+    couples = (
+        2 * m * factors
+        + sum((r + 1) * width for r, width in enumerate(widths))
+        + m * (m * m - 1) // 6
+        + columns * per_column
+    )
+    return {
+        "mul": couples + 2 * m,
+        "add": couples + second + 4 * m + columns * passes * 2 * m,
+        "div": m * n + triangle + columns * passes * 2 * m,
+        "sincos": 0,
+    }
+
+
+def _chains(model: Model) -> list[list[int]]:
+    """Coordinates in front of each one."""
+    parents, found = coordinate_parents(model), list[list[int]]()
+    for parent in parents:
+        found.append([] if parent < 0 else [parent, *found[parent]])
+    return found
+
+
 OWN: Mapping[str, Callable[[Model], Counts]] = {  # of templates, beside the programs that they call
     "forward_dynamics_jacobian": solve_operations,
+    "tree_forward_dynamics_jacobian": solve_operations,
 }
 
 
@@ -37,4 +73,9 @@ def _of_kernel(equations: Equations, name: str) -> Counts:
     closed = KERNELS[name].closed if equations.model.constraints else ()
     parts = [equations.programs[program].count() for program in closed or KERNELS[name].counts]
     parts += [OWN[name](equations.model)] if name in OWN else []
+    if CLOSING in closed:
+        kinds = row_kinds(equations.model, equations.programs[CLOSING])
+        wide = [len(block.columns) for block in row_blocks(equations.model) for _ in range(block.rows)]
+        widths = [width for width, kind in zip(wide, kinds, strict=True) if kind >= 0]
+        parts.append(_closing_operations(equations.model, widths, DERIVING[equations.dtype].refinements))
     return {key: sum(part[key] for part in parts) for key in parts[0]}

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
     from eomgen.robot.model import Model
+
+from .blocks import row_blocks
 
 DTYPES = ("float64", "float32")  # types of kernels' numbers
 Kind = Literal["program", "tangent", "frames", "composed", "rollout"]
@@ -18,6 +20,7 @@ KINDS: Mapping[Kind, str] = {  # in the order in which C and packages have them
     "composed": "a template of its own, which calls programs: ``templates/composed``",
     "rollout": "the same, with a call of its own: many steps at once",
 }
+SINGLES, BATCHES = "singles", "batches"  # halves of the C of all kernels: for one state, and on vectors for several
 
 
 @dataclass(frozen=True)
@@ -35,7 +38,8 @@ class Signature:
     solves: whether it inverts the mass matrix, and so fails where that is singular; the others always return 0.
     symmetric: whether it writes a matrix that is symmetric to the bit.
     needs: what a robot must have for it: "loops", "springs", "constraints" (loops or couplings that are rigid in some
-        direction), "laws" (forces in cut joints, elastic couplings) or nothing.
+        direction), "cuts" (loops that are), "laws" (forces in cut joints, elastic couplings) or nothing.
+    beside: kernels that come with it where the robot has constraints: those of the open tree and of wrenches.
     mapped: whether packages say which of its entries vanish identically.
     """
 
@@ -51,10 +55,12 @@ class Signature:
     columns_of: str = ""
     solves: bool = False
     symmetric: bool = False
-    needs: Literal["", "loops", "springs", "constraints", "laws"] = ""
+    needs: Literal["", "loops", "springs", "constraints", "cuts", "laws"] = ""
+    beside: tuple[str, ...] = ()
     mapped: bool = False
 
 
+TOLD = ("constraint", "constraint_jacobian", "constraint_bias", "constrained_drives")  # what errors of loops tell
 RATES = {"q": "dq", "v": "dv", "a": "da", "wrench": "dwrench"}  # of what tangents move
 
 
@@ -74,9 +80,38 @@ KERNELS: Mapping[str, Signature] = {
         "Q_F of eq. (14), its moment term corrected; base axes.",
     ),
     "residual": Signature(("q", "v", "a", "u"), "vector", "M a + bias - Q - u, eq. (5) unexpanded; zero on a motion."),
-    "inverse_dynamics": Signature(("q", "v", "a"), "vector", "The drives u that make the residual zero."),
+    "inverse_dynamics": Signature(
+        ("q", "v", "a"),
+        "vector",
+        "The drives u that make the residual zero.",
+        closed=("constrained_drives",),
+        beside=("tree_inverse_dynamics", "inverse_dynamics_under_load", *TOLD),
+    ),
+    "tree_inverse_dynamics": Signature(
+        ("q", "v", "a"), "vector", "The drives u that make the residual zero, loops cut.", needs="constraints"
+    ),
+    "constrained_drives": Signature(
+        ("q", "v", "a", "u"),
+        "driving",
+        "Drives of a motion beside forces u, multipliers, g, J v, J a, J_dot v, forces left and needed.",
+        needs="constraints",
+    ),
+    "inverse_dynamics_under_load": Signature(
+        ("q", "v", "a", "u"),
+        "vector",
+        "The drives that make a motion beside forces u.",
+        "composed",
+        calls=("constrained_drives",),
+        counts=("constrained_drives",),
+        needs="constraints",
+    ),
     "forward_dynamics": Signature(
-        ("q", "v", "u"), "vector", "Accelerations under the drives u.", solves=True, closed=("constrained_dynamics",)
+        ("q", "v", "u"),
+        "vector",
+        "Accelerations under the drives u.",
+        solves=True,
+        closed=("constrained_dynamics",),
+        beside=("tree_forward_dynamics", *TOLD),
     ),
     "tree_forward_dynamics": Signature(
         ("q", "v", "u"), "vector", "Accelerations under the drives u, loops cut.", solves=True, needs="constraints"
@@ -117,8 +152,19 @@ KERNELS: Mapping[str, Signature] = {
         "composed",
         calls=("forward_dynamics", "residual_jacobian"),
         counts=("forward_dynamics", "residual_jacobian"),
-        closed=("tree_forward_dynamics", "residual_jacobian"),
+        closed=("constrained_dynamics", "residual_jacobian", "closing_derivatives"),
         solves=True,
+        beside=("tree_forward_dynamics_jacobian", *TOLD),
+    ),
+    "tree_forward_dynamics_jacobian": Signature(
+        ("q", "v", "u"),
+        "derivatives",
+        "Derivatives of the accelerations by q, v and u, loops cut: three matrices.",
+        "composed",
+        calls=("tree_forward_dynamics", "residual_jacobian"),
+        counts=("tree_forward_dynamics", "residual_jacobian"),
+        solves=True,
+        needs="constraints",
     ),
     "coriolis_matrix": Signature(("q", "v"), "matrix", "Coriolis matrix C(q, v) with C v = bias and M_dot = C + C^T."),
     "christoffel": Signature(
@@ -147,6 +193,40 @@ KERNELS: Mapping[str, Signature] = {
         ("q", "v", "a"),
         "reactions",
         "Force and moment on each joint's child link, moved joint's axes.",
+        closed=("tree_reactions", "constrained_drives", "closing_reactions"),
+        beside=("tree_reactions", "reactions_under_load", *TOLD),
+    ),
+    "tree_reactions": Signature(
+        ("q", "v", "a"),
+        "reactions",
+        "Force and moment on each joint's child link, moved joint's axes, loops cut.",
+        needs="constraints",
+    ),
+    "reactions_under_load": Signature(
+        ("q", "v", "a", "u"),
+        "reactions",
+        "The reactions where forces u act beside the drives, without their own part.",
+        "composed",
+        calls=("tree_reactions", "constrained_drives", "closing_reactions"),
+        counts=("tree_reactions", "constrained_drives", "closing_reactions"),
+        needs="constraints",
+    ),
+    "loop_reactions": Signature(
+        ("q", "v", "a"),
+        "loop_reactions",
+        "Force and moment of each cut joint on its second link, cut frame there.",
+        closed=("constrained_drives", "loop_wrenches"),
+        needs="loops",
+        beside=("loop_reactions_under_load", *TOLD),
+    ),
+    "loop_reactions_under_load": Signature(
+        ("q", "v", "a", "u"),
+        "loop_reactions",
+        "The same where forces u act beside the drives.",
+        "composed",
+        calls=("constrained_drives", "loop_wrenches"),
+        counts=("constrained_drives", "loop_wrenches"),
+        needs="cuts",
     ),
     "external_reactions": Signature(
         ("q", "wrench"), "reactions", "What external wrenches add to the reactions, moved joint's axes."
@@ -202,9 +282,20 @@ KERNELS: Mapping[str, Signature] = {
 }
 
 CLOSURE_KERNELS = ("constraint", "constraint_jacobian", "constraint_bias", "cut_poses")  # of the constraint itself
-LOOP_KERNELS = tuple(name for name, signature in KERNELS.items() if signature.needs in ("loops", "constraints"))
+LOOP_KERNELS = tuple(name for name, signature in KERNELS.items() if signature.needs in ("loops", "constraints", "cuts"))
 
 PARTS: Mapping[str, Signature] = {  # programs that only other kernels call
+    "closing_derivatives": Signature(
+        ("q", "v", "a", "multipliers"),
+        "closing",
+        "Per loop J, the derivatives of J a + J_dot v by q and v, and of J^T lambda by q, where they may not vanish.",
+    ),
+    "closing_reactions": Signature(
+        ("q", "multipliers"), "reactions", "What the tree's joints bear of the forces in the cuts."
+    ),
+    "loop_wrenches": Signature(
+        ("q", "v", "multipliers"), "loop_reactions", "Force and moment of each cut joint on its second link."
+    ),
     "implicit_step": Signature(
         ("q", "v", "u", "added", "dt"),
         "vector",
@@ -222,9 +313,18 @@ def available(model: Model) -> tuple[str, ...]:
         "loops": bool(model.robot.loops),
         "springs": bool(model.robot.springs),
         "constraints": bool(model.constraints),
+        "cuts": bool(model.robot.loops and model.constraints),
         "laws": bool(model.cut_laws),
     }
     return tuple(name for name, signature in KERNELS.items() if has[signature.needs])
+
+
+def with_beside(names: Sequence[str], model: Model) -> tuple[str, ...]:
+    """Kernels with those that come with them for a model that has constraints."""
+    found, known = dict.fromkeys(names), available(model)
+    for name in names if model.constraints else ():
+        found |= dict.fromkeys(x for x in KERNELS[name].beside if x in known)
+    return tuple(found)
 
 
 def by_kind(names: Iterable[str]) -> list[str]:
@@ -282,12 +382,15 @@ def shapes(model: Model) -> dict[str, tuple[int, ...]]:
         "constraint_rows": (m, n),
         "constrained": (n + 3 * m,),
         "settling": (2 * n + m,),
+        "driving": (3 * n + 5 * m,),
+        "multipliers": (m,),
+        "closing": (sum(3 * block.size + len(block.columns) ** 2 for block in row_blocks(model)),),
     }
     springs, laws = len(model.robot.springs), len(model.cut_laws)
     return {
         **vectors,
         **(closing if m else {}),
-        **({"cut_poses": (loops, 4, 4)} if loops else {}),
+        **({"cut_poses": (loops, 4, 4), "loop_reactions": (loops, 6)} if loops else {}),
         **({"law_pairs": (laws, 2), "law_rows": (laws, n)} if laws else {}),
         **({"spring_pairs": (springs, 2), "spring_rows": (springs, n)} if springs else {}),
         "wrench": (len(model.links), 6),

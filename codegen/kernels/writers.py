@@ -17,12 +17,16 @@ from ..tree.kinematics import body_poses, external_rows, frame_poses, potential_
 from ..tree.recursion import Wrench, inertial_rows, kinetic_energy
 from ..tree.spatial import Scalar
 from .accelerations import CONSTRAINED, SETTLING, SOLVERS, Way, implicit_step
-from .closed import gaps
+from .closed import closing_derivatives, closing_reactions, drives, gaps, loop_reactions, loop_wrenches
 from .derivation import Derivation, Outputs, vector
 from .signatures import CLOSURE_KERNELS
 
 DESCRIPTION_FRAMES = (
     "reactions",
+    "tree_reactions",
+    "closing_reactions",
+    "loop_reactions",
+    "loop_wrenches",
     "kinematics",
     "external_force",
     "external_reactions",
@@ -214,12 +218,19 @@ WRITERS: Mapping[str, Callable[[Derivation], Outputs]] = {
     "external_reactions": _external_reactions,
     "residual": _residual,
     "inverse_dynamics": _inverse_dynamics,
+    "tree_inverse_dynamics": _inverse_dynamics,
+    "constrained_drives": drives,
     "residual_jacobian": _residual_jacobian,
     "coriolis_matrix": _coriolis_matrix,
     "christoffel": _christoffel,
     "kinematics": _kinematics,
     "energy": _energy,
     "reactions": _reactions,
+    "tree_reactions": _reactions,
+    "closing_derivatives": closing_derivatives,
+    "closing_reactions": closing_reactions,
+    "loop_reactions": loop_reactions,
+    "loop_wrenches": loop_wrenches,
     "euler_cosines": _euler_cosines,
     "constraint": _constraint,
     "constraint_jacobian": _constraint_jacobian,

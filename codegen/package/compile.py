@@ -35,7 +35,8 @@ from ..c.source import Source, environment
 from .environment import check_flags, environment_words, expanded
 from .levels import fuses_unasked, level_flags
 
-FLAGS = ("-O2", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off")
+OPTIMISED, QUICK = "-O2", "-O1"
+FLAGS = (OPTIMISED, "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off")
 NATIVE = ("-march=native", "-ffp-contract=fast")
 CARRIED = ("errors.py", "names.py", "runtime/*.py", "runtime/*.c")  # of eomgen, copied to the same places of a package
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic")
@@ -118,12 +119,15 @@ def interface() -> dict[str, str]:
     }
 
 
-def own_flags(native: bool) -> tuple[str, ...]:
-    """Flags of a kernel's own C, whatever the environment says."""
-    return (*FLAGS, *(NATIVE if native else ()))
+def own_flags(native: bool, quick: bool = False) -> tuple[str, ...]:
+    """Flags of a kernel's own C, whatever the environment says; ``quick`` spares the compiler a third of its work."""
+    chosen = tuple(QUICK if flag == OPTIMISED and quick else flag for flag in FLAGS)
+    return (*chosen, *(NATIVE if native else ()))
 
 
-def compile_flags(compiler: Compiler, native: bool, further: Sequence[str], level: str = BASE) -> tuple[str, ...]:
+def compile_flags(
+    compiler: Compiler, native: bool, further: Sequence[str], level: str = BASE, quick: bool = False
+) -> tuple[str, ...]:
     """Flags of a kernel's own C: ours, then those of $CFLAGS, then those that the call gives.
 
     Args:
@@ -131,13 +135,14 @@ def compile_flags(compiler: Compiler, native: bool, further: Sequence[str], leve
         native: for this very processor.
         further: flags of the call.
         level: of processors, where the code is not native.
+        quick: with less work for the compiler.
 
     Raises:
         BuildError: a flag asks for arithmetic that is not IEEE's, or a response file cannot be read.
     """
     words = expanded(further, "flags")
     check_flags(words, "flags")
-    own, given = own_flags(native), (*compiler.flags, *words)
+    own, given = own_flags(native, quick), (*compiler.flags, *words)
     chosen = () if native else level_flags(level, compiler, fused=contracts((*own, *given)))
     return (*own, *chosen, *given)
 
@@ -242,18 +247,24 @@ def _build_api(source: Source, compiler: Compiler, flags: Sequence[str], folder:
     wrapper = work / f"_{name}.c"
     make_c_source(ffi, f"_{name}", f'#include "{name}.h"', str(wrapper))  # emit_c_code prints to stdout
     include = ("-iquote", str(folder), "-I", headers)  # a robot may be named as a system header is
-    objects = [work / f"{part}.o" for part in ("singles", "batches", "wrapper")]
-    halves = ("-DEOMGEN_SINGLES_ONLY", "-DEOMGEN_BATCHES_ONLY")  # one source, compiled on two cores
+    halves = [source.half] if source.half else list(source.cdefs)  # one source, compiled on two cores
+    objects = [work / f"{part}.o" for part in (*halves, "wrapper")]
     compile_c = [*compiler.command, "-c", "-fPIC"]
     jobs = [
-        [*compile_c, *WARNINGS, *flags, half, str(folder / f"{name}.c"), "-o", str(target)]
+        [*compile_c, *WARNINGS, *flags, *_only(half, source), str(folder / f"{name}.c"), "-o", str(target)]
         for half, target in zip(halves, objects, strict=False)
     ]
     # -O0: the wrapper passes pointers on, and optimising it takes longer than many a kernel
-    jobs.append([*compile_c, "-O0", *compiler.flags, *include, str(wrapper), "-o", str(objects[2])])
+    jobs.append([*compile_c, "-O0", *compiler.flags, *include, str(wrapper), "-o", str(objects[-1])])
     run_all(jobs)
     link_shared(compiler, objects, folder / f"_{name}{_suffix()}")
     shutil.rmtree(work)
+
+
+def _only(half: str, source: Source) -> tuple[str, ...]:
+    """Flags that compile a half of the source; one that becomes a library by itself needs what h is made by."""
+    setup = ("-DEOMGEN_SETUP",) if source.half else ()
+    return (f"-DEOMGEN_{half.upper()}_ONLY", *setup)
 
 
 def _build_abi(source: Source, compiler: Compiler, flags: Sequence[str], folder: Path) -> None:
@@ -269,7 +280,8 @@ def _build_abi(source: Source, compiler: Compiler, flags: Sequence[str], folder:
     )
     (folder / f"_{name}.py").write_text(opened, encoding="ascii")
     code, library = str(folder / f"{name}.c"), str(folder / f"lib{name}.so")
-    command = [*compiler.command, "-fPIC", *WARNINGS, *flags, *shared_flags(), code, "-o", library]
+    only = _only(source.half, source) if source.half else ()
+    command = [*compiler.command, "-fPIC", *WARNINGS, *flags, *only, *shared_flags(), code, "-o", library]
     run_all([[*command, *compiler.link_flags, "-lm"]])
 
 

@@ -5,7 +5,7 @@ Arrays have lanes behind their own axes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,9 @@ from eomgen.robot.model import Model
 
 from ..c.contexts import OPEN_GAPS, PIVOT_LIMITS
 from ..joint.zeros import zero_map
+from ..kernels.blocks import row_blocks
 from ..solve.factorised import coordinate_parents
+from ..solve.rows import DERIVING
 from .arithmetic import Array
 
 Run = Callable[..., tuple[Array, Array]]  # run(program, **inputs): its answer, and the status of every lane
@@ -54,9 +56,111 @@ def _columns(model: Model) -> list[int]:
 
 def forward_dynamics_jacobian(model: Model, run: Run, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
     """Derivatives of the accelerations: those of the residual, solved with M = L^T D L along the branches."""
-    n, lanes = inputs["q"].shape
-    a, status = run("tree_forward_dynamics" if model.constraints else "forward_dynamics")
-    out = run("residual_jacobian", a=a)[0].reshape(3, n, n, lanes).copy()
+    return _closed_derivatives(model, run, inputs) if model.constraints else _of_tree(model, run, "forward_dynamics")
+
+
+def tree_forward_dynamics_jacobian(model: Model, run: Run, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
+    """The same of the open tree of a robot with loops."""
+    return _of_tree(model, run, "tree_forward_dynamics")
+
+
+def _of_tree(model: Model, run: Run, accelerations: str) -> tuple[Array, Array]:
+    a, status = run(accelerations)
+    out, _, own = _solved(model, run("residual_jacobian", a=a)[0].reshape(3, model.size, model.size, -1).copy())
+    return out.reshape(-1, a.shape[1]), np.where(status != 0, status, own)
+
+
+def _closed_derivatives(model: Model, run: Run, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
+    """With the loops closed: changes of the multipliers make up for what the tree alone would open."""
+    n, m, (_, lanes) = model.size, len(model.constraints), inputs["q"].shape
+    found, status = run("constrained_dynamics")
+    a, multipliers = found[:n], found[n : n + m]
+    out: Array = run("residual_jacobian", a=a)[0].reshape(3, n, n, lanes).copy()
+    D = run("closing_derivatives", a=a, multipliers=multipliers)[0]
+    J: Array = np.zeros((m, n, lanes), D.dtype)
+    right: Array = np.zeros((m, 3, n, lanes), D.dtype)
+    at = 0
+    for block in row_blocks(model):
+        rows, columns = slice(block.first, block.first + block.rows), list(block.columns)
+        parts = np.split(D[at : at + 3 * block.size], 3)
+        J[rows, columns], *slopes = (part.reshape(block.rows, len(columns), lanes) for part in parts)
+        for matrix, slope in enumerate(slopes):
+            right[rows, matrix, columns] = -slope
+        at += 3 * block.size
+        second = D[at : at + len(columns) ** 2].reshape(len(columns), len(columns), lanes)
+        out[0][np.ix_(columns, columns)] = out[0][np.ix_(columns, columns)] - second
+        at += len(columns) ** 2
+    out, back, own = _solved(model, out)
+    x: Array = out.transpose(1, 0, 2, 3).reshape(n, 3 * n, lanes)
+    pushed = J.copy()
+    pushed[:, list(model.prescribed)] = 0.0
+    kinds = _kinds(model, pushed)
+    kept = [r for r, kind in enumerate(kinds) if kind is not None]
+    J, pushed, right = J[kept], pushed[kept], right[kept]
+    Y = back(pushed.transpose(1, 0, 2).copy())
+    right = right.reshape(len(kept), 3 * n, lanes)
+    moved = [block.columns for block in row_blocks(model) for _ in range(block.rows)]
+    for r, row in enumerate(kept):
+        for i in moved[row]:
+            right[r] = right[r] - J[r, i] * x[i]
+    A = np.zeros((len(kept), len(kept), lanes), D.dtype)
+    for r, row in enumerate(kept):
+        for i in moved[row]:
+            A[r] = A[r] + J[r, i] * Y[i]
+    upper = np.triu_indices(len(kept), 1)
+    A[upper] = A[upper[::-1]]
+    change = _multipliers(A, right, [kinds[r] for r in kept])
+    for r in range(len(kept)):
+        x = x + Y[:, r, np.newaxis] * change[r]
+    out = x.reshape(n, 3, n, lanes).transpose(1, 0, 2, 3)
+    status = np.where(status != 0, status, own)
+    return out.reshape(-1, lanes), _with_gaps(model, found[n + m :], status, inputs["v"])
+
+
+def _kinds(model: Model, J: Array) -> list[tuple[str, bool] | None]:
+    """Kinds of the rows (m, n, lanes) as ``row_kinds`` has them; None of one that vanishes in all states."""
+    kinds = [kind for block in row_blocks(model) for kind in block.kinds]
+    return [kind if (row != 0.0).any() else None for kind, row in zip(kinds, J, strict=True)]
+
+
+def _multipliers(A: Array, right: Array, kinds: Sequence[object]) -> Array:
+    """Solution (m, columns, lanes) of a symmetric system (m, m, lanes) that may be singular, refined."""
+    precision, m = DERIVING[str(A.dtype)], len(A)
+    added: dict[object, Array] = {}
+    whole = np.zeros_like(A[0, 0])
+    for r in range(m):
+        whole = whole + A[r, r]
+        added[kinds[r]] = added.get(kinds[r], np.zeros_like(A[0, 0])) + A[r, r]
+    F = A.copy()
+    for r in range(m):
+        own = added[kinds[r]] * A.dtype.type(precision.added)
+        F[r, r] = F[r, r] + (own + whole * A.dtype.type(precision.floor))
+    for r in range(m):
+        for s in range(r + 1, m):
+            factor = F[s, r] / F[r, r]
+            for t in range(r + 1, s + 1):
+                F[s, t] = F[s, t] - factor * F[t, r]
+    change = np.zeros_like(right)
+    for step in range(precision.refinements + 1):
+        rest = right.copy()
+        for s in range(m if step else 0):
+            rest = rest - A[:, s, np.newaxis] * change[s]
+        for r in range(m):
+            for s in range(r):
+                rest[r] = rest[r] - F[r, s] * rest[s]
+            rest[r] = rest[r] / F[r, r]
+        for r in reversed(range(m)):
+            total = np.zeros_like(rest[r])
+            for s in range(r + 1, m):
+                total = total + F[s, r] * rest[s]
+            rest[r] = rest[r] - total / F[r, r]
+            change[r] = change[r] + rest[r]
+    return change
+
+
+def _solved(model: Model, out: Array) -> tuple[Array, Callable[[Array], Array], Array]:
+    """Derivatives by those of the residual (3, n, n, lanes), what solves with M for more, and the pivots' status."""
+    n, lanes = model.size, out.shape[-1]
     M, known = out[2].copy(), list(model.prescribed)
     out[:2, known] = 0.0
     M[known], M[:, known] = 0.0, 0.0
@@ -73,7 +177,8 @@ def forward_dynamics_jacobian(model: Model, run: Run, inputs: Mapping[str, Array
     by_u[:, known] = -out[2][:, known]
     by_u[known] = 0.0
     by_u[range(n), range(n)] = 1.0
-    for x in (np.negative(out[0], out=out[0]), np.negative(out[1], out=out[1]), by_u):
+
+    def back(x: Array) -> Array:
         for k in reversed(range(n)):
             for i in chains[k]:
                 x[i] = x[i] - M[k, i] * x[k]
@@ -81,9 +186,10 @@ def forward_dynamics_jacobian(model: Model, run: Run, inputs: Mapping[str, Array
             x[k] = x[k] / pivot[k]
             for i in chains[k]:
                 x[k] = x[k] - M[k, i] * x[i]
-    out[2] = by_u
-    own = status_of(np.stack([pivot, scale], axis=1).reshape(2 * n, lanes))
-    return out.reshape(-1, lanes), np.where(status != 0, status, own)
+        return x
+
+    out = np.stack([back(x) for x in (-out[0], -out[1], by_u)])
+    return out, back, status_of(np.stack([pivot, scale], axis=1).reshape(2 * n, lanes))
 
 
 def _chains(model: Model) -> list[list[int]]:
@@ -100,25 +206,70 @@ def _chains(model: Model) -> list[list[int]]:
 def forward_dynamics(model: Model, run: Run, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
     """Accelerations with the loops closed, and whether they are."""
     found, status = run("constrained_dynamics")
-    return found[: model.size], _with_gaps(model, found, status, inputs["v"])
+    return found[: model.size], _with_gaps(model, found[model.size + len(model.constraints) :], status, inputs["v"])
 
 
 def constraint_forces(model: Model, run: Run, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
     """Multipliers, and whether the loops are closed."""
     found, status = run("constrained_dynamics")
     m = len(model.constraints)
-    return found[model.size : model.size + m], _with_gaps(model, found, status, inputs["v"])
+    return found[model.size : model.size + m], _with_gaps(model, found[model.size + m :], status, inputs["v"])
 
 
-def _with_gaps(model: Model, found: Array, status: Array, v: Array) -> Array:
-    """The status (lanes,) with that of gaps and their rates, the last numbers of what is found."""
-    n, m, one = model.size, len(model.constraints), found.dtype.type
-    size = np.where(np.abs(v) > one(1.0), np.abs(v), one(1.0))  # NaN does not count
-    scale = np.concatenate([np.ones((m, v.shape[1]), found.dtype), np.tile(size.max(axis=0), (m, 1))])
-    opened = ~(np.abs(found[n + m :]) <= scale * one(OPEN_GAPS[str(found.dtype)]))
-    own = np.where(opened.any(axis=0), 1 + n + opened.argmax(axis=0), 0)
-    result: Array = np.where(status != 0, status, own)
-    return result
+def _with_gaps(model: Model, gaps: Array, status: Array, v: Array) -> Array:
+    """The status (lanes,) with that of gaps and their rates (2 m, lanes)."""
+    still = np.ones((len(model.constraints), v.shape[1]), gaps.dtype)
+    return _first(status, 1 + model.size, gaps, np.concatenate([still, still * _largest(v)]))
+
+
+def _largest(*arrays: Array) -> Array:
+    """The largest size of numbers (., lanes), at least 1, (lanes,); NaN does not count."""
+    sizes = np.abs(np.concatenate(arrays))
+    found: Array = np.where(sizes > 1.0, sizes, sizes.dtype.type(1.0)).max(axis=0)
+    return found
+
+
+def _first(status: Array, reason: int, values: Array, scale: Array) -> Array:
+    """The status (lanes,), or where it is 0 that of the first value (., lanes) that is more than round-off."""
+    beyond = ~(np.abs(values) <= scale * values.dtype.type(OPEN_GAPS[str(values.dtype)]))
+    found: Array = np.where(status != 0, status, np.where(beyond.any(axis=0), reason + beyond.argmax(axis=0), 0))
+    return found
+
+
+def _driving(model: Model, run: Run, inputs: Mapping[str, Array], *, loaded: bool) -> tuple[Array, Array]:
+    """What constrained_drives finds, and whether its drives make the motion."""
+    n, m = model.size, len(model.constraints)
+    found = run("constrained_drives", **({} if loaded else {"u": np.zeros_like(inputs["u"])}))[0]
+    pull, bias, left, needed = np.split(found[n + 3 * m :], [m, 2 * m, 2 * m + n])
+    status = _with_gaps(model, found[n + m : n + 3 * m], np.zeros(found.shape[1], np.int64), inputs["v"])
+    status = _first(status, 1 + n + 2 * m, pull + bias, _largest(inputs["a"], bias))
+    return found, _first(status, 1 + n + 3 * m, left, _largest(needed))
+
+
+def _drives(loaded: bool) -> Composed:
+    def answer(model: Model, run: Run, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
+        found, status = _driving(model, run, inputs, loaded=loaded)
+        return found[: model.size], status
+
+    return answer
+
+
+def _reactions(loaded: bool) -> Composed:
+    def answer(model: Model, run: Run, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
+        found, status = _driving(model, run, inputs, loaded=loaded)
+        multipliers = found[model.size : model.size + len(model.constraints)]
+        return run("tree_reactions")[0] + run("closing_reactions", multipliers=multipliers)[0], status
+
+    return answer
+
+
+def _loop_reactions(loaded: bool) -> Composed:
+    def answer(model: Model, run: Run, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
+        found, status = _driving(model, run, inputs, loaded=loaded)
+        multipliers = found[model.size : model.size + len(model.constraints)]
+        return run("loop_wrenches", multipliers=multipliers)[0], status
+
+    return answer
 
 
 COMPOSED: Mapping[str, Composed] = {
@@ -126,6 +277,13 @@ COMPOSED: Mapping[str, Composed] = {
     "constraint_forces": constraint_forces,
     "forward_dynamics": forward_dynamics,
     "forward_dynamics_jacobian": forward_dynamics_jacobian,
+    "tree_forward_dynamics_jacobian": tree_forward_dynamics_jacobian,
+    "inverse_dynamics": _drives(loaded=False),
+    "inverse_dynamics_under_load": _drives(loaded=True),
+    "reactions": _reactions(loaded=False),
+    "reactions_under_load": _reactions(loaded=True),
+    "loop_reactions": _loop_reactions(loaded=False),
+    "loop_reactions_under_load": _loop_reactions(loaded=True),
 }
 PLACES: Mapping[str, Callable[[Model], Array]] = {"christoffel": christoffel_places}  # of answers that are not whole
 

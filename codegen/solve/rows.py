@@ -40,6 +40,8 @@ class Precision:
 
 
 PRECISIONS: Mapping[str, Precision] = {"float64": Precision(1e-11, 1e-14, 1), "float32": Precision(2e-6, 1e-6, 3)}
+# Of derivatives, whose right sides contradict each other in redundant rows where a direction leaves the closed states.
+DERIVING: Mapping[str, Precision] = {"float64": Precision(1e-7, 1e-14, 2), "float32": Precision(1e-3, 1e-6, 4)}
 
 
 @dataclass(frozen=True)
@@ -183,7 +185,8 @@ class RowSystem:
             self.columns.append(column)
             self.inverses.append(inverse)
 
-    def _once(self, right: Sparse) -> Sparse:
+    def once(self, right: Sparse) -> Sparse:
+        """Solution by the factors alone, without refinement."""
         x = [right.get(r, 0.0) for r in self.order]
         for i, column in enumerate(self.columns):
             for j, factor in column.items():
@@ -200,9 +203,9 @@ class RowSystem:
         Args:
             missing: right - J a_free of row r.
         """
-        x = more = self._once({r: missing(r) for r in self.kept})
+        x = more = self.once({r: missing(r) for r in self.kept})
         for _ in range(self.precision.refinements if self.rigid else 0):  # elastic rows are factored as they are
-            more = self._once({r: self.added[r] * more[r] for r in self.rigid})
+            more = self.once({r: self.added[r] * more[r] for r in self.rigid})
             x = {r: x[r] + more[r] for r in self.unknowns}
         return [x.get(r, 0.0) for r in range(len(self.rows))]
 

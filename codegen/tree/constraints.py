@@ -32,6 +32,11 @@ class Direction:
     vector: Vec
     is_rotation: bool
 
+    def wrench(self, force: Scalar) -> Wrench:
+        """A force along it, or a moment about it."""
+        vector = scale(force, self.vector)
+        return Wrench(ZERO, vector) if self.is_rotation else Wrench(vector, ZERO)
+
 
 @dataclass(frozen=True)
 class Motion:
@@ -207,6 +212,10 @@ class Closure:
         dot_turn = subtract(subtract(b.dot, a.dot), cross(w, turn))
         bend = [add(cross(dot_turn, f), cross(turn, cross(turn, f))) for f in self.rows_b]
         return [self._of(part, slide, lambda i, j: dot(self.rows_a[i], bend[j])) for part in self.parts]
+
+    def seen_from_b(self, wrench: Wrench) -> Wrench:
+        """A wrench of the common body's axes in those of frame b."""
+        return Wrench(matvec(self.axes_b, wrench.force), matvec(self.axes_b, wrench.moment))
 
     def _of(self, part: Component, vector: Vec, product: Any) -> Scalar:
         """The component of a vector, or the sum of products of axes, that the part stands for."""

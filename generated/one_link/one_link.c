@@ -72,7 +72,7 @@ EOMGEN_HELPER void turn(const double *restrict angle, size_t count, double *rest
     }
 }
 
-#if !defined(EOMGEN_BATCHES_ONLY) /* one state at a time */
+#if !defined(EOMGEN_BATCHES_ONLY) || defined(EOMGEN_SETUP)
 
 /* What depends on parameters alone: h holds p, then what kernels read of it. */
 void one_link_setup(const double *restrict p, double *restrict h)
@@ -88,6 +88,9 @@ void one_link_setup(const double *restrict p, double *restrict h)
     h[5] = -p[2];
     h[6] = 0.5*p[2];
 }
+#endif
+
+#if !defined(EOMGEN_BATCHES_ONLY) /* one state at a time */
 
 /* 0, or 1 + i for the first coordinate i whose pivot vanishes beside its scale; NaN counts as vanished. */
 static int one_link_failed(const double *restrict pivot)
@@ -557,9 +560,10 @@ int one_link_frame_jacobian(const double *restrict h, const double *restrict q, 
 int one_link_forward_dynamics_jacobian(const double *restrict h, const double *restrict q, const double *restrict v, const double *restrict u, double *restrict out)
 {
     static const int front[2] = { -1, 0 };
-    double a[2];
     double M[4];
     double pivot[4];
+
+    double a[2];
     const int status = one_link_forward_dynamics(h, q, v, u, a);
     if (status != 0) { return status; }
     (void)one_link_residual_jacobian(h, q, v, a, out);
@@ -576,6 +580,7 @@ int one_link_forward_dynamics_jacobian(const double *restrict h, const double *r
     for (int i = 0; i < 8; ++i) { out[i] = -out[i]; }
     for (int i = 0; i < 4; ++i) { out[8 + i] = 0.0; }
     for (int i = 0; i < 2; ++i) { out[8 + 3 * i] = 1.0; }
+
     for (int matrix = 0; matrix < 3; ++matrix) {
         double *const x = &out[4 * matrix];
         for (int k = 1; k >= 0; --k) {
@@ -590,6 +595,7 @@ int one_link_forward_dynamics_jacobian(const double *restrict h, const double *r
             }
         }
     }
+
     return one_link_failed(pivot);
 }
 
@@ -1300,9 +1306,10 @@ static int one_link_implicit_step_lanes(const double *restrict h, const lanes *r
 static int one_link_forward_dynamics_jacobian_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict u, lanes *restrict out)
 {
     static const int front[2] = { -1, 0 };
-    lanes a[2];
     lanes M[4];
     lanes pivot[4];
+
+    lanes a[2];
     const int status = one_link_forward_dynamics_lanes(h, q, v, u, a);
     if (status != 0) { return status; }
     (void)one_link_residual_jacobian_lanes(h, q, v, a, out);
@@ -1319,6 +1326,7 @@ static int one_link_forward_dynamics_jacobian_lanes(const double *restrict h, co
     for (int i = 0; i < 8; ++i) { out[i] = -out[i]; }
     for (int i = 0; i < 4; ++i) { out[8 + i] = ALL(0.0); }
     for (int i = 0; i < 2; ++i) { out[8 + 3 * i] = ALL(1.0); }
+
     for (int matrix = 0; matrix < 3; ++matrix) {
         lanes *const x = &out[4 * matrix];
         for (int k = 1; k >= 0; --k) {
@@ -1333,6 +1341,7 @@ static int one_link_forward_dynamics_jacobian_lanes(const double *restrict h, co
             }
         }
     }
+
     return one_link_failed_lanes(pivot);
 }
 

@@ -66,7 +66,6 @@ extern "C" {
  * those of state i at step k lie at i * u_state + k * u_step.  kp, kd (not 0 at principal coordinates alone) and target
  * may be NULL together.  It returns -1, or (state * steps + step) * ONE_LINK_DOF + i of the first failure. */
 
-/* begin of declarations */
 void one_link_setup(const double *p, double *h);
 int one_link_mass_matrix(const double *h, const double *q, double *out);
 long long one_link_mass_matrix_batch(size_t count, const double *h, const double *q, size_t q_step, double *out);
@@ -114,7 +113,6 @@ typedef struct {
 } one_link_drive;
 long long one_link_rollout(const double *h, const double *q, const double *v, const one_link_drive *drive, double dt, size_t steps, size_t every, int method, double *q_out, double *v_out);
 long long one_link_rollout_batch(size_t count, const double *h, const double *q, size_t q_step, const double *v, size_t v_step, const one_link_drive *drive, double dt, size_t steps, size_t every, int method, double *q_out, double *v_out);
-/* end of declarations */
 
 #ifdef __cplusplus
 }

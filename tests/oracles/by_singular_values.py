@@ -201,7 +201,7 @@ class ClosedLoops:
         free = self._moving
         a = np.where(free, 0.0, u)
         factors = self._factors(q, J, rank)
-        force = (u - kernel.inverse_dynamics(q, v, a, wrench=wrench))[free]
+        force = (u - kernel.inverse_dynamics(q, v, a, wrench=wrench, cut=True))[free]
         open_a = factors.back(np.linalg.solve(factors.L, force))
         missing = wanted - J @ a - factors.J @ open_a
         a[free] = open_a + factors.smallest(missing)
@@ -233,7 +233,7 @@ class ClosedLoops:
         J = kernel.constraint_jacobian(q)
         self._refuse_opening(a, J, kernel.constraint_bias(q, v), "opens at the accelerations", "those of its motion")
         names = self._driven(driven)
-        needed = kernel.inverse_dynamics(q, v, a, wrench=wrench)
+        needed = kernel.inverse_dynamics(q, v, a, wrench=wrench, cut=True)
         u, multipliers, left = least_drives(J, needed, [kernel.coordinates.index(name) for name in names])
         if left > OPEN * max(1.0, np.abs(needed).max()):
             raise LoopError(

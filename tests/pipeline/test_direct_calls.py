@@ -7,6 +7,7 @@ import shutil
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import eomgen
@@ -144,8 +145,8 @@ def test_the_key_names_all_that_the_module_depends_on(monkeypatch: pytest.Monkey
         ("UINT32_C(0x00800000))", "UINT32_C(0))", "is taken as it is"),
         ("if (compute(f, h, call, out) >= 0) return -1;", "(void)compute(f, h, call, out);", "is taken as it is"),
         (
-            "many_double : many_float)(&f->own, f->framed, call->reads, (size_t)call->states",
-            "many_double : many_float)(&f->own, f->framed, 1, 1",
+            "many_double : many_float)(call->codes[OWN], f->framed, call->reads, (size_t)call->states",
+            "many_double : many_float)(call->codes[OWN], f->framed, 1, 1",
             "twice",
         ),
     ],
@@ -198,7 +199,7 @@ def test_kernels_do_not_wait_for_the_module(empty_cache: Path, monkeypatch: pyte
     kernel.mass_matrix([0.2, 0.5])
     assert kernel.is_direct
     assert kernel.mass_matrix.is_armed is False  # type: ignore[attr-defined]
-    kernel.mass_matrix([0.2, 0.5])
+    kernel.mass_matrix(np.array([0.2, 0.5]))
     assert kernel.mass_matrix.is_armed  # type: ignore[attr-defined]
 
 

@@ -13,7 +13,7 @@ import pytest
 import eomgen
 from eomgen.errors import IntegrationStopped, SingularError
 from eomgen.runtime import many_steps
-from eomgen.runtime.raw import OneLibrary, RawFunction
+from eomgen.runtime.raw import STAGES, OneLibrary
 from tests.support.builds import Build
 
 pytestmark = pytest.mark.usefixtures("unoptimised")
@@ -56,13 +56,12 @@ def cut(kernel: eomgen.Kernel, operations: int, seen: list[int] | None = None, e
 
         return call
 
-    def changed(function: RawFunction) -> RawFunction:
-        return replace(function, operations=operations, code=watched(function.code), batch=watched(function.batch))
-
     own = kernel.raw.libraries.library("")
-    libraries = OneLibrary(own.ffi, own.lib, own.meta)
+    of_stages = max(operations // STAGES, 1)
+    counts = {name: {"mul": of_stages if name == "rollout" else operations} for name in own.meta["operations"]}
+    libraries = OneLibrary(own.ffi, own.lib, {**own.meta, "operations": counts})
     library = libraries.library("")
-    library.function = lambda name, entry: changed(own.function(name, entry))  # type: ignore[method-assign]
+    library.function = lambda name: watched(own.function(name))  # type: ignore[method-assign]
     other = eomgen.Kernel(libraries)
     other.threads = kernel.threads
     return other

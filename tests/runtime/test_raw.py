@@ -14,6 +14,9 @@ from eomgen.runtime import Kernel
 from tests.support.builds import Build
 from tests.support.random_robots import random_robot, with_random_loops
 
+CLOSED = {"forward_dynamics", "forward_dynamics_jacobian", "constraint_forces"} | {
+    f"{name}{ending}" for name in ("inverse_dynamics", "reactions", "loop_reactions") for ending in ("", "_under_load")
+}
 Q, V = np.array([0.02, 0.4]), np.array([0.3, -0.5])
 
 
@@ -35,11 +38,12 @@ def test_every_function_does_what_its_call_does(dtype: str, built: Build) -> Non
         pointer = kernel.parameters.setup.pointer(function.library)
         status = function.code(pointer, *(raw.view(x[0]) for x in arrays), *extra, raw.view(one))
         steps = [item for x in arrays for item in (raw.view(x), x[0].size)]
+        pointer = kernel.parameters.setup.pointer(function.where(batch=True))
         said = function.batch(3, pointer, *steps, *extra, raw.view(many))
-        if name in ("forward_dynamics", "constraint_forces"):  # the loop is open here
+        if name in CLOSED:  # the loop is open here
             assert kernel.n < status <= raw.statuses
             assert said == status - 1
-            with pytest.raises(LoopError, match="is open in state 0"):
+            with pytest.raises(LoopError, match=rf"^{name.removesuffix('_under_load')}: .* is open in state 0"):
                 kernel.calls.run(name, None, arrays, extra)
             continue
         assert (status, said) == (0, -1), name

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import ArrayError, SingularError
 from .arrays import Arrays, Lead, is_finite, joint_lead, place_of, rows_of
 from .direct import WRENCHED
-from .opened import open_loop
+from .opened import loop_error
 from .parameters import Parameters
 from .pieces import shared, states_at_once
 from .raw import RawFunction, RawKernel
@@ -25,6 +26,7 @@ from .singular import NEARLY, VANISHED, null_coordinates, singular_place
 Array = NDArray[Any]
 
 SHARE = 256  # states that are worth a thread of their own
+TREE = "tree_"  # begins the names of functions of the open tree
 ELIMINATED = (
     "either the links that it moves have no inertia along it, or an angle beta is at +-pi/2, where Euler angles are"
     " singular"
@@ -69,6 +71,10 @@ class Calls:
     def with_parameters(self, parameters: Parameters) -> Calls:
         """The same calls by other parameters of the same code, whose state has threads and checks."""
         return Calls(self.raw, parameters, self.arrays, self.prescribed)
+
+    def of_tree(self, name: str) -> str:
+        """The function that does for the open tree what one of that name does for the closed mechanism."""
+        return f"{TREE}{name}" if self.raw.libraries.meta.get("constraints") else name
 
     def run_with_wrench(
         self,
@@ -147,7 +153,10 @@ class Calls:
             if lead:
                 q, place = rows_of(q, (self.n,), lead), place_of([int(i) for i in np.unravel_index(state, lead)])
             if reason >= self.n:
-                raise open_loop(raw, name, reason - self.n, place, self._gap(reason - self.n, function, arrays, state))
+                rows = self._rows(function.reads, arrays, lead)[0] if lead else arrays
+                alone = [x[state] if x.ndim == 2 else x for x in rows]
+                given = dict(zip(function.reads, alone, strict=True))
+                raise loop_error(raw, name, reason - self.n, place, given, partial(self._asked, given))
             raise self.singular(name, reason, place, q[state] if q.ndim == 2 else q)
         if checks and not is_finite(result):
             raise self._overflow(name, result, function.reads, arrays)
@@ -200,9 +209,10 @@ class Calls:
             -1, or state * ``raw.statuses`` + i of the first failure.
         """
         setup, view = self.parameters.setup, self.raw.view  # which may be replaced by another one meanwhile
-        pointer = setup.pointer(function.library)
+        code = function.code if count is None else function.batch
+        pointer = setup.pointer(function.where(batch=count is not None))
         if count is None:
-            return int(function.code(pointer, *map(view, arrays), *extra, view(result))) - 1
+            return int(code(pointer, *map(view, arrays), *extra, view(result))) - 1
         size = states_at_once(function.operations)
 
         def work(first: int, end: int) -> Iterator[int]:
@@ -211,27 +221,17 @@ class Calls:
                 arguments: list[Any] = []
                 for array, step in zip(arrays, steps, strict=True):
                     arguments += [view(array[begin:last] if step else array), step]
-                failed = function.batch(last - begin, pointer, *arguments, *extra, view(result[begin:last]))
+                failed = code(last - begin, pointer, *arguments, *extra, view(result[begin:last]))
                 yield int(failed) + begin * self.raw.statuses if failed >= 0 else -1
 
         return shared(work, count, min(self.threads, count // SHARE))
 
-    def _gap(self, row: int, function: RawFunction, arrays: Sequence[Array], state: int) -> float:
-        """The gap that made a function fail, or its rate where ``row`` is beyond the constraints; NaN if unknown.
-
-        Args:
-            row: of the reasons behind those of the coordinates.
-            function, arrays: of the call.
-            state: the first that failed, of the broadcast ones.
-        """
-        given = dict(zip(function.reads, arrays, strict=True))
-        m = (self.raw.statuses - self.n) // 2
-        wanted = "constraint" if row < m else "constraint_jacobian"
-        if wanted not in self.raw.functions:
-            return math.nan
-        q, v = (x.reshape(-1, self.n)[state if x.size > self.n else 0] for x in (given["q"], given["v"]))
-        found = self.run(wanted, None, (q,))
-        return abs(float(found[row] if row < m else (found @ v)[row - m]))
+    def _asked(self, given: Mapping[str, Array], name: str) -> Array | None:
+        """Ask another function about a state, with zeros for what is not given; None where there is none."""
+        if name not in self.raw.functions:
+            return None
+        reads = self.raw.functions[name].reads
+        return self.run(name, None, [given.get(x, np.zeros(self.raw.shapes[x], self.dtype)) for x in reads])
 
     def array(self, label: str, value: ArrayLike, shape: tuple[int, ...]) -> tuple[Array, Lead]:
         """A value as a C-contiguous array of the kernel's dtype, and the axes in front of a state's.
@@ -277,10 +277,10 @@ class Calls:
         moving = [i for i, name in enumerate(self.coordinates) if name not in self.prescribed]
         if "mass_matrix" in self.raw.functions:
             M = self.run("mass_matrix", None, (q,))
-        elif "inverse_dynamics" in self.raw.functions:
+        elif (drives := self.of_tree("inverse_dynamics")) in self.raw.functions:
             zero = np.zeros(self.n, self.dtype)
-            M = self.run("inverse_dynamics", None, (q, zero, np.eye(self.n, dtype=self.dtype)))
-            M = M - self.run("inverse_dynamics", None, (q, zero, zero))
+            M = self.run(drives, None, (q, zero, np.eye(self.n, dtype=self.dtype)))
+            M = M - self.run(drives, None, (q, zero, zero))
         else:
             return None
         return np.asarray(M[np.ix_(moving, moving)])

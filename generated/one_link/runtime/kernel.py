@@ -21,6 +21,7 @@ from .closing import closed_positions, closed_rates
 from .closing import roots as found_roots
 from .direct import Face, functions
 from .many_steps import rollout
+from .opened import LOADED
 from .parameters import Parameters
 from .raw import Libraries, Operations, RawKernel
 
@@ -45,9 +46,10 @@ class Kernel:
         joints: names of the joints that move, in the order of ``reactions``.
         links: names of the links that move, in the order of ``wrench``.
         frames: names that ``frame_pose`` knows: frames, then links.
-        loops: mapping from the names of the loops to the types of their cut joints.  Where there are loops, every
-            kernel but the four of the constraint is that of the tree that is left when they are cut; ``eomgen.loops``
-            puts both together.
+        loops: mapping from the names of the loops to the types of their cut joints.  Where there are loops, they are
+            closed in ``forward_dynamics``, ``constraint_forces``, ``inverse_dynamics``, ``reactions``,
+            ``loop_reactions``, ``forward_dynamics_jacobian`` and ``rollout``, of which some know the tree that is left
+            when the loops are cut by ``cut=True``; all other methods are those of that tree.
         constraints: names of the constraint's components, such as "loop1.x".
         springs: names of the springs between two points, in the order of ``spring_forces``.
         cut_laws: names of the coordinates of cut joints that have a force ("pin4.x"), then of elastic couplings, in the
@@ -340,9 +342,25 @@ class Kernel:
         *,
         wrench: ArrayLike | None = None,
         out: Array | None = None,
+        cut: bool = False,
     ) -> Array:
-        """The drives u, (n,), N or N m, that make the residual zero."""
-        return self.calls.run_with_wrench("inverse_dynamics", out, (q, v, a), wrench)
+        """The drives u, (n,), N or N m, that make a motion: the residual is zero, or what the loops' forces make of it.
+
+        Of a robot with loops: M a + h = u + J^T lambda with u at the coordinates that have a drive alone, prescribed
+        ones among them, and 0 elsewhere; of several possible drives the least by the sum of their squares.
+
+        Args:
+            q, v, a: (n,), a motion that keeps the loops closed.
+            wrench: (links, 6) as in ``generalized_force``.
+            out: array to write to.
+            cut: of a robot with loops, that its loops are open: of the tree alone, at every coordinate.
+
+        Raises:
+            LoopError: a loop is open, opening, or opens at the accelerations, by more than 1e-9 (float32: 1e-5) m or
+                rad (per second and the largest rate; per second squared and the largest acceleration); or these drives
+                cannot make the motion.
+        """
+        return self._driving("inverse_dynamics", out, (q, v, a), wrench, cut=cut)
 
     def forward_dynamics(
         self,
@@ -357,7 +375,7 @@ class Kernel:
         """Accelerations, (n,), m/s^2 or rad/s^2, under the drives u.
 
         In ``u`` a prescribed coordinate has its acceleration, m/s^2 or rad/s^2, which the result repeats; the force
-        that this takes is ``inverse_dynamics`` at the result.
+        that this takes is ``inverse_dynamics`` at the result.  Loops are closed.
 
         Args:
             q, v, u: (n,).
@@ -372,9 +390,8 @@ class Kernel:
         """
         if wrench is not None:
             u = self._with_wrench(q, u, wrench)
-        return self.calls.run(
-            "tree_forward_dynamics" if cut and self.constraints else "forward_dynamics", out, (q, v, u)
-        )
+        name = "forward_dynamics"
+        return self.calls.run(self.calls.of_tree(name) if cut else name, out, (q, v, u))
 
     def constraint_forces(
         self, q: ArrayLike, v: ArrayLike, u: ArrayLike, *, wrench: ArrayLike | None = None, out: Array | None = None
@@ -428,18 +445,20 @@ class Kernel:
 
         The acceleration of a prescribed coordinate stands in ``u`` and depends on nothing else.
         Without external wrenches; where some are constant generalized forces, add them to ``u``.
+        With loops closed, da/du is what of the inverse mass matrix keeps them closed, and da/dq and da/dv are of the
+        smooth extension M a + h = u + J^T lambda, J a + J_dot v = 0, beyond the closed states too.  Where constraints
+        are redundant, they are sure along directions that keep the loops closed alone.
 
         Args:
             q, v, u: (n,).
             out: array (3, n, n) to write to; the result are views of it.
-            cut: of a robot with loops, that its loops are meant to be open.
+            cut: of a robot with loops, that its loops are open: of the tree alone.
 
         Raises:
-            SingularError: M cannot be inverted in this state.
-            InputError: the robot has loops, and they are not to be open.
+            SingularError, LoopError: as of ``forward_dynamics``.
         """
-        self.refuse_loops("forward_dynamics_jacobian", cut=cut)
-        return _three(self.calls.run("forward_dynamics_jacobian", out, (q, v, u)))
+        name = "forward_dynamics_jacobian"
+        return _three(self.calls.run(self.calls.of_tree(name) if cut else name, out, (q, v, u)))
 
     def euler_cosines(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """Cosine of beta of each joint with three angles, (joints,); 1 for other joints.
@@ -469,7 +488,7 @@ class Kernel:
         are the paper's M_i^sv and C_i^svw over all joints.
         """
         mass, christoffel = self.mass_matrix(q), self.christoffel(q)
-        survivors = self.raw.libraries.library("christoffel").meta["survivors"]
+        survivors = self.raw.libraries.about("christoffel")["survivors"]
         return make_blocks(mass, christoffel, survivors, self.coordinates)
 
     def frame_pose(self, q: ArrayLike, frame: str, *, out: Array | None = None) -> Array:
@@ -506,19 +525,60 @@ class Kernel:
 
         In the axes of the joint's frame after its motion (z is the principal axis), at that frame's origin.  The
         joint's own springs, dampers and drives are part of it.  Springs between points act on the links, so that what
-        they carry passes the joints by.
+        they carry passes the joints by.  The cut joints of loops act on them, too, by the forces of
+        ``loop_reactions``.
 
         Args:
             q, v, a: (n,).
             wrench: external wrenches, (links, 6), as in ``generalized_force``.
             out: array to write to.
-            cut: of a robot with loops, that no force passes through them.
+            cut: of a robot with loops, that its loops are open: no force passes through them.
 
         Raises:
-            InputError: the robot has loops, and forces pass through them.
+            LoopError: as of ``inverse_dynamics``.
         """
-        self.refuse_loops("reactions", cut=cut)
-        return self.calls.run_with_wrench("reactions", out, (q, v, a), wrench)
+        return self._driving("reactions", out, (q, v, a), wrench, cut=cut)
+
+    def loop_reactions(
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, wrench: ArrayLike | None = None, out: Array | None = None
+    ) -> Array:
+        """Wrench that each loop's cut joint exerts on its second link, (loops, 6): force (N), moment (N m).
+
+        At the origin and in the axes of the cut frame on that link; the first link feels the opposite.  Components
+        that the joint leaves free are zero, elastic ones what their laws say.  Where constraints are redundant, those
+        of them that rigid bodies do not determine have about the least norm.
+
+        Args:
+            q, v, a: (n,), a motion that keeps the loops closed, made by drives at the coordinates that have one.
+            wrench: (links, 6) as in ``generalized_force``.
+            out: array to write to.
+
+        Raises:
+            LoopError: as of ``inverse_dynamics``.
+            UnknownNameError: the robot has no loops.
+        """
+        if wrench is None or not self.constraints:
+            return self.calls.run("loop_reactions", out, (q, v, a))
+        return self.calls.run("loop_reactions_under_load", out, (q, v, a, self.external_force(q, wrench)))
+
+    def _driving(
+        self,
+        name: str,
+        out: Array | None,
+        values: tuple[ArrayLike, ...],
+        wrench: ArrayLike | None,
+        *,
+        cut: bool,
+    ) -> Array:
+        """What a motion takes, with its loops closed or cut; see ``Calls.run_with_wrench``."""
+        if cut or not self.constraints:
+            return self.calls.run_with_wrench(self.calls.of_tree(name), out, values, wrench)
+        if wrench is None:
+            return self.calls.run(name, out, values)
+        under = (*values, self.external_force(values[0], wrench))
+        if name != "reactions":
+            return self.calls.run(f"{name}{LOADED}", out, under)
+        return self.calls.run_with_wrench(f"{name}{LOADED}", out, under, wrench)
 
     def tangent(self, name: str, *arrays: ArrayLike, out: Array | None = None) -> Array:
         """The exact directional derivative of another kernel's result, by rates of what that kernel reads.
@@ -564,6 +624,21 @@ class Kernel:
     def cut_poses(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """Pose of frame b seen from frame a of each loop, (loops, 4, 4), m: the motion of the cut joint."""
         return self.calls.run("cut_poses", out, (q,))
+
+    def cut_coordinates(self, q: ArrayLike) -> Array:
+        """Coordinates of the loops' cut joints, (loops, 6): x, y, z (m), alpha, beta, gamma (rad) as of other joints.
+
+        They are those of frame b on a loop's second link, seen from frame a on its first, where the angles turn about
+        x, then y, then z; zero in what the joint blocks, where the loops are closed.
+        """
+        poses = self.cut_poses(q)
+        R = poses[..., :3, :3]
+        angles = (
+            np.arctan2(-R[..., 1, 2], R[..., 2, 2]),
+            np.arctan2(R[..., 0, 2], np.hypot(R[..., 0, 0], R[..., 0, 1])),
+            np.arctan2(-R[..., 0, 1], R[..., 0, 0]),
+        )
+        return np.concatenate([poses[..., :3, 3], np.stack(angles, axis=-1)], axis=-1)
 
     def close(self, q: ArrayLike, held: Iterable[str] = (), *, roots: int | None = None) -> Array:
         """Coordinates near a guess that close all loops, (n,); Levenberg and Marquardt's method.

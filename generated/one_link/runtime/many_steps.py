@@ -81,7 +81,8 @@ def rollout(
         if reason >= calls.n:
             what = f"{stays_open(calls.raw, reason - calls.n)}{place};{ADVICE}"
             raise _stopped(calls, result, state, every * dt, 0, what, trouble)
-        if trouble is None and not _begins_well(calls, alone, drives, gains, dt, step, METHODS[method]):
+        one = None if count is None else 1  # by the same code
+        if trouble is None and not _begins_well(calls, alone, drives, gains, dt, step, METHODS[method], one):
             raise calls.singular("rollout", reason, place, None if step else alone[0][0])
         what = f"no acceleration{place}, though there is one where it begins;{ADVICE}"
         raise _stopped(calls, result, state, every * dt, reason, what, trouble)
@@ -270,9 +271,11 @@ def _call(
         count: the number of states; None for a single one.
         result: q and v, (rows, n) or (count, rows, n); written.
     """
-    assert calls.raw.rollout is not None
+    rollout = calls.raw.rollout
+    assert rollout is not None
+    rollout.where(batch=count is not None)  # compiled before work is shared out
     stored = result if count is not None else (result[0][np.newaxis], result[1][np.newaxis])
-    run = _Run(calls, calls.raw.rollout, starts, drives, gains, how, count is None, stored)
+    run = _Run(calls, rollout, starts, drives, gains, how, count is None, stored)
     return shared(run.pieces, 1 if count is None else count, min(calls.threads, (count or 0) // SHARE))
 
 
@@ -359,7 +362,7 @@ class _Run:
             here = view(array.reshape(-1)[first * of_state + begin * of_step :])
             fields |= {name: here, f"{name}_state": of_state, f"{name}_step": of_step}
         fields |= zip(("kp", "kd"), map(view, self.gains), strict=False)
-        library = self.function.library
+        library = self.function.where(batch=not self.single)
         pointer, drive = self.calls.parameters.setup.pointer(library), library.drive(**fields)
         how, outs = (dt, end - begin, every, method), [view(x) for x in ends]
         if self.single:
@@ -399,16 +402,21 @@ def _begins_well(
     dt: float,
     step: int,
     method: int,
+    one: int | None,
 ) -> bool:
-    """True if there are accelerations at the q where a step that failed begins, so that dt is to blame."""
+    """True if there are accelerations at the q where a step that failed begins, so that dt is to blame.
+
+    ``one`` is the number of states, None for a single one that is no batch.
+    """
     (q, _), n = starts[0], calls.n
+    shape = (2, n) if one is None else (1, 2, n)
+    ends = np.empty(shape, calls.dtype), np.empty(shape, calls.dtype)
     if step > 0:
-        ends = np.empty((2, n), calls.dtype), np.empty((2, n), calls.dtype)
-        if _call(calls, starts, drives, gains, (dt, step, step, method), None, ends) >= 0:
+        if _call(calls, starts, drives, gains, (dt, step, step, method), one, ends) >= 0:
             return True
-        q = ends[0][1]
+        q = ends[0].reshape(2, n)[1].copy()
     if not (np.abs(q) < FAR).all():
         return True
-    still, ends = np.zeros(n, calls.dtype), (np.empty((2, n), calls.dtype), np.empty((2, n), calls.dtype))
+    still = np.zeros(n, calls.dtype)
     once = 1e-9 * dt, 1, 1, METHODS["implicit"]  # it asks for accelerations at q alone
-    return _call(calls, [(q, 0), (still, 0)], [(still, 0, 0)], (), once, None, ends) < 0
+    return _call(calls, [(q, 0), (still, 0)], [(still, 0, 0)], (), once, one, ends) < 0

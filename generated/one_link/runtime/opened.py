@@ -1,10 +1,12 @@
-"""Loops that are open where they should be closed, as errors say it.
+"""What closed mechanisms refuse, as errors say it: loops that are open or opening, and drives that do not hold them.
 
 A generated package carries a copy of this file.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -13,26 +15,75 @@ from numpy.typing import NDArray
 from ..errors import LoopError
 from .raw import RawKernel
 
+Array = NDArray[Any]
+Ask = Callable[[str], "Array | None"]  # what a function says of the state; None where the kernel has none of that name
 
-def open_loop(raw: RawKernel, name: str, row: int, place: str, gap: float) -> LoopError:
-    """The error that says that a function was asked about a state in which a loop is open, or opening.
+LOADED = "_under_load"  # ends the names of functions that methods call where there are wrenches
+WHOLE = ("constraint_forces", "loop_reactions")  # that the open tree has nothing of
+KINDS = (  # of gaps: what it is, per which time, and what is allowed
+    ("is open", "", "q of kernel.close"),
+    ("is opening", "/s", "v of kernel.close_rates"),
+    ("opens at the accelerations", "/s^2", "those of a motion that keeps it closed"),
+)
+
+
+def loop_error(raw: RawKernel, name: str, reason: int, place: str, given: Mapping[str, Array], ask: Ask) -> LoopError:
+    """The error that says why a function refuses a state of a closed mechanism, or a motion.
 
     Args:
         raw: the functions.
         name: the function.
-        row: of the constraint; as many more as there are constraints where its rate is meant.
+        reason: behind those of the coordinates' pivots, as ``RawKernel.statuses`` counts them.
         place: what follows, such as " in state 3".
-        gap: m or rad, or per second.
+        given: what the function got, for that state alone.
+        ask: about that state.
     """
-    component, loop, is_rate = _component(raw, row)
-    unit = _unit(component) + ("/s" if is_rate else "")
-    what = "is opening" if is_rate else "is open"
-    allowed = "v of kernel.close_rates" if is_rate else "q of kernel.close"
+    name = name.removesuffix(LOADED)
+    tree = "" if name in WHOLE else ", or cut=True for the open tree"
+    names = raw.libraries.meta["constraints"]
+    kind, row = divmod(reason, len(names))
+    if kind >= len(KINDS):
+        return _not_held(raw, f"{name}: {raw.name}", reason - len(KINDS) * len(names), place, ask, tree)
+    what, per, allowed = KINDS[kind]
+    component, gap = names[row], _gap(ask, given, kind, row)
+    loop = component.partition(".")[0]
     return LoopError(
-        f"{name}: {raw.name}: {_kind(component)} {loop} {what}{place}: {component} is left with {gap:.3g} {unit};"
-        f" allowed: {allowed}, or cut=True for the open tree",
+        f"{name}: {raw.name}: {_kind(component)} {loop} {what}{place}: {component} is left with"
+        f" {gap:.3g} {_unit(component)}{per}; allowed: {allowed}{tree}",
         loop=loop,
         gap=gap,
+    )
+
+
+def _gap(ask: Ask, given: Mapping[str, Array], kind: int, row: int) -> float:
+    """The size of a component of the constraint, of its rate, or of its acceleration; NaN if unknown."""
+    g = ask("constraint" if kind == 0 else "constraint_jacobian")
+    bias = ask("constraint_bias") if kind == 2 else None
+    if g is None or (kind == 2 and bias is None):
+        return math.nan
+    gap = g[row] if kind == 0 else g[row] @ given["va"[kind - 1]]
+    return abs(float(gap if bias is None else gap + bias[row]))
+
+
+def _not_held(raw: RawKernel, title: str, i: int, place: str, ask: Ask, tree: str) -> LoopError:
+    """The error that says that a coordinate without a drive needs a force."""
+    meta = raw.libraries.meta
+    coordinates, m = meta["coordinates"], len(meta["constraints"])
+    driven = [x for k, x in enumerate(coordinates) if k in meta["driven"] or x in meta["prescribed"]]
+    found, jacobian = ask("constrained_drives"), ask("constraint_jacobian")
+    left = math.nan if found is None else float(np.abs(found[len(coordinates) + 5 * m :][: len(coordinates)]).max())
+    loop, freedoms = meta["constraints"][0].partition(".")[0], ""
+    if jacobian is not None:
+        moving = [k for k, x in enumerate(coordinates) if x not in meta["prescribed"]]
+        sizes = np.linalg.svd(jacobian[:, moving], compute_uv=False)
+        rank = np.count_nonzero(sizes > sizes.max(initial=0.0) * math.sqrt(np.finfo(raw.dtype).eps))
+        freedoms = f"{len(moving) - rank} "
+        loop = meta["constraints"][int(np.abs(jacobian[:, i]).argmax())].partition(".")[0]
+    return LoopError(
+        f"{title}: drives at {', '.join(driven) or 'none'} cannot make this motion{place}: {left:.3g} N or N m are left"
+        f" at {coordinates[i]}; allowed: drives that hold all {freedoms}degrees of freedom{tree}",
+        loop=loop,
+        gap=left,
     )
 
 
@@ -46,8 +97,8 @@ def left_open(raw: RawKernel, gaps: NDArray[Any], what: str, allowed: str, per: 
         per: "" or the unit of time that the gaps are by, such as "/s".
     """
     worst = int(np.abs(gaps).argmax())
-    component, loop, _ = _component(raw, worst)
-    gap = float(abs(gaps[worst]))
+    component = raw.libraries.meta["constraints"][worst]
+    loop, gap = component.partition(".")[0], float(abs(gaps[worst]))
     return LoopError(
         f"{raw.name}: {_kind(component)} {loop} {what}: {component} is left with {gap:.3g} {_unit(component)}{per};"
         f" allowed: {allowed}",
@@ -58,15 +109,9 @@ def left_open(raw: RawKernel, gaps: NDArray[Any], what: str, allowed: str, per: 
 
 def stays_open(raw: RawKernel, row: int) -> str:
     """Say which loop a step could not close again."""
-    component, loop, _ = _component(raw, row)
-    return f"{_kind(component)} {loop} does not stay closed at {component}"
-
-
-def _component(raw: RawKernel, row: int) -> tuple[str, str, bool]:
-    """Name of the constraint of a row, its loop, and whether the row is that of its rate."""
     names = raw.libraries.meta["constraints"]
     component = names[row % len(names)]
-    return component, component.partition(".")[0], row >= len(names)
+    return f"{_kind(component)} {component.partition('.')[0]} does not stay closed at {component}"
 
 
 def _kind(component: str) -> str:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
 from numpy.typing import NDArray
 
 from ..errors import InputError, UnknownNameError
+from ..runtime.calls import TREE
 from ..runtime.kernel import Kernel
 from . import rules
 
@@ -24,7 +25,7 @@ class Entry:
     result: name of its result.
     kernels: what it and its derivatives take.
     rule: how its derivatives follow from these.
-    passes_loops: whether forces in the loops of a robot are part of it.
+    passes_loops: whether forces in the loops of a robot are part of it; then there is one of the open tree, too.
     """
 
     reads: tuple[str, ...]
@@ -47,6 +48,7 @@ FUNCTIONS: Mapping[str, Entry] = MappingProxyType(
             "u",
             ("inverse_dynamics", "residual_jacobian"),
             rules.ByKernel("residual_jacobian"),
+            passes_loops=True,
         ),
         "forward_dynamics": Entry(
             ("q", "v", "u"),
@@ -69,6 +71,7 @@ FUNCTIONS: Mapping[str, Entry] = MappingProxyType(
         "constraint": Entry(("q",), "g", ("constraint", "constraint_jacobian"), rules.ByKernel("constraint_jacobian")),
     }
 )
+CLOSED = ("inverse_dynamics", "forward_dynamics", "forward_dynamics_jacobian")  # that there are of the tree, too
 FRAMES = tuple(name for name, entry in FUNCTIONS.items() if entry.rule.framed)
 
 
@@ -85,6 +88,13 @@ def _entry(name: str) -> Entry:
     if name not in FUNCTIONS:
         raise UnknownNameError(f"function: {name!r} is unknown; allowed: {', '.join(FUNCTIONS)}")
     return FUNCTIONS[name]
+
+
+def _of_tree(entry: Entry) -> Entry:
+    """The entry of the same function of a robot with its loops cut."""
+    kernels = tuple(f"{TREE}{name}" if name in CLOSED else name for name in entry.kernels)
+    by = entry.rule.kernel
+    return replace(entry, kernels=kernels, rule=rules.ByKernel(f"{TREE}{by}" if by in CLOSED else by))
 
 
 class DifferentiableFunction:
@@ -106,6 +116,9 @@ class DifferentiableFunction:
 
     def __init__(self, kernel: Kernel, name: str, frame: str | None = None, *, cut: bool = False) -> None:
         entry = _entry(name)
+        if entry.passes_loops and kernel.loops:
+            kernel.refuse_loops(name, cut=cut)
+            name, entry = f"{TREE}{name}", _of_tree(entry)
         missing = [needed for needed in entry.kernels if needed not in kernel.operations]
         if missing:
             raise UnknownNameError(
@@ -114,8 +127,6 @@ class DifferentiableFunction:
         if entry.rule.framed != (frame is not None):
             wanted = f"one of {', '.join(kernel.frames)}" if entry.rule.framed else "none"
             raise InputError(f"frame: {name} got {frame!r}; allowed: {wanted}")
-        if entry.passes_loops:
-            kernel.refuse_loops(name, cut=cut)
         self.kernel, self.name, self.frame, self.rule = kernel.together(*entry.kernels), name, frame, entry.rule
         self._extra = () if frame is None else (kernel.frame_index(frame),)
         self.reads, self.result = entry.reads, entry.result

@@ -81,7 +81,7 @@ def rest(
     inertia = np.maximum(np.diagonal(kernel.residual_jacobian(q, zero, zero)[2]), 1e-12)
     tau, before = FIRST, np.inf
     for _ in range(STEPS):
-        force = kernel.inverse_dynamics(q, zero, zero) - load_force(kernel, q, loads) + springs * (q - target)
+        force = kernel.inverse_dynamics(q, zero, zero, cut=True) - load_force(kernel, q, loads) + springs * (q - target)
         multipliers, closing = _constraint(kernel, q, force, still)
         found = tangent(kernel, q, zero, zero, loads, multipliers)
         basis, _ = moving_basis(kernel, q, ~still)
@@ -126,7 +126,7 @@ def _found(
     kernel: Kernel, q: Array, target: Array, springs: Array, still: NDArray[np.bool_], loads: Mapping[str, Array]
 ) -> RestState:
     zero = np.zeros(kernel.n)
-    needed = kernel.inverse_dynamics(q, zero, zero) - load_force(kernel, q, loads)
+    needed = kernel.inverse_dynamics(q, zero, zero, cut=True) - load_force(kernel, q, loads)
     multipliers, _ = _constraint(kernel, q, needed + springs * (q - target), still)
     reaction = kernel.constraint_jacobian(q).T @ multipliers if kernel.constraints else zero
     u = np.where(still, needed - reaction, -springs * (q - target))

@@ -49,11 +49,11 @@ def moving_system(arm: HeldRobot, q: Array, v: ArrayLike, a: ArrayLike | None, u
     if u is None:
         acceleration = wanted
     else:
-        missing = wanted + dead - kernel.inverse_dynamics(q, rates, 0 * q)
+        missing = wanted + dead - kernel.inverse_dynamics(q, rates, 0 * q, cut=True)
         M, free = kernel.residual_jacobian(q, rates, 0 * q)[2], ~arm.fixation.locked
         acceleration = np.zeros(kernel.n)
         acceleration[free] = np.linalg.solve(M[np.ix_(free, free)], missing[free])
-    forces = kernel.inverse_dynamics(q, rates, acceleration) - dead
+    forces = kernel.inverse_dynamics(q, rates, acceleration, cut=True) - dead
     found = tangent(kernel, q, rates, acceleration, arm.loads)
     return reduced(kernel, q, rates, acceleration, forces, found, _unsaid(arm), _notes(kernel, q))
 

@@ -97,7 +97,7 @@ class System:
             u[self._given] = self.prescribe(t, q, v)
             wrench = self.wrench(t, q, v)
             a = self.kernel.forward_dynamics(q, v, u, wrench=wrench)
-            u[self._given] = self.kernel.inverse_dynamics(q, v, a, wrench=wrench)[self._given]
+            u[self._given] = self.kernel.inverse_dynamics(q, v, a, wrench=wrench, cut=True)[self._given]
         return u
 
     def drives(self, t: float, q: Array, v: Array) -> Array:
@@ -189,7 +189,7 @@ class System:
         q, v, a = y[:n], y[n:], slopes[n:].copy()
         given = self.prescribe(t, q, v)
         wrench = self.wrench(t, q, v)
-        result = np.concatenate([slopes[:n] - v, self.kernel.inverse_dynamics(q, v, a, wrench=wrench)])
+        result = np.concatenate([slopes[:n] - v, self.kernel.inverse_dynamics(q, v, a, wrench=wrench, cut=True)])
         result[n:] -= self.drives(t, q, v)
         if self._given:
             result[n:][self._given] = a[self._given] - given
@@ -230,7 +230,7 @@ class System:
                 forces = kernel.external_force(qs[: n + 1], wrench)
                 result[:, :n] -= (forces[1:] - forces[0]).T / steps[:n]
         else:
-            forces = kernel.inverse_dynamics(qs, vs, a, wrench=wrench)
+            forces = kernel.inverse_dynamics(qs, vs, a, wrench=wrench, cut=True)
             result, M = (forces[1:] - forces[0]).T / steps, kernel.mass_matrix(q)
         if self._drive is not None:
             result -= self._drive_slopes(t, qs, vs, steps)

@@ -72,7 +72,8 @@ def _wrong(module: ModuleType, dtype: np.dtype[Any]) -> Iterator[str]:
     bound: dict[str, Any] = {}
     module.bind((function,), kept, state, bound)
     call = bound["doubled"]
-    function.arm("own", kept, 0, code, batch, setup, 1, 1.0, 16)
+    for many, address in ((False, code), (True, batch)):
+        function.arm("own", many, kept, int(many), address, setup, 1, 1.0, 16)
     for numbers in PLAIN:
         given = np.array(numbers, dtype)
         out = np.empty(4, dtype)

@@ -9,9 +9,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from ..codegen.kernels.signatures import BATCHES, SINGLES
 from ..errors import UnknownNameError
 from ..progress import StageReport, no_report
-from ..runtime.raw import SETUP, Library, OneLibrary
+from ..runtime.raw import BATCH, SETUP, Library, OneLibrary
 from . import cache as store
 from .direct_calls import settle
 from .load import load_module
@@ -48,41 +49,68 @@ def _loaded(package: store.Entry, name: str) -> tuple[Any, Any, dict[str, Any]]:
 class OnDemand:
     """Libraries of a robot's kernels: each is made, or taken from the cache, when it is first asked for.
 
-    Two threads that ask for one kernel wait for the same build, those that ask for two kernels build side by side.
+    A kernel has two: one with its functions for one state, and one with those for batches.  Two threads that ask for
+    the same wait for one build, those that ask for two build side by side.
 
     Attributes:
         meta: what users see of the kernels.
-        package_of: gives the compiled package of kernels by their names, all if there are none, and tells its stages.
-        source_of: the same for their C.
+        package_of: gives the compiled package of kernels by their names, all if there are none, of one half of their
+            code, or of both without a name, and tells its stages.
+        source_of: gives the C of kernels, with both halves.
         progress: called with a line of text when a stage begins; without one a terminal sees which kernel is built.
+        groups: by the name of a half, kernels whose halves are in one library.
     """
 
     meta: Mapping[str, Any]
-    package_of: Callable[[Names, StageReport], store.Entry]
+    package_of: Callable[[Names, str, StageReport], store.Entry]
     source_of: Callable[[Names, StageReport], Source]
     progress: StageReport = no_report
-    _found: dict[str, Library] = field(default_factory=dict)
-    _locks: dict[str, threading.Lock] = field(default_factory=dict)
+    groups: Mapping[str, Names] = field(default_factory=dict)
+    _found: dict[tuple[Names, str], Library] = field(default_factory=dict)
+    _locks: dict[tuple[Names, str], threading.Lock] = field(default_factory=dict)
 
-    def library(self, kernel: str) -> Library:
-        """The library of one kernel.
+    def library(self, kernel: str, function: str = "") -> Library:
+        """The library with a function of C of a kernel; without a name with those for one state.
 
         Raises:
             BuildError: it does not compile, or computes something else than the equations.
         """
-        with self._locks.setdefault(kernel, threading.Lock()):
-            if kernel not in self._found:
-                package = self.package_of((kernel,), self._report(kernel))
-                self._found[kernel] = Library(*_loaded(package, self._name))
+        report = self._report(f"{kernel} for batches" if function.endswith(BATCH) else kernel)
+        half = self._half(kernel, function, report)
+        place = self._names(kernel, half), half
+        with self._locks.setdefault(place, threading.Lock()):
+            if place not in self._found:
+                package = self.package_of(*place, report)
+                self._found[place] = Library(*_loaded(package, self._name))
                 settle(self.progress)
-            return self._found[kernel]
+            return self._found[place]
 
-    def operations(self, kernel: str) -> Mapping[str, int]:
-        """Operations of the C of a kernel; it is derived for that, but not compiled."""
+    def _half(self, kernel: str, function: str, report: StageReport) -> str:
+        """The half of a kernel's code that has a function; batches that are loops are in that of one state."""
+        if not function.endswith(BATCH):
+            return SINGLES
+        halves: Mapping[str, Names] = self._meta(kernel, report)["halves"]
+        return next(half for half, names in halves.items() if function in names)
+
+    def _names(self, kernel: str, half: str) -> Names:
+        """Kernels that are in one library with a half of this one."""
+        group = self.groups.get(half, ())
+        return group if kernel in group else (kernel,)
+
+    def about(self, kernel: str) -> Mapping[str, Any]:
+        """Metadata of the C of a kernel; it is derived for that, but not compiled."""
+        return self._meta(kernel, no_report)
+
+    def _meta(self, kernel: str, report: StageReport) -> Mapping[str, Any]:
         if kernel == SETUP:
-            return self._counts((), SETUP)
-        found = self._found.get(kernel)
-        return dict(found.meta["operations"][kernel]) if found else self._counts((kernel,), kernel)
+            return self._read((), report)
+        places = [(self._names(kernel, half), half) for half in (SINGLES, BATCHES)]
+        found = [self._found[place].meta for place in places if place in self._found]
+        return found[0] if found else self._read(places[1][0], report)
+
+    def _read(self, kernels: Names, report: StageReport) -> Mapping[str, Any]:
+        meta: dict[str, Any] = json.loads(self.source_of(kernels, report).meta)
+        return meta
 
     def source(self, file: str) -> str:
         """Text of NAME.h, NAME.c or NAME.json with all kernels but tangents."""
@@ -101,17 +129,13 @@ class OnDemand:
             if name not in self.meta["kernels"]:
                 known = ", ".join(self.meta["kernels"])
                 raise UnknownNameError(f"{name!r} is no kernel of {self._name}; known: {known}")
-        return one_library(self.package_of(kernels, self.progress), self._name)
+        return one_library(self.package_of(kernels, "", self.progress), self._name)
 
     @property
     def _name(self) -> str:
         return str(self.meta["name"])
 
-    def _counts(self, kernels: Names, name: str) -> dict[str, int]:
-        found: dict[str, int] = json.loads(self.source_of(kernels, no_report).meta)["operations"][name]
-        return found
-
-    def _report(self, kernel: str) -> StageReport:
+    def _report(self, what: str) -> StageReport:
         """Give a function that tells of a build: the caller's, or one that writes a line to a terminal."""
         if self.progress is not no_report or not sys.stderr.isatty():
             return self.progress
@@ -119,7 +143,7 @@ class OnDemand:
 
         def tell(_: str) -> None:
             if not told:
-                told.append(kernel)
-                print(f"eomgen: building {kernel} of {self._name}", file=sys.stderr, flush=True)
+                told.append(what)
+                print(f"eomgen: building {what} of {self._name}", file=sys.stderr, flush=True)
 
         return tell

@@ -17,9 +17,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..codegen.kernels.signatures import BATCHES, SINGLES
 from ..codegen.samples.stored import MEASURED, STATES, read_samples
 from ..errors import BuildError
-from ..runtime.raw import OneLibrary, RawFunction, RawKernel
+from ..runtime.raw import BATCH, OneLibrary, RawFunction, RawKernel
 from . import cache as store
 from .load import fresh_module, keep_module
 
@@ -57,13 +58,14 @@ def check_package(
     from ..codegen.package.probe import refusal
 
     meta, expected = json.loads(source.meta), read_samples(samples)
+    halves = [source.half] if source.half else list(meta["halves"])
     loaded: list[Any] = []
 
     def load() -> Any:
         loaded.append(fresh_module(package, source.name))
         return loaded[0]
 
-    wrong = first_difference(load, meta, expected, bits=not fuses(flags))
+    wrong = first_difference(load, meta, expected, bits=not fuses(flags), halves=halves)
     if wrong is not None:
         reason = f"the compiled kernels of {source.name} compute something else than their equations: {wrong}"
         raise BuildError(refusal(reason, (*compiler.command, *flags, f"{source.name}.c")))
@@ -71,7 +73,11 @@ def check_package(
 
 
 def first_difference(
-    load: Callable[[], Any], meta: Mapping[str, Any], samples: Mapping[str, Array], bits: bool
+    load: Callable[[], Any],
+    meta: Mapping[str, Any],
+    samples: Mapping[str, Array],
+    bits: bool,
+    halves: Sequence[str] = (SINGLES, BATCHES),
 ) -> Difference | None:
     """The first answer of a compiled module that is wrong, or None.
 
@@ -80,21 +86,24 @@ def first_difference(
         meta: metadata of its package.
         samples: what it must answer.
         bits: whether the compiler may not fuse multiply-adds; then answers are equal to the bit.
+        halves: of the code that the module has.
     """
     from ..codegen.package.probe import in_new_thread
 
     def work() -> Difference | None:
         module = load()
         with np.errstate(all="ignore"):
-            return next(_Examination(OneLibrary(module.ffi, module.lib, meta), samples, bits).differences(), None)
+            library = OneLibrary(module.ffi, module.lib, meta)
+            return next(_Examination(library, samples, bits, halves).differences(), None)
 
     return in_new_thread(work)
 
 
 class _Examination:
-    """Asks all functions of a kernel; one number of every answer that is wrong is told."""
+    """Asks all functions of a library; one number of every answer that is wrong is told."""
 
-    def __init__(self, libraries: OneLibrary, samples: Mapping[str, Array], bits: bool) -> None:
+    def __init__(self, libraries: OneLibrary, samples: Mapping[str, Array], bits: bool, halves: Sequence[str]) -> None:
+        self.known = {name for half in halves for name in libraries.meta["halves"][half]}
         self.libraries, self.raw, self.samples, self.bits = libraries, RawKernel(libraries), samples, bits
         self.h = self._pointer(samples["h"])
         self.least = 65536.0 * float(
@@ -105,8 +114,10 @@ class _Examination:
         """All answers that are wrong."""
         yield from self._of_setup()
         for function in self.raw.functions.values():
-            yield from self._of_single_states(function)
-            yield from self._of_batches(function)
+            if function.name in self.known:
+                yield from self._of_single_states(function)
+            if f"{function.name}{BATCH}" in self.known:
+                yield from self._of_batches(function)
         if self.raw.rollout is not None and self.raw.rollout.name in self.samples:
             yield from self._of_steps(self.raw.rollout)
 
@@ -155,9 +166,11 @@ class _Examination:
         for method, state in np.ndindex(self.samples[f"{rollout.name} status"].shape):
             failing = self.samples[f"{rollout.name} status"][method, state] != 0
             q, u = (_filled(self.samples[name][state]) for name in ("q", "u"))
-            drive = rollout.library.drive(u=self.raw.view(u))
+            drive = self.libraries.library(rollout.kernel).drive(u=self.raw.view(u))
             v = self._pointer(np.zeros(n))
-            for call, suffix in ((self._one, ""), (self._batch_of_one, "_batch")):
+            for call, suffix in ((self._one, ""), (self._batch_of_one, BATCH)):
+                if f"{rollout.name}{suffix}" not in self.known:
+                    continue
                 moved = np.zeros((2, 2 * n), self.raw.dtype)
                 code = call(rollout, (self.raw.view(q), v), n, drive, dt, int(method), moved)
                 if (code == -1) == failing:

@@ -16,13 +16,14 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal
 
 from .._version import __version__
-from ..codegen.kernels.signatures import DTYPES, KERNELS, available
+from ..codegen.kernels.signatures import DTYPES, KERNELS, available, with_beside
 from ..description import RobotLike, as_robot
 from ..errors import InputError
 from ..files import read_regular
@@ -65,6 +66,8 @@ class Options:
         of which the best is chosen where the package is loaded.  All give the same bits.
     flags: further compiler flags, behind those of $CFLAGS; none that give up IEEE arithmetic.
     batches: with functions for several states in one call; Python's kernels need them.
+    quick: compile in two thirds of the time, for calls from Python; code that stores much, such as a mass matrix, may
+        be slower by half.
     """
 
     kernels: tuple[str, ...] = ()
@@ -73,6 +76,7 @@ class Options:
     flags: tuple[str, ...] = ()
     batches: bool = True
     level: str = ""
+    quick: bool = False
 
     def __post_init__(self) -> None:
         for name in self.kernels:
@@ -124,9 +128,14 @@ def _at_once(robot: Robot, options: Options, progress: StageReport = no_report) 
     from ..codegen.package.compile import find_compiler
 
     compiler = find_compiler()
-    fixed = replace(options, level=build_level(options, compiler))
+    fixed = _with_beside(robot, replace(options, level=build_level(options, compiler)))
     package = make_package(robot, fixed, progress, compiler)
     return _loaded_again(package, robot, options, fixed.level)
+
+
+def _with_beside(robot: Robot, options: Options) -> Options:
+    """The options with the kernels that come with those that are asked for."""
+    return replace(options, kernels=with_beside(options.kernels, build_model(robot)))
 
 
 def _loaded_again(package: store.Entry, robot: Robot, options: Options, level: str) -> Kernel:
@@ -134,7 +143,25 @@ def _loaded_again(package: store.Entry, robot: Robot, options: Options, level: s
     return load_kernel(package, robot.name, (built_again, (robot, options, package.key, __version__, level)))
 
 
-def _on_demand(robot: Robot, options: Options, progress: StageReport = no_report) -> Kernel:
+def build_groups(robot: Robot, groups: Mapping[str, tuple[str, ...]], progress: StageReport = no_report) -> Kernel:
+    """``build`` without names, quickly, for who knows which functions will be called for one state, which for batches.
+
+    Args:
+        robot, progress: as of ``build``.
+        groups: kernels whose "singles", and kernels whose "batches" are compiled together.
+
+    Raises:
+        BuildError: see ``build``.
+    """
+    return _on_demand(robot, Options(quick=True), progress, groups)
+
+
+def _on_demand(
+    robot: Robot,
+    options: Options,
+    progress: StageReport = no_report,
+    groups: Mapping[str, tuple[str, ...]] = MappingProxyType({}),
+) -> Kernel:
     """A kernel whose functions are built when they are first asked for, by the compiler that is here now."""
     from ..codegen.kernels.interface import describe_kernels
     from ..codegen.package.compile import find_compiler
@@ -143,13 +170,14 @@ def _on_demand(robot: Robot, options: Options, progress: StageReport = no_report
     fixed = replace(options, level=build_level(options, compiler))
     build_flags(fixed, compiler)
 
-    def package_of(names: tuple[str, ...], report: StageReport) -> store.Entry:
-        return make_package(robot, replace(fixed, kernels=names), report, compiler)
+    def package_of(names: tuple[str, ...], half: str, report: StageReport) -> store.Entry:
+        return make_package(robot, replace(fixed, kernels=names), report, compiler, half)
 
     def source_of(names: tuple[str, ...], report: StageReport) -> Source:
         return make_source(robot, replace(options, kernels=names), report)
 
-    libraries = OnDemand(describe_kernels(model, available(model), options.dtype), package_of, source_of, progress)
+    meta = describe_kernels(model, available(model), options.dtype)
+    libraries = OnDemand(meta, package_of, source_of, progress, groups)
     return Kernel(libraries, (built_again, (robot, options, "", __version__)), direct_calls.begin(compiler))
 
 
@@ -198,7 +226,8 @@ def generate(
         InputError: the target exists and is not a generated package, or the folder cannot be written.
         BuildError: see ``build``.
     """
-    robot, folder, options = as_robot(robot), Path(folder), options or Options()
+    robot, folder = as_robot(robot), Path(folder)
+    options = _with_beside(robot, options or Options())
     files = _files_of_levels(robot, options, progress)
     target = folder / robot.name
     _check_target(target, target)
@@ -258,13 +287,18 @@ def _check_target(place: Path, target: Path) -> None:
 
 
 def make_package(
-    robot: Robot, options: Options, progress: StageReport = no_report, compiler: Compiler | None = None
+    robot: Robot,
+    options: Options,
+    progress: StageReport = no_report,
+    compiler: Compiler | None = None,
+    half: str = "",
 ) -> store.Entry:
     """The compiled package of a robot's kernels, made or from the cache.
 
     Args:
         robot, options, progress: as of ``generate``; a level may be beyond this processor, and none is the best here.
         compiler: that of the environment if None.
+        half: of the code, see ``Source.only``; both without a name.
 
     Raises:
         BuildError: see ``build``.
@@ -274,7 +308,7 @@ def make_package(
     compiler = compiler or find_compiler()
     direct_calls.begin(compiler)
     derived = _derived(robot, options, progress)
-    source = _source(derived)
+    source = _source(derived).only(half)
     flags = build_flags(options, compiler)
     level = NATIVE if options.native else options.level or build_level(options, compiler)
     tried = level == NATIVE or level in allowed_levels()
@@ -314,7 +348,7 @@ def build_flags(options: Options, compiler: Compiler) -> tuple[str, ...]:
     from ..codegen.package.compile import compile_flags
 
     level = options.level or build_level(options, compiler) or BASE
-    return compile_flags(compiler, options.native, options.flags, level)
+    return compile_flags(compiler, options.native, options.flags, level, options.quick)
 
 
 def make_source(robot: Robot, options: Options, progress: StageReport = no_report) -> Source:

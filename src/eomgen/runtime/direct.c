@@ -1,15 +1,16 @@
 /* Methods of kernels as callables in C: calls with plain arrays go from Python to the compiled function at once.
  *
  * Nothing here knows a robot.  A Function is what one method of all kernels of a package does: the method in Python,
- * the names, roles and shapes of its parameters, and, once it is armed, the address of its code.  A State is what may
- * change of one kernel: its parameters, checks and threads.  A Direct is the method of one kernel: a Function and a
- * State, with a kernel that has methods in Python alone.
+ * the names, roles and shapes of its parameters, and, once they are armed, the addresses of its codes: its own and that
+ * of wrenches, each for one state and for many, each armed after a first call that needs it, which may have compiled
+ * it.  A State is what may change of one kernel: its parameters, checks and threads.  A Direct is the method of one
+ * kernel: a Function and a State, with a kernel that has methods in Python alone.
  *
  * A call is plain where every array is an ndarray itself (no subclass) of the kernel's dtype, aligned, C-contiguous, of
- * exactly the shape of one state or of N of them, and no keyword asks for more than `out` and `wrench`.  Whatever is not plain, and
- * whatever turns out not to be regular (NaN, infinity, a singular mass matrix), is left to the method in Python, which
- * is called with the very same arguments: it computes what has to be computed, or raises.  So results and messages are
- * the same by construction.
+ * exactly the shape of one state or of N of them, and no keyword asks for more than `out` and `wrench`.  Whatever is
+ * not plain, and whatever turns out not to be regular (NaN, infinity, a singular mass matrix), is left to the method in
+ * Python, which is called with the very same arguments: it computes what has to be computed, or raises.  So results and
+ * messages are the same by construction.
  *
  * A generated package carries a copy of this file, and what it was compiled to where Python's and NumPy's headers
  * were. */
@@ -38,7 +39,7 @@
 
 enum { ARRAYS = 4, PLACES = 8, AXES = 3, PARTS = 64 }; /* that a function reads, parameters, axes, libraries: at most */
 
-/* Work that others may run beside: multiplications and additions; some microseconds, in which a GIL's return is lost. */
+/* Work that others may run beside: multiplications and additions; microseconds, in which a GIL's return is lost. */
 static const double LONG = 2e4;
 /* States that are worth a thread of their own, as in calls.py. */
 static const npy_intp SHARE = 256;
@@ -66,23 +67,31 @@ typedef struct {
     Shape shape;
 } Place;
 
-/* Code for one state and for many, and what it reads of the parameters. */
+/* What a method calls, and for what: for one state or for many. */
+typedef enum {
+    OWN,   /* what it is for */
+    ADDED, /* what wrenches add: reads the first array and them, writes what "own" writes or one of its arrays */
+    WAYS
+} Way;
+static const char *const WAY_NAMES[WAYS] = {"own", "added"};
+
+/* Code for one state or for many, and what it reads of the parameters. */
 typedef struct {
     PyObject *library; /* which keeps it */
     int part;          /* number of the library */
     npy_intp hoisted;  /* numbers that the library computes from the parameters */
-    double operations;
-    npy_intp piece;  /* states that one call computes at most */
-    uintptr_t setup; /* address of the library's code that computes from the parameters */
-    uintptr_t batch; /* for many states; 0 where there is none */
-    uintptr_t one;   /* for one state; 0 until armed, and published last */
+    double operations; /* of a state */
+    npy_intp piece;    /* states that one call computes at most */
+    uintptr_t setup;   /* address of the library's code that computes from the parameters */
+    uintptr_t address; /* of the code; 0 until armed, and published last */
+    char asked;        /* whether arming was asked for it */
 } Code;
 
 typedef struct {
     PyObject_HEAD
     PyObject *method; /* the function of Python */
     PyObject *name;
-    PyObject *arming; /* arming(function, which) tells the addresses after a first call of "own" or "added" code */
+    PyObject *arming; /* arming(function, way, many) tells the address of a code after a first call of it */
     PyObject *frames; /* their numbers by name, a dict */
     PyArray_Descr *dtype;
     int places, positional;
@@ -90,12 +99,11 @@ typedef struct {
     Shape result;
     int framed, in_three; /* takes a frame's number; its result are three views */
     int cut_must_be_false;
-    Code own, added; /* added: of the wrenches, reads the first array and them; it writes what "own" writes */
-    double sign;     /* of what is added to the result */
-    int into;        /* number of the array that it is added to instead, with sign 1; -1 for the result */
-    npy_intp *left;  /* places of this array that nothing is added to */
+    Code codes[WAYS][2]; /* of each way for one state and for many */
+    double sign;         /* of what is added to the result */
+    int into;            /* number of the array that it is added to instead, with sign 1; -1 for the result */
+    npy_intp *left;      /* places of this array that nothing is added to */
     Py_ssize_t lefts;
-    char asked_own, asked_added; /* whether arming was asked for it */
 } Function;
 
 typedef struct {
@@ -150,11 +158,11 @@ DEFINE_FINITE(finite_float, uint32_t, UINT32_C(0x7f800000), UINT32_C(0x00800000)
         typedef int (*Two)(const REAL *, const REAL *, const REAL *, REAL *);                                          \
         typedef int (*Three)(const REAL *, const REAL *, const REAL *, const REAL *, REAL *);                          \
         typedef int (*Four)(const REAL *, const REAL *, const REAL *, const REAL *, const REAL *, REAL *);             \
-        if (framed) return ((Framed)c->one)(p, a, frame, out) - 1LL;                                                   \
-        if (reads == 1) return ((One)c->one)(p, a, out) - 1LL;                                                         \
-        if (reads == 2) return ((Two)c->one)(p, a, b, out) - 1LL;                                                      \
-        if (reads == 3) return ((Three)c->one)(p, a, b, e, out) - 1LL;                                                 \
-        return ((Four)c->one)(p, a, b, e, d, out) - 1LL;                                                               \
+        if (framed) return ((Framed)c->address)(p, a, frame, out) - 1LL;                                               \
+        if (reads == 1) return ((One)c->address)(p, a, out) - 1LL;                                                     \
+        if (reads == 2) return ((Two)c->address)(p, a, b, out) - 1LL;                                                  \
+        if (reads == 3) return ((Three)c->address)(p, a, b, e, out) - 1LL;                                             \
+        return ((Four)c->address)(p, a, b, e, d, out) - 1LL;                                                           \
     }                                                                                                                  \
     static long long many_##REAL(const Code *c, int framed, int reads, size_t n, const void *h, const void *const *x,  \
                                  const size_t *s, int frame, void *written)                                            \
@@ -167,11 +175,11 @@ DEFINE_FINITE(finite_float, uint32_t, UINT32_C(0x7f800000), UINT32_C(0x00800000)
         typedef long long (*Two)(size_t, R, R, size_t, R, size_t, REAL *);                                             \
         typedef long long (*Three)(size_t, R, R, size_t, R, size_t, R, size_t, REAL *);                                \
         typedef long long (*Four)(size_t, R, R, size_t, R, size_t, R, size_t, R, size_t, REAL *);                      \
-        if (framed) return ((Framed)c->batch)(n, p, a, s[0], frame, out);                                              \
-        if (reads == 1) return ((One)c->batch)(n, p, a, s[0], out);                                                    \
-        if (reads == 2) return ((Two)c->batch)(n, p, a, s[0], b, s[1], out);                                           \
-        if (reads == 3) return ((Three)c->batch)(n, p, a, s[0], b, s[1], e, s[2], out);                                \
-        return ((Four)c->batch)(n, p, a, s[0], b, s[1], e, s[2], d, s[3], out);                                        \
+        if (framed) return ((Framed)c->address)(n, p, a, s[0], frame, out);                                            \
+        if (reads == 1) return ((One)c->address)(n, p, a, s[0], out);                                                  \
+        if (reads == 2) return ((Two)c->address)(n, p, a, s[0], b, s[1], out);                                         \
+        if (reads == 3) return ((Three)c->address)(n, p, a, s[0], b, s[1], e, s[2], out);                              \
+        return ((Four)c->address)(n, p, a, s[0], b, s[1], e, s[2], d, s[3], out);                                      \
     }
 DEFINE_CALLS(double)
 DEFINE_CALLS(float)
@@ -320,10 +328,22 @@ typedef struct {
     npy_intp wrench_size;
     size_t wrench_step;
     npy_intp wrench_states; /* of the first array and the wrenches together, 0 for one alone */
+    Code *codes[WAYS];      /* that it calls; NULL for none */
 } Plain;
 
+/* Find the codes that a call needs; 0 where all are armed. */
+static int find_codes(Function *f, Plain *call)
+{
+    int lacking = 0;
+    call->codes[OWN] = &f->codes[OWN][call->states > 0];
+    if (call->wrench != NULL) call->codes[ADDED] = &f->codes[ADDED][call->wrench_states > 0];
+    for (int way = 0; way < WAYS; ++way)
+        lacking |= call->codes[way] != NULL && PUBLISHED(call->codes[way]->address) == 0;
+    return lacking ? -1 : 0;
+}
+
 /* Look at the arguments; 0 where the call is plain. */
-static int look(const Function *f, const State *state, PyObject *const *given, Plain *call)
+static int look(Function *f, const State *state, PyObject *const *given, Plain *call)
 {
     for (int i = 0; i < f->places; ++i) { /* shapes first: what is large and not plain is read once */
         const Place *place = &f->place[i];
@@ -338,7 +358,6 @@ static int look(const Function *f, const State *state, PyObject *const *given, P
                 call->states = states;
             }
             if (place->role == WRENCH) {
-                if (PUBLISHED(f->added.one) == 0) return -1;
                 call->wrench = PyArray_DATA((PyArrayObject *)value);
                 call->wrench_size = states > 0 ? states * place->shape.size : place->shape.size;
                 call->wrench_step = states > 0 ? (size_t)place->shape.size : 0;
@@ -360,11 +379,13 @@ static int look(const Function *f, const State *state, PyObject *const *given, P
             call->out = (PyArrayObject *)value;
         }
     }
+    if (call->wrench != NULL && (call->steps[0] > 0 || call->wrench_step > 0)) call->wrench_states = call->states;
+    if (find_codes(f, call) < 0) return -1;
     if (call->states > 0) {
         const Py_ssize_t threads = PUBLISHED(state->threads);
-        const npy_intp piece = call->wrench != NULL && f->added.piece < f->own.piece ? f->added.piece : f->own.piece;
-        if (f->own.batch == 0 || (call->wrench != NULL && f->added.batch == 0)) return -1;
-        if (call->states > piece || (threads > 1 && call->states >= 2 * SHARE)) return -1;
+        if (threads > 1 && call->states >= 2 * SHARE) return -1;
+        if (call->states > call->codes[OWN]->piece) return -1;
+        if (call->wrench_states > 0 && call->states > call->codes[ADDED]->piece) return -1;
     }
     if (call->out != NULL) {
         const npy_intp states = states_of((PyObject *)call->out, f, &f->result);
@@ -375,7 +396,6 @@ static int look(const Function *f, const State *state, PyObject *const *given, P
             if (first < other + bytes_of(f, call->sizes[i]) && other < end) return -1;
         }
     }
-    if (call->wrench != NULL && (call->steps[0] > 0 || call->wrench_step > 0)) call->wrench_states = call->states;
     if (PUBLISHED(state->checks)) {
         for (int i = 0; i <= ARRAYS; ++i)
             if (call->sizes[i] > 0 && !all_finite(f, call->x[i], call->sizes[i])) return -1;
@@ -398,21 +418,23 @@ static long long compute(const Function *f, const void *h, const Plain *call, vo
 {
     const int is_double = f->dtype->type_num == NPY_DOUBLE;
     if (call->states == 0)
-        return (is_double ? one_double : one_float)(&f->own, f->framed, call->reads, h, call->x, call->frame, out);
-    return (is_double ? many_double : many_float)(&f->own, f->framed, call->reads, (size_t)call->states, h, call->x,
-                                                  call->steps, call->frame, out);
+        return (is_double ? one_double : one_float)(call->codes[OWN], f->framed, call->reads, h, call->x, call->frame,
+                                                    out);
+    return (is_double ? many_double : many_float)(call->codes[OWN], f->framed, call->reads, (size_t)call->states, h,
+                                                  call->x, call->steps, call->frame, out);
 }
 
 /* What the wrenches add, for as many states as the first array and they have. */
 static void compute_added(const Function *f, const void *h, const Plain *call, void *out)
 {
     const int is_double = f->dtype->type_num == NPY_DOUBLE;
+    const Code *code = call->codes[ADDED];
     const void *x[ARRAYS] = {call->x[0], call->wrench};
     const size_t steps[ARRAYS] = {call->steps[0], call->wrench_step};
     if (call->wrench_states == 0)
-        (void)(is_double ? one_double : one_float)(&f->added, 0, 2, h, x, 0, out);
+        (void)(is_double ? one_double : one_float)(code, 0, 2, h, x, 0, out);
     else
-        (void)(is_double ? many_double : many_float)(&f->added, 0, 2, (size_t)call->wrench_states, h, x, steps, 0, out);
+        (void)(is_double ? many_double : many_float)(code, 0, 2, (size_t)call->wrench_states, h, x, steps, 0, out);
 }
 
 /* to = from + sign * what, each of one state for all or of as many as there are. */
@@ -452,7 +474,8 @@ static int make_room(const Function *f, const Plain *call, Beside *beside)
 static int begin_added(const Function *f, const void *h, Plain *call, Beside *beside, int checks)
 {
     const npy_intp size = f->into < 0 ? f->result.size : f->place[f->into].shape.size;
-    const npy_intp states = call->wrench_states > 0 ? call->wrench_states : 1, step = call->wrench_states > 0 ? size : 0;
+    const npy_intp states = call->wrench_states > 0 ? call->wrench_states : 1;
+    const npy_intp step = call->wrench_states > 0 ? size : 0;
     compute_added(f, h, call, beside->added);
     if (checks && !all_finite(f, beside->added, states * size)) return -1;
     if (f->into < 0) return 0;
@@ -482,17 +505,21 @@ static int compute_all(const Function *f, const void *h, const void *h_added, Pl
     return checks && !all_finite(f, out, states * f->result.size) ? -1 : 0;
 }
 
-/* The result of a plain call; NULL without an error where the method in Python has to be asked. */
-static PyObject *straight(const Function *f, State *state, PyObject *const *args, Py_ssize_t count, PyObject *names)
+/* The result of a plain call; NULL without an error where the method in Python has to be asked.  ``codes`` are then
+ * those that the call would need, and NULL if it is not plain whatever is armed. */
+static PyObject *straight(Function *f, State *state, PyObject *const *args, Py_ssize_t count, PyObject *names,
+                          Code **codes)
 {
     PyObject *given[PLACES] = {NULL};
     Plain call = {.states = 0};
     Beside beside;
-    if (sort_arguments(f, args, count, names, given) < 0 || look(f, state, given, &call) < 0) return NULL;
-    if (call.wrench != NULL && make_room(f, &call, &beside) < 0) return NULL;
+    if (sort_arguments(f, args, count, names, given) < 0) return NULL;
+    const int is_plain = look(f, state, given, &call) == 0;
+    memcpy(codes, call.codes, sizeof call.codes);
+    if (!is_plain || (call.wrench != NULL && make_room(f, &call, &beside) < 0)) return NULL;
     PyObject *found = NULL;
-    PyArrayObject *out = NULL, *kept = hoisted(state, f, &f->own), *kept_added = NULL;
-    if (kept != NULL && call.wrench != NULL) kept_added = hoisted(state, f, &f->added);
+    PyArrayObject *out = NULL, *kept = hoisted(state, f, codes[OWN]), *kept_added = NULL;
+    if (kept != NULL && call.wrench != NULL) kept_added = hoisted(state, f, codes[ADDED]);
     if (kept == NULL || (call.wrench != NULL && kept_added == NULL)) goto end;
     const void *h = PyArray_DATA(kept), *h_added = kept_added == NULL ? NULL : PyArray_DATA(kept_added);
     out = call.out;
@@ -503,7 +530,7 @@ static PyObject *straight(const Function *f, State *state, PyObject *const *args
     if (out == NULL) goto end;
     void *written = PyArray_DATA(out);
     const npy_intp states = call.states > 0 ? call.states : 1;
-    const double operations = f->own.operations + (call.wrench == NULL ? 0.0 : f->added.operations);
+    const double operations = codes[OWN]->operations + (call.wrench == NULL ? 0.0 : codes[ADDED]->operations);
     const int checks = PUBLISHED(state->checks);
     int failed;
     if (operations * (double)states < LONG)
@@ -529,47 +556,35 @@ end:
     return found;
 }
 
-/* Ask for the addresses, once: after a first call the code is there. */
-static int arm_once(Function *f, char *asked, const char *which)
+/* Ask for the address of a code, once: after a first call it is there. */
+static int arm_once(Function *f, Way way, Code *code)
 {
-    int again = 0;
+    int again = 1;
     Py_BEGIN_CRITICAL_SECTION(f);
-    again = *asked;
-    *asked = 1;
+    again = code->asked;
+    code->asked = 1;
     Py_END_CRITICAL_SECTION();
     if (again) return 0;
-    PyObject *answer = PyObject_CallFunction(f->arming, "Os", (PyObject *)f, which);
+    PyObject *many = code == &f->codes[way][1] ? Py_True : Py_False;
+    PyObject *answer = PyObject_CallFunction(f->arming, "OsO", (PyObject *)f, WAY_NAMES[way], many);
     Py_XDECREF(answer);
     return answer == NULL ? -1 : 0;
-}
-
-/* Whether there are wrenches, and nobody knows yet where their code is. */
-static int lacks_added(const Function *f, PyObject *const *args, Py_ssize_t count, PyObject *names)
-{
-    PyObject *given[PLACES] = {NULL};
-    if (PUBLISHED(f->added.one) != 0 || sort_arguments(f, args, count, names, given) < 0) return 0;
-    for (int i = 0; i < f->places; ++i)
-        if (f->place[i].role == WRENCH && given[i] != NULL && given[i] != Py_None) return 1;
-    return 0;
 }
 
 static PyObject *direct_vectorcall(PyObject *self, PyObject *const *args, size_t nargsf, PyObject *names)
 {
     Direct *direct = (Direct *)self;
     Function *f = direct->function;
-    const Py_ssize_t count = PyVectorcall_NARGS(nargsf);
-    const int armed = PUBLISHED(f->own.one) != 0;
-    if (armed) {
-        PyObject *found = straight(f, direct->state, args, count, names);
-        if (found != NULL || PyErr_Occurred()) return found;
-    }
+    Code *codes[WAYS] = {NULL};
+    PyObject *found = straight(f, direct->state, args, PyVectorcall_NARGS(nargsf), names, codes);
+    if (found != NULL || PyErr_Occurred()) return found;
     PyObject *bound = PyMethod_New(f->method, direct->owner);
     if (bound == NULL) return NULL;
-    PyObject *found = PyObject_Vectorcall(bound, args, nargsf, names);
+    found = PyObject_Vectorcall(bound, args, nargsf, names);
     Py_DECREF(bound);
-    if (!armed && found != NULL && arm_once(f, &f->asked_own, "own") < 0) Py_CLEAR(found);
-    if (found != NULL && lacks_added(f, args, count, names) && arm_once(f, &f->asked_added, "added") < 0)
-        Py_CLEAR(found);
+    for (int way = 0; way < WAYS && found != NULL; ++way)
+        if (codes[way] != NULL && PUBLISHED(codes[way]->address) == 0 && arm_once(f, (Way)way, codes[way]) < 0)
+            Py_CLEAR(found);
     return found;
 }
 
@@ -598,7 +613,13 @@ static PyObject *direct_doc(PyObject *self, void *closure)
 static PyObject *direct_is_armed(PyObject *self, void *closure)
 {
     (void)closure;
-    return PyBool_FromLong(PUBLISHED(((Direct *)self)->function->own.one) != 0);
+    return PyBool_FromLong(PUBLISHED(((Direct *)self)->function->codes[OWN][0].address) != 0);
+}
+
+static PyObject *direct_takes_many(PyObject *self, void *closure)
+{
+    (void)closure;
+    return PyBool_FromLong(PUBLISHED(((Direct *)self)->function->codes[OWN][1].address) != 0);
 }
 
 /* All that a bound method shows: its names, annotations, signature. */
@@ -676,7 +697,8 @@ static PyMemberDef direct_members[] = {
 static PyGetSetDef direct_getset[] = {
     {"__doc__", direct_doc, NULL, NULL, NULL},
     {"__wrapped__", bound_method, NULL, "the method in Python, bound", NULL},
-    {"is_armed", direct_is_armed, NULL, "whether plain calls go to the code", NULL},
+    {"is_armed", direct_is_armed, NULL, "whether plain calls with one state go to the code", NULL},
+    {"takes_many", direct_takes_many, NULL, "whether plain calls with many states go to the code", NULL},
     {NULL, NULL, NULL, NULL, NULL},
 };
 static PyMethodDef direct_methods[] = {
@@ -830,40 +852,42 @@ failed:
     return NULL;
 }
 
-PyDoc_STRVAR(arm_doc, "arm(which, library, part, code, batch, setup, hoisted, operations, piece)\n\n"
-                      "Tell where the \"own\" code is, or what is \"added\"; from then on plain calls go there.\n\n"
-                      "Arguments: the library, which is kept, and its number; addresses of the code for one state, for\n"
-                      "many (0: none) and of what computes from the parameters, how many numbers; operations of a\n"
-                      "state; states that one call computes at most.");
+PyDoc_STRVAR(arm_doc, "arm(way, many, library, part, code, setup, hoisted, operations, piece)\n\n"
+                      "Tell where a code is; from then on plain calls go there.\n\n"
+                      "Arguments: which code: the \"own\" one or what is \"added\", for many states or for one; its\n"
+                      "library, which is kept, and the number of that; addresses of the code and of what computes\n"
+                      "from the parameters, how many numbers; operations of a state; states that one call computes at\n"
+                      "most.");
 
 static PyObject *function_arm(PyObject *self, PyObject *args)
 {
     Function *f = (Function *)self;
-    unsigned long long code, batch, setup;
+    unsigned long long address, setup;
     PyObject *library;
-    const char *which;
-    int part;
+    const char *name;
+    int many, part, way = 0;
     double operations;
     Py_ssize_t hoisted_count, piece;
-    if (!PyArg_ParseTuple(args, "sOiKKKndn:arm", &which, &library, &part, &code, &batch, &setup, &hoisted_count,
+    if (!PyArg_ParseTuple(args, "spOiKKndn:arm", &name, &many, &library, &part, &address, &setup, &hoisted_count,
                           &operations, &piece))
         return NULL;
+    while (way < WAYS && strcmp(WAY_NAMES[way], name) != 0) ++way;
+    if (way == WAYS) return PyErr_Format(PyExc_ValueError, "arm: %s is no code of a function", name);
     if (part < 0 || part >= PARTS) Py_RETURN_FALSE;
     npy_intp least = f->result.size;
     for (int i = 0; i < f->places; ++i)
         if (f->place[i].role <= WRENCH && f->place[i].shape.size < least) least = f->place[i].shape.size;
-    if (least < 1 || code == 0 || setup == 0) Py_RETURN_FALSE; /* nothing to point to */
-    Code *to = strcmp(which, "added") == 0 ? &f->added : &f->own;
+    if (least < 1 || address == 0 || setup == 0) Py_RETURN_FALSE; /* nothing to point to */
+    Code *code = &f->codes[way][many];
     Py_BEGIN_CRITICAL_SECTION(self);
-    if (to->one == 0) {
-        Py_INCREF(library), to->library = library;
-        to->part = part;
-        to->operations = operations;
-        to->piece = piece;
-        to->hoisted = hoisted_count;
-        to->setup = (uintptr_t)setup;
-        to->batch = (uintptr_t)batch;
-        PUBLISH(to->one, (uintptr_t)code);
+    if (code->address == 0) {
+        Py_INCREF(library), code->library = library;
+        code->part = part;
+        code->operations = operations;
+        code->piece = piece;
+        code->hoisted = hoisted_count;
+        code->setup = (uintptr_t)setup;
+        PUBLISH(code->address, (uintptr_t)address);
     }
     Py_END_CRITICAL_SECTION();
     Py_RETURN_TRUE;
@@ -876,8 +900,8 @@ static int function_traverse(PyObject *self, visitproc visit, void *arg)
     Py_VISIT(f->method);
     Py_VISIT(f->arming);
     Py_VISIT(f->frames);
-    Py_VISIT(f->own.library);
-    Py_VISIT(f->added.library);
+    for (int way = 0; way < WAYS; ++way)
+        for (int many = 0; many < 2; ++many) Py_VISIT(f->codes[way][many].library);
     return 0;
 }
 
@@ -890,8 +914,8 @@ static void function_dealloc(PyObject *self)
     Py_XDECREF(f->name);
     Py_XDECREF(f->arming);
     Py_XDECREF(f->frames);
-    Py_XDECREF(f->own.library);
-    Py_XDECREF(f->added.library);
+    for (int way = 0; way < WAYS; ++way)
+        for (int many = 0; many < 2; ++many) Py_XDECREF(f->codes[way][many].library);
     PyMem_Free(f->left);
     Py_XDECREF(f->dtype);
     for (int i = 0; i < f->places; ++i) Py_DECREF(f->place[i].label);
@@ -1066,8 +1090,10 @@ static void state_dealloc(PyObject *self)
     Py_DECREF(type);
 }
 
-PyDoc_STRVAR(assign_doc, "assign(slot, number, ...)\n\nReplace the values by others that differ in these slots, at once.");
-PyDoc_STRVAR(copy_doc, "copy()\n\nA state with the same values, checks and threads; neither sees what becomes of the other.");
+PyDoc_STRVAR(assign_doc, "assign(slot, number, ...)\n\n"
+                         "Replace the values by others that differ in these slots, at once.");
+PyDoc_STRVAR(copy_doc, "copy()\n\n"
+                       "A state with the same values, checks and threads; neither sees what becomes of the other.");
 
 static PyMemberDef state_members[] = {
     {"checks", T_BOOL, offsetof(State, checks), 0, "whether NaN and infinity are refused"},
@@ -1100,7 +1126,8 @@ static PyType_Spec state_spec = {
 
 PyDoc_STRVAR(bind_doc, "bind(functions, owner, state, into)\n\n"
                        "Put a Direct of every function into a dict, by its name.\n\n"
-                       "Arguments: a tuple of Function; a kernel whose methods are those of Python; its State; a dict.");
+                       "Arguments: a tuple of Function; a kernel whose methods are those of Python; its State; a\n"
+                       "dict.");
 
 static PyObject *bind(PyObject *module, PyObject *args)
 {

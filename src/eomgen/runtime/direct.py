@@ -23,7 +23,6 @@ from .raw import Library, RawKernel, Setup
 Array = NDArray[Any]
 
 NAME = "_direct"
-CLOSED = ("forward_dynamics",)  # methods with ``cut`` that know the forces in loops
 ROLES = {"frame": "frame", "out": "out", "wrench": "nothing", "cut": "cut"}  # of parameters that are not read
 
 
@@ -47,7 +46,11 @@ WRENCHED: Mapping[str, Added] = {
     "inverse_dynamics": Added("external_force", -1.0),
     "forward_dynamics": Added("external_force", 1.0, "u"),
     "reactions": Added("external_reactions", 1.0),
+    "tree_inverse_dynamics": Added("external_force", -1.0),
+    "tree_reactions": Added("external_reactions", 1.0),
+    "reactions_under_load": Added("external_reactions", 1.0),
 }
+DRIVING = ("inverse_dynamics", "reactions")  # where loops are closed, they call other functions for wrenches
 
 
 class State:
@@ -169,7 +172,8 @@ def functions(
 ) -> tuple[Any, ...]:
     """Make the module's ``Function`` of every method that calls the function of its name.
 
-    Each is armed with the address of its code after a first call, which may have compiled it.
+    Each is armed with the address of its code for one state, and of that for many, after a first call of that kind,
+    which may have compiled it.
 
     Args:
         module: the extension module.
@@ -187,10 +191,8 @@ def functions(
             continue
         code = methods[name].__code__
         parameters = code.co_varnames[1 : code.co_argcount + code.co_kwonlyargcount]
-        if loops and "cut" in parameters and name not in CLOSED:
-            continue
         reads = tuple(entry["reads"])
-        places = tuple(_place(label, reads, raw, name) for label in parameters)
+        places = tuple(_place(label, reads, raw, "" if loops and name in DRIVING else name) for label in parameters)
         part = WRENCHED.get(name, Added("", 1.0))
         function = module.Function(
             name=name,
@@ -217,11 +219,12 @@ def _place(label: str, reads: tuple[str, ...], raw: RawKernel, name: str) -> tup
     return label, role, raw.shapes[label] if role in ("read", "beside", "wrench") else ()
 
 
-def _arm(raw: RawKernel, parts: dict[Library, int], new: itertools.count[int], function: Any, which: str) -> None:
-    """Tell a ``Function`` where its "own" code is, or what wrenches have "added"."""
-    found = raw.functions[function.name if which == "own" else WRENCHED[function.name].part]
-    library, name = found.library, found.name
+def _arm(
+    raw: RawKernel, parts: dict[Library, int], new: itertools.count[int], function: Any, way: str, many: bool
+) -> None:
+    """Tell a ``Function`` where its "own" code is, or what wrenches have "added": for one state, or for many."""
+    found = raw.functions[function.name if way == "own" else WRENCHED[function.name].part]
+    address, library, work = found.address(batch=many), found.where(batch=many), found.operations
     number = parts[library] if library in parts else parts.setdefault(library, next(new))
-    code, batch, setup = (library.address(x) for x in (name, f"{name}_batch", "setup"))
-    work = found.operations
-    function.arm(which, library, number, code, batch, setup, library.hoisted, float(work), states_at_once(work))
+    setup = library.address("setup")
+    function.arm(way, many, library, number, address, setup, library.hoisted, float(work), states_at_once(work))

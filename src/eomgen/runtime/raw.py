@@ -5,8 +5,8 @@ A generated package carries a copy of this file.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Protocol
 
@@ -25,12 +25,15 @@ POINTERS = {"float64": "double[]", "float32": "float[]"}
 SETUP = "parameters"  # among operations: of what depends on parameters alone
 FRAMES, ROLLOUT = "frames", "rollout"  # kinds of functions that are called otherwise than all others
 WEIGHTS = {"mul": 1, "add": 1, "div": 5, "sincos": 25}  # times of operations beside each other
+BATCH = "_batch"  # behind the name of what works on several states
 STAGES = 5  # of a step of a rollout: four of rk4, in numbers of linearly implicit ones, and what is around them
 
 
 @dataclass(frozen=True)
 class RawFunction:
     """A function of C that users call.
+
+    Its code for one state and that for batches may be in two libraries, each compiled when it is first looked up.
 
     Attributes:
         name: its name, without the robot's in front.
@@ -39,15 +42,7 @@ class RawFunction:
             programs), "frames" (takes the number of a frame) or "rollout" (many steps in one call).
         reads: names of the arrays that it reads, in the order of the arguments; ``RawKernel.shapes`` has their shapes.
         writes: name of the array that it writes.
-        code: ``int code(h, array, ..., out)``, with ``int frame`` before ``out`` where the kind is "frames".  The value
-            is 0, or 1 + i where the mass matrix cannot be inverted at coordinate i; 1 + n + r where the constraint r of
-            closed loops is open, and as many more as there are constraints where it is opening.
-        batch: ``long long batch(count, h, array, step, ..., out)`` for states that lie ``step`` numbers apart (0: the
-            same for all).  The value is -1, or state * ``statuses`` + i of the first failure.
         tangent_of: the function whose directional derivative it is, or nothing.
-        operations: of one call, or of a step of a rollout, at most: multiplications and additions, or what takes as
-            long.
-        library: where its code is; ``Setup`` has what it reads of the parameters.
     """
 
     name: str
@@ -55,16 +50,63 @@ class RawFunction:
     kind: str
     reads: tuple[str, ...]
     writes: str
-    code: Any
-    batch: Any
     tangent_of: str
-    operations: int
-    library: Library
+    _libraries: Libraries = field(repr=False, compare=False)
+    _found: dict[bool, tuple[Any, Library]] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def is_framed(self) -> bool:
         """True if the number of a frame comes before the result."""
         return self.kind == FRAMES
+
+    @property
+    def code(self) -> Any:
+        """The C for one state: ``int code(h, array, ..., out)``, with ``int frame`` before ``out`` for "frames".
+
+        The value is 0, or 1 + i where the mass matrix cannot be inverted at coordinate i; 1 + n + r where the
+        constraint r of closed loops is open, and as many more as there are constraints where it is opening.
+        """
+        return self._part(batch=False)[0]
+
+    @property
+    def batch(self) -> Any:
+        """The C for several: ``long long batch(count, h, array, step, ..., out)``, states ``step`` numbers apart.
+
+        A step of 0 stands for one that is the same for all.  The value is -1, or state * ``statuses`` + i of the first
+        failure.
+        """
+        return self._part(batch=True)[0]
+
+    @property
+    def library(self) -> Library:
+        """Where its code for one state is; ``Setup`` has what that reads of the parameters."""
+        return self.where()
+
+    @property
+    def operations(self) -> int:
+        """Operations of a call, or of a step of a rollout, at most: multiplications and additions, or what takes as
+        long.
+        """
+        library = self.where(batch=False not in self._found and True in self._found)  # either says it
+        work: int = sum(WEIGHTS[key] * count for key, count in library.meta["operations"][self.kernel].items())
+        return work * (STAGES if self.kind == ROLLOUT else 1)
+
+    def address(self, *, batch: bool = False) -> int:
+        """Address of the code for one state, or for several."""
+        return self.where(batch=batch).address(f"{self.name}{BATCH}" if batch else self.name)
+
+    def where(self, *, batch: bool = False) -> Library:
+        """The library with the code for one state, or for several, which takes ``Setup.pointer`` of its own."""
+        return self._part(batch=batch)[1]
+
+    def _part(self, *, batch: bool) -> tuple[Any, Library]:
+        """Its code, and where it is; libraries see to it that one thread makes them."""
+        found = self._found.get(batch)
+        if found is None:
+            name = f"{self.name}{BATCH}" if batch else self.name
+            library = self._libraries.library(self.kernel, name)
+            found = self._found.setdefault(batch, (library.function(name), library))
+        return found
 
 
 class Library:
@@ -86,17 +128,12 @@ class Library:
         self._view = partial(FFI.from_buffer, POINTERS[meta["dtype"]])
         self._setup = getattr(lib, f"{self.name}_setup")
 
-    def function(self, name: str, entry: Mapping[str, Any]) -> RawFunction:
-        """A function of the library, by what metadata says of it."""
-        code, batch = (getattr(self.lib, f"{self.name}_{name}{end}") for end in ("", "_batch"))
-        reads, of = tuple(entry["reads"]), entry.get("tangent_of", "")
-        kernel, kind = entry["kernel"], entry["kind"]
-        work = sum(WEIGHTS[key] * count for key, count in self.meta["operations"][kernel].items())
-        work *= STAGES if kind == ROLLOUT else 1
-        return RawFunction(name, kernel, kind, reads, entry["writes"], code, batch, of, work, self)
+    def function(self, name: str) -> Any:
+        """One of its functions by the name behind the robot's, such as "residual_batch"."""
+        return getattr(self.lib, f"{self.name}_{name}")
 
     def address(self, name: str) -> int:
-        """Address of one of its functions by the name behind the robot's, such as "setup" or "residual_batch"."""
+        """Address of one of its functions by the name behind the robot's, such as "setup"."""
         return int(FFI.cast("intptr_t", self.ffi.addressof(self.lib, f"{self.name}_{name}")))
 
     def compute(self, values: Array) -> Array:
@@ -123,11 +160,14 @@ class Libraries(Protocol):
 
     meta: Mapping[str, Any]
 
-    def library(self, kernel: str) -> Library:
-        """The library of a kernel, one of those that ``meta`` names."""
+    def library(self, kernel: str, function: str = "") -> Library:
+        """The library with a function of C, such as "energy_batch", of a kernel, one of those that ``meta`` names.
 
-    def operations(self, kernel: str) -> Mapping[str, int]:
-        """Operations of the C of a kernel."""
+        Without a name it is the one with the functions for one state.
+        """
+
+    def about(self, kernel: str) -> Mapping[str, Any]:
+        """Metadata of what a kernel is compiled from, which may be derived for that, but is not compiled."""
 
     def source(self, file: str) -> str:
         """Text of a file with all functions, such as "arm.c"; OSError or KeyError if it is gone."""
@@ -145,7 +185,8 @@ class Operations(Mapping[str, Mapping[str, int]]):
     def __getitem__(self, kernel: str) -> Mapping[str, int]:
         if kernel not in self:
             raise KeyError(kernel)
-        return self._libraries.operations(kernel)
+        found: Mapping[str, int] = self._libraries.about(kernel)["operations"][kernel]
+        return dict(found)
 
     def __contains__(self, kernel: object) -> bool:
         return kernel == SETUP or kernel in self._libraries.meta["kernels"]
@@ -177,13 +218,13 @@ class OneLibrary:
         """
         self.meta, self._library, self._read = meta, Library(ffi, lib, meta), read
 
-    def library(self, kernel: str) -> Library:
+    def library(self, kernel: str, function: str = "") -> Library:
         """The only library."""
         return self._library
 
-    def operations(self, kernel: str) -> Mapping[str, int]:
-        """Operations of the C of a kernel."""
-        return dict(self.meta["operations"][kernel])
+    def about(self, kernel: str) -> Mapping[str, Any]:
+        """Metadata of the package."""
+        return self.meta
 
     def source(self, file: str) -> str:
         """Text of a file of the package."""
@@ -207,9 +248,10 @@ class RawKernel:
         name: the robot's name, with which the names of C begin.
         dtype: the dtype of all arrays.
         shapes: shape of every array by its name, for one state.
-        functions: functions of one state or a batch, by name; one may be compiled when it is looked up.
-        statuses: reasons why a function may fail in one state: a pivot of each coordinate, then a gap of each
-            constraint of closed loops, then its rate.
+        functions: functions of one state or a batch, by name.
+        statuses: reasons why a function may fail in one state: a pivot of each coordinate; where there are loops a
+            gap of each constraint, then its rate, then its acceleration, then a force on each coordinate that no drive
+            takes.
         rollout: the function of many steps, or None where the kernel was built without one; its arguments are in the
             header.
         ffi: cffi's object for pointers and their types.
@@ -223,22 +265,13 @@ class RawKernel:
         self.name: str = meta["name"]
         self.dtype: np.dtype[Any] = np.dtype(meta["dtype"])
         self.shapes: dict[str, tuple[int, ...]] = {key: tuple(shape) for key, shape in meta["shapes"].items()}
-        self.statuses: int = len(meta["coordinates"]) + 2 * len(meta.get("constraints", ()))
+        n, m = len(meta["coordinates"]), len(meta.get("constraints", ()))
+        self.statuses: int = n + (3 * m + n if m else 0)
         self.ffi = FFI
         self.view = partial(FFI.from_buffer, POINTERS[meta["dtype"]])
-        kinds = {name: entry["kind"] for name, entry in meta["functions"].items()}
-        self._rollout = next((name for name, kind in kinds.items() if kind == ROLLOUT), None)
-        self._steps = _Functions(self._load, [] if self._rollout is None else [self._rollout])
-        self.functions: Mapping[str, RawFunction] = _Functions(self._load, [x for x in kinds if x != self._rollout])
-
-    @property
-    def rollout(self) -> RawFunction | None:
-        """The function of many steps, or None."""
-        return None if self._rollout is None else self._steps[self._rollout]
-
-    def _load(self, name: str) -> RawFunction:
-        entry = self.libraries.meta["functions"][name]
-        return self.libraries.library(entry["kernel"]).function(name, entry)
+        known = [_function(libraries, name, entry) for name, entry in meta["functions"].items()]
+        self.rollout: RawFunction | None = next((x for x in known if x.kind == ROLLOUT), None)
+        self.functions: Mapping[str, RawFunction] = {x.name: x for x in known if x.kind != ROLLOUT}
 
     def missing(self, name: str) -> UnknownNameError:
         """The error that says that the kernel has no such function, and which ones it has."""
@@ -252,8 +285,8 @@ class RawKernel:
         """
         if name in self.functions:
             return self.functions[name]
-        if name in self._steps:
-            return self._steps[name]
+        if self.rollout is not None and name == self.rollout.name:
+            return self.rollout
         raise self.missing(name)
 
     def address(self, name: str, *, batch: bool = False) -> int:
@@ -266,7 +299,7 @@ class RawKernel:
         Raises:
             UnknownNameError: the kernel was built without it.
         """
-        return self.function(name).library.address(f"{name}_batch" if batch else name)
+        return self.function(name).address(batch=batch)
 
     def source(self, ending: str) -> str:
         """The C with all functions: "h", the header, or "c".
@@ -281,29 +314,10 @@ class RawKernel:
             raise BuildError(f"{file} is not in the kernel's package any more; build the kernel again") from None
 
 
-class _Functions(Mapping[str, RawFunction]):
-    """Functions by name, each loaded when it is first looked up; libraries see to it that one thread makes them."""
-
-    def __init__(self, load: Callable[[str], RawFunction], names: Sequence[str]) -> None:
-        self._load, self._names = load, dict.fromkeys(names)
-        self._loaded: dict[str, RawFunction] = {}
-
-    def __getitem__(self, name: str) -> RawFunction:
-        try:
-            return self._loaded[name]
-        except KeyError:
-            if name not in self._names:
-                raise
-        return self._loaded.setdefault(name, self._load(name))
-
-    def __contains__(self, name: object) -> bool:
-        return name in self._names
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._names)
-
-    def __len__(self) -> int:
-        return len(self._names)
+def _function(libraries: Libraries, name: str, entry: Mapping[str, Any]) -> RawFunction:
+    """A function of the libraries, by what metadata says of it."""
+    reads, of = tuple(entry["reads"]), entry.get("tangent_of", "")
+    return RawFunction(name, entry["kernel"], entry["kind"], reads, entry["writes"], of, libraries)
 
 
 class Setup:

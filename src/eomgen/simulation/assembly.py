@@ -15,7 +15,8 @@ from ..motion.point_to_point import Program
 from ..motion.splines import Standstill
 from ..motion.timetable import TimeTable
 from ..names import joint_of, listed, nearest, show, split_component
-from ..pipeline.stages import build
+from ..pipeline.ahead import Ahead
+from ..pipeline.stages import build, build_groups
 from ..progress import Progress
 from ..robot.coordinates import coordinate_names, index_of
 from ..robot.mechanism import drive_of
@@ -37,6 +38,8 @@ KERNELS = (*RIGID_KERNELS, "forward_dynamics", "mass_matrix", "external_force", 
 IMPLICIT_KERNELS = (*KERNELS, "residual_jacobian")
 LOOPS = ("residual", "mass_matrix", "constraint", "constraint_jacobian", "constraint_bias", "cut_poses")
 CLOSED_KERNELS = (*LOOPS, "constrained_dynamics", "kinematics", "external_force", "energy", "generalized_force")
+SINGLES = ("inverse_dynamics", "forward_dynamics", "mass_matrix")  # of these what is called for one state
+BATCHES = ("inverse_dynamics", "kinematics", "energy", "generalized_force")  # and for several
 BANDWIDTH = 30.0  # rad/s, of drives by computed torque
 
 
@@ -59,11 +62,20 @@ class Assembly:
 
 
 def assemble(
-    robot: Robot, scenario: Scenario, tool: str, report: Progress, kernels: tuple[str, ...] | None = None
+    robot: Robot,
+    scenario: Scenario,
+    tool: str,
+    report: Progress,
+    kernels: tuple[str, ...] | None = None,
+    ahead: Ahead | None = None,
 ) -> Assembly:
     """Scenario -> Assembly; DescriptionError or another InputError where they do not fit.
 
-    ``tool`` is that of paths; ``kernels`` are built, by default those that the scenario's integrator calls.
+    Args:
+        robot, scenario, report: as of ``run_scenario``.
+        tool: that of paths.
+        kernels: are built, in one library; without names each is when it is called.
+        ahead: begins to build those that the scenario's integrator calls, if no names are given.
     """
     model = build_model(robot)
     names = [model.coordinates[i] for i in model.prescribed]
@@ -84,9 +96,9 @@ def assemble(
         )
     given = by_coordinate(robot, scenario, "q", scenario.initial.q if scenario.initial else {})
     changing = with_payload_parameters(robot, scenario)
-    if kernels is None:
-        kernels = kernels_of(robot, scenario)
-    kernel = build(changing, kernels=kernels, progress=lambda text: report(0.0, text))
+    kernel = _kernel(changing, scenario, kernels, report)
+    if ahead is not None and kernels is None and not robot.is_closed:
+        _begin(ahead, kernel, kernels_of(robot, scenario))
 
     @cache
     def rigid() -> Kernel:
@@ -129,6 +141,26 @@ def rigid_kernels(robot: Robot) -> tuple[str, ...]:
     """Names of the kernels of the rigid robot that drives and programs call."""
     rigid = robot.rigid()
     return ("kinematics", *_there(rigid, LOOPS)) if build_model(rigid).constraints else RIGID_KERNELS
+
+
+def _kernel(robot: Robot, scenario: Scenario, kernels: tuple[str, ...] | None, report: Progress) -> Kernel:
+    """A kernel with these functions in one library, or one whose functions are built when they are called."""
+    if kernels is not None:
+        return build(robot, kernels=kernels, progress=lambda text: report(0.0, text))
+    report(0.0, f"building kernels of {robot.name}")
+    if robot.is_closed:  # which few of its many kernels are called depends on the integrator
+        return build(robot)
+    wrenches = ("external_force",) if scenario.wrenches else ()
+    return build_groups(robot, {"singles": (*SINGLES, *wrenches), "batches": (*BATCHES, *wrenches)})
+
+
+def _begin(ahead: Ahead, kernel: Kernel, kernels: tuple[str, ...]) -> None:
+    """Begin to build what the integrator will call; Python works on what is longest while a compiler works already."""
+    ahead.build(kernel, "mass_matrix")
+    if "residual_jacobian" in kernels:
+        kernel.raw.libraries.about("residual_jacobian")  # which derives it
+        ahead.build(kernel, "residual_jacobian")
+    ahead.build(kernel, "inverse_dynamics", batch=True)
 
 
 def _refuse_undriven(robot: Robot, moved: tuple[str, ...]) -> None:

@@ -25,6 +25,7 @@ from ..motion.ends import Point
 from ..motion.point_to_point import Program
 from ..motion.splines import Spline
 from ..names import component_name
+from ..pipeline.ahead import Ahead
 from ..progress import Progress, no_progress
 from ..robot.coordinates import index_of
 from ..robot.model import build_model, tool_of
@@ -116,7 +117,8 @@ def run_scenario(
     """
     robot, report = as_robot(robot), progress or no_progress
     tool = tool_of(robot, scenario.frame, scenario.label("frame") if scenario.source else "tool")
-    return run_assembly(robot, scenario, assemble(robot, scenario, tool, report), tool, report, stream)
+    with Ahead() as ahead:
+        return run_assembly(robot, scenario, assemble(robot, scenario, tool, report, None, ahead), tool, report, stream)
 
 
 def run_assembly(

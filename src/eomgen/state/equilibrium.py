@@ -50,7 +50,7 @@ def static_equilibrium(
     given = given_forces(kernel, u)
 
     def needed(qs: Array) -> Array:
-        return np.asarray(kernel.inverse_dynamics(qs, zero, zero, wrench=wrench))
+        return np.asarray(kernel.inverse_dynamics(qs, zero, zero, wrench=wrench, cut=True))
 
     q = _newton(kernel, q, free, lambda qs: needed(qs) - given(qs))
     return q, np.where(free, given(q), needed(q))

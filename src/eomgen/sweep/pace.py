@@ -138,10 +138,9 @@ class _Steps:
         fields = {"u": view(self._u), "u_step": n if gains else 0}
         if gains:
             fields |= {"kp": view(gains[0]), "kd": view(gains[1]), "target": view(self._target), "target_step": n}
-        self._library = kernel.raw.rollout.library
+        self._code, self._library = kernel.raw.rollout.code, kernel.raw.rollout.library
         self._drive, self._kept = self._library.drive(**fields), (fields, gains)
         self._views = [view(x) for x in (*self._start, *self._ends)]
-        self._code = kernel.raw.rollout.code
         self._how = step, steps, steps, METHODS[method]
 
     def run(self, q: Array, v: Array, u: Array, command: tuple[Array, Array] | None) -> tuple[int, Array]:

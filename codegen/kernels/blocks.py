@@ -1,0 +1,54 @@
+"""Where the components of a constraint may have derivatives: the blocks of J, loop by loop; without SymPy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from eomgen.robot.cuts import rigid_parts
+
+if TYPE_CHECKING:
+    from eomgen.robot.model import Model
+
+
+@dataclass(frozen=True)
+class Block:
+    """Rows of one loop or of one rigid coupling.
+
+    Attributes:
+        first: number of its first row.
+        kinds: of its rows; those of one kind are compared to each other where they may be redundant.
+        columns: the coordinates that may move it, in order.
+    """
+
+    first: int
+    kinds: tuple[tuple[str, bool], ...]
+    columns: tuple[int, ...]
+
+    @property
+    def rows(self) -> int:
+        """Number of its rows."""
+        return len(self.kinds)
+
+    @property
+    def size(self) -> int:
+        """Numbers in it."""
+        return self.rows * len(self.columns)
+
+
+def row_blocks(model: Model) -> list[Block]:
+    """The blocks of all loops and rigid couplings, in the order of ``Model.constraints``."""
+    found: list[Block] = []
+
+    def put(kinds: tuple[tuple[str, bool], ...], columns: set[int]) -> None:
+        first = found[-1].first + found[-1].rows if found else 0
+        found.append(Block(first, kinds, tuple(sorted(columns))))
+
+    for loop in model.robot.loops:
+        one, other = (set(model.ancestors(model.body_of[link])) for link in loop.links)
+        columns = {i for k in one ^ other for i in model.bodies[k].indices}  # what moves both sides moves neither
+        put(tuple((loop.name, part.axis is None) for part in rigid_parts(loop)), columns)
+    for coupling in model.robot.couplings:
+        if coupling.law is None:
+            put(((coupling.name, False),), {model.coordinates.index(x) for x in (coupling.of, *coupling.to)})
+    return found
