@@ -312,3 +312,16 @@ def test_a_measured_mechanism_closes() -> None:
 def turned(angle: NDArray[np.float64]) -> NDArray[np.float64]:
     """Unit vectors in the plane, (T, 2)."""
     return np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+def test_forces_of_a_mechanism_make_its_motion() -> None:
+    """Drives at the driven coordinate alone, which accelerate the closed mechanism as it was measured."""
+    t = np.linspace(0.0, 0.2, 21)
+    crank = {"": 1.0 + 0.5 * np.sin(8 * t), ".rate": 4.0 * np.cos(8 * t), ".acceleration": -32.0 * np.sin(8 * t)}
+    names = ("joint1.gamma", "joint2.gamma", "joint3.gamma")
+    motion = motion_from_columns({"t": t} | {f"joint1.gamma{key}": x for key, x in crank.items()}, names)
+    found = forces("four_bar", motion)
+    assert not found.drive[:, 1:].any()
+    a = eomgen.build("four_bar", kernels=("forward_dynamics",)).forward_dynamics(found.q, found.v, found.drive)
+    assert a == pytest.approx(found.a, abs=1e-9)
+    assert "they follow from the others: joint2.gamma, joint3.gamma" in found.notes[1]
