@@ -47,6 +47,7 @@ class ZeroReport:
     """The zeros of M and C that hold for any geometry, grouped; ``joints`` names the joints in order.
 
     The groups are those of the bodies; entries of ``motors`` vanish but for their inertias on the diagonal of M.
+    ``rows``: components of the loops' constraint that vanish with all their derivatives, with the reason.
     """
 
     robot: str
@@ -54,6 +55,7 @@ class ZeroReport:
     mass_matrix: tuple[Group, ...]
     christoffel: tuple[Group, ...]
     motors: tuple[str, ...] = ()
+    rows: tuple[tuple[str, str], ...] = ()
 
     def as_dict(self) -> dict[str, object]:
         """Plain values, for JSON."""
@@ -63,6 +65,7 @@ class ZeroReport:
             "robot": self.robot,
             **motors,
             **{key: [group.as_dict() for group in part] for key, part in parts.items()},
+            **({"constraints": [{"row": row, "reason": reason} for row, reason in self.rows]} if self.rows else {}),
         }
 
     def lines(self) -> list[str]:
@@ -80,11 +83,16 @@ class ZeroReport:
                 lines += _group_lines(group, numbers)
             if not groups:
                 lines.append("  nothing")
+        if self.rows:
+            lines += ["", "g(q), rows of cut joints, with their derivatives"]
+            for reason in dict.fromkeys(reason for _, reason in self.rows):
+                names = ", ".join(row for row, why in self.rows if why == reason)
+                lines += _wrapped(f"{reason}: {names}", "  ")
         return lines
 
 
-def zero_report(model: Model) -> ZeroReport:
-    """Find and group the structural zeros of a model."""
+def zero_report(model: Model, rows: tuple[tuple[str, str], ...] = ()) -> ZeroReport:
+    """Find and group the structural zeros of a model, beside rows of its constraint that vanish."""
     zeros, count = zero_map(model), len(model.bodies)
     pairs = list(combinations_with_replacement(range(count), 2))
     triples = [(i, *pair) for i, pair in product(range(count), pairs)]
@@ -94,6 +102,7 @@ def zero_report(model: Model) -> ZeroReport:
         _grouped(model.bodies, zeros.mass_matrix, pairs),
         _grouped(model.bodies, zeros.christoffel, triples),
         tuple(model.coordinates[i] for i in model.motors),
+        rows,
     )
 
 

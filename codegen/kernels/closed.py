@@ -35,6 +35,7 @@ CLOSING = "closing_derivatives"
 Pivots = list[tuple[Scalar, Scalar]]
 ROUND_OFF = 1e-12  # m, or a number: arms below it at random poses are zero
 _SAMPLES = 3
+PLANE = "the loop moves in a plane: nothing moves it along this direction"
 NO_SLOPES: Mapping[int, Scalar] = MappingProxyType({})
 
 
@@ -74,6 +75,15 @@ def gaps(d: Derivation, v: Sequence[Scalar]) -> list[Gap]:
             value = coupled(coupling.arms, coupling.offset, d.q)
             found.append(Gap(value, dict(coupling.arms), 0.0, ("coupling", number)))
     return _without_round_off(d, found)
+
+
+def vanishing_rows(model: Model) -> tuple[tuple[str, str], ...]:
+    """Components of the constraint that no coordinate changes, in any state, by name with the reason."""
+    if not model.constraints:
+        return ()
+    d = Derivation(model)
+    found = zip(model.constraints, gaps(d, d.still), strict=True)
+    return tuple((name, PLANE) for name, gap in found if not gap.arms)
 
 
 def _without_round_off(d: Derivation, found: Sequence[Gap]) -> list[Gap]:

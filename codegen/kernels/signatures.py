@@ -64,9 +64,7 @@ TOLD = ("constraint", "constraint_jacobian", "constraint_bias", "constrained_dri
 RATES = {"q": "dq", "v": "dv", "a": "da", "u": "du", "wrench": "dwrench"}  # of what tangents move
 
 
-def _tangent(
-    kernel: str, *reads: str, writes: str, needs: Literal["", "loops", "springs", "constraints"] = ""
-) -> dict[str, Signature]:
+def _tangent(kernel: str, *reads: str, writes: str, needs: Literal["", "constraints"] = "") -> dict[str, Signature]:
     rates = tuple(RATES[array] for array in reads)
     text = f"What {kernel} changes by along {', '.join(rates)}."
     return {f"{kernel}_tangent": Signature((*reads, *rates), writes, text, "tangent", tangent_of=kernel, needs=needs)}
@@ -248,6 +246,7 @@ KERNELS: Mapping[str, Signature] = {
         ("q",), "constraint_rows", "Jacobian J = dg/dq of the constraint.", needs="constraints"
     ),
     "constraint_bias": Signature(("q", "v"), "constraints", "J_dot v: g_ddot = J a + J_dot v.", needs="constraints"),
+    **_tangent("constraint_bias", "q", "v", writes="constraints", needs="constraints"),
     "cut_poses": Signature(
         ("q",), "cut_poses", "Per loop the cut frame on its second link seen from that on its first.", needs="loops"
     ),

@@ -18,7 +18,7 @@ from eomgen.errors import InputError, UnknownNameError
 from eomgen.integration.trajectory import Trajectory
 from eomgen.robot.coordinates import index_of
 from eomgen.robot.model import build_model
-from eomgen.robot.value import Robot
+from eomgen.robot.value import Coordinate, Robot
 from eomgen.simulation.result import SimulationResult
 from eomgen.simulation.run import simulate
 from tests.oracles.pinocchio_models import PinocchioOracle
@@ -132,6 +132,23 @@ def test_a_simulation_is_explained() -> None:
     assert rows[0].name in ("shoulder.beta", "shoulder.gamma", "elbow.gamma", "shoulder.alpha")
     other = budget(result, robot, frame="link2")
     assert np.array_equal(other.contributions[:, found.coordinates.index("elbow.gamma")], np.zeros((len(found.t), 6)))
+
+
+def test_a_closed_mechanism_is_explained() -> None:
+    """An elastic crank joint moves the coupler by what follows it in the loop: little is left, of second order."""
+    robot = eomgen.load_robot("four_bar")
+    pivot = replace(robot.joints[2], coordinates={**robot.joints[2].coordinates, "x": Coordinate(2e4, 50.0)})
+    soft = replace(robot, name="soft_four_bar", joints=(*robot.joints[:2], pivot))
+    result = simulate(soft, duration=0.3)
+    found = budget(result, soft)
+    assert result.passive == ("joint2.gamma", "joint3.gamma")
+    size = np.linalg.norm(found.deviation[:, :3], axis=1).max()
+    assert size > 1e-6
+    assert np.linalg.norm(found.remainder[:, :3], axis=1).max() < 1e-3 * size
+    rows = {row.name: row for row in found.table()}
+    assert rows["joint3.x"].share > 0.9
+    assert rows["joint3.x"].share + rows["joint1.gamma"].share == pytest.approx(1.0, abs=2e-3)  # and the drive's error
+    assert rows["joint2.gamma"].rms < 3e-3 * rows["joint3.x"].rms
 
 
 def test_input_that_is_refused() -> None:

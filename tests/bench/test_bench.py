@@ -187,6 +187,18 @@ def test_figures_of_loops_are_the_open_trees() -> None:
     assert result.as_dict()["note"] == note
 
 
+def test_closed_mechanisms_have_no_textbook_beside_them() -> None:
+    """At closed states; what is of the open tree has its counterpart, and the note says which is which."""
+    result = bench("four_bar", repeat=1, kernels=("forward_dynamics", "tree_forward_dynamics", "constraint_forces"))
+    rows = {row.kernel.name: row for row in result.rows}
+    assert not any(row.note for row in rows.values())
+    assert rows["forward_dynamics"].counterpart is None
+    assert rows["tree_forward_dynamics"].counterpart is not None
+    assert rows["forward_dynamics"].kernel.median > 0.0
+    (note,) = [line for line in result.lines() if "closed mechanism" in line]
+    assert note.startswith("forward_dynamics, constraint_forces: of the closed mechanism ('joint4')")
+
+
 def test_what_differs_is_refused(tiny: Robot, built: Build) -> None:
     kernel, rng = built(tiny, "inverse_dynamics"), np.random.default_rng(1)
     inputs = {label: rng.uniform(-1.0, 1.0, (STATES, kernel.n)) for label in "qva"}

@@ -14,9 +14,11 @@ from scipy.integrate import solve_ivp
 from scipy.signal import savgol_filter
 
 import eomgen
+from eomgen.analysis.options import closing_kernels
 from eomgen.cli import entry as cli
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import InputError
+from eomgen.identification.closing import closed_motion
 from eomgen.identification.estimates import FitResult
 from eomgen.identification.from_motion import forces
 from eomgen.identification.least_squares import fit
@@ -273,3 +275,53 @@ def test_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert ".csv or .npz" in capsys.readouterr().err
     assert cli.main(["forces", str(robot), str(motion), "--window", "4"]) == 1
     assert "window: 4" in capsys.readouterr().err
+
+
+def test_a_measured_mechanism_closes() -> None:
+    """From the crank alone, or from all coordinates with noise: rates and accelerations of the closed motion."""
+    robot = eomgen.load_robot("four_bar")
+    model, kernel = build_model(robot), eomgen.build(robot, kernels=closing_kernels(robot))
+    t = np.linspace(0.0, 0.2, 101)
+    crank = np.array([1.0 + 0.5 * np.sin(8 * t), 4.0 * np.cos(8 * t), -32.0 * np.sin(8 * t)])
+    alone = [np.zeros((t.size, 3)) for _ in range(3)]
+    for part, values in zip(alone, crank, strict=True):
+        part[:, 0] = values
+    q, v, a, following = closed_motion(kernel, model, ("joint1.gamma",), *alone)
+    assert following == ("joint2.gamma", "joint3.gamma")
+    assert np.array_equal(q[:, 0], crank[0])
+    # the rocker's pin is 0.5 m from the crank's: |0.5 e_x + 0.4 r - 0.2 c| = 0.5
+    away = np.array([0.5, 0.0]) + 0.4 * turned(q[:, 2]) - 0.2 * turned(q[:, 0])
+    assert np.linalg.norm(away, axis=1) == pytest.approx(0.5, abs=1e-11)
+    assert np.abs(np.diff(q, axis=0)).max() < 0.05
+    assert v[1:-1] == pytest.approx((q[2:] - q[:-2]) / (t[2:] - t[:-2])[:, None], abs=2e-3)
+    assert a[1:-1] == pytest.approx((v[2:] - v[:-2]) / (t[2:] - t[:-2])[:, None], abs=0.05)
+    noise = 1e-4 * np.random.default_rng(1).normal(size=(3, *q.shape))
+    near = closed_motion(kernel, model, kernel.coordinates, *(x + e for x, e in zip((q, v, a), noise, strict=True)))
+    assert near[3] == ()
+    for found, exact, size in zip(near, (q, v, a), (1e-3, 1e-2, 1e-1), strict=False):
+        assert np.abs(found - exact).max() < size
+    J = kernel.constraint_jacobian(near[0])
+    assert np.abs(kernel.constraint(near[0])).max() < 1e-11
+    assert np.abs(np.einsum("tmn,tn->tm", J, near[2]) + kernel.constraint_bias(near[0], near[1])).max() < 1e-9
+    with pytest.raises(InputError, match=r"'joint1\.gamma'.*'joint3\.gamma' move while what was measured does not"):
+        closed_motion(kernel, model, (), *alone)
+    with pytest.raises(InputError, match="fit: four_bar has loops"):
+        fit(robot, "motion.csv")
+
+
+def turned(angle: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Unit vectors in the plane, (T, 2)."""
+    return np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+def test_forces_of_a_mechanism_make_its_motion() -> None:
+    """Drives at the driven coordinate alone, which accelerate the closed mechanism as it was measured."""
+    t = np.linspace(0.0, 0.2, 21)
+    crank = {"": 1.0 + 0.5 * np.sin(8 * t), ".rate": 4.0 * np.cos(8 * t), ".acceleration": -32.0 * np.sin(8 * t)}
+    names = ("joint1.gamma", "joint2.gamma", "joint3.gamma")
+    motion = motion_from_columns({"t": t} | {f"joint1.gamma{key}": x for key, x in crank.items()}, names)
+    found = forces("four_bar", motion)
+    assert not found.drive[:, 1:].any()
+    a = eomgen.build("four_bar", kernels=("forward_dynamics",)).forward_dynamics(found.q, found.v, found.drive)
+    assert a == pytest.approx(found.a, abs=1e-9)
+    assert "they follow from the others: joint2.gamma, joint3.gamma" in found.notes[1]

@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 
 STEPS = 400
 CLOSED = 1e-12  # m, or sine of an angle: a loop that is closed
+ROUND_OFF = 1e-10  # of a pose that somebody else has closed
 LONGEST = 0.5  # m or rad, of a step
 FIRST, GROWTH, LAST, SHORTEST = (
     1e-2,
@@ -63,7 +64,7 @@ def rest(
     """The state of rest near q, (n,).
 
     Args:
-        kernel: float64, with the kernels of ``options.KERNELS`` (and LOOP_KERNELS).
+        kernel: float64, with the kernels of ``options.KERNELS`` and ``closing_kernels``.
         q: where to begin; ``fixation.still`` stays there.
         fixation: what stays.
         loads: dead wrenches by frame, see ``options.checked_loads``.
@@ -76,11 +77,7 @@ def rest(
     loads, zero = loads or {}, np.zeros(kernel.n)
     target, springs = q.copy(), fixation.kp if sagging else zero
     still = fixation.still & ~(fixation.driven & (springs > 0.0))
-    if kernel.loops:
-        names = [name for name, stays in zip(kernel.coordinates, still, strict=True) if stays]
-        q = kernel.close(q, held=names)
-    else:
-        q = q.copy()
+    q = closed(kernel, q, still)
     inertia = np.maximum(np.diagonal(kernel.residual_jacobian(q, zero, zero)[2]), 1e-12)
     tau, before = FIRST, np.inf
     for _ in range(STEPS):
@@ -109,13 +106,29 @@ def rest(
     )
 
 
+def closed(kernel: Kernel, q: Array, still: NDArray[np.bool_]) -> Array:
+    """The pose near q, (n,), in which loops are closed and couplings kept; what is ``still`` stays.
+
+    Where more stays than the mechanism has freedoms, the pose may be closed already, up to round-off, which is shared.
+
+    Raises:
+        LoopError: there is none near q.
+    """
+    if not kernel.constraints:
+        return np.array(q)
+    names = [name for name, stays in zip(kernel.coordinates, still, strict=True) if stays]
+    if np.abs(kernel.constraint(q)).max() <= ROUND_OFF:
+        names = []
+    return np.asarray(kernel.close(q, held=names))
+
+
 def _found(
     kernel: Kernel, q: Array, target: Array, springs: Array, still: NDArray[np.bool_], loads: Mapping[str, Array]
 ) -> RestState:
     zero = np.zeros(kernel.n)
     needed = kernel.inverse_dynamics(q, zero, zero, cut=True) - load_force(kernel, q, loads)
     multipliers, _ = _constraint(kernel, q, needed + springs * (q - target), still)
-    reaction = kernel.constraint_jacobian(q).T @ multipliers if kernel.loops else zero
+    reaction = kernel.constraint_jacobian(q).T @ multipliers if kernel.constraints else zero
     u = np.where(still, needed - reaction, -springs * (q - target))
     found = tangent(kernel, q, zero, zero, loads, multipliers)
     notes = [f"{name} floats in its clearance: no stiffness there" for name in floating(kernel, q)]
@@ -133,7 +146,7 @@ def _found(
 def _constraint(kernel: Kernel, q: Array, force: Array, still: NDArray[np.bool_]) -> tuple[Array, Array]:
     """Multipliers of least norm that balance a force best, and the smallest change that closes the loops."""
     change = np.zeros(kernel.n)
-    if not kernel.loops:
+    if not kernel.constraints:
         return np.zeros(0), change
     J = kernel.constraint_jacobian(q)[:, ~still]
     gap = kernel.constraint(q)

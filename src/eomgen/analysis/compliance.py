@@ -15,12 +15,14 @@ from ..errors import InputError, IntegrationError
 from ..files import write_atomically
 from ..motion.ends import principal_limits
 from ..motion.tool_path import CLOSE, reach, space_point, starting_points, within_limits
-from ..progress import Progress, no_progress
+from ..pipeline.stages import build
+from ..progress import Progress, StageReport, no_progress
 from ..robot.model import build_model, tool_of
+from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..shown import Shown
 from .holding import PoseLike
-from .options import StateKeywords, prepared
+from .options import HeldRobot, StateKeywords, closing_kernels, prepared
 from .statics import deflection_of, fixed_at_rest
 
 if TYPE_CHECKING:
@@ -108,7 +110,7 @@ def compliance_map(
     the tool turns is left open.
 
     Args:
-        robot: a Robot, the name of a built-in one, or the path of a description; without loops.
+        robot: a Robot, the name of a built-in one, or the path of a description.
         corner, first, second: a corner and the two edges from it, (3,) each, m, base axes.
         points: along the edges, 2 or more each.
         pose: near which the first point is looked for.
@@ -120,24 +122,23 @@ def compliance_map(
         InputError: an argument cannot be used.
     """
     robot = as_robot(robot)
-    if robot.loops:
-        raise InputError(f"compliance_map: {robot.name} has loops; allowed: robots without loops")
     places = _grid(corner, first, second, points)
     report = progress or no_progress
     arm = fixed_at_rest(prepared(robot, lambda text: report(0.0, text), **options))
     kernel, frame, q0 = arm.kernel, tool_of(robot, frame), arm.coordinates(pose)
-    driven = set(build_model(robot).driven)
-    limits = np.array(
-        [principal_limits(robot, name) if i in driven else (q0[i], q0[i]) for i, name in enumerate(kernel.coordinates)]
-    )
+    rigid = _rigid(arm, lambda text: report(0.0, text))
+    index = [kernel.coordinates.index(name) for name in rigid.coordinates]
+    limits = _limits(robot, rigid, q0[index])
     shape = places.shape[:2]
     q, deflected, matrix = (np.full((*shape, *size), np.nan) for size in ((kernel.n,), (6,), (6, 6)))
     guess, notes, unbalanced = q0, dict[str, None](), 0
     for count, (i, j) in enumerate(_serpentine(shape)):
         report(count / (shape[0] * shape[1]), "compliance")
-        reached = _inverse_kinematics(kernel, frame, places[i, j], guess, q0, limits)
-        if reached is None:
+        found_q = _inverse_kinematics(rigid, frame, places[i, j], guess[index], q0[index], limits)
+        if found_q is None:
             continue
+        reached = q0.copy()
+        reached[index] = found_q
         guess = reached
         try:
             found = deflection_of(arm, reached, frame)
@@ -158,6 +159,30 @@ def compliance_map(
         compliance=matrix,
         notes=tuple(notes),
     )
+
+
+def _rigid(arm: HeldRobot, report: StageReport) -> Kernel:
+    """The kernel by which the tool is placed: of a closed mechanism that of the rigid one, which closes as a whole."""
+    if not arm.robot.is_closed:
+        return arm.kernel
+    rigid = arm.robot.rigid()
+    kernel = build(rigid, kernels=("kinematics", *closing_kernels(rigid)), progress=report)
+    for name, value in arm.kernel.parameters.items():
+        if name in kernel.parameters:
+            kernel.parameters[name] = value
+    return kernel
+
+
+def _limits(robot: Robot, rigid: Kernel, q0: Array) -> Array:
+    """Between which each coordinate is looked for, (n, 2): driven ones within their limits, passive ones anywhere."""
+    names = build_model(robot).coordinates
+    driven = {names[i] for i in build_model(robot).driven}
+    passive = set(rigid.coordinates) - driven - set(rigid.prescribed) if robot.is_closed else set()
+    found = [
+        principal_limits(robot, name) if name in driven else (-np.inf, np.inf) if name in passive else (x, x)
+        for name, x in zip(rigid.coordinates, q0, strict=True)
+    ]
+    return np.array(found)
 
 
 def _grid(corner: ArrayLike, first: ArrayLike, second: ArrayLike, points: tuple[int, int]) -> Array:

@@ -239,6 +239,8 @@ def _frequencies(values: ArrayLike) -> Array:
 
 def _solved(system: LinearSystem, forces: Array, rows: Array, hertz: Array) -> Complex:
     """rows Z^-1 forces at all frequencies, rows and columns of Z scaled to one size."""
+    if not system.independent:
+        return np.zeros((len(hertz), len(rows), forces.shape[1]), dtype=np.complex128)
     size = 1.0 / np.sqrt(np.diagonal(system.M))
     M, D, K = (part * np.outer(size, size) for part in (system.M, system.D, system.K))
     result = np.empty((len(hertz), len(rows), forces.shape[1]), dtype=np.complex128)

@@ -60,19 +60,20 @@ def fixation_of(
 ) -> Fixation:
     """Which coordinates an analysis holds fixed, and its drives' gains.
 
-    Prescribed coordinates always do.  About the state principal coordinates are locked, or free under constant
+    Prescribed coordinates always do.  About the state driven coordinates are locked, or free under constant
     drives, or held by gains ("pd").  At the state itself they stay where they are put, and with them what nothing
-    holds: coordinates of free joints, and deviations without a spring.
+    holds: coordinates of free joints, and deviations without a spring.  Coordinates in loops and couplings follow the
+    others, or come to rest.
 
     Args:
         robot, kernel: whose coordinates they are.
         drives: "locked", "free" or "pd".
         kp, kd: gains of "pd": a number for all driven coordinates, or by their names; kd is 0 if not given.
         held: names of the coordinates that stay at the state and, if drives are "locked", about it; instead of the
-            above.  Needed for a robot with loops.
+            above.
 
     Raises:
-        InputError: an option is unknown, a gain missing or negative, held is needed.
+        InputError: an option is unknown, a gain missing or negative.
         UnknownNameError: a name is no coordinate.
     """
     if drives not in DRIVES:
@@ -87,12 +88,8 @@ def fixation_of(
                 raise UnknownNameError(f"held: {show(str(name))} is unknown; known: {', '.join(names)}")
         still = given | np.array([name in chosen for name in names])
         locked = still.copy()
-    elif robot.loops:
-        raise InputError(
-            f"held: {robot.name} has loops; name the coordinates that stay (an empty list lets all of them move)"
-        )
     else:
-        loose = _loose(kernel) & ~driven & ~given
+        loose = _loose(kernel) & ~driven & ~given & ~_led(robot, names)
         still, locked = driven | given | loose, driven | given
         if loose.any():
             found = ", ".join(np.array(names)[loose])
@@ -166,6 +163,22 @@ def _loose(kernel: Kernel) -> Mask:
         anywhere = 0.3 + 0.1 * np.arange(kernel.n)
         held |= np.asarray(kernel.spring_jacobian(anywhere)).any(axis=0)
     return ~held
+
+
+def _led(robot: Robot, names: tuple[str, ...]) -> Mask:
+    """Coordinates on which loops and couplings act, (n,): what moves both sides of a loop alike is not among them."""
+    before = {joint.child: joint for joint in robot.joints}
+    joints: set[str] = set()
+    for loop in robot.loops:
+        sides: list[set[str]] = []
+        for link in loop.links:
+            sides.append(set())
+            while link in before:
+                sides[-1].add(before[link].name)
+                link = before[link].parent
+        joints |= sides[0] ^ sides[1]
+    coupled = {name for coupling in robot.couplings for name in (coupling.of, *coupling.to)}
+    return np.array([joint_of(name) in joints or name in coupled for name in names])
 
 
 def _mask(names: tuple[str, ...], places: Iterable[int]) -> Mask:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,12 +18,12 @@ from ..progress import StageReport
 from ..robot.coordinates import MOTIONS
 from ..robot.model import tool_of
 from ..shown import Shown
-from ..state.vectors import state_vector
 from .at_rest import system_at_rest
-from .holding import Fixation, PoseLike, floating
-from .options import HeldRobot, StateKeywords, prepared, warn_of
+from .holding import Fixation, PoseLike
+from .in_motion import moving_system
+from .options import StateKeywords, prepared, warn_of
 from .ports import checked_kind, input_matrix, output_matrices
-from .tangent_system import LinearSystem, load_force, reduced, tangent
+from .tangent_system import LinearSystem
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -80,15 +80,16 @@ class StateSpace(Shown):
 
     def lines(self) -> list[str]:
         """Sizes, names and eigenvalues for people."""
-        roots = np.linalg.eigvals(self.A)
-        worst = roots[int(np.argmax(roots.real))]
         lines = [
             f"{self.robot}: {len(self.states)} states, {len(self.inputs)} inputs, {len(self.outputs)} outputs",
             f"  states: {', '.join(self.states[: len(self.states) // 2])}, and their rates",
             f"  inputs: {', '.join(self.inputs)}",
             f"  outputs: {', '.join(self.outputs)} ({self.kind})",
-            f"  eigenvalue furthest to the right: {worst.real:.5g} {worst.imag:+.5g}i 1/s",
         ]
+        if self.states:
+            roots = np.linalg.eigvals(self.A)
+            worst = roots[int(np.argmax(roots.real))]
+            lines.append(f"  eigenvalue furthest to the right: {worst.real:.5g} {worst.imag:+.5g}i 1/s")
         return lines + [f"note: {note}" for note in self.notes]
 
     def save(self, path: Path | str) -> Path:
@@ -121,9 +122,10 @@ def linearize(
         robot: a Robot, the name of a built-in one, or the path of a description; prescribed coordinates do
             not change.
         pose: see ``holding.pose_of``; with v it is the state itself, nothing is brought to rest.
-        v: rates, (n,).  With it the robot must have no loops.
+        v: rates, (n,); in a mechanism with loops those that keep them closed.
         a: accelerations, (n,), or
         u: drives, (n,), from which they follow (of prescribed coordinates, and of locked ones, the acceleration is 0).
+            Of a motion with loops that v and a give the least ones, at the coordinates that have a drive.
         inputs: see ``ports.input_matrix``; default: the drives that can move something.
         outputs: see ``ports.output_matrices``; default: the frame's six components.
         kind: of the outputs: "displacement", "velocity" or, at rest, "acceleration".
@@ -135,6 +137,7 @@ def linearize(
     Raises:
         InputError: an argument cannot be used.
         IntegrationError: there is no state of rest near the pose.
+        LoopError: v or a open a loop, or these drives cannot make the motion.
     """
     checked_kind(kind)
     options.setdefault("drives", "free")
@@ -146,7 +149,7 @@ def linearize(
             raise InputError("a and u belong to a motion; allowed: with v")
         system, _ = system_at_rest(kernel, q, fixation, arm.loads)
     else:
-        system = _moving_system(arm, q, v, a, u)
+        system = moving_system(arm, q, v, a, u)
     warn_of(system.notes)
     if inputs is None:
         inputs = [name for i, name in enumerate(kernel.coordinates) if fixation.driven[i] and not fixation.locked[i]]
@@ -168,7 +171,8 @@ def state_space(
     lower = -np.linalg.solve(system.M, np.hstack([system.K, system.D]))
     A = np.vstack([np.hstack([np.zeros((m, m)), np.eye(m)]), lower])
     B = np.vstack([np.zeros_like(forces), forces])
-    rows, rates = (part @ system.basis for part in output_matrices(kernel, system.q, system.v, outputs))
+    by_q, by_q_rate = output_matrices(kernel, system.q, system.v, outputs)
+    rows, rates = by_q @ system.basis, by_q_rate @ system.basis + by_q @ system.basis_rate
     D = np.zeros((len(outputs), len(inputs)))
     if kind == "displacement":
         C = np.hstack([rows, np.zeros_like(rows)])
@@ -195,27 +199,3 @@ def state_space(
         u=system.u,
         notes=system.notes,
     )
-
-
-def _moving_system(arm: HeldRobot, q: Array, v: ArrayLike, a: ArrayLike | None, u: ArrayLike | None) -> LinearSystem:
-    """The system about a motion at one time: drives are constant, or gains about the motion."""
-    kernel, fixation, loads = arm.kernel, arm.fixation, arm.loads
-    if kernel.loops:
-        raise InputError(f"v: {kernel.name} has loops; allowed: their state of rest, without v")
-    given = a if u is None else u
-    if given is None or (a is not None and u is not None):
-        raise InputError("a and u: a motion is given by one of them; allowed: v and a, or v and u")
-    rates = state_vector("v", v, kernel.coordinates)
-    dead = load_force(kernel, q, loads)
-    if a is not None:
-        acceleration = state_vector("a", given, kernel.coordinates)
-    else:
-        needed = kernel.inverse_dynamics(q, rates, 0 * q, cut=True)
-        missing = state_vector("u", given, kernel.coordinates) + dead - needed
-        M, free = kernel.residual_jacobian(q, rates, 0 * q)[2], ~fixation.locked
-        acceleration = np.zeros(kernel.n)
-        acceleration[free] = np.linalg.solve(M[np.ix_(free, free)], missing[free])
-    forces = kernel.inverse_dynamics(q, rates, acceleration, cut=True) - dead
-    found = tangent(kernel, q, rates, acceleration, loads)
-    notes = tuple(f"{name} floats in its clearance: no stiffness there" for name in floating(kernel, q))
-    return reduced(kernel, q, rates, acceleration, forces, found, replace(fixation, notes=()), notes)

@@ -93,6 +93,8 @@ def modes_along(
 def modes_of(system: LinearSystem, robot: str, frame: str) -> Modes:
     """The modes of a linear system; ``robot`` is the robot's name, ``frame`` a frame's."""
     m = len(system.independent)
+    if not m:
+        return _modes(system, robot, frame, np.zeros(0, complex), np.zeros((0, system.kernel.n), complex), np.zeros(0))
     L: Array = np.asarray(np.linalg.cholesky(system.M))
     S, B = (np.linalg.solve(L, np.linalg.solve(L, part).T).T for part in (system.K, system.D))
     state = np.block([[np.zeros((m, m)), np.eye(m)], [-S, -B]])
@@ -109,17 +111,30 @@ def modes_of(system: LinearSystem, robot: str, frame: str) -> Modes:
     shapes = np.linalg.solve(L.T, _most_real(scaled)).T @ system.basis.T
     values = np.linalg.eigvalsh(0.5 * (S + S.T))
     values[np.argsort(np.abs(values), kind="stable")[: rigid.shape[1]]] = 0.0
-    J = system.kernel.frame_jacobian(system.q, frame)
+    found = np.concatenate([np.zeros(rigid.shape[1]), s[chosen]])
+    undamped = np.sign(values) * np.sqrt(np.abs(values)) / (2.0 * np.pi)
+    return _modes(system, robot, frame, found, shapes, undamped, np.sqrt(ROUND_OFF * m) * weight / (2.0 * np.pi))
+
+
+def _modes(
+    system: LinearSystem,
+    robot: str,
+    frame: str,
+    eigenvalues: Complex,
+    shapes: Complex,
+    undamped: Array,
+    resolution: float = 0.0,
+) -> Modes:
     return Modes(
         robot=robot,
         coordinates=system.kernel.coordinates,
         q=system.q,
-        eigenvalues=np.concatenate([np.zeros(rigid.shape[1]), s[chosen]]),
+        eigenvalues=eigenvalues,
         shapes=shapes,
         frame=frame,
-        frame_shapes=shapes @ J.T,
-        undamped=np.sign(values) * np.sqrt(np.abs(values)) / (2.0 * np.pi),
-        resolution=float(np.sqrt(ROUND_OFF * m) * weight / (2.0 * np.pi)),
+        frame_shapes=shapes @ system.kernel.frame_jacobian(system.q, frame).T,
+        undamped=undamped,
+        resolution=float(resolution),
         notes=system.notes,
     )
 
@@ -156,8 +171,8 @@ def _tracked(found: Sequence[Modes], metrics: Sequence[Array]) -> NDArray[np.int
     last = [(0, k) for k in range(len(tracks))]  # pose and mode where a track was seen
     for i in range(1, len(found)):
         now, metric = found[i], metrics[i]
-        shapes = np.array([found[p].shapes[k] for p, k in last])
-        values = np.array([found[p].eigenvalues[k] for p, k in last])
+        shapes = np.array([found[p].shapes[k] for p, k in last]).reshape(len(last), len(metric))
+        values = np.array([found[p].eigenvalues[k] for p, k in last], dtype=np.complex128)
         overlap = np.abs(shapes.conj() @ metric @ now.shapes.T) ** 2
         own = np.abs(np.einsum("ki,ij,kj->k", shapes.conj(), metric, shapes))
         likeness = overlap / own[:, np.newaxis]
@@ -173,4 +188,4 @@ def _tracked(found: Sequence[Modes], metrics: Sequence[Array]) -> NDArray[np.int
         for column in sorted(set(range(len(now.eigenvalues))) - set(pairs.values())):
             tracks.append([-1] * i + [column])
             last.append((i, column))
-    return np.array(list(zip(*tracks, strict=True)), dtype=np.intp)
+    return np.asarray(np.array(tracks, dtype=np.intp).reshape(len(tracks), len(found)).T)

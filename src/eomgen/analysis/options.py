@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 FrameLoads = Mapping[str, ArrayLike]
 
 KERNELS = ("inverse_dynamics", "residual_jacobian", "kinematics")
-LOOP_KERNELS = ("mass_matrix", "constraint", "constraint_jacobian", "constraint_bias", "cut_poses")
+LOOP_KERNELS = ("residual", "mass_matrix", "constraint", "constraint_jacobian", "constraint_bias")
 
 
 class StateKeywords(TypedDict, total=False):
@@ -51,11 +51,10 @@ class StateOptions:
         kp, kd: gains of "pd", N/m or N m/rad, and per rate: a number for all driven coordinates, or by their names;
             kd is 0 if not given.
         held: names of the coordinates that stay in the state and, if drives are "locked", about it, instead of those
-            that ``fixation_of`` finds; needed for a robot with loops.
+            that ``fixation_of`` finds.
         loads: dead wrenches by frame or link, (6,) each: force (N), moment (N m) at its origin, base axes.
         parameters: values that differ from the description's, {"gravity.z": 0.0} say.
-        kernel: of the robot, float64, with KERNELS, with loops LOOP_KERNELS too; built if not given.  Its parameters
-            count.
+        kernel: of the robot, float64, with KERNELS and ``closing_kernels``; built if not given.  Its parameters count.
     """
 
     drives: str = "locked"
@@ -105,8 +104,7 @@ def kernel_of(
         InputError: the kernel is of another robot or not float64, or parameters are given beside a kernel.
     """
     if kernel is None:
-        names = (*KERNELS, *(LOOP_KERNELS if robot.loops else ()))
-        kernel = build(robot, kernels=names, progress=progress or no_report)
+        kernel = build(robot, kernels=(*KERNELS, *closing_kernels(robot)), progress=progress or no_report)
         for name, value in (parameters or {}).items():
             kernel.parameters[name] = value
         return kernel
@@ -117,6 +115,12 @@ def kernel_of(
     if kernel.dtype != np.float64:
         raise InputError(f"kernel: {kernel.name} is {kernel.dtype}; allowed: float64")
     return kernel
+
+
+def closing_kernels(robot: Robot) -> tuple[str, ...]:
+    """Names of the kernels that close a robot's loops and keep its couplings, as far as it has some."""
+    cut = ("cut_poses",) if robot.loops else ()
+    return (*cut, *(LOOP_KERNELS if build_model(robot).constraints else ()))
 
 
 def checked_loads(kernel: Kernel, loads: FrameLoads | None) -> dict[str, Array]:

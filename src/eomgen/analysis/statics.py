@@ -15,7 +15,7 @@ from ..robot.coordinates import MOTIONS
 from ..robot.model import tool_of
 from ..runtime.kernel import Kernel
 from ..shown import Shown
-from .at_rest import rest
+from .at_rest import closed, rest
 from .holding import Fixation, PoseLike, floating
 from .options import HeldRobot, StateKeywords, prepared, warn_of
 from .tangent_system import moving_basis, refuse_singular_pose
@@ -138,9 +138,7 @@ def fixed_at_rest(arm: HeldRobot) -> HeldRobot:
 def deflection_of(arm: HeldRobot, q: Array, frame: str) -> Deflection:
     """Deflection and stiffness of a frame near coordinates q, (n,), of the rigid robot; errors as ``deflection``."""
     kernel, fixation, loads = arm.kernel, arm.fixation, arm.loads
-    if kernel.loops:
-        names = [name for name, stays in zip(kernel.coordinates, fixation.locked, strict=True) if stays]
-        q = kernel.close(q, held=names)
+    q = closed(kernel, q, fixation.locked)
     state = rest(kernel, q, fixation, loads, sagging=True)
     unloaded = rest(kernel, q, fixation, {}, sagging=True).q if loads else state.q
     rigid_pose, pose, before = (np.asarray(kernel.frame_pose(x, frame)) for x in (q, state.q, unloaded))

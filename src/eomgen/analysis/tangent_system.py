@@ -97,7 +97,7 @@ def moving_basis(kernel: Kernel, q: Array, moving: NDArray[np.bool_]) -> tuple[A
     coordinates that describe it best.
     """
     index = np.flatnonzero(moving)
-    if not kernel.loops:
+    if not kernel.constraints:
         return np.eye(kernel.n)[:, index], tuple(int(i) for i in index)
     J = kernel.constraint_jacobian(q)[:, index]
     _, S, Vt = np.linalg.svd(J)
@@ -125,7 +125,7 @@ def refuse_singular_pose(kernel: Kernel, q: Array, moving: NDArray[np.bool_]) ->
     space is that of a manifold.
 
     Args:
-        kernel: with the kernels of ``options.LOOP_KERNELS``.
+        kernel: with the kernels of ``options.closing_kernels``.
         q: coordinates that close the loops, (n,).
         moving: which of them may move, (n,).
 
@@ -133,7 +133,7 @@ def refuse_singular_pose(kernel: Kernel, q: Array, moving: NDArray[np.bool_]) ->
         InputError: it is one; names the loop.
     """
     index = np.flatnonzero(moving)
-    if not kernel.loops or not index.size:
+    if not kernel.constraints or not index.size:
         return
     U, S, Vt = np.linalg.svd(kernel.constraint_jacobian(q)[:, index])
     rank = int((S / max(S.max(initial=0.0), 1e-300) > SINGULAR).sum())
@@ -152,6 +152,17 @@ def refuse_singular_pose(kernel: Kernel, q: Array, moving: NDArray[np.bool_]) ->
     )
 
 
+def _basis_rates(
+    kernel: Kernel, q: Array, basis: Array, bound: NDArray[np.intp], J_rate: Array, J_second: Array
+) -> tuple[Array, Array]:
+    """First and second derivative of a basis by time, (n, m) each, from J N = 0; independent rows are constant."""
+    inverse = np.linalg.pinv(kernel.constraint_jacobian(q)[:, bound], rcond=RANK)
+    rate, second = np.zeros_like(basis), np.zeros_like(basis)
+    rate[bound] = -inverse @ (J_rate @ basis)
+    second[bound] = -inverse @ (2.0 * J_rate @ rate + J_second @ basis)
+    return rate, second
+
+
 @dataclass(frozen=True, kw_only=True)
 class LinearSystem(Shown):
     """M e'' + D e' + K e = basis^T f about a state; e the change of m independent coordinates, f generalized forces.
@@ -162,6 +173,7 @@ class LinearSystem(Shown):
         u: drives and held forces there, (n,), N or N m.
         independent: names of the independent coordinates, m.
         basis: change of all coordinates per independent one, (n, m).
+        basis_rate: of it along the motion, (n, m); 0 at rest and without loops.
         M, D, K: (m, m).
         notes: lines about what was assumed.
     """
@@ -173,6 +185,7 @@ class LinearSystem(Shown):
     u: Array
     independent: tuple[str, ...]
     basis: Array
+    basis_rate: Array
     M: Array
     D: Array
     K: Array
@@ -188,22 +201,38 @@ def reduced(
     found: Tangent,
     fixation: Fixation,
     notes: tuple[str, ...] = (),
+    bending: tuple[Array, Array] | None = None,
 ) -> LinearSystem:
     """The system in independent coordinates, what is locked left out, gains of the drives added.
 
+    Where nothing can move, it has no coordinates, and says so in its notes.  With constraints the changes are N e,
+    N the basis, all along the motion: those of rates are N e' + N' e, those of accelerations N e'' + 2 N' e' + N'' e.
+
+    Args:
+        kernel, q, v, a, u: the state, and what holds it.
+        found: derivatives there.
+        fixation: what is locked, and gains.
+        notes: further lines.
+        bending: about a motion with constraints: the first and the second derivative by time of their Jacobian.
+
     Raises:
-        InputError: nothing can move, or a loop is singular there, see ``refuse_singular_pose``.
+        InputError: a loop is singular there, see ``refuse_singular_pose``.
         SingularError: a coordinate moves no inertia.
     """
     refuse_singular_pose(kernel, q, ~fixation.locked)
     basis, independent = moving_basis(kernel, q, ~fixation.locked)
-    if not independent:
-        raise InputError(f"{kernel.name}: nothing can move; allowed: fewer held coordinates, or drives that are free")
     names = tuple(kernel.coordinates[i] for i in independent)
-    M, D, K = (
-        basis.T @ part @ basis for part in (found.M, found.D + np.diag(fixation.kd), found.K + np.diag(fixation.kp))
-    )
-    if scaled_eigenvalues(M)[0][0] <= 1e-13:
+    whole = found.M, found.D + np.diag(fixation.kd), found.K + np.diag(fixation.kp)
+    rate, second = np.zeros_like(basis), np.zeros_like(basis)
+    if bending is not None:
+        moving = np.flatnonzero(~fixation.locked)
+        rate, second = _basis_rates(kernel, q, basis, np.setdiff1d(moving, independent), *bending)
+    M, D, K = (basis.T @ part @ basis for part in whole)
+    D += basis.T @ (2.0 * whole[0] @ rate)
+    K += basis.T @ (whole[1] @ rate + whole[0] @ second)
+    if not independent:
+        notes = (*notes, "nothing can move: what is held leaves the robot rigid (free or pd drives, fewer held: move)")
+    elif scaled_eigenvalues(M)[0][0] <= 1e-13:
         null = " and ".join(null_coordinates(M, names))
         raise SingularError(f"{kernel.name}: the mass matrix cannot be inverted at {null}: it moves no inertia there")
     return LinearSystem(
@@ -214,6 +243,7 @@ def reduced(
         u=u,
         independent=names,
         basis=basis,
+        basis_rate=rate,
         M=M,
         D=D,
         K=K,

@@ -1,12 +1,13 @@
 """What each coordinate of each joint contributes to a tool's deviation over a simulated motion.
 
 To first order the tool moves by J_s s for every deviation s and for every error of a drive, J the Jacobian at the
-program; what that leaves is of second order, and is stated.
+program; what that leaves is of second order, and is stated.  In a closed mechanism J_s has what the passive coordinates
+do behind s.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,10 +19,13 @@ from ..names import joint_of
 from ..pipeline.stages import build
 from ..robot.coordinates import MOTIONS, index_of
 from ..robot.model import build_model, tool_of
+from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..shown import Shown
 from ..simulation.result import SimulationResult
+from ..state.vectors import RANK
 from ..tabular import Rows, TableColumn, Tabular
+from .options import closing_kernels
 from .statics import motion_between
 
 Array = NDArray[np.float64]
@@ -149,6 +153,40 @@ class Budget(Shown, Tabular):
         return lines + [f"note: {note}" for note in self.notes]
 
 
+class _Following:
+    """How the passive coordinates of a closed mechanism follow the others on its program.
+
+    ``program`` are all coordinates there, (T, n), deviations zero.
+    """
+
+    def __init__(self, robot: Robot, result: SimulationResult) -> None:
+        motion = result.trajectory
+        names = motion.coordinates
+        self.passive, given = (index_of(names, part) for part in (result.passive, result.prescribed))
+        loops = tuple(loop.rigid() for loop in robot.loops)
+        firm = replace(robot, loops=loops, tunable=())
+        kernel = build(firm, kernels=closing_kernels(firm))
+        guess = np.zeros_like(motion.q)
+        for columns in (self.passive, given):
+            guess[:, columns] = motion.q[:, columns]
+        guess[:, index_of(names, result.program_coordinates)] = result.program_q
+        held = [name for name in names if name not in result.passive]
+        self.program = np.asarray(kernel.close(guess, held))
+        J = kernel.constraint_jacobian(self.program)
+        self.others = np.setdiff1d(np.arange(len(names)), self.passive)
+        self.slopes = -np.linalg.pinv(J[:, :, self.passive], rcond=RANK) @ J[:, :, self.others]
+
+    def split(self, J: Array, off: Array) -> tuple[Array, Array]:
+        """Jacobians, (T, 6, n), and what coordinates are off by, (T, n), with what follows counted where it comes from.
+
+        Of passive coordinates that leaves what no other accounts for: cut joints that yield.
+        """
+        J, off = J.copy(), off.copy()
+        off[:, self.passive] -= np.einsum("tij,tj->ti", self.slopes, off[:, self.others])
+        J[:, :, self.others] += J[:, :, self.passive] @ self.slopes
+        return J, off
+
+
 def budget(
     result: SimulationResult, robot: RobotLike, *, frame: str | None = None, kernel: Kernel | None = None
 ) -> Budget:
@@ -162,6 +200,7 @@ def budget(
 
     Raises:
         InputError: the result is of another robot, or holds values that are not finite.
+        LoopError: the rigid mechanism does not close on the program.
         UnknownNameError: no frame or link of that name.
     """
     robot, motion = as_robot(robot), result.trajectory
@@ -173,9 +212,15 @@ def budget(
     kernel = kernel or build(robot, kernels=("kinematics",))
     program = np.zeros_like(motion.q)
     program[:, index_of(motion.coordinates, result.program_coordinates)] = result.program_q
+    following = None
+    if result.passive:
+        following = _Following(robot, result)
+        program = following.program
     before, after = (np.asarray(kernel.frame_pose(q, frame)) for q in (program, np.ascontiguousarray(motion.q)))
-    J = np.asarray(kernel.frame_jacobian(program, frame))
-    contributions = np.swapaxes(J * (motion.q - program)[:, np.newaxis, :], 1, 2)
+    J, off = np.asarray(kernel.frame_jacobian(program, frame)), motion.q - program
+    if following is not None:
+        J, off = following.split(J, off)
+    contributions = np.swapaxes(J * off[:, np.newaxis, :], 1, 2)
     notes = []
     if frame == result.tool and np.abs(before - result.program_pose).max() > 1e-6:
         notes.append("the program's poses in the result are not those of this robot: its numbers have changed since")

@@ -23,7 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..description import RobotLike, as_robot
-from ..errors import InputError, InternalError
+from ..errors import InputError, InternalError, LoopError
+from ..names import listed
 from ..pipeline.stages import Options, build, build_flags
 from ..progress import StageReport, no_report
 from ..robot.model import build_model, open_tree
@@ -37,7 +38,8 @@ Array = NDArray[np.float64]
 
 STATES = 16  # random states that every sample cycles through: enough to defeat a lucky one, all in the first cache
 CALLS = 200  # from Python, of a sample
-CLOSED = ("tree_inverse_dynamics", "tree_forward_dynamics")  # of robots whose own kernels close loops
+SMALL = 1e-3  # m or rad about home, in which a closed mechanism is not looked for any more
+TREE = "tree_"  # in front of the names of kernels whose loops are cut
 TOLERANCE = 1e-9  # greatest relative difference between contenders that are timed
 
 
@@ -73,7 +75,7 @@ class BenchResult:
 
     ``error`` is the greatest relative difference (max-norm) between a kernel and its counterpart.  ``call`` is the
     median time of one call of the kernel ``called`` from Python (ns), with ``Kernel.checks`` and without.  ``note``
-    says of a robot with loops that all of this is about its tree.
+    says of a robot with loops which kernels close them, and that the textbook's algorithms know its tree alone.
     """
 
     robot: str
@@ -181,7 +183,19 @@ def bench(
         rows=tuple(rows),
         called=called,
         call=call,
-        note=open_tree(robot),
+        note=_closed_note(robot, kernel),
+    )
+
+
+def _closed_note(robot: Robot, kernel: Kernel) -> str:
+    """Say which kernels are of the closed mechanism, and which of its tree; "" where there is no difference."""
+    closing = [name for name in kernel.raw.functions if _is_closed(kernel, name)]
+    if not closing:
+        return open_tree(robot)
+    cut = listed([loop.name for loop in robot.loops] + [coupling.name for coupling in robot.couplings])
+    return (
+        f"{', '.join(closing)}: of the closed mechanism ({cut}), which the textbook's algorithms do not know; what"
+        " stands beside one of those is of the open tree"
     )
 
 
@@ -234,22 +248,55 @@ def _inputs(robot: Robot, kernel: Kernel) -> dict[str, Array]:
             q.append(rng.uniform(-reach, reach, STATES))
             v.append(rng.uniform(-rate, rate, STATES))
     n = kernel.n
-    return {
+    found = {
         "q": np.ascontiguousarray(np.transpose(q)),
         "v": np.ascontiguousarray(np.transpose(v)),
         "a": rng.uniform(-2.0, 2.0, (STATES, n)),
         "u": rng.uniform(-20.0, 20.0, (STATES, n)),
         "wrench": rng.uniform(-20.0, 20.0, (STATES, 6 * len(kernel.links))),
     }
+    return _closed_inputs(robot, found, rng) if kernel.constraints else found
 
 
-def counterparts(kernel: Kernel) -> tuple[str, ...]:
-    """Kernels beside which there is a textbook's algorithm, which knows no loops.
+def _closed_inputs(robot: Robot, given: dict[str, Array], rng: np.random.Generator) -> dict[str, Array]:
+    """The same for states of a closed mechanism: near home, with rates and accelerations that keep it closed."""
+    model = build_model(robot)
+    cut = ("cut_poses",) if robot.loops else ()
+    kernel = build(robot, kernels=("constraint", "constraint_jacobian", "mass_matrix", "forward_dynamics", *cut))
+    home, driven = np.array(model.home), [model.coordinates[i] for i in model.driven]
+    q, reach = np.tile(kernel.close(home), (STATES, 1)), 0.1
+    away = rng.uniform(-1.0, 1.0, q.shape) * np.isin(model.coordinates, driven)
+    while reach > SMALL:
+        try:
+            q = kernel.close(q + reach * away, held=driven)
+            break
+        except LoopError:
+            reach *= 0.5
+    v = kernel.close_rates(q, np.minimum(np.abs(given["v"]), 1.0))
+    return {**given, "q": q, "v": v, "a": kernel.forward_dynamics(q, v, given["u"])}
 
-    Articulated bodies know no prescribed coordinate.
+
+def counterparts(kernel: Kernel) -> dict[str, str]:
+    """Names of the textbook's algorithms by the kernels beside which they stand.
+
+    Articulated bodies know no prescribed coordinate, and none of them knows loops.
     """
-    known = (x for x in COUNTERPARTS if x in kernel.raw.functions and kernel.calls.of_tree(x) not in CLOSED)
-    return tuple(name for name in known if COUNTERPARTS[name].prescribes or not kernel.prescribed)
+    found = {}
+    for name in kernel.raw.functions:
+        textbook = name.removeprefix(TREE)
+        if textbook not in COUNTERPARTS or _is_closed(kernel, name):
+            continue
+        if COUNTERPARTS[textbook].prescribes or not kernel.prescribed:
+            found[name] = textbook
+    return dict(sorted(found.items(), key=lambda pair: list(COUNTERPARTS).index(pair[1])))
+
+
+def _is_closed(kernel: Kernel, name: str) -> bool:
+    """Whether a function keeps loops closed and couplings."""
+    from ..codegen.kernels.signatures import SIGNATURES
+
+    known = SIGNATURES.get(name)
+    return bool(kernel.constraints and known and (known.closed or "constrained_dynamics" in known.calls))
 
 
 def compare(kernel: Kernel, yardstick: Yardstick, inputs: Mapping[str, Array]) -> float:
@@ -259,24 +306,25 @@ def compare(kernel: Kernel, yardstick: Yardstick, inputs: Mapping[str, Array]) -
         InternalError: it is more than 1e-9 (forward dynamics: more than 100 condition numbers of round-off, too).
     """
     worst = 0.0
-    for name in counterparts(kernel):
+    for name, textbook_name in counterparts(kernel).items():
         function = kernel.raw.functions[name]
         for state in range(STATES):
             arrays = [np.ascontiguousarray(inputs[label][state]) for label in function.reads]
             ours, textbook = (np.zeros(kernel.raw.shapes[function.writes]) for _ in range(2))
-            failed = _call(kernel, function, arrays, ours), yardstick.run(name, arrays, textbook)
+            failed = _call(kernel, function, arrays, ours), yardstick.run(textbook_name, arrays, textbook)
             if any(failed):
                 continue  # singular: said in the row
             error = float(np.max(np.abs(ours - textbook)) / max(np.max(np.abs(textbook)), 1e-300))
             allowed = TOLERANCE
-            if COUNTERPARTS[name].solves:
+            if COUNTERPARTS[textbook_name].solves:
                 matrix = np.zeros((kernel.n, kernel.n))
                 yardstick.run("mass_matrix", arrays[:1], matrix)
                 allowed = max(allowed, 100.0 * float(np.linalg.cond(matrix)) * float(np.finfo(np.float64).eps))
             if not error <= allowed:
+                title = COUNTERPARTS[textbook_name].title
                 raise InternalError(
-                    f"{kernel.name}: {name} differs from the {COUNTERPARTS[name].title} by {error:.1e} (relative, at"
-                    f" most {allowed:.0e} is allowed) in state {state}; nothing was timed"
+                    f"{kernel.name}: {name} differs from the {title} by {error:.1e} (relative, at most {allowed:.0e} is"
+                    f" allowed) in state {state}; nothing was timed"
                 )
             worst = max(worst, error)
     return worst
@@ -299,14 +347,16 @@ def _measure(
     names, operations = [name], [counts]
     target = int(out.ctypes.data)
     timed = [Timed(raw.address(name), setup.address(function.library), target)]
-    if name in counterparts(kernel):
-        names.append(COUNTERPARTS[name].title)
-        timed.append(Timed(yardstick.address(name), 0, target))
-        operations.append(yardstick.operations(name, [np.ascontiguousarray(array[0]) for array in arrays], out))
+    textbook = counterparts(kernel).get(name)
+    if textbook is not None:
+        names.append(COUNTERPARTS[textbook].title)
+        timed.append(Timed(yardstick.address(textbook), 0, target))
+        operations.append(yardstick.operations(textbook, [np.ascontiguousarray(array[0]) for array in arrays], out))
     for state in range(STATES):
         failed = _call(kernel, function, [np.ascontiguousarray(array[state]) for array in arrays], out)
         if failed:
-            note = f"not timed: no inertia along {kernel.coordinates[failed - 1]} in state {state}"
+            why = f"no inertia along {kernel.coordinates[failed - 1]}" if failed <= kernel.n else "loops do not close"
+            note = f"not timed: {why} in state {state}"
             return Row(Contender(name, counts, 0.0, 0.0), note=note)
     ns = yardstick.stopwatch.time(timed, FRAME if function.is_framed else len(arrays), arrays, rounds)
     contenders = [
@@ -317,5 +367,5 @@ def _measure(
         return Row(contenders[0])
     ratios = ns[:, 1] / ns[:, 0]
     low, middle, high = (float(x) for x in np.quantile(ratios, (0.25, 0.5, 0.75)))
-    ours, textbook = contenders
-    return Row(ours, textbook, middle, (low, high), textbook.least / ours.least)
+    ours, other = contenders
+    return Row(ours, other, middle, (low, high), other.least / ours.least)

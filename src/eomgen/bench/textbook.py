@@ -23,6 +23,7 @@ from pycparser import c_ast, c_generator, c_parser
 
 from .._version import __version__
 from ..errors import InputError
+from ..names import component_name
 from ..robot.geometry import IDENTITY, ZERO
 from ..robot.model import Model
 from ..robot.value import COORDINATES
@@ -69,6 +70,9 @@ def newton_euler(model: Model) -> str:
     from ..codegen.tree.bound import bind
 
     bound = bind(model, lambda _, number: number, _sincos)
+    if model.cut_laws:
+        names = ", ".join(component_name(owner, name) if name else owner for owner, name, _ in model.cut_laws)
+        raise InputError(f"bench: {names}: the textbook's algorithms know no forces between links of a loop")
     if bound.transmissions:
         names = ", ".join(model.coordinates[i] for i in bound.transmissions)
         raise InputError(f"bench: {names}: the textbook's algorithms know no motors behind transmissions")

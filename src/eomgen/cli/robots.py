@@ -26,7 +26,7 @@ def _robots(options: argparse.Namespace) -> None:
 
 def _add_info(parser: argparse.ArgumentParser) -> None:
     add_robot(parser)
-    parser.add_argument("--zeros", action="store_true", help="every zero of M and C with its reason, by joints")
+    parser.add_argument("--zeros", action="store_true", help="every zero of M, C and constraints with its reason")
     add_json(parser)
 
 
@@ -34,9 +34,11 @@ def _info(options: argparse.Namespace) -> None:
     robot = read_robot(options)
     if options.zeros:
         from ..codegen.joint.zero_listing import zero_report
+        from ..codegen.kernels.closed import vanishing_rows
         from ..robot.model import build_model
 
-        show_result(options, zero_report(build_model(robot)))
+        model = build_model(robot)
+        show_result(options, zero_report(model, vanishing_rows(model)))
         return
     from ..pipeline.costs import robot_info
     from ..pipeline.mobility import mobility_of

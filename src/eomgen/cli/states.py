@@ -113,6 +113,8 @@ def _poses_along(robot: Robot, options: argparse.Namespace) -> Any:
         raise InputError(f"{options.along}: has not the coordinates of {robot.name}; allowed: a result of this robot")
     rows = np.unique(np.linspace(0, len(result.program_q) - 1, options.points).round().astype(int))
     poses = np.zeros((len(rows), kernel.n))
+    passive = index_of(kernel.coordinates, result.passive)
+    poses[:, passive] = result.trajectory.q[rows][:, passive]
     poses[:, index_of(kernel.coordinates, result.program_coordinates)] = result.program_q[rows]
     return poses
 

@@ -1,6 +1,6 @@
 """A measured motion and what it says of a robot: forces; stiffness and damping with their confidence.
 
-Uses runtime, robot, description, state, motion and pipeline.
+Uses runtime, robot, description, state, motion, pipeline and analysis.
 """
 
 from .estimates import Estimate, FitResult, FittedCoordinate

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..analysis.options import closing_kernels
 from ..description import RobotLike, as_robot
 from ..errors import InputError
 from ..files import write_atomically
@@ -24,11 +25,13 @@ from ..names import parameter_path, split_component
 from ..pipeline.stages import build
 from ..progress import StageReport
 from ..robot.coordinates import FORCES, force_unit_of, unit_of
+from ..robot.model import build_model
 from ..runtime.kernel import Kernel
 from ..shown import Shown
 from ..state.motors import deflections
 from ..state.springs import coordinate_numbers
 from ..tabular import Rows, TableColumn, Tabular
+from .closing import closed_motion
 from .estimates import KEYS
 
 Array = NDArray[np.float64]
@@ -207,20 +210,28 @@ def forces(
 
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description; the motion has its
-            coordinates, and what is not measured is held at zero.
+            coordinates, and what is not measured is held at zero, or follows where loops and couplings say how.
         motion: from ``read_motion`` or ``motion_from_columns``, or the path of a file.
         window, degree: samples and degree of the local polynomials.
-        kernel: of that robot, float64, with inverse_dynamics and reactions; built if not given.  Its parameters count.
+        kernel: of that robot, float64, with inverse_dynamics and reactions, and with what closes loops
+            (``closing_kernels``); built if not given.  Its parameters count.
 
     Raises:
-        InputError: the file or an argument cannot be used.
+        InputError: the file or an argument cannot be used, or a motion leaves a mechanism's coordinates open.
+        LoopError: loops do not close near a sample, or the drives cannot make the motion.
     """
     robot = as_robot(robot)
     if kernel is None:
-        kernel = build(robot, kernels=("inverse_dynamics", "reactions"), progress=progress or (lambda _: None))
+        names = ("inverse_dynamics", "reactions", *closing_kernels(robot))
+        kernel = build(robot, kernels=names, progress=progress or (lambda _: None))
     motion = measured_motion(robot.name, motion, kernel.coordinates)
     _refuse_transmissions(kernel, motion)
     q, v, a, notes = _derivatives(motion, window, degree)
+    following: tuple[str, ...] = ()
+    if kernel.constraints:
+        q, v, a, following = closed_motion(kernel, build_model(robot), motion.measured, q, v, a)
+    if following:
+        notes.append(f"not in the file, they follow from the others: {', '.join(following)}")
     drive = np.asarray(kernel.inverse_dynamics(q, v, a))
     rows = deflections(kernel)
     numbers = (coordinate_numbers(kernel, key) for key in KEYS)
@@ -229,7 +240,7 @@ def forces(
     if kernel.springs:
         pairs = np.asarray(kernel.spring_forces(q, v))
         line = -np.einsum("tsn,ts->tn", kernel.spring_jacobian(q), pairs[..., 1])
-    held = [name for name in motion.coordinates if name not in motion.measured]
+    held = [name for name in motion.coordinates if name not in {*motion.measured, *following}]
     if held:
         notes.append(f"not in the file, held at zero: {', '.join(held)}")
     return ForcesResult(

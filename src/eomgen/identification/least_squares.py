@@ -67,9 +67,15 @@ def fit(
         kernel: of that robot, float64, with inverse_dynamics and mass_matrix; built if not given.
 
     Raises:
-        InputError: the file or an argument cannot be used, samples are too few or not evenly spaced.
+        InputError: the robot has loops or couplings, the file or an argument cannot be used, samples are too few or not
+            evenly spaced.
     """
     robot = as_robot(robot)
+    if robot.is_closed:
+        raise InputError(
+            f"fit: {robot.name} has loops or couplings, whose forces no motion tells apart from those of its springs;"
+            " allowed: robots without"
+        )
     if not 0.0 < confidence < 1.0:
         raise InputError(f"confidence: {confidence!r}; allowed: a number between 0 and 1")
     if kernel is None:

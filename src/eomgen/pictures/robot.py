@@ -8,12 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from ..analysis.at_rest import closed
 from ..description import RobotLike, as_robot
 from ..errors import UnknownNameError
 from ..names import nearest, show
+from ..pipeline.stages import build
 from ..robot.model import build_model
 from ..robot.value import Robot
-from .scene import Array, capsule_mesh, capsules, extent, link_poses, spring_lines
+from .scene import Array, capsule_mesh, capsules, extent, link_poses, placed, spring_lines
 from .style import PROGRAM_COLOR, TOOL_COLOR, canvas, literal, title_of
 
 LINK_COLORS = ("#999999", "#0072b2", "#d55e00", "#009e73", "#e69f00", "#cc79a7", "#56b4e9")  # the base, then in turn
@@ -26,29 +28,34 @@ AXIS_LENGTH = 0.09  # of a joint's axis, of the robot's size
 def plot_robot(robot: RobotLike, path: Path | str, pose: Mapping[str, float] | None = None) -> Path:
     """Draw the robot at rest in one pose, in base axes, m; returns the path.
 
-    Links are capsules from their origin to whatever is on them, or lines to the joints that are cut; dashes are the z
-    axes of joints that move, dots frames, broken lines springs between points.  A robot in a plane is seen from above.
+    Links are capsules from their origin to whatever is on them; dashes are the z axes of joints that move, those that
+    are cut among them, dots frames, broken lines springs between points.  A robot in a plane is seen from above.
 
     Args:
-        robot: a Robot, the name of a built-in one, or the path of a description; loops are closed only where the
-            pose closes them.
+        robot: a Robot, the name of a built-in one, or the path of a description.
         path: .png, .svg or .pdf.
-        pose: coordinates by name, m or rad; the others are 0.
+        pose: coordinates by name, m or rad; the others are at home, or where they close loops and keep couplings.
 
     Raises:
         UnknownNameError: the robot has no such coordinate.
+        LoopError: the mechanism does not close near the pose.
         InputError: see ``style.canvas``.
     """
     robot = as_robot(robot)
-    names = build_model(robot).coordinates
+    model = build_model(robot)
+    names = model.coordinates
     for name in pose or {}:
         if name not in names:
             raise UnknownNameError(f"pose: {show(name)} is unknown{nearest(name, names)}; allowed: {', '.join(names)}")
-    q = np.array([(pose or {}).get(name, 0.0) for name in names])
+    q = np.array([(pose or {}).get(name, home) for name, home in zip(names, model.home, strict=True)])
+    if model.constraints:
+        cut = ("cut_poses",) if robot.loops else ()
+        kernel = build(robot, kernels=("constraint", "constraint_jacobian", *cut))
+        q = closed(kernel, q, np.isin(names, list(pose or ())))
     poses = link_poses(robot, names, q)
     with canvas(4.2, 4.0, path) as figure:
         axes = figure.add_axes((0.0, 0.02, 0.96, 0.9), projection="3d")
-        points = [_draw_links(axes, robot, poses), _draw_joints(axes, robot, poses), *_draw_cuts(axes, robot, poses)]
+        points = [_draw_links(axes, robot, poses), _draw_joints(axes, robot, poses)]
         for ends in spring_lines(robot, poses):
             axes.plot(*ends.T, color=SPRING_COLOR, linewidth=1.4, linestyle=(0, (2, 1)))
             points.append(ends)
@@ -84,27 +91,21 @@ def _color(robot: Robot, link: str) -> str:
     return LINK_COLORS[0] if link == robot.base else LINK_COLORS[1 + names.index(link) % (len(LINK_COLORS) - 1)]
 
 
-def _draw_cuts(axes: Any, robot: Robot, poses: Mapping[str, Array]) -> list[Array]:
-    """Lines from the links' origins to their cut joints; returns their ends, (2, 3) each, m."""
-    found = []
-    for loop in robot.loops:
-        for link, placement in zip(loop.links, loop.placements, strict=True):
-            ends = np.array([[0.0, 0.0, 0.0, 1.0], [*placement.xyz, 1.0]]) @ poses[link].T
-            axes.plot(*ends[:, :3].T, color=_color(robot, link), linewidth=2.4, solid_capstyle="round")
-            found.append(ends[:, :3])
-    return found
-
-
 def _draw_joints(axes: Any, robot: Robot, poses: Mapping[str, Array]) -> Array:
-    """The z axis of every joint with coordinates, through its origin; returns the ends (2 joints, 3), m."""
+    """The z axis of every joint with coordinates or cut, through its origin; returns the ends (2 joints, 3), m."""
     half, ends = AXIS_LENGTH * extent(robot), []
+    places = []
     for joint in robot.joints:
         if joint.coordinates:
             pose = poses[joint.child]
-            along = half * (pose[:3, :3] @ np.array(joint.axis_turn))[:, 2]
-            line = np.stack([pose[:3, 3] - along, pose[:3, 3] + along])
-            axes.plot(*line.T, color=PROGRAM_COLOR, linewidth=0.9, zorder=5)
-            ends.append(line)
+            places.append((pose[:3, 3], (pose[:3, :3] @ np.array(joint.axis_turn))[:, 2]))
+    for loop in robot.loops:
+        pose = poses[loop.links[0]] @ placed(loop.placements[0])
+        places.append((pose[:3, 3], pose[:3, 2]))
+    for origin, axis in places:
+        line = np.stack([origin - half * axis, origin + half * axis])
+        axes.plot(*line.T, color=PROGRAM_COLOR, linewidth=0.9, zorder=5)
+        ends.append(line)
     return np.concatenate(ends)
 
 

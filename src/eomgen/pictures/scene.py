@@ -38,7 +38,7 @@ def link_poses(robot: Robot, coordinates: Sequence[str], q: ArrayLike) -> dict[s
     """Poses of the base, all links and frames in the base, (..., 4, 4), m, by name.
 
     Args:
-        robot: whose offsets count; loops do not.
+        robot: whose offsets count.
         coordinates: n names; those of the robot that are not among them are zero.
         q: their values, (..., n), m or rad.
     """
@@ -48,9 +48,9 @@ def link_poses(robot: Robot, coordinates: Sequence[str], q: ArrayLike) -> dict[s
     for joint in robot.joints:
         turn = _pose(np.array(joint.axis_turn))
         moved = _motion(joint, column, values.shape[:-1])
-        poses[joint.child] = poses[joint.parent] @ _placed(joint.placement) @ turn @ moved @ turn.T
+        poses[joint.child] = poses[joint.parent] @ placed(joint.placement) @ turn @ moved @ turn.T
     for frame in robot.frames:
-        poses[frame.name] = poses[frame.link] @ _placed(frame.placement)
+        poses[frame.name] = poses[frame.link] @ placed(frame.placement)
     return poses
 
 
@@ -60,7 +60,8 @@ def _pose(rotation: Array) -> Array:
     return pose
 
 
-def _placed(placement: Placement) -> Array:
+def placed(placement: Placement) -> Array:
+    """A placement as a pose, (4, 4), m."""
     pose = _pose(np.array(placement.rotation))
     pose[:3, 3] = placement.xyz
     return pose
@@ -87,11 +88,16 @@ def _motion(joint: Joint, column: Mapping[str, Array], shape: tuple[int, ...]) -
 
 
 def program_positions(result: SimulationResult) -> Array:
-    """Coordinates of the rigid robot on its program, (T, n), m or rad: deviations and motors are zero."""
+    """Coordinates of the rigid robot on its program, (T, n), m or rad: deviations and motors are zero.
+
+    Coordinates that loops hold are where they are in reality.
+    """
     motion = result.trajectory
     q = np.zeros_like(motion.q)
     driven, given = (index_of(motion.coordinates, names) for names in (result.program_coordinates, result.prescribed))
+    passive = index_of(motion.coordinates, result.passive)
     q[:, driven], q[:, given] = result.program_q, motion.q[:, given]
+    q[:, passive] = motion.q[:, passive]
     return q
 
 
@@ -103,8 +109,8 @@ def exaggerated(result: SimulationResult, factor: float) -> Array:
 
 
 def extent(robot: Robot) -> float:
-    """The robot's size, m: the largest distance between any two of its origins and attachments at q = 0."""
-    poses = link_poses(robot, (), np.zeros(0))
+    """The robot's size, m: the largest distance between any two of its origins and attachments at home."""
+    poses = link_poses(robot, tuple(robot.home), np.array(list(robot.home.values())))
     places = [pose[:3, 3] for pose in poses.values()]
     places += [(poses[c.link] @ np.append(end, 1.0))[:3] for c in _lines(robot) for end in (c.begin, c.end)]
     spread = np.ptp(np.array(places), axis=0)
@@ -114,8 +120,8 @@ def extent(robot: Robot) -> float:
 def capsules(robot: Robot) -> tuple[Capsule, ...]:
     """Capsules in the place of links without meshes, the base among them: from a link's origin to each thing on it.
 
-    Things are joints, frames, ends of springs; a link without any gets one to its centre of mass.  Where begin and end
-    are the same a capsule is a ball.
+    Things are joints, cut ones too, frames, ends of springs; a link without any gets one to its centre of mass.  Where
+    begin and end are the same a capsule is a ball.
     """
     radius = SLENDER * extent(robot)
     return tuple(Capsule(c.link, c.begin, c.end, radius) for c in _lines(robot))
@@ -127,6 +133,9 @@ def _lines(robot: Robot) -> list[Capsule]:
         ends[joint.parent].append(joint.placement.xyz)
     for frame in robot.frames:
         ends[frame.link].append(frame.placement.xyz)
+    for loop in robot.loops:
+        for link, placement in zip(loop.links, loop.placements, strict=True):
+            ends[link].append(placement.xyz)
     for spring in robot.springs:
         for link, point in zip(spring.links, spring.points, strict=True):
             ends[link].append(point)

@@ -161,13 +161,14 @@ def compare(robot: Robot, dtype: str, compiler: str, eigen: bool, tmp_path: Path
 
 
 def closed_states(robot: Robot, kernel: eomgen.Kernel) -> dict[str, NDArray[np.floating]]:
-    """Two rates at home that keep the loops closed, to the dtype's round-off."""
+    """Two motions at home without drives that keep the loops closed, to the dtype's round-off."""
     q = np.array([build_model(robot).home] * 2, dtype=kernel.dtype)
     v = np.array([[0.1], [-0.2]], dtype=kernel.dtype) * np.arange(1, kernel.n + 1, dtype=kernel.dtype)
     for _ in range(3):
         change = kernel.calls.run("settling", None, (q, v))
         q, v = q + change[:, : kernel.n], v + change[:, kernel.n : 2 * kernel.n]
-    return {"q": q, "v": v}
+    a = kernel.calls.run("constrained_dynamics", None, (q, v, np.zeros_like(q)))[:, : kernel.n]
+    return {"q": q, "v": v, "a": np.ascontiguousarray(a)}
 
 
 OPEN = """

@@ -8,9 +8,11 @@ from collections import Counter
 import numpy as np
 import pytest
 
+import eomgen
 from eomgen.cli import entry as cli
 from eomgen.codegen.joint.zero_listing import ZeroReport, zero_report
 from eomgen.codegen.joint.zeros import zero_map
+from eomgen.codegen.kernels.closed import vanishing_rows
 from eomgen.robot.model import Model, build_model
 from tests.oracles.unpruned import brute_force
 from tests.support.generic_robots import chain, generic
@@ -65,3 +67,18 @@ def test_it_is_readable_for_36_coordinates(capsys: pytest.CaptureFixture[str]) -
         assert words in text
     assert cli.main(["info", "one_link", "--zeros", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["mass_matrix"] == []
+
+
+@pytest.mark.parametrize(
+    ("name", "kinds"), [("four_bar", ("joint4.z", "joint4.alpha", "joint4.beta")), ("bennett", ()), ("one_link", ())]
+)
+def test_rows_of_loops_that_vanish(name: str, kinds: tuple[str, ...]) -> None:
+    """Those of a planar loop that lead out of its plane; of a spatial one none."""
+    model = build_model(eomgen.load_robot(name))
+    rows = vanishing_rows(model)
+    assert tuple(row for row, _ in rows) == kinds
+    report = zero_report(model, rows)
+    assert [entry["row"] for entry in report.as_dict().get("constraints", [])] == list(kinds)  # type: ignore[attr-defined]
+    text = " ".join(report.lines())
+    assert ("moves in a plane" in text) == bool(kinds)
+    assert all(kind in text for kind in kinds)

@@ -1,0 +1,148 @@
+"""The linear system about a motion at one time, its loops closed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InputError, LoopError
+from ..names import joint_of
+from ..pipeline.stages import build
+from ..robot.coordinates import unit_of
+from ..runtime.kernel import Kernel
+from ..state.vectors import RANK, state_vector
+from .at_rest import closed
+from .holding import Fixation, floating
+from .options import HeldRobot
+from .tangent_system import LinearSystem, constraint_hessian, load_force, moving_basis, reduced, tangent
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+OPEN = 1e-9  # of the greatest of what adds up: more is not round-off
+
+
+def moving_system(arm: HeldRobot, q: Array, v: ArrayLike, a: ArrayLike | None, u: ArrayLike | None) -> LinearSystem:
+    """The system about a motion at one time: drives are constant, or gains about the motion.
+
+    Args:
+        arm: the robot.
+        q: coordinates, (n,); loops are closed near them, what is still stays.
+        v: rates, (n,).
+        a, u: accelerations or drives, (n,); one of them.
+
+    Raises:
+        InputError: both or none of a and u are given, or one is no such array.
+        LoopError: v or a open a loop, or these drives cannot make the motion.
+    """
+    given = a if u is None else u
+    if given is None or (a is not None and u is not None):
+        raise InputError("a and u: a motion is given by one of them; allowed: v and a, or v and u")
+    kernel = arm.kernel
+    rates = state_vector("v", v, kernel.coordinates)
+    wanted = state_vector("a" if u is None else "u", given, kernel.coordinates)
+    if kernel.constraints:
+        return _closed_system(arm, closed(kernel, q, arm.fixation.still), rates, wanted, is_drive=u is not None)
+    dead = load_force(kernel, q, arm.loads)
+    if u is None:
+        acceleration = wanted
+    else:
+        missing = wanted + dead - kernel.inverse_dynamics(q, rates, 0 * q, cut=True)
+        M, free = kernel.residual_jacobian(q, rates, 0 * q)[2], ~arm.fixation.locked
+        acceleration = np.zeros(kernel.n)
+        acceleration[free] = np.linalg.solve(M[np.ix_(free, free)], missing[free])
+    forces = kernel.inverse_dynamics(q, rates, acceleration, cut=True) - dead
+    found = tangent(kernel, q, rates, acceleration, arm.loads)
+    return reduced(kernel, q, rates, acceleration, forces, found, _unsaid(arm), _notes(kernel, q))
+
+
+def _unsaid(arm: HeldRobot) -> Fixation:
+    """The fixation without its notes, which are about rest."""
+    return replace(arm.fixation, notes=())
+
+
+def _notes(kernel: Kernel, q: Array) -> tuple[str, ...]:
+    return tuple(f"{name} floats in its clearance: no stiffness there" for name in floating(kernel, q))
+
+
+def _closed_system(arm: HeldRobot, q: Array, v: Array, given: Array, *, is_drive: bool) -> LinearSystem:
+    """The system about a motion with loops closed; ``given`` are the drives, or the accelerations, (n,)."""
+    kernel, fixation = arm.kernel, arm.fixation
+    zero = np.zeros(kernel.n)
+    J, bias = kernel.constraint_jacobian(q), kernel.constraint_bias(q, v)
+    _refuse_opening(kernel, J @ v, np.abs(J).max() * np.abs(v).max(), "v", "/s", "v of kernel.close_rates")
+    dead = load_force(kernel, q, arm.loads)
+    if is_drive:
+        a = _accelerations(kernel, q, v, J, bias, given + dead, ~fixation.locked)
+    else:
+        a = given
+        size = max(float(np.abs(J).max() * np.abs(a).max()), float(np.abs(bias).max()))
+        _refuse_opening(kernel, J @ a + bias, size, "a", "/s^2", "those of its motion, or u")
+    needed = kernel.residual(q, v, a, zero) - dead
+    prescribed = np.isin(kernel.coordinates, kernel.prescribed)
+    u = given.copy() if is_drive else np.zeros(kernel.n)
+    ways, _ = moving_basis(kernel, q, ~prescribed)
+    if not is_drive:
+        u[fixation.driven] = np.linalg.lstsq(ways[fixation.driven].T, ways.T @ needed, rcond=RANK)[0]
+    held = fixation.locked if is_drive else prescribed
+    ways, _ = moving_basis(kernel, q, ~held)
+    left = np.abs(ways.T @ (needed - u)).max(initial=0.0)
+    if not left <= 1e-8 * max(1.0, float(np.abs(needed).max())):
+        names = ", ".join(np.array(kernel.coordinates)[fixation.driven])
+        raise LoopError(
+            f"{kernel.name}: drives at {names or 'no coordinate'} cannot make this motion: {left:.3g} N or N m are"
+            " left; allowed: drives that hold the mechanism, or v and u",
+            loop=joint_of(kernel.constraints[0]),
+            gap=float(left),
+        )
+    multipliers = np.linalg.lstsq(J[:, ~held].T, (needed - u)[~held], rcond=RANK)[0]
+    u[held] = (needed - J.T @ multipliers)[held]
+    found = tangent(kernel, q, v, a, arm.loads, multipliers)
+    bending = _jacobian_rates(arm, q, v, a)
+    return reduced(kernel, q, v, a, u, found, _unsaid(arm), _notes(kernel, q), bending)
+
+
+def _accelerations(kernel: Kernel, q: Array, v: Array, J: Array, bias: Array, forces: Array, moving: Mask) -> Array:
+    """Accelerations, (n,), under generalized forces, loops closed; what does not move has none."""
+    zero = np.zeros(kernel.n)
+    a = zero.copy()
+    a[moving] = -np.linalg.lstsq(J[:, moving], bias, rcond=RANK)[0]
+    size = max(float(np.abs(J).max() * np.abs(a).max()), float(np.abs(bias).max()))
+    _refuse_opening(kernel, J @ a + bias, size, "what stays", "/s^2", "fewer coordinates that stay")
+    basis, independent = moving_basis(kernel, q, moving)
+    if independent:
+        M = kernel.residual_jacobian(q, v, zero)[2]
+        missing = basis.T @ (forces - kernel.residual(q, v, a, zero))
+        a += basis @ np.linalg.solve(basis.T @ M @ basis, missing)
+    return np.asarray(a)
+
+
+def _jacobian_rates(arm: HeldRobot, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
+    """First and second derivative by time of the constraint's Jacobian, (constraints, n) each.
+
+    With H the second derivatives of g the bias is v^T H v, whose derivatives by q are those of H along the motion.
+    """
+    kernel = arm.kernel
+    beside = build(arm.robot, kernels=("constraint_bias_tangent",))
+    for name, value in kernel.parameters.items():
+        beside.parameters[name] = value
+    H, along = constraint_hessian(kernel, q), np.eye(kernel.n)
+    states, rates = (np.tile(x, (kernel.n, 1)) for x in (q, v))
+    by_q = beside.tangent("constraint_bias", states, rates, along, np.zeros_like(along)).T
+    return H @ v, H @ a + by_q
+
+
+def _refuse_opening(kernel: Kernel, gaps: Array, size: float, what: str, per: str, allowed: str) -> None:
+    """LoopError if rates or accelerations open a loop by more than round-off of their size."""
+    worst = int(np.abs(gaps).argmax())
+    gap = float(abs(gaps[worst]))
+    if gap > OPEN * max(1.0, size):
+        name = kernel.constraints[worst]
+        raise LoopError(
+            f"{kernel.name}: {what} opens loop {joint_of(name)}: {name} by {gap:.3g} {unit_of(name)}{per}; allowed:"
+            f" {allowed}",
+            loop=joint_of(name),
+            gap=gap,
+        )

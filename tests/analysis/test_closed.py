@@ -1,0 +1,241 @@
+"""Analyses of closed mechanisms: against null spaces, differences on the closed states, and another cut of the same."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import eomgen
+from eomgen.analysis import compliance_map, deflection, linearize, modes, modes_along, response
+from eomgen.analysis.options import KERNELS, closing_kernels
+from eomgen.cli import entry as cli
+from eomgen.description.load import robot_from_toml
+from eomgen.errors import EomgenWarning, LoopError
+from tests.loops.test_elastic_cuts import linkages
+from tests.support.builds import Build
+from tests.support.random_robots import Array
+
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
+SIX = """
+x = { stiffness = 1e4, damping = 3.0, cubic = 1e6 }
+y = { stiffness = 1.5e4, damping = 1.0 }
+z = { stiffness = 2e4, damping = 2.0 }
+alpha = { stiffness = 1e3, damping = 0.1 }
+beta = { stiffness = 2e3, damping = 0.2 }
+gamma = { stiffness = 5.0, damping = 0.01, preload = 0.2 }
+"""
+HOLD = 2e4  # N/m
+
+
+def kernels(robot: eomgen.Robot) -> tuple[str, ...]:
+    """Names of the kernels of analyses, and the mass matrix and forward dynamics that they are compared with."""
+    return (*KERNELS, *closing_kernels(robot), "mass_matrix", "forward_dynamics")
+
+
+def null_space(J: Array) -> Array:
+    """Orthonormal columns, by singular values."""
+    _, S, Vt = np.linalg.svd(J)
+    found: Array = Vt[int((1e-9 * S[0] < S).sum()) :].T
+    return found
+
+
+def test_drives_that_hold_a_mechanism_leave_no_mode(capsys: pytest.CaptureFixture[str]) -> None:
+    """An empty table with a note, and nothing is wrong; so of a robot without loops whose joints are all rigid."""
+    for name in ("four_bar", "ur5"):
+        with pytest.warns(EomgenWarning, match="nothing can move"):
+            found = modes(name)
+        assert found.shapes.shape == (0, len(found.coordinates))
+        assert any("nothing can move" in line for line in found.lines())
+        assert cli.main(["modes", name]) == 0
+        assert "0 modes" in capsys.readouterr().out
+    with pytest.warns(EomgenWarning, match="nothing can move"):
+        path = modes_along("four_bar", [{"joint1": 1.0}, {"joint1": 1.3}])
+    assert path.values("frequencies").shape == (2, 0)
+    assert path.modes[1].q[0] == pytest.approx(1.3)
+    with pytest.warns(EomgenWarning, match="nothing can move"):
+        still = response("four_bar", ["tcp.fx"], ["tcp.x"], [1.0])
+    assert not still.H.any()
+    rigid = deflection("four_bar")
+    assert rigid.rank == 0
+    assert not rigid.deflection.any()
+
+
+def test_platform_on_legs_that_yield(built: Build) -> None:
+    """Eigenvalues of what NumPy makes of null spaces and of differences of forces on the closed states."""
+    robot = eomgen.load_robot("gough")
+    kernel = built(robot, *kernels(robot))
+    drives = [i for i, name in enumerate(kernel.coordinates) if name.startswith("leg")]
+    loads = {"platform": [20.0, -10.0, 30.0, 4.0, 5.0, 6.0]}
+    found = modes(robot, drives="pd", kp=HOLD, kd=3.0, kernel=kernel, loads=loads)
+    names = [kernel.coordinates[i] for i in drives]
+    home = np.array([robot.home.get(name, 0.0) for name in kernel.coordinates])
+    assert [found.q[i] for i in drives] == pytest.approx([home[i] for i in drives], abs=1e-9)
+    rest = found.q
+    held = _drives(kernel, rest, drives, loads)
+
+    def lacking(place: Array) -> Array:
+        """What the legs' springs do not hold, as the leg coordinates feel it."""
+        q = rest.copy()
+        q[drives] += place
+        q = kernel.close(q, held=names)
+        zero = np.zeros(kernel.n)
+        force = kernel.residual(q, zero, zero, zero)
+        force -= kernel.frame_jacobian(q, "platform").T @ np.array(loads["platform"])
+        force[drives] += HOLD * (q[drives] - rest[drives]) - held
+        return _ways(kernel, q, drives).T @ force
+
+    assert np.abs(lacking(np.zeros(6))).max() < 1e-7
+    h = 1e-4
+    K = np.array([(lacking(h * e) - lacking(-h * e)) / (2 * h) for e in np.eye(6)]).T
+    ways = _ways(kernel, rest, drives)
+    M = ways.T @ kernel.mass_matrix(rest) @ ways
+    D = 3.0 * np.eye(6)
+    A = np.block([[np.zeros((6, 6)), np.eye(6)], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]])
+    expected = np.linalg.eigvals(A)
+    expected = np.sort_complex(expected[expected.imag > 0.0])
+    assert np.sort_complex(found.eigenvalues) == pytest.approx(expected, rel=1e-6)
+
+
+def _ways(kernel: eomgen.Kernel, q: Array, drives: list[int]) -> Array:
+    ways = null_space(kernel.constraint_jacobian(q))
+    return np.asarray(ways @ np.linalg.inv(ways[drives]))
+
+
+def _drives(kernel: eomgen.Kernel, q: Array, drives: list[int], loads: dict[str, list[float]]) -> Array:
+    zero = np.zeros(kernel.n)
+    force = kernel.residual(q, zero, zero, zero)
+    for frame, wrench in loads.items():
+        force -= kernel.frame_jacobian(q, frame).T @ np.array(wrench)
+    return np.asarray(_ways(kernel, q, drives).T @ force)
+
+
+def test_elastic_joints_that_are_cut_or_not(built: Build) -> None:
+    """Modes, deflection and stiffness of one linkage, its elastic joint in the tree or between both ends of a loop."""
+    results = []
+    for robot in linkages(SIX):
+        kernel = built(robot, *kernels(robot))
+        pose = {"motor.gamma": 1.0, "pin.gamma": -0.5}
+        pose |= {"pivot.gamma": 1.44} if "pivot.gamma" in kernel.coordinates else {"hinge.gamma": 1.94}
+        loads = {"coupler": [3.0, -20.0, 1.0, 0.1, 0.2, 0.3]}
+        options = {"frame": "coupler", "kernel": kernel, "loads": loads}
+        results.append((modes(robot, pose, **options), deflection(robot, pose, **options)))
+    (mine, bent), (other, bowed) = results
+    assert len(mine.eigenvalues) == len(other.eigenvalues) == 2
+    assert np.sort_complex(mine.eigenvalues) == pytest.approx(np.sort_complex(other.eigenvalues), rel=1e-6)
+    assert np.abs(mine.frame_shapes) == pytest.approx(np.abs(other.frame_shapes), rel=1e-4, abs=1e-6)
+    assert bent.pose == pytest.approx(bowed.pose, abs=1e-8)
+    assert bent.compliance == pytest.approx(bowed.compliance, rel=1e-6, abs=1e-12)
+
+
+@pytest.mark.parametrize("name", ["four_bar", "bennett", "elastic"])
+def test_about_a_motion_the_closed_accelerations_are_differenced(name: str, built: Build) -> None:
+    """A, B and C about a motion: differences of forward dynamics and frames over the independent coordinates."""
+    robot = linkages(SIX)[1] if name == "elastic" else eomgen.load_robot(name)
+    kernel, rng = built(robot, *kernels(robot)), np.random.default_rng(5)
+    link = robot.links[1].name
+    home = np.array([robot.home.get(x, 0.0) for x in kernel.coordinates])
+    if name == "elastic":
+        home = kernel.close([1.0, -0.5, *[0.0] * 5, 1.94], held=["motor.gamma"])
+        home[2:] += 1e-4
+    q = kernel.close(home)
+    v = kernel.close_rates(q, rng.uniform(-1.0, 1.0, kernel.n))
+    u = rng.uniform(-2.0, 2.0, kernel.n)
+    outputs = [f"{link}.{part}" for part in ("x", "y", "rz")] + [kernel.coordinates[-1]]
+    inputs = [kernel.coordinates[0]]
+    found = linearize(
+        robot, q, v=v, u=u, kernel=kernel, held=[], inputs=inputs, outputs=outputs, kind="velocity", drives="free"
+    )
+    m = len(found.states) // 2
+    names = list(found.states[:m])
+    index = [kernel.coordinates.index(x) for x in names]
+    start = np.concatenate([found.q[index], v[index]])
+
+    def state(y: Array) -> tuple[Array, Array]:
+        place, rates = found.q.copy(), v.copy()
+        place[index], rates[index] = y[:m], y[m:]
+        place = kernel.close(place, held=names)
+        return place, kernel.close_rates(place, rates, held=names)
+
+    def slopes(y: Array, force: Array = u) -> Array:
+        place, rates = state(y)
+        a = kernel.forward_dynamics(place, rates, force)
+        return np.concatenate([y[m:], a[index]])
+
+    def seen(y: Array) -> Array:
+        place, rates = state(y)
+        J = kernel.frame_jacobian(place, link)
+        return np.concatenate([(J @ rates)[[0, 1, 5]], rates[-1:]])
+
+    h = 1e-5
+    A, C = (
+        np.array([(f(start + h * e) - f(start - h * e)) / (2 * h) for e in np.eye(2 * m)]).T for f in (slopes, seen)
+    )
+    one = np.eye(kernel.n)[kernel.coordinates.index(inputs[0])]
+    assert found.a == pytest.approx(kernel.forward_dynamics(q, v, u), abs=1e-8)
+    assert pytest.approx(A, rel=1e-5, abs=1e-5 * np.abs(A).max()) == found.A
+    assert pytest.approx(C, rel=1e-5, abs=1e-6) == found.C
+    assert found.B[:, 0] == pytest.approx(slopes(start, u + one) - slopes(start), abs=1e-7)
+    if name == "elastic":
+        return
+    again = linearize(robot, q, v=v, a=found.a, kernel=kernel, outputs=outputs, kind="velocity")
+    driven = [x in ("joint1.gamma",) for x in kernel.coordinates]
+    assert again.u[np.logical_not(driven)] == pytest.approx(0.0)
+    assert kernel.forward_dynamics(q, v, again.u) == pytest.approx(found.a, abs=1e-7)
+    alike = linearize(robot, q, v=v, u=again.u, kernel=kernel, outputs=outputs, kind="velocity")
+    assert pytest.approx(alike.A, rel=1e-7, abs=1e-7) == again.A
+
+
+def test_compliance_over_a_plane(built: Build) -> None:
+    """Where the platform can be the map has what a deflection at that pose has; elsewhere nothing."""
+    robot = eomgen.load_robot("gough")
+    kernel = built(robot, *kernels(robot))
+    corner, first, second = [0.0, 0.0, 1.05], [0.02, 0.0, 0.0], [0.0, 5.0, 0.0]
+    options: dict[str, Any] = {"frame": "platform", "drives": "pd", "kp": 1e6, "kernel": kernel}
+    found = compliance_map(robot, corner, first, second, (2, 2), **options)
+    assert np.isfinite(found.softest).tolist() == [[True, False], [True, False]]
+    sagged = found.points[1, 0] + found.deflection[1, 0, :3]
+    assert kernel.frame_pose(found.q[1, 0], "platform")[:3, 3] == pytest.approx(sagged, abs=1e-9)
+    pose = dict(zip(kernel.coordinates, found.q[1, 0].tolist(), strict=True))
+    again = deflection(robot, pose, **options)  # about a pose that is off by the sag, micrometres
+    assert again.compliance == pytest.approx(found.compliance[1, 0], rel=1e-3, abs=1e-9)
+
+
+def test_input_that_is_refused() -> None:
+    robot = eomgen.load_robot("four_bar")
+    zero = np.zeros(3)
+    for call, kind, words in (
+        (lambda: linearize(robot, v=[1.0, 0.0, 0.0], a=zero), LoopError, r"v opens loop joint4: joint4\.[xy] by"),
+        (lambda: linearize(robot, v=zero, a=[1.0, 0.0, 0.0]), LoopError, r"a opens loop joint4: .*m/s\^2; allowed: th"),
+        (lambda: linearize(_undriven(), v=zero, a=zero), LoopError, "drives at no coordinate cannot make this motion"),
+        (lambda: modes(robot, held=["joint1.gamma", "joint2.gamma"], pose=[1.0, 0.0, 0.0]), LoopError, "loop joint4"),
+    ):
+        with pytest.raises(kind, match=words):
+            call()
+
+
+def _undriven() -> eomgen.Robot:
+    from dataclasses import replace
+
+    return replace(eomgen.load_robot("four_bar"), driven=())
+
+
+def test_what_only_couplings_lead_is_not_loose() -> None:
+    """Two arms, the second behind the first by a rigid or an elastic gear: none of them is held by constant forces."""
+    text = 'name = "pair"\ndriven = ["first.gamma"]\n'
+    for name in ("first", "second"):
+        text += f'[[links]]\nname = "{name}_arm"\nmass = 2.0\ncom = [0.3, 0.0, 0.0]\n'
+        text += "inertia = { xx = 0.01, yy = 0.02, zz = 0.02 }\n"
+        text += f'[[joints]]\nname = "{name}"\nparent = "base"\nchild = "{name}_arm"\ntype = "revolute"\n'
+    gear = '[[couplings]]\nname = "gear"\nof = "second.gamma"\nto = { "first.gamma" = -2.0 }\n'
+    elastic = robot_from_toml(text + gear + "stiffness = 400.0\n")
+    found = modes(elastic, {"first": 0.3})
+    assert found.notes == ()
+    inertia = 0.02 + 2.0 * 0.3**2
+    assert found.frequencies == pytest.approx([np.sqrt(400.0 / inertia) / (2 * np.pi)], rel=1e-9)
+    assert found.q == pytest.approx([0.3, -0.6], abs=1e-9)
+    rigid = modes(robot_from_toml(text + gear), {"first": 0.3}, drives="pd", kp=50.0)
+    assert rigid.frequencies == pytest.approx([np.sqrt(50.0 / (inertia * 5.0)) / (2 * np.pi)], rel=1e-9)
+    assert rigid.q == pytest.approx([0.3, -0.6], abs=1e-9)
