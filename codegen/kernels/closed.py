@@ -33,6 +33,7 @@ from .derivation import Derivation, Outputs
 
 CLOSING = "closing_derivatives"
 Pivots = list[tuple[Scalar, Scalar]]
+REDUNDANT = 1e-6  # of the largest singular value: below it rows follow from others
 ROUND_OFF = 1e-12  # m, or a number: arms below it at random poses are zero
 _SAMPLES = 3
 PLANE = "the loop moves in a plane: nothing moves it along this direction"
@@ -111,6 +112,21 @@ def _without_round_off(d: Derivation, found: Sequence[Gap]) -> list[Gap]:
         arms = {index: arm for index, arm in gap.arms.items() if index in ever}
         kept.append(replace(gap, arms=arms, is_weak=bool(arms) and not now))
     return kept
+
+
+def is_redundant(model: Model) -> bool:
+    """Whether some rows of the constraint follow from others at home, as far as home is closed."""
+    d = Derivation(model)
+    found = [gap for gap in gaps(d, d.still) if gap.arms]
+    outputs = {("out", r * d.model.size + i): arm for r, gap in enumerate(found) for i, arm in gap.arms.items()}
+    if not outputs:
+        return False
+    values = evaluate(finish(d.graph, "arms", outputs), {"q": model.home, "p": list(model.parameters.values())})
+    J = np.zeros(len(found) * d.model.size)
+    for (_, place), value in values.items():
+        J[place] = value
+    J = J.reshape(len(found), -1)[:, [i for i in range(d.model.size) if i not in d.model.prescribed]]
+    return bool(np.linalg.matrix_rank(J, tol=REDUNDANT * np.linalg.norm(J, 2)) < len(found))
 
 
 def eliminated(

@@ -93,3 +93,12 @@ def test_energy_of_bricards_mechanism(built: Build) -> None:
     assert np.ptp(energy[:, 0]) > 10.0
     assert np.abs(energy.sum(axis=1) - energy[0].sum()).max() <= 1e-8 * np.ptp(energy[:, 0])
     assert np.abs(kernel.constraint(qs)).max() <= 1e-13
+
+
+def test_energy_of_a_redundant_linkage_in_space(built: Build) -> None:
+    """Rows that follow from others there answer to the gaps inside a step, so that each stage is closed."""
+    robot = eomgen.load_robot("bennett")
+    kernel, q = built(robot, *KERNELS), np.array(build_model(robot).home)
+    qs, vs = kernel.rollout(q, 0 * q, 0 * q, 1e-3, 2000, every=20)
+    energy = kernel.energy(qs, vs)
+    assert np.abs(energy.sum(axis=1) - energy[0].sum()).max() <= 1e-8 * np.ptp(energy[:, 0])
