@@ -16,7 +16,7 @@ from eomgen.errors import ArrayError, InputError
 from eomgen.motion.ends import default_motion
 from eomgen.motion.point_to_point import PointToPoint
 from eomgen.motion.tool_path import ToolLine
-from eomgen.robot.value import Robot
+from eomgen.robot.value import Link, Robot
 from eomgen.simulation.run import simulate
 from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.support.builds import Build
@@ -147,8 +147,19 @@ def test_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert "does not reach" in capsys.readouterr().err
 
 
-def test_loops_are_refused_in_words(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(InputError, match=r"four_bar has closed loops \('joint4'\).*allowed: robots without loops"):
-        compare(["one_link", "four_bar"])
-    assert cli.main(["compare", "four_bar", "one_link"]) != 0
-    assert "closed loops" in capsys.readouterr().err
+def test_closed_mechanisms(capsys: pytest.CaptureFixture[str]) -> None:
+    """Twice the masses take twice the forces, and the same motion; a line of the tool is refused in words."""
+    one = eomgen.load_robot("four_bar")
+    other = replace(one, name="heavier", links=tuple(twice(link) for link in one.links))
+    light, heavy = compare([one, other], duration=0.2).entries
+    assert light.tool_travel == pytest.approx(heavy.tool_travel, rel=1e-9)
+    assert heavy.reactions["joint1"][0] == pytest.approx(2.0 * light.reactions["joint1"][0], rel=1e-4)
+    assert heavy.drives["joint1.gamma"] == pytest.approx(2.0 * light.drives["joint1.gamma"], rel=1e-4)
+    with pytest.raises(InputError, match=r"line: 'four_bar' is closed by loops or couplings; allowed: a goal"):
+        compare([one, "one_link"], line=([0.5, 0.0, 0.5], [0.5, 0.1, 0.5]))
+    assert cli.main(["compare", "four_bar", "ur5", "--line", "9", "0", "0", "0", "0", "0"]) != 0
+    assert "closed by loops" in capsys.readouterr().err
+
+
+def twice(link: Link) -> Link:
+    return replace(link, mass=2.0 * link.mass, inertia=tuple(2.0 * x for x in link.inertia))

@@ -22,7 +22,7 @@ from ..names import joint_of, kind_of, listed
 from ..pipeline.stages import build
 from ..progress import Progress
 from ..robot.coordinates import force_unit_of, index_of, unit_of
-from ..robot.model import build_model, tool_of
+from ..robot.model import build_model, program_coordinates, tool_of
 from ..robot.value import PRINCIPAL, Robot
 from ..shown import Shown
 from ..simulation.assembly import RIGID_KERNELS
@@ -115,16 +115,18 @@ def compare(
         robots: two or more, with different names; each a Robot, the name of a built-in one, or the path of a
             description.
         duration: s; the motion takes 80 percent of it.
-        goal: of the principal coordinates, rad or m, the same numbers for every robot: they start where the first
-            robot would (``default_motion``), which also says the goal if none is given.
+        goal: of the principal coordinates, of closed mechanisms of the driven ones, rad or m, the same numbers for
+            every robot: they start where the first robot would (``default_motion``), which also says the goal if none
+            is given.
         line: two points, (3,), m, base axes: the tool of every robot moves along that line instead (``ToolLine``).
         tool: frame or link, known to all; each robot's own as in ``simulate`` if not given.
         method: of the integration, see ``integrate``.
         progress: called with a fraction from 0 to 1 and a line of text.
 
     Raises:
-        InputError: fewer than two robots, names that are equal, a robot with loops, principal coordinates that do not
-            match, a line that a tool cannot follow.
+        InputError: fewer than two robots, names that are equal, principal coordinates that do not match, a line
+            that a tool cannot follow, or with a closed mechanism.
+        LoopError: the motion leads where loops cannot close.
         IntegrationError: a motion could not be integrated.
     """
     arms = [as_robot(robot) for robot in ([robots] if isinstance(robots, (Robot, str, Path)) else robots)]
@@ -133,13 +135,9 @@ def compare(
         raise InputError(f"robots: {len(arms)} given; allowed: two or more")
     if len(set(names)) < len(names):
         raise InputError(f"robots: {', '.join(names)}; allowed: robots with different names")
-    for robot in arms:
-        if robot.loops:
-            cut = listed([loop.name for loop in robot.loops])
-            raise InputError(
-                f"{robot.name} has closed loops ({cut}), and its drives and reactions would be those of the open tree;"
-                " allowed: robots without loops"
-            )
+    if line is not None and any(robot.is_closed for robot in arms):
+        closed = listed([robot.name for robot in arms if robot.is_closed])
+        raise InputError(f"line: {closed} is closed by loops or couplings; allowed: a goal of the driven coordinates")
     if line is not None and goal is not None:
         raise InputError("goal and line are both given; allowed: one of them")
     motion = None if line is not None else _common_motion(arms, duration, goal)
@@ -159,7 +157,9 @@ def compare(
 
 
 def _movable(robot: Robot) -> list[str]:
-    """Names of the principal coordinates (of free joints there are none)."""
+    """Names of the principal coordinates (of free joints there are none), of closed mechanisms of the driven ones."""
+    if robot.is_closed:
+        return list(program_coordinates(robot))
     names = build_model(robot.rigid()).coordinates
     kinds = {joint.name: PRINCIPAL.get(joint.type) for joint in robot.joints}
     return [name for name in names if kinds[joint_of(name)] == kind_of(name)]
@@ -175,7 +175,7 @@ def _common_motion(robots: Sequence[Robot], duration: float, goal: Sequence[floa
                 f"{robot.name} has principal coordinates in {', '.join(kind)}, {first.name} in {', '.join(kinds[0])};"
                 " allowed: the same, or a line of the tool"
             )
-    driven = build_model(first.rigid()).coordinates
+    driven = program_coordinates(first) if first.is_closed else build_model(first.rigid()).coordinates
     motion = default_motion(first, duration, driven, goal=goal)
     index = index_of(driven, _movable(first))
     return motion.start[index], motion.goal[index]
@@ -190,7 +190,7 @@ def _line_motion(robot: Robot, line: Line, duration: float, tool: str | None) ->
 
 
 def _entry(robot: Robot, result: SimulationResult) -> Entry:
-    kernel = build(robot, kernels=(*COUNTED, "reactions"))
+    kernel = build(robot) if robot.is_closed else build(robot, kernels=(*COUNTED, "reactions"))
     motion = result.trajectory
     a = kernel.forward_dynamics(motion.q, motion.v, motion.u)
     reactions = np.asarray(kernel.reactions(motion.q, motion.v, a))
