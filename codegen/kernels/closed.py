@@ -206,7 +206,7 @@ def drives(d: Derivation) -> Outputs:
 
 
 def closing_reactions(d: Derivation) -> Outputs:
-    """What the tree's joints bear of the forces in the cuts, of multipliers."""
+    """Reactions of the tree's joints to the forces in the cuts, of multipliers."""
     total = [NO_WRENCH] * len(d.model.bodies)
     for closure, wrench in _rigid_wrenches(d):
         for k, carried in closure.wrenches(wrench.force, wrench.moment):
@@ -215,7 +215,7 @@ def closing_reactions(d: Derivation) -> Outputs:
 
 
 def loop_reactions(d: Derivation) -> Outputs:
-    """What cut joints exert on their second links, in the cut frames there, where nothing in them is rigid."""
+    """Wrenches of cut joints on their second links, in the cut frames there, where nothing in them is rigid."""
     return _of_cuts(d, {})
 
 

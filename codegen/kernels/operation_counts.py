@@ -20,7 +20,7 @@ Counts = dict[str, int]  # "mul", "add", "div", "sincos"
 
 
 def _closing_operations(model: Model, widths: list[int], refinements: int) -> Counts:
-    """Those of the derivatives of closed accelerations in C, beside the tree's: see ``accelerations_by.jinja``.
+    """Count those of the derivatives of closed accelerations in C, beside the tree's: see ``accelerations_by.jinja``.
 
     ``widths``: of the rows of the constraint that do not vanish, the coordinates that may move them.
     """

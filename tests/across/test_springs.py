@@ -97,7 +97,7 @@ def test_loops_carry_springs(built: Build) -> None:
     sprung_bar = replace(robot, springs=(spring,))
     with_it, without = (
         ClosedLoops(built(r, "constraint", "constraint_jacobian", "constraint_bias", "cut_poses", "mass_matrix",
-                          "inverse_dynamics", "energy"))
+                          "inverse_dynamics", "energy", "constrained_dynamics", "residual"))
         for r in (sprung_bar, robot)
     )  # fmt: skip
     n = with_it.kernel.n

@@ -570,7 +570,7 @@ class Kernel:
         *,
         cut: bool,
     ) -> Array:
-        """What a motion takes, with its loops closed or cut; see ``Calls.run_with_wrench``."""
+        """Compute what a motion takes, with its loops closed or cut; see ``Calls.run_with_wrench``."""
         if cut or not self.constraints:
             return self.calls.run_with_wrench(self.calls.of_tree(name), out, values, wrench)
         if wrench is None:
@@ -801,7 +801,8 @@ class Kernel:
             names = ", ".join(dict.fromkeys(component.partition(".")[0] for component in self.constraints))
             hint = "" if cut is None else "; cut=True takes the loops as open"
             raise InputError(
-                f"{name}: {self.name} has loops ({names}), and forces in them are not known here; see eomgen.loops{hint}"
+                f"{name}: {self.name} has loops ({names}), and forces in them are not known here; see"
+                f" eomgen.loops{hint}"
             )
 
 

@@ -60,7 +60,7 @@ def closed_motion(
 
 
 def _may_stay(kernel: Kernel, q: Array, known: Mask) -> Mask:
-    """What stays while the first sample is closed: all that is known, if the others can close it, or nothing."""
+    """Choose what stays while the first sample is closed: all that is known, if the others can close it, or nothing."""
     J = kernel.constraint_jacobian(q)
     return np.full(known.size, _rank(J[:, ~known]) == _rank(J))
 

@@ -152,7 +152,7 @@ def rk4(
 
 @dataclass(frozen=True)
 class Steps:
-    """What SciPy's solvers are started with: the method, its tolerances and the last time, s.
+    """Settings that SciPy's solvers are started with: the method, its tolerances and the last time, s.
 
     Attributes:
         atol: of (q, v), (2n,).

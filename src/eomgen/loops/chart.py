@@ -161,7 +161,7 @@ def _rank(J: Array) -> int:
 
 
 def _beside(J: Array, others: Array) -> Array:
-    """What of columns is left beside the range of others."""
+    """Give what is left of columns beside the range of others."""
     Q = np.linalg.qr(others)[0]
     return np.asarray(J - Q @ (Q.T @ J))
 

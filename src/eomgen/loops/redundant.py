@@ -99,7 +99,7 @@ class Factors:
         return [i for i, part in enumerate(inside) if part < 1.0 - 1e-8]
 
     def redundancy(self, constraints: Sequence[str]) -> Redundancy:
-        """What is redundant, by the names of the constraints."""
+        """Name what is redundant, by the constraints."""
         redundant, undetermined = (
             tuple(constraints[i] for i in rows) for rows in (self.dependent_rows(), self.undetermined_rows())
         )

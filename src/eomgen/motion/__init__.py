@@ -1,6 +1,6 @@
 """Motions of coordinates and tools over time: from point to point, splines, tables, tool paths, measured files.
 
-Uses runtime, robot and forms.
+Uses runtime, robot, forms and loops.
 """
 
 from __future__ import annotations

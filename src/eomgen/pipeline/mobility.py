@@ -42,7 +42,7 @@ class Mobility:
         return {**vars(self), "redundant": list(self.redundant), "undetermined": list(self.undetermined)}
 
     def lines(self) -> list[str]:
-        """What is known, for people."""
+        """Say what is known, for people."""
         if self.note:
             return [f"mobility: not known: {self.note}"]
         many = f"{BRANCHES} ways or more" if self.branches >= BRANCHES else f"{self.branches} ways"

@@ -570,7 +570,7 @@ class Kernel:
         *,
         cut: bool,
     ) -> Array:
-        """What a motion takes, with its loops closed or cut; see ``Calls.run_with_wrench``."""
+        """Compute what a motion takes, with its loops closed or cut; see ``Calls.run_with_wrench``."""
         if cut or not self.constraints:
             return self.calls.run_with_wrench(self.calls.of_tree(name), out, values, wrench)
         if wrench is None:

@@ -185,7 +185,7 @@ def kernels_of(robot: Robot, scenario: Scenario) -> tuple[str, ...]:
 
 
 def _there(robot: Robot, kernels: tuple[str, ...]) -> tuple[str, ...]:
-    """Those of the kernels that the robot has: couplings have no cut joints."""
+    """Select kernels that the robot has: couplings have no cut joints."""
     return tuple(name for name in kernels if robot.loops or name != "cut_poses")
 
 
