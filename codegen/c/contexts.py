@@ -124,7 +124,7 @@ def number_context(equations: Equations, dtype: str, meta: Mapping[str, Any]) ->
 
 
 def _closing_tables(equations: Equations, dtype: str) -> dict[str, Any]:
-    """What the template of the closed accelerations' derivatives has tables of."""
+    """Tables of the template of the closed accelerations' derivatives."""
     if CLOSING not in equations.programs:
         return {}
     precision, kinds = DERIVING[dtype], row_kinds(equations.model, equations.programs[CLOSING])

@@ -273,7 +273,7 @@ def closing_derivatives(d: Derivation) -> Outputs:
 
 
 def row_kinds(model: Model, program: Program) -> list[int]:
-    """Of every row of the constraint a number for rows of its kind; -1 where nothing that is not prescribed moves it.
+    """Give every row of the constraint a number for rows of its kind; -1 where nothing that is not prescribed moves it.
 
     Args:
         model: a robot with constraints.

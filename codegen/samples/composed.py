@@ -237,7 +237,7 @@ def _first(status: Array, reason: int, values: Array, scale: Array) -> Array:
 
 
 def _driving(model: Model, run: Run, inputs: Mapping[str, Array], *, loaded: bool) -> tuple[Array, Array]:
-    """What constrained_drives finds, and whether its drives make the motion."""
+    """Run constrained_drives, and say whether its drives make the motion."""
     n, m = model.size, len(model.constraints)
     found = run("constrained_drives", **({} if loaded else {"u": np.zeros_like(inputs["u"])}))[0]
     pull, bias, left, needed = np.split(found[n + 3 * m :], [m, 2 * m, 2 * m + n])

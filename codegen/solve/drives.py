@@ -142,7 +142,7 @@ def _weights(rows: Sequence[Row], driven: Collection[int], turns: Callable[[int]
 
 
 def _kind(row: Row) -> object:
-    """Of a loop's rows whether they are angles; every coupling is a kind of its own."""
+    """Say of a loop's rows whether they are angles; every coupling is a kind of its own."""
     return row.group[-1] if isinstance(row.group, tuple) and isinstance(row.group[-1], bool) else row.group
 
 
