@@ -134,6 +134,7 @@ def test_a_simulation_is_explained() -> None:
     assert np.array_equal(other.contributions[:, found.coordinates.index("elbow.gamma")], np.zeros((len(found.t), 6)))
 
 
+@pytest.mark.soak
 def test_a_closed_mechanism_is_explained() -> None:
     """An elastic crank joint moves the coupler by what follows it in the loop: little is left, of second order."""
     robot = eomgen.load_robot("four_bar")

@@ -150,6 +150,7 @@ def test_elastic_loops_rest_where_their_springs_hold(built: Build) -> None:
     soft = built(
         replace(robot, name="soft_bars", loops=(replace(robot.loops[0], coordinates=springs),)),
         *(name for name in KERNELS if name not in LOOP_KERNELS),
+        "inverse_dynamics",
     )
     q = np.array([robot.home[name] for name in soft.coordinates])
     sagged = closed_equilibrium(soft, q, held=["joint1.gamma"])

@@ -231,7 +231,7 @@ def test_accelerations_and_reactions_equal_pinocchios(seed: int, built: Build) -
         assert np.abs(row[:size] + wrench[:size]).max() <= 1e-6 * np.abs(wrench).max()
 
 
-@pytest.mark.parametrize("kind", FREE)
+@pytest.mark.parametrize("kind", ["planar", *(pytest.param(kind, marks=pytest.mark.soak) for kind in FREE)])
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.soak)])
 def test_another_cut_of_the_same_mechanism(kind: str, seed: int, built: Build) -> None:
     """A joint that is cut, or kept in the tree with its far link welded to the ground: the same motion and forces."""

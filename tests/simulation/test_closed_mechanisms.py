@@ -85,6 +85,7 @@ def test_tools_of_platforms_follow_lines_and_circles() -> None:
         run("gough", "duration = 0.5\n[motion]\ntype = 'line'\nfrom = [0.0, 0.0, 3.0]\nto = [0.1, 0.05, 1.0]\n")
 
 
+@pytest.mark.soak
 def test_wrenches_and_payloads_on_a_platform() -> None:
     push = "[[wrenches]]\nlink = 'platform'\nt0 = 0.02\nt1 = 0.05\nforce = [50.0, 0, 0]\n"
     body = "[[payloads]]\nlink = 'platform'\nmass = 5.0\npoint = [0.0, 0.0, 0.1]\nt0 = 0.06\n"
@@ -121,6 +122,7 @@ def test_prescribed_motions_that_open_a_loop_are_refused() -> None:
         run(shaken(), f"duration = 0.4\n{far}[control]\ntype = 'none'\n[integrator]\nmethod = 'rk4'\n")
 
 
+@pytest.mark.soak
 def test_elastic_legs_deviate_from_the_rigid_mechanism() -> None:
     soft = Coordinate(stiffness=1e6, damping=1e2)
     robot = with_coordinate(eomgen.load_robot("gough"), "leg", "x", soft, "soft_legs")

@@ -19,7 +19,7 @@ KERNELS = (
     "constrained_dynamics",
     "residual",
     "mass_matrix",
-    "inverse_dynamics",
+    "tree_inverse_dynamics",
     "energy",
     "kinematics",
 )

@@ -221,7 +221,8 @@ def test_units_of_fmi(linear: bool, units: list[str]) -> None:
     if not linear:
         joint = replace(robot.joints[0], type="revolute", coordinates={"gamma": Coordinate(further=GIVEN)})
         robot = replace(robot, joints=(joint,))
-    found = [x for x in make_layout(build_model(robot), 1e-3).variables if ".exponential." in x.name]
+    model = build_model(robot)
+    found = [x for x in make_layout(model, 1e-3, model.home).variables if ".exponential." in x.name]
     assert [(x.unit, x.start, x.minimum) for x in found] == [(units[0], F, 0.0), (units[1], SCALE, 1e-12)]
     assert all(UNITS[x.unit] for x in found)
 

@@ -64,7 +64,7 @@ def test_a_cut_joint_leaves_its_freedoms_and_no_other(kind: str, built: Build) -
     joint = Joint("free", "base", "body", "free", coordinates={name: Coordinate() for name in COORDINATES})
     link = Link("body", 1.0, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0, 0.0, 0.0, 0.0))
     robot = Robot(f"free_{kind}", (0.0, 0.0, 0.0), (link,), (joint,), loops=(Loop("cut", ("base", "body"), kind),))
-    kernel = built(robot, *LOOP_KERNELS)
+    kernel = built(robot, *CLOSURE_KERNELS)
     assert kernel.constraints == tuple(f"cut.{part.name}" for part in CUTS[kind])
     assert kernel.loops == {"cut": kind}
     free = [COORDINATES.index(name) for name in FREE[kind]]
@@ -90,7 +90,7 @@ def test_constraints_equal_pinocchios_kinematics(seed: int, built: Build) -> Non
     from tests.oracles.pinocchio_models import PinocchioOracle
 
     robot = looped(seed)
-    kernel, oracle, rng = built(robot, *LOOP_KERNELS), PinocchioOracle(robot), np.random.default_rng(seed)
+    kernel, oracle, rng = built(robot, *CLOSURE_KERNELS), PinocchioOracle(robot), np.random.default_rng(seed)
     for _ in range(3):
         q = random_state(robot, rng).q
         g, J, row = kernel.constraint(q), kernel.constraint_jacobian(q), 0
@@ -119,7 +119,7 @@ def test_constraints_equal_pinocchios_kinematics(seed: int, built: Build) -> Non
 def test_derivatives_equal_complex_steps(seed: int, built: Build) -> None:
     """J is dg/dq and the bias J_dot v, to the last digits: complex steps have no round-off."""
     robot = looped(seed)
-    kernel, state, step = built(robot, *LOOP_KERNELS), random_state(robot, seed), 1e-30
+    kernel, state, step = built(robot, *CLOSURE_KERNELS), random_state(robot, seed), 1e-30
     model = build_model(robot)
     g, J = derive(model, "constraint"), derive(model, "constraint_jacobian")
     columns = [complex_run(g, q=state.q + 1j * step * e).imag / step for e in np.eye(kernel.n)]
@@ -134,7 +134,7 @@ def test_derivatives_equal_complex_steps(seed: int, built: Build) -> None:
 def test_rates_of_change_along_a_motion(built: Build) -> None:
     """J v and J a + J_dot v are the derivatives of g along q(t), by finite differences of g alone."""
     robot = looped(321)
-    kernel, s, h = built(robot, *LOOP_KERNELS), random_state(robot, 321), 1e-4
+    kernel, s, h = built(robot, *CLOSURE_KERNELS), random_state(robot, 321), 1e-4
 
     def g(t: float) -> Array:
         return np.asarray(kernel.constraint(s.q + s.v * t + s.a * t * t / 2))
@@ -149,7 +149,7 @@ def test_rates_of_change_along_a_motion(built: Build) -> None:
 def test_batches_and_threads(dtype: str) -> None:
     """C without warnings; a batch gives what single states give, in one thread and in two."""
     robot = looped(330)
-    kernel = eomgen.build(robot, kernels=LOOP_KERNELS, dtype=dtype, flags=("-Werror", "-O1"))
+    kernel = eomgen.build(robot, kernels=CLOSURE_KERNELS, dtype=dtype, flags=("-Werror", "-O1"))
     rng = np.random.default_rng(3)
     q, v = (rng.uniform(-1, 1, (600, kernel.n)).astype(dtype) for _ in "qv")
     calls = [(kernel.constraint, (q,)), (kernel.constraint_jacobian, (q,)), (kernel.cut_poses, (q,))]
@@ -191,7 +191,7 @@ def test_loops_do_not_change_the_tree(built: Build) -> None:
 
 def test_a_generated_package_has_the_constraints(tmp_path: Any) -> None:
     robot = eomgen.load_robot("bennett")
-    package = generate(robot, tmp_path, Options(kernels=LOOP_KERNELS))
+    package = generate(robot, tmp_path, Options(kernels=CLOSURE_KERNELS))
     header = (package / "bennett.h").read_text()
     assert "joint4.alpha" in header
     assert "int bennett_constraint_bias(const double *h, const double *q, const double *v, double *out);" in header
