@@ -310,6 +310,7 @@ def test_derivatives_of_redundant_loops_along_closed_motions(built: Build) -> No
     assert np.abs(by_u - differences(kernel, [q, v, u], 2, 1e-2)).max() <= 1e-9 * np.abs(by_u).max()
 
 
+@pytest.mark.soak
 def test_derivatives_with_a_prescribed_leg(built: Build) -> None:
     """Of its acceleration, too; in double and in single precision."""
     robot = eomgen.load_robot("gough")

@@ -218,8 +218,8 @@ ROBOTS: dict[str, Callable[[], Robot]] = {
     ("robot", "dtype"),
     [
         *((robot, "float64") for robot in ROBOTS),
-        ("loops", "float32"),
-        *(pytest.param(robot, "float32", marks=pytest.mark.soak) for robot in ROBOTS if robot != "loops"),
+        ("one_link", "float32"),
+        *(pytest.param(robot, "float32", marks=pytest.mark.soak) for robot in ROBOTS if robot != "one_link"),
     ],
 )
 def test_both_faces_say_the_same(robot: str, dtype: str, calls: int, built: Build) -> None:
