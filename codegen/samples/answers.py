@@ -86,7 +86,7 @@ class _Samples:
         """Put answers (..., lanes) among what is found, lanes first."""
         states = len(STATES)
         self.found[name] = np.moveaxis(answers[..., :states], -1, 0)
-        self.found[f"{name} near"] = np.moveaxis(_SAFETY * spread(answers), -1, 0).astype(np.float32)
+        self.found[f"{name} near"] = np.moveaxis(_SAFETY * spread(answers), -1, 0).astype(np.float64)
         self.found[f"{name} status"] = np.zeros(states, np.int64) if status is None else status[:states]
         certain = self.certain if certain is None else certain
         self.found[f"{name} bits"] = certain and all(map(self.arithmetic.has_no_choice, programs))
