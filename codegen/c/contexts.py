@@ -13,7 +13,7 @@ from eomgen.robot.model import Model
 from ..joint.zeros import zero_map
 from ..kernels.blocks import row_blocks
 from ..kernels.bodies import first_frame, frame_bodies
-from ..kernels.closed import CLOSING, is_redundant, row_kinds
+from ..kernels.closed_motion import CLOSING, row_kinds
 from ..kernels.equations import Equations
 from ..kernels.signatures import KERNELS, SIGNATURES, SINGLES, Function, by_kind, functions, shapes
 from ..program.operations import CALLS
@@ -103,7 +103,7 @@ def number_context(equations: Equations, dtype: str, meta: Mapping[str, Any]) ->
         "whole": scalar.whole,
         "pivot_limit": scalar.literal(PIVOT_LIMITS[dtype]),
         "open_gap": scalar.literal(OPEN_GAPS[dtype]),
-        "redundant": _rolls_with_loops(equations) and is_redundant(model),
+        "redundant": meta.get("redundant", False),
         "closed_gap": scalar.literal(CLOSED_GAPS[dtype]),
         "checks": _checks(equations, _composed(equations)),
         "statuses_of_a_step": str(statuses(model)),
@@ -181,10 +181,6 @@ def _composed(equations: Equations) -> list[str]:
 def _checks(equations: Equations, composed: Iterable[str]) -> set[str]:
     """Programs whose gaps templates of these kernels look at."""
     return {program for name in composed for program in equations.calls.get(name, ()) if program in CHECKED}
-
-
-def _rolls_with_loops(equations: Equations) -> bool:
-    return bool(equations.model.constraints) and any(_rolls(name) for name in equations.kernels)
 
 
 def _rolls(kernel: str) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 from eomgen.robot.model import Model
 
 from ..joint.zeros import zero_map
+from ..kernels.constraint_rows import is_redundant
 from ..kernels.equations import Equations
 from ..kernels.interface import describe_kernels
 from ..kernels.operation_counts import operations
@@ -27,6 +28,7 @@ def kernel_metadata(equations: Equations, dtype: str, *, batches: bool = True) -
         "survivors": survivors(model) if mapped else {},
         "halves": halves(equations, batches=batches),
         **({"statuses": statuses(model)} if model.constraints else {}),
+        **({"redundant": is_redundant(model)} if "settling" in equations.programs else {}),
     }
 
 

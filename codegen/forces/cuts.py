@@ -11,15 +11,15 @@ and the rates of the angles are the relative angular velocity along the dual vec
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from eomgen.robot.value import ANGULAR, COORDINATES, LINEAR
 
 from ..tree.bound import Bound, BoundLaw
 from ..tree.constraints import Closure, Direction
-from ..tree.recursion import ZERO, Wrench
-from ..tree.spatial import Scalar, Vec, add, dot, is_zero, scale
+from ..tree.recursion import Wrench
+from ..tree.spatial import Scalar, Vec, add, along, dot, is_zero, scale
 from .laws import Effect, effect
 from .scalar_functions import Functions
 
@@ -39,10 +39,7 @@ class Deviating:
 
     def rate(self, v: Sequence[Scalar]) -> Scalar:
         """ds/dt."""
-        total: Scalar = 0.0
-        for index, arm in self.arms.items():
-            total = total + arm * v[index]
-        return total
+        return along(self.arms, v)
 
     def resists(self, s: Scalar, rate: Scalar, f: Functions) -> Effect:
         """The force that resists a deviation s at a rate, its slopes and energy."""
@@ -53,8 +50,8 @@ class Deviating:
     def wrenches(self, force: Scalar) -> Iterator[tuple[int, Wrench]]:
         """Wrenches of the tree's joints that hold the resisting force, as of ``Closure.wrenches``."""
         if self.closure is not None and self.direction is not None:
-            vector = scale(-1.0 * force, self.direction.vector)
-            yield from self.closure.wrenches(*((ZERO, vector) if self.direction.is_rotation else (vector, ZERO)))
+            wrench = self.direction.wrench(-1.0 * force)
+            yield from self.closure.wrenches(wrench.force, wrench.moment)
 
 
 def deviating(bound: Bound, closures: Sequence[Closure], q: Sequence[Scalar], f: Functions) -> list[Deviating]:
@@ -66,16 +63,8 @@ def deviating(bound: Bound, closures: Sequence[Closure], q: Sequence[Scalar], f:
             found += _of_loop(bound, closure, names, f)
     for coupling in bound.couplings:
         if coupling.law is not None:
-            found.append(Deviating(coupled(coupling.arms, coupling.offset, q), dict(coupling.arms), coupling.law))
+            found.append(Deviating(coupling.gap(q), dict(coupling.arms), coupling.law))
     return found
-
-
-def coupled(arms: Mapping[int, Scalar], offset: Scalar, q: Sequence[Scalar]) -> Scalar:
-    """By how much a coupled coordinate is off."""
-    total: Scalar = -1.0 * offset
-    for index, arm in arms.items():
-        total = total + arm * q[index]
-    return total
 
 
 def _of_loop(bound: Bound, closure: Closure, names: Sequence[str], f: Functions) -> Iterator[Deviating]:

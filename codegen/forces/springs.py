@@ -28,7 +28,7 @@ from ..tree.composite import Rows
 from ..tree.constraints import Side, common_body, subtract
 from ..tree.frozen_joints import JointGeometry
 from ..tree.recursion import Note, Wrench
-from ..tree.spatial import Pose, Scalar, Vec, add, cross, dot, is_zero, matvec, scale, transpose
+from ..tree.spatial import Pose, Scalar, Vec, add, along, cross, dot, is_zero, matvec, scale, transpose
 from .laws import steepest, tension
 from .scalar_functions import Functions
 
@@ -84,10 +84,7 @@ class Line:
 
     def rate(self) -> Scalar:
         """w = d . d_dot."""
-        total: Scalar = 0.0
-        for index, value in self.g.items():
-            total = total + value * self.v[index]
-        return total
+        return along(self.g, self.v)
 
     def length(self) -> Scalar:
         """L."""

@@ -13,7 +13,8 @@ from ..solve.factorised import Factors, solve
 from ..solve.responses import EliminatedTree, FactorisedTree
 from ..solve.rows import Row, elastic_row
 from ..tree.spatial import Scalar
-from .closed import Pivots, constrained, eliminated, gaps, pivot_outputs, settling, with_rows
+from .closed import Pivots, constrained, eliminated, pivot_outputs, settling, with_rows
+from .constraint_rows import gaps
 from .derivation import Derivation, Outputs
 
 FACTORISED = "M = L^T D L factorised"

@@ -89,6 +89,9 @@ def _loop_metadata(model: Model) -> dict[str, Any]:
         found = {"loops": loops, "upright": {loop.name: _upright(loop) for loop in model.robot.loops}}
     if model.constraints:
         found["constraints"] = model.constraints
+    rigid = {coupling.name: coupling.of for coupling in model.robot.couplings if coupling.law is None}
+    if rigid:
+        found["couplings"] = rigid
     if model.cut_laws:
         found["cut_laws"] = [component_name(owner, name) if name else owner for owner, name, _ in model.cut_laws]
     return found

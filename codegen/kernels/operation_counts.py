@@ -12,7 +12,7 @@ from eomgen.robot.model import Model
 from ..solve.factorised import coordinate_parents, solve_operations
 from ..solve.rows import DERIVING
 from .blocks import row_blocks
-from .closed import CLOSING, row_kinds
+from .closed_motion import CLOSING, row_kinds
 from .equations import Equations
 from .signatures import KERNELS
 

@@ -17,7 +17,8 @@ from ..tree.kinematics import body_poses, external_rows, frame_poses, potential_
 from ..tree.recursion import Wrench, inertial_rows, kinetic_energy
 from ..tree.spatial import Scalar
 from .accelerations import CONSTRAINED, SETTLING, SOLVERS, Way, implicit_step
-from .closed import closing_derivatives, closing_reactions, drives, gaps, loop_reactions, loop_wrenches
+from .closed_motion import closing_derivatives, closing_reactions, drives, loop_reactions, loop_wrenches
+from .constraint_rows import gaps
 from .derivation import Derivation, Outputs, vector
 from .signatures import CLOSURE_KERNELS
 

@@ -76,7 +76,7 @@ def least_drives(
     rest = {i: needed[i] for i in weights}
     for _ in range(weighing.factors.refinements + 1):
         push = {i: (weights[i] * x if i in driven else weights[i] * x + held[i]) for i, x in rest.items()}
-        more = system.once({r: _along(rows[r], push) for r in system.kept})
+        more = system.once({r: rows[r].along(push) for r in system.kept})
         for r, step in more.items():
             multipliers[r] = multipliers[r] + step
         rest = _less(needed, rows, multipliers, weights)
@@ -99,14 +99,6 @@ def _has_no_choice(rows: Sequence[Row], driven: Collection[int]) -> bool:
             coupled, count = coupled | members, count + number
         parts = [*apart, (coupled, count)]
     return all(len(members.intersection(driven)) <= len(members) - count for members, count in parts)
-
-
-def _along(row: Row, x: Sparse) -> Scalar:
-    """J x of one row."""
-    total: Scalar = 0.0
-    for i, arm in row.arms.items():
-        total = total + arm * x[i]
-    return total
 
 
 def _less(needed: Sequence[Scalar], rows: Sequence[Row], multipliers: Sequence[Scalar], moved: Iterable[int]) -> Sparse:

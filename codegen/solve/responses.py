@@ -14,7 +14,7 @@ from eomgen.robot.model import FIXED_BODY
 
 from ..tree.frozen_joints import unit
 from ..tree.recursion import NO_WRENCH, ZERO, Wrench
-from ..tree.spatial import Scalar, Vec, add, cross, dot, is_zero, matvec, scale, transpose
+from ..tree.spatial import Scalar, Vec, add, along, cross, dot, is_zero, matvec, scale, transpose
 from .elimination import Elimination
 from .factorised import Factors
 from .rotors import Rotors
@@ -58,10 +58,7 @@ class FactorisedTree:
 
     def along(self, row: Row, response: Response) -> Scalar:
         """J a_free."""
-        total: Scalar = 0.0
-        for index, free in response.free.items():
-            total = total + free * self.left[index]
-        return total
+        return along(response.free, self.left)
 
     def accelerations(self, more: Mapping[int, Scalar]) -> list[Scalar]:
         """Accelerations, (n,), with a sum of responses added."""

@@ -22,7 +22,7 @@ from __future__ import annotations
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from ..tree.spatial import Scalar, is_zero
+from ..tree.spatial import Scalar, along, is_zero
 
 Sparse = dict[int, Scalar]
 
@@ -61,12 +61,9 @@ class Row:
     group: object = None
     is_weak: bool = False
 
-    def along(self, x: Sequence[Scalar]) -> Scalar:
+    def along(self, x: Sequence[Scalar] | Mapping[int, Scalar]) -> Scalar:
         """J x."""
-        total: Scalar = 0.0
-        for index, arm in self.arms.items():
-            total = total + arm * x[index]
-        return total
+        return along(self.arms, x)
 
 
 def elastic_row(arms: Sparse, root: Scalar) -> Row:

@@ -26,6 +26,7 @@ from .spatial import (
     Scalar,
     Vec,
     add,
+    along,
     congruence,
     mat3,
     matmul,
@@ -90,6 +91,10 @@ class BoundCoupling:
     arms: Mapping[int, Scalar]
     offset: Scalar
     law: BoundLaw | None
+
+    def gap(self, q: Sequence[Scalar]) -> Scalar:
+        """By how much the coordinates are off."""
+        return along(self.arms, q) - self.offset
 
 
 @dataclass(frozen=True)

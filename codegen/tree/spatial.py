@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -76,6 +77,14 @@ def scale(factor: Scalar, a: Vec) -> Vec:
 def dot(a: Vec, b: Vec) -> Scalar:
     """a . b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def along(arms: Mapping[int, Scalar], x: Sequence[Scalar] | Mapping[int, Scalar]) -> Scalar:
+    """Sum of arms times the entries of x at their indices."""
+    total: Scalar = 0.0
+    for index, arm in arms.items():
+        total = total + arm * x[index]
+    return total
 
 
 def cross(a: Vec, b: Vec) -> Vec:

@@ -14,7 +14,6 @@ from scipy.integrate import solve_ivp
 from scipy.signal import savgol_filter
 
 import eomgen
-from eomgen.analysis.options import closing_kernels
 from eomgen.cli import entry as cli
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import InputError
@@ -24,6 +23,7 @@ from eomgen.identification.from_motion import forces
 from eomgen.identification.least_squares import fit
 from eomgen.motion.files import motion_from_columns
 from eomgen.motion.smoothing import Differentiator, local_polynomials, noise_deviation
+from eomgen.pipeline.closing import mechanism_kernels
 from eomgen.robot.model import build_model
 from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.support.builds import Build
@@ -280,7 +280,7 @@ def test_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
 def test_a_measured_mechanism_closes() -> None:
     """From the crank alone, or from all coordinates with noise: rates and accelerations of the closed motion."""
     robot = eomgen.load_robot("four_bar")
-    model, kernel = build_model(robot), eomgen.build(robot, kernels=closing_kernels(robot))
+    model, kernel = build_model(robot), eomgen.build(robot, kernels=mechanism_kernels(robot))
     t = np.linspace(0.0, 0.2, 101)
     crank = np.array([1.0 + 0.5 * np.sin(8 * t), 4.0 * np.cos(8 * t), -32.0 * np.sin(8 * t)])
     alone = [np.zeros((t.size, 3)) for _ in range(3)]

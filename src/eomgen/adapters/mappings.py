@@ -145,8 +145,11 @@ class DifferentiableFunction:
 
     def __init__(self, kernel: Kernel, name: str, frame: str | None = None, *, cut: bool = False) -> None:
         entry = _entry(name, bool(kernel.constraints), cut)
-        if name in WITHOUT_DERIVATIVES and kernel.constraints:
-            kernel.refuse_loops(name, cut=cut)
+        if name in WITHOUT_DERIVATIVES and kernel.constraints and not cut:
+            raise InputError(
+                f"{name}: {kernel.name} has loops or couplings, and the least drives of a closed mechanism have no"
+                " derivatives here; allowed: cut=True, which takes the loops as open"
+            )
         missing = [needed for needed in entry.kernels if needed not in kernel.operations]
         if missing:
             raise UnknownNameError(

@@ -64,7 +64,7 @@ def rest(
     """The state of rest near q, (n,).
 
     Args:
-        kernel: float64, with the kernels of ``options.KERNELS`` and ``closing_kernels``.
+        kernel: float64, with the kernels of ``options.KERNELS`` and ``mechanism_kernels``.
         q: where to begin; ``fixation.still`` stays there.
         fixation: what stays.
         loads: dead wrenches by frame, see ``options.checked_loads``.

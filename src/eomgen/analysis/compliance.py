@@ -15,6 +15,7 @@ from ..errors import InputError, IntegrationError
 from ..files import write_atomically
 from ..motion.ends import principal_limits
 from ..motion.tool_path import CLOSE, reach, space_point, starting_points, within_limits
+from ..pipeline.closing import mechanism_kernels
 from ..pipeline.stages import build
 from ..progress import Progress, StageReport, no_progress
 from ..robot.model import build_model, tool_of
@@ -22,7 +23,7 @@ from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..shown import Shown
 from .holding import PoseLike
-from .options import HeldRobot, StateKeywords, closing_kernels, prepared
+from .options import HeldRobot, StateKeywords, prepared
 from .statics import deflection_of, fixed_at_rest
 
 if TYPE_CHECKING:
@@ -166,7 +167,7 @@ def _rigid(arm: HeldRobot, report: StageReport) -> Kernel:
     if not arm.robot.is_closed:
         return arm.kernel
     rigid = arm.robot.rigid()
-    kernel = build(rigid, kernels=("kinematics", *closing_kernels(rigid)), progress=report)
+    kernel = build(rigid, kernels=("kinematics", *mechanism_kernels(rigid)), progress=report)
     for name, value in arm.kernel.parameters.items():
         if name in kernel.parameters:
             kernel.parameters[name] = value

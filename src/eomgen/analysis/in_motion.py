@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InputError, LoopError
 from ..names import joint_of
 from ..pipeline.stages import build
-from ..robot.coordinates import unit_of
 from ..runtime.kernel import Kernel
+from ..runtime.opened import left_open
 from ..state.vectors import RANK, state_vector
 from .at_rest import closed
 from .holding import Fixation, floating
@@ -136,13 +136,5 @@ def _jacobian_rates(arm: HeldRobot, q: Array, v: Array, a: Array) -> tuple[Array
 
 def _refuse_opening(kernel: Kernel, gaps: Array, size: float, what: str, per: str, allowed: str) -> None:
     """LoopError if rates or accelerations open a loop by more than round-off of their size."""
-    worst = int(np.abs(gaps).argmax())
-    gap = float(abs(gaps[worst]))
-    if gap > OPEN * max(1.0, size):
-        name = kernel.constraints[worst]
-        raise LoopError(
-            f"{kernel.name}: {what} opens loop {joint_of(name)}: {name} by {gap:.3g} {unit_of(name)}{per}; allowed:"
-            f" {allowed}",
-            loop=joint_of(name),
-            gap=gap,
-        )
+    if np.abs(gaps).max() > OPEN * max(1.0, size):
+        raise left_open(kernel.raw, gaps, f"opens at {what}", allowed, per)

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..description import RobotLike, as_robot
 from ..errors import ArrayError, EomgenWarning, InputError
+from ..pipeline.closing import mechanism_kernels
 from ..pipeline.stages import build
 from ..progress import StageReport, no_report
 from ..robot.model import build_model
@@ -26,7 +27,6 @@ Array = NDArray[np.float64]
 FrameLoads = Mapping[str, ArrayLike]
 
 KERNELS = ("inverse_dynamics", "residual_jacobian", "kinematics")
-LOOP_KERNELS = ("residual", "mass_matrix", "constraint", "constraint_jacobian", "constraint_bias")
 
 
 class StateKeywords(TypedDict, total=False):
@@ -54,7 +54,7 @@ class StateOptions:
             that ``fixation_of`` finds.
         loads: dead wrenches by frame or link, (6,) each: force (N), moment (N m) at its origin, base axes.
         parameters: values that differ from the description's, {"gravity.z": 0.0} say.
-        kernel: of the robot, float64, with KERNELS and ``closing_kernels``; built if not given.  Its parameters count.
+        kernel: of the robot, float64, with KERNELS and ``mechanism_kernels``; built if not given.  Its parameters count.
     """
 
     drives: str = "locked"
@@ -104,7 +104,7 @@ def kernel_of(
         InputError: the kernel is of another robot or not float64, or parameters are given beside a kernel.
     """
     if kernel is None:
-        kernel = build(robot, kernels=(*KERNELS, *closing_kernels(robot)), progress=progress or no_report)
+        kernel = build(robot, kernels=(*KERNELS, *mechanism_kernels(robot)), progress=progress or no_report)
         for name, value in (parameters or {}).items():
             kernel.parameters[name] = value
         return kernel
@@ -115,12 +115,6 @@ def kernel_of(
     if kernel.dtype != np.float64:
         raise InputError(f"kernel: {kernel.name} is {kernel.dtype}; allowed: float64")
     return kernel
-
-
-def closing_kernels(robot: Robot) -> tuple[str, ...]:
-    """Names of the kernels that close a robot's loops and keep its couplings, as far as it has some."""
-    cut = ("cut_poses",) if robot.loops else ()
-    return (*cut, *(LOOP_KERNELS if build_model(robot).constraints else ()))
 
 
 def checked_loads(kernel: Kernel, loads: FrameLoads | None) -> dict[str, Array]:

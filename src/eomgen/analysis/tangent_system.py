@@ -125,7 +125,7 @@ def refuse_singular_pose(kernel: Kernel, q: Array, moving: NDArray[np.bool_]) ->
     space is that of a manifold.
 
     Args:
-        kernel: with the kernels of ``options.closing_kernels``.
+        kernel: with the kernels of ``pipeline.closing.mechanism_kernels``.
         q: coordinates that close the loops, (n,).
         moving: which of them may move, (n,).
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ..description import RobotLike, as_robot
 from ..errors import InputError
 from ..names import joint_of
+from ..pipeline.closing import mechanism_kernels
 from ..pipeline.stages import build
 from ..robot.coordinates import MOTIONS, index_of
 from ..robot.model import build_model, tool_of
@@ -25,7 +26,6 @@ from ..shown import Shown
 from ..simulation.result import SimulationResult
 from ..state.vectors import RANK
 from ..tabular import Rows, TableColumn, Tabular
-from .options import closing_kernels
 from .statics import motion_between
 
 Array = NDArray[np.float64]
@@ -165,7 +165,7 @@ class _Following:
         self.passive, given = (index_of(names, part) for part in (result.passive, result.prescribed))
         loops = tuple(loop.rigid() for loop in robot.loops)
         firm = replace(robot, loops=loops, tunable=())
-        kernel = build(firm, kernels=closing_kernels(firm))
+        kernel = build(firm, kernels=mechanism_kernels(firm))
         guess = np.zeros_like(motion.q)
         for columns in (self.passive, given):
             guess[:, columns] = motion.q[:, columns]

@@ -34,7 +34,7 @@ def _info(options: argparse.Namespace) -> None:
     robot = read_robot(options)
     if options.zeros:
         from ..codegen.joint.zero_listing import zero_report
-        from ..codegen.kernels.closed import vanishing_rows
+        from ..codegen.kernels.constraint_rows import vanishing_rows
         from ..robot.model import build_model
 
         model = build_model(robot)

@@ -20,6 +20,7 @@ from ..description.mjcf.values import about, matrix, triple
 from ..errors import EomgenWarning, InputError
 from ..files import write_atomically
 from ..names import component_name, show
+from ..pipeline.closing import closed_home
 from ..robot.coordinates import coordinate_names
 from ..robot.geometry import IDENTITY
 from ..robot.inertia_policy import link_sizes, lowest_moments, second_moments
@@ -38,7 +39,6 @@ from ..robot.value import (
     Spring,
 )
 from .equalities import add_equalities, held_softly
-from .start import closed_home
 
 Array = NDArray[np.float64]
 Bodies = Mapping[str, ElementTree.Element]

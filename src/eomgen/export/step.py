@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import SingularError
+from ..pipeline.closing import closed_home
 from ..pipeline.stages import build
 from ..progress import StageReport, no_report
 from ..robot.model import build_model
 from ..robot.value import Robot
-from .start import closed_home
 
 Array = NDArray[np.float64]
 LONGEST_STEP = 1e-3  # s, of co-simulation

@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..analysis.options import closing_kernels
 from ..description import RobotLike, as_robot
 from ..errors import InputError
 from ..files import write_atomically
 from ..motion.files import MeasuredMotion, measured_motion
 from ..motion.smoothing import local_polynomials
 from ..names import parameter_path, split_component
+from ..pipeline.closing import mechanism_kernels
 from ..pipeline.stages import build
 from ..progress import StageReport
 from ..robot.coordinates import FORCES, force_unit_of, unit_of
@@ -214,7 +214,7 @@ def forces(
         motion: from ``read_motion`` or ``motion_from_columns``, or the path of a file.
         window, degree: samples and degree of the local polynomials.
         kernel: of that robot, float64, with inverse_dynamics and reactions, and with what closes loops
-            (``closing_kernels``); built if not given.  Its parameters count.
+            (``mechanism_kernels``); built if not given.  Its parameters count.
 
     Raises:
         InputError: the file or an argument cannot be used, or a motion leaves a mechanism's coordinates open.
@@ -222,7 +222,7 @@ def forces(
     """
     robot = as_robot(robot)
     if kernel is None:
-        names = ("inverse_dynamics", "reactions", *closing_kernels(robot))
+        names = ("inverse_dynamics", "reactions", *mechanism_kernels(robot))
         kernel = build(robot, kernels=names, progress=progress or (lambda _: None))
     motion = measured_motion(robot.name, motion, kernel.coordinates)
     _refuse_transmissions(kernel, motion)

@@ -12,6 +12,7 @@ from ..analysis.at_rest import closed
 from ..description import RobotLike, as_robot
 from ..errors import UnknownNameError
 from ..names import nearest, show
+from ..pipeline.closing import closing_kernels
 from ..pipeline.stages import build
 from ..robot.model import build_model
 from ..robot.value import Robot
@@ -49,8 +50,7 @@ def plot_robot(robot: RobotLike, path: Path | str, pose: Mapping[str, float] | N
             raise UnknownNameError(f"pose: {show(name)} is unknown{nearest(name, names)}; allowed: {', '.join(names)}")
     q = np.array([(pose or {}).get(name, home) for name, home in zip(names, model.home, strict=True)])
     if model.constraints:
-        cut = ("cut_poses",) if robot.loops else ()
-        kernel = build(robot, kernels=("constraint", "constraint_jacobian", *cut))
+        kernel = build(robot, kernels=closing_kernels(robot))
         q = closed(kernel, q, np.isin(names, list(pose or ())))
     poses = link_poses(robot, names, q)
     with canvas(4.2, 4.0, path) as figure:

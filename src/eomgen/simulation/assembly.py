@@ -16,6 +16,7 @@ from ..motion.splines import Standstill
 from ..motion.timetable import TimeTable
 from ..names import joint_of, listed, nearest, show, split_component
 from ..pipeline.ahead import Ahead
+from ..pipeline.closing import mechanism_kernels
 from ..pipeline.stages import build, build_groups
 from ..progress import Progress
 from ..robot.coordinates import coordinate_names, index_of
@@ -36,8 +37,7 @@ Array = NDArray[np.float64]
 RIGID_KERNELS = ("inverse_dynamics", "kinematics")
 KERNELS = (*RIGID_KERNELS, "forward_dynamics", "mass_matrix", "external_force", "energy", "generalized_force")
 IMPLICIT_KERNELS = (*KERNELS, "residual_jacobian")
-LOOPS = ("residual", "mass_matrix", "constraint", "constraint_jacobian", "constraint_bias", "cut_poses")
-CLOSED_KERNELS = (*LOOPS, "constrained_dynamics", "kinematics", "external_force", "energy", "generalized_force")
+CLOSED_KERNELS = ("constrained_dynamics", "kinematics", "external_force", "energy", "generalized_force")
 SINGLES = ("inverse_dynamics", "forward_dynamics", "mass_matrix")  # of these what is called for one state
 BATCHES = ("inverse_dynamics", "kinematics", "energy", "generalized_force")  # and for several
 BANDWIDTH = 30.0  # rad/s, of drives by computed torque
@@ -140,7 +140,8 @@ def is_rigid(robot: Robot) -> bool:
 def rigid_kernels(robot: Robot) -> tuple[str, ...]:
     """Names of the kernels of the rigid robot that drives and programs call."""
     rigid = robot.rigid()
-    return ("kinematics", *_there(rigid, LOOPS)) if build_model(rigid).constraints else RIGID_KERNELS
+    closing = mechanism_kernels(rigid)
+    return ("kinematics", *closing) if closing else RIGID_KERNELS
 
 
 def _kernel(robot: Robot, scenario: Scenario, kernels: tuple[str, ...] | None, report: Progress) -> Kernel:
@@ -179,14 +180,10 @@ def _refuse_undriven(robot: Robot, moved: tuple[str, ...]) -> None:
 def kernels_of(robot: Robot, scenario: Scenario) -> tuple[str, ...]:
     """Names of the kernels that the scenario's integrator calls."""
     explicit = method_of(scenario.integrator.method, _may_be_stiff(robot)) in EXPLICIT
-    if build_model(robot).constraints:
-        return _there(robot, CLOSED_KERNELS)
+    closing = mechanism_kernels(robot)
+    if closing:
+        return (*closing, *CLOSED_KERNELS)
     return KERNELS if explicit else IMPLICIT_KERNELS
-
-
-def _there(robot: Robot, kernels: tuple[str, ...]) -> tuple[str, ...]:
-    """Select kernels that the robot has: couplings have no cut joints."""
-    return tuple(name for name in kernels if robot.loops or name != "cut_poses")
 
 
 def with_kernel(assembly: Assembly, robot: Robot, scenario: Scenario, kernel: Kernel) -> Assembly:
@@ -196,10 +193,14 @@ def with_kernel(assembly: Assembly, robot: Robot, scenario: Scenario, kernel: Ke
 
 
 def _may_be_stiff(robot: Robot) -> bool:
-    """Whether the description gives a spring, damper or friction to anything: a coordinate, a motor, two points."""
+    """Whether the description gives a spring, damper or friction to anything.
+
+    That is to a coordinate, a motor, two points, a cut joint, or a coupling.
+    """
     tables = [c for joint in robot.joints for c in joint.all_coordinates.values()]
     motors = any(joint.motor for joint in robot.joints)
-    return bool(robot.springs) or motors or any(c.stiffness or c.damping or c.law() for c in tables)
+    beside = bool(robot.springs or build_model(robot).cut_laws)
+    return beside or motors or any(c.stiffness or c.damping or c.law() for c in tables)
 
 
 def by_coordinate(robot: Robot, scenario: Scenario, key: str, given: Mapping[str, float]) -> dict[str, float]:

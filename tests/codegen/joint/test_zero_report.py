@@ -12,7 +12,7 @@ import eomgen
 from eomgen.cli import entry as cli
 from eomgen.codegen.joint.zero_listing import ZeroReport, zero_report
 from eomgen.codegen.joint.zeros import zero_map
-from eomgen.codegen.kernels.closed import vanishing_rows
+from eomgen.codegen.kernels.constraint_rows import vanishing_rows
 from eomgen.robot.model import Model, build_model
 from tests.oracles.unpruned import brute_force
 from tests.support.generic_robots import chain, generic

@@ -28,7 +28,7 @@ from eomgen.progress import StageReport, no_report
 from eomgen.robot.model import Model, build_model
 from eomgen.robot.value import Robot
 
-from ..start import closed_home
+from ...pipeline.closing import closed_home
 from ..step import default_step
 from .choices import METHODS, VERSIONS
 
@@ -125,6 +125,7 @@ def _files(
         "prescribed": model.prescribed,
         "method": method,
         **_closing(model),
+        "redundant": meta.get("redundant", False),
     }
     kinds = {f"unit.{end}": f"fmu/unit.{end}" for end in "hc"} | {
         f"fmi{version}.{end}": f"fmu/fmi{version}.{end}" for end in "hc"

@@ -1,0 +1,118 @@
+"""Components of a constraint with their derivatives, as a derivation has them: what rows of closed mechanisms are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eomgen.robot.model import Model
+
+from ..program.ir import Node, evaluate, finish
+from ..solve.rows import Row
+from ..tree.spatial import Scalar, along, is_zero
+from .derivation import Derivation, vector
+
+REDUNDANT = 1e-6  # of the largest singular value: below it rows follow from others
+ROUND_OFF = 1e-12  # m, or a number: arms below it at random poses are zero
+_SAMPLES = 3
+PLANE = "the loop moves in a plane: nothing moves it along this direction"
+
+
+@dataclass(frozen=True)
+class Gap:
+    """A component of the loops' constraint: g, its derivatives by the coordinates, J_dot v, and rows of its kind."""
+
+    value: Scalar
+    arms: dict[int, Scalar]
+    bias: Scalar
+    group: object
+    is_weak: bool = False  # but for round-off it vanishes for the description's numbers
+
+    def row(self, right: Scalar) -> Row:
+        """The row that makes J a ``right``."""
+        return Row(self.arms, right, group=self.group, is_weak=self.is_weak)
+
+    def rate(self, v: Sequence[Scalar]) -> Scalar:
+        """J v."""
+        return along(self.arms, v)
+
+
+def gaps(d: Derivation, v: Sequence[Scalar]) -> list[Gap]:
+    """Components of the constraint, of all loops and rigid couplings, in the order of ``Model.constraints``.
+
+    Arms that vanish are left out.  Prescribed coordinates have arms, too: they move the loops, but no multiplier moves
+    them.
+    """
+    found = []
+    for closure in d.closures:
+        parts = zip(closure.parts, closure.values(), closure.jacobian(), closure.bias(v), strict=True)
+        for part, value, row, bias in parts:
+            arms = {index: arm for index, arm in row.items() if not is_zero(arm)}
+            found.append(Gap(value, arms, bias, (closure.number, part.axis is None)))
+    for number, coupling in enumerate(d.bound.couplings):
+        if coupling.law is None:
+            found.append(Gap(coupling.gap(d.q), dict(coupling.arms), 0.0, ("coupling", number)))
+    return _without_round_off(d, found)
+
+
+def vanishing_rows(model: Model) -> tuple[tuple[str, str], ...]:
+    """Components of the constraint that no coordinate changes, in any state, by name with the reason."""
+    if not model.constraints:
+        return ()
+    d = Derivation(model)
+    found = zip(model.constraints, gaps(d, d.still), strict=True)
+    return tuple((name, PLANE) for name, gap in found if not gap.arms)
+
+
+def _without_round_off(d: Derivation, found: Sequence[Gap]) -> list[Gap]:
+    """The components without arms that are round-off wherever the mechanism is: of one in a tilted plane, say.
+
+    Where an arm is round-off for the description's numbers alone, and not for others that may be tuned, its row keeps
+    it, and is weighed against the rows of all loops.
+    """
+    if not any(isinstance(arm, Node) for gap in found for arm in gap.arms.values()):
+        return list(found)
+    arms, rng = _Arms(d, found), np.random.default_rng(0)
+    numbers = np.array(list(d.model.parameters.values()))
+    largest = []
+    for tuned in (0.0, 0.1):
+        sizes = np.zeros((len(found), d.model.size))
+        for _ in range(_SAMPLES):
+            p = numbers * (1.0 + tuned * rng.normal(size=numbers.size)) + tuned * rng.normal(size=numbers.size)
+            sizes = np.maximum(sizes, np.abs(arms.at(rng.uniform(-1.5, 1.5, d.model.size).tolist(), p.tolist())))
+        largest.append(sizes > ROUND_OFF)
+    kept = []
+    for gap, now, ever in zip(found, *largest, strict=True):
+        left = {index: arm for index, arm in gap.arms.items() if ever[index]}
+        kept.append(replace(gap, arms=left, is_weak=bool(left) and not now.any()))
+    return kept
+
+
+def is_redundant(model: Model) -> bool:
+    """Whether some rows of the constraint follow from others at home, as far as home is closed."""
+    d = Derivation(model)
+    found = [gap for gap in gaps(d, d.still) if gap.arms]
+    if not found:
+        return False
+    moving = [i for i in range(d.model.size) if i not in d.model.prescribed]
+    J = _Arms(d, found).at(model.home, list(model.parameters.values()))[:, moving]
+    return bool(np.linalg.matrix_rank(J, tol=REDUNDANT * np.linalg.norm(J, 2)) < len(found))
+
+
+class _Arms:
+    """The arms of components as numbers."""
+
+    def __init__(self, d: Derivation, found: Sequence[Gap]) -> None:
+        self._places = [(r, i) for r, gap in enumerate(found) for i in gap.arms]
+        self._shape = (len(found), d.model.size)
+        self._program = finish(d.graph, "arms", vector([arm for gap in found for arm in gap.arms.values()]))
+
+    def at(self, q: Sequence[float], p: Sequence[float]) -> NDArray[np.float64]:
+        """All of them at coordinates and parameters, (components, n)."""
+        J = np.zeros(self._shape)
+        for place, value in zip(self._places, evaluate(self._program, {"q": q, "p": p}).values(), strict=True):
+            J[place] = value
+        return J

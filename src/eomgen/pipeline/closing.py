@@ -1,0 +1,34 @@
+"""Kernels that close a mechanism, and the description's home with its loops closed."""
+
+from __future__ import annotations
+
+from ..progress import StageReport, no_report
+from ..robot.model import build_model
+from ..robot.value import Robot
+from .stages import build
+
+
+def closing_kernels(robot: Robot) -> tuple[str, ...]:
+    """Names of the kernels that ``Kernel.close`` calls; none where nothing rigid closes."""
+    if not build_model(robot).constraints:
+        return ()
+    return ("constraint", "constraint_jacobian", *(("cut_poses",) if robot.loops else ()))
+
+
+def mechanism_kernels(robot: Robot) -> tuple[str, ...]:
+    """The same with what moves the mechanism along its loops: residual, mass matrix and the constraint's bias."""
+    found = closing_kernels(robot)
+    return (*found, "constraint_bias", "mass_matrix", "residual") if found else ()
+
+
+def closed_home(robot: Robot, progress: StageReport = no_report) -> tuple[float, ...]:
+    """The description's home, (n,), m or rad, closed; compiles ``closing_kernels`` where there are some.
+
+    Raises:
+        LoopError: a loop or a coupling stays open, or closes turned over alone.
+    """
+    home, kernels = build_model(robot).home, closing_kernels(robot)
+    if not kernels:
+        return home
+    kernel = build(robot, kernels=kernels, flags=("-O0",), progress=progress)
+    return tuple(kernel.close(home).tolist())
