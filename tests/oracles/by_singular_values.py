@@ -150,7 +150,7 @@ class ClosedLoops:
         J = self.kernel.constraint_jacobian(q)
         moving: Array = v.copy()
         for _ in range(2 if free.any() else 0):  # the second time for round-off
-            moving[free] -= Factors(J[:, free], *self._root(q, free)).smallest(J @ moving)
+            moving[free] -= RankedFactors(J[:, free], *self._root(q, free)).smallest(J @ moving)
         rates = J @ moving
         if np.abs(rates).max() > OPEN * max(1.0, np.abs(J).max() * np.abs(moving).max()):
             raise self._open(rates, "opens at the rates that are held", "fewer held rates, or others", "/s")
@@ -191,7 +191,7 @@ class ClosedLoops:
 
     def solve(
         self, q: Array, v: Array, u: Array, wrench: ArrayLike | None, baumgarte: float, rank: int | None
-    ) -> tuple[Array, Array, Factors]:
+    ) -> tuple[Array, Array, RankedFactors]:
         """Accelerations, multipliers and factors like ``forward_dynamics``, without the cost of its report."""
         kernel = self.kernel
         J = kernel.constraint_jacobian(q)
@@ -294,7 +294,7 @@ class ClosedLoops:
         q, v = q.copy(), v.copy()
         for _ in range(10):
             g, J = self.kernel.constraint(q), self.kernel.constraint_jacobian(q)
-            factors = Factors(J[:, free], *root, rank)
+            factors = RankedFactors(J[:, free], *root, rank)
             if np.abs(g).max() <= CLOSED:
                 v[free] -= factors.smallest(J @ v)
                 return q, v, factors.found_rank
@@ -318,9 +318,9 @@ class ClosedLoops:
         kept = known_coordinates(held, self.kernel) | set(self.kernel.prescribed)
         return np.array([name not in kept for name in self.kernel.coordinates])
 
-    def _factors(self, q: Array, J: Array, rank: int | None = None) -> Factors:
+    def _factors(self, q: Array, J: Array, rank: int | None = None) -> RankedFactors:
         """Factors of the constraint in the coordinates that are not prescribed."""
-        return Factors(J[:, self._moving], *self._root(q), rank)
+        return RankedFactors(J[:, self._moving], *self._root(q), rank)
 
     def _root(self, q: Array, free: NDArray[np.bool_] | None = None) -> tuple[Array, Array]:
         """M of the coordinates that are free (not prescribed, by default), and L of M = L L^T."""
@@ -349,6 +349,34 @@ class ClosedLoops:
             loop=loop,
             gap=gap,
         )
+
+
+class RankedFactors(Factors):
+    """Factors of a given rank, and what they solve.
+
+    Where loops are closed up to a gap only, redundant constraints have singular values of the size of the gap; so the
+    rank may be given, as that of a closed state nearby.  ``found_rank`` is the one that is seen here.
+    """
+
+    def __init__(self, J: Array, M: Array, L: Array | None = None, rank: int | None = None) -> None:
+        super().__init__(J, M)
+        self.L = np.linalg.cholesky(M) if L is None else L
+        self.found_rank = self.rank
+        self.rank = self.rank if rank is None else rank
+        U, S, Vt = np.linalg.svd(self.scaled, full_matrices=False)
+        self.U, self.S, self.Vt = U[:, : self.rank], S[: self.rank], Vt[: self.rank]
+
+    def back(self, y: Array) -> Array:
+        """L^-T y."""
+        return np.linalg.solve(self.L.T, y)
+
+    def smallest(self, b: Array) -> Array:
+        """The x with J x = b (in the least-squares sense) and the least x^T M x."""
+        return self.back(self.Vt.T @ ((self.U.T @ b) / self.S))
+
+    def multipliers(self, b: Array) -> Array:
+        """The lambda of least norm with J M^-1 J^T lambda = b."""
+        return np.asarray(self.U @ ((self.U.T @ b) / self.S**2))
 
 
 def least_drives(J: Array, needed: Array, places: list[int]) -> tuple[Array, Array, float]:

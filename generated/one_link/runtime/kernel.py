@@ -787,24 +787,6 @@ class Kernel:
         """
         self.calls.refuse_not_finite(label, array, shape, place)
 
-    def refuse_loops(self, name: str, *, cut: bool | None = None) -> None:
-        """Refuse what would be wrong without the forces in the loops.
-
-        Args:
-            name: what is computed.
-            cut: whether the loops are meant to be open; None where that cannot be said.
-
-        Raises:
-            InputError: the robot has loops, and they are not to be open.
-        """
-        if self.constraints and not cut:
-            names = ", ".join(dict.fromkeys(component.partition(".")[0] for component in self.constraints))
-            hint = "" if cut is None else "; cut=True takes the loops as open"
-            raise InputError(
-                f"{name}: {self.name} has loops ({names}), and forces in them are not known here; see"
-                f" eomgen.loops{hint}"
-            )
-
 
 def _three(blocks: Array) -> tuple[Array, Array, Array]:
     return blocks[..., 0, :, :], blocks[..., 1, :, :], blocks[..., 2, :, :]

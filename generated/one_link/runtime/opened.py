@@ -49,7 +49,7 @@ def loop_error(raw: RawKernel, name: str, reason: int, place: str, given: Mappin
     loop = component.partition(".")[0]
     return LoopError(
         f"{name}: {raw.name}: {_kind(component)} {loop} {what}{place}: {component} is left with"
-        f" {gap:.3g} {_unit(component)}{per}; allowed: {allowed}{tree}",
+        f" {gap:.3g} {_unit(raw, component)}{per}; allowed: {allowed}{tree}",
         loop=loop,
         gap=gap,
     )
@@ -98,10 +98,9 @@ def left_open(raw: RawKernel, gaps: NDArray[Any], what: str, allowed: str, per: 
     """
     worst = int(np.abs(gaps).argmax())
     component = raw.libraries.meta["constraints"][worst]
-    loop, gap = component.partition(".")[0], float(abs(gaps[worst]))
+    loop, gap, unit = component.partition(".")[0], float(abs(gaps[worst])), _unit(raw, component) + per
     return LoopError(
-        f"{raw.name}: {_kind(component)} {loop} {what}: {component} is left with {gap:.3g} {_unit(component)}{per};"
-        f" allowed: {allowed}",
+        f"{raw.name}: {_kind(component)} {loop} {what}: {component} is left with {gap:.3g} {unit}; allowed: {allowed}",
         loop=loop,
         gap=gap,
     )
@@ -118,5 +117,7 @@ def _kind(component: str) -> str:
     return "loop" if "." in component else "coupling"
 
 
-def _unit(component: str) -> str:
-    return "m" if component.rpartition(".")[2] in ("x", "y", "z") else "rad"
+def _unit(raw: RawKernel, component: str) -> str:
+    """Unit of a component of the constraint: of a coupling that of the coordinate that follows."""
+    name = raw.libraries.meta.get("couplings", {}).get(component, component)
+    return "m" if name.rpartition(".")[2] in ("x", "y", "z") else "rad"

@@ -54,7 +54,8 @@ class StateOptions:
             that ``fixation_of`` finds.
         loads: dead wrenches by frame or link, (6,) each: force (N), moment (N m) at its origin, base axes.
         parameters: values that differ from the description's, {"gravity.z": 0.0} say.
-        kernel: of the robot, float64, with KERNELS and ``mechanism_kernels``; built if not given.  Its parameters count.
+        kernel: of the robot, float64, with KERNELS and ``mechanism_kernels``; built if not given.  Its parameters
+            count.
     """
 
     drives: str = "locked"

@@ -12,7 +12,7 @@ from ..names import listed
 from ..robot.model import Model
 from ..runtime.kernel import Kernel
 from ..state.springs import stiffnesses
-from ..state.vectors import RANK, prescribed_mask
+from ..state.vectors import RANK, prescribed_mask, rank_of
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -45,7 +45,7 @@ def closed_motion(
     q[0] = kernel.close(q[0], _names(kernel, known & _may_stay(kernel, q[0], known)))
     J = kernel.constraint_jacobian(q[0])
     _refuse_unknown(kernel, J, known)
-    held = known if _rank(J[:, ~known]) == _rank(J) else prescribed_mask(kernel)
+    held = known if rank_of(J[:, ~known]) == rank_of(J) else prescribed_mask(kernel)
     stays = _names(kernel, held)
     for k in range(STRIDE, len(q), STRIDE):
         q[k] = kernel.close(np.where(known, q[k], q[k - STRIDE]), stays)
@@ -62,14 +62,7 @@ def closed_motion(
 def _may_stay(kernel: Kernel, q: Array, known: Mask) -> Mask:
     """Choose what stays while the first sample is closed: all that is known, if the others can close it, or nothing."""
     J = kernel.constraint_jacobian(q)
-    return np.full(known.size, _rank(J[:, ~known]) == _rank(J))
-
-
-def _rank(J: Array) -> int:
-    if not J.size:
-        return 0
-    S = np.linalg.svd(J, compute_uv=False)
-    return int((RANK * max(float(S[0]), 1e-300) < S).sum())
+    return np.full(known.size, rank_of(J[:, ~known]) == rank_of(J))
 
 
 def _names(kernel: Kernel, mask: Mask) -> list[str]:
@@ -79,9 +72,9 @@ def _names(kernel: Kernel, mask: Mask) -> list[str]:
 def _refuse_unknown(kernel: Kernel, J: Array, known: Mask) -> None:
     """InputError if coordinates that were not measured can move while the others do not."""
     others = np.flatnonzero(~known)
-    if _rank(J[:, others]) == others.size:
+    if rank_of(J[:, others]) == others.size:
         return
-    free = np.linalg.svd(J[:, others])[2][_rank(J[:, others]) :]
+    free = np.linalg.svd(J[:, others])[2][rank_of(J[:, others]) :]
     loose = [kernel.coordinates[i] for i in others[np.abs(free).max(axis=0) > 1e-6]]
     raise InputError(
         f"forces: {kernel.name}: {listed(loose)} move while what was measured does not; allowed: motions that hold the"

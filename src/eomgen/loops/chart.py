@@ -16,7 +16,7 @@ from ..errors import LoopError
 from ..names import joint_of, listed
 from ..runtime.kernel import Kernel
 from ..runtime.opened import left_open
-from ..state.vectors import RANK, prescribed_mask
+from ..state.vectors import prescribed_mask, rank_of
 
 Array = NDArray[np.float64]
 
@@ -56,9 +56,9 @@ class Chart:
         J = kernel.constraint_jacobian(q)
         self._sizes = 1.0 / np.sqrt(np.maximum(np.diagonal(kernel.mass_matrix(q)), 1e-12))  # of equal kinetic energy
         scaled = J * self._sizes
-        self.rank = _rank(scaled[:, moving])
+        self.rank = rank_of(scaled[:, moving])
         others = moving if free is None else np.setdiff1d(moving, np.asarray(free, dtype=np.intp))
-        first = _rank(scaled[:, others])
+        first = rank_of(scaled[:, others])
         if free is not None and first < others.size:
             raise _loose(kernel, J, moving, others, [kernel.coordinates[i] for i in free])
         chosen = others[_pivots(scaled[:, others], first)]
@@ -155,11 +155,6 @@ class Chart:
             raise left_open(self.kernel.raw, gaps, what, allowed) from None
 
 
-def _rank(J: Array) -> int:
-    values = np.linalg.svd(J, compute_uv=False)
-    return int(np.count_nonzero(values > RANK * max(values.max(initial=0.0), 1e-300)))
-
-
 def _beside(J: Array, others: Array) -> Array:
     """Give what is left of columns beside the range of others."""
     Q = np.linalg.qr(others)[0]
@@ -170,8 +165,8 @@ def _loose(kernel: Kernel, J: Array, moving: NDArray[np.intp], others: NDArray[n
     """The error that says that some coordinates do not hold a mechanism, naming what they leave loose."""
     ways = np.linalg.svd(J[:, others])[2]
     name = kernel.coordinates[others[int(np.abs(ways[-1]).argmax())]]
-    loop, freedoms, missing = joint_of(kernel.constraints[0]), moving.size - _rank(J[:, moving]), others.size
-    missing -= _rank(J[:, others])
+    loop, freedoms, missing = joint_of(kernel.constraints[0]), moving.size - rank_of(J[:, moving]), others.size
+    missing -= rank_of(J[:, others])
     return LoopError(
         f"{kernel.name}: loop {loop} is not held by drives at {listed(free) or 'nothing'}: {name} stays loose; allowed:"
         f" drives that hold all {freedoms} freedoms of the mechanism ({missing} more), in a pose that is not singular",

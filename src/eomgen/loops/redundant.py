@@ -56,32 +56,14 @@ def redundancy(kernel: Kernel, q: ArrayLike) -> Redundancy:
 
 
 class Factors:
-    """J L^-T = U S V^T without its singular values that are zero; M = L L^T.
+    """J L^-T = U S V^T without its singular values that are zero; M = L L^T."""
 
-    Where loops are closed up to a gap only, redundant constraints have singular values of the size of the gap; so the
-    rank may be given, as that of a closed state nearby.  ``found_rank`` is the one that is seen here.
-    """
-
-    def __init__(self, J: Array, M: Array, L: Array | None = None, rank: int | None = None) -> None:
+    def __init__(self, J: Array, M: Array) -> None:
         self.J = J
-        self.L = np.linalg.cholesky(M) if L is None else L
-        self.scaled = np.linalg.solve(self.L, J.T).T
-        U, S, Vt = np.linalg.svd(self.scaled, full_matrices=False)
-        self.found_rank = int(np.count_nonzero(S / max(S.max(initial=0.0), 1e-300) > RANK))
-        self.rank = self.found_rank if rank is None else rank
-        self.U, self.S, self.Vt = U[:, : self.rank], S[: self.rank], Vt[: self.rank]
-
-    def back(self, y: Array) -> Array:
-        """L^-T y."""
-        return np.linalg.solve(self.L.T, y)
-
-    def smallest(self, b: Array) -> Array:
-        """The x with J x = b (in the least-squares sense) and the least x^T M x."""
-        return self.back(self.Vt.T @ ((self.U.T @ b) / self.S))
-
-    def multipliers(self, b: Array) -> Array:
-        """The lambda of least norm with J M^-1 J^T lambda = b."""
-        return np.asarray(self.U @ ((self.U.T @ b) / self.S**2))
+        self.scaled = np.linalg.solve(np.linalg.cholesky(M), J.T).T
+        U, S, _ = np.linalg.svd(self.scaled, full_matrices=False)
+        self.rank = int(np.count_nonzero(S > RANK * S.max(initial=0.0)))
+        self.U = U[:, : self.rank]
 
     def dependent_rows(self) -> list[int]:
         """Rows of J that follow from the others: what Gram-Schmidt with pivoting leaves when the rank is reached."""

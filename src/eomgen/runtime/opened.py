@@ -98,10 +98,9 @@ def left_open(raw: RawKernel, gaps: NDArray[Any], what: str, allowed: str, per: 
     """
     worst = int(np.abs(gaps).argmax())
     component = raw.libraries.meta["constraints"][worst]
-    loop, gap = component.partition(".")[0], float(abs(gaps[worst]))
+    loop, gap, unit = component.partition(".")[0], float(abs(gaps[worst])), _unit(raw, component) + per
     return LoopError(
-        f"{raw.name}: {_kind(component)} {loop} {what}: {component} is left with {gap:.3g} {_unit(raw, component)}{per};"
-        f" allowed: {allowed}",
+        f"{raw.name}: {_kind(component)} {loop} {what}: {component} is left with {gap:.3g} {unit}; allowed: {allowed}",
         loop=loop,
         gap=gap,
     )

@@ -19,6 +19,12 @@ RANK = 1e-7  # singular values below this part of the greatest one belong to red
 Q_STEP, V_STEP = 1e-7, 1e-6  # finite differences: small beside 1 rad, 1e9 times the round-off of a force
 
 
+def rank_of(J: Array) -> int:
+    """How many rows, and columns, of a constraint's Jacobian are independent; J is (m, n), and may be empty."""
+    S = np.linalg.svd(J, compute_uv=False)
+    return int(np.count_nonzero(S > RANK * S.max(initial=0.0)))
+
+
 def prescribed_mask(kernel: Kernel) -> NDArray[np.bool_]:
     """Which coordinates are prescribed, (n,)."""
     return np.array([name in kernel.prescribed for name in kernel.coordinates])
