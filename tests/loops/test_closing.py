@@ -115,6 +115,15 @@ def test_couplings_close_and_are_counted(built: Build) -> None:
         kernel.close([0.3, 0.1], kernel.coordinates)
 
 
+def test_the_gap_of_a_rack_is_a_length(built: Build) -> None:
+    rack = GEARED.replace('"b.gamma"', '"b.z"').replace(
+        'child = "two", type = "revolute"', 'child = "two", type = "prismatic"'
+    )
+    kernel = built(robot_from_toml(rack), "constraint", "constraint_jacobian", "mass_matrix")
+    with pytest.raises(LoopError, match=r"coupling gear does not close near the guess: gear is left with 0\.7 m;"):
+        kernel.close([0.3, 0.1], kernel.coordinates)
+
+
 def test_redundancy_is_that_of_the_singular_values(built: Build) -> None:
     for name, mobility, redundant in (("four_bar", 1, 3), ("bennett", 1, 3), ("gough", 6, 0)):
         robot = eomgen.load_robot(name)

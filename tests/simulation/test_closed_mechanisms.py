@@ -13,6 +13,7 @@ from eomgen import cli
 from eomgen.errors import IntegrationStopped, LoopError
 from eomgen.robot.value import Coordinate, Robot
 from eomgen.scenario.load import scenario_from_toml
+from eomgen.simulation.assembly import kernels_of
 from eomgen.simulation.result import SimulationResult
 from eomgen.simulation.run import run_scenario
 from tests.loops.test_closing import GEARED
@@ -54,6 +55,16 @@ def test_drives_move_from_home_and_the_rest_follows(name: str) -> None:
     assert result.deviation_coordinates == ()
     idle = [result.trajectory.coordinates.index(x) for x in result.passive]
     assert (result.trajectory.u[:, idle] == 0.0).all()
+
+
+def test_stiff_cut_joints_are_integrated_implicitly() -> None:
+    """Also where the joints of the tree are rigid: a cut joint without a rigid coordinate is one more spring."""
+    robot, scenario = eomgen.load_robot("four_bar"), scenario_from_toml("duration = 1.0")
+    (loop,) = robot.loops
+    coordinates = {x: Coordinate(stiffness=1e8, damping=1e3) for x in ("x", "y", "z", "alpha", "beta")}
+    elastic = replace(robot, loops=(replace(loop, coordinates=coordinates),))
+    assert "residual_jacobian" in kernels_of(elastic, scenario)
+    assert "residual_jacobian" not in kernels_of(replace(robot, loops=()), scenario)
 
 
 def test_the_work_of_a_drive_at_default_tolerances() -> None:
