@@ -101,7 +101,7 @@ def moving_basis(kernel: Kernel, q: Array, moving: NDArray[np.bool_]) -> tuple[A
         return np.eye(kernel.n)[:, index], tuple(int(i) for i in index)
     J = kernel.constraint_jacobian(q)[:, index]
     _, S, Vt = np.linalg.svd(J)
-    rank = int((S > RANK * S.max(initial=0.0)).sum())
+    rank = int((RANK * S.max(initial=0.0) < S).sum())
     null = Vt[rank:].T
     chosen: list[int] = []
     rest = null.copy()

@@ -62,7 +62,7 @@ class Factors:
         self.J = J
         self.scaled = np.linalg.solve(np.linalg.cholesky(M), J.T).T
         U, S, _ = np.linalg.svd(self.scaled, full_matrices=False)
-        self.rank = int(np.count_nonzero(S > RANK * S.max(initial=0.0)))
+        self.rank = int(np.count_nonzero(RANK * S.max(initial=0.0) < S))
         self.U = U[:, : self.rank]
 
     def dependent_rows(self) -> list[int]:

@@ -22,7 +22,7 @@ Q_STEP, V_STEP = 1e-7, 1e-6  # finite differences: small beside 1 rad, 1e9 times
 def rank_of(J: Array) -> int:
     """How many rows, and columns, of a constraint's Jacobian are independent; J is (m, n), and may be empty."""
     S = np.linalg.svd(J, compute_uv=False)
-    return int(np.count_nonzero(S > RANK * S.max(initial=0.0)))
+    return int(np.count_nonzero(RANK * S.max(initial=0.0) < S))
 
 
 def prescribed_mask(kernel: Kernel) -> NDArray[np.bool_]:
