@@ -15,12 +15,13 @@ from ..kernels.blocks import row_blocks
 from ..kernels.bodies import first_frame, frame_bodies
 from ..kernels.closed_motion import CLOSING, row_kinds
 from ..kernels.equations import Equations
+from ..kernels.methods import ROS34PW2, TSIT5, Array
 from ..kernels.signatures import KERNELS, SIGNATURES, SINGLES, Function, by_kind, functions, shapes
 from ..program.operations import CALLS
 from ..solve.factorised import coordinate_parents
 from ..solve.rows import DERIVING
 from .definitions import define, define_setup, define_share
-from .lanes import SQUARES, batched, calls_of, pack
+from .lanes import SQUARES, batched, calls_of, kept_size, pack
 from .scalar_types import SCALARS, TURNS, Scalar
 
 LITERALS = {"zero": 0.0, "half": 0.5, "one": 1.0, "two": 2.0, "six": 6.0}  # of templates
@@ -79,7 +80,8 @@ def _functions(public: list[Function]) -> dict[str, Any]:
     return {
         "functions": [function for function in public if not function.is_framed and not function.is_rollout],
         "frame_functions": [function for function in public if function.is_framed],
-        "rolls": any(function.is_rollout for function in public),
+        "rolls": any(function.kind == "rollout" for function in public),
+        "adapts": any(function.kind == "adaptive" for function in public),
     }
 
 
@@ -113,13 +115,42 @@ def number_context(equations: Equations, dtype: str, meta: Mapping[str, Any]) ->
         "solving": any(definition.has_pivots for definition in definitions),
         "composed": _templates(_composed(equations)),
         "looped": [function for function in looped if not function.is_rollout],
-        "rollout_is_looped": any(function.is_rollout for function in looped),
+        "rollout_is_looped": any(function.kind == "rollout" for function in looped),
+        "adaptive_is_looped": any(function.kind == "adaptive" for function in looped),
         "turn": TURNS[dtype],
         "turns": any(i.op in ("sin", "cos") for program in programs for i in program.instructions),
         "called": {i.op for program in (equations.setup, *programs) for i in program.instructions} & set(CALLS),
         "shares": _shares(equations, scalar),
         **_tables(model),
         **_closing_tables(equations, dtype),
+        **_methods(equations, scalar),
+    }
+
+
+def _methods(equations: Equations, scalar: Scalar) -> dict[str, Any]:
+    """Tables of the template of steps with error control."""
+    size = kept_size(equations)
+    if not size:
+        return {}
+
+    def numbers(values: Array) -> str:
+        return ", ".join(map(scalar.literal, values.tolist()))
+
+    def rows(matrix: Array) -> str:
+        return ", ".join(f"{{ {numbers(row)} }}" for row in matrix)
+
+    ahead, back, weight, wrong = ROS34PW2.transformed()
+    return {
+        "kept_size": size,
+        "rosenbrock": {
+            "stages": len(weight),
+            "diagonal": scalar.literal(ROS34PW2.diagonal),
+            "ahead": rows(ahead),
+            "back": rows(back),
+            "weight": numbers(weight),
+            "wrong": numbers(wrong),
+        },
+        "tsit5": {"stages": len(TSIT5.b), "ahead": rows(TSIT5.a), "wrong": numbers(TSIT5.error)},
     }
 
 
@@ -184,7 +215,7 @@ def _checks(equations: Equations, composed: Iterable[str]) -> set[str]:
 
 
 def _rolls(kernel: str) -> bool:
-    return KERNELS[kernel].kind == "rollout"
+    return KERNELS[kernel].kind in ("rollout", "adaptive")
 
 
 def _templates(kernels: Iterable[str]) -> list[dict[str, str]]:

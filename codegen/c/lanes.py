@@ -20,6 +20,7 @@ LANE_VALUES = 8192  # values that a kernel for several states may keep on the st
 def batched(equations: Equations) -> list[str]:
     """Public kernels that work on several states at a time: those whose arrays fit the stack as vectors."""
     size = {key: int(np.prod(shape)) for key, shape in shapes(equations.model).items()}
+    size["kept"] = kept_size(equations)
 
     def values(name: str) -> int:
         signature = SIGNATURES[name]
@@ -40,7 +41,13 @@ def batched(equations: Equations) -> list[str]:
 
 def _has_lanes(equations: Equations, name: str) -> bool:
     """True if there is C of the kernel for vectors: a program, or a template that is written for both."""
-    return name in equations.programs or KERNELS[name].kind in ("composed", "rollout") or bool(KERNELS[name].closed)
+    return name in equations.programs or KERNELS[name].kind in ("composed", "rollout", "adaptive") or bool(KERNELS[name].closed)
+
+
+def kept_size(equations: Equations) -> int:
+    """Numbers that the factors of a step hand to its stages; 0 where there are none."""
+    program = equations.programs.get("stage_factors")
+    return sum(key[0] == "out" for key in program.outputs) if program else 0
 
 
 def calls_of(equations: Equations, name: str) -> tuple[str, ...]:

@@ -15,6 +15,7 @@ from ..program.passes import hoist_parameters, run_passes
 from ..program.shares import Shares
 from .bodies import share_among_bodies
 from .derivation import Derivation
+from .stages import STAGES, derive_stage
 from .signatures import KERNELS, RATES, SIGNATURES, available
 from .writers import DESCRIPTION_FRAMES, WAYS, WRITERS
 
@@ -83,9 +84,13 @@ def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "fl
             words = signature.columns_of.replace("_", " ").capitalize()
             choices[name] = f"a loop in C, one {words} per unit velocity"
         for program in calls.get(name, (name,)):
-            if program in WAYS and program not in raw:
+            if program in raw:
+                continue
+            if program in STAGES:
+                raw |= derive_stage(Derivation(model, dtype=dtype))
+            elif program in WAYS:
                 raw[program], choices[program] = derive_cheapest(model, program, dtype=dtype)
-            elif program not in raw:
+            else:
                 raw[program] = derive(model, program, dtype)
     setup, programs = hoist_parameters(list(raw.values()), len(model.parameters))
     written = dict(zip(raw, programs, strict=True))
@@ -104,6 +109,8 @@ def derive(model: Model, kernel: str, dtype: str = "float64") -> Program:
     """The program of one entry of WRITERS or WAYS, or of a tangent."""
     if kernel in WAYS:
         return derive_cheapest(model, kernel, dtype=dtype)[0]
+    if kernel in STAGES:
+        return derive_stage(Derivation(model, dtype=dtype))[kernel]
     if SIGNATURES[kernel].tangent_of:
         return run_passes(tangent(derive(model, SIGNATURES[kernel].tangent_of), RATES, kernel))
     derivation = Derivation(model, regrouped=kernel not in DESCRIPTION_FRAMES, dtype=dtype)

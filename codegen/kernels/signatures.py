@@ -12,13 +12,14 @@ if TYPE_CHECKING:
 from .blocks import row_blocks
 
 DTYPES = ("float64", "float32")  # types of kernels' numbers
-Kind = Literal["program", "tangent", "frames", "composed", "rollout"]
+Kind = Literal["program", "tangent", "frames", "composed", "rollout", "adaptive"]
 KINDS: Mapping[Kind, str] = {  # in the order in which C and packages have them
     "program": "straight-line code of one writer",
     "tangent": "straight-line code, differentiated from another kernel's; there only if it is asked for",
     "frames": "straight-line code in shares of bodies and frames, which functions of a frame's number call",
     "composed": "a template of its own, which calls programs: ``templates/composed``",
     "rollout": "the same, with a call of its own: many steps at once",
+    "adaptive": "the same, with steps whose length the error controls",
 }
 SINGLES, BATCHES = "singles", "batches"  # halves of the C of all kernels: for one state, and on vectors for several
 
@@ -28,7 +29,7 @@ class Signature:
     """Arrays that a kernel reads and the one that it writes, by their names in ``shapes``, and what it computes.
 
     kind: where its C comes from and how it is called, one of KINDS.
-    calls: the programs that its C calls, where the kind is "composed" or "rollout".
+    calls: the programs that its C calls, where the kind is "composed", "rollout" or "adaptive".
     counts: of these the ones whose operations count as the kernel's.
     closed: the programs that its C calls where the robot has loops; they count, too.
     tangent_of: the kernel that it differentiates, where the kind is "tangent".
@@ -282,6 +283,16 @@ KERNELS: Mapping[str, Signature] = {
         closed=("constrained_dynamics", "implicit_step", "settling"),
         solves=True,
     ),
+    "adaptive_rollout": Signature(
+        ("q", "v", "u"),
+        "vector",
+        "Integration with error control.",
+        "adaptive",
+        calls=("forward_dynamics", "stage_factors", "stage_solution"),
+        counts=("forward_dynamics", "stage_factors", "stage_solution"),  # a stage's, with the factors of a step
+        closed=("constrained_dynamics", "stage_factors", "stage_solution", "settling"),
+        solves=True,
+    ),
 }
 
 CLOSURE_KERNELS = ("constraint", "constraint_jacobian", "constraint_bias", "cut_poses")  # of the constraint itself
@@ -307,6 +318,14 @@ PARTS: Mapping[str, Signature] = {  # programs that only other kernels call
         ("q", "v", "u", "added", "dt"),
         "vector",
         "(M + dt B + dt^2 K + added) a = u - bias - K (q + dt v) - B v: accelerations of a linearly implicit step.",
+    ),
+    "stage_factors": Signature(
+        ("q", "v", "kp", "kd", "times"),
+        "kept",
+        "Factors of M + c B + c^2 K, for the stages of a Rosenbrock method.",
+    ),
+    "stage_solution": Signature(
+        ("kept", "rates", "shifts"), "vector", "w of (M + c B + c^2 K) w = -((c B + c^2 K) rates + c K shifts)."
     ),
 }
 
@@ -360,7 +379,7 @@ class Function:
     @property
     def is_rollout(self) -> bool:
         """True if one call does many steps."""
-        return self.kind == "rollout"
+        return self.kind in ("rollout", "adaptive")
 
 
 def functions(names: Iterable[str]) -> list[Function]:
@@ -382,6 +401,7 @@ def shapes(model: Model) -> dict[str, tuple[int, ...]]:
     """Shape of every array that kernels read and write."""
     n = model.size
     vectors: dict[str, tuple[int, ...]] = dict.fromkeys(("q", "v", "a", "u", "added", "vector"), (n,))
+    vectors |= dict.fromkeys(("kp", "kd", "rates", "shifts"), (n,))
     vectors |= dict.fromkeys(("dq", "dv", "da", "du"), (n,))
     m, loops = len(model.constraints), len(model.robot.loops)
     closing: dict[str, tuple[int, ...]] = {
@@ -407,6 +427,7 @@ def shapes(model: Model) -> dict[str, tuple[int, ...]]:
         "derivatives": (3, n, n),
         "pair": (2,),
         "dt": (2,),
+        "times": (2,),
         "joints": (len(model.bodies),),
         "reactions": (len(model.bodies), 6),
         "pose": (4, 4),

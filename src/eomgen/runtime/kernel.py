@@ -20,6 +20,8 @@ from .calls import Calls
 from .closing import closed_positions, closed_rates
 from .closing import roots as found_roots
 from .direct import Face, functions
+from .adaptive import METHODS as ADAPTIVE_METHODS
+from .adaptive import adaptive_rollout
 from .many_steps import rollout
 from .opened import LOADED
 from .parameters import Parameters
@@ -719,16 +721,20 @@ class Kernel:
         q0: ArrayLike,
         v0: ArrayLike,
         u: ArrayLike,
-        dt: float,
-        steps: int,
+        dt: float | None = None,
+        steps: int | None = None,
         *,
         method: str = "rk4",
         every: int = 1,
         kp: ArrayLike | None = None,
         kd: ArrayLike | None = None,
         target: ArrayLike | None = None,
+        duration: float | None = None,
+        samples: int | None = None,
+        rtol: float = 1e-6,
+        atol: ArrayLike | None = None,
     ) -> tuple[Array, Array]:
-        """Integrate with fixed steps in C, one state or many at a time; no external wrenches.
+        """Integrate in C, one state or many at a time; no external wrenches.
 
         Loops are closed after every step, to the nearest state in the metric of the kinetic energy that is closed to
         1e-10 m or rad; where they are open at the beginning, the first step closes them.
@@ -759,6 +765,10 @@ class Kernel:
                 the coordinate and the step, and keeps what was stored.
             InputError: another argument is wrong.
         """
+        if method in ADAPTIVE_METHODS:
+            return adaptive_rollout(
+                self.calls, self._driven, q0, v0, u, duration, samples, method=method, rtol=rtol, atol=atol, kp=kp, kd=kd, target=target
+            )
         return rollout(
             self.calls, self._driven, q0, v0, u, dt, steps, method=method, every=every, kp=kp, kd=kd, target=target
         )

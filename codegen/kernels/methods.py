@@ -1,0 +1,116 @@
+"""Coefficients of the methods with error control that kernels integrate with.
+
+ROS34PW2: J. Rang, L. Angermann, "New Rosenbrock W-Methods of Order 3 for Partial Differential Algebraic Equations of
+Index 1", BIT Numerical Mathematics 45 (2005), pp. 761-787: order 3 with any matrix, L-stable, an embedded method of
+order 2.  Tsit5: Ch. Tsitouras, "Runge-Kutta Pairs of Order 5(4) Satisfying Only the First Column Simplifying
+Assumption", Computers & Mathematics with Applications 62 (2011), pp. 770-775.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Rosenbrock:
+    """A method by its own coefficients: alpha, gamma with its diagonal, b and those of the embedded method."""
+
+    alpha: Array
+    gamma: Array
+    b: Array
+    embedded: Array
+
+    @property
+    def diagonal(self) -> float:
+        """The gamma that multiplies the matrix in every stage."""
+        return float(self.gamma[0, 0])
+
+    def transformed(self) -> tuple[Array, Array, Array, Array]:
+        """a, c, m and the error's weights, by which nothing is multiplied by the matrix.
+
+        With u = gamma k of all stages: (1 / (gamma h) - A) u_i = f(y + sum a_ij u_j) + sum c_ij / h u_j, and the step
+        is sum m_i u_i (E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, IV.7).
+        """
+        inverse = np.linalg.inv(self.gamma)
+        c = np.diag(np.diagonal(inverse)) - inverse
+        return np.tril(self.alpha @ inverse), np.tril(c), self.b @ inverse, (self.b - self.embedded) @ inverse
+
+
+@dataclass(frozen=True)
+class RungeKutta:
+    """An explicit method whose last stage is the first one of the next step; ``error``: weights of its error."""
+
+    a: Array
+    b: Array
+    error: Array
+
+
+def _triangle(rows: list[list[float]]) -> Array:
+    """A square matrix of rows that are as long as they need to be."""
+    found = np.zeros((len(rows), len(rows)))
+    for i, row in enumerate(rows):
+        found[i, : len(row)] = row
+    return found
+
+
+_G = 4.3586652150845900e-01
+
+ROS34PW2 = Rosenbrock(
+    alpha=_triangle(
+        [
+            [],
+            [8.7173304301691801e-01],
+            [8.4457060015369423e-01, -1.1299064236484185e-01],
+            [0.0, 0.0, 1.0],
+        ]
+    ),
+    gamma=_triangle(
+        [
+            [_G],
+            [-8.7173304301691801e-01, _G],
+            [-9.0338057013044082e-01, 5.4180672388095326e-02, _G],
+            [2.4212380706095346e-01, -1.2232505839045147e00, 5.4526025533510214e-01, _G],
+        ]
+    ),
+    b=np.array([2.4212380706095346e-01, -1.2232505839045147e00, 1.5452602553351020e00, 4.3586652150845900e-01]),
+    embedded=np.array([3.7810903145819369e-01, -9.6042292212423178e-02, 5.0e-01, 2.1793326075422950e-01]),
+)
+_TSIT5_B = [
+    0.09646076681806523,
+    0.01,
+    0.4798896504144996,
+    1.379008574103742,
+    -3.290069515436081,
+    2.324710524099774,
+    0.0,
+]
+TSIT5 = RungeKutta(
+    a=_triangle(
+        [
+            [],
+            [0.161],
+            [-0.008480655492356989, 0.335480655492357],
+            [2.8971530571054935, -6.359448489975075, 4.3622954328695815],
+            [5.325864828439257, -11.748883564062828, 7.4955393428898365, -0.09249506636175525],
+            [5.86145544294642, -12.92096931784711, 8.159367898576159, -0.071584973281401, -0.028269050394068383],
+            _TSIT5_B[:6],
+        ]
+    ),
+    b=np.array(_TSIT5_B),
+    error=np.array(
+        [
+            -0.001780011052225771,
+            -0.0008164344596567469,
+            0.007880878010261995,
+            -0.1447110071732629,
+            0.5823571654525552,
+            -0.45808210592918697,
+            1.0 / 66.0,
+        ]
+    ),
+)
