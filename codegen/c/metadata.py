@@ -10,6 +10,7 @@ from eomgen.robot.model import Model
 
 from ..joint.zeros import zero_map
 from ..kernels.constraint_rows import is_redundant
+from ..kernels.coordinate_sizes import coordinate_sizes
 from ..kernels.equations import Equations
 from ..kernels.interface import describe_kernels
 from ..kernels.operation_counts import operations
@@ -28,8 +29,14 @@ def kernel_metadata(equations: Equations, dtype: str, *, batches: bool = True) -
         "survivors": survivors(model) if mapped else {},
         "halves": halves(equations, batches=batches),
         **({"statuses": statuses(model)} if model.constraints else {}),
+        **(_sizes(model) if "adaptive_rollout" in equations.kernels else {}),
         **({"redundant": is_redundant(model)} if "settling" in equations.programs else {}),
     }
+
+
+def _sizes(model: Model) -> dict[str, Any]:
+    """What tolerances refer to: sizes of coordinates, then of rates."""
+    return {"sizes": np.concatenate(coordinate_sizes(model)).tolist()}
 
 
 def survivors(model: Model) -> dict[str, list[str]]:

@@ -15,8 +15,8 @@ from ..program.passes import hoist_parameters, run_passes
 from ..program.shares import Shares
 from .bodies import share_among_bodies
 from .derivation import Derivation
-from .stages import STAGES, derive_stage
 from .signatures import KERNELS, RATES, SIGNATURES, available
+from .stages import STAGES, derive_stage
 from .writers import DESCRIPTION_FRAMES, WAYS, WRITERS
 
 DIVISION = 8  # a division takes about as long as so many products

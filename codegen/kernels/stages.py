@@ -1,7 +1,7 @@
 """Stages of a linearly implicit method of higher order: what solves for the change of the rates in each of them.
 
-A Rosenbrock method with the matrix A = [[0, 1], [-M^-1 K, -M^-1 B]], which K and B of springs, dampers and the controller
-alone make, needs for rates r and shifts s the u_q and u_v of
+A Rosenbrock method with the matrix A = [[0, 1], [-M^-1 K, -M^-1 B]], which K and B of springs, dampers and the
+controller alone make, needs for rates r and shifts s the u_q and u_v of
 
     u_q / c - u_v = s,    u_v / c + M^-1 (K u_q + B u_v) = r,    c = gamma h,
 
@@ -22,10 +22,9 @@ from dataclasses import dataclass, replace
 
 from ..forces.laws import Effect
 from ..forces.rows import effects, stretches
-from ..program.passes import PARAMETERS
 from ..program.cut import cut
 from ..program.ir import Program, finish
-from ..program.passes import run_passes
+from ..program.passes import PARAMETERS, run_passes
 from ..solve.rows import Row, elastic_row
 from ..tree.spatial import Scalar, along
 from .closed import eliminated, pivot_outputs, with_rows

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -10,8 +11,9 @@ from ..kernels.equations import Equations
 from ..kernels.signatures import functions
 from ..program.ir import Program
 from .arithmetic import Arithmetic, Array, spread, with_copies
-from .composed import COMPOSED, FRAMED, PLACES, one_step, status_of
+from .composed import COMPOSED, FRAMED, PLACES, status_of
 from .states import sample_inputs, sample_parameters
+from .steps import one_adapted_step, one_step
 from .stored import STATES, pack_samples
 
 _SAFETY = 16.0  # how much more than copies of a state differ is allowed
@@ -53,7 +55,7 @@ class _Samples:
             if function.is_rollout and self.model.constraints:
                 continue  # steps of Newton's method close loops: they go far from here, and not by the same bits
             if function.is_rollout:
-                self._store_steps(name, programs)
+                self._store_steps(name, one_step if function.kind == "rollout" else one_adapted_step, programs)
             elif function.is_framed:
                 k = self.run(function.kernel)[0]
                 answers = np.stack([FRAMED[name](self.model, k, number) for number in numbers])
@@ -91,9 +93,9 @@ class _Samples:
         certain = self.certain if certain is None else certain
         self.found[f"{name} bits"] = certain and all(map(self.arithmetic.has_no_choice, programs))
 
-    def _store_steps(self, name: str, programs: list[Program]) -> None:
+    def _store_steps(self, name: str, step: Callable[..., tuple[Array, Array]], programs: list[Program]) -> None:
         dt = self.arithmetic.dtype.type(_STEP[str(self.arithmetic.dtype)])
-        ways = [one_step(method, self.run, self.inputs["q"], self.inputs["u"], dt) for method in range(_METHODS)]
+        ways = [step(method, self.run, self.inputs["q"], self.inputs["u"], dt) for method in range(_METHODS)]
         n, lanes = self.inputs["q"].shape
         self._store(name, np.stack([way[0].reshape(2 * n, lanes) for way in ways]), None, *programs)
         for part in ("", " near"):

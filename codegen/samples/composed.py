@@ -6,7 +6,6 @@ Arrays have lanes behind their own axes.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -321,25 +320,3 @@ FRAMED: Mapping[str, Callable[[Model, Array, int], Array]] = {
     "frame_pose": frame_pose,
     "frame_jacobian": frame_jacobian,
 }
-
-
-def one_step(method: int, run: Run, q: Array, u: Array, dt: Any) -> tuple[Array, Array]:
-    """Coordinates and rates (2, n, lanes) after a step from rest without a controller, and the status of every lane.
-
-    Method 0 is the classical Runge-Kutta method, 1 the linearly implicit one.
-    """
-    v = np.zeros_like(q)
-    if method == 1:
-        times = np.stack([np.broadcast_to(t, q.shape[1:]) for t in (dt, dt * dt)])
-        a, status = run("implicit_step", q=q, v=v, u=u, added=np.zeros_like(q), dt=times)
-        v = v + dt * a
-        return np.stack([q + dt * v, v]), status
-    one = q.dtype.type
-    q_sum, v_sum, q_here, v_here = np.zeros_like(q), np.zeros_like(q), q, v
-    status = np.zeros(q.shape[1], np.int64)
-    for part, weight in zip(map(one, (0.5, 0.5, 1.0, 0.0)), map(one, (1.0, 2.0, 2.0, 1.0)), strict=True):
-        a, failed = run("forward_dynamics", q=q_here, v=v_here, u=u)
-        status = np.where(status != 0, status, failed)
-        q_sum, v_sum = q_sum + weight * v_here, v_sum + weight * a
-        q_here, v_here = q + part * dt * v_here, v + part * dt * a
-    return np.stack([q + dt / one(6.0) * q_sum, v + dt / one(6.0) * v_sum]), status

@@ -32,7 +32,7 @@ def read_samples(data: bytes) -> dict[str, NDArray[Any]]:
         size) with the "frames" numbers; "NAME status" (S,), as C says it; "NAME near" (MEASURED, ...): by how much
         rounding may change the answer; "NAME bits" (): whether there is no choice but in the order of operations.
         "NAME places" (...,): where the numbers lie in an answer, of which only some are known.
-        "rollout" (methods, states, 2 n) is a step of "dt" from rest by each method, q and then v.
+        "rollout" and "adaptive_rollout" (methods, states, 2 n) are a step of "dt" from rest by each method, q and v.
     """
     with np.load(io.BytesIO(zlib.decompress(data)), allow_pickle=False) as found:
         return {name: found[name] for name in found.files}

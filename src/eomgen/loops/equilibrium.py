@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import IntegrationError
+from ..robot.sizes import REFERENCE_ACCELERATION
 from ..runtime.kernel import Kernel
 from ..state.equilibrium import given_forces, known_coordinates, refuse_singular, static_equilibrium
-from ..state.springs import REFERENCE_ACCELERATION, coordinate_sizes, line_rates, stiffnesses
+from ..state.springs import coordinate_sizes, line_rates, stiffnesses
 from ..state.vectors import Q_STEP, state_vector
 from .chart import Chart
 

@@ -120,6 +120,8 @@ class _Examination:
                 yield from self._of_batches(function)
         if self.raw.rollout is not None and self.raw.rollout.name in self.samples:
             yield from self._of_steps(self.raw.rollout)
+        if self.raw.adaptive is not None and self.raw.adaptive.name in self.samples:
+            yield from self._of_adapted_steps(self.raw.adaptive)
 
     def _of_setup(self) -> Iterator[Difference]:
         library = self.libraries.library("")
@@ -178,6 +180,27 @@ class _Examination:
                 elif not failing:
                     yield from self._compared(rollout.name, (int(method), int(state)), moved[:, n:].ravel(), suffix)
 
+    def _of_adapted_steps(self, rollout: RawFunction) -> Iterator[Difference]:
+        """The same with error control that allows anything."""
+        n, dt = self.samples["q"].shape[1], float(self.samples["dt"])
+        library, view = self.libraries.library(rollout.kernel), self.raw.view
+        atol = np.full(2 * n, np.finfo(self.raw.dtype).max, self.raw.dtype)
+        for method, state in np.ndindex(self.samples[f"{rollout.name} status"].shape):
+            u = _filled(self.samples["u"][state])
+            drive = library.drive(u=view(u))
+            allowed = library.new("tolerance", rtol=0.0, atol=view(atol), most=1)
+            for suffix in ("", BATCH):
+                if f"{rollout.name}{suffix}" not in self.known:
+                    continue
+                at = [np.ascontiguousarray(self.samples["q"][state]), np.zeros(n, self.raw.dtype)]
+                moved, progress = np.zeros((2, 2 * n), self.raw.dtype), library.new("progress", next=dt)
+                call = rollout.batch if suffix else rollout.code
+                count = (1,) if suffix else ()
+                call(*count, self.h, drive, allowed, dt, 1, int(method), *map(view, (*at, *moved)), progress)
+                if progress.steps != 1:
+                    yield Difference(f"the steps of {rollout.name}{suffix}", STATES[state], 0, progress.steps, 1)
+                yield from self._compared(rollout.name, (int(method), int(state)), moved[:, n:].ravel(), suffix)
+
     def _one(self, rollout: RawFunction, start: Any, n: int, drive: Any, dt: float, method: int, moved: Array) -> int:
         out = (self.raw.view(moved[0]), self.raw.view(moved[1]))
         return int(rollout.code(self.h, *start, drive, dt, 1, 1, method, *out))
@@ -205,7 +228,7 @@ class _Examination:
 
     def _compared(self, name: str, place: tuple[int, ...], found: Array, suffix: str = "") -> Iterator[Difference]:
         """The first number of an answer that is wrong; ``place`` is where it lies among the samples."""
-        expected, state = self.samples[name][place], place[-1] if name == "rollout" else place[0]
+        expected, state = self.samples[name][place], place[-1] if name in ("rollout", "adaptive_rollout") else place[0]
         found = found[self.samples.get(f"{name} places", slice(expected.size))]
         right = (found == expected) & (np.signbit(found) == np.signbit(expected)) | (found != found) & (
             expected != expected

@@ -25,7 +25,6 @@ Array = NDArray[Any]
 METHODS = {"rosenbrock": 0, "tsit5": 1}
 STAGES = {"rosenbrock": 4, "tsit5": 6}  # evaluations of a step
 DONE = 1  # reason to stop: all samples are there; above are the places of what stopped it
-REFERENCE = 10.0  # m/s^2, rad/s^2: about 1 g; what it does in the time between two samples is a small size
 LEAST = {"float64": 1e-13, "float32": 1e-5}  # relative tolerances that round-off lets steps reach
 
 
@@ -120,7 +119,7 @@ def adaptive_rollout(
     count = _count(q0=q0, v0=v0, u=u, target=target)
     samples = _whole("samples", 1 if samples is None else samples, NUMBERS // (calls.n * max(count or 1, 1)))
     interval = _duration(duration) / samples
-    allowed = _tolerances(calls, rtol, atol, interval)
+    allowed = _tolerances(calls, rtol, atol, function.where(batch=count is not None).meta["sizes"])
     states = 1 if count is None else count
     starts = [_start(calls, label, value, count) for label, value in (("q0", q0), ("v0", v0))]
     drives = [_over_time(calls, "u", u, samples, count)]
@@ -168,18 +167,19 @@ def _result(motion: _Motion) -> Rollout:
 def _duration(duration: float | None) -> float:
     found = float(duration) if _is_number(duration) else 0.0  # type: ignore[arg-type]
     if not 0.0 < found < np.inf:
-        raise InputError(f"rollout: duration = {show(duration)} is not a length of time; a finite number above 0 is allowed")
+        raise InputError(
+            f"rollout: duration = {show(duration)} is not a length of time; a finite number above 0 is allowed"
+        )
     return found
 
 
-def _tolerances(calls: Calls, rtol: float, atol: ArrayLike | None, interval: float) -> tuple[float, Array]:
+def _tolerances(calls: Calls, rtol: float, atol: ArrayLike | None, sizes: Sequence[float]) -> tuple[float, Array]:
     """rtol, and atol of every coordinate and rate, (2n,)."""
     least = LEAST[str(calls.dtype)]
     if not (_is_number(rtol) and least <= float(rtol) < 1.0):
         raise InputError(f"rollout: rtol = {show(rtol)} is not allowed; a number from {least:g} to below 1 is")
     if atol is None:
-        size = min(1.0, REFERENCE * interval * interval), min(1.0, REFERENCE * interval)
-        return float(rtol), np.repeat(float(rtol) * np.array(size), calls.n).astype(calls.dtype)
+        return float(rtol), (float(rtol) * np.array(sizes)).astype(calls.dtype)
     try:
         found = np.broadcast_to(np.asarray(atol, dtype=np.float64), (2 * calls.n,)).astype(calls.dtype)
     except (ValueError, TypeError):

@@ -14,14 +14,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError, UnknownNameError
 from ..names import html_table, nearest_or_all, show
+from .adaptive import METHODS as ADAPTIVE_METHODS
+from .adaptive import adaptive_rollout
 from .arrays import Arrays, joint_lead
 from .by_name import Blocks, make_blocks
 from .calls import Calls
 from .closing import closed_positions, closed_rates
 from .closing import roots as found_roots
 from .direct import Face, functions
-from .adaptive import METHODS as ADAPTIVE_METHODS
-from .adaptive import adaptive_rollout
 from .many_steps import rollout
 from .opened import LOADED
 from .parameters import Parameters
@@ -767,7 +767,19 @@ class Kernel:
         """
         if method in ADAPTIVE_METHODS:
             return adaptive_rollout(
-                self.calls, self._driven, q0, v0, u, duration, samples, method=method, rtol=rtol, atol=atol, kp=kp, kd=kd, target=target
+                self.calls,
+                self._driven,
+                q0,
+                v0,
+                u,
+                duration,
+                samples,
+                method=method,
+                rtol=rtol,
+                atol=atol,
+                kp=kp,
+                kd=kd,
+                target=target,
             )
         return rollout(
             self.calls, self._driven, q0, v0, u, dt, steps, method=method, every=every, kp=kp, kd=kd, target=target

@@ -23,7 +23,11 @@ __all__ = ["Libraries", "Library", "OneLibrary", "Operations", "RawFunction", "R
 FFI = _cffi_backend.FFI()  # knows C's own types; pointers of all libraries are of these
 POINTERS = {"float64": "double[]", "float32": "float[]"}
 SETUP = "parameters"  # among operations: of what depends on parameters alone
-FRAMES, ROLLOUT, ADAPTIVE = "frames", "rollout", "adaptive"  # kinds of functions that are called otherwise than all others
+FRAMES, ROLLOUT, ADAPTIVE = (
+    "frames",
+    "rollout",
+    "adaptive",
+)  # kinds of functions that are called otherwise than all others
 WEIGHTS = {"mul": 1, "add": 1, "div": 5, "sincos": 25}  # times of operations beside each other
 BATCH = "_batch"  # behind the name of what works on several states
 STAGES = 5  # of a step of a rollout: four of rk4, in numbers of linearly implicit ones, and what is around them

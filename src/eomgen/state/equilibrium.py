@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ArrayError, InputError, IntegrationError, LoopError, UnknownNameError
+from ..robot.sizes import REFERENCE_ACCELERATION
 from ..runtime.kernel import Kernel
-from .springs import REFERENCE_ACCELERATION, coordinate_sizes, line_rates, stiffnesses
+from .springs import coordinate_sizes, line_rates, stiffnesses
 from .vectors import Q_STEP, state_vector
 
 Array = NDArray[np.float64]

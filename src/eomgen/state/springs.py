@@ -5,15 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..names import parameter_name, parameter_path
+from ..names import parameter_name
+from ..robot import sizes
 from ..robot.laws import has_springs, rate_slope_of, stiffness_of
 from ..runtime.kernel import Kernel
 from .motors import deflections
 from .vectors import prescribed_mask
 
 Array = NDArray[np.float64]
-
-REFERENCE_ACCELERATION = 10.0  # m/s^2, rad/s^2: about 1 g; what it does to a spring is the size of its deviation
 
 
 def stiffnesses(kernel: Kernel) -> Array:
@@ -79,24 +78,12 @@ def fastest_rates(kernel: Kernel, q: Array) -> tuple[float, float]:
 
 def law_numbers(kernel: Kernel) -> dict[str, dict[str, float]]:
     """Numbers of the forces of every coordinate as the kernel has them now, by their names in the table of laws."""
-    found: dict[str, dict[str, float]] = {name: {} for name in kernel.coordinates}
-    for name, value in kernel.parameters.items():
-        kind, *path = parameter_path(name)
-        coordinate = parameter_name(*path[:2])
-        if kind == "joints" and coordinate in found:
-            found[coordinate][parameter_name(*path[2:])] = value
-    return found
+    return sizes.law_numbers(kernel.parameters, kernel.coordinates)
 
 
 def cut_numbers(kernel: Kernel) -> dict[str, dict[str, float]]:
     """The same of cut joints' coordinates and elastic couplings, by the names in ``Kernel.cut_laws``."""
-    found: dict[str, dict[str, float]] = {name: {} for name in kernel.cut_laws}
-    for name, value in kernel.parameters.items() if found else ():
-        kind, *path = parameter_path(name)
-        owner = parameter_name(*path[:2]) if kind == "loops" else path[0]
-        if kind in ("loops", "couplings") and owner in found:
-            found[owner][parameter_name(*path[2 if kind == "loops" else 1 :])] = value
-    return found
+    return sizes.cut_numbers(kernel.parameters, tuple(kernel.cut_laws))
 
 
 def clearances(kernel: Kernel) -> dict[str, float]:
@@ -133,12 +120,8 @@ def coordinate_numbers(kernel: Kernel, key: str) -> Array:
 def coordinate_sizes(kernel: Kernel, q: Array) -> tuple[Array, Array]:
     """Sizes of coordinates and rates that tolerances refer to, (n,) each; m, rad, s.
 
-    A coordinate with stiffness k, its own and that of springs between points, and inertia m, the diagonal entry of
-    M(q), has w^2 = k / m; at 10 m/s^2 or rad/s^2 it gives way by 10 / w^2, often micrometres, and swings with rates of
-    10 / w.  Without a spring, or with a soft one, the size is 1.
+    Stiffness is a coordinate's own and that of springs between points, inertia the diagonal entry of M(q).
     """
     stiffness = stiffnesses(kernel) + np.diagonal(line_rates(kernel, q)[0])
     inertia = np.diagonal(kernel.mass_matrix(q))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        period = np.where((stiffness > 0.0) & (inertia > 0.0), np.sqrt(inertia / stiffness), np.inf)
-    return np.minimum(1.0, REFERENCE_ACCELERATION * period**2), np.minimum(1.0, REFERENCE_ACCELERATION * period)
+    return sizes.deviation_sizes(stiffness, inertia)

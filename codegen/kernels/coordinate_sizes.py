@@ -1,0 +1,58 @@
+"""Sizes of coordinates and rates, from the description's numbers: what tolerances refer to by default."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eomgen.names import component_name, joint_of
+from eomgen.robot.laws import stiffness_of
+from eomgen.robot.model import Model
+from eomgen.robot.sizes import cut_numbers, deviation_sizes, law_numbers
+
+from ..program.ir import evaluate, finish
+from .derivation import Derivation, vector
+from .interface import knots
+
+Array = NDArray[np.float64]
+
+
+def coordinate_sizes(model: Model) -> tuple[Array, Array]:
+    """Sizes of coordinates and rates, (n,) each, at home: see ``deviation_sizes``."""
+    inertia, beside = _at_home(model)
+    return deviation_sizes(_own_stiffness(model) + beside, inertia)
+
+
+def _own_stiffness(model: Model) -> Array:
+    """Stiffness of each coordinate's table; a transmission holds its motor and its joint."""
+    curves, numbers = knots(model), law_numbers(model.parameters, model.coordinates)
+    given = np.array([stiffness_of(numbers[name], curves.get(name, ())) for name in model.coordinates])
+    found = given.copy()
+    for index, principal in model.motors.items():
+        motor = model.robot.joint(joint_of(model.coordinates[index])).motor
+        assert motor is not None
+        found[principal] += given[index]
+        found[index] /= motor.ratio**2
+    return found
+
+
+def _at_home(model: Model) -> tuple[Array, Array]:
+    """The diagonal of M at home, and that of what springs between points and in cut joints stiffen there."""
+    d = Derivation(model)
+    n, curves = model.size, knots(model)
+    M, laws = d.matrix(), [component_name(owner, name) if name else owner for owner, name, _ in model.cut_laws]
+    numbers = cut_numbers(model.parameters, laws)
+    stiff = [0.0] * d.model.size
+    for line in d.lines(d.still):
+        for (i, j), value in line.stiffness().items():
+            if i == j:
+                stiff[i] = stiff[i] + value
+    for own, (name, given) in zip(d.deviating, numbers.items(), strict=True):
+        k = stiffness_of(given, curves.get(name, ()))
+        for i, arm in own.arms.items():
+            stiff[i] = stiff[i] + k * (arm * arm)
+    values = [M[i, i] for i in d.own] + [stiff[i] for i in d.own]
+    program = finish(d.graph, "sizes", vector(values))
+    found = evaluate(program, {"q": model.home, "p": list(model.parameters.values())})
+    numbers_found = np.array([float(found["out", i]) for i in range(2 * n)])
+    return numbers_found[:n], numbers_found[n:]
