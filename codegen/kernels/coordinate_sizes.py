@@ -33,7 +33,7 @@ def _own_stiffness(model: Model) -> Array:
         assert motor is not None
         found[principal] += given[index]
         found[index] /= motor.ratio**2
-    return found
+    return np.asarray(found)
 
 
 def _at_home(model: Model) -> tuple[Array, Array]:

@@ -116,7 +116,7 @@ def test_a_parameter_beyond_single_precision(single: eomgen.Kernel) -> None:
         ({"kp": 10**400, "target": [0.0, 0.0]}, "kp: expected float64 of shape"),
         ({"kp": "2", "target": [0.0, 0.0]}, "kp: expected float64 of shape"),
         ({"q0": [[0.0, 1.0], [0.0]]}, "q0: expected float64 of shape"),
-        ({"method": "e" * 500}, "method 'eee.*' is unknown; allowed: rk4, implicit"),
+        ({"method": "e" * 500}, "method 'eee.*' is unknown; allowed: rk4, implicit, rosenbrock, tsit5"),
     ],
     ids=lambda x: str(x)[:30],
 )

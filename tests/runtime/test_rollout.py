@@ -228,7 +228,7 @@ def test_refusals(built: Build) -> None:
         with pytest.raises(kind, match=match):
             kernel.rollout(**how)
 
-    refused(InputError, "method 'euler' is unknown; allowed: rk4, implicit", method="euler")
+    refused(InputError, "method 'euler' is unknown; allowed: rk4, implicit, rosenbrock, tsit5", method="euler")
     refused(InputError, "steps = 0", steps=0)
     refused(InputError, "steps = true", steps=True)
     refused(InputError, "every = 1.5", every=1.5)

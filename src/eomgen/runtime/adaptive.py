@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import ArrayError, InputError, IntegrationStopped
 from ..names import show
 from .calls import Calls
+from .many_steps import METHODS as FIXED
 from .many_steps import NUMBERS, SHARE, _count, _gains, _is_number, _not_finite, _over_time, _start, _stored, _whole
 from .opened import stays_open
 from .pieces import OPERATIONS, ROUND, shared
@@ -26,6 +27,26 @@ METHODS = {"rosenbrock": 0, "tsit5": 1}
 STAGES = {"rosenbrock": 4, "tsit5": 6}  # evaluations of a step
 DONE = 1  # reason to stop: all samples are there; above are the places of what stopped it
 LEAST = {"float64": 1e-13, "float32": 1e-5}  # relative tolerances that round-off lets steps reach
+
+
+def takes_samples(method: str, **given: Any) -> bool:
+    """Whether a method of ``Kernel.rollout`` chooses its steps.
+
+    Args:
+        method: its name.
+        given: dt, steps, every, duration, samples and atol; None, or 1 of ``every``, where they are not.
+
+    Raises:
+        InputError: there is no such method, or an argument of the others is given.
+    """
+    if method not in METHODS and method not in FIXED:
+        raise InputError(f"rollout: method {show(method)} is unknown; allowed: {', '.join((*FIXED, *METHODS))}")
+    chooses = method in METHODS
+    own, others = ("duration, samples and tolerances", "dt, steps and every")[:: 1 if chooses else -1]
+    for name in ("dt", "steps", "every") if chooses else ("duration", "samples", "atol"):
+        if given[name] is not None and not (name == "every" and given[name] == 1):
+            raise InputError(f"rollout: {name} is given; allowed: {own} with method={method!r}, not {others}")
+    return chooses
 
 
 class Rollout(tuple[Array, Array]):

@@ -1,0 +1,119 @@
+"""Coefficients of integration methods: conditions of order, and the programs of a Rosenbrock method's stages."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import eomgen
+from eomgen.codegen.kernels.equations import derive
+from eomgen.codegen.kernels.methods import ROS34PW2, TSIT5, Array
+from eomgen.codegen.kernels.stages import STAGES
+from eomgen.codegen.program.ir import evaluate
+from eomgen.robot.model import build_model
+from eomgen.robot.value import Robot
+from eomgen.state.springs import damping_matrix, stiffness_matrix
+from tests.support.builds import Build
+from tests.support.random_motors import geared_robot, motor_state
+from tests.support.random_robots import random_robot, random_state, some_prescribed
+
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
+ROUND_OFF = 1e-13
+
+
+def rooted_trees(b: Array, a: Array, order: int) -> list[float]:
+    """What b sums over every rooted tree of up to so many nodes, less 1 / its density (J. Butcher)."""
+    c = a.sum(axis=1)
+    found = [b.sum() - 1]
+    if order > 1:
+        found += [b @ c - 1 / 2]
+    if order > 2:
+        found += [b @ c**2 - 1 / 3, b @ a @ c - 1 / 6]
+    if order > 3:
+        found += [b @ c**3 - 1 / 4, b @ (c * (a @ c)) - 1 / 8, b @ a @ c**2 - 1 / 12, b @ a @ a @ c - 1 / 24]
+    if order > 4:
+        found += [b @ c**4 - 1 / 5, b @ (c**2 * (a @ c)) - 1 / 10, b @ (a @ c) ** 2 - 1 / 20]
+        found += [b @ (c * (a @ c**2)) - 1 / 15, b @ a @ c**3 - 1 / 20, b @ (c * (a @ a @ c)) - 1 / 30]
+        found += [b @ a @ (c * (a @ c)) - 1 / 40, b @ a @ a @ c**2 - 1 / 60, b @ a @ a @ a @ c - 1 / 120]
+    return [float(x) for x in found]
+
+
+def w_conditions(b: Array, order: int) -> list[float]:
+    """Conditions in which the matrix stands beside the function's own derivative: all of them vanish."""
+    a, g = ROS34PW2.alpha, ROS34PW2.gamma
+    c, d = a.sum(axis=1), g.sum(axis=1)
+    return [float(b @ d)] if order < 3 else [float(x) for x in (b @ d, b @ a @ d, b @ g @ c, b @ g @ d)]
+
+
+def test_the_rosenbrock_method_is_of_order_3_with_any_matrix() -> None:
+    method = ROS34PW2
+    assert np.abs(rooted_trees(method.b, method.alpha, 3)).max() <= ROUND_OFF
+    assert np.abs(w_conditions(method.b, 3)).max() <= ROUND_OFF
+    assert np.abs(rooted_trees(method.embedded, method.alpha, 2)).max() <= ROUND_OFF
+    assert np.abs(w_conditions(method.embedded, 2)).max() <= ROUND_OFF
+    assert np.abs(rooted_trees(method.embedded, method.alpha, 3)).max() > 1e-2
+
+
+def test_the_rosenbrock_method_is_stiffly_accurate_and_damps() -> None:
+    whole = ROS34PW2.alpha + ROS34PW2.gamma
+    assert np.abs(whole[-1] - ROS34PW2.b).max() <= ROUND_OFF
+    assert (np.diagonal(ROS34PW2.gamma) == ROS34PW2.diagonal).all()
+    one = np.ones(4)
+    for z in (*(1j * np.logspace(-3, 6, 200)), *np.logspace(-3, 6, 50) * -1.0):
+        growth = 1 + z * ROS34PW2.b @ np.linalg.solve(np.eye(4) - z * whole, one)
+        assert abs(growth) <= 1.0 + 1e-12
+    assert abs(1 - ROS34PW2.b @ np.linalg.solve(whole, one)) <= 1e-12  # at infinity
+
+
+def test_the_explicit_pair_is_of_orders_5_and_4() -> None:
+    assert np.abs(rooted_trees(TSIT5.b, TSIT5.a, 5)).max() <= ROUND_OFF
+    embedded = TSIT5.b - TSIT5.error
+    assert np.abs(rooted_trees(embedded, TSIT5.a, 4)).max() <= ROUND_OFF
+    assert np.abs(rooted_trees(embedded, TSIT5.a, 5)).max() > 1e-5
+    assert (TSIT5.a[-1] == TSIT5.b).all()  # the last stage is the next step's first
+
+
+@pytest.mark.parametrize(
+    "robot",
+    [random_robot(1450, joints=(1, 3), types=("revolute", "prismatic", "free")), geared_robot(1452, (1, 3))],
+    ids=["springs", "motors"],
+)
+def test_a_stage_solves_with_springs_and_dampers(robot: Robot, built: Build) -> None:
+    """(M + c B + c^2 K) w = -((c B + c^2 K) r + c K s), by the whole matrix."""
+    check_stage(robot, built)
+
+
+def test_what_is_prescribed_has_no_change(built: Build) -> None:
+    check_stage(some_prescribed(random_robot(1453, joints=(2, 3), types=("revolute", "prismatic")), 1453), built)
+
+
+def check_stage(robot: Robot, built: Build) -> None:
+    kernel, rng = built(robot, "mass_matrix"), np.random.default_rng(5)
+    s = motor_state(robot, 5) if any(joint.motor for joint in robot.joints) else random_state(robot, 5)
+    model, n, c = build_model(robot), kernel.n, 0.03
+    rates, shifts, kp, kd = rng.uniform(-1.0, 1.0, (4, n))
+    free = np.array([name not in kernel.prescribed for name in kernel.coordinates])
+    acting = np.isin(np.arange(n), model.driven)
+    kp, kd = np.abs(kp), np.abs(kd)
+    given = {"q": s.q, "v": s.v, "kp": kp, "kd": kd, "times": (c, c * c), "p": list(model.parameters.values())}
+    first, second = (derive(model, name) for name in STAGES)
+    kept = evaluate(first, given)
+    values = [kept["out", i] for i in range(sum(key[0] == "out" for key in kept))]
+    found = evaluate(second, {"kept": values, "rates": rates, "shifts": shifts, "p": given["p"]})
+    K = stiffness_matrix(kernel) + np.diag(np.where(acting, kp, 0.0))
+    B = damping_matrix(kernel) + np.diag(np.where(acting, kd, 0.0))
+    slope = c * B + c * c * K
+    right = -(slope @ rates + c * K @ shifts)
+    grid = np.ix_(free, free)
+    expected = np.zeros(n)
+    expected[free] = np.linalg.solve((kernel.mass_matrix(s.q) + slope)[grid], right[free])
+    assert np.abs([found["out", i] for i in range(n)] - expected).max() <= 1e-11 * np.abs(expected).max()
+
+
+def test_a_step_computes_its_factors_once() -> None:
+    """What depends on a stage is a third of a step's elimination."""
+    model = build_model(eomgen.load_robot("puma560_elastic"))
+    first, second = (sum(derive(model, name).count().values()) for name in STAGES)
+    assert second <= 0.6 * first
+    assert derive(model, STAGES[1]).count()["div"] == 0

@@ -1,0 +1,180 @@
+"""Rollouts with error control: order, tolerance, independence of states, closed loops, drives as data, honest ends."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import eomgen
+from eomgen.errors import ArrayError, InputError, IntegrationStopped
+from eomgen.integration.solve import integrate
+from eomgen.runtime.adaptive import METHODS
+from tests.codegen.forces.test_laws import slider, worn
+from tests.support.builds import Build
+from tests.support.random_motors import geared_robot, motor_state
+from tests.support.random_robots import Array, random_robot, random_state, some_prescribed
+from tests.support.random_springs import with_springs
+
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
+NAMES = ("adaptive_rollout", "forward_dynamics", "mass_matrix", "inverse_dynamics", "energy", "residual_jacobian")
+ORDERS = {"rosenbrock": 3, "tsit5": 5}
+
+
+def fixed_steps(kernel: eomgen.Kernel, s: Any, method: str, duration: float, steps: int) -> Array:
+    """The last coordinates and rates after steps of one length: with tolerances that allow anything, and new drives."""
+    u = np.tile(s.u, (steps, 1))
+    q, v = kernel.rollout(s.q, s.v, u, method=method, duration=duration, samples=steps, rtol=0.5, atol=1e30)
+    return np.concatenate([q[-1], v[-1]])
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("kind", ["springs", "motors"])
+def test_order(method: str, kind: str, built: Build) -> None:
+    """The Rosenbrock method keeps it without the derivatives of gravity and of velocity's terms."""
+    robot = random_robot(1460, joints=(2, 2), types=("revolute",)) if kind == "springs" else geared_robot(1461, (2, 2))
+    kernel, duration = built(robot, *NAMES), 0.1
+    s = motor_state(robot, 1) if kind == "motors" else random_state(robot, 1)
+    exact = fixed_steps(kernel, s, "tsit5", duration, 2000)
+    steps = (40, 80, 160) if method == "rosenbrock" else (5, 10, 20)
+    errors = [np.abs(fixed_steps(kernel, s, method, duration, n) - exact).max() for n in steps]
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert np.abs(orders - ORDERS[method]).max() <= 0.35, errors
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("seed", [1465, 1466])
+def test_worn_joints_against_radau(method: str, seed: int, built: Build) -> None:
+    """Clearances, curves, frictions and springs between points, at samples that steps do not know of beforehand."""
+    robot = with_springs(worn(seed, (1, 2)), seed)
+    kernel, s = built(robot, *NAMES), random_state(robot, seed)
+    duration, samples = 0.02, 7
+    reference = integrate(
+        kernel,
+        s.q,
+        s.v,
+        duration,
+        drive=lambda t, q, v: s.u,
+        method="Radau",
+        rtol=1e-10,
+        output_step=duration / samples,
+    )
+    errors = []
+    for rtol in (1e-4, 1e-7):
+        q, v = kernel.rollout(s.q, s.v, s.u, method=method, duration=duration, samples=samples, rtol=rtol)
+        errors.append(max(np.abs(q - reference.q).max(), np.abs(v - reference.v).max() * duration))
+    assert errors[1] <= 1e-6 * max(1.0, np.abs(reference.q).max())
+    assert errors[1] <= max(0.1 * errors[0], 1e-8)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_stiff_joint_costs_the_implicit_method_nothing(method: str, built: Build) -> None:
+    """A damped spring of 1e9 N/m: steps as long as the motion allows, or as short as stability asks for."""
+    kernel = built(slider(stiffness=1e9, damping=1e5), *NAMES)
+    found = kernel.rollout([1e-9], [0.0], [5.0], method=method, duration=0.5, samples=1, rtol=1e-4, atol=1e-8)
+    assert found[0][-1] == pytest.approx(5e-9, abs=1e-8)
+    assert (found.steps <= 100) == (method == "rosenbrock")  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("method", METHODS)
+def test_every_state_has_steps_of_its_own(method: str, dtype: str) -> None:
+    """The same bits alone, in any company, and in threads."""
+    robot = random_robot(1470, joints=(2, 2), types=("revolute", "prismatic"))
+    kernel = eomgen.build(robot, kernels=("adaptive_rollout",), dtype=dtype, flags=("-O1", "-Werror"))
+    rng = np.random.default_rng(2)
+    q, v, u = (rng.uniform(-1.0, 1.0, (37, kernel.n)).astype(dtype) for _ in "qvu")
+    how: dict[str, Any] = {"method": method, "duration": 0.2, "samples": 3, "rtol": 1e-4}
+    whole = kernel.rollout(q, v, u, **how)
+    steps = np.asarray(whole.steps)  # type: ignore[attr-defined]
+    assert np.ptp(steps) > 0
+    for i in (0, 20, 36):
+        alone = kernel.rollout(q[i], v[i], u[i], **how)
+        assert alone.steps == steps[i]  # type: ignore[attr-defined]
+        assert all(np.array_equal(x[i], y) for x, y in zip(whole, alone, strict=True))
+    some = kernel.rollout(q[5:18], v[5:18], u[5:18], **how)
+    assert all(np.array_equal(x[5:18], y) for x, y in zip(whole, some, strict=True))
+    kernel.threads = 2
+    assert all(np.array_equal(x, y) for x, y in zip(whole, kernel.rollout(q, v, u, **how), strict=True))
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", ["four_bar", "bennett"])
+def test_loops_stay_closed_and_keep_their_energy(name: str, method: str, built: Build) -> None:
+    robot = eomgen.load_robot(name)
+    kernel = built(robot, *NAMES, "constraint", "constraint_jacobian")
+    home = np.array([robot.home[x] for x in kernel.coordinates])
+    zero = np.zeros(kernel.n)
+    q, v = kernel.rollout(home, zero, zero, method=method, duration=1.0, samples=20, rtol=1e-8)
+    assert np.abs(kernel.constraint(q)).max() <= 1e-10
+    rates = np.einsum("tmn,tn->tm", kernel.constraint_jacobian(q), v)
+    assert np.abs(rates).max() <= 1e-9 * max(1.0, np.abs(v).max())
+    energy = kernel.energy(q, v).sum(axis=1)
+    assert np.ptp(energy) <= 1e-6 * np.ptp(kernel.energy(q, v)[:, 0])
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_drives_of_every_sample_and_a_controller(method: str, built: Build) -> None:
+    """As rollouts in parts, one from sample to sample, and as the formula says."""
+    kernel = built(slider(mass=2.0), *NAMES)
+    u = np.array([[3.0], [-1.0], [2.0], [0.0]])
+    q, v = kernel.rollout([0.0], [0.1], u, method=method, duration=0.4, samples=4, rtol=1e-9)
+    speed, place = 0.1, 0.0
+    for k, force in enumerate(u[:, 0]):
+        place, speed = place + 0.1 * speed + 0.5 * 0.01 * force / 2.0, speed + 0.1 * force / 2.0
+        assert (q[k + 1, 0], v[k + 1, 0]) == pytest.approx((place, speed), abs=1e-9)
+    gains: dict[str, Any] = {"kp": 50.0, "kd": 4.0, "target": np.array([0.3])}
+    q, v = kernel.rollout([0.0], [0.0], [0.0], method=method, duration=1.0, samples=10, rtol=1e-9, **gains)
+    t, decay, w = np.linspace(0.0, 1.0, 11), 1.0, np.sqrt(24.0)
+    expected = 0.3 * (1.0 - np.exp(-decay * t) * (np.cos(w * t) + decay / w * np.sin(w * t)))
+    assert np.abs(q[:, 0] - expected).max() <= 1e-7
+
+
+def test_prescribed_coordinates_have_their_accelerations(built: Build) -> None:
+    robot = some_prescribed(random_robot(1453, joints=(2, 3), types=("revolute", "prismatic")), 1453)
+    kernel, s = built(robot, *NAMES), random_state(robot, 3)
+    given = [i for i, name in enumerate(kernel.coordinates) if name in kernel.prescribed]
+    for method in METHODS:
+        q, v = kernel.rollout(s.q, s.v, s.u, method=method, duration=0.1, samples=1, rtol=1e-8)
+        assert v[1][given] == pytest.approx(s.v[given] + 0.1 * s.u[given], abs=1e-9)
+        assert q[1][given] == pytest.approx(s.q[given] + 0.1 * s.v[given] + 0.005 * s.u[given], abs=1e-9)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_motion_that_cannot_go_on_ends_where_it_got_to(method: str, built: Build) -> None:
+    """Rates that no number holds any more; of two states the one that stays small is there as a whole."""
+    kernel = built(slider(mass=2.0), *NAMES)
+    u = np.array([[1.0], [1e300]])
+    with pytest.raises(
+        IntegrationStopped, match=r"rail\.z.* in steps of any length of state 1; it ends at t = "
+    ) as stop:
+        kernel.rollout(np.zeros((2, 1)), np.zeros((2, 1)), u, method=method, duration=1e9, samples=10)
+    assert 1e7 <= stop.value.t <= 4e8
+    assert stop.value.coordinate == "rail.z"
+    q, _ = stop.value.stored
+    assert q[0, -1] == pytest.approx(0.25e18)
+    assert np.isnan(q[1, 4:]).all()
+
+
+def test_refusals(built: Build) -> None:
+    kernel = built(slider(), *NAMES)
+
+    def refused(kind: type[Exception], match: str, **changed: Any) -> None:
+        how: dict[str, Any] = {"u": [0.0], "method": "tsit5", "duration": 0.1, "samples": 2, **changed}
+        with pytest.raises(kind, match=match):
+            kernel.rollout([0.0], [0.0], **how)
+
+    refused(InputError, "duration = -1.0 is not a length of time", duration=-1.0)
+    refused(InputError, "duration = null|duration = None", duration=None)
+    refused(InputError, "samples = 0", samples=0)
+    refused(InputError, r"rtol = 0.0 is not allowed; a number from 1e-13", rtol=0.0)
+    refused(InputError, "atol = -1.0 is not allowed", atol=-1.0)
+    refused(ArrayError, r"atol: expected a number or \(2,\)", atol=[1.0, 2.0, 3.0])
+    refused(InputError, "dt is given; allowed: duration, samples and tolerances with method='tsit5'", dt=1e-3)
+    refused(InputError, "every is given", every=2)
+    refused(InputError, "duration is given; allowed: dt, steps and every with method='rk4'", method="rk4")
+    refused(ArrayError, "nan", u=[np.nan])
+    refused(ArrayError, "u: expected", u=np.zeros((5, 1)))
+    refused(InputError, "a controller needs a target", kp=1.0)
