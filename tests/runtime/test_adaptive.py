@@ -38,10 +38,10 @@ def test_order(method: str, kind: str, built: Build) -> None:
     kernel, duration = built(robot, *NAMES), 0.1
     s = motor_state(robot, 1) if kind == "motors" else random_state(robot, 1)
     exact = fixed_steps(kernel, s, "tsit5", duration, 2000)
-    steps = (40, 80, 160) if method == "rosenbrock" else (5, 10, 20)
+    steps = (40, 80, 160) if method == "rosenbrock" else (10, 20, 40)
     errors = [np.abs(fixed_steps(kernel, s, method, duration, n) - exact).max() for n in steps]
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
-    assert np.abs(orders - ORDERS[method]).max() <= 0.35, errors
+    assert np.abs(orders - ORDERS[method]).max() <= 0.5, errors
 
 
 @pytest.mark.parametrize("method", METHODS)
