@@ -41,6 +41,7 @@ class Signature:
         direction), "cuts" (loops that are), "laws" (forces in cut joints, elastic couplings) or nothing.
     beside: kernels that come with it where the robot has constraints: those of the open tree and of wrenches.
     mapped: whether packages say which of its entries vanish identically.
+    vectors: whether its template is written for several states at a time, too; otherwise batches call it one by one.
     """
 
     reads: tuple[str, ...]
@@ -58,6 +59,7 @@ class Signature:
     needs: Literal["", "loops", "springs", "constraints", "cuts", "laws"] = ""
     beside: tuple[str, ...] = ()
     mapped: bool = False
+    vectors: bool = True
 
 
 TOLD = ("constraint", "constraint_jacobian", "constraint_bias", "constrained_drives")  # what errors of loops tell
@@ -139,6 +141,16 @@ KERNELS: Mapping[str, Signature] = {
         "Changes of q and v towards the nearest closed state, by the kinetic energy, and g.",
         solves=True,
         needs="constraints",
+    ),
+    "following": Signature(
+        ("q", "v", "a", "chart"),
+        "following",
+        "A state whose dependent coordinates, rates and accelerations keep the loops closed, as a chart chooses them.",
+        "composed",
+        calls=("constraint", "constraint_jacobian", "constraint_bias"),
+        counts=("constraint", "constraint_jacobian", "constraint_bias"),
+        needs="constraints",
+        vectors=False,
     ),
     "residual_jacobian": Signature(
         ("q", "v", "a"),
@@ -389,6 +401,8 @@ def shapes(model: Model) -> dict[str, tuple[int, ...]]:
         "constraint_rows": (m, n),
         "constrained": (n + 3 * m,),
         "settling": (2 * n + m,),
+        "chart": (2 * n + m + 1 + m * n,),
+        "following": (3 * n + m * n + m,),
         "driving": (3 * n + 5 * m,),
         "multipliers": (m,),
         "closing": (sum(3 * block.size + len(block.columns) ** 2 for block in row_blocks(model)),),
