@@ -39,7 +39,7 @@ class Signature:
     symmetric: whether it writes a matrix that is symmetric to the bit.
     needs: what a robot must have for it: "loops", "springs", "constraints" (loops or couplings that are rigid in some
         direction), "cuts" (loops that are), "laws" (forces in cut joints, elastic couplings) or nothing.
-    beside: kernels that come with it where the robot has constraints: those of the open tree and of wrenches.
+    beside: kernels that come with it where the robot has constraints: those of the open tree, of wrenches, of charts.
     mapped: whether packages say which of its entries vanish identically.
     vectors: whether its template is written for several states at a time, too; otherwise batches call it one by one.
     """
@@ -124,6 +124,7 @@ KERNELS: Mapping[str, Signature] = {
         "Accelerations under the drives u, multipliers, g and J v; whatever the gaps are.",
         solves=True,
         needs="constraints",
+        beside=("following",),  # charts, along which it is integrated
     ),
     "constraint_forces": Signature(
         ("q", "v", "u"),
@@ -248,6 +249,7 @@ KERNELS: Mapping[str, Signature] = {
     **_tangent("reactions", "q", "v", "a", writes="reactions"),
     **_tangent("external_reactions", "q", "wrench", writes="reactions"),
     **_tangent("constrained_dynamics", "q", "v", "u", writes="constrained", needs="constraints"),
+    **_tangent("constrained_drives", "q", "v", "a", "u", writes="driving", needs="constraints"),
     **_tangent("settling", "q", "v", writes="settling", needs="constraints"),
     **_tangent("constraint_jacobian", "q", writes="constraint_rows", needs="constraints"),
     "euler_cosines": Signature(("q",), "joints", "Cosine of beta of every joint with three angles, 1 for the others."),
