@@ -49,7 +49,7 @@ def _charts(equations: Equations, arithmetic: Arithmetic, state: dict[str, Array
     """One chart (size, states) for all states and candidates: a few rows of J with columns that are independent."""
     size = shapes(equations.model)
     (m, n), (whole,) = size["constraint_rows"], size["chart"]
-    J = arithmetic.run(equations.programs["constraint_jacobian"], state, rounding=False)["out"].reshape(m, n)
+    J = arithmetic.run(equations.programs["constraint_jacobian"], state, rounding=False)["out"][:, 0].reshape(m, n)
     left, chart = J.astype(np.float64), np.zeros((whole, 1), arithmetic.dtype)
     for _ in range(_SOLVED):
         row, column = divmod(int(np.abs(left).argmax()), n)

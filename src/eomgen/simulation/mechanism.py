@@ -61,7 +61,8 @@ class Mechanism:
         """
         chart = self.chart
         found = chart.follow(q, v, a, near=True)
-        r = self.rigid.residual(*(np.ascontiguousarray(x) for x in found[:3]), np.zeros_like(q))
+        q_closed, v_closed, a_closed = (np.ascontiguousarray(x) for x in found[:3])
+        r = self.rigid.residual(q_closed, v_closed, a_closed, np.zeros_like(q))
         r_bound = r[..., np.newaxis, chart.bound]
         needed = r[..., chart.free] + (r_bound @ found.slopes[..., chart.free])[..., 0, :]  # the loops do no work
         u = np.zeros_like(q)
