@@ -127,10 +127,10 @@ def _multipliers(A: Array, right: Array, kinds: Sequence[object]) -> Array:
     """Solution (m, columns, lanes) of a symmetric system (m, m, lanes) that may be singular, refined."""
     precision, m = DERIVING[str(A.dtype)], len(A)
     added: dict[object, Array] = {}
-    whole = np.zeros_like(A[0, 0])
+    whole = zero = np.zeros(A.shape[2], A.dtype)
     for r in range(m):
         whole = whole + A[r, r]
-        added[kinds[r]] = added.get(kinds[r], np.zeros_like(A[0, 0])) + A[r, r]
+        added[kinds[r]] = added.get(kinds[r], zero) + A[r, r]
     F = A.copy()
     for r in range(m):
         own = added[kinds[r]] * A.dtype.type(precision.added)

@@ -208,7 +208,7 @@ def test_contacts_in_joints_of_a_loop(place: str, tmp_path: Path) -> None:
         stop, (loop,) = Coordinate(stiffness=1e5, damping=100.0, clearance=2e-3, smoothing=2e-4), robot.loops
         robot = replace(robot, loops=(replace(loop, coordinates={"x": stop}),), name="loose_bars")
     else:
-        stop = Coordinate(stiffness=2000.0, damping=1.0, clearance=1.3, smoothing=1e-2)
+        stop = Coordinate(stiffness=2000.0, damping=1.0, clearance=1.7, smoothing=1e-2)
         robot = with_coordinate(robot, "joint3", "gamma", stop, "stopped_bars")
     result = run(robot, CRANKED)
     motion, kernel = result.trajectory, eomgen.build(robot)
