@@ -88,7 +88,7 @@ class Chart:
         self._start(q, J, rows)
 
     def _start(self, q: Array, J: Array, rows: NDArray[np.intp]) -> None:
-        """What ``Kernel`` functions take for a chart, with the slopes at a closed state; see ``following``."""
+        """Prepare the arrays that ``following`` takes for this chart, with the slopes at a closed state."""
         kernel = self.kernel
         n, m = kernel.n, len(kernel.constraints)
         if "following" not in kernel.raw.functions:
