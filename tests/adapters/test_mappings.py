@@ -132,7 +132,7 @@ def test_accelerations_with_loops(built: Build) -> None:
 
 @pytest.mark.parametrize("name", ["four_bar", "gough"])
 def test_drives_with_loops(name: str, built: Build) -> None:
-    """Those of the kernel on a motion, with derivatives there and beside it."""
+    """Drives of the kernel on a motion, with derivatives there and beside it."""
     robot = eomgen.load_robot(name)
     asked = ("inverse_dynamics", "constraint_forces")
     kernel = built(robot, *kernels_for(*asked, closed=True), "inverse_dynamics", *mechanism_kernels(robot))

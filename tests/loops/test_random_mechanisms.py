@@ -55,7 +55,7 @@ def compare(found: Closed, expected: Closed, oracle: ClosedOracle, m: Mechanism,
 
 
 def _whole(m: Mechanism, unique: Array) -> list[bool]:
-    """Of every loop whether all its multipliers are unique."""
+    """Whether all multipliers of a loop are unique, of every loop."""
     rows = np.cumsum([0, *(len(ROWS[loop.type]) for loop in m.robot.loops)])
     return [bool(unique[a:b].all()) for a, b in pairwise(rows)]
 
@@ -105,7 +105,9 @@ def test_reactions_of_a_motion_by_as_many_drives_as_freedoms(number: int, built:
     u = np.where(oracle.free & ~moved, 0.0, m.u)
     expected = oracle.solve(m.q, m.v, u, m.wrench)
     driven = tuple(name for name, moves in zip(names, moved, strict=True) if moves)
-    kernel = built(replace(m.robot, driven=driven), *CLOSING, "loop_reactions", "reactions", "external_force")
+    kernel = built(
+        replace(m.robot, driven=driven), *CLOSING, "loop_reactions", "reactions", "external_force", "external_reactions"
+    )
     wrench = np.array([m.wrench.get(name, np.zeros(6)) for name in kernel.links]) if m.wrench else None
     found = kernel.inverse_dynamics(m.q, m.v, expected.a, wrench=wrench)
     figures.at_most(
@@ -124,7 +126,7 @@ def test_reactions_of_a_motion_by_as_many_drives_as_freedoms(number: int, built:
 
 
 def _drives(J: Array, free: Array) -> Array:
-    """As many free coordinates as there are freedoms, (n,), that hold the mechanism as well as any."""
+    """Free coordinates, (n,), as many as there are freedoms, that hold the mechanism as well as any."""
     left, found = null_space(J[:, free], RANK).T, np.zeros(len(free), bool)
     for _ in range(len(left)):
         best = int(np.linalg.norm(left, axis=0).argmax())

@@ -202,7 +202,7 @@ def crossings(deviation: NDArray[np.float64], clearance: float) -> list[tuple[in
 
 @pytest.mark.parametrize("place", ["joint3.gamma", "joint4.x"])
 def test_contacts_in_joints_of_a_loop(place: str, tmp_path: Path) -> None:
-    """Of one in the tree and of one that is cut: where the deviation says so, in the result, and in its file."""
+    """Found in the tree and in a cut joint where the deviation says so, in the result, and in its file."""
     robot = eomgen.load_robot("four_bar")
     if place == "joint4.x":
         stop, (loop,) = Coordinate(stiffness=1e5, damping=100.0, clearance=2e-3, smoothing=2e-4), robot.loops
