@@ -41,11 +41,8 @@ def batched(equations: Equations) -> list[str]:
 
 def _has_lanes(equations: Equations, name: str) -> bool:
     """True if there is C of the kernel for vectors: a program, or a template that is written for both."""
-    return (
-        name in equations.programs
-        or KERNELS[name].kind in ("composed", "rollout", "adaptive")
-        or bool(KERNELS[name].closed)
-    )
+    known, composed = KERNELS[name], KERNELS[name].kind in ("composed", "rollout", "adaptive")
+    return known.vectors and (name in equations.programs or composed or bool(known.closed))
 
 
 def kept_size(equations: Equations) -> int:

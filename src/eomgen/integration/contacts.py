@@ -1,4 +1,4 @@
-"""When the clearances of joints close and open along a motion."""
+"""When the clearances of joints, cut ones too, and of elastic couplings close and open along a motion."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..runtime.kernel import Kernel
 from ..state.motors import deflections
-from ..state.springs import clearances
+from ..state.springs import clearances, cut_clearances
 
 Array = NDArray[np.float64]
 
@@ -23,10 +23,10 @@ class Contact:
 
     Attributes:
         t: s.
-        coordinate: its name; of a motor's transmission the motor's.
+        coordinate: its name; of a motor's transmission the motor's, of a coupling the coupling's.
         side: 1 at the positive end, -1 at the negative one.
         closes: whether it comes, or goes.
-        rate: of the coordinate, or of the transmission's deflection, m/s or rad/s.
+        rate: of the coordinate, or of the transmission's or coupling's deflection, m/s or rad/s.
     """
 
     t: float
@@ -43,23 +43,40 @@ class ContactWatch:
     """
 
     def __init__(self, kernel: Kernel) -> None:
-        self.names = kernel.coordinates
-        gaps = clearances(kernel)
-        ends = [(i, side, gaps[name]) for i, name in enumerate(self.names) if name in gaps for side in (1, -1)]
-        self.index = [i for i, _, _ in ends]
+        self._kernel, self._n = kernel, kernel.n
+        own, cut = clearances(kernel), cut_clearances(kernel)
+        names = [(name, gaps[name]) for gaps in (own, cut) for name in gaps]
+        ends = [(name, side, gap) for name, gap in names for side in (1, -1)]
+        self.names = [name for name, _, _ in ends]
         self.side = [side for _, side, _ in ends]
-        self.clearance = np.array([c for _, _, c in ends])
+        self.clearance = np.array([gap for _, _, gap in ends])
         springs = deflections(kernel)
-        self.rows = np.array([side * springs[i] for i, side, _ in ends]).reshape(-1, kernel.n)
+        rows = [side * springs[kernel.coordinates.index(name)] for name, side, _ in ends[: 2 * len(own)]]
+        self._rows = np.array(rows).reshape(-1, kernel.n)
+        self._cuts = [kernel.cut_laws.index(name) for name, _, _ in ends[2 * len(own) :]]
+        self._cut_sides = np.array(self.side[2 * len(own) :])
         self.found: list[Contact] = []
 
     def __len__(self) -> int:
         """Number of ends that are watched."""
-        return len(self.index)
+        return len(self.names)
 
     def gaps(self, y: Array) -> Array:
-        """Distances of coordinates beyond each of their ends, m or rad, below 0 inside; y = (q, v) or q."""
-        return np.asarray(self.rows @ y[: len(self.names)] - self.clearance)
+        """Distances beyond each of the ends, m or rad, below 0 inside; y = (q, v)."""
+        q, v = y[: self._n], y[self._n :]
+        own = self._rows @ q
+        if not self._cuts:
+            return np.asarray(own - self.clearance)
+        deviations = self._kernel.cut_forces(q, v)[self._cuts, 0]
+        return np.asarray(np.concatenate([own, self._cut_sides * deviations]) - self.clearance)
+
+    def _rate(self, end: int, y: Array) -> float:
+        """Rate of what one of the ends stops, towards it."""
+        q, v, own = y[: self._n], y[self._n :], len(self._rows)
+        if end < own:
+            return float(self._rows[end] @ v)
+        cut = self._cuts[end - own]
+        return float(self._cut_sides[end - own] * (self._kernel.cut_jacobian(q)[cut] @ v))
 
     def find(self, t0: float, y0: Array, t1: float, y1: Array, at: Callable[[float], Array] | None = None) -> None:
         """Find the contacts between two states of a motion, and note them.
@@ -88,8 +105,7 @@ class ContactWatch:
     def note(self, end: int, t: float, y: Array, closes: bool) -> None:
         """Add a contact at one of the ends, whose time t (s) and state y are known."""
         side = self.side[end]
-        rate = float(side * (self.rows[end] @ y[len(self.names) :]))
-        self.found.append(Contact(float(t), self.names[self.index[end]], side, closes, rate))
+        self.found.append(Contact(float(t), self.names[end], side, closes, side * self._rate(end, y)))
 
 
 def hermite(t: float, t0: float, y0: Array, t1: float, y1: Array) -> Array:

@@ -91,6 +91,11 @@ def clearances(kernel: Kernel) -> dict[str, float]:
     return {name: given["clearance"] for name, given in law_numbers(kernel).items() if "clearance" in given}
 
 
+def cut_clearances(kernel: Kernel) -> dict[str, float]:
+    """The same of cut joints' coordinates and elastic couplings, by the names in ``Kernel.cut_laws``."""
+    return {name: given["clearance"] for name, given in cut_numbers(kernel).items() if "clearance" in given}
+
+
 def line_rates(kernel: Kernel, q: Array) -> tuple[Array, Array]:
     """Stiffness and damping by springs between points, in cut joints and couplings at q, (n, n) each.
 
