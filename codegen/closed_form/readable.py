@@ -1,8 +1,8 @@
 """Closed-form equations of a small robot for a reader: eqs. (10)-(16), simplified, as text or LaTeX.
 
 The terms are those of ``trace``.  Of a robot with loops and couplings the tree's equations have J^T lambda on their
-right, and g(q) = 0 and its Jacobian J come with them.  Coordinates have the paper's letters with the joint's number (x_1, gamma_1), numbers
-of the description those of ``SYMBOLS`` with the name of their link or joint.
+right, and g(q) = 0 and its Jacobian J come with them.  Coordinates have the paper's letters with the joint's number
+(x_1, gamma_1), numbers of the description those of ``SYMBOLS`` with the name of their link or joint.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class Letter:
 
 @dataclass(frozen=True)
 class Component:
-    """A component of g(q) = 0, simplified: its name, multiplier, value, and derivatives that do not vanish, by index."""
+    """A component of g(q) = 0, simplified: its name, multiplier, value, derivatives but zeros by index."""
 
     name: str
     multiplier: Expr
@@ -273,7 +273,7 @@ def _without_round_off(expanded: Expr) -> Expr:
 
 
 def _driven(model: Model) -> set[int]:
-    """Indices of coordinates that get a drive: principal ones, and all of a free joint; of mechanisms the driven ones."""
+    """Indices of coordinates that get a drive: principal ones, and all of a free joint; driven ones of loops."""
     if model.robot.is_closed:
         return set(model.driven)
     kinds = {joint.name: joint.type for joint in model.robot.joints}

@@ -307,8 +307,6 @@ def test_a_measured_mechanism_closes() -> None:
     assert np.abs(np.einsum("tmn,tn->tm", J, near[2]) + kernel.constraint_bias(near[0], near[1])).max() < 1e-9
     with pytest.raises(InputError, match=r"'joint1\.gamma'.*'joint3\.gamma' move while what was measured does not"):
         closed_motion(kernel, model, (), *alone)
-    with pytest.raises(InputError, match="fit: four_bar has loops"):
-        fit(robot, "motion.csv")
 
 
 def turned(angle: NDArray[np.float64]) -> NDArray[np.float64]:

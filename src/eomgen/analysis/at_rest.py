@@ -94,7 +94,8 @@ def rest(
             change = closing - basis @ _solve(matrix, left)
         size = np.minimum(1.0, 10.0 * inertia / np.maximum(np.abs(np.diagonal(K)), 1e-300))
         imbalance = float(np.linalg.norm((basis.T @ force) / np.sqrt(basis.T**2 @ inertia)))
-        if (np.abs(change) <= SMALL * size + POSE * max(1.0, np.abs(q).max())).all() and (tau > 1.0 or imbalance == before):
+        small = (np.abs(change) <= SMALL * size + POSE * max(1.0, np.abs(q).max())).all()
+        if small and (tau > 1.0 or imbalance == before):
             return _found(kernel, q + change, target, springs, still, loads)
         q = q + change * min(1.0, LONGEST / max(float(np.abs(change).max()), 1e-300))
         tau = min(tau * (GROWTH if imbalance <= before else 0.5), LAST)
