@@ -138,8 +138,8 @@ class ReadableClosedForm:
                 closing.append(f"{slope} &= {show(arm)}")
         text += [f"% g of {part.name} = {part.value} {DROPS_OUT}" for part in self.constraint if not part.arms]
         text += [f"% {note}" for note in self._rank_notes()]
-        for part in (rows, closing, sides) if closing else (rows, sides):
-            text += ["\\begin{align*}", " \\\\\n".join(part), "\\end{align*}"]
+        for block in (rows, closing, sides) if closing else (rows, sides):
+            text += ["\\begin{align*}", " \\\\\n".join(block), "\\end{align*}"]
         return "\n".join(text)
 
     def _said(self, part: Component) -> str:
