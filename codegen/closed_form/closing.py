@@ -46,7 +46,7 @@ class Closing:
 
 @dataclass(frozen=True)
 class Rank:
-    """What a constraint leaves at a closed state: degrees of freedom, and names of rows that follow from the others."""
+    """Degrees of freedom that a constraint leaves at a closed state, and names of rows that follow from the others."""
 
     freedoms: int
     redundant: tuple[str, ...]

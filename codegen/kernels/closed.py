@@ -68,11 +68,11 @@ def constrained(d: Derivation, tree: Tree, pivots: Pivots) -> Outputs:
     """
     found = gaps(d, d.v)
     accelerations, multipliers, system = with_rows(d, tree, [gap.row(-gap.bias) for gap in found])
-    if (moved := min((i for r in system.rigid for i in system.rows[r].arms), default=None)) is not None:
-        if are_independent(d.model):
-            pivot, scale = pivots[moved]
-            regular = 1.0 - (1.0 / PRECISIONS[d.dtype].hidden) * system.hidden()
-            pivots = [*pivots[:moved], (pivot * regular, scale), *pivots[moved + 1 :]]
+    moved = min((i for r in system.rigid for i in system.rows[r].arms), default=None)
+    if moved is not None and are_independent(d.model):
+        pivot, scale = pivots[moved]
+        regular = 1.0 - (1.0 / PRECISIONS[d.dtype].hidden) * system.hidden()
+        pivots = [*pivots[:moved], (pivot * regular, scale), *pivots[moved + 1 :]]
     values = [accelerations[i] for i in d.own] + multipliers
     values += [gap.value for gap in found] + [gap.rate(d.v) for gap in found]
     return {**vector(values), **pivot_outputs(d, pivots)}

@@ -253,8 +253,8 @@ class Calls:
     def singular(self, name: str, coordinate: int, place: str, q: Array | None = None) -> SingularError:
         """The error that says that a function cannot invert the mass matrix.
 
-        It names the coordinates that move without inertia, or the loop whose constraints do not say what it bears; where the kernel cannot compute a mass matrix, the one at
-        which elimination fails.
+        It names the coordinates that move without inertia, or the loop whose constraints do not say what it bears;
+        where the kernel cannot compute a mass matrix, the coordinate at which elimination fails.
 
         Args:
             name: the function.
@@ -276,7 +276,7 @@ class Calls:
 
     def _singular_loop(self, q: Array) -> str | None:
         """Say which loop has constraints that follow from others at q, (n,), where M can be inverted; else None."""
-        M = self._moving_mass(q) if self.raw.libraries.meta["constraints"] else None
+        M = self._moving_mass(q) if self.raw.libraries.meta.get("constraints") else None
         if M is None or "constraint_jacobian" not in self.raw.functions or not np.isfinite(M).all():
             return None
         if scaled_eigenvalues(M)[0][0] <= (VANISHED if self.dtype == np.float64 else NEARLY):

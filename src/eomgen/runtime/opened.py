@@ -98,12 +98,13 @@ def singular_loop(raw: RawKernel, jacobian: Array, elsewhere: Array) -> str:
     meta = raw.libraries.meta
     moving = [k for k, x in enumerate(meta["coordinates"]) if x not in meta["prescribed"]]
     kept = np.flatnonzero(np.abs(elsewhere[:, moving]).max(axis=1) > 0.0)
-    left, sizes, _ = np.linalg.svd(jacobian[np.ix_(kept, moving)])
+    left, sizes, _ = np.linalg.svd(jacobian[kept][:, moving])
     shares = np.abs(left[:, sizes.size - 1])
     component = meta["constraints"][kept[int(shares.argmax())]]
     return (
         f"{_kind(component)} {component.partition('.')[0]} is at a singular pose, where its constraints, independent"
-        f" elsewhere, do not determine its forces ({component}); allowed: poses beside it, or cut=True for the open tree"
+        f" elsewhere, do not determine its forces ({component}); allowed: poses beside it, or cut=True for the open"
+        " tree"
     )
 
 
