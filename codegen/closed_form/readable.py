@@ -143,7 +143,7 @@ class ReadableClosedForm:
         return "\n".join(text)
 
     def _said(self, part: Component) -> str:
-        """What is printed of a component's value."""
+        """Print a component's value, and that it drops out if nothing moves it."""
         return str(part.value) if part.arms else f"{part.value} {DROPS_OUT}"
 
     def _rank_notes(self) -> list[str]:
