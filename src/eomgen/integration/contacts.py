@@ -1,4 +1,4 @@
-"""When the clearances of joints close and open along a motion."""
+"""When the clearances of joints close and open along a motion, and when their stops are touched and left."""
 
 from __future__ import annotations
 
@@ -10,23 +10,25 @@ from numpy.typing import NDArray
 
 from ..runtime.kernel import Kernel
 from ..state.motors import deflections
-from ..state.springs import clearances
+from ..state.springs import clearances, stops
 
 Array = NDArray[np.float64]
 
+CLEARANCE, STOP = "clearance", "stop"
 HALVINGS = 52  # of a step, to the last bit of a time
 
 
 @dataclass(frozen=True)
 class Contact:
-    """A coordinate that reaches an end of its clearance, or leaves it.
+    """A coordinate that reaches an end of its clearance or one of its stops, or leaves it.
 
     Attributes:
         t: s.
         coordinate: its name; of a motor's transmission the motor's.
-        side: 1 at the positive end, -1 at the negative one.
+        side: 1 at the positive end or upper stop, -1 at the negative end or lower stop.
         closes: whether it comes, or goes.
         rate: of the coordinate, or of the transmission's deflection, m/s or rad/s.
+        kind: CLEARANCE or STOP.
     """
 
     t: float
@@ -34,23 +36,32 @@ class Contact:
     side: int
     closes: bool
     rate: float
+    kind: str = CLEARANCE
 
 
 class ContactWatch:
     """Finds contacts between two states of a motion; ``found`` grows.
 
-    A clearance that closes and opens again within one step is not seen: the solver has not seen it either.
+    A contact that closes and opens again within one step is not seen: the solver has not seen it either.
     """
 
     def __init__(self, kernel: Kernel) -> None:
         self.names = kernel.coordinates
-        gaps = clearances(kernel)
+        gaps, places = clearances(kernel), stops(kernel)
         ends = [(i, side, gaps[name]) for i, name in enumerate(self.names) if name in gaps for side in (1, -1)]
+        self.kind = [CLEARANCE] * len(ends)
+        for i, name in enumerate(self.names):
+            lower, upper = places.get(name, (-np.inf, np.inf))
+            ends += [(i, side, side * x) for side, x in ((1, upper), (-1, lower)) if np.isfinite(x)]
+        self.kind += [STOP] * (len(ends) - len(self.kind))
         self.index = [i for i, _, _ in ends]
         self.side = [side for _, side, _ in ends]
-        self.clearance = np.array([c for _, _, c in ends])
-        springs = deflections(kernel)
-        self.rows = np.array([side * springs[i] for i, side, _ in ends]).reshape(-1, kernel.n)
+        self.end = np.array([x for _, _, x in ends])
+        deflected, own = deflections(kernel), np.eye(kernel.n)  # a motor's stops are those of its shaft
+        rows = [
+            side * (own if kind == STOP else deflected)[i] for (i, side, _), kind in zip(ends, self.kind, strict=True)
+        ]
+        self.rows = np.array(rows).reshape(-1, kernel.n)
         self.found: list[Contact] = []
 
     def __len__(self) -> int:
@@ -59,7 +70,7 @@ class ContactWatch:
 
     def gaps(self, y: Array) -> Array:
         """Distances of coordinates beyond each of their ends, m or rad, below 0 inside; y = (q, v) or q."""
-        return np.asarray(self.rows @ y[: len(self.names)] - self.clearance)
+        return np.asarray(self.rows @ y[: len(self.names)] - self.end)
 
     def find(self, t0: float, y0: Array, t1: float, y1: Array, at: Callable[[float], Array] | None = None) -> None:
         """Find the contacts between two states of a motion, and note them.
@@ -89,7 +100,7 @@ class ContactWatch:
         """Add a contact at one of the ends, whose time t (s) and state y are known."""
         side = self.side[end]
         rate = float(side * (self.rows[end] @ y[len(self.names) :]))
-        self.found.append(Contact(float(t), self.names[self.index[end]], side, closes, rate))
+        self.found.append(Contact(float(t), self.names[self.index[end]], side, closes, rate, self.kind[end]))
 
 
 def hermite(t: float, t0: float, y0: Array, t1: float, y1: Array) -> Array:

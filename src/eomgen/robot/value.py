@@ -165,7 +165,8 @@ class Motor:
     joint's principal coordinate; negative where the sense is reversed.  transmission: the force in the deflection phi =
     motor / ratio - principal coordinate, which pulls the joint after the motor; in units of the joint's side, without
     friction, armature and role.  friction: of the rotor's own bearings, N m and rad/s at the shaft.  prescribed: the
-    rotor's motion is given, as that of a position-controlled motor.
+    rotor's motion is given, as that of a position-controlled motor.  further: numbers of the rotor's other laws, as in
+    Coordinate: stops of its angle, rad and N m at the shaft.
 
     Source: M. W. Spong, "Modeling and Control of Elastic Joint Robots", Journal of Dynamic Systems, Measurement, and
     Control 109 (1987): of a rotor, the energy of its own spin alone counts.
@@ -176,11 +177,21 @@ class Motor:
     transmission: Coordinate
     friction: Friction | None = None
     prescribed: bool = False
+    further: Mapping[str, float] = field(default_factory=dict, hash=False, metadata=LATER)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "further", self.rotor.further)
+
+    def __reduce__(self) -> tuple[object, ...]:
+        values = (dict(value) if name == "further" else value for name, value in vars(self).items())
+        return (Motor, tuple(values))  # a mapping proxy cannot be pickled
 
     @property
     def rotor(self) -> Coordinate:
         """Coordinate properties of the rotor alone; its inertia as an armature."""
-        return Coordinate(armature=self.inertia, friction=self.friction, prescribed=self.prescribed)
+        return Coordinate(
+            armature=self.inertia, friction=self.friction, prescribed=self.prescribed, further=self.further
+        )
 
     def numbers(self) -> dict[str, float | None]:
         """Numbers by the names of parameters: "inertia", "stiffness", "friction.coulomb"; None where not given."""
