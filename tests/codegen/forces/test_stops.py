@@ -219,7 +219,9 @@ def geared(*, joint: dict[str, float] | None = None, shaft: dict[str, float] | N
     motor = Motor(0.02, 10.0, Coordinate(300.0, 2.0), further=shaft or {})
     link = Link("arm", 1.0, (0.0, 0.0, 0.0), (0.5, 0.5, 0.5, 0.0, 0.0, 0.0))
     given = {"gamma": Coordinate(further=joint or {})}
-    return Robot(name, (0.0, 0.0, 0.0), (link,), (Joint("j", "base", "arm", "revolute", coordinates=given, motor=motor),))
+    return Robot(
+        name, (0.0, 0.0, 0.0), (link,), (Joint("j", "base", "arm", "revolute", coordinates=given, motor=motor),)
+    )
 
 
 TURNED = {key: value for key, value in STOPS.items() if key != "stops.lower"} | {"stops.upper": 0.5}
