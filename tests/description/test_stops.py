@@ -206,6 +206,17 @@ def test_a_simulation_says_what_was_touched(tmp_path: Path) -> None:
     assert any("joint1.gamma starts at 1.2 rad, beyond its upper stop at 1 rad" in note for note in beyond.notes)
 
 
+def test_drives_do_not_cancel_a_stop() -> None:
+    """Computed torque goes by the rigid robot, which has none."""
+    robot = with_stops("", "limits = [-1, 1]")
+    stopped = with_stops("stops = { stiffness = 1e5, damping = 100.0 }", "limits = [-1, 1]")
+    assert replace(stopped.rigid(), joints=()) == replace(robot.rigid(), joints=())
+    assert stopped.rigid().joints == robot.rigid().joints != stopped.joints
+    tuned = robot_from_toml(ARM.replace("limits = [-1, 2]", f"limits = [-1, 2]\n{TEXT}").replace(
+        '"links.link2.mass"', '"links.link2.mass", "joints.*.gamma.stops"'))  # fmt: skip
+    assert tuned.rigid().tunable == ("links.link2.mass",)
+
+
 def test_what_mujoco_makes_of_them(tmp_path: Path) -> None:
     """A limited range, as stiff as MuJoCo has it; and back."""
     motor = "motor = { inertia = 1e-4, ratio = 50.0, stiffness = 1e4, stops = { stiffness = 3.0, lower = -60.0 } }"
