@@ -30,7 +30,7 @@ def start_notes(scenario: Scenario, robot: Robot) -> tuple[str, ...]:
 
 
 def _beyond(model: Model, at: Mapping[str, float]) -> Iterator[str]:
-    """What is said of each coordinate, by name where it is, m or rad, that is outside of its stops."""
+    """Words on each coordinate that is outside of its stops; ``at`` has where coordinates are by name, m or rad."""
     for joint in model.robot.joints:
         for kind, given in joint.all_coordinates.items():
             name = component_name(joint.name, kind)
