@@ -15,6 +15,7 @@ from .system import System
 Array = NDArray[np.float64]
 
 TURN = 2.0 * np.pi  # rad, or m: how far y goes from its origin
+LARGE = 2500  # entries of J: of more no singular values are looked at in every sample
 OPEN = 1e-9  # m or rad, and per second and the largest rate: more is not round-off
 
 
@@ -181,6 +182,19 @@ class ClosedSystem(System):
         needed = self.kernel.residual(q, v, a, np.zeros(n), wrench=self.wrench(t, q, v))
         needed -= self.kernel.constraint_jacobian(q).T @ multipliers
         return np.where(self._free, u, needed)
+
+    def margins(self, q: Array) -> Array | None:
+        """The smallest of as many singular values of J as it has rank, by the greatest, at samples, (T,).
+
+        Lengths are by the coordinates' kinetic energy; None of large mechanisms, where that would take long.
+        """
+        moving = np.flatnonzero(self._free)
+        if len(self.kernel.constraints) * moving.size > LARGE or not self.chart.rank:
+            return None
+        inertia = np.diagonal(self.kernel.mass_matrix(q), axis1=1, axis2=2)[:, np.newaxis, moving]
+        scaled = self.kernel.constraint_jacobian(q)[:, :, moving] / np.sqrt(np.maximum(inertia, 1e-12))
+        sizes = np.linalg.svd(scaled, compute_uv=False)
+        return np.asarray(sizes[:, self.chart.rank - 1] / np.maximum(sizes[:, 0], 1e-300))
 
     def about(self, q: Array, v: Array) -> dict[str, float]:
         """Counts, the greatest |g| and |J v| over all samples, (T, n), and the constraints that are redundant."""
