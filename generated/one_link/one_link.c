@@ -403,6 +403,53 @@ static int one_link_implicit_step(const double *restrict h, const double *restri
     return one_link_failed(pivot);
 }
 
+/* Factors of M + c B + c^2 K, for the stages of a Rosenbrock method. */
+static int one_link_stage_factors(const double *restrict h, const double *restrict q, const double *restrict v, const double *restrict kp, const double *restrict kd, const double *restrict times, double *restrict out)
+{
+    double pivot[4];
+    const double angle[PADDED(1)] = { q[1] };
+    double sine[PADDED(1)];
+    double cosine[PADDED(1)];
+    turn(angle, PADDED(1), sine, cosine);
+    (void)v;
+
+    out[0] = sine[0];
+    const double t5 = h[3]*times[1];
+    out[1] = t5;
+    out[2] = h[3]*times[0];
+    const double t11 = times[0]*kd[1] + times[1]*kp[1];
+    out[3] = t11;
+    out[4] = times[0]*kp[1];
+    /* joint1: eliminated, from the tips to the base */
+    const double t14 = t11 + 0.3333333333333333;
+    pivot[2] = t14;
+    pivot[3] = t14;
+    const double t16 = 1.0/t14;
+    out[5] = t16;
+    out[6] = 0.5*t16;
+    const double t26 = t5 + (1.0 - sine[0]*(sine[0]*(1.0 - (1.0 - 0.25*t16))));
+    pivot[0] = t26;
+    pivot[1] = t5 + 1.0;
+    out[7] = 1.0/t26;
+
+    return one_link_failed(pivot);
+}
+
+/* w of (M + c B + c^2 K) w = -((c B + c^2 K) rates + c K shifts). */
+static int one_link_stage_solution(const double *restrict h, const double *restrict kept, const double *restrict rates, const double *restrict shifts, double *restrict out)
+{
+    (void)h;
+
+    /* joint1: eliminated, from the tips to the base */
+    const double t16 = (rates[1]*kept[3] + shifts[1]*kept[4])*kept[5];
+    const double t23 = kept[7]*(rates[0]*kept[1] + shifts[0]*kept[2] + kept[0]*(0.5*t16));
+    out[0] = -t23;
+    /* joint1: accelerations, from the base to the tips */
+    out[1] = -(t16 + kept[6]*(kept[0]*t23));
+
+    return 0;
+}
+
 EOMGEN_PART void one_link_kinematics0(const double *restrict q, const double *restrict sine, const double *restrict cosine, int last, double *restrict origins, double *restrict axes, double *restrict kept)
 {
     origins[0] = q[0];
@@ -708,6 +755,301 @@ long long one_link_rollout(const double *restrict h, const double *restrict q, c
     (void)memcpy(q_here, q, sizeof q_here);
     (void)memcpy(v_here, v, sizeof v_here);
     return one_link_steps(h, drive, 0, 1, dt, steps, every, method, q_here, v_here, q_out, v_out);
+}
+
+/* Accelerations under u + kp (target - q) - kd v; what cannot be solved is seen in the error that it makes. */
+static void one_link_accelerated(const double *restrict h, const one_link_drive *restrict drive, const double *restrict u, const double *restrict target, const double *restrict q, const double *restrict v, double *restrict a)
+{
+    double force[2];
+    for (int i = 0; i < 2; ++i) {
+        force[i] = u[i];
+        if (drive->kp != NULL) { force[i] += drive->kp[i] * (target[i] - q[i]) - drive->kd[i] * v[i]; }
+    }
+    (void)one_link_forward_dynamics(h, q, v, force, a);
+}
+
+/* One step of the Rosenbrock method, with the factors of its matrix; the end, and the error, first of q, then of v. */
+static void one_link_rosenbrock(const double *restrict h, const one_link_drive *restrict drive, const double *restrict u, const double *restrict target, double dt, const double *restrict q, const double *restrict v, double *restrict q_end, double *restrict v_end, double *restrict error)
+{
+    static const double ahead[4][4] = { { 0.0, 0.0, 0.0, 0.0 }, { 2.0000000000000004, -2.678323310474204e-17, 0.0, 0.0 }, { 1.4192173174557652, -0.2592322116729698, 1.8468675672130886e-16, 0.0 }, { 4.184760482319161, -0.285192017355496, 2.2942803602790423, -1.5446026540574536e-17 } };
+    static const double back[4][4] = { { 0.0, 0.0, 0.0, 0.0 }, { -4.588560720558084, 0.0, 0.0, 0.0 }, { -4.184760482319161, 0.285192017355496, 0.0, 0.0 }, { -6.36817920012836, -6.795620944466837, 2.8700986043310555, 0.0 } };
+    static const double weight[4] = { 4.184760482319162, -0.2851920173554956, 2.294280360279042, 1.0 };
+    static const double wrong[4] = { 0.2777499476479681, -1.4032398951759995, 1.772630127667551, 0.5 };
+    const double inverse = 1.0 / dt;
+    double times[2];
+    double kept[8];
+    double kp[2];
+    double kd[2];
+    double a[2];
+    double shifts[2];
+    double w[2];
+    double q_part[4][2];
+    double v_part[4][2];
+    times[0] = 0.435866521508459 * dt;
+    times[1] = times[0] * times[0];
+    for (int i = 0; i < 2; ++i) {
+        kp[i] = (drive->kp == NULL) ? 0.0 : drive->kp[i];
+        kd[i] = (drive->kp == NULL) ? 0.0 : drive->kd[i];
+    }
+    (void)one_link_stage_factors(h, q, v, kp, kd, times, kept);
+    for (int stage = 0; stage < 4; ++stage) {
+        for (int i = 0; i < 2; ++i) {
+            q_end[i] = q[i];
+            v_end[i] = v[i];
+            for (int j = 0; j < stage; ++j) {
+                q_end[i] += ahead[stage][j] * q_part[j][i];
+                v_end[i] += ahead[stage][j] * v_part[j][i];
+            }
+        }
+        one_link_accelerated(h, drive, u, target, q_end, v_end, a);
+        for (int i = 0; i < 2; ++i) {
+            double q_back = 0.0;
+            double v_back = 0.0;
+            for (int j = 0; j < stage; ++j) {
+                q_back += back[stage][j] * q_part[j][i];
+                v_back += back[stage][j] * v_part[j][i];
+            }
+            shifts[i] = v_end[i] + inverse * q_back;
+            a[i] += inverse * v_back;
+        }
+        (void)one_link_stage_solution(h, kept, a, shifts, w);
+        for (int i = 0; i < 2; ++i) {
+            v_part[stage][i] = times[0] * (a[i] + w[i]);
+            q_part[stage][i] = times[0] * (v_part[stage][i] + shifts[i]);
+        }
+    }
+    for (int i = 0; i < 2; ++i) {
+        q_end[i] = q[i];
+        v_end[i] = v[i];
+        error[i] = 0.0;
+        error[2 + i] = 0.0;
+        for (int j = 0; j < 4; ++j) {
+            q_end[i] += weight[j] * q_part[j][i];
+            v_end[i] += weight[j] * v_part[j][i];
+            error[i] += wrong[j] * q_part[j][i];
+            error[2 + i] += wrong[j] * v_part[j][i];
+        }
+    }
+}
+
+/* One step of the explicit method; ``a`` holds the accelerations at its beginning, ``a_end`` becomes those at its end. */
+static void one_link_tsit5(const double *restrict h, const one_link_drive *restrict drive, const double *restrict u, const double *restrict target, double dt, const double *restrict q, const double *restrict v, const double *restrict a, double *restrict q_end, double *restrict v_end, double *restrict a_end, double *restrict error)
+{
+    static const double ahead[7][7] = { { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { 0.161, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { -0.008480655492356989, 0.335480655492357, 0.0, 0.0, 0.0, 0.0, 0.0 }, { 2.8971530571054935, -6.359448489975075, 4.3622954328695815, 0.0, 0.0, 0.0, 0.0 }, { 5.325864828439257, -11.748883564062828, 7.4955393428898365, -0.09249506636175525, 0.0, 0.0, 0.0 }, { 5.86145544294642, -12.92096931784711, 8.159367898576159, -0.071584973281401, -0.028269050394068383, 0.0, 0.0 }, { 0.09646076681806523, 0.01, 0.4798896504144996, 1.379008574103742, -3.290069515436081, 2.324710524099774, 0.0 } };
+    static const double wrong[7] = { -0.001780011052225771, -0.0008164344596567469, 0.007880878010261995, -0.1447110071732629, 0.5823571654525552, -0.45808210592918697, 0.015151515151515152 };
+    double q_rate[7][2];
+    double v_rate[7][2];
+    for (int i = 0; i < 2; ++i) {
+        q_rate[0][i] = v[i];
+        v_rate[0][i] = a[i];
+    }
+    for (int stage = 1; stage < 7; ++stage) {
+        for (int i = 0; i < 2; ++i) {
+            double q_sum = 0.0;
+            double v_sum = 0.0;
+            for (int j = 0; j < stage; ++j) {
+                q_sum += ahead[stage][j] * q_rate[j][i];
+                v_sum += ahead[stage][j] * v_rate[j][i];
+            }
+            q_end[i] = q[i] + dt * q_sum;
+            v_end[i] = v[i] + dt * v_sum;
+        }
+        one_link_accelerated(h, drive, u, target, q_end, v_end, v_rate[stage]);
+        (void)memcpy(q_rate[stage], v_end, sizeof q_rate[stage]);
+    }
+    for (int i = 0; i < 2; ++i) {
+        a_end[i] = v_rate[6][i];
+        error[i] = 0.0;
+        error[2 + i] = 0.0;
+        for (int j = 0; j < 7; ++j) {
+            error[i] += wrong[j] * q_rate[j][i];
+            error[2 + i] += wrong[j] * v_rate[j][i];
+        }
+        error[i] *= dt;
+        error[2 + i] *= dt;
+    }
+}
+
+/* Drives and targets that act from a sample on, into a lane. */
+static void one_link_hold(const one_link_drive *restrict drive, size_t state, size_t sample, int l, double *restrict u, double *restrict target)
+{
+    const double *const given = &drive->u[state * drive->u_state + sample * drive->u_step];
+    (void)l;
+    for (int i = 0; i < 2; ++i) {
+        u[i] = given[i];
+        if (drive->kp != NULL) { target[i] = drive->target[state * drive->target_state + sample * drive->target_step + (size_t)i]; }
+    }
+}
+
+/* The greatest error of a lane's step beside what is allowed, and which number of the state has it; NaN counts as too great. */
+static double one_link_excess(const one_link_tolerance *restrict allowed, int l, const double *restrict q, const double *restrict v, const double *restrict q_end, const double *restrict v_end, const double *restrict error, int *restrict where)
+{
+    double worst = 0.0;
+    (void)l;
+    *where = 0;
+    for (int i = 0; i < 4; ++i) {
+        const double begin = fabs((double)(i < 2 ? q[i] : v[i - 2]));
+        const double end = fabs((double)(i < 2 ? q_end[i] : v_end[i - 2]));
+        const double size = (double)allowed->atol[i] + allowed->rtol * (begin > end ? begin : end);
+        const double ratio = fabs((double)error[i]) / size;
+        if (!(ratio <= worst)) {
+            worst = ratio;
+            *where = i;
+            if (!(ratio < HUGE_VAL)) { return HUGE_VAL; }
+        }
+    }
+    return worst;
+}
+
+/* A first step, from the sizes of the state and of its change. */
+static double one_link_first(const one_link_tolerance *restrict allowed, int l, const double *restrict q, const double *restrict v, const double *restrict a)
+{
+    double size = 0.0, change = 0.0;
+    (void)l;
+    for (int i = 0; i < 4; ++i) {
+        const double x = fabs((double)(i < 2 ? q[i] : v[i - 2])), rate = fabs((double)(i < 2 ? v[i] : a[i - 2]));
+        const double least = (double)allowed->atol[i] + allowed->rtol * x;
+        if (x / least > size) { size = x / least; }
+        if (rate / least > change) { change = rate / least; }
+    }
+    return (size < 1e-5 || !(change > 1e-5)) ? 1e-6 : 0.01 * size / change;
+}
+
+/* A lane's state at a share of its step: the polynomial of degree 5 with its coordinates, rates and accelerations. */
+static void one_link_between(double share, double step, int l, const double *restrict q, const double *restrict v, const double *restrict a, const double *restrict q_end, const double *restrict v_end, const double *restrict a_end, double *restrict q_out, double *restrict v_out)
+{
+    const double s = share;
+    (void)l;
+    for (int i = 0; i < 2; ++i) {
+        const double q0 = (double)q[i], d = (double)q_end[i] - q0;
+        const double v0 = step * (double)v[i], v1 = step * (double)v_end[i];
+        const double a0 = 0.5 * step * step * (double)a[i], a1 = 0.5 * step * step * (double)a_end[i];
+        const double c3 = 10.0 * d - 6.0 * v0 - 4.0 * v1 - 3.0 * a0 + a1;
+        const double c4 = -15.0 * d + 8.0 * v0 + 7.0 * v1 + 3.0 * a0 - 2.0 * a1;
+        const double c5 = 6.0 * d - 3.0 * (v0 + v1) - a0 + a1;
+        q_out[i] = (double)(q0 + s * (v0 + s * (a0 + s * (c3 + s * (c4 + s * c5)))));
+        v_out[i] = (double)((v0 + s * (2.0 * a0 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))) / step);
+    }
+}
+
+/* Go on with up to 1 states from where their progress is, each by steps of its own; at most so many in this call. */
+static void one_link_adapt(const double *restrict h, const one_link_drive *restrict drive, const one_link_tolerance *restrict allowed, size_t state, int here, double interval, size_t samples, int method, double *restrict q, double *restrict v, double *restrict q_out, double *restrict v_out, one_link_progress *restrict progress)
+{
+    const size_t stride = (samples + 1U) * 2U;
+    const double duration = interval * (double)samples;
+    const int held = drive->u_step == 0 && drive->target_step == 0;
+    const int dense = method == 1 && held;
+    const double order = method == 1 ? 0.2 : 1.0 / 3.0;
+    double u[2], target[2], a[2], a_end[2], q_end[2], v_end[2], error[4];
+    double dt = 1.0;
+    double step[1];
+    int going[1], lands[1] = { 0 }, taken[1];
+    int left = 0, stale = 1;
+    (void)held;
+    for (int l = 0; l < 1; ++l) {
+        one_link_progress *const p = &progress[l < here ? l : 0];
+        going[l] = l < here && p->reason == 0;
+        step[l] = interval;
+        left += going[l];
+        one_link_hold(drive, state + (size_t)(l < here ? l : 0), p->sample > 0 && p->sample <= samples ? p->sample - 1U : 0U, l, u, target);
+        if (going[l] && p->sample == 0) {
+            for (int i = 0; i < 2; ++i) {
+                q_out[(size_t)l * stride + (size_t)i] = q[i];
+                v_out[(size_t)l * stride + (size_t)i] = v[i];
+            }
+            p->sample = 1;
+        }
+    }
+    for (long long pass = 0; left > 0 && pass < allowed->most; ++pass) {
+        if (stale) { one_link_accelerated(h, drive, u, target, q, v, a); }
+        stale = method == 0;
+        for (int l = 0; l < 1; ++l) {
+            one_link_progress *const p = &progress[l < here ? l : 0];
+            if (!going[l]) { continue; }
+            if (!(p->next > 0.0)) { p->next = one_link_first(allowed, l, q, v, a); }
+            const double goal = dense ? duration : interval * (double)p->sample;
+            const double rest = goal - p->t;
+            lands[l] = p->next * 1.000001 >= rest;
+            step[l] = lands[l] ? rest : (2.0 * p->next > rest ? 0.5 * rest : p->next);
+            dt = (double)step[l];
+        }
+        if (method == 0) {
+            one_link_rosenbrock(h, drive, u, target, dt, q, v, q_end, v_end, error);
+        } else {
+            one_link_tsit5(h, drive, u, target, dt, q, v, a, q_end, v_end, a_end, error);
+        }
+        for (int l = 0; l < 1; ++l) {
+            taken[l] = 0;
+            if (!going[l]) { continue; }
+            one_link_progress *const p = &progress[l];
+            int where = 0;
+            const double excess = one_link_excess(allowed, l, q, v, q_end, v_end, error, &where);
+            double factor = 0.9 * pow(excess, -order);
+            factor = factor > 5.0 ? 5.0 : (factor < 0.2 ? 0.2 : factor);
+            taken[l] = excess <= 1.0;
+            if (!taken[l]) {
+                p->rejected += 1;
+                p->refused = 1;
+                p->next = step[l] * factor;
+                if (p->next <= 1e-14 * duration) {
+                    p->reason = 2 + where;
+                    going[l] = 0;
+                    left -= 1;
+                }
+            } else {
+                if (p->refused && factor > 1.0) { factor = 1.0; }
+                p->refused = 0;
+                if (p->next < step[l] * factor || !(step[l] < p->next)) { p->next = step[l] * factor; }
+            }
+        }
+        for (int l = 0; l < 1; ++l) {
+            if (!taken[l]) { continue; }
+            one_link_progress *const p = &progress[l];
+            const double goal = dense ? duration : interval * (double)p->sample;
+            const double before = p->t;
+            p->steps += 1;
+            p->t = lands[l] ? goal : p->t + step[l];
+            if (step[l] > p->largest) { p->largest = step[l]; }
+            if (p->steps == 1 || step[l] < p->smallest) { p->smallest = step[l]; }
+            while (p->sample <= samples && (lands[l] ? interval * (double)p->sample <= goal : dense && interval * (double)p->sample <= p->t)) {
+                double *const q_row = &q_out[(size_t)l * stride + p->sample * 2U], *const v_row = &v_out[(size_t)l * stride + p->sample * 2U];
+                const double time = interval * (double)p->sample;
+                if (dense && time < p->t) {
+                    one_link_between((time - before) / step[l], step[l], l, q, v, a, q_end, v_end, a_end, q_row, v_row);
+                } else
+                {
+                    for (int i = 0; i < 2; ++i) {
+                        q_row[i] = q_end[i];
+                        v_row[i] = v_end[i];
+                    }
+                }
+                (void)time;
+                (void)before;
+                p->sample += 1U;
+                if (!held && p->sample <= samples) {
+                    one_link_hold(drive, state + (size_t)l, p->sample - 1U, l, u, target);
+                    stale = 1;
+                }
+            }
+            for (int i = 0; i < 2; ++i) {
+                q[i] = q_end[i];
+                v[i] = v_end[i];
+                a[i] = a_end[i];
+            }
+            if (p->sample > samples) {
+                p->reason = 1;
+                going[l] = 0;
+                left -= 1;
+            }
+        }
+    }
+}
+
+/* One state over all samples, or as far as allowed->most steps lead: q, v and progress are where it goes on then. */
+int one_link_adaptive_rollout(const double *restrict h, const one_link_drive *restrict drive, const one_link_tolerance *restrict allowed, double interval, size_t samples, int method, double *restrict q, double *restrict v, double *restrict q_out, double *restrict v_out, one_link_progress *restrict progress)
+{
+    one_link_adapt(h, drive, allowed, 0, 1, interval, samples, method, q, v, q_out, v_out, progress);
+    return progress->reason;
 }
 
 #endif /* one state at a time */
@@ -1301,6 +1643,52 @@ static int one_link_implicit_step_lanes(const double *restrict h, const lanes *r
     return one_link_failed_lanes(pivot);
 }
 
+/* Factors of M + c B + c^2 K, for the stages of a Rosenbrock method. */
+static int one_link_stage_factors_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict kp, const lanes *restrict kd, const lanes *restrict times, lanes *restrict out)
+{
+    lanes pivot[4];
+    lanes sine[1];
+    lanes cosine[1];
+    turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
+    (void)v;
+
+    out[0] = sine[0];
+    const lanes t5 = h[3]*times[1];
+    out[1] = t5;
+    out[2] = h[3]*times[0];
+    const lanes t11 = times[0]*kd[1] + times[1]*kp[1];
+    out[3] = t11;
+    out[4] = times[0]*kp[1];
+    /* joint1: eliminated, from the tips to the base */
+    const lanes t14 = t11 + 0.3333333333333333;
+    pivot[2] = t14;
+    pivot[3] = t14;
+    const lanes t16 = 1.0/t14;
+    out[5] = t16;
+    out[6] = 0.5*t16;
+    const lanes t26 = t5 + (1.0 - sine[0]*(sine[0]*(1.0 - (1.0 - 0.25*t16))));
+    pivot[0] = t26;
+    pivot[1] = t5 + 1.0;
+    out[7] = 1.0/t26;
+
+    return one_link_failed_lanes(pivot);
+}
+
+/* w of (M + c B + c^2 K) w = -((c B + c^2 K) rates + c K shifts). */
+static int one_link_stage_solution_lanes(const double *restrict h, const lanes *restrict kept, const lanes *restrict rates, const lanes *restrict shifts, lanes *restrict out)
+{
+    (void)h;
+
+    /* joint1: eliminated, from the tips to the base */
+    const lanes t16 = (rates[1]*kept[3] + shifts[1]*kept[4])*kept[5];
+    const lanes t23 = kept[7]*(rates[0]*kept[1] + shifts[0]*kept[2] + kept[0]*(0.5*t16));
+    out[0] = -t23;
+    /* joint1: accelerations, from the base to the tips */
+    out[1] = -(t16 + kept[6]*(kept[0]*t23));
+
+    return 0;
+}
+
 /* Derivatives of the accelerations by q, v and u: three matrices.
  * They are -M^-1 dr/dq, -M^-1 dr/dv and M^-1 at the acceleration under u, with M = L^T D L along the branches. */
 static int one_link_forward_dynamics_jacobian_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict u, lanes *restrict out)
@@ -1865,6 +2253,309 @@ long long one_link_rollout_batch(size_t count, const double *restrict h, const d
         }
     }
     return -1;
+}
+
+/* Accelerations under u + kp (target - q) - kd v; what cannot be solved is seen in the error that it makes. */
+static void one_link_accelerated_lanes(const double *restrict h, const one_link_drive *restrict drive, const lanes *restrict u, const lanes *restrict target, const lanes *restrict q, const lanes *restrict v, lanes *restrict a)
+{
+    lanes force[2];
+    for (int i = 0; i < 2; ++i) {
+        force[i] = u[i];
+        if (drive->kp != NULL) { force[i] += drive->kp[i] * (target[i] - q[i]) - drive->kd[i] * v[i]; }
+    }
+    (void)one_link_forward_dynamics_lanes(h, q, v, force, a);
+}
+
+/* One step of the Rosenbrock method, with the factors of its matrix; the end, and the error, first of q, then of v. */
+static void one_link_rosenbrock_lanes(const double *restrict h, const one_link_drive *restrict drive, const lanes *restrict u, const lanes *restrict target, lanes dt, const lanes *restrict q, const lanes *restrict v, lanes *restrict q_end, lanes *restrict v_end, lanes *restrict error)
+{
+    static const double ahead[4][4] = { { 0.0, 0.0, 0.0, 0.0 }, { 2.0000000000000004, -2.678323310474204e-17, 0.0, 0.0 }, { 1.4192173174557652, -0.2592322116729698, 1.8468675672130886e-16, 0.0 }, { 4.184760482319161, -0.285192017355496, 2.2942803602790423, -1.5446026540574536e-17 } };
+    static const double back[4][4] = { { 0.0, 0.0, 0.0, 0.0 }, { -4.588560720558084, 0.0, 0.0, 0.0 }, { -4.184760482319161, 0.285192017355496, 0.0, 0.0 }, { -6.36817920012836, -6.795620944466837, 2.8700986043310555, 0.0 } };
+    static const double weight[4] = { 4.184760482319162, -0.2851920173554956, 2.294280360279042, 1.0 };
+    static const double wrong[4] = { 0.2777499476479681, -1.4032398951759995, 1.772630127667551, 0.5 };
+    const lanes inverse = ALL(1.0) / dt;
+    lanes times[2];
+    lanes kept[8];
+    lanes kp[2];
+    lanes kd[2];
+    lanes a[2];
+    lanes shifts[2];
+    lanes w[2];
+    lanes q_part[4][2];
+    lanes v_part[4][2];
+    times[0] = 0.435866521508459 * dt;
+    times[1] = times[0] * times[0];
+    for (int i = 0; i < 2; ++i) {
+        kp[i] = (drive->kp == NULL) ? ALL(0.0) : ALL(drive->kp[i]);
+        kd[i] = (drive->kp == NULL) ? ALL(0.0) : ALL(drive->kd[i]);
+    }
+    (void)one_link_stage_factors_lanes(h, q, v, kp, kd, times, kept);
+    for (int stage = 0; stage < 4; ++stage) {
+        for (int i = 0; i < 2; ++i) {
+            q_end[i] = q[i];
+            v_end[i] = v[i];
+            for (int j = 0; j < stage; ++j) {
+                q_end[i] += ahead[stage][j] * q_part[j][i];
+                v_end[i] += ahead[stage][j] * v_part[j][i];
+            }
+        }
+        one_link_accelerated_lanes(h, drive, u, target, q_end, v_end, a);
+        for (int i = 0; i < 2; ++i) {
+            lanes q_back = ALL(0.0);
+            lanes v_back = ALL(0.0);
+            for (int j = 0; j < stage; ++j) {
+                q_back += back[stage][j] * q_part[j][i];
+                v_back += back[stage][j] * v_part[j][i];
+            }
+            shifts[i] = v_end[i] + inverse * q_back;
+            a[i] += inverse * v_back;
+        }
+        (void)one_link_stage_solution_lanes(h, kept, a, shifts, w);
+        for (int i = 0; i < 2; ++i) {
+            v_part[stage][i] = times[0] * (a[i] + w[i]);
+            q_part[stage][i] = times[0] * (v_part[stage][i] + shifts[i]);
+        }
+    }
+    for (int i = 0; i < 2; ++i) {
+        q_end[i] = q[i];
+        v_end[i] = v[i];
+        error[i] = ALL(0.0);
+        error[2 + i] = ALL(0.0);
+        for (int j = 0; j < 4; ++j) {
+            q_end[i] += weight[j] * q_part[j][i];
+            v_end[i] += weight[j] * v_part[j][i];
+            error[i] += wrong[j] * q_part[j][i];
+            error[2 + i] += wrong[j] * v_part[j][i];
+        }
+    }
+}
+
+/* One step of the explicit method; ``a`` holds the accelerations at its beginning, ``a_end`` becomes those at its end. */
+static void one_link_tsit5_lanes(const double *restrict h, const one_link_drive *restrict drive, const lanes *restrict u, const lanes *restrict target, lanes dt, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, lanes *restrict q_end, lanes *restrict v_end, lanes *restrict a_end, lanes *restrict error)
+{
+    static const double ahead[7][7] = { { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { 0.161, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { -0.008480655492356989, 0.335480655492357, 0.0, 0.0, 0.0, 0.0, 0.0 }, { 2.8971530571054935, -6.359448489975075, 4.3622954328695815, 0.0, 0.0, 0.0, 0.0 }, { 5.325864828439257, -11.748883564062828, 7.4955393428898365, -0.09249506636175525, 0.0, 0.0, 0.0 }, { 5.86145544294642, -12.92096931784711, 8.159367898576159, -0.071584973281401, -0.028269050394068383, 0.0, 0.0 }, { 0.09646076681806523, 0.01, 0.4798896504144996, 1.379008574103742, -3.290069515436081, 2.324710524099774, 0.0 } };
+    static const double wrong[7] = { -0.001780011052225771, -0.0008164344596567469, 0.007880878010261995, -0.1447110071732629, 0.5823571654525552, -0.45808210592918697, 0.015151515151515152 };
+    lanes q_rate[7][2];
+    lanes v_rate[7][2];
+    for (int i = 0; i < 2; ++i) {
+        q_rate[0][i] = v[i];
+        v_rate[0][i] = a[i];
+    }
+    for (int stage = 1; stage < 7; ++stage) {
+        for (int i = 0; i < 2; ++i) {
+            lanes q_sum = ALL(0.0);
+            lanes v_sum = ALL(0.0);
+            for (int j = 0; j < stage; ++j) {
+                q_sum += ahead[stage][j] * q_rate[j][i];
+                v_sum += ahead[stage][j] * v_rate[j][i];
+            }
+            q_end[i] = q[i] + dt * q_sum;
+            v_end[i] = v[i] + dt * v_sum;
+        }
+        one_link_accelerated_lanes(h, drive, u, target, q_end, v_end, v_rate[stage]);
+        (void)memcpy(q_rate[stage], v_end, sizeof q_rate[stage]);
+    }
+    for (int i = 0; i < 2; ++i) {
+        a_end[i] = v_rate[6][i];
+        error[i] = ALL(0.0);
+        error[2 + i] = ALL(0.0);
+        for (int j = 0; j < 7; ++j) {
+            error[i] += wrong[j] * q_rate[j][i];
+            error[2 + i] += wrong[j] * v_rate[j][i];
+        }
+        error[i] *= dt;
+        error[2 + i] *= dt;
+    }
+}
+
+/* Drives and targets that act from a sample on, into a lane. */
+static void one_link_hold_lanes(const one_link_drive *restrict drive, size_t state, size_t sample, int l, lanes *restrict u, lanes *restrict target)
+{
+    const double *const given = &drive->u[state * drive->u_state + sample * drive->u_step];
+    (void)l;
+    for (int i = 0; i < 2; ++i) {
+        LANE(u[i], l) = given[i];
+        if (drive->kp != NULL) { LANE(target[i], l) = drive->target[state * drive->target_state + sample * drive->target_step + (size_t)i]; }
+    }
+}
+
+/* The greatest error of a lane's step beside what is allowed, and which number of the state has it; NaN counts as too great. */
+static double one_link_excess_lanes(const one_link_tolerance *restrict allowed, int l, const lanes *restrict q, const lanes *restrict v, const lanes *restrict q_end, const lanes *restrict v_end, const lanes *restrict error, int *restrict where)
+{
+    double worst = 0.0;
+    (void)l;
+    *where = 0;
+    for (int i = 0; i < 4; ++i) {
+        const double begin = fabs((double)LANE((i < 2 ? q[i] : v[i - 2]), l));
+        const double end = fabs((double)LANE((i < 2 ? q_end[i] : v_end[i - 2]), l));
+        const double size = (double)allowed->atol[i] + allowed->rtol * (begin > end ? begin : end);
+        const double ratio = fabs((double)LANE(error[i], l)) / size;
+        if (!(ratio <= worst)) {
+            worst = ratio;
+            *where = i;
+            if (!(ratio < HUGE_VAL)) { return HUGE_VAL; }
+        }
+    }
+    return worst;
+}
+
+/* A first step, from the sizes of the state and of its change. */
+static double one_link_first_lanes(const one_link_tolerance *restrict allowed, int l, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a)
+{
+    double size = 0.0, change = 0.0;
+    (void)l;
+    for (int i = 0; i < 4; ++i) {
+        const double x = fabs((double)LANE((i < 2 ? q[i] : v[i - 2]), l)), rate = fabs((double)LANE((i < 2 ? v[i] : a[i - 2]), l));
+        const double least = (double)allowed->atol[i] + allowed->rtol * x;
+        if (x / least > size) { size = x / least; }
+        if (rate / least > change) { change = rate / least; }
+    }
+    return (size < 1e-5 || !(change > 1e-5)) ? 1e-6 : 0.01 * size / change;
+}
+
+/* A lane's state at a share of its step: the polynomial of degree 5 with its coordinates, rates and accelerations. */
+static void one_link_between_lanes(double share, double step, int l, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, const lanes *restrict q_end, const lanes *restrict v_end, const lanes *restrict a_end, double *restrict q_out, double *restrict v_out)
+{
+    const double s = share;
+    (void)l;
+    for (int i = 0; i < 2; ++i) {
+        const double q0 = (double)LANE(q[i], l), d = (double)LANE(q_end[i], l) - q0;
+        const double v0 = step * (double)LANE(v[i], l), v1 = step * (double)LANE(v_end[i], l);
+        const double a0 = 0.5 * step * step * (double)LANE(a[i], l), a1 = 0.5 * step * step * (double)LANE(a_end[i], l);
+        const double c3 = 10.0 * d - 6.0 * v0 - 4.0 * v1 - 3.0 * a0 + a1;
+        const double c4 = -15.0 * d + 8.0 * v0 + 7.0 * v1 + 3.0 * a0 - 2.0 * a1;
+        const double c5 = 6.0 * d - 3.0 * (v0 + v1) - a0 + a1;
+        q_out[i] = (double)(q0 + s * (v0 + s * (a0 + s * (c3 + s * (c4 + s * c5)))));
+        v_out[i] = (double)((v0 + s * (2.0 * a0 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))) / step);
+    }
+}
+
+/* Go on with up to LANES states from where their progress is, each by steps of its own; at most so many in this call. */
+static void one_link_adapt_lanes(const double *restrict h, const one_link_drive *restrict drive, const one_link_tolerance *restrict allowed, size_t state, int here, double interval, size_t samples, int method, lanes *restrict q, lanes *restrict v, double *restrict q_out, double *restrict v_out, one_link_progress *restrict progress)
+{
+    const size_t stride = (samples + 1U) * 2U;
+    const double duration = interval * (double)samples;
+    const int held = drive->u_step == 0 && drive->target_step == 0;
+    const int dense = method == 1 && held;
+    const double order = method == 1 ? 0.2 : 1.0 / 3.0;
+    lanes u[2], target[2], a[2], a_end[2], q_end[2], v_end[2], error[4];
+    lanes dt = ALL(1.0);
+    double step[LANES];
+    int going[LANES], lands[LANES] = { 0 }, taken[LANES];
+    int left = 0, stale = 1;
+    (void)held;
+    for (int l = 0; l < LANES; ++l) {
+        one_link_progress *const p = &progress[l < here ? l : 0];
+        going[l] = l < here && p->reason == 0;
+        step[l] = interval;
+        left += going[l];
+        one_link_hold_lanes(drive, state + (size_t)(l < here ? l : 0), p->sample > 0 && p->sample <= samples ? p->sample - 1U : 0U, l, u, target);
+        if (going[l] && p->sample == 0) {
+            for (int i = 0; i < 2; ++i) {
+                q_out[(size_t)l * stride + (size_t)i] = LANE(q[i], l);
+                v_out[(size_t)l * stride + (size_t)i] = LANE(v[i], l);
+            }
+            p->sample = 1;
+        }
+    }
+    for (long long pass = 0; left > 0 && pass < allowed->most; ++pass) {
+        if (stale) { one_link_accelerated_lanes(h, drive, u, target, q, v, a); }
+        stale = method == 0;
+        for (int l = 0; l < LANES; ++l) {
+            one_link_progress *const p = &progress[l < here ? l : 0];
+            if (!going[l]) { continue; }
+            if (!(p->next > 0.0)) { p->next = one_link_first_lanes(allowed, l, q, v, a); }
+            const double goal = dense ? duration : interval * (double)p->sample;
+            const double rest = goal - p->t;
+            lands[l] = p->next * 1.000001 >= rest;
+            step[l] = lands[l] ? rest : (2.0 * p->next > rest ? 0.5 * rest : p->next);
+            LANE(dt, l) = (double)step[l];
+        }
+        if (method == 0) {
+            one_link_rosenbrock_lanes(h, drive, u, target, dt, q, v, q_end, v_end, error);
+        } else {
+            one_link_tsit5_lanes(h, drive, u, target, dt, q, v, a, q_end, v_end, a_end, error);
+        }
+        for (int l = 0; l < LANES; ++l) {
+            taken[l] = 0;
+            if (!going[l]) { continue; }
+            one_link_progress *const p = &progress[l];
+            int where = 0;
+            const double excess = one_link_excess_lanes(allowed, l, q, v, q_end, v_end, error, &where);
+            double factor = 0.9 * pow(excess, -order);
+            factor = factor > 5.0 ? 5.0 : (factor < 0.2 ? 0.2 : factor);
+            taken[l] = excess <= 1.0;
+            if (!taken[l]) {
+                p->rejected += 1;
+                p->refused = 1;
+                p->next = step[l] * factor;
+                if (p->next <= 1e-14 * duration) {
+                    p->reason = 2 + where;
+                    going[l] = 0;
+                    left -= 1;
+                }
+            } else {
+                if (p->refused && factor > 1.0) { factor = 1.0; }
+                p->refused = 0;
+                if (p->next < step[l] * factor || !(step[l] < p->next)) { p->next = step[l] * factor; }
+            }
+        }
+        for (int l = 0; l < LANES; ++l) {
+            if (!taken[l]) { continue; }
+            one_link_progress *const p = &progress[l];
+            const double goal = dense ? duration : interval * (double)p->sample;
+            const double before = p->t;
+            p->steps += 1;
+            p->t = lands[l] ? goal : p->t + step[l];
+            if (step[l] > p->largest) { p->largest = step[l]; }
+            if (p->steps == 1 || step[l] < p->smallest) { p->smallest = step[l]; }
+            while (p->sample <= samples && (lands[l] ? interval * (double)p->sample <= goal : dense && interval * (double)p->sample <= p->t)) {
+                double *const q_row = &q_out[(size_t)l * stride + p->sample * 2U], *const v_row = &v_out[(size_t)l * stride + p->sample * 2U];
+                const double time = interval * (double)p->sample;
+                if (dense && time < p->t) {
+                    one_link_between_lanes((time - before) / step[l], step[l], l, q, v, a, q_end, v_end, a_end, q_row, v_row);
+                } else
+                {
+                    for (int i = 0; i < 2; ++i) {
+                        q_row[i] = LANE(q_end[i], l);
+                        v_row[i] = LANE(v_end[i], l);
+                    }
+                }
+                (void)time;
+                (void)before;
+                p->sample += 1U;
+                if (!held && p->sample <= samples) {
+                    one_link_hold_lanes(drive, state + (size_t)l, p->sample - 1U, l, u, target);
+                    stale = 1;
+                }
+            }
+            for (int i = 0; i < 2; ++i) {
+                LANE(q[i], l) = LANE(q_end[i], l);
+                LANE(v[i], l) = LANE(v_end[i], l);
+                LANE(a[i], l) = LANE(a_end[i], l);
+            }
+            if (p->sample > samples) {
+                p->reason = 1;
+                going[l] = 0;
+                left -= 1;
+            }
+        }
+    }
+}
+
+/* Several states, each by steps of its own: what one of them does changes no bit of another. */
+void one_link_adaptive_rollout_batch(size_t count, const double *restrict h, const one_link_drive *restrict drive, const one_link_tolerance *restrict allowed, double interval, size_t samples, int method, double *restrict q, double *restrict v, double *restrict q_out, double *restrict v_out, one_link_progress *restrict progress)
+{
+    const size_t stride = (samples + 1) * 2;
+    lanes q_lanes[2], v_lanes[2];
+    for (size_t i = 0; i < count; i += LANES) {
+        const size_t here = count - i < LANES ? count - i : LANES;
+        gather(q + i * 2, 2, here, 0, 2, q_lanes);
+        gather(v + i * 2, 2, here, 0, 2, v_lanes);
+        one_link_adapt_lanes(h, drive, allowed, i, (int)here, interval, samples, method, q_lanes, v_lanes, q_out + i * stride, v_out + i * stride, progress + i);
+        scatter(q_lanes, NULL, here, 0, 2, 2, q + i * 2);
+        scatter(v_lanes, NULL, here, 0, 2, 2, v + i * 2);
+    }
 }
 
 #endif /* several states at a time */

@@ -39,6 +39,7 @@
  *   external_reactions    10     11      0      1
  *   euler_cosines         0      0      0      0
  *   rollout              22     15      2      1
+ *   adaptive_rollout     36     23      3      2
  *   parameters            2      1      0      0
  */
 #ifndef EOMGEN_ONE_LINK_H
@@ -65,6 +66,13 @@ extern "C" {
  * stores q and v of the beginning and of every so many steps.  Drives, held over a step, are u + kp (target - q) - kd v;
  * those of state i at step k lie at i * u_state + k * u_step.  kp, kd (not 0 at principal coordinates alone) and target
  * may be NULL together.  It returns -1, or (state * steps + step) * ONE_LINK_DOF + i of the first failure. */
+
+/* An adaptive rollout goes from sample to sample, interval apart, by steps whose error is at most atol + rtol times the
+ * size of each number (atol: 4 of them, of q, then of v): a Rosenbrock method (method 0) or an explicit one (1).
+ * Drives, held from a sample to the next, are u + kp (target - q) - kd v; those of state i from sample k on lie at
+ * i * u_state + k * u_step; kp, kd (not 0 at principal coordinates alone) and target may be NULL together.  q, v and progress, all zeros at the beginning, are where it goes on:
+ * a call takes most steps of a state at most.  progress->reason is 0 until it has ended: 1 at the last sample, 2 + i where
+ * no step is short enough for number i of the state. */
 
 void one_link_setup(const double *p, double *h);
 int one_link_mass_matrix(const double *h, const double *q, double *out);
@@ -113,6 +121,24 @@ typedef struct {
 } one_link_drive;
 long long one_link_rollout(const double *h, const double *q, const double *v, const one_link_drive *drive, double dt, size_t steps, size_t every, int method, double *q_out, double *v_out);
 long long one_link_rollout_batch(size_t count, const double *h, const double *q, size_t q_step, const double *v, size_t v_step, const one_link_drive *drive, double dt, size_t steps, size_t every, int method, double *q_out, double *v_out);
+typedef struct {
+    double rtol;
+    const double *atol;
+    long long most;
+} one_link_tolerance;
+typedef struct {
+    double t;
+    double next;
+    double largest;
+    double smallest;
+    long long steps;
+    long long rejected;
+    size_t sample;
+    int refused;
+    int reason;
+} one_link_progress;
+int one_link_adaptive_rollout(const double *h, const one_link_drive *drive, const one_link_tolerance *allowed, double interval, size_t samples, int method, double *q, double *v, double *q_out, double *v_out, one_link_progress *progress);
+void one_link_adaptive_rollout_batch(size_t count, const double *h, const one_link_drive *drive, const one_link_tolerance *allowed, double interval, size_t samples, int method, double *q, double *v, double *q_out, double *v_out, one_link_progress *progress);
 
 #ifdef __cplusplus
 }

@@ -215,15 +215,17 @@ def test_every_number_is_looked_at(name: str, dtype: str, built: Build) -> None:
     meta = json.loads(kernel.source("json"))
     given = read_samples(samples(derived(name, dtype=dtype), dtype))
     assert first_difference(lambda: kernel.raw.libraries.library(""), meta, given, bits=True) is None
-    steps = [] if kernel.constraints else ["rollout"]  # loops are closed by steps that go far from here
+    steps = (
+        [] if kernel.constraints else ["rollout", "adaptive_rollout"]
+    )  # loops are closed by steps that go far from here
     functions = [*kernel.raw.functions, *steps, "setup"]
     assert {name for name in given if f"{name} near" in given} == set(functions)
     rng = np.random.default_rng(0)
     for function in functions:
         places = np.argwhere(np.isfinite(given[function]) & (given[function] != 0.0))
         for place in map(tuple, rng.permutation(places)[:3]):
-            state = place[1] if function == "rollout" else place[0]
-            if function != "rollout" and given[f"{function} status"][state] != 0:
+            state = place[1] if function in steps else place[0]
+            if function not in steps and given[f"{function} status"][state] != 0:
                 continue
             wrong = {**given, function: given[function].copy()}
             wrong[function][place] = np.nextafter(given[function][place], wrong[function].dtype.type(np.inf))
@@ -299,11 +301,12 @@ def test_flags_that_fuse() -> None:
 
 def test_all_composed_kernels_have_answers() -> None:
     """A kernel that is a template of its own needs a function in ``codegen/samples/composed.py``."""
-    ways = [(name, signature) for name, signature in KERNELS.items() if signature.kind != "rollout"]
+    ways = [(name, signature) for name, signature in KERNELS.items() if signature.kind not in ("rollout", "adaptive")]
     composed = {name for name, x in ways if x.kind == "composed" or x.columns_of or x.closed}
     assert composed == set(COMPOSED)
     assert {name for signature in KERNELS.values() for name in signature.functions} == set(FRAMED)
     assert [name for name, signature in KERNELS.items() if signature.kind == "rollout"] == ["rollout"]
+    assert [name for name, signature in KERNELS.items() if signature.kind == "adaptive"] == ["adaptive_rollout"]
 
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError, UnknownNameError
 from ..names import html_table, nearest_or_all, show
+from .adaptive import adaptive_rollout, takes_samples
 from .arrays import Arrays, joint_lead
 from .by_name import Blocks, make_blocks
 from .calls import Calls
@@ -720,49 +721,71 @@ class Kernel:
         q0: ArrayLike,
         v0: ArrayLike,
         u: ArrayLike,
-        dt: float,
-        steps: int,
+        dt: float | None = None,
+        steps: int | None = None,
         *,
         method: str = "rk4",
         every: int = 1,
         kp: ArrayLike | None = None,
         kd: ArrayLike | None = None,
         target: ArrayLike | None = None,
+        duration: float | None = None,
+        samples: int | None = None,
+        rtol: float = 1e-6,
+        atol: ArrayLike | None = None,
     ) -> tuple[Array, Array]:
-        """Integrate with fixed steps in C, one state or many at a time; no external wrenches.
+        """Integrate in C, one state or many at a time; no external wrenches.
 
         Loops are closed after every step, to the nearest state in the metric of the kinetic energy that is closed to
         1e-10 m or rad; where they are open at the beginning, the first step closes them.
-        "rk4" is the classical Runge-Kutta method: fourth order, stable while dt is below about 2.8 over the fastest
-        eigenfrequency.  "implicit" takes springs, dampers and the controller at the end of a step: first order, and
-        stable whatever their stiffness; theory section "Stiff joints without small steps".  Springs between points are
-        taken so along their lines, and across them as they are at a step's beginning.
+
+        Two methods take ``steps`` of length ``dt``.  "rk4" is the classical Runge-Kutta method: fourth order, stable
+        while dt is below about 2.8 over the fastest eigenfrequency.  "implicit" takes springs, dampers and the
+        controller at the end of a step: first order, and stable whatever their stiffness; theory section "Stiff joints
+        without small steps".  Springs between points are taken so along their lines, and across them as they are at a
+        step's beginning.
+
+        Two methods choose their steps so that the error of each stays within tolerances, and give ``samples`` at equal
+        times of a ``duration``; each of many states has steps of its own, and the same bits as alone.  "tsit5" is
+        explicit, of fifth order.  "rosenbrock" is linearly implicit, of third order, and stable whatever springs and
+        dampers there are; steps end at samples.  Theory section "Steps that the error chooses".
 
         Args:
             q0, v0: states, (n,) or (N, n).
             u: drives, N or N m (of prescribed coordinates accelerations, as in ``forward_dynamics``), held over a
-                step: (n,); for one state (steps, n); for many (N, n), (N, steps, n) or (1, steps, n).
+                step, or from a sample to the next: (n,); for one state (steps, n); for many (N, n), (N, steps, n) or
+                (1, steps, n).
             dt: length of a step, s.
             steps: their number.
-            method: "rk4" or "implicit".
+            method: "rk4", "implicit", "rosenbrock" or "tsit5".
             every: one of so many steps is stored.
             kp, kd: gains of a joint controller that adds kp (target - q) - kd v: a number for all principal
                 coordinates (for the motor where one has a motor), or (n,) with 0 at deviations, at principal
                 coordinates behind a motor, and at what is prescribed.
             target: coordinates that the controller aims at, shapes as for ``u``.
+            duration: of a motion with error control, s.
+            samples: of it, beside the beginning; 1 if not given.
+            rtol, atol: tolerances: the error of a step is at most atol + rtol times the size of each number.  atol is a
+                number or (2n,), first of q, then of v; by default rtol times the size of each coordinate: 1, or what
+                10 m/s^2 make of its springs where that is less.
 
         Returns:
-            q and v, (steps // every + 1, n) or (N, steps // every + 1, n), the states at the beginning first.
+            q and v, (steps // every + 1, n) or (N, steps // every + 1, n), the states at the beginning first; with
+            error control (samples + 1, n) or (N, samples + 1, n), in a tuple whose ``steps``, ``rejected``, ``largest``
+            and ``smallest`` (s) say what the steps were.
 
         Raises:
             SingularError: M cannot be inverted in a state that is reached.
-            IntegrationStopped: a state is not finite any more, or its accelerations, whatever ``checks`` says; it names
-                the coordinate and the step, and keeps what was stored.
-            InputError: another argument is wrong.
+            IntegrationStopped: a state is not finite any more, or its accelerations, whatever ``checks`` says, or no
+                step is short enough for the tolerances; it names the coordinate and the step or time, and keeps what
+                was stored.
+            InputError: another argument is wrong, or does not belong to the method.
         """
-        return rollout(
-            self.calls, self._driven, q0, v0, u, dt, steps, method=method, every=every, kp=kp, kd=kd, target=target
-        )
+        controlled: dict[str, Any] = {"kp": kp, "kd": kd, "target": target}
+        if takes_samples(method, dt=dt, steps=steps, every=every, duration=duration, samples=samples, atol=atol):
+            how: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol}
+            return adaptive_rollout(self.calls, self._driven, q0, v0, u, duration, samples, **how, **controlled)
+        return rollout(self.calls, self._driven, q0, v0, u, dt, steps, method=method, every=every, **controlled)
 
     def frame_index(self, name: str) -> int:
         """The number of a frame or link in ``frames``, by which functions of C take it.

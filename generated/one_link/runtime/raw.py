@@ -23,7 +23,11 @@ __all__ = ["Libraries", "Library", "OneLibrary", "Operations", "RawFunction", "R
 FFI = _cffi_backend.FFI()  # knows C's own types; pointers of all libraries are of these
 POINTERS = {"float64": "double[]", "float32": "float[]"}
 SETUP = "parameters"  # among operations: of what depends on parameters alone
-FRAMES, ROLLOUT = "frames", "rollout"  # kinds of functions that are called otherwise than all others
+FRAMES, ROLLOUT, ADAPTIVE = (
+    "frames",
+    "rollout",
+    "adaptive",
+)  # kinds of functions that are called otherwise than all others
 WEIGHTS = {"mul": 1, "add": 1, "div": 5, "sincos": 25}  # times of operations beside each other
 BATCH = "_batch"  # behind the name of what works on several states
 STAGES = 5  # of a step of a rollout: four of rk4, in numbers of linearly implicit ones, and what is around them
@@ -148,7 +152,15 @@ class Library:
 
     def drive(self, **fields: Any) -> Any:
         """A new ``NAME_drive``, the argument of a rollout; pointers among the fields must be kept alive."""
-        return self.ffi.new(f"{self.name}_drive *", fields)
+        return self.new("drive", **fields)
+
+    def new(self, kind: str, **fields: Any) -> Any:
+        """A new ``NAME_kind``; pointers among the fields must be kept alive."""
+        return self.ffi.new(f"{self.name}_{kind} *", fields)
+
+    def new_array(self, kind: str, length: int) -> Any:
+        """So many ``NAME_kind`` side by side, all of them zero."""
+        return self.ffi.new(f"{self.name}_{kind}[]", length)
 
 
 class Libraries(Protocol):
@@ -254,6 +266,7 @@ class RawKernel:
             takes.
         rollout: the function of many steps, or None where the kernel was built without one; its arguments are in the
             header.
+        adaptive: the function of integrations with error control, or None, likewise.
         ffi: cffi's object for pointers and their types.
         view: ``view(array)`` is a pointer to a C-contiguous array of this dtype, for a function of C; it keeps the
             array alive.
@@ -271,7 +284,8 @@ class RawKernel:
         self.view = partial(FFI.from_buffer, POINTERS[meta["dtype"]])
         known = [_function(libraries, name, entry) for name, entry in meta["functions"].items()]
         self.rollout: RawFunction | None = next((x for x in known if x.kind == ROLLOUT), None)
-        self.functions: Mapping[str, RawFunction] = {x.name: x for x in known if x.kind != ROLLOUT}
+        self.adaptive: RawFunction | None = next((x for x in known if x.kind == ADAPTIVE), None)
+        self.functions: Mapping[str, RawFunction] = {x.name: x for x in known if x.kind not in (ROLLOUT, ADAPTIVE)}
 
     def missing(self, name: str) -> UnknownNameError:
         """The error that says that the kernel has no such function, and which ones it has."""
@@ -285,8 +299,9 @@ class RawKernel:
         """
         if name in self.functions:
             return self.functions[name]
-        if self.rollout is not None and name == self.rollout.name:
-            return self.rollout
+        for own in (self.rollout, self.adaptive):
+            if own is not None and name == own.name:
+                return own
         raise self.missing(name)
 
     def address(self, name: str, *, batch: bool = False) -> int:

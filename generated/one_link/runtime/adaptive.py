@@ -1,0 +1,227 @@
+"""Integration with error control in C: samples at equal times, what the steps were, and why a motion ended early.
+
+A generated package carries a copy of this file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import ArrayError, InputError, IntegrationStopped
+from ..names import show
+from .calls import Calls
+from .many_steps import METHODS as FIXED
+from .many_steps import NUMBERS, SHARE, _count, _gains, _is_number, _not_finite, _over_time, _start, _stored, _whole
+from .opened import stays_open
+from .pieces import OPERATIONS, ROUND, shared
+from .raw import RawFunction
+
+Array = NDArray[Any]
+
+METHODS = {"rosenbrock": 0, "tsit5": 1}
+STAGES = {"rosenbrock": 4, "tsit5": 6}  # evaluations of a step
+DONE = 1  # reason to stop: all samples are there; above are the places of what stopped it
+LEAST = {"float64": 1e-13, "float32": 1e-5}  # relative tolerances that round-off lets steps reach
+
+
+def takes_samples(method: str, **given: Any) -> bool:
+    """Whether a method of ``Kernel.rollout`` chooses its steps.
+
+    Args:
+        method: its name.
+        given: dt, steps, every, duration, samples and atol; None, or 1 of ``every``, where they are not.
+
+    Raises:
+        InputError: there is no such method, or an argument of the others is given.
+    """
+    if method not in METHODS and method not in FIXED:
+        raise InputError(f"rollout: method {show(method)} is unknown; allowed: {', '.join((*FIXED, *METHODS))}")
+    chooses = method in METHODS
+    own, others = ("duration, samples and tolerances", "dt, steps and every")[:: 1 if chooses else -1]
+    for name in ("dt", "steps", "every") if chooses else ("duration", "samples", "atol"):
+        if given[name] is not None and not (name == "every" and given[name] == 1):
+            raise InputError(f"rollout: {name} is given; allowed: {own} with method={method!r}, not {others}")
+    return chooses
+
+
+class Rollout(tuple[Array, Array]):
+    """q and v of an integration with error control, as ``Kernel.rollout`` returns them, and what its steps were.
+
+    Attributes:
+        steps: steps taken, of one state a number, of many (N,).
+        rejected: steps that were tried again, shorter, likewise.
+        largest, smallest: the longest and the shortest step, s, likewise.
+    """
+
+    steps: Any
+    rejected: Any
+    largest: Any
+    smallest: Any
+
+
+@dataclass
+class _Motion:
+    """Many states on their way: pieces of work go on from where the last one ended.
+
+    at: q and v, (states, n).
+    stored: q and v, (states, samples + 1, n).
+    progress: of every state, in C.
+    """
+
+    calls: Calls
+    function: RawFunction
+    at: tuple[Array, Array]
+    stored: tuple[Array, Array]
+    progress: Any
+    drives: Sequence[tuple[Array, int, int]]
+    gains: Sequence[Array]
+    allowed: tuple[float, Array]
+    how: tuple[float, int, str]
+    single: bool
+
+    def pieces(self, first: int, last: int) -> Iterator[int]:
+        """Go on until these states have ended, a vector of them at a time; yields -1."""
+        view, library = self.calls.raw.view, self.function.where(batch=not self.single)
+        interval, samples, method = self.how
+        operations = self.function.operations * STAGES[method]
+        pointer = self.calls.parameters.setup.pointer(library)
+        rtol, atol = self.allowed
+        for begin in range(first, last, ROUND):
+            end = min(begin + ROUND, last)
+            fields: dict[str, Any] = {}
+            for name, (array, of_state, of_step) in zip(("u", "target"), self.drives, strict=False):
+                here = view(array.reshape(-1)[begin * of_state :])
+                fields |= {name: here, f"{name}_state": of_state, f"{name}_step": of_step}
+            fields |= zip(("kp", "kd"), map(view, self.gains), strict=False)
+            drive = library.drive(**fields)
+            most = max(OPERATIONS // (operations * (end - begin)), 1)
+            allowed = library.new("tolerance", rtol=rtol, atol=view(atol), most=most)
+            arrays = [view(x[begin:end]) for x in (*self.at, *self.stored)]
+            rest = (drive, allowed, interval, samples, METHODS[method], *arrays, self.progress + begin)
+            while any(self.progress[i].reason == 0 for i in range(begin, end)):
+                if self.single:
+                    self.function.code(pointer, *rest)
+                else:
+                    self.function.batch(end - begin, pointer, *rest)
+                yield -1
+
+
+def adaptive_rollout(
+    calls: Calls,
+    driven: Sequence[int],
+    q0: ArrayLike,
+    v0: ArrayLike,
+    u: ArrayLike,
+    duration: float | None,
+    samples: int | None,
+    *,
+    method: str,
+    rtol: float,
+    atol: ArrayLike | None,
+    kp: ArrayLike | None,
+    kd: ArrayLike | None,
+    target: ArrayLike | None,
+) -> Rollout:
+    """Integrate with error control, as ``Kernel.rollout`` describes it.
+
+    Args:
+        calls: of the calls.
+        driven: indices of the coordinates that a controller may act on.
+        q0, v0, u, duration, samples, method, rtol, atol, kp, kd, target: as of ``Kernel.rollout``.
+    """
+    function = calls.raw.adaptive
+    if function is None:
+        raise calls.raw.missing("adaptive_rollout")
+    count = _count(q0=q0, v0=v0, u=u, target=target)
+    samples = _whole("samples", 1 if samples is None else samples, NUMBERS // (calls.n * max(count or 1, 1)))
+    interval = _duration(duration) / samples
+    allowed = _tolerances(calls, rtol, atol, function.where(batch=count is not None).meta["sizes"])
+    states = 1 if count is None else count
+    starts = [_start(calls, label, value, count) for label, value in (("q0", q0), ("v0", v0))]
+    drives = [_over_time(calls, "u", u, samples, count)]
+    gains = _gains(calls, driven, kp, kd)
+    if (target is None) != (not gains):
+        raise InputError("rollout: a controller needs a target, the coordinates that it aims at, and kp or kd")
+    if target is not None:
+        drives.append(_over_time(calls, "target", target, samples, count))
+    trouble = _not_finite(calls, starts, drives)
+    if trouble is not None:
+        raise trouble
+    at = [np.array(np.broadcast_to(x, (states, calls.n)), order="C") for x, _ in starts]
+    room = [_stored(calls, (states, samples + 1, calls.n)) for _ in starts]
+    single = count is None
+    progress = function.where(batch=not single).new_array("progress", states)
+    motion = _Motion(
+        calls,
+        function,
+        (at[0], at[1]),
+        (room[0], room[1]),
+        progress,
+        drives,
+        gains,
+        allowed,
+        (interval, samples, method),
+        single,
+    )
+    shared(motion.pieces, states, min(calls.threads, states // SHARE))
+    for state in range(states):
+        if progress[state].reason != DONE:
+            raise _stopped(motion, state)
+    return _result(motion)
+
+
+def _result(motion: _Motion) -> Rollout:
+    """q and v with the figures of all states."""
+    q, v = (x[0] if motion.single else x for x in motion.stored)
+    found = Rollout((q, v))
+    for name in ("steps", "rejected", "largest", "smallest"):
+        figures = np.array([getattr(motion.progress[i], name) for i in range(len(motion.at[0]))])
+        setattr(found, name, figures[0].item() if motion.single else figures)
+    return found
+
+
+def _duration(duration: float | None) -> float:
+    found = float(duration) if _is_number(duration) else 0.0  # type: ignore[arg-type]
+    if not 0.0 < found < np.inf:
+        raise InputError(
+            f"rollout: duration = {show(duration)} is not a length of time; a finite number above 0 is allowed"
+        )
+    return found
+
+
+def _tolerances(calls: Calls, rtol: float, atol: ArrayLike | None, sizes: Sequence[float]) -> tuple[float, Array]:
+    """rtol, and atol of every coordinate and rate, (2n,)."""
+    least = LEAST[str(calls.dtype)]
+    if not (_is_number(rtol) and least <= float(rtol) < 1.0):
+        raise InputError(f"rollout: rtol = {show(rtol)} is not allowed; a number from {least:g} to below 1 is")
+    if atol is None:
+        return float(rtol), (float(rtol) * np.array(sizes)).astype(calls.dtype)
+    try:
+        found = np.broadcast_to(np.asarray(atol, dtype=np.float64), (2 * calls.n,)).astype(calls.dtype)
+    except (ValueError, TypeError):
+        raise ArrayError(f"rollout: atol: expected a number or ({2 * calls.n},), got {show(atol)}") from None
+    if not ((found > 0.0) & (found < np.inf)).all():
+        raise InputError(f"rollout: atol = {show(atol)} is not allowed; finite numbers above 0 are")
+    return float(rtol), found
+
+
+def _stopped(motion: _Motion, state: int) -> IntegrationStopped:
+    """The error of the first state that did not get to its end; what is stored goes with it."""
+    calls, progress = motion.calls, motion.progress[state]
+    n, where = calls.n, progress.reason - 2
+    place = "" if motion.single else f" of state {state}"
+    name = calls.coordinates[where % n] if where < 2 * n else ""
+    what = f"the error of {name}{' is' if where < n else chr(39) + 's rate is'} too great in steps of any length"
+    if where >= 2 * n:
+        what = stays_open(calls.raw, where - 3 * n)
+    q, v = (x[state].copy() for x in motion.at)
+    message = f"rollout: {what}{place}; it ends at t = {progress.t:.6g} s, after {progress.steps} steps"
+    stopped = IntegrationStopped(message, progress.t, q, v, name)
+    stored = motion.stored
+    stopped.stored = (stored[0][0], stored[1][0]) if motion.single else (stored[0], stored[1])
+    return stopped
