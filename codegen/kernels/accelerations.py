@@ -86,7 +86,7 @@ def implicit_step(d: Derivation) -> Outputs:
     ``added`` is what a joint's controller adds to the diagonal; it acts on coordinates that are driven.
     Springs between points act where their rates lead to, in the directions that they have; their tangents are no
     diagonal, but rows like those of closed loops.  Loops are closed at the end of the step, at the level of rates:
-    J v = -g / dt.
+    J v = -g / dt.  Contacts of journals have a few such rows each (``Touch.steps``).
     """
     dt, square = d.graph.input("dt", 0), d.graph.input("dt", 1)
     ahead = [q + dt * v for q, v in zip(d.q, d.v, strict=True)]
@@ -95,6 +95,10 @@ def implicit_step(d: Derivation) -> Outputs:
     for pull in pulls:
         for i, arm in pull.arms.items():
             springs[i] = springs[i] + pull.tension * arm
+    touching = [touch.ahead(dt) for touch in d.touches(d.v)]
+    for touch in touching:
+        for i, force in touch.rows().items():
+            springs[i] = springs[i] + force
     armature = list(d.bound.armature)
     for i, (stiffness, damping) in enumerate(zip(d.bound.stiffness, d.bound.damping, strict=True)):
         armature[i] = armature[i] + (dt * damping + square * stiffness)
@@ -109,6 +113,8 @@ def implicit_step(d: Derivation) -> Outputs:
         nonlinear = d.functions.max(dt * stretch.nonlinear.by_v + square * stretch.nonlinear.by_s, 0.0)
         slopes[i] = dt * stretch.linear.by_v + square * stretch.linear.by_s + nonlinear
     rows = [*_closing_rows(d, dt), *(_elastic_row(d, pull, dt, square) for pull in pulls)]
+    for touch in touching:
+        rows += [elastic_row(arms, d.functions.sqrt(slope)) for arms, slope in touch.steps(dt, square)]
     for own in d.deviating:
         rows.append(_cut_row(d, own, dt, square, springs))
     tree, pivots = eliminated(d, armature, _drives(d, springs), d.v, slopes, coupled=bool(rows))

@@ -19,6 +19,8 @@ from ..forms.toml_text import parse_toml, read_text
 from ..names import nearest, show, show_path
 from ..robot.geometry import ZERO
 from ..robot.inertia_policy import POLICIES, Judged, apply_inertia_policy, link_sizes
+from ..robot.journals import Radial, radial_conflict
+from ..robot.laws import RADIAL
 from ..robot.mechanism import mechanism_conflict
 from ..robot.parameter_names import expand_tunable
 from ..robot.rules import motor_conflict
@@ -39,7 +41,7 @@ from ..robot.value import (
 from .builtin import BUILTIN, builtin_robots
 from .couplings import read_coupling
 from .draft import Draft, ordered_joints
-from .forces import read_coordinate, read_motor
+from .forces import read_coordinate, read_motor, read_radial
 from .keys import ROBOT
 from .loops import check_loops, read_loop, read_placement
 from .springs import check_springs, read_spring
@@ -290,7 +292,8 @@ def _joint(name: str, entry: Table, draft: Draft, folder: Path | None) -> Joint:
             coordinates[key] = replace(coordinates.get(key, Coordinate()), prescribed=True)
     placement = _placement(entry, old.placement)
     limits, offset = _limits(entry, kind, old), _offset(entry, old)
-    return Joint(name, parent, child, kind, placement, old.axis_turn, coordinates, limits, offset, motor)
+    radial = _radial(entry, coordinates)
+    return Joint(name, parent, child, kind, placement, old.axis_turn, coordinates, limits, offset, motor, radial)
 
 
 def _motor(entry: Table, kind: str, coordinates: dict[str, Coordinate], folder: Path | None) -> Motor | None:
@@ -303,6 +306,18 @@ def _motor(entry: Table, kind: str, coordinates: dict[str, Coordinate], folder: 
     if found is not None:
         table.fail(found[1], found[0])
     return motor
+
+
+def _radial(entry: Table, coordinates: dict[str, Coordinate]) -> Radial | None:
+    """The journal in the joint's bearing."""
+    table = entry.table(RADIAL)
+    if table is None:
+        return None
+    radial = read_radial(table)
+    found = radial_conflict(radial, coordinates)
+    if found is not None:
+        table.fail(found[1], found[0])
+    return radial
 
 
 def _offset(entry: Table, old: Joint) -> tuple[float | None, ...]:
