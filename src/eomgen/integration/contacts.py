@@ -1,4 +1,4 @@
-"""When the clearances of joints close and open along a motion."""
+"""When the clearances of joints close and open along a motion, and when journals touch their bearings."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..runtime.kernel import Kernel
+from ..state.journals import JournalContact, journal_contacts
 from ..state.motors import deflections
 from ..state.springs import clearances
 
@@ -19,14 +20,16 @@ HALVINGS = 52  # of a step, to the last bit of a time
 
 @dataclass(frozen=True)
 class Contact:
-    """A coordinate that reaches an end of its clearance, or leaves it.
+    """A coordinate that reaches an end of its clearance, or leaves it; or a journal that comes to its bearing.
 
     Attributes:
         t: s.
-        coordinate: its name; of a motor's transmission the motor's.
-        side: 1 at the positive end, -1 at the negative one.
+        coordinate: its name; of a motor's transmission the motor's; of a journal "JOINT.radial".
+        side: 1 at the positive end, -1 at the negative one; of a journal the end of its bearing, 0 without a length.
         closes: whether it comes, or goes.
-        rate: of the coordinate, or of the transmission's deflection, m/s or rad/s.
+        rate: of the coordinate, or of the transmission's deflection, m/s or rad/s; of a journal that of its distance
+            from the bearing's axis.
+        angle: of a journal, rad: the direction of x and y in which it touches, atan2(y, x); None of others.
     """
 
     t: float
@@ -34,6 +37,7 @@ class Contact:
     side: int
     closes: bool
     rate: float
+    angle: float | None = None
 
 
 class ContactWatch:
@@ -51,15 +55,21 @@ class ContactWatch:
         self.clearance = np.array([c for _, _, c in ends])
         springs = deflections(kernel)
         self.rows = np.array([side * springs[i] for i, side, _ in ends]).reshape(-1, kernel.n)
+        self.journals = journal_contacts(kernel)
         self.found: list[Contact] = []
 
     def __len__(self) -> int:
         """Number of ends that are watched."""
-        return len(self.index)
+        return len(self.index) + len(self.journals)
 
     def gaps(self, y: Array) -> Array:
-        """Distances of coordinates beyond each of their ends, m or rad, below 0 inside; y = (q, v) or q."""
-        return np.asarray(self.rows @ y[: len(self.names)] - self.clearance)
+        """Distances of coordinates beyond each of their ends, m or rad, below 0 inside; y = (q, v) or q.
+
+        Those of journals come behind them.
+        """
+        q = y[: len(self.names)]
+        found = self.rows @ q - self.clearance
+        return np.append(found, [journal.gap(q) for journal in self.journals]) if self.journals else np.asarray(found)
 
     def find(self, t0: float, y0: Array, t1: float, y1: Array, at: Callable[[float], Array] | None = None) -> None:
         """Find the contacts between two states of a motion, and note them.
@@ -87,9 +97,21 @@ class ContactWatch:
 
     def note(self, end: int, t: float, y: Array, closes: bool) -> None:
         """Add a contact at one of the ends, whose time t (s) and state y are known."""
+        if end >= len(self.index):
+            q, v = y[: len(self.names)], y[len(self.names) :]
+            self.found.append(_touched(self.journals[end - len(self.index)], float(t), q, v, closes))
+            return
         side = self.side[end]
         rate = float(side * (self.rows[end] @ y[len(self.names) :]))
         self.found.append(Contact(float(t), self.names[self.index[end]], side, closes, rate))
+
+
+def _touched(journal: JournalContact, t: float, q: Array, v: Array, closes: bool) -> Contact:
+    """The contact of a journal at a state."""
+    x, y = journal.centre(q)
+    angle = float(np.arctan2(y, x))
+    rate = np.array([np.cos(angle), np.sin(angle)]) @ journal.arms(q) @ v[list(journal.index)]
+    return Contact(t, journal.name, journal.end, closes, float(rate), angle)
 
 
 def hermite(t: float, t0: float, y0: Array, t1: float, y1: Array) -> Array:

@@ -178,12 +178,16 @@ class SimulationResult(Shown, Tabular):
         return lines + [f"  {note}" for note in self.notes]
 
     def _contact_lines(self) -> list[str]:
-        """Lines that say how often clearances closed, and the first time of each."""
+        """Lines that say how often clearances closed, and the first time of each; of journals where they touched."""
         lines = []
         for name in dict.fromkeys(contact.coordinate for contact in self.trajectory.contacts):
-            times = [c.t for c in self.trajectory.contacts if c.coordinate == name and c.closes]
-            if times:
-                lines.append(f"  clearance of {name}: closed {len(times)} times, first at {times[0]:.4f} s")
+            closing = [c for c in self.trajectory.contacts if c.coordinate == name and c.closes]
+            if closing:
+                first = f"closed {len(closing)} times, first at {closing[0].t:.4f} s"
+                angle = closing[0].angle
+                end = {1: ", at the end towards +z", -1: ", at the end towards -z"}.get(closing[0].side, "")
+                where = "" if angle is None else f" in the direction of {np.degrees(angle):.0f} deg{end}"
+                lines.append(f"  clearance of {name}: {first}{where}")
         return lines
 
     @property
