@@ -41,7 +41,7 @@ def random_radial(rng: np.random.Generator, turning: bool, kind: int) -> Radial:
 
 @dataclass(frozen=True)
 class Push:
-    """One contact: distance from the axis, normal force, sliding rate, forces on the joint's six coordinates, energy."""
+    """One contact: distance from the axis, normal force, sliding rate, forces on the six coordinates, energy."""
 
     e: float
     normal: float
@@ -86,7 +86,8 @@ def centre(q: Array, h: float) -> Array:
 
 def pushes(robot: Robot, q: Array, v: Array) -> dict[str, list[Push]]:
     """The contacts of a robot's journals, by their joints' names."""
-    names, found = build_model(robot).coordinates, {}
+    names = build_model(robot).coordinates
+    found: dict[str, list[Push]] = {}
     for joint in robot.joints:
         if joint.radial is not None:
             six = [names.index(f"{joint.name}.{key}") if key in joint.coordinates else -1 for key in COORDINATES]
@@ -119,47 +120,44 @@ def step_matrix(robot: Robot, q: Array, v: Array, dt: float) -> tuple[Array, Arr
     Contacts are where the rates lead to, with the directions of motion that they have at q.
     """
     names: Mapping[str, int] = {name: i for i, name in enumerate(build_model(robot).coordinates)}
-    n = len(names)
-    matrix, force = np.zeros((n, n)), np.zeros(n)
+    matrix, force = np.zeros((len(names) + 1,) * 2), np.zeros(len(names) + 1)  # the last one takes what is not there
     for joint in robot.joints:
         given = joint.radial
-        if given is None:
-            continue
-        six = [names.get(f"{joint.name}.{key}", -1) for key in COORDINATES]
-        own = [np.array([x[i] if i >= 0 else 0.0 for i in six]) for x in (q, v)]
-        for h in (0.0,) if given.length is None else (0.5 * given.length, -0.5 * given.length):
-            arms = np.array([centre(own[0] + STEP * 1j * e, h).imag / STEP for e in np.eye(6)]).T
-            flat = np.zeros(6)
-            flat[:2], rates = centre(own[0], h) + dt * (arms @ own[1]), np.zeros(6)
-            rates[:2], rates[5] = arms @ own[1], own[1][5]
-            (push,) = contacts(replace(given, length=None), flat, rates)
-            step = 1e-7
-            at = flat[:2] / push.e if push.e > 0.0 else np.zeros(2)
-            near, around = at @ arms, np.array([-at[1], at[0]]) @ arms
+        if given is not None:
+            six = [names.get(f"{joint.name}.{key}", len(names)) for key in COORDINATES]
+            own = [np.array([x[i] if i < len(names) else 0.0 for i in six]) for x in (q, v)]
+            for h in (0.0,) if given.length is None else (0.5 * given.length, -0.5 * given.length):
+                one, push = _contact_step(given, h, *own, dt)
+                matrix[np.ix_(six, six)] += one
+                np.add.at(force, six, push)
+    return matrix[:-1, :-1], force[:-1]
 
-            def normal(x: float, speed: float, at: Array = at, e: float = push.e) -> float:
-                place, moving = np.zeros(6), np.zeros(6)
-                place[:2], moving[:2] = (e + x) * at, speed * at
-                return next(contacts(replace(given, length=None, friction=None), place, moving)).normal
 
-            speed = float(at @ rates[:2])
-            by_s = (normal(step, speed) - normal(-step, speed)) / (2 * step)
-            by_v = (normal(0.0, speed + step) - normal(0.0, speed - step)) / (2 * step)
-            matrix_here = max(dt * by_v + dt * dt * by_s, 0.0) * np.outer(near, near)
-            if push.e > 0.0:
-                matrix_here += dt * dt * push.normal / push.e * np.outer(around, around)
-            if given.friction is not None:
-                radius, rounding = given.friction.radius or 0.0, given.friction.smoothing
-                assert rounding is not None
-                sliding = around + radius * np.eye(6)[5]
-                secant = given.friction.coefficient * push.normal / np.hypot(push.slide, rounding)
-                matrix_here += dt * secant * np.outer(sliding, sliding)
-            whole = arms.T @ push.force[:2]
-            whole[5] += push.force[5]
-            for i, row in zip(six, range(6), strict=True):
-                if i >= 0:
-                    force[i] += whole[row]
-                    for j, column in zip(six, range(6), strict=True):
-                        if j >= 0:
-                            matrix[i, j] += matrix_here[row, column]
-    return matrix, force
+def _contact_step(given: Radial, h: float, q: Array, v: Array, dt: float) -> tuple[Array, Array]:
+    """The same of one contact on a joint's six coordinates, (6, 6) and (6,)."""
+    arms = np.array([centre(q + STEP * 1j * e, h).imag / STEP for e in np.eye(6)]).T
+    flat, rates = np.zeros(6), np.zeros(6)
+    flat[:2], rates[:2], rates[5] = centre(q, h) + dt * (arms @ v), arms @ v, v[5]
+    (push,) = contacts(replace(given, length=None), flat, rates)
+    at = flat[:2] / push.e
+    near, around = at @ arms, np.array([-at[1], at[0]]) @ arms
+    speed, step = float(at @ rates[:2]), 1e-7
+    by_s, by_v = (
+        (normal_force(given, push.e + x, speed + y) - normal_force(given, push.e - x, speed - y)) / (2 * step)
+        for x, y in ((step, 0.0), (0.0, step))
+    )
+    matrix = max(dt * by_v + dt * dt * by_s, 0.0) * np.outer(near, near)
+    matrix += dt * dt * push.normal / push.e * np.outer(around, around)
+    if given.friction is not None:
+        assert given.friction.smoothing is not None
+        sliding = around + (given.friction.radius or 0.0) * np.eye(6)[5]
+        secant = given.friction.coefficient * push.normal / np.hypot(push.slide, given.friction.smoothing)
+        matrix += dt * secant * np.outer(sliding, sliding)
+    return matrix, arms.T @ push.force[:2] + push.force[5] * np.eye(6)[5]
+
+
+def normal_force(given: Radial, e: float, speed: float) -> float:
+    """The normal force at a distance from the axis and its rate."""
+    place, moving = np.zeros(6), np.zeros(6)
+    place[0], moving[0] = e, speed
+    return next(contacts(replace(given, length=None, friction=None), place, moving)).normal

@@ -15,8 +15,8 @@ from ..robot.laws import LAWS
 from ..robot.model import build_model
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
-from ..state.motors import deflections, turn_motors
 from ..state.journals import journal_contacts
+from ..state.motors import deflections, turn_motors
 from ..state.springs import clearances, journals_in_play, law_numbers
 
 Array = NDArray[np.float64]

@@ -1,4 +1,4 @@
-"""Journals in round bearings: the contact of a joint's x and y, and of alpha and beta where the bearing has a length."""
+"""Journals in round bearings: the contact of a joint's x and y, of alpha and beta where the bearing has a length."""
 
 from __future__ import annotations
 

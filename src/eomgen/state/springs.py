@@ -21,8 +21,8 @@ def stiffnesses(kernel: Kernel) -> Array:
     """Stiffness of every coordinate as the kernel has it now, (n,), N/m or N m/rad; 0 where there is no spring.
 
     Laws count by their ``stiffness``: of two sides the stiffer one, of a clearance that of its end, of a curve that of
-    its steepest piece, of a journal those of all its contacts.  A transmission holds its motor with stiffness / ratio^2 and its joint with the stiffness, each
-    as if the other stood still.
+    its steepest piece, of a journal those of all its contacts.  A transmission holds its motor with stiffness / ratio^2
+    and its joint with the stiffness, each as if the other stood still.
     """
     return np.array(np.diagonal(stiffness_matrix(kernel)))
 
