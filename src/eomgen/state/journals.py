@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +14,7 @@ from ..robot.laws import RADIAL
 from ..runtime.kernel import Kernel
 
 Array = NDArray[np.float64]
+Numbers = Mapping[str, Mapping[str, float]]  # by joints, then by their names in ``laws.IN_BEARINGS``
 
 
 @dataclass(frozen=True)
@@ -60,11 +61,16 @@ class JournalContact:
 
 def journal_contacts(kernel: Kernel) -> list[JournalContact]:
     """The contacts of all journals with the numbers that the kernel has now."""
+    return contacts_of(journal_numbers(kernel), kernel.coordinates)
+
+
+def contacts_of(journals: Numbers, coordinates: Sequence[str]) -> list[JournalContact]:
+    """The contacts of journals of these numbers, in q of these coordinates."""
     found: list[JournalContact] = []
-    for joint, numbers in journal_numbers(kernel).items():
+    for joint, numbers in journals.items():
         length = numbers.get("length")
         names = CROSSWISE if length is None else (*CROSSWISE, *TILTING)
-        index = tuple(kernel.coordinates.index(component_name(joint, name)) for name in names)
+        index = tuple(coordinates.index(component_name(joint, name)) for name in names)
         for end in (0,) if length is None else (1, -1):
             height = 0.0 if length is None else 0.5 * end * length
             name = component_name(joint, RADIAL)
@@ -72,8 +78,8 @@ def journal_contacts(kernel: Kernel) -> list[JournalContact]:
     return found
 
 
-def journal_numbers(kernel: Kernel) -> Mapping[str, Mapping[str, float]]:
-    """Numbers of every journal by its joint's name and their names in ``laws.IN_BEARINGS``."""
+def journal_numbers(kernel: Kernel) -> Numbers:
+    """The numbers of every journal as the kernel has them now."""
     found: dict[str, dict[str, float]] = {}
     for name, value in kernel.parameters.items():
         kind, *path = parameter_path(name)
