@@ -114,8 +114,8 @@ class Touch:
         """b_i."""
         return {i: dot(self.t, arm) for i, arm in self.place.first.items()}
 
-    def steps(self, dt: Scalar, square: Scalar) -> list[tuple[Arms, Scalar]]:
-        """Rows with their slopes in a linearly implicit step, none of which is negative.
+    def slopes(self, dt: Scalar, square: Scalar) -> Rows:
+        """Add up the slopes in a linearly implicit step, a matrix over the joint's coordinates that is never negative.
 
         Along n the tangent of N; across, where N turns with the journal, N / e; of friction the secant, without the
         slope by its load, which is not symmetric.
@@ -123,9 +123,17 @@ class Touch:
         toward = self.f.max(dt * self.normal.by_v + square * self.normal.by_s, 0.0)
         turning = square * (self.normal.force * self.inverse)
         around, rubbing = self.around(), dt * self.secant
-        if not self.spin:
-            return [(self.approach(), toward), (around, turning + rubbing)]
-        return [(self.approach(), toward), (around, turning), (around | self.spin, rubbing)]
+        parts = [(self.approach(), toward), (around, turning if self.spin else turning + rubbing)]
+        if self.spin:
+            parts.append((around | self.spin, rubbing))
+        found: Rows = {}
+        for arms, slope in parts:
+            scaled = {i: slope * arm for i, arm in arms.items()}
+            for i, one in scaled.items():
+                for j, other in arms.items():
+                    if i <= j:
+                        _add(found, (i, j), one * other)
+        return found
 
     def add_derivatives(self, by_q: Rows, by_v: Rows) -> None:
         """Add the contact's share of dr/dq and dr/dv."""

@@ -25,7 +25,15 @@ from tests.oracles.complex_step import complex_steps
 from tests.oracles.journals import generalized, random_journals, step_matrix, without
 from tests.support.builds import Build
 from tests.support.closeness import close
-from tests.support.random_robots import Array, random_robot, random_state, seeds
+from tests.support.random_robots import (
+    Array,
+    random_robot,
+    random_state,
+    seeds,
+    some_prescribed,
+    with_random_loops,
+)
+from tests.support.random_springs import with_springs
 
 TYPES = ("revolute", "prismatic", "fixed", "free")
 NAMES = ("inverse_dynamics", "generalized_force", "forward_dynamics", "energy", "residual_jacobian")
@@ -87,10 +95,17 @@ def test_closed_form_has_them() -> None:
     assert close(np.array(evaluate(derive(model, "energy"), inputs)["out", 1]), potential)
 
 
+@pytest.mark.parametrize("kind", ["alone", "prescribed", "springs", "loops"])
 @pytest.mark.parametrize("seed", seeds(2140, 3, 12))
-def test_an_implicit_step_is_the_linear_system(seed: int) -> None:
+def test_an_implicit_step_is_the_linear_system(seed: int, kind: str) -> None:
     """(M + slopes) a = u + forces ahead - bias, with what the robot without journals has beside them."""
-    robot, dt = worn(seed, (1, 2)), 0.02
+    robot, dt = worn(seed, (1, 2) if kind == "alone" else (2, 2)), 0.02
+    if kind == "prescribed":
+        robot = some_prescribed(robot, seed)
+    elif kind == "springs":
+        robot = with_springs(robot, seed)
+    elif kind == "loops":
+        robot = with_random_loops(robot, seed, ("spherical",))
     model, s = build_model(robot), random_state(robot, seed)
     parameters = list(model.parameters.values())
     base = {"q": s.q, "v": s.v, "u": s.u, "added": np.zeros(model.size), "dt": [dt, dt * dt], "p": parameters}
@@ -98,10 +113,11 @@ def test_an_implicit_step_is_the_linear_system(seed: int) -> None:
     a = np.array([found["out", i] for i in range(model.size)])
     matrix, force = step_matrix(robot, s.q, s.v, dt)
     bare = build_model(without(robot))
-    push = {**base, "u": s.u + force - matrix @ a, "p": list(bare.parameters.values())}
+    u = np.where(np.isin(np.arange(model.size), model.prescribed), s.u, s.u + force - matrix @ a)
+    push = {**base, "u": u, "p": list(bare.parameters.values())}
     wanted = evaluate(derive(bare, "implicit_step"), push)
     assert np.abs(matrix).max() > 1e-3
-    assert close(a, np.array([wanted["out", i] for i in range(model.size)]), 1e-6)
+    assert close(a, np.array([wanted["out", i] for i in range(model.size)]), 1e-5 if kind == "loops" else 1e-6)
 
 
 def test_a_round_bearing_is_no_box(built: Build) -> None:
