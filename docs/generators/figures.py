@@ -130,7 +130,7 @@ def _journal(figure: Any) -> None:
     slider = kernel.forward_dynamics(qs, vs, np.zeros(kernel.n))[:, 1]
     left = figure.add_axes((0.09, 0.15, 0.36, 0.76))
     draw_journal(left, qs[:, 2:4], radial.clearance)
-    left.legend(loc="upper right")
+    left.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, handlelength=1.4, columnspacing=1.0)
     right = figure.add_axes((0.55, 0.15, 0.43, 0.76))
     angle = qs[:, 0]
     rod = np.sqrt(0.12**2 - (0.05 * np.sin(angle)) ** 2)
