@@ -23,14 +23,14 @@ from .rows import Entries
 
 @dataclass(frozen=True)
 class Direction:
-    """A coordinate's index and its unit axis, as what of a wrench acts along it; ``row`` 0-5 if that is one of six."""
+    """A coordinate's index and its unit axis, of a force or a moment; ``row`` 0-5 where that is one of six."""
 
     index: int
     axis: Wrench
     row: int | None
 
     def of(self, wrench: Wrench) -> Scalar:
-        """What of a wrench acts along the coordinate."""
+        """Part of a wrench that acts along the coordinate."""
         return dot(self.axis.force, wrench.force) + dot(self.axis.moment, wrench.moment)
 
 
