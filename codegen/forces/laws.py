@@ -142,14 +142,14 @@ def _exponential(x: Deflection) -> Effect:
 def _contacts(x: Deflection) -> Effect:
     """Contact at both ends of a clearance."""
     k = x.numbers["stiffness"]
-    ahead = _contact(x.numbers, k, x.s, x.v, x.f)
-    behind = _contact(x.numbers, x.numbers.get("stiffness_negative", k), -x.s, -x.v, x.f)
+    ahead = contact(x.numbers, k, x.s, x.v, x.f)
+    behind = contact(x.numbers, x.numbers.get("stiffness_negative", k), -x.s, -x.v, x.f)
     return Effect(
         ahead.force - behind.force, ahead.by_s + behind.by_s, ahead.by_v + behind.by_v, ahead.energy + behind.energy
     )
 
 
-def _contact(numbers: Numbers, k: Scalar, s: Scalar, v: Scalar, f: Functions) -> Effect:
+def contact(numbers: Numbers, k: Scalar, s: Scalar, v: Scalar, f: Functions) -> Effect:
     """The end towards positive s: (k d + cubic d^3) max(1 + c d_dot, 0).
 
     The penetration d(x), x = s - clearance, is 0 up to x = 0, x^2 / (2 w) up to the smoothing w, and x - w / 2 beyond;

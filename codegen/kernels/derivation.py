@@ -9,6 +9,7 @@ from typing import Any
 from eomgen.robot.model import Model, with_offset_angles
 
 from ..forces.cuts import Deviating, deviating
+from ..forces.journals import Touch, touches
 from ..forces.rows import resisting_rows
 from ..forces.scalar_functions import Functions
 from ..forces.springs import Line, lines
@@ -79,6 +80,10 @@ class Derivation:
         """Springs between two points, where q is and at the rates v."""
         return list(lines(self.model, self.bound, self.joints, v, self.functions, self.graph.note))
 
+    def touches(self, v: list[Any]) -> list[Touch]:
+        """Contacts of journals in their bearings, where q is and at the rates v."""
+        return list(touches(self.bound, self.q, v, self.graph.sincos, self.functions, self.graph.note))
+
     def forces(self, v: list[Any]) -> list[Scalar]:
         """Forces, (n,), that all springs and dampers, those of cut joints as well, take from the drives."""
         rows = self.resisting(self.q, v)
@@ -86,6 +91,9 @@ class Derivation:
             ratio = line.pull().ratio
             for index, value in line.g.items():
                 rows[index] = rows[index] + ratio * value
+        for touch in self.touches(v):
+            for index, value in touch.rows().items():
+                rows[index] = rows[index] + value
         for own in self.deviating:
             force = own.resists(own.s, own.rate(v), self.functions).force
             for index, arm in own.arms.items():

@@ -79,6 +79,8 @@ def _residual_jacobian(d: Derivation) -> Outputs:
         found.by_v[key] = found.by_v.get(key, 0.0) + by_v[key]
     for line in d.lines(d.v):
         add_derivatives(line, d.v, found.by_q, found.by_v)
+    for touch in d.touches(d.v):
+        touch.add_derivatives(found.by_q, found.by_v)
     for own in d.deviating:
         _add_derivatives(d, own, found.by_q, found.by_v)
     return d.matrices(found.by_q, found.by_v, found.by_a)
@@ -149,6 +151,8 @@ def _energy(d: Derivation) -> Outputs:
         potential = potential + stretch.whole.energy
     for line in d.lines(d.still):
         potential = potential + line.pull().energy
+    for touch in d.touches(d.still):
+        potential = potential + touch.normal.energy
     for own in d.deviating:
         potential = potential + own.resists(own.s, 0.0, d.functions).energy
     return vector([kinetic, potential])

@@ -15,7 +15,7 @@ from typing import Any
 from eomgen.errors import InputError
 from eomgen.names import joint_of
 from eomgen.robot.geometry import IDENTITY, snap
-from eomgen.robot.laws import given_laws
+from eomgen.robot.laws import RADIAL, given_laws
 from eomgen.robot.model import FIXED_BODY, Model
 from eomgen.robot.value import ANGULAR, COORDINATES, INERTIA_KEYS, LINEAR, MOTOR, Coordinate, Joint, Placement
 
@@ -85,6 +85,15 @@ class BoundLaw:
 
 
 @dataclass(frozen=True)
+class BoundJournal:
+    """A journal in a bearing: the joint's name, indices of its coordinates by their names, and ``Radial.law``."""
+
+    joint: str
+    index: Mapping[str, int]
+    numbers: Mapping[str, Scalar]
+
+
+@dataclass(frozen=True)
 class BoundCoupling:
     """value(of) - sum of ratio * coordinate - offset, which vanishes or has a law; coordinates by their indices."""
 
@@ -111,7 +120,7 @@ class Bound:
     armature.
     ``springs`` are those between points of two bodies.
     ``cut_offsets`` holds per loop what its six coordinates keep to, ``cut_laws`` the forces of some of them by the
-    loop's number and the coordinate's name; ``couplings`` are those of coordinates.
+    loop's number and the coordinate's name; ``couplings`` are those of coordinates; ``journals`` stand in bearings.
     """
 
     gravity: Vec
@@ -131,6 +140,7 @@ class Bound:
     cut_offsets: tuple[tuple[Scalar, ...], ...] = ()
     cut_laws: Mapping[tuple[int, str], BoundLaw] = field(default_factory=dict)
     couplings: tuple[BoundCoupling, ...] = ()
+    journals: tuple[BoundJournal, ...] = ()
 
 
 def bind(
@@ -189,6 +199,7 @@ def bind(
         cut_offsets=binder.cut_offsets(),
         cut_laws=binder.cut_laws(),
         couplings=binder.couplings(),
+        journals=binder.journals(),
     )
 
 
@@ -334,6 +345,17 @@ class _Binder:
                 found.append(BoundCoupling(arms, offset, None))
             elif coupling.name in acting:
                 found.append(BoundCoupling(arms, offset, self._bound_law(prefix, coupling.law)))
+        return tuple(found)
+
+    def journals(self) -> tuple[BoundJournal, ...]:
+        """Journals in bearings, in the order of their joints."""
+        found = []
+        for body in self.model.bodies:
+            given = self.model.robot.joint(body.joint).radial
+            if given is not None:
+                prefix = f"joints.{body.joint}.{RADIAL}"
+                numbers = {key: self.value(f"{prefix}.{key}", number) for key, number in given.law().items()}
+                found.append(BoundJournal(body.joint, dict(zip(body.active, body.indices, strict=True)), numbers))
         return tuple(found)
 
     def _bound_law(self, prefix: str, given: Coordinate) -> BoundLaw:

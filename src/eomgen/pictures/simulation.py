@@ -16,6 +16,7 @@ from ..names import component_name, joint_of, kind_of
 from ..robot.coordinates import unit_of
 from ..simulation.result import SimulationResult
 from .energy import plot_energy, plot_tracking
+from .journals import plot_journals, result_journals
 from .style import COLORS, PROGRAM_COLOR, TOOL_COLOR, canvas, literal, mark_end, scale_of, ticker, title_of
 
 SHOWN_PART = 0.25  # a magnified deviation is about this part of the path's extent
@@ -25,8 +26,8 @@ MICRO = 1e6
 
 
 def plot_result(result: SimulationResult, folder: Path | str, ending: str = ".png") -> list[Path]:
-    """Write the figures of a result: ``tool``, ``deviations`` where the robot has some, ``tracking`` where there is a
-    program, ``energy`` where there is a balance; returns their paths.
+    """Write the figures of a result: ``tool``, ``deviations`` and ``journals`` where the robot has some, ``tracking``
+    where there is a program, ``energy`` where there is a balance; returns their paths.
 
     Args:
         result: of a simulation.
@@ -40,6 +41,8 @@ def plot_result(result: SimulationResult, folder: Path | str, ending: str = ".pn
     written = [plot_tool(result, target / f"tool{ending}")]
     if result.deviation_coordinates:
         written.append(plot_deviations(result, target / f"deviations{ending}"))
+    if result_journals(result):
+        written.append(plot_journals(result, target / f"journals{ending}"))
     if result.programmed and result.program_coordinates:
         written.append(plot_tracking(result, target / f"tracking{ending}"))
     if result.balance is not None:

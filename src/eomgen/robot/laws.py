@@ -345,6 +345,56 @@ BETWEEN_POINTS: Mapping[str, Number] = MappingProxyType(  # of springs between t
     }
 )
 
+RADIAL = "radial"  # a joint's table of its journal
+IN_BEARINGS: Mapping[str, Number] = MappingProxyType(  # of a journal in a round bearing
+    {
+        number.key: number
+        for number in (
+            Number(
+                "clearance",
+                "radial gap, the bearing's radius less the journal's",
+                ("m",),
+                needed="the radial gap in m, at least 0",
+                idle=None,
+            ),
+            Number("stiffness", "of each contact, greater than 0", ("N/m",), needed="a stiffness in N/m, above 0"),
+            Number(
+                "length",
+                "of the bearing, which then touches at both ends; default one contact, in the middle",
+                ("m",),
+                least=SMALLEST,
+                idle=None,
+            ),
+            Number(
+                "restitution_damping",
+                "multiplies a contact's force by 1 + restitution_damping * rate of its penetration",
+                ("s/m",),
+            ),
+            Number(
+                "smoothing",
+                "over which a contact sets in; default clearance / 20",
+                ("m",),
+                least=SMALLEST,
+                idle=None,
+            ),
+            Number(
+                "friction.coefficient",
+                "friction along the tangent per normal force",
+                ("1",),
+                needed="a number that is at least 0",
+            ),
+            Number("friction.radius", "of the journal; with it the rate of gamma slides, too", ("m",)),
+            Number(
+                "friction.smoothing",
+                f"rate over which friction turns round; default {SMOOTHING:g}",
+                ("m/s",),
+                least=SMALLEST,
+                idle=None,
+            ),
+        )
+    }
+)
+
 
 def given_laws(numbers: Values) -> Iterator[Law]:
     """The laws that numbers belong to, in the order of the table."""
@@ -428,6 +478,8 @@ def number_of(parameter: str) -> Number | None:
     kind, *path = parameter_path(parameter)
     if kind not in ("joints", "loops", "couplings", "springs"):
         return None
+    if kind == "joints" and path[1] == RADIAL:
+        return IN_BEARINGS.get(parameter_name(*path[2:]))
     key = parameter_name(*path[2 if kind in ("joints", "loops") else 1 :])
     table = BETWEEN_POINTS if kind == "springs" else _OF_COORDINATES
     return table.get(key) or table.get(key.partition(".")[0])

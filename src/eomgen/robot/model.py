@@ -24,6 +24,8 @@ from ..names import (
     show,
 )
 from .cuts import CUTS, rigid_parts
+from .journals import radial_conflict
+from .laws import RADIAL
 from .mechanism import drive_of, mechanism_conflict
 from .rules import conflict, cut_conflict, motor_conflict, spring_conflict
 from .value import (
@@ -318,6 +320,8 @@ def _check_forces(robot: Robot) -> None:
         found = {name: conflict(given) for name, given in joint.coordinates.items()}
         if joint.motor is not None:
             found[MOTOR] = motor_conflict(joint.motor, joint.type, joint.coordinates)
+        if joint.radial is not None:
+            found[RADIAL] = radial_conflict(joint.radial, joint.coordinates)
         for name, refused in found.items():
             if refused is not None:
                 where = ".".join(filter(None, ("joints", joint.name, name, refused[0])))
@@ -342,6 +346,8 @@ def _parameters(robot: Robot) -> dict[str, float]:
         if joint.motor is not None:
             laws = (*joint.motor.transmission.law(), *joint.motor.rotor.law())
             chosen.update(f"joints.{joint.name}.{MOTOR}.{key}" for key in laws)
+        if joint.radial is not None:
+            chosen.update(f"joints.{joint.name}.{RADIAL}.{key}" for key in joint.radial.law())
     for loop in robot.loops:
         for name, given in loop.coordinates.items():
             chosen.update(f"loops.{loop.name}.{name}.{key}" for key in given.law())
@@ -386,6 +392,9 @@ def _joint_values(joint: Joint) -> Iterator[tuple[str, float | None]]:
     if joint.motor is not None:
         for key, number in joint.motor.numbers().items():
             yield f"joints.{joint.name}.{MOTOR}.{key}", number
+    if joint.radial is not None:
+        for key, number in joint.radial.law().items():
+            yield f"joints.{joint.name}.{RADIAL}.{key}", number
     for name, offset in zip(COORDINATES, joint.offset, strict=True):
         yield f"joints.{joint.name}.offset.{name}", offset
     yield from _placement_values(f"joints.{joint.name}", joint.placement)

@@ -18,7 +18,8 @@ from typing import Any
 from ..names import NAME_LENGTH, html_table
 from .cuts import CUTS
 from .geometry import IDENTITY, ZERO, Matrix, Vector, rotation_from_rpy, snap
-from .laws import BASIC, BETWEEN_POINTS, NUMBERS, SMALLEST, defaults, given_laws
+from .journals import Radial
+from .laws import BASIC, BETWEEN_POINTS, NUMBERS, RADIAL, SMALLEST, defaults, given_laws
 
 LINEAR = ("x", "y", "z")
 ANGULAR = ("alpha", "beta", "gamma")
@@ -222,6 +223,7 @@ class Joint:
     offset: constants in the order of COORDINATES (m, rad) that are added to the six coordinates, active or not, before
     they move anything: what manufacturing, wear or warmth leave; None where the description gives none.
     motor: what drives the principal coordinate through an elastic transmission; None where the drive acts on it itself.
+    radial: contact of the child's journal in the parent's round bearing; None where there is none.
     """
 
     name: str
@@ -234,6 +236,7 @@ class Joint:
     limits: tuple[float, float] | None = None
     offset: tuple[float | None, ...] = (None,) * 6
     motor: Motor | None = None
+    radial: Radial | None = field(default=None, metadata=LATER)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "coordinates", _in_order(self.coordinates))
@@ -255,14 +258,16 @@ class Joint:
         loose: keep deviations without a stiffness, which loops hold: those of a universal joint, say.
         """
         keep = COORDINATES if self.type == "free" else (PRINCIPAL.get(self.type),)
-        held = {k for k, v in self.coordinates.items() if v.has_stiffness or not loose}
+        touching = self.radial.coordinates if self.radial else ()
+        held = {k for k, v in self.coordinates.items() if v.has_stiffness or k in touching or not loose}
         kept = {k: v.unstopped() for k, v in self.coordinates.items() if k in keep or v.prescribed or k not in held}
         if self.motor is not None:
             name = PRINCIPAL[self.type]
             given = kept[name]
             armature = (given.armature or 0.0) + self.motor.inertia * self.motor.ratio**2
             kept[name] = replace(given, armature=armature, prescribed=given.prescribed or self.motor.prescribed)
-        return replace(self, coordinates=kept, motor=None)
+        radial = self.radial if all(name in kept for name in touching) else None
+        return replace(self, coordinates=kept, motor=None, radial=radial)
 
 
 @dataclass(frozen=True)
@@ -495,10 +500,11 @@ class Robot:
         active = {f"joints.{j.name}.{c}." for j in joints for c in j.coordinates}
         active |= {f"loops.{loop.name}.{c}." for loop in loops for c in loop.coordinates}
         active |= {f"springs.{spring.name}." for spring in springs}
+        active |= {f"joints.{j.name}.{RADIAL}." for j in joints if j.radial is not None}
         gone = tuple(
             name
             for name in self.tunable
-            if (name.startswith("springs.") or name.split(".")[2:3] in [[key] for key in (*COORDINATES, MOTOR)])
+            if (name.startswith("springs.") or name.split(".")[2:3] in [[key] for key in (*COORDINATES, MOTOR, RADIAL)])
             and not any(name.startswith(prefix) for prefix in active)
         )
         tunable = tuple(name for name in self.tunable if name not in gone)

@@ -17,8 +17,19 @@ from ..errors import InputError
 from ..forms.plain import value_of
 from ..integration.contacts import Contact
 from ..limits import LARGEST_FINITE, LARGEST_FOUND, MOST_ENTRIES
-from ..names import IDENTIFIER_RULE, ROBOT_RULE, is_identifier, is_robot_name, joint_of, kind_of, listed, show
+from ..names import (
+    IDENTIFIER_RULE,
+    ROBOT_RULE,
+    component_name,
+    is_identifier,
+    is_robot_name,
+    joint_of,
+    kind_of,
+    listed,
+    show,
+)
 from ..robot.coordinates import UNITS, unit_of
+from ..robot.laws import RADIAL
 from .balance import TERMS
 
 _LARGEST_SUM = LARGEST_FOUND**2  # of energies: a motion that diverged has large ones
@@ -191,7 +202,8 @@ def _check_coordinates(meta: Meta, found: Mapping[str, Any], where: str) -> None
     """Refuse names of coordinates that the result does not have, wherever they stand."""
     coordinates = found["coordinates"]
     check_coordinates(coordinates, found["units"], where)
-    contacts = dict.fromkeys(contact.coordinate for contact in meta.contacts)
+    journals = {component_name(joint_of(name), RADIAL) for name in coordinates}
+    contacts = dict.fromkeys(contact.coordinate for contact in meta.contacts if contact.coordinate not in journals)
     known = (*coordinates, *_cut_names(meta.description))
     for key, names, allowed in (
         ("array program_coordinates", found["program_coordinates"], coordinates),

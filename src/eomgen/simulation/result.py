@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..description import RobotLike, as_robot
 from ..description.recorded import robot_from_record
 from ..errors import InputError, UnknownNameError
-from ..integration.contacts import CLEARANCE, Contact
+from ..integration.contacts import STOP, Contact
 from ..integration.trajectory import Trajectory
 from ..names import kind_of, listed, nearest, show
 from ..robot.coordinates import coordinate_names, force_unit_of, index_of, unit_of
@@ -179,14 +179,15 @@ class SimulationResult(Shown, Tabular):
 
     def _contact_lines(self) -> list[str]:
         """Lines that say how often clearances closed and stops were touched, and the first time of each."""
-        times: dict[tuple[str, str], list[float]] = {}
+        found: dict[tuple[str, str], list[Contact]] = {}
         for c in self.trajectory.contacts:
             if c.closes:
-                what = "clearance" if c.kind == CLEARANCE else f"{'upper' if c.side > 0 else 'lower'} stop"
-                times.setdefault((what, c.coordinate), []).append(c.t)
+                what = f"{'upper' if c.side > 0 else 'lower'} stop" if c.kind == STOP else "clearance"
+                found.setdefault((what, c.coordinate), []).append(c)
         return [
-            f"  {what} of {name}: {'touched' if 'stop' in what else 'closed'} {len(t)} times, first at {t[0]:.4f} s"
-            for (what, name), t in times.items()
+            f"  {what} of {name}: {'touched' if 'stop' in what else 'closed'} {len(all_of_them)} times, first at"
+            f" {all_of_them[0].t:.4f} s{_direction(all_of_them[0])}"
+            for (what, name), all_of_them in found.items()
         ]
 
     @property
@@ -335,6 +336,14 @@ def _kept_robot(result: SimulationResult, source: str) -> Robot:
             " allowed: the robot simulated"
         )
     return robot
+
+
+def _direction(contact: Contact) -> str:
+    """Say where a journal touches; nothing of other contacts."""
+    if contact.angle is None:
+        return ""
+    end = {1: ", at the end towards +z", -1: ", at the end towards -z"}.get(contact.side, "")
+    return f" in the direction of {np.degrees(contact.angle):.0f} deg{end}"
 
 
 def simulated_robot(result: SimulationResult, given: RobotLike | None = None) -> Robot:

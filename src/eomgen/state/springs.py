@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from ..names import parameter_name, parameter_path
 from ..robot.laws import contact_stiffness_of, has_springs, rate_slope_of, stiffness_of
 from ..runtime.kernel import Kernel
+from .journals import journal_contacts, journal_stiffness
 from .motors import deflections
 from .vectors import prescribed_mask
 
@@ -20,8 +21,8 @@ def stiffnesses(kernel: Kernel) -> Array:
     """Stiffness of every coordinate as the kernel has it now, (n,), N/m or N m/rad; 0 where there is no spring.
 
     Laws count by their ``stiffness``: of two sides the stiffer one, of a clearance that of its end, of a curve that of
-    its steepest piece.  A transmission holds its motor with stiffness / ratio^2 and its joint with the stiffness, each
-    as if the other stood still.
+    its steepest piece, of a journal those of all its contacts.  A transmission holds its motor with stiffness / ratio^2
+    and its joint with the stiffness, each as if the other stood still.
     """
     return np.array(np.diagonal(stiffness_matrix(kernel)))
 
@@ -29,7 +30,7 @@ def stiffnesses(kernel: Kernel) -> Array:
 def stiffness_matrix(kernel: Kernel) -> Array:
     """``stiffnesses`` with what transmissions have beside the diagonal, (n, n)."""
     rows = deflections(kernel)
-    return np.asarray(rows.T @ (_own_stiffnesses(kernel)[:, None] * rows))
+    return np.asarray(rows.T @ (_own_stiffnesses(kernel)[:, None] * rows)) + journal_stiffness(kernel)
 
 
 def _own_stiffnesses(kernel: Kernel) -> Array:
@@ -63,6 +64,8 @@ def any_spring(kernel: Kernel) -> bool:
     if any(has_springs(given, kernel.knots.get(name, ())) for name, given in law_numbers(kernel).items()):
         return True
     if any(has_springs(given, kernel.knots.get(name, ())) for name, given in cut_numbers(kernel).items()):
+        return True
+    if any(contact.stiffness for contact in journal_contacts(kernel)):
         return True
     names = (parameter_name("springs", name, "stiffness") for name in kernel.springs)
     return any(name in kernel.knots for name in kernel.springs) or any(map(kernel.parameters.get, names))
@@ -136,6 +139,14 @@ def _stops(numbers: dict[str, dict[str, float]]) -> dict[str, tuple[float, float
         for name, given in numbers.items()
         if "stops.stiffness" in given
     }
+
+
+def journals_in_play(kernel: Kernel) -> set[str]:
+    """Names of the coordinates of journals that no spring but the contact holds."""
+    index = {i for contact in journal_contacts(kernel) for i in contact.index}
+    own = law_numbers(kernel) if index else {}
+    names = (kernel.coordinates[i] for i in index)
+    return {name for name in names if not has_springs(own[name], kernel.knots.get(name, ()))}
 
 
 def line_rates(kernel: Kernel, q: Array, *, touching: bool = False) -> tuple[Array, Array]:
