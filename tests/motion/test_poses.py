@@ -126,9 +126,9 @@ def test_what_cannot_be_asked(built: Build) -> None:
     for wrong in (np.eye(3)[:2, :2], np.full(3, np.nan), "here", 2.0 * np.eye(4), np.diag([1.0, 1.0, -1.0, 1.0])):
         with pytest.raises(ArrayError, match="pose"):
             inverse_kinematics(kernel, wrong)
-    with pytest.raises(ArrayError, match="guess: .*allowed"):
+    with pytest.raises(ArrayError, match=r"guess: .*allowed"):
         inverse_kinematics(kernel, np.eye(4), guess=[0.0])
-    with pytest.raises(ArrayError, match="limits: .*allowed"):
+    with pytest.raises(ArrayError, match=r"limits: .*allowed"):
         inverse_kinematics(kernel, np.eye(4), limits=[0.0, 1.0])
     with pytest.raises(UnknownNameError, match="frame: 'hand' is unknown; known: tcp"):
         inverse_kinematics(kernel, np.eye(4), frame="hand")

@@ -255,7 +255,8 @@ class Entries(Key):
             table.fail(f"there are {len(value)} [[{key}]]; allowed: up to {MOST_ENTRIES}", f"{key}[{MOST_ENTRIES}]")
         seen = set()
         for index, item in enumerate(value):
-            entry = table.inside(key, item, self.inner, self.where(key, index, item), str(index))
+            where = ".".join(filter(None, (table.where, self.where(key, index, item))))
+            entry = table.inside(key, item, self.inner, where, str(index))
             name = entry.name() if self.named else ""
             if self.named and name in seen:
                 entry.fail(f"the name {name!r} is taken by an earlier entry of [[{key}]]; allowed: unique names")

@@ -51,9 +51,10 @@ def _spline(table: Table, _: Path | None) -> dict[str, Any]:
     for entry in points:
         entry.require()
     places, turns = ([entry.vector(key) for entry in points] for key in ("xyz", "rpy"))
-    turned = [entry for entry, rpy in zip(points, turns, strict=True) if rpy is not None]
-    if turned and len(turned) < len(points):
-        turned[0].fail("some points have no rpy; allowed: rpy at all points, or at none", "rpy")
+    open_ones = [entry for entry, rpy in zip(points, turns, strict=True) if rpy is None]
+    turned = len(open_ones) < len(points)
+    if turned and open_ones:
+        open_ones[0].fail("the key 'rpy' is missing, which other points have; allowed: at all points, or at none")
     if turned and "orientation" in table:
         table.fail("points have rpy; allowed: orientation = 'keep' where they have none", "orientation")
     timing = _timing(table, len(points))
