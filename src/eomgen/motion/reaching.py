@@ -63,7 +63,7 @@ class Target:
         place = point_text(self.point)
         if self.axes is None:
             return place
-        return f"{place}, rpy ({', '.join(f'{x:.4g}' for x in rpy_of(self.axes))}) rad"
+        return f"{place}, rpy ({', '.join(f'{x:.4g}' for x in np.round(rpy_of(self.axes), 9) + 0.0)}) rad"
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,8 +98,8 @@ class Reached:
         """What is missing, for messages."""
         if not np.isfinite(self.distance):
             return "its loops do not close"
-        turn = f" and {np.degrees(self.angle):.4g} deg" if self.error.size == 6 else ""
-        return f"{1e3 * self.distance:.4g} mm{turn}"
+        turn = f" and {round(np.degrees(self.angle), 9):.4g} deg" if self.error.size == 6 else ""
+        return f"{round(1e3 * self.distance, 9):.4g} mm{turn}"
 
 
 def reach(
