@@ -112,7 +112,7 @@ MOTIONS: dict[str, Keys] = {
     },
     "spline": {
         "frame": _FRAME,
-        "points": Entries("in space on the way, two or more", "m, rad", "two or more points", inner=_POSE, some=True),
+        "points": Entries("in space on the way, two or more", "m, rad", "two or more points", inner=_POSE, fewest=2),
         "times": Numbers("of the points, rising; or speed", "s"),
         "speed": Either(
             "mean rate of the frame's origin between two points, one or one for each piece; or times",
