@@ -14,7 +14,7 @@ from eomgen import cli
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import ReachError
 from eomgen.pictures.simulation import plot_tool
-from eomgen.scenario.load import scenario_from_toml
+from eomgen.scenario.load import load_scenario, scenario_from_toml
 from eomgen.simulation.result import SimulationResult, load_result
 from eomgen.simulation.run import run_scenario
 from tests.support.scaras import scara
@@ -109,6 +109,17 @@ def test_a_spline_in_space() -> None:
     still = run(BEGIN + SPLINE.replace("speed = 0.5\nbegin = 0.05", "times = [0.0, 0.3, 0.5]"))
     assert still.program_pose[60, :3, 3] == pytest.approx(wanted[1, :3], abs=1e-9)
     assert yaw(still.program_pose)[60] == pytest.approx(0.9, abs=1e-9)
+
+
+def test_the_example() -> None:
+    scenario = load_scenario(Path(__file__).parents[2] / "examples" / "poses.toml")
+    result = run_scenario("ur5", scenario)
+    assert scenario.motion is not None
+    for pose, k in ((result.program_pose[0], 0), (result.program_pose[-1], -1)):
+        assert pose[:3, 3] == pytest.approx(scenario.motion.get("points")[k], abs=1e-9)
+        wanted = Rotation.from_euler("xyz", scenario.motion.get("rpy")[k]).as_matrix()
+        assert np.abs(pose[:3, :3] - wanted).max() < 1e-9
+    assert result.tool_rotation.max() < 1e-5
 
 
 def test_what_a_scara_cannot_do(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
