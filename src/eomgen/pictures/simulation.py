@@ -48,7 +48,7 @@ def plot_result(result: SimulationResult, folder: Path | str, ending: str = ".pn
 
 
 def plot_tool(result: SimulationResult, path: Path | str) -> Path:
-    """The tool's path with its deviation magnified, beside the deviations of place and axes over time; returns the path.
+    """The tool's path with its deviation magnified, beside those of place and axes over time; returns the path.
 
     Raises:
         InputError: see ``plot_result``.
