@@ -58,8 +58,8 @@ def plot_tool(result: SimulationResult, path: Path | str) -> Path:
         grid.update(wspace=0.24, hspace=0.18)
         _draw_path(figure.add_subplot(grid[:, 0], projection="3d"), result)
         upper = figure.add_subplot(grid[0, 1])
-        lower = [figure.add_subplot(grid[row, 1], sharex=upper) for row in (1, 2)]
-        _draw_tool_deviation(upper, *lower, result)
+        middle, lower = (figure.add_subplot(grid[row, 1], sharex=upper) for row in (1, 2))
+        _draw_tool_deviation(upper, middle, lower, result)
         figure.align_ylabels()
         title_of(figure, f"{result.robot}: {result.tool} against its program")
     return Path(path)
