@@ -44,7 +44,7 @@ class Target:
 
     @property
     def rows(self) -> int:
-        """Of what can be missing: 3 of a point, 6 of a pose."""
+        """Number of rows of ``error``: 3 of a point, 6 of a pose."""
         return 3 if self.axes is None else 6
 
     def error(self, kernel: Kernel, q: Array) -> Array:
