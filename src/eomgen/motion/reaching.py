@@ -48,7 +48,7 @@ class Target:
         return 3 if self.axes is None else 6
 
     def error(self, kernel: Kernel, q: Array) -> Array:
-        """What is missing at coordinates q: displacement, m, and rotation vector, rad, base axes, (3,) or (6,)."""
+        """Return what is missing at q: displacement, m, and rotation vector, rad, base axes, (3,) or (6,)."""
         pose = kernel.frame_pose(q, self.tool)
         off = self.point - pose[:3, 3]
         return off if self.axes is None else np.concatenate([off, vector_of(self.axes @ pose[:3, :3].T)])
@@ -76,12 +76,12 @@ class Reached:
 
     @property
     def distance(self) -> float:
-        """What the tool's origin misses, m."""
+        """Distance that the tool's origin misses, m."""
         return float(np.linalg.norm(self.error[:3]))
 
     @property
     def angle(self) -> float:
-        """What its axes miss, rad; 0 where they are open."""
+        """Angle that its axes miss, rad; 0 where they are open."""
         return float(np.linalg.norm(self.error[3:]))
 
     @property
@@ -95,7 +95,7 @@ class Reached:
         return self.distance <= self.close and self.angle <= CLOSE
 
     def text(self) -> str:
-        """What is missing, for messages."""
+        """Say what is missing, for messages."""
         if not np.isfinite(self.distance):
             return "its loops do not close"
         turn = f" and {round(np.degrees(self.angle), 9):.4g} deg" if self.error.size == 6 else ""
