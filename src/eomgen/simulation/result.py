@@ -127,6 +127,7 @@ class SimulationResult(Shown, Tabular):
     def summary(self) -> dict[str, Any]:
         """Results in short, as plain numbers and texts that JSON can hold; SI units, rad."""
         motion, tool = self.trajectory, np.linalg.norm(self.tool_deviation, axis=1)
+        turned = self.tool_rotation
         return {
             "robot": self.robot,
             "coordinates": len(motion.coordinates),
@@ -138,7 +139,8 @@ class SimulationResult(Shown, Tabular):
             "tool_deviation_max": float(tool.max()),
             "tool_deviation_max_at": float(motion.t[int(tool.argmax())]),
             "tool_deviation_end": float(tool[-1]),
-            "tool_rotation_max": float(self.tool_rotation.max()),
+            "tool_rotation_max": float(turned.max()),
+            "tool_rotation_end": float(turned[-1]),
             "linear_max": _largest(self.deviation_coordinates, self.deviations, "m"),
             "angular_max": _largest(self.deviation_coordinates, self.deviations, "rad"),
             "tracking_max": {
@@ -164,7 +166,7 @@ class SimulationResult(Shown, Tabular):
             f"{facts['wall_s']:.2f} s",
             f"  tool {self.tool}: off {against} by at most {facts['tool_deviation_max'] * 1e6:.3g} um "
             f"(at {facts['tool_deviation_max_at']:.3f} s) and {facts['tool_rotation_max'] * 1e6:.3g} urad; "
-            f"{facts['tool_deviation_end'] * 1e6:.3g} um at the end",
+            f"{facts['tool_deviation_end'] * 1e6:.3g} um and {facts['tool_rotation_end'] * 1e6:.3g} urad at the end",
         ]
         found = [("largest deviation", facts["linear_max"]), ("largest deviation", facts["angular_max"])]
         found += [("largest error of a drive", entry) for entry in facts["tracking_max"].values()]
@@ -199,8 +201,9 @@ class SimulationResult(Shown, Tabular):
         """Values over time by name, with their unit.
 
         Names are those of coordinates ("joint1.x"), with .rate, .drive or .program behind them; TOOL.position (base
-        axes) and TOOL.program; LINK.force and LINK.moment of wrenches (about the centre of mass, base axes);
-        energy.kinetic, energy.potential, energy.residue, and work.TERM with the terms of ``EnergyBalance``.
+        axes) and TOOL.program; TOOL.rotation, the angle between its axes and their program; LINK.force and LINK.moment
+        of wrenches (about the centre of mass, base axes); energy.kinetic, energy.potential, energy.residue, and
+        work.TERM with the terms of ``EnergyBalance``.
 
         Raises:
             UnknownNameError: there is nothing of that name; ``names`` has all.
@@ -222,6 +225,7 @@ class SimulationResult(Shown, Tabular):
             found[f"{name}.program"] = (unit_of(name), self.program_q[:, i])
         found[f"{self.tool}.position"] = ("m", self.pose[:, :3, 3])
         found[f"{self.tool}.program"] = ("m", self.program_pose[:, :3, 3])
+        found[f"{self.tool}.rotation"] = ("rad", self.tool_rotation)
         for i, link in enumerate(self.links if self.wrench is not None else ()):
             assert self.wrench is not None
             found[f"{link}.force"], found[f"{link}.moment"] = (
