@@ -41,9 +41,11 @@ class _Samples:
 
     def arrays(self) -> dict[str, Any]:
         """All arrays of ``read_samples``."""
-        setup = self.arithmetic.run(self.equations.setup, {"p": with_copies(self.found["p"].T)}).get("h")
+        values = with_copies(self.found["p"].T)
+        turned = np.zeros((len(self.model.turning), values.shape[1]), values.dtype)  # joints are as described
+        setup = self.arithmetic.run(self.equations.setup, {"p": np.concatenate([values, turned])}).get("h")
         if setup is None:
-            setup = np.zeros((0, with_copies(self.found["p"].T).shape[1]), self.arithmetic.dtype)
+            setup = np.zeros((0, values.shape[1]), self.arithmetic.dtype)
         self._store("setup", setup, None, self.equations.setup, certain=self._has_no_turns(self.equations.setup))
         self.found["h"] = self.h = setup[:, 0]
         numbers = sorted({0, len(self.model.frames) // 2, len(self.model.frames) - 1})
