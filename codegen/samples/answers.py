@@ -35,17 +35,17 @@ class _Samples:
         self.arithmetic = Arithmetic(dtype)
         given, self.certain = sample_inputs(equations, self.arithmetic)
         values = sample_parameters(np.array(list(self.model.parameters.values())), self.arithmetic.dtype)
+        turned = np.zeros((len(self.model.turning), values.shape[1]), values.dtype)  # joints are as described
+        values = np.concatenate([values, turned])
         self.found: dict[str, Any] = {name: array.T for name, array in {**given, "p": values}.items()}
         self.inputs = {name: with_copies(array) for name, array in given.items()}
         self.known: dict[str, tuple[Array, Array]] = {}
 
     def arrays(self) -> dict[str, Any]:
         """All arrays of ``read_samples``."""
-        values = with_copies(self.found["p"].T)
-        turned = np.zeros((len(self.model.turning), values.shape[1]), values.dtype)  # joints are as described
-        setup = self.arithmetic.run(self.equations.setup, {"p": np.concatenate([values, turned])}).get("h")
+        setup = self.arithmetic.run(self.equations.setup, {"p": with_copies(self.found["p"].T)}).get("h")
         if setup is None:
-            setup = np.zeros((0, values.shape[1]), self.arithmetic.dtype)
+            setup = np.zeros((0, with_copies(self.found["p"].T).shape[1]), self.arithmetic.dtype)
         self._store("setup", setup, None, self.equations.setup, certain=self._has_no_turns(self.equations.setup))
         self.found["h"] = self.h = setup[:, 0]
         numbers = sorted({0, len(self.model.frames) // 2, len(self.model.frames) - 1})

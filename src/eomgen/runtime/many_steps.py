@@ -319,6 +319,7 @@ class _Run:
             np.array(np.broadcast_to(x[first:last] if apart else x, (count, n)), order="C") for x, apart in self.starts
         ]
         room = [np.empty(count * (most // every + 2) * n, x.dtype) for x in self.stored]
+        turned = np.zeros((count, self.calls.raw.turning_room), self.calls.dtype)
         for begin, end in _spans(self.how[1], every, most):
             apart = min(every, end - begin)
             rows, row, kept = (end - begin) // apart, begin // every, end // every - begin // every
@@ -326,11 +327,12 @@ class _Run:
             in_place = count == 1 and begin % every == 0 and kept == rows
             if not in_place:
                 ends = [x[: count * (rows + 1) * n].reshape(count, rows + 1, n) for x in room]
-            failed = self._call((first, last), (begin, end), apart, at, ends)
+            before = turned.copy()
+            failed = self._call((first, last), (begin, end), apart, at, ends, turned)
             if failed >= 0 and not in_place:  # once more, to know what was reached
                 for x in ends:
                     x.fill(np.nan)
-                self._call((first, last), (begin, end), apart, at, ends)
+                self._call((first, last), (begin, end), apart, at, ends, before)
             if not in_place:
                 for whole, part in zip(self.stored, ends, strict=True):
                     whole[first:last, row + (begin > 0) : row + kept + 1] = part[:, int(begin > 0) : kept + 1]
@@ -345,6 +347,7 @@ class _Run:
         every: int,
         at: Sequence[Array],
         ends: Sequence[Array],
+        turned: Array | None = None,
     ) -> int:
         """Some states over some steps in one call of C; -1, or the failure's number among all states and steps.
 
@@ -353,6 +356,7 @@ class _Run:
             every: one of so many steps is stored.
             at: q and v where it begins, (n,) or (states, n).
             ends: where q and v are stored, (states, rows, n).
+            turned: how joints that turn freely are turned, a row per state: zeros at first; written.
         """
         view, n, statuses = self.calls.raw.view, self.calls.n, self.calls.raw.statuses
         (first, last), (begin, end) = states, span
@@ -362,6 +366,8 @@ class _Run:
             here = view(array.reshape(-1)[first * of_state + begin * of_step :])
             fields |= {name: here, f"{name}_state": of_state, f"{name}_step": of_step}
         fields |= zip(("kp", "kd"), map(view, self.gains), strict=False)
+        if turned is not None and turned.size:
+            fields["turned"] = view(turned.reshape(-1))
         library = self.function.where(batch=not self.single)
         pointer, drive = self.calls.parameters.setup.pointer(library), library.drive(**fields)
         how, outs = (dt, end - begin, every, method), [view(x) for x in ends]
