@@ -219,8 +219,8 @@ def _tables(model: Model) -> dict[str, Any]:
 
 def lane_context(equations: Equations, dtype: str) -> dict[str, Any]:
     """Names that mean something else in C for several states at a time, where a number is a vector of states."""
-    together = batched(equations)
-    model, lanes = equations.model, SCALARS[dtype].lanes(apart=bool(equations.model.turning) and any(map(_rolls, together)))
+    model, together = equations.model, batched(equations)
+    lanes = SCALARS[dtype].lanes(apart=bool(model.turning) and any(map(_rolls, together)))
     wanted = {program for name in together for program in calls_of(equations, name)}
     programs = [
         program for name, program in equations.programs.items() if name in wanted and name not in equations.shares

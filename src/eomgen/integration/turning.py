@@ -20,9 +20,9 @@ LATE = 0.8 * SINGULAR  # of |cos beta|, at which a method that looks for events 
 class TurningSystem(System):
     """The equations of motion, y = (q, v) with other coordinates of joints whose described angles are singular.
 
-    Where |cos beta| of such a joint becomes small, y begins anew with its other angles, and with the described ones when
-    those are singular.  Drives, wrenches and prescribed motions are asked in described coordinates, and so are results;
-    a force on a described angle keeps its meaning.
+    Where |cos beta| of such a joint becomes small, y begins anew with its other angles, and with the described ones
+    when those are singular.  Drives, wrenches and prescribed motions are asked in described coordinates, and so are
+    results; a force on a described angle keeps its meaning.
     """
 
     def __init__(

@@ -182,7 +182,7 @@ class Model:
 
     @cached_property
     def turning(self) -> tuple[int, ...]:
-        """Indices of the bodies whose joints turn freely: all three angles, all or none of x, y, z, nothing on them.
+        """Indices of the bodies whose joints turn freely: free joints and balls, with nothing on their coordinates.
 
         Which angles describe them is of no matter to such a joint, so that integrations turn its placement where its
         own are singular.  Whatever acts on a coordinate, moves it or goes with an angle of its own keeps the joint as
@@ -196,7 +196,7 @@ class Model:
 
     def _turns(self, body: Body, coupled: set[str]) -> bool:
         joint, plain = self.robot.joint(body.joint), Coordinate()
-        if body.active not in (ANGULAR, COORDINATES) or joint.motor is not None:
+        if body.active != (COORDINATES if joint.type == "free" else ANGULAR) or joint.motor is not None:
             return False
         if any(given != plain for given in joint.coordinates.values()) or any(joint.offset[3:]):
             return False

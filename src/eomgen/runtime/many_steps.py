@@ -84,7 +84,8 @@ def rollout(
         one = None if count is None else 1  # by the same code
         if trouble is None and not _begins_well(calls, alone, drives, gains, dt, step, METHODS[method], one):
             raise calls.singular("rollout", reason, place, None if step else alone[0][0])
-        what = f"no acceleration{place}, though there is one where it begins;{ADVICE}"
+        advice = _turned_about(calls, drives) or ADVICE
+        what = f"no acceleration{place}, though there is one where it begins;{advice}"
         raise _stopped(calls, result, state, every * dt, reason, what, trouble)
     ok = np.isfinite(np.concatenate(result, axis=-1)).all(axis=-1).reshape(-1, steps // every + 1)
     row = int(np.where(ok.all(axis=1), ok.shape[1], ok.argmin(axis=1)).min())  # where the first one ends
@@ -92,7 +93,8 @@ def rollout(
     bad = [~np.isfinite(array.reshape(*ok.shape, calls.n)[state, row]) for array in result]
     i = int((bad[0] | bad[1]).argmax())
     place = "" if count is None else f" of state {state}"
-    what = f"{calls.coordinates[i]} is not finite after step {row * every}{place};{ADVICE}"
+    advice = _turned_about(calls, drives) or ADVICE
+    what = f"{calls.coordinates[i]} is not finite after step {row * every}{place};{advice}"
     raise _stopped(calls, result, state, every * dt, i, what, trouble)
 
 
@@ -107,6 +109,15 @@ def _not_finite(
         except ArrayError as error:
             return error
     return None
+
+
+def _turned_about(calls: Calls, drives: Sequence[tuple[Array, int, int]]) -> str:
+    """What is said of forces on angles of joints that turn freely; nothing where there are none."""
+    angles = [at + i for at, _ in calls.raw.turning.values() for i in range(3)]
+    found = [calls.coordinates[i] for i in angles if drives[0][0].reshape(-1, calls.n)[:, i].any()]
+    if not found:
+        return ""
+    return f" u on {', '.join(found)} has no finite moment where beta is at +-pi/2; allowed: 0, or forces elsewhere"
 
 
 def _stopped(
