@@ -53,9 +53,7 @@ class TurningSystem(System):
         """y to go on with from t, where a step has led, q and v there, and whether y begins anew."""
         whole = self._described(y[np.newaxis])[0]
         self._told = whole[: self.n].copy()
-        singular = {
-            name for name, (angles, _) in self._joints.items() if abs(np.cos(y[angles.start + 1])) < SINGULAR
-        }
+        singular = {name for name, (angles, _) in self._joints.items() if abs(np.cos(y[angles.start + 1])) < SINGULAR}
         if not singular:
             return y, whole, False
         return self._turn(self._turned ^ singular, whole), whole, True
