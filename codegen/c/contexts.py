@@ -88,6 +88,12 @@ def _functions(public: list[Function]) -> dict[str, Any]:
     }
 
 
+def literals(dtype: str) -> dict[str, str]:
+    """Numbers of templates as C."""
+    numbers = {**LITERALS, "round_off": float(np.finfo(dtype).eps)}
+    return {name: SCALARS[dtype].literal(number) for name, number in numbers.items()}
+
+
 def number_context(equations: Equations, dtype: str, meta: Mapping[str, Any]) -> dict[str, Any]:
     """Names that C uses beside those of the header, where a number is one state's; ``meta`` as of the header."""
     model, scalar = equations.model, SCALARS[dtype]
@@ -103,10 +109,7 @@ def number_context(equations: Equations, dtype: str, meta: Mapping[str, Any]) ->
         "linkage": "",
         "bytes": np.dtype(dtype).itemsize,
         "literal_suffix": scalar.suffix,
-        "literals": {
-            **{name: scalar.literal(value) for name, value in LITERALS.items()},
-            "round_off": scalar.literal(float(np.finfo(dtype).eps)),
-        },
+        "literals": literals(dtype),
         "one": scalar.literal(1.0),
         "zero": scalar.literal(0.0),
         "whole": scalar.whole,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from eomgen.errors import IntegrationStopped, UnknownNameError
+from eomgen.errors import InputError, IntegrationStopped, UnknownNameError
 from eomgen.integration import integrate
 from eomgen.robot import build_model
 from eomgen.robot.value import Coordinate, Joint, Link, Placement, Robot
@@ -122,6 +122,17 @@ def test_integrations_pass_the_poles(method: str, built: Build) -> None:
     assert np.abs(found.q[:, :3] - q[:, :3]).max() < 1e-5
     assert np.abs(spin(found.q[:, 3:], found.v[:, 3:]) - spin(q[:, 3:], v[:, 3:])).max() < 1e-4
     assert np.abs(np.cos(q[:, 4])).min() < 0.4
+
+
+def test_quaternions_beside_the_angles(built: Build) -> None:
+    kernel = built(tumbler(), *INTEGRATED)
+    found = integrate(kernel, Q0, V0, 6.0, output_step=0.02)
+    w, x, y, z = (quaternion := found.quaternion("free")).T
+    assert np.abs(np.diff(quaternion, axis=0)).max() < 0.1
+    assert np.abs(np.linalg.norm(quaternion, axis=1) - 1.0).max() < 1e-14
+    assert (Rotation.from_quat(np.stack([x, y, z, w], axis=-1)) * turned(found.q[:, 3:]).inv()).magnitude().max() < 1e-14
+    with pytest.raises(InputError, match=r"'body\.alpha' is unknown; known: free\.x"):
+        found.quaternion("body")
 
 
 def test_forces_keep_their_meaning(built: Build) -> None:

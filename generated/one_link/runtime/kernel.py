@@ -5,7 +5,7 @@ A generated package carries a copy of this file, which imports NumPy and its nei
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from types import FunctionType, ModuleType
 from typing import Any
 
@@ -186,6 +186,27 @@ class Kernel:
         self._face.take(other)
         if values:
             other.parameters.update(values)
+        return other
+
+    def with_turned(self, joints: Collection[str]) -> Kernel:
+        """The same compiled code with parameters of its own, and other coordinates of joints that turn freely.
+
+        The axes y, z and x of the joint's frame stand in the place of x, y and z, so that its angles are not singular
+        where those of the description are.  That is so for forward_dynamics, forward_dynamics_jacobian,
+        inverse_dynamics, mass_matrix, residual_jacobian and external_force; all else stays as it is described.  It is
+        for integrations, which choose by ``raw.turning``; ``rollout`` does it by itself.
+
+        Args:
+            joints: names of those that are turned; the others are as described.
+
+        Raises:
+            UnknownNameError: a joint that does not turn freely.
+        """
+        for name in joints:
+            if name not in self.raw.turning:
+                raise UnknownNameError(f"joints: {name!r} does not turn freely; known: {', '.join(self.raw.turning)}")
+        other = self.with_parameters()
+        other.parameters.turn(joints)
         return other
 
     def _with_methods_in_python(self) -> Kernel:

@@ -28,6 +28,26 @@ def rotation(angles: Array) -> Array:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
+def quaternions(angles: Array) -> Array:
+    """Unit quaternions (w, x, y, z) of Rx(alpha) Ry(beta) Rz(gamma), (T, 4), of angles (T, 3); w is >= 0 at first.
+
+    Of both signs that mean one rotation each has the one that is nearer to the quaternion before it.
+    """
+    (sa, sb, sg), (ca, cb, cg) = np.sin(0.5 * angles).T, np.cos(0.5 * angles).T
+    found = np.stack(
+        [
+            ca * cb * cg - sa * sb * sg,
+            sa * cb * cg + ca * sb * sg,
+            ca * sb * cg - sa * cb * sg,
+            ca * cb * sg + sa * sb * cg,
+        ],
+        axis=-1,
+    )
+    turns = np.einsum("ti,ti->t", found[1:], found[:-1]) < 0.0
+    signs = np.cumprod(np.concatenate([[-1.0 if len(found) and found[0, 0] < 0.0 else 1.0], np.where(turns, -1.0, 1.0)]))
+    return np.asarray(found * signs[: len(found), np.newaxis])
+
+
 def other_angles(places: int, angles: Array, near: Array) -> Array:
     """The angles of the same rotations seen from axes so many places on, (T, 3), each next to the ones before it.
 

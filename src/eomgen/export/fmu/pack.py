@@ -125,6 +125,7 @@ def _files(
         "prescribed": model.prescribed,
         "method": method,
         **_closing(model),
+        **_turning(model),
         "redundant": meta.get("redundant", False),
     }
     kinds = {f"unit.{end}": f"fmu/unit.{end}" for end in "hc"} | {
@@ -156,6 +157,19 @@ def _closing(model: Model) -> dict[str, object]:
         "literal_suffix": "",
         "open_gap": repr(OPEN_GAPS[dtype]),
         "closed_gap": repr(CLOSED_GAPS[dtype]),
+    }
+
+
+def _turning(model: Model) -> dict[str, object]:
+    """Names that ``composed/turned.c.jinja`` and the unit use of joints that turn freely."""
+    from eomgen.codegen.c.contexts import literals
+    from eomgen.codegen.kernels.interface import turning_joints
+
+    return {
+        "turning": list(turning_joints(model)["joints"].values()),
+        "parameters": list(model.parameters),
+        "literals": literals("float64"),
+        "whole": lambda x: x,
     }
 
 
