@@ -130,7 +130,9 @@ def test_quaternions_beside_the_angles(built: Build) -> None:
     w, x, y, z = (quaternion := found.quaternion("free")).T
     assert np.abs(np.diff(quaternion, axis=0)).max() < 0.1
     assert np.abs(np.linalg.norm(quaternion, axis=1) - 1.0).max() < 1e-14
-    assert (Rotation.from_quat(np.stack([x, y, z, w], axis=-1)) * turned(found.q[:, 3:]).inv()).magnitude().max() < 1e-14
+    assert (
+        Rotation.from_quat(np.stack([x, y, z, w], axis=-1)) * turned(found.q[:, 3:]).inv()
+    ).magnitude().max() < 1e-14
     with pytest.raises(InputError, match=r"'body\.alpha' is unknown; known: free\.x"):
         found.quaternion("body")
 

@@ -63,6 +63,9 @@ def integrate(
 ) -> Trajectory:
     """Integrate M(q) a + bias = generalized force + u from a state; loops are closed to 1e-12 throughout.
 
+    Joints that turn freely (``kernel.raw.turning``) pass beta = +-pi/2 in other angles.  Drives and wrenches are asked
+    in those of the description, and samples are told so.
+
     Args:
         kernel: float64, with forward_dynamics and energy; implicit methods and ``atol=None`` need mass_matrix, and
             implicit ones inverse_dynamics.  Of a robot with loops or couplings constrained_dynamics, constraint,

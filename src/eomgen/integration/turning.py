@@ -7,13 +7,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import IntegrationStopped
 from ..runtime.kernel import Kernel
-from ..state.turning import SINGULAR, other_angles, other_forces, other_rates
+from ..state.turning import BACK, ON, SINGULAR, other_forces, seen, singular_joints
 from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction
 from .system import System
 
 Array = NDArray[np.float64]
 
-ON, BACK = 1, 2  # places that axes move on by, to the turned ones and from there
 LATE = 0.8 * SINGULAR  # of |cos beta|, at which a method that looks for events stops: y surely begins anew there
 
 
@@ -33,10 +32,7 @@ class TurningSystem(System):
         prescribed: MotionFunction | None = None,
     ) -> None:
         super().__init__(kernel, drive, wrench, prescribed)
-        self._joints = {
-            name: (slice(angles, angles + 3), slice(origin, origin + 3) if origin >= 0 else None)
-            for name, (angles, origin) in kernel.raw.turning.items()
-        }
+        self._joints = kernel.raw.turning
         self._kernels = {frozenset[str](): kernel}
         self._turned = frozenset[str]()
         self._told = np.zeros(kernel.n)  # q of the state that was reached, as described
@@ -53,22 +49,21 @@ class TurningSystem(System):
         """y to go on with from t, where a step has led, q and v there, and whether y begins anew."""
         whole = self._described(y[np.newaxis])[0]
         self._told = whole[: self.n].copy()
-        singular = {name for name, (angles, _) in self._joints.items() if abs(np.cos(y[angles.start + 1])) < SINGULAR}
+        singular = singular_joints(y, self._joints)
         if not singular:
             return y, whole, False
         return self._turn(self._turned ^ singular, whole), whole, True
 
     def margins(self, y: Array) -> Array:
         """Numbers of which none changes its sign between two times at which y begins anew."""
-        return np.array([abs(np.cos(y[angles.start + 1])) - LATE for angles, _ in self._joints.values()])
+        return np.array([abs(np.cos(y[first + 1])) - LATE for first, _ in self._joints.values()])
 
     def forces(self, t: float, q: Array, v: Array) -> Array:
         """u in a described state: the drives, and what the motion of prescribed coordinates needs."""
         u = np.array(super().drives(t, q, v))
         if self._given:
             self._told = q.copy()
-            singular = {name for name, (angles, _) in self._joints.items() if abs(np.cos(q[angles][1])) < SINGULAR}
-            y = self._turn(frozenset(singular), np.concatenate([q, v]))
+            y = self._turn(singular_joints(q, self._joints), np.concatenate([q, v]))
             u[self._given] = super().forces(t, y[: self.n], y[self.n :])[self._given]
         return u
 
@@ -78,10 +73,11 @@ class TurningSystem(System):
             return super().drives(t, q, v)
         told = self._told_beside(q, v)
         u = np.array(super().drives(t, *told))
-        for angles, origin in self._turned_places():
+        for first, origin in self._turned_places():
+            angles, along = slice(first, first + 3), slice(origin, origin + 3)
             u[..., angles] = other_forces(told[0][..., angles], q[..., angles], u[..., angles])
-            if origin is not None:
-                u[..., origin] = np.roll(u[..., origin], -ON, axis=-1)
+            if origin >= 0:
+                u[..., along] = np.roll(u[..., along], -ON, axis=-1)
         return u
 
     def wrench(self, t: float, q: Array, v: Array) -> ArrayLike | None:
@@ -95,7 +91,7 @@ class TurningSystem(System):
         blame = y if blame is None and self._stuck is None else blame
         return super().stopped(reason, t, self._described(y[np.newaxis])[0], blame)
 
-    def _turned_places(self) -> list[tuple[slice, slice | None]]:
+    def _turned_places(self) -> list[tuple[int, int]]:
         return [self._joints[name] for name in self._joints if name in self._turned]
 
     def _told_beside(self, q: Array, v: Array) -> tuple[Array, Array]:
@@ -106,7 +102,7 @@ class TurningSystem(System):
 
     def _described(self, ys: Array) -> Array:
         """q and v as described, (N, 2n), of y, (N, 2n)."""
-        return self._seen(ys, self._turned_places(), BACK, self._told) if self._turned else ys
+        return seen(ys, self._turned_places(), BACK, self._told) if self._turned else ys
 
     def _turn(self, turned: frozenset[str], whole: Array) -> Array:
         """y of a described state with these joints turned, which are so from now on."""
@@ -114,15 +110,4 @@ class TurningSystem(System):
         if turned not in self._kernels:
             self._kernels[turned] = self.kernel.with_turned(turned)
         self.here = self._kernels[turned]
-        return self._seen(whole[np.newaxis], self._turned_places(), ON, np.zeros(self.n))[0]
-
-    def _seen(self, ys: Array, joints: list[tuple[slice, slice | None]], places: int, near: Array) -> Array:
-        """States (N, 2n) with the axes of joints so many places on; angles next to those of ``near``, (n,)."""
-        n, found = self.n, ys.copy()
-        for angles, origin in joints:
-            rates = slice(n + angles.start, n + angles.stop)
-            found[:, angles] = other_angles(places, ys[:, angles], near[angles])
-            found[:, rates] = other_rates(ys[:, angles], found[:, angles], ys[:, rates])
-            for part in () if origin is None else (origin, slice(n + origin.start, n + origin.stop)):
-                found[:, part] = np.roll(ys[:, part], -places, axis=-1)
-        return found
+        return seen(whole[np.newaxis], self._turned_places(), ON, np.zeros(self.n))[0]

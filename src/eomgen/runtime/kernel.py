@@ -758,6 +758,9 @@ class Kernel:
         stable whatever their stiffness; theory section "Stiff joints without small steps".  Springs between points are
         taken so along their lines, and across them as they are at a step's beginning.
 
+        Joints that turn freely (``raw.turning``) pass beta = +-pi/2 in other angles; what comes back is as described,
+        each angle next to its value before.  A joint with gains on its coordinates stays in its own angles.
+
         Args:
             q0, v0: states, (n,) or (N, n).
             u: drives, N or N m (of prescribed coordinates accelerations, as in ``forward_dynamics``), held over a

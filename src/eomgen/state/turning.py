@@ -7,13 +7,18 @@ whose beta is far from +-90 degrees where the first one's is near.  Both have on
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+ON, BACK = 1, 2  # places that axes move on by, to the turned ones and from there
 ROUND_OFF = float(np.finfo(np.float64).eps)
 SINGULAR = 0.5  # of |cos beta|, below which other angles are taken
+
+Places = Iterable[tuple[int, int]]  # of alpha and of x among the coordinates, -1 where x does not move: a joint each
 
 
 def rotation(angles: Array) -> Array:
@@ -44,7 +49,9 @@ def quaternions(angles: Array) -> Array:
         axis=-1,
     )
     turns = np.einsum("ti,ti->t", found[1:], found[:-1]) < 0.0
-    signs = np.cumprod(np.concatenate([[-1.0 if len(found) and found[0, 0] < 0.0 else 1.0], np.where(turns, -1.0, 1.0)]))
+    signs = np.cumprod(
+        np.concatenate([[-1.0 if len(found) and found[0, 0] < 0.0 else 1.0], np.where(turns, -1.0, 1.0)])
+    )
     return np.asarray(found * signs[: len(found), np.newaxis])
 
 
@@ -94,6 +101,40 @@ def other_forces(angles: Array, other: Array, forces: Array) -> Array:
     sg, cg = np.sin(other[..., 2]), np.cos(other[..., 2])
     first = np.cos(other[..., 1]) * (cg * x - sg * y) + np.sin(other[..., 1]) * g
     return np.stack([first, sg * x + cg * y, g], axis=-1)
+
+
+def seen(states: Array, joints: Places, places: int, near: Array) -> Array:
+    """States with the axes of joints so many places on; angles next to those of the state before.
+
+    Args:
+        states: q and v, (T, 2n).
+        joints: which.
+        places: ON or BACK.
+        near: q before the first, (n,).
+    """
+    n, found = near.size, states.copy()
+    for first, origin in joints:
+        angles, rates = slice(first, first + 3), slice(n + first, n + first + 3)
+        found[:, angles] = other_angles(places, states[:, angles], near[angles])
+        found[:, rates] = other_rates(states[:, angles], found[:, angles], states[:, rates])
+        for begin in () if origin < 0 else (origin, n + origin):
+            found[:, begin : begin + 3] = np.roll(states[:, begin : begin + 3], -places, axis=-1)
+    return found
+
+
+def singular_joints(q: Array, joints: Mapping[str, tuple[int, int]]) -> frozenset[str]:
+    """Names of the joints whose angles are nearly singular in a state, (n,)."""
+    return frozenset(name for name, (first, _) in joints.items() if abs(np.cos(q[first + 1])) < SINGULAR)
+
+
+def extrapolated(coarse: Array, fine: Array, joints: Mapping[str, tuple[int, int]]) -> Array:
+    """2 fine - coarse of one state by two ways, q and v, (2n,) each, in angles that are not singular there."""
+    near = fine[: fine.size // 2]
+    turned = [joints[name] for name in singular_joints(near, joints)]
+    if not turned:
+        return 2.0 * fine - coarse
+    ends = seen(np.stack([fine, coarse]), turned, ON, np.zeros_like(near))
+    return np.asarray(seen((2.0 * ends[0] - ends[1])[np.newaxis], turned, BACK, near)[0])
 
 
 def _away_from_zero(x: Array) -> Array:
