@@ -73,6 +73,16 @@ def header_context(equations: Equations, dtype: str, meta: Mapping[str, Any], ba
     }
 
 
+def turned_context(model: Model) -> dict[str, Any]:
+    """Names that ``composed/turned.c.jinja`` uses, in double precision and for one state."""
+    return {
+        "turning": list(turning_joints(model)["joints"].values()),
+        "parameters": list(model.parameters),
+        "literals": literals("float64"),
+        "whole": SCALARS["float64"].whole,
+    }
+
+
 def _closed_functions(equations: Equations) -> list[str]:
     """Functions in which loops are closed; their programs beside them, which look at no gap, close them as well."""
     closing = {*CHECKED, "settling"}

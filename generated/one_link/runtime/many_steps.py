@@ -112,7 +112,7 @@ def _not_finite(
 
 
 def _turned_about(calls: Calls, drives: Sequence[tuple[Array, int, int]]) -> str:
-    """What is said of forces on angles of joints that turn freely; nothing where there are none."""
+    """Say which forces are on angles of joints that turn freely; nothing where there are none."""
     angles = [at + i for at, _ in calls.raw.turning.values() for i in range(3)]
     found = [calls.coordinates[i] for i in angles if drives[0][0].reshape(-1, calls.n)[:, i].any()]
     if not found:

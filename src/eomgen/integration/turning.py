@@ -110,4 +110,4 @@ class TurningSystem(System):
         if turned not in self._kernels:
             self._kernels[turned] = self.kernel.with_turned(turned)
         self.here = self._kernels[turned]
-        return seen(whole[np.newaxis], self._turned_places(), ON, np.zeros(self.n))[0]
+        return np.asarray(seen(whole[np.newaxis], self._turned_places(), ON, np.zeros(self.n))[0])

@@ -132,7 +132,7 @@ def extrapolated(coarse: Array, fine: Array, joints: Mapping[str, tuple[int, int
     near = fine[: fine.size // 2]
     turned = [joints[name] for name in singular_joints(near, joints)]
     if not turned:
-        return 2.0 * fine - coarse
+        return np.asarray(2.0 * fine - coarse)
     ends = seen(np.stack([fine, coarse]), turned, ON, np.zeros_like(near))
     return np.asarray(seen((2.0 * ends[0] - ends[1])[np.newaxis], turned, BACK, near)[0])
 

@@ -109,6 +109,8 @@ def _files(
     progress: StageReport,
 ) -> dict[str, bytes]:
     """Files of the unit but its binary, by their paths; ``begin``: its step and its coordinates at first."""
+    from eomgen.codegen.c.contexts import turned_context
+
     from .variables import make_layout
     from .xml import Unit, build_description, model_description
 
@@ -125,7 +127,7 @@ def _files(
         "prescribed": model.prescribed,
         "method": method,
         **_closing(model),
-        **_turning(model),
+        **turned_context(model),
         "redundant": meta.get("redundant", False),
     }
     kinds = {f"unit.{end}": f"fmu/unit.{end}" for end in "hc"} | {
@@ -157,19 +159,6 @@ def _closing(model: Model) -> dict[str, object]:
         "literal_suffix": "",
         "open_gap": repr(OPEN_GAPS[dtype]),
         "closed_gap": repr(CLOSED_GAPS[dtype]),
-    }
-
-
-def _turning(model: Model) -> dict[str, object]:
-    """Names that ``composed/turned.c.jinja`` and the unit use of joints that turn freely."""
-    from eomgen.codegen.c.contexts import literals
-    from eomgen.codegen.kernels.interface import turning_joints
-
-    return {
-        "turning": list(turning_joints(model)["joints"].values()),
-        "parameters": list(model.parameters),
-        "literals": literals("float64"),
-        "whole": lambda x: x,
     }
 
 
