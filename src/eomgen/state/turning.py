@@ -112,7 +112,7 @@ def seen(states: Array, joints: Places, places: int, near: Array) -> Array:
         places: ON or BACK.
         near: q before the first, (n,).
     """
-    n, found = near.size, states.copy()
+    n, found = near.size, np.array(states)
     for first, origin in joints:
         angles, rates = slice(first, first + 3), slice(n + first, n + first + 3)
         found[:, angles] = other_angles(places, states[:, angles], near[angles])
