@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
-from eomgen.robot.model import Model, with_offset_angles
+from eomgen.robot.model import Model, turned_name, with_offset_angles
 
 from ..forces.cuts import Deviating, deviating
 from ..forces.journals import Touch, touches
@@ -34,14 +34,17 @@ class Derivation:
 
     ``dtype``: of the numbers that the C computes with.
 
+    ``turned``: joints that turn freely read how they are turned, behind the parameters (``Model.turning``).
+
     An angle that is not active but has an offset is a coordinate here whose q, v and a are zero; ``own`` are the places
     of the coordinates that kernels know, and what is written leaves the others out.
     """
 
-    def __init__(self, model: Model, *, regrouped: bool = True, dtype: str = "float64") -> None:
+    def __init__(self, model: Model, *, regrouped: bool = True, dtype: str = "float64", turned: bool = False) -> None:
         self.graph, self.dtype = Graph(), dtype
         self.model, self.own = with_offset_angles(model)
-        slots = {name: slot for slot, name in enumerate(model.parameters)}
+        turns = [turned_name(model.bodies[k].joint) for k in model.turning] if turned else []
+        slots = {name: slot for slot, name in enumerate((*model.parameters, *turns))}
 
         def value(name: str, number: float) -> Scalar:
             return self.graph.input(PARAMETERS, slots[name]) if name in slots else number

@@ -15,7 +15,7 @@ from ..program.passes import hoist_parameters, run_passes
 from ..program.shares import Shares
 from .bodies import share_among_bodies
 from .derivation import Derivation
-from .signatures import KERNELS, RATES, SIGNATURES, available
+from .signatures import KERNELS, RATES, SIGNATURES, TURNED, available
 from .writers import DESCRIPTION_FRAMES, WAYS, WRITERS
 
 DIVISION = 8  # a division takes about as long as so many products
@@ -87,7 +87,7 @@ def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "fl
                 raw[program], choices[program] = derive_cheapest(model, program, dtype=dtype)
             elif program not in raw:
                 raw[program] = derive(model, program, dtype)
-    setup, programs = hoist_parameters(list(raw.values()), len(model.parameters))
+    setup, programs = hoist_parameters(list(raw.values()), len(model.parameters) + len(model.turning))
     written = dict(zip(raw, programs, strict=True))
     shares = {name: share_among_bodies(model, written[name]) for name in public if KERNELS[name].kind == "frames"}
     return Equations(model, public, setup, written, calls, choices, shares, dtype)
@@ -106,7 +106,8 @@ def derive(model: Model, kernel: str, dtype: str = "float64") -> Program:
         return derive_cheapest(model, kernel, dtype=dtype)[0]
     if SIGNATURES[kernel].tangent_of:
         return run_passes(tangent(derive(model, SIGNATURES[kernel].tangent_of), RATES, kernel))
-    derivation = Derivation(model, regrouped=kernel not in DESCRIPTION_FRAMES, dtype=dtype)
+    regrouped, turned = kernel not in DESCRIPTION_FRAMES, kernel in TURNED
+    derivation = Derivation(model, regrouped=regrouped, dtype=dtype, turned=turned)
     return run_passes(finish(derivation.graph, kernel, WRITERS[kernel](derivation)))
 
 
@@ -122,7 +123,7 @@ def derive_cheapest(model: Model, kernel: str, chosen: str = "", dtype: str = "f
         is_long = way.most is not None and model.size > way.most
         if name != chosen and (chosen or is_long):
             continue
-        derivation = Derivation(model, dtype=dtype)
+        derivation = Derivation(model, dtype=dtype, turned=kernel in TURNED)
         if way.prescribes or not derivation.model.prescribed:
             program = run_passes(finish(derivation.graph, kernel, way.write(derivation)))
             candidates.append((program, name))

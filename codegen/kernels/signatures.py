@@ -326,6 +326,15 @@ PARTS: Mapping[str, Signature] = {  # programs that only other kernels call
 
 SIGNATURES: Mapping[str, Signature] = {**KERNELS, **PARTS}
 
+TURNED = (  # programs that know how joints are turned, which integrations call
+    "forward_dynamics",
+    "implicit_step",
+    "inverse_dynamics",
+    "mass_matrix",
+    "residual_jacobian",
+    "external_force",
+)
+
 
 def available(model: Model) -> tuple[str, ...]:
     """Names of the kernels that there are for a model."""

@@ -16,7 +16,7 @@ from eomgen.errors import InputError
 from eomgen.names import joint_of
 from eomgen.robot.geometry import IDENTITY, snap
 from eomgen.robot.laws import RADIAL, given_laws
-from eomgen.robot.model import FIXED_BODY, Model
+from eomgen.robot.model import FIXED_BODY, Model, turned_name
 from eomgen.robot.value import ANGULAR, COORDINATES, INERTIA_KEYS, LINEAR, MOTOR, Coordinate, Joint, Placement
 
 from .spatial import (
@@ -28,6 +28,7 @@ from .spatial import (
     add,
     along,
     congruence,
+    is_zero,
     mat3,
     matmul,
     matvec,
@@ -164,7 +165,7 @@ def bind(
         placed = parent @ binder.placement(f"joints.{joint.name}", joint.placement)
         axes, back = Pose(joint.axis_turn, (0.0, 0.0, 0.0)), Pose(transpose(joint.axis_turn), (0.0, 0.0, 0.0))
         if joint.coordinates:
-            placements.append(placed @ axes @ binder.shift(joint))
+            placements.append(binder.turned(joint, placed @ axes @ binder.shift(joint)))
             poses[joint.child] = (len(placements) - 1, back)
         elif binder.has_offset(joint):
             poses[joint.child] = (body, placed @ axes @ binder.shift(joint) @ binder.turn(joint) @ back)
@@ -223,6 +224,17 @@ class _Binder:
     def shift(self, joint: Joint) -> Pose:
         """The offsets of x, y and z: they come first, so that they belong to the placement."""
         return Pose(IDENTITY, vec3(self.offset(joint, name) for name in LINEAR))
+
+    def turned(self, joint: Joint, placement: Pose) -> Pose:
+        """The placement of a joint; where its number "turned" is 1, its axes y, z and x stand in the place of x, y, z.
+
+        The joint's angles are then others, which are not singular where its own are (``Model.turning``).
+        """
+        c = self.value(turned_name(joint.name), 0.0)
+        if is_zero(c):
+            return placement
+        own = 1.0 - c
+        return placement @ Pose(((own, 0.0, c), (c, own, 0.0), (0.0, c, own)), (0.0, 0.0, 0.0))
 
     def turn(self, joint: Joint) -> Pose:
         """The offsets of the angles of a joint that does not move, Rx Ry Rz."""

@@ -34,6 +34,7 @@ from .steps import (
 )
 from .system import System
 from .trajectory import FiniteMotion, Trajectory, trajectory_of
+from .turning import TurningSystem
 
 Array = NDArray[np.float64]
 
@@ -61,6 +62,9 @@ def integrate(
     record: Record | None = None,
 ) -> Trajectory:
     """Integrate M(q) a + bias = generalized force + u from a state; loops are closed to 1e-12 throughout.
+
+    Joints that turn freely (``kernel.raw.turning``) pass beta = +-pi/2 in other angles.  Drives and wrenches are asked
+    in those of the description, and samples are told so.
 
     Args:
         kernel: float64, with forward_dynamics and energy; implicit methods and ``atol=None`` need mass_matrix, and
@@ -103,7 +107,8 @@ def integrate(
             coordinate and time and has the last good state and the trajectory up to it.
         InputError: an argument is wrong, a prescribed coordinate has no motion, or SciPy is not installed.
     """
-    system = (ClosedSystem if kernel.constraints else System)(kernel, drive, wrench, prescribed)
+    kind = ClosedSystem if kernel.constraints else TurningSystem if kernel.raw.turning else System
+    system = kind(kernel, drive, wrench, prescribed)
     q0, v0 = (state_vector(label, x, kernel.coordinates) for label, x in (("q0", q0), ("v0", v0)))
     times = output_times(duration, output_step) if times is None else checked_times(times, duration, output_step)
     method = choose_method(kernel, method, q0, float(times[-1] - times[0]))
@@ -120,7 +125,7 @@ def integrate(
             return
         absolute = tolerances(system, q0, rtol, atol)
         if method in sundials.METHODS:
-            sundials.sundials_states(system, samples, method, rtol, absolute, report, watch)
+            sundials.sundials_states(system, y0, samples, method, rtol, absolute, report, watch)
         else:
             sampled(Steps(method, rtol, absolute, float(times[-1])), system, y0, samples, report, watch)
 

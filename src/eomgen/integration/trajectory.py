@@ -10,8 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ArrayError, InputError, IntegrationStopped
+from ..names import component_name
 from ..robot.coordinates import force_unit_of, unit_of
+from ..robot.value import ANGULAR
 from ..shown import Shown
+from ..state.turning import quaternions
 from ..tabular import Rows, TableColumn, Tabular
 from .contacts import Contact, ContactWatch
 from .steps import Samples
@@ -26,7 +29,7 @@ class Trajectory(Shown, Tabular):
 
     Attributes:
         t: times, (T,), s.
-        q, v: coordinates and rates, (T, n).
+        q, v: coordinates and rates, (T, n); angles go on next to those of the sample before (see ``quaternion``).
         u: drives, (T, n), N or N m.
         energy: kinetic and potential energy, (T, 2), J.
         coordinates: names, (n,).
@@ -53,6 +56,16 @@ class Trajectory(Shown, Tabular):
         if coordinate not in self.coordinates:
             raise InputError(f"coordinate: {coordinate!r} is unknown; known: {', '.join(self.coordinates)}")
         return self.q[:, self.coordinates.index(coordinate)]
+
+    def quaternion(self, joint: str) -> Array:
+        """Rotation of a joint's angles alpha, beta and gamma over time as unit quaternions (w, x, y, z), (T, 4).
+
+        They have no singularity, and follow one another without a jump of sign.
+
+        Raises:
+            InputError: there are no such three coordinates.
+        """
+        return quaternions(np.stack([self.of(component_name(joint, name)) for name in ANGULAR], axis=-1))
 
     def as_rows(self) -> Rows:
         """A row per time: every coordinate, with .rate and .drive, and energy.kinetic and energy.potential."""

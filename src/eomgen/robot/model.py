@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 from ..errors import DescriptionError, UnknownNameError
 from ..names import (
@@ -20,6 +21,7 @@ from ..names import (
     joint_of,
     kind_of,
     listed,
+    parameter_name,
     parameter_path,
     show,
 )
@@ -180,6 +182,31 @@ class Model:
         given = (coordinate for joint in self.robot.joints for coordinate in joint.all_coordinates.values())
         return tuple(index for index, coordinate in enumerate(given) if coordinate.prescribed)
 
+    @cached_property
+    def turning(self) -> tuple[int, ...]:
+        """Indices of the bodies whose joints turn freely: free joints and balls, with nothing on their coordinates.
+
+        Which angles describe them is of no matter to such a joint, so that integrations turn its placement where its
+        own are singular.  Whatever acts on a coordinate, moves it or goes with an angle of its own keeps the joint as
+        it is described: laws, armatures, motors, prescribed motions, couplings, offsets of angles.  So does a loop
+        anywhere.
+        """
+        if self.constraints:
+            return ()
+        coupled = {x for coupling in self.robot.couplings for x in (coupling.of, *coupling.to)}
+        return tuple(k for k, body in enumerate(self.bodies) if self._turns(body, coupled))
+
+    def _turns(self, body: Body, coupled: set[str]) -> bool:
+        joint, plain = self.robot.joint(body.joint), Coordinate()
+        if body.active != (COORDINATES if joint.type == "free" else ANGULAR) or joint.motor is not None:
+            return False
+        if any(given != plain for given in joint.coordinates.values()) or any(joint.offset[3:]):
+            return False
+        acting = [f"joints.{joint.name}.{name}." for name in body.active]  # numbers that may come at run time
+        acting += [f"joints.{joint.name}.offset.{name}" for name in ANGULAR]
+        tuned = any(name.startswith(tuple(acting)) for name in self.parameters)
+        return not tuned and not any(component_name(joint.name, name) in coupled for name in body.active)
+
     def offset_angles(self, joint: str) -> tuple[str, ...]:
         """Angles of a joint that are not active but turned by an offset."""
         active = self.robot.joint(joint).coordinates
@@ -237,6 +264,14 @@ def build_model(robot: Robot) -> Model:
     )
     moving = tuple(link.name for link in robot.links if body_of[link.name] != FIXED_BODY)
     return Model(robot, merged, tuple(coordinates), moving, body_of, _parameters(robot))
+
+
+def turned_name(joint: str) -> str:
+    """Name of the number that says how a joint of ``Model.turning`` is turned: 0 as described, or 1.
+
+    It is no parameter: integrations choose it.
+    """
+    return parameter_name("joints", joint, "turned")
 
 
 def with_offset_angles(model: Model) -> tuple[Model, tuple[int, ...]]:

@@ -29,6 +29,7 @@ from ..simulation.controls import JointPD
 from ..simulation.initial import initial_state
 from ..simulation.loads import loaded_parameters
 from ..state.springs import stiffness_matrix
+from ..state.turning import extrapolated
 
 Array = NDArray[np.float64]
 
@@ -196,7 +197,9 @@ class _Sample:
                 name = self.kernel.coordinates[i]
                 return self._fail(k, name, f"no acceleration of {name} at t = {at:.6g} s; {ADVICE}")
             ends.append(end)
-        q, v = ends[0] if len(ends) == 1 else 2.0 * ends[1] - ends[0]
+        q, v = ends[0]
+        if len(ends) > 1:
+            q, v = extrapolated(ends[0].ravel(), ends[1].ravel(), self.kernel.raw.turning).reshape(2, -1)
         bad = ~(np.abs(q) < FAR) | ~np.isfinite(v)
         if bad.any():
             name = self.kernel.coordinates[int(bad.argmax())]
