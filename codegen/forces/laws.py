@@ -27,12 +27,17 @@ Numbers = Mapping[str, Scalar]
 
 @dataclass(frozen=True)
 class Effect:
-    """Resisting force (N, N m), its slopes by deviation and rate, and stored energy (J)."""
+    """Resisting force (N, N m), its slopes by deviation and rate, and stored energy (J).
+
+    rubs: the slope by the rate that friction has, beside ``by_v``.  drag: friction over its rate, its secant.
+    """
 
     force: Scalar = 0.0
     by_s: Scalar = 0.0
     by_v: Scalar = 0.0
     energy: Scalar = 0.0
+    rubs: Scalar = 0.0
+    drag: Scalar = 0.0
 
     def __add__(self, other: Effect) -> Effect:
         return Effect(
@@ -40,7 +45,22 @@ class Effect:
             self.by_s + other.by_s,
             self.by_v + other.by_v,
             self.energy + other.energy,
+            self.rubs + other.rubs,
+            self.drag + other.drag,
         )
+
+    @property
+    def by_rate(self) -> Scalar:
+        """The whole slope by the rate."""
+        return self.by_v + self.rubs
+
+    def ahead(self, dt: Scalar, square: Scalar, f: Functions) -> Scalar:
+        """What a linearly implicit step of dt, with its square, adds to inertia: a tangent that falls is left out.
+
+        Friction counts by its secant: along its tangent, steep at rest and flat beside it, a mass that arrives moving
+        would jump over its rest for ever.
+        """
+        return f.max(dt * self.by_v + square * self.by_s, 0.0) + dt * self.drag
 
 
 @dataclass(frozen=True)
@@ -174,9 +194,9 @@ def _contact(numbers: Numbers, k: Scalar, s: Scalar, v: Scalar, f: Functions) ->
 def _friction(x: Deflection) -> Effect:
     numbers, v = x.numbers, x.v
     smoothing = numbers["friction.smoothing"]
-    square = smoothing * smoothing
-    inverse = 1.0 / x.f.sqrt(v * v + square)
-    sign, sign_slope = v * inverse, square * (inverse * inverse * inverse)
+    inverse = 1.0 / x.f.sqrt(v * v + smoothing * smoothing)
+    sign, part = v * inverse, smoothing * inverse
+    sign_slope = part * part * inverse  # in this order nothing overflows, whatever the smoothing
     level: Scalar = numbers["friction.coulomb"]
     level_slope: Scalar = 0.0
     if "friction.static" in numbers:
@@ -185,10 +205,10 @@ def _friction(x: Deflection) -> Effect:
         share = 1.0 / (1.0 + z * z)
         more = (numbers["friction.static"] - level) * share
         level, level_slope = level + more, -2.0 * rate * (z * (more * share))
-    total = Effect(sign * level, by_v=sign_slope * level + sign * level_slope)
+    total = Effect(sign * level, rubs=sign_slope * level + sign * level_slope, drag=inverse * level)
     if "friction.viscous" in numbers:
         b = numbers["friction.viscous"]
-        total = total + Effect(b * v, by_v=b)
+        total = total + Effect(b * v, rubs=b, drag=b)
     return total
 
 

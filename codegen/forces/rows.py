@@ -74,10 +74,10 @@ def resisting_slopes(bound: Bound, q: Sequence[Scalar], v: Sequence[Scalar], f: 
     """Derivatives of ``resisting_rows`` by q and v, without linear springs and dampers of single coordinates."""
     found = effects(bound, q, v, f)
     by_q: Rows = {(i, i): law.by_s for i, law in found.items()}
-    by_v: Rows = {(i, i): law.by_v for i, law in found.items()}
+    by_v: Rows = {(i, i): law.by_rate for i, law in found.items()}
     for motor, stretch in stretches(bound, q, v, f).items():
         between, whole = bound.transmissions[motor], stretch.whole
-        for rows, slope in ((by_q, whole.by_s), (by_v, whole.by_v)):
+        for rows, slope in ((by_q, whole.by_s), (by_v, whole.by_rate)):
             for key, value in coupled(motor, between.principal, between.inverse_ratio, slope).items():
                 rows[key] = rows.get(key, 0.0) + value
     return by_q, by_v

@@ -116,7 +116,7 @@ def test_numbers_that_are_given_anew() -> None:
     old = Coordinate(1.0, clearance=0.1, restitution_damping=0.3, friction=Friction(1.0, 2.0, 0.5))
     new = old.with_numbers({"clearance": 0.2, "damping": 3.0, "friction.coulomb": 4.0})
     assert new == Coordinate(1.0, 3.0, clearance=0.2, restitution_damping=0.3, friction=Friction(4.0))
-    assert (new.smoothing, new.friction) == (pytest.approx(0.01), Friction(4.0, smoothing=1e-3))
+    assert (new.smoothing, new.friction) == (pytest.approx(0.01), Friction(4.0, smoothing=4e-8))
 
 
 def test_records_and_hashes_are_those_of_before() -> None:

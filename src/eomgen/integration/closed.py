@@ -9,7 +9,8 @@ from ..errors import IntegrationStopped, LoopError
 from ..loops.chart import Chart
 from ..runtime.kernel import Kernel
 from ..runtime.opened import left_open
-from ..state.vectors import Q_STEP, V_STEP, DriveFunction, MotionFunction, WrenchFunction
+from ..state.springs import rate_step
+from ..state.vectors import Q_STEP, DriveFunction, MotionFunction, WrenchFunction
 from .system import System
 
 Array = NDArray[np.float64]
@@ -107,7 +108,7 @@ class ClosedSystem(System):
         self.counts["jacobians"] += 1
         f = y.size // 2
         size = np.maximum(1.0, np.abs(y))
-        steps = np.concatenate([Q_STEP * size[:f], V_STEP * size[f:]])
+        steps = np.concatenate([Q_STEP * size[:f], rate_step(self.kernel) * size[f:]])
         found = self._derivatives(t, np.vstack([y, y + np.diag(steps)]))
         return np.asarray((found[1:] - found[0]).T / steps)
 

@@ -19,7 +19,9 @@ Conflict = tuple[str, str]  # key, message
 
 SMALLEST = 1e-12  # least value of what is divided by, m, rad or per s
 SHARE = 0.05  # of a clearance over which contact sets in
-SMOOTHING = 1e-3  # m/s or rad/s in which friction turns round
+SMOOTHING = 4e-8  # m/s or rad/s in which friction turns round: 90 % of the limit creep by 0.8 um in 10 s
+SHARP = 1e-6  # of the Stribeck rate, at most: so little of the peak is lost where friction turns round
+COARSE = 1e-3  # m/s or rad/s by which explicit steps chatter where friction is too sharp for them
 
 FORCE, LENGTH, RATE = ("N", "N m"), ("m", "rad"), ("m/s", "rad/s")
 STIFFNESS, DAMPING, INERTIA = ("N/m", "N m/rad"), ("N s/m", "N m s/rad"), ("kg", "kg m^2")
@@ -58,8 +60,9 @@ class Law:
         is_spring: whether it holds its coordinate.
         stiffness: (k, numbers, deviations of a curve) -> stiffness (N/m, N m/rad) of a coordinate that has k without
             this law: what the choice of a method and the sizes of coordinates look at; None where it stays k.
-        rate_slope: numbers -> the largest slope of its force by the rate, N s/m or N m s/rad: what the choice of a
-            method looks at, too; None where its force does not depend on the rate alone.
+        rate_slope: (numbers, least) -> the largest slope of its force by the rate, N s/m or N m s/rad, ``least`` as of
+            ``rate_slope_of``: what the choice of a method looks at, too; None where its force does not depend on the
+            rate alone.
         mjcf: numbers -> what becomes of it in MuJoCo where it is not written as it is; empty where it is.
         takes_stiffness: whether its formula is that of the coordinate's stiffness, too.
         absorbs: springs that act within its formula.
@@ -74,7 +77,7 @@ class Law:
     stiffness: Callable[[float, Values, Sequence[float]], float] | None
     mjcf: Callable[[Values], str]
     about: str = ""
-    rate_slope: Callable[[Values], float] | None = None
+    rate_slope: Callable[[Values, float], float] | None = None
     takes_stiffness: bool = False
     absorbs: tuple[str, ...] = ()
     excludes: tuple[str, ...] = ()
@@ -123,13 +126,14 @@ def _stribeck(given: Values) -> Conflict | None:
 
 
 def _friction_smoothing(given: Values) -> float:
-    return max(0.1 * given["friction.stribeck"], SMALLEST) if "friction.stribeck" in given else SMOOTHING
+    return max(min(SMOOTHING, SHARP * given.get("friction.stribeck", 1.0)), SMALLEST)
 
 
-def _friction_slope(given: Values) -> float:
+def _friction_slope(given: Values, least: float) -> float:
     """The slope at rest, where friction turns round."""
     level = max(given["friction.coulomb"], given.get("friction.static", 0.0))
-    return level / given["friction.smoothing"] + given.get("friction.viscous", 0.0)
+    smoothing = given["friction.smoothing"]
+    return level / (smoothing if smoothing >= 0.01 * least else least) + given.get("friction.viscous", 0.0)
 
 
 def _steepest(k: float, given: Values, knots: Sequence[float]) -> float:
@@ -232,7 +236,7 @@ _LAWS = (
             Number("friction.viscous", "force per rate", DAMPING),
             Number(
                 "friction.smoothing",
-                "rate over which friction turns round; default stribeck / 10, or 1e-3",
+                "rate over which friction turns round; default 4e-8, or 1e-6 stribeck if that is less",
                 RATE,
                 least=SMALLEST,
                 idle=None,
@@ -349,9 +353,14 @@ def stiffness_of(numbers: Values, knots: Sequence[float]) -> float:
     return k
 
 
-def rate_slope_of(numbers: Values) -> float:
-    """The largest slope of a coordinate's laws by its rate, N s/m or N m s/rad, without its linear damper."""
-    return sum((law.rate_slope(numbers) for law in given_laws(numbers) if law.rate_slope), 0.0)
+def rate_slope_of(numbers: Values, least: float = 0.0) -> float:
+    """The largest slope of a coordinate's laws by its rate, N s/m or N m s/rad, without its linear damper.
+
+    Args:
+        numbers: of all laws of the coordinate.
+        least: rate (m/s or rad/s) over which friction turns round whose smoothing is below a hundredth of it.
+    """
+    return sum((law.rate_slope(numbers, least) for law in given_laws(numbers) if law.rate_slope), 0.0)
 
 
 def has_springs(numbers: Values, knots: Sequence[float]) -> bool:

@@ -64,7 +64,7 @@ class Friction:
     """Dry friction at the rate v: sgn(v) (coulomb + (static - coulomb) / (1 + (v / stribeck)^2)) + viscous v.
 
     coulomb, static: N or N m; stribeck: m/s or rad/s; viscous: N s/m or N m s/rad.  sgn(v) is v / sqrt(v^2 +
-    smoothing^2); smoothing (m/s or rad/s) becomes a tenth of stribeck, or 1e-3, where it is None.
+    smoothing^2); smoothing (m/s or rad/s) becomes 4e-8, or 1e-6 stribeck if that is less, where it is None.
     """
 
     coulomb: float
