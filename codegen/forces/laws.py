@@ -11,7 +11,7 @@ Control of Systems with Friction", IEEE Transactions on Automatic Control 40 (19
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -23,6 +23,8 @@ from .monotone_curve import curve_pieces
 from .scalar_functions import Functions
 
 Numbers = Mapping[str, Scalar]
+FRICTION = ("friction",)
+LEAST_LOAD = 1e-6  # N, beside which a load bends to 0: far below what matters, and its square far above a float's least
 
 
 @dataclass(frozen=True)
@@ -30,6 +32,7 @@ class Effect:
     """Resisting force (N, N m), its slopes by deviation and rate, and stored energy (J).
 
     rubs: the slope by the rate that friction has, beside ``by_v``.  drag: friction over its rate, its secant.
+    by_load: the slope of friction by the force that presses the joint.
     """
 
     force: Scalar = 0.0
@@ -38,6 +41,7 @@ class Effect:
     energy: Scalar = 0.0
     rubs: Scalar = 0.0
     drag: Scalar = 0.0
+    by_load: Scalar = 0.0
 
     def __add__(self, other: Effect) -> Effect:
         return Effect(
@@ -47,6 +51,7 @@ class Effect:
             self.energy + other.energy,
             self.rubs + other.rubs,
             self.drag + other.drag,
+            self.by_load + other.by_load,
         )
 
     @property
@@ -68,7 +73,7 @@ class Deflection:
     """Arguments of a law: the numbers of the coordinate's laws, deviations of its curve, deviation s and rate v.
 
     numbers: by the names of ``robot.laws``; "stiffness" is there if a law takes it.
-    s: m or rad; v: per s.  f: functions of the scalars.
+    s: m or rad; v: per s.  f: functions of the scalars.  load: the force that presses the joint, N.
     """
 
     numbers: Numbers
@@ -76,16 +81,45 @@ class Deflection:
     s: Scalar
     v: Scalar
     f: Functions
+    load: Scalar = 0.0
 
 
-def effect(numbers: Numbers, knots: Sequence[float], s: Scalar, v: Scalar, f: Functions) -> Effect:
-    """Sum of a coordinate's laws beyond linear stiffness and damping; arguments as of ``Deflection``."""
+def effect(
+    numbers: Numbers,
+    knots: Sequence[float],
+    s: Scalar,
+    v: Scalar,
+    f: Functions,
+    load: Scalar = 0.0,
+    without: Collection[str] = (),
+) -> Effect:
+    """Sum of a coordinate's laws beyond linear stiffness and damping, without some; arguments as of ``Deflection``."""
     given = {law.name for law in given_laws(numbers)}
-    acting = given.difference(*(LAWS[name].absorbs for name in given))
-    x, total = Deflection(numbers, knots, s, v, f), Effect()
+    acting = given.difference(without, *(LAWS[name].absorbs for name in given))
+    x, total = Deflection(numbers, knots, s, v, f, load), Effect()
     for group in GROUPS:
         total = total + sum((formula(x) for name, formula in group.items() if name in acting), Effect())
     return total
+
+
+def pressing(
+    stiffness: Scalar, damping: Scalar, numbers: Numbers, knots: Sequence[float], s: Scalar, v: Scalar, f: Functions
+) -> Effect:
+    """What springs, contacts and dampers of a coordinate carry; ``stiffness`` and ``damping`` of its straight line."""
+    return Effect(stiffness * s + damping * v, stiffness, damping) + effect(numbers, knots, s, v, f, without=FRICTION)
+
+
+def load_of(carried: Sequence[Effect], f: Functions) -> tuple[Scalar, list[Scalar]]:
+    """The force N that presses a joint, and its slopes by what each of the coordinates across carries.
+
+    N = sqrt(F_1^2 + F_2^2 + LEAST_LOAD^2): it has slopes where nothing presses, too.
+    """
+    total: Scalar = LEAST_LOAD * LEAST_LOAD
+    for one in carried:
+        total = total + one.force * one.force
+    load = f.sqrt(total)
+    inverse = 1.0 / load
+    return load, [one.force * inverse for one in carried]
 
 
 def tension(numbers: Numbers, knots: Sequence[float], e: Scalar, rate: Scalar, f: Functions) -> Effect:
@@ -205,7 +239,13 @@ def _friction(x: Deflection) -> Effect:
         share = 1.0 / (1.0 + z * z)
         more = (numbers["friction.static"] - level) * share
         level, level_slope = level + more, -2.0 * rate * (z * (more * share))
-    total = Effect(sign * level, rubs=sign_slope * level + sign * level_slope, drag=inverse * level)
+    by_load: Scalar = 0.0
+    if "friction.coefficient" in numbers:
+        lever = numbers["friction.coefficient"] * numbers.get("friction.radius", 1.0)
+        level, by_load = level + lever * x.load, lever * sign
+    total = Effect(
+        sign * level, rubs=sign_slope * level + sign * level_slope, drag=inverse * level, by_load=by_load
+    )
     if "friction.viscous" in numbers:
         b = numbers["friction.viscous"]
         total = total + Effect(b * v, rubs=b, drag=b)

@@ -124,8 +124,7 @@ def _closing_rows(d: Derivation, dt: Scalar) -> list[Row]:
 
 def _cut_row(d: Derivation, own: Deviating, dt: Scalar, square: Scalar, springs: list[Scalar]) -> Row:
     """The row of a cut joint's coordinate with a force, which ``springs`` get: where its rate leads to after dt."""
-    rate = own.rate(d.v)
-    found = own.resists(own.s + dt * rate, rate, d.functions)
+    found = own.resists(d.v, d.functions, dt)
     for i, arm in own.arms.items():
         springs[i] = springs[i] + found.force * arm
     return elastic_row(own.arms, d.functions.sqrt(found.ahead(dt, square, d.functions)))

@@ -116,12 +116,20 @@ def _ends(given: Values) -> Conflict | None:
     return None
 
 
+def _soft_friction(given: Values) -> str:
+    dry = any(given.get(f"friction.{key}") for key in ("coulomb", "static", "coefficient"))
+    lost = "smoothing, load and Stribeck part" if given.get("friction.coefficient") else "smoothing and Stribeck part"
+    return f"frictionloss, a soft constraint, without {lost}" if dry else ""
+
+
 def _stribeck(given: Values) -> Conflict | None:
     coulomb, static = given["friction.coulomb"], given.get("friction.static")
     if (static is None) != ("friction.stribeck" not in given):
         return "friction", "static and stribeck belong together; allowed: both or none"
     if static is not None and static < coulomb:
         return "friction.static", f"got {static!r}; allowed: at least coulomb, {coulomb!r}"
+    if "friction.radius" in given and "friction.coefficient" not in given:
+        return "friction.radius", "there is no coefficient; allowed: radius with coefficient"
     return None
 
 
@@ -132,6 +140,7 @@ def _friction_smoothing(given: Values) -> float:
 def _friction_slope(given: Values, least: float) -> float:
     """The slope at rest, where friction turns round."""
     level = max(given["friction.coulomb"], given.get("friction.static", 0.0))
+    level += given.get("friction.coefficient", 0.0) * given.get("friction.radius", 1.0)  # of a load of 1 N
     smoothing = given["friction.smoothing"]
     return level / (smoothing if smoothing >= 0.01 * least else least) + given.get("friction.viscous", 0.0)
 
@@ -222,9 +231,9 @@ _LAWS = (
     ),
     Law(
         name="friction",
-        about="dry friction: coulomb, static, stribeck, viscous, smoothing",
+        about="dry friction: coulomb, static, stribeck, viscous, smoothing, coefficient, radius",
         numbers=(
-            Number("friction.coulomb", "force that resists any motion", FORCE, needed="a force in N or N m"),
+            Number("friction.coulomb", "force that resists any motion; 0 where there is a coefficient", FORCE),
             Number("friction.static", "force from rest, at least coulomb; with stribeck", FORCE),
             Number(
                 "friction.stribeck",
@@ -242,14 +251,16 @@ _LAWS = (
                 idle=None,
                 default=_friction_smoothing,
             ),
+            Number(
+                "friction.coefficient",
+                "of what springs, contacts and dampers of the joint's translations across it carry, which adds to coulomb",
+                ("1", "1"),
+            ),
+            Number("friction.radius", "at which a turn rubs; with coefficient", ("m", "m"), idle=None),
         ),
         is_spring=False,
         stiffness=None,
-        mjcf=lambda given: (
-            "frictionloss, a soft constraint, without smoothing and Stribeck part"
-            if given["friction.coulomb"] or given.get("friction.static")
-            else ""
-        ),
+        mjcf=_soft_friction,
         rate_slope=_friction_slope,
         rule=_stribeck,
     ),

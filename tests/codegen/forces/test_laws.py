@@ -303,7 +303,8 @@ def test_implicit_steps_are_those_of_the_formula(seed: int, built: Build) -> Non
             straight = c.stiffness if c.clearance is None and c.stiffness_negative is None and c.stiffness else 0.0
             bent[i] = dt * damping[i] + dt * dt * straight + max(bent[i] - dt * dt * straight, 0.0)
             if c.friction is not None:  # beside a linear spring alone
-                secant = resistance(Coordinate(friction=c.friction), 0.0, v[i]) / v[i]
+                load = LawOracle(robot).loads(ahead, v)[i]
+                secant = resistance(Coordinate(friction=c.friction), 0.0, v[i], load) / v[i]
                 bent[i] = dt * (damping[i] + secant) + dt * dt * (c.stiffness or 0.0)
         weights = kernel.generalized_force(q, none) - kernel.generalized_force(ahead, none)
         gravity = weights + np.array([
