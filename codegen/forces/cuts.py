@@ -48,18 +48,15 @@ class Deviating:
         s, rate = self._after(v, dt)
         k, c = self.law.stiffness, self.law.damping
         linear = Effect(k * s + c * rate, k, c, 0.5 * k * s * s)
-        load = load_of([other._presses(v, f, dt) for other in self.carriers], f)[0] if self.carriers else 0.0
+        load = load_of([other.presses(v, f, dt) for other in self.carriers], f)[0] if self.carriers else 0.0
         return linear + effect(self.law.law, self.law.knots, s, rate, f, load)
 
     def moved_by(self) -> list[int]:
         """Indices of the coordinates on which its force depends, its own arms' first."""
         return list(dict.fromkeys(i for one in (self, *self.carriers) for i in one.arms))
 
-    def _after(self, v: Sequence[Scalar], dt: Scalar) -> tuple[Scalar, Scalar]:
-        rate = self.rate(v)
-        return self.s if is_zero(dt) else self.s + dt * rate, rate
-
-    def _presses(self, v: Sequence[Scalar], f: Functions, dt: Scalar) -> Effect:
+    def presses(self, v: Sequence[Scalar], f: Functions, dt: Scalar) -> Effect:
+        """What its springs, contacts and dampers carry, arguments as of ``resists``."""
         s, rate = self._after(v, dt)
         return pressing(self.law.stiffness, self.law.damping, self.law.law, self.law.knots, s, rate, f)
 
@@ -68,6 +65,10 @@ class Deviating:
         if self.closure is not None and self.direction is not None:
             wrench = self.direction.wrench(-1.0 * force)
             yield from self.closure.wrenches(wrench.force, wrench.moment)
+
+    def _after(self, v: Sequence[Scalar], dt: Scalar) -> tuple[Scalar, Scalar]:
+        rate = self.rate(v)
+        return self.s if is_zero(dt) else self.s + dt * rate, rate
 
 
 def deviating(bound: Bound, closures: Sequence[Closure], q: Sequence[Scalar], f: Functions) -> list[Deviating]:

@@ -243,9 +243,7 @@ def _friction(x: Deflection) -> Effect:
     if "friction.coefficient" in numbers:
         lever = numbers["friction.coefficient"] * numbers.get("friction.radius", 1.0)
         level, by_load = level + lever * x.load, lever * sign
-    total = Effect(
-        sign * level, rubs=sign_slope * level + sign * level_slope, drag=inverse * level, by_load=by_load
-    )
+    total = Effect(sign * level, rubs=sign_slope * level + sign * level_slope, drag=inverse * level, by_load=by_load)
     if "friction.viscous" in numbers:
         b = numbers["friction.viscous"]
         total = total + Effect(b * v, rubs=b, drag=b)

@@ -55,7 +55,7 @@ def test_the_peak_is_the_number_given(dtype: str, built: Build) -> None:
 
 @pytest.mark.parametrize("start", [0.0, 0.37, -1.0])
 def test_what_friction_holds_stays(start: float, built: Build) -> None:
-    """At 90 % of the limit less than 1 um in 10 s, at rest or after arriving, in fixed steps and under error control."""
+    """At 90 % of the limit less than 1 um in 10 s, also after arriving, in fixed steps and under error control."""
     kernel = built(on_a_rail(Friction(LIMIT)), *NEEDED)
     way = 0.5 * start * abs(start) / (LIMIT - np.sign(start) * LOAD[0])  # to rest, m
     found = integrate(kernel, [0.0], [start], 12.0, drive=loaded, output_step=0.5)
@@ -98,7 +98,7 @@ def test_friction_in_a_coupling_holds_too(built: Build) -> None:
     robot = Robot("gripped", (0.0, 0.0, 0.0), links, joints, couplings=(grip,))
     kernel = eomgen.build(robot)
     u = np.array([3.0, 0.0])
-    q, v = kernel.rollout(np.zeros(2), np.array([0.5, 0.0]), u, dt=1e-3, steps=12_000, method="implicit")
+    q, _ = kernel.rollout(np.zeros(2), np.array([0.5, 0.0]), u, dt=1e-3, steps=12_000, method="implicit")
     assert np.ptp(q[4000:, 0] - q[4000:, 1]) < 1e-6
     assert q[-1, 1] == pytest.approx(0.03, abs=1e-6)  # 3 N over 100 N/m
     found = integrate(kernel, [0.0, 0.0], [0.5, 0.0], 12.0, drive=lambda _t, _q, _v: u, output_step=0.1)
@@ -145,7 +145,8 @@ def on_a_belt(friction: Friction) -> Robot:
         Joint("drive", "base", "belt", "prismatic", coordinates={"z": Coordinate(prescribed=True)}),
         Joint("rub", "belt", "block", "prismatic", coordinates={"z": Coordinate(friction=friction)}),
     )
-    return Robot("on_a_belt", (0.0, 0.0, 0.0), links, joints, springs=(Spring("s", ("base", "block"), stiffness=STIFFNESS),))  # fmt: skip
+    spring = Spring("spring", ("base", "block"), stiffness=STIFFNESS)
+    return Robot("on_a_belt", (0.0, 0.0, 0.0), links, joints, springs=(spring,))
 
 
 @dataclass(frozen=True)
@@ -158,16 +159,17 @@ class Cycle:
 
 
 def by_events(friction: Friction) -> Cycle:
-    """The limit cycle: it sticks until the spring pulls with the static force, and slips until it is as fast as the belt.
+    """The limit cycle: sticking until the spring pulls with the static force, slipping until as fast as the belt.
 
     Sticking is a straight line; slipping is integrated to an event, with a sign of the relative rate that is given.
     """
-    assert friction.static is not None
-    assert friction.stribeck is not None
-    breaks = friction.static / STIFFNESS
+    static, coulomb, stribeck = friction.static, friction.coulomb, friction.stribeck
+    assert static is not None
+    assert stribeck is not None
+    breaks = static / STIFFNESS
 
     def slip(_: float, y: Array) -> list[float]:
-        level = friction.coulomb + (friction.static - friction.coulomb) / (1.0 + ((SPEED - y[1]) / friction.stribeck) ** 2)  # type: ignore[operator]  # fmt: skip
+        level = coulomb + (static - coulomb) / (1.0 + ((SPEED - y[1]) / stribeck) ** 2)
         return [y[1], (level - STIFFNESS * y[0]) / MASS]
 
     def as_fast(_: float, y: Array) -> float:

@@ -253,7 +253,7 @@ _LAWS = (
             ),
             Number(
                 "friction.coefficient",
-                "of what springs, contacts and dampers of the joint's translations across it carry, which adds to coulomb",
+                "of what the joint's springs, contacts and dampers carry across it; adds to coulomb",
                 ("1", "1"),
             ),
             Number("friction.radius", "at which a turn rubs; with coefficient", ("m", "m"), idle=None),

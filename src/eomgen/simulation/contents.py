@@ -114,7 +114,8 @@ def meta_of(data: Mapping[str, Any], where: str) -> Meta:
     _check_names(where, "links", meta.links, is_identifier, IDENTIFIER_RULE)
     if meta.robot_hash and not re.fullmatch("[0-9a-f]{64}", meta.robot_hash):
         raise InputError(f"{where}: robot_hash: got {show(meta.robot_hash)}; allowed: 64 hexadecimal digits")
-    _check_names(where, "rests", {x.coordinate: x for x in meta.rests}, _is_held, "names of coordinates and couplings")
+    held = list(dict.fromkeys(rest.coordinate for rest in meta.rests))
+    _check_names(where, "rests", held, _is_held, "names of coordinates and couplings")
     for key in COUNTS:
         if meta.info.get(key, -1) < 0:
             raise InputError(f"{where}: info: got {show(meta.info.get(key))} for {key}; allowed: a number from 0 on")

@@ -122,7 +122,7 @@ def rubbing_rates(kernel: Kernel, q: Array) -> Array:
         found[i] = known.get(name, np.inf)
     for name, row in zip(kernel.cut_laws, kernel.cut_jacobian(q) if kernel.cut_laws else (), strict=True):
         found[row != 0.0] = np.minimum(found[row != 0.0], known.get(name, np.inf))
-    return np.maximum(found, SHARPEST)
+    return np.asarray(np.maximum(found, SHARPEST))
 
 
 def clearances(kernel: Kernel) -> dict[str, float]:

@@ -38,8 +38,8 @@ def cut_pin(friction: Friction = LOADED) -> Robot:
     """The same wheel as a free body, held by a cut joint."""
     free = {name: Coordinate() for name in ("x", "y", "gamma")}
     joint = Joint("float", "base", "wheel", "fixed", coordinates=free)
-    table = {"x": X, "y": Y, "gamma": Coordinate(friction=friction)}
-    loop = Loop("pin", ("base", "wheel"), "planar", coordinates=table)
+    table = {"x": X, "y": Y, "z": Coordinate(), "gamma": Coordinate(friction=friction)}
+    loop = Loop("pin", ("base", "wheel"), "spherical", coordinates=table)
     return Robot("cut_pin", (0.0, -9.81, 0.0), (LINK,), (joint,), loops=(loop,))
 
 
@@ -97,7 +97,7 @@ def test_slopes_are_unsymmetric_and_finite_without_a_load(built: Build) -> None:
     by_q, by_v, _ = kernel.residual_jacobian([0.1, 0.0, 0.3], [0.0, 0.0, 1.0], np.zeros(3))
     assert abs(by_q[2, 0]) > 1.0
     assert abs(by_v[2, 1]) > 0.01
-    assert np.abs(by_q[:2, 2]).max() == 0.0
+    assert np.abs(by_q[:2, 2]).max() < 1e-12
     at_none = kernel.residual_jacobian([0.0, -3.0 / 80.0, 0.3], [0.0, 0.0, 1.0], np.zeros(3))
     assert all(np.isfinite(block).all() for block in at_none)
     assert abs(at_none[0][2, 0]) < 1e-6
@@ -132,15 +132,15 @@ def test_it_only_takes_energy(built: Build) -> None:
     power = (kernel.generalized_force(q, v) - bare.generalized_force(q, v)) * v
     assert power.max() <= 1e-12
     assert power.min() < -1.0
-    robot = pin(replace(LOADED, smoothing=None), x=replace(X, damping=0.0), y=replace(Y, damping=0.0))
-    whole = built(robot, "forward_dynamics", "energy", "residual_jacobian", "mass_matrix", "inverse_dynamics")
+    sharp = replace(LOADED, smoothing=4e-8)
+    whole = built(pin(sharp), "forward_dynamics", "energy", "residual_jacobian", "mass_matrix", "inverse_dynamics")
     found = integrate(whole, [0.0, 0.0, 0.5], [0.0, 0.0, 5.0], 1.0, output_step=0.01)
     energy = np.asarray(found.energy).sum(axis=1)
-    assert np.diff(energy).max() <= 1e-6 * np.ptp(energy)
-    rates = np.diff(energy) / 0.01
-    forces = np.array([by_hand(*state) for state in zip(found.q, found.v, strict=True)])
-    taken = forces * found.v[:, 2]
-    assert close(-rates, 0.5 * (taken[1:] + taken[:-1]), 0.05)
+    assert np.diff(energy).max() <= 1e-5 * np.ptp(energy)
+    forces = np.array([by_hand(*state, sharp) for state in zip(found.q, found.v, strict=True)])
+    taken = forces * found.v[:, 2] + found.v[:, :2] ** 2 @ [2.0, 1.0]  # and the dampers
+    work = 0.5 * np.diff(found.t) @ (taken[1:] + taken[:-1])
+    assert work == pytest.approx(energy[0] - energy[-1], rel=2e-3)
 
 
 def test_a_wheel_comes_to_rest_under_its_weight(built: Build) -> None:
@@ -173,8 +173,8 @@ def test_a_rigid_robot_has_no_load() -> None:
     assert rigid.tunable == (f"{name}.coulomb",)
     assert f"{name}.radius" not in build_model(rigid).parameters
     closed = cut_pin().rigid()
-    assert closed.loops[0].coordinates["gamma"].friction == LOADED  # planar: x and y are free, and keep their springs
-    assert build_model(closed)
+    assert closed.loops[0].coordinates == {"gamma": Coordinate(friction=replace(LOADED, coefficient=None, radius=None))}
+    assert build_model(closed).cut_laws
 
 
 def test_records_keep_it() -> None:
@@ -226,7 +226,7 @@ def test_described() -> None:
         ),
         (
             "x = { stiffness = 1e6 }",
-            "motor = { inertia = 1.0, ratio = 2.0, stiffness = 1.0, friction = { coefficient = 0.1 } }\nx = {damping=1}",
+            "motor = { inertia = 1, ratio = 2, stiffness = 1, friction = { coefficient = 0.1 } }\nx = { damping = 1 }",
             r"motor\.friction\.coefficient: no joint presses",
         ),
     ],
