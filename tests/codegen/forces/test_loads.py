@@ -11,7 +11,8 @@ import pytest
 
 import eomgen
 from eomgen.description.load import robot_from_toml
-from eomgen.errors import DescriptionError
+from eomgen.errors import DescriptionError, InputError
+from eomgen.export.mujoco import mjcf
 from eomgen.integration import integrate
 from eomgen.robot.model import build_model
 from eomgen.robot.record import record_of, robot_of
@@ -182,6 +183,12 @@ def test_records_keep_it() -> None:
     assert robot_of(json.loads(json.dumps(record_of(robot)))) == robot
     plain = record_of(pin(Friction(1.0)))["joints"][0]["coordinates"]["gamma"]["friction"]
     assert set(plain) == {"coulomb", "static", "stribeck", "viscous", "smoothing"}
+
+
+def test_mujoco_has_no_such_friction() -> None:
+    robot = pin(Friction(coefficient=0.1, radius=0.2), x=Coordinate(50.0), y=Coordinate(80.0))
+    with pytest.raises(InputError, match=r"joints\.pin\.gamma\.friction: frictionloss.* without .*load"):
+        mjcf(robot, 1e-3)
 
 
 TOML = """
