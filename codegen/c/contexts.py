@@ -27,6 +27,8 @@ LITERALS = {"zero": 0.0, "half": 0.5, "one": 1.0, "two": 2.0, "six": 6.0}  # of 
 PIVOT_LIMITS = {"float64": 1e-12, "float32": 1e-5}  # a pivot below so much of its scale counts as vanished
 OPEN_GAPS = {"float64": 1e-9, "float32": 1e-5}  # m or rad, and per second of a rate of 1: more is not round-off
 CLOSED_GAPS = {"float64": 1e-11, "float32": 2e-6}  # m or rad, from which one more projection leaves round-off
+MET_GAPS = {"float64": 1e-12, "float32": 2e-6}  # m, or sine of an angle: a constraint that is met
+LEFT = 10.0  # times that is what round-off may leave of it
 CHECKED = ("constrained_dynamics", "constrained_drives")  # programs whose callers look at the gaps that they write
 
 
@@ -105,6 +107,10 @@ def number_context(equations: Equations, dtype: str, meta: Mapping[str, Any]) ->
         "open_gap": scalar.literal(OPEN_GAPS[dtype]),
         "redundant": meta.get("redundant", False),
         "closed_gap": scalar.literal(CLOSED_GAPS[dtype]),
+        "met_gap": scalar.literal(MET_GAPS[dtype]),
+        "left_gap": scalar.literal(LEFT * MET_GAPS[dtype]),
+        "falling": scalar.literal(0.7),
+        "tenth": scalar.literal(0.1),
         "checks": _checks(equations, _composed(equations)),
         "statuses_of_a_step": str(statuses(model)),
         "sizes": {key: int(np.prod(shape)) for key, shape in shapes(model).items()},

@@ -40,7 +40,8 @@ def batched(equations: Equations) -> list[str]:
 
 def _has_lanes(equations: Equations, name: str) -> bool:
     """True if there is C of the kernel for vectors: a program, or a template that is written for both."""
-    return name in equations.programs or KERNELS[name].kind in ("composed", "rollout") or bool(KERNELS[name].closed)
+    known = KERNELS[name]
+    return known.vectors and (name in equations.programs or known.kind in ("composed", "rollout") or bool(known.closed))
 
 
 def calls_of(equations: Equations, name: str) -> tuple[str, ...]:

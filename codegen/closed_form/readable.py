@@ -1,12 +1,13 @@
 """Closed-form equations of a small robot for a reader: eqs. (10)-(16), simplified, as text or LaTeX.
 
-The terms are those of ``trace``.  Coordinates have the paper's letters with the joint's number (x_1, gamma_1), numbers
-of the description those of ``SYMBOLS`` with the name of their link or joint.
+The terms are those of ``trace``.  Of a robot with loops and couplings the tree's equations have J^T lambda on their
+right, and g(q) = 0 and its Jacobian J come with them.  Coordinates have the paper's letters with the joint's number
+(x_1, gamma_1), numbers of the description those of ``SYMBOLS`` with the name of their link or joint.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,11 +16,12 @@ from sympy.simplify.fu import TR10i
 
 from eomgen.errors import InputError
 from eomgen.names import parameter_path, split_component
-from eomgen.robot.coordinates import unit_of
-from eomgen.robot.model import Model, open_tree, parameter_values
+from eomgen.robot.coordinates import force_unit_of, unit_of
+from eomgen.robot.model import Model, parameter_values
 from eomgen.robot.value import ANGULAR, MOTOR
 
-from .trace import ClosedForm, closed_form, refuse_springs
+from .closing import Rank, rank_at_home
+from .trace import ClosedForm, closed_form, exact, refuse_springs
 
 Expr = Any  # sympy.Expr
 
@@ -42,6 +44,7 @@ SYMBOLS = {  # what a parameter's name ends with: letter, unit
 }
 ANGULAR_UNITS = {"stiffness": "N m/rad", "damping": "N m s/rad", "armature": "kg m^2"}
 LINEAR_RATIO = "1/m"  # of a gear in front of a prismatic joint
+DROPS_OUT = "in every state: nothing moves the loop along it, and it drops out"
 
 
 @dataclass(frozen=True)
@@ -56,11 +59,22 @@ class Letter:
 
 
 @dataclass(frozen=True)
+class Component:
+    """A component of g(q) = 0, simplified: its name, multiplier, value, derivatives but zeros by index."""
+
+    name: str
+    multiplier: Expr
+    value: Expr
+    arms: Mapping[int, Expr]
+
+
+@dataclass(frozen=True)
 class ReadableClosedForm:
     """Simplified M, C and Q of a robot with their symbols; ``lines`` is text, ``latex`` a LaTeX fragment.
 
     mass_matrix: {(s, v): entry}, s <= v; christoffel: {(s, v, w): entry}, v <= w; by index, zeros left out.
-    force: Q_P + Q_G of every coordinate, and the drive where there is one.
+    force: Q_P + Q_G of every coordinate, the drive where there is one, and J^T lambda of what closes the robot.
+    constraint: of loops and rigid couplings.  rank: of it at the description's home, if that closes.
     """
 
     model: Model
@@ -69,6 +83,8 @@ class ReadableClosedForm:
     mass_matrix: Mapping[tuple[int, int], Expr]
     christoffel: Mapping[tuple[int, int, int], Expr]
     force: tuple[Expr, ...]
+    constraint: tuple[Component, ...] = ()
+    rank: Rank | None = None
 
     @property
     def left(self) -> tuple[Expr, ...]:
@@ -84,9 +100,7 @@ class ReadableClosedForm:
 
     def lines(self) -> list[str]:
         """Text: symbols, coefficients, equations."""
-        lines = [f"{self.model.name}: closed form of the equations of motion"]
-        lines += [note for note in [open_tree(self.model.robot)] if note]
-        lines += ["", "symbols"]
+        lines = [f"{self.model.name}: closed form of the equations of motion", "", "symbols"]
         for letter in self.letters:
             value = f"{letter.value!r} " if letter.value is not None else ""
             lines.append(f"  {letter.symbol} = {letter.meaning}: {value}{letter.unit}")
@@ -94,11 +108,16 @@ class ReadableClosedForm:
         lines += ["", "coefficients of eqs. (11) and (12), M symmetric, C symmetric in the last two; others are zero"]
         lines += [f"  M[{q[s]}, {q[v]}] = {entry}" for (s, v), entry in self.mass_matrix.items()]
         lines += [f"  C[{q[s]}; {q[v]}, {q[w]}] = {entry}" for (s, v, w), entry in self.christoffel.items()]
+        if self.constraint:
+            lines += ["", "constraint g(q) = 0 of loops and couplings, and its derivatives J; others are zero"]
+            lines += [f"  g[{part.name}] = {self._said(part)}" for part in self.constraint]
+            lines += [f"  J[{part.name}, {q[i]}] = {arm}" for part in self.constraint for i, arm in part.arms.items()]
+            lines += [f"  {note}" for note in self._rank_notes()]
         lines += ["", "equations of motion, eq. (10)"]
         return lines + [f"  {left} = {right}" for left, right in zip(self.left, self.force, strict=True)]
 
     def latex(self) -> str:
-        """A LaTeX fragment for amsmath: the symbols as comments, then two align* environments."""
+        """A LaTeX fragment for amsmath: the symbols as comments, then two align* environments, of loops three."""
         names = {letter.symbol: letter.latex for letter in self.letters}
         names |= {symbol: _latex_of(str(symbol)) for row in (self.form.v, self.form.a, self.form.u) for symbol in row}
 
@@ -106,16 +125,33 @@ class ReadableClosedForm:
             return str(sp.latex(expression, symbol_names=names))
 
         text = [f"% {self.model.name}: closed form of the equations of motion, eqs. (10)-(12)"]
-        text += [f"% {note}" for note in [open_tree(self.model.robot)] if note]
         for letter in self.letters:
             value = f"{letter.value!r} " if letter.value is not None else ""
             text.append(f"% ${letter.latex}$ = {letter.meaning}: {value}{letter.unit}")
         rows = [f"M_{{{self._place(key)}}} &= {show(entry)}" for key, entry in self.mass_matrix.items()]
         rows += [f"C_{{{self._place(key)}}} &= {show(entry)}" for key, entry in self.christoffel.items()]
         sides = [f"{show(left)} &= {show(right)}" for left, right in zip(self.left, self.force, strict=True)]
-        for part in (rows, sides):
-            text += ["\\begin{align*}", " \\\\\n".join(part), "\\end{align*}"]
+        closing = [f"g_{{{_owner(part.name)}}} &= {show(part.value)} = 0" for part in self.constraint if part.arms]
+        for part in self.constraint:
+            for i, arm in part.arms.items():
+                slope = f"\\frac{{\\partial g_{{{_owner(part.name)}}}}}{{\\partial {names[self.form.q[i]]}}}"
+                closing.append(f"{slope} &= {show(arm)}")
+        text += [f"% g of {part.name} = {part.value} {DROPS_OUT}" for part in self.constraint if not part.arms]
+        text += [f"% {note}" for note in self._rank_notes()]
+        for block in (rows, closing, sides) if closing else (rows, sides):
+            text += ["\\begin{align*}", " \\\\\n".join(block), "\\end{align*}"]
         return "\n".join(text)
+
+    def _said(self, part: Component) -> str:
+        """Print a component's value, and that it drops out if nothing moves it."""
+        return str(part.value) if part.arms else f"{part.value} {DROPS_OUT}"
+
+    def _rank_notes(self) -> list[str]:
+        """Lines about what is redundant at home."""
+        if self.rank is None:
+            return []
+        found = f"at home: {self.rank.freedoms} degrees of freedom"
+        return [f"{found}; redundant there: {', '.join(self.rank.redundant) or 'none'}"]
 
     def _place(self, key: Sequence[int]) -> str:
         """Subscript and superscript of eq. (11) or (12): joints, then coordinates; one joint is named once."""
@@ -149,6 +185,7 @@ def readable_closed_form(model: Model, *, numbers: bool = False) -> ReadableClos
     n = model.size
     entries = [form.mass_matrix[s, v] for s in range(n) for v in range(s, n)]
     entries += [form.christoffel[s][v][w] for s in range(n) for v in range(n) for w in range(v, n)]
+    entries += [*form.closing.values, *(arm for row in form.closing.arms for arm in row.values())]
     operations = int(sum(sp.count_ops(entry) for entry in entries))
     if operations > MOST_OPERATIONS:
         advice = "lock coordinates" if numbers else "keep the numbers (--numbers), or lock coordinates"
@@ -159,13 +196,48 @@ def readable_closed_form(model: Model, *, numbers: bool = False) -> ReadableClos
     mass = {(s, v): simplified(form.mass_matrix[s, v]) for s in range(n) for v in range(s, n)}
     keys = [(s, v, w) for s in range(n) for v in range(n) for w in range(v, n)]
     christoffel = {key: simplified(form.christoffel[key[0]][key[1]][key[2]]) for key in keys}
+    constraint = tuple(_components(form))
+    rank = _rank(model, form, constraint, letters.values()) if constraint else None
     driven, drives = _driven(model), zip(form.generalized_force, form.u, strict=True)
-    force = tuple(simplified(Q) + (u if i in driven else 0) for i, (Q, u) in enumerate(drives))
+    force = tuple(
+        simplified(Q) + (u if i in driven else 0) + sum(part.arms.get(i, 0) * part.multiplier for part in constraint)
+        for i, (Q, u) in enumerate(drives)
+    )
     mass = {key: entry for key, entry in mass.items() if entry != 0}
     christoffel = {key: entry for key, entry in christoffel.items() if entry != 0}
-    used = set().union(*(expr.free_symbols for expr in (*mass.values(), *christoffel.values(), *force)))
+    shown = (*mass.values(), *christoffel.values(), *force, *(part.value for part in constraint))
+    used = set().union(*(expr.free_symbols for expr in shown))
     named = [letter for letter in letters.values() if letter.symbol in used]
-    return ReadableClosedForm(model, (*_coordinates(model, form), *named), form, mass, christoffel, force)
+    named += [letter for letter in _multipliers(model, constraint) if letter.symbol in used]
+    found = (*_coordinates(model, form), *named)
+    return ReadableClosedForm(model, found, form, mass, christoffel, force, constraint, rank)
+
+
+def _components(form: ClosedForm) -> Iterator[Component]:
+    """The components of the constraint, simplified."""
+    closing = form.closing
+    for r, (name, value, row) in enumerate(zip(closing.names, closing.values, closing.arms, strict=True)):
+        arms = {i: simplified(exact(arm)) for i, arm in sorted(row.items())}
+        left = {i: arm for i, arm in arms.items() if arm != 0}
+        yield Component(name, sp.Symbol(f"lambda_{r + 1}", real=True), simplified(exact(value)), left)
+
+
+def _rank(model: Model, form: ClosedForm, constraint: Sequence[Component], letters: Iterable[Letter]) -> Rank | None:
+    """Rank at home, with the description's numbers."""
+    numbers = {letter.symbol: letter.value for letter in letters}
+    J = sp.Matrix([[part.arms.get(i, 0) for i in range(model.size)] for part in constraint])
+    return rank_at_home(
+        model, form.q, [sp.sympify(part.value).xreplace(numbers) for part in constraint], J.xreplace(numbers)
+    )
+
+
+def _multipliers(model: Model, constraint: Sequence[Component]) -> Iterator[Letter]:
+    """Multipliers of the components: forces and moments of cut joints, of couplings as of the one that follows."""
+    following = {coupling.name: coupling.of for coupling in model.robot.couplings}
+    for part in constraint:
+        unit = force_unit_of(following.get(part.name, part.name))
+        number = str(part.multiplier).removeprefix("lambda_")
+        yield Letter(part.multiplier, f"\\lambda_{{{number}}}", f"multiplier of {part.name}", None, unit)
 
 
 def simplified(expression: Expr) -> Expr:
@@ -201,7 +273,9 @@ def _without_round_off(expanded: Expr) -> Expr:
 
 
 def _driven(model: Model) -> set[int]:
-    """Indices of coordinates that get a drive: principal ones, and all of a free joint."""
+    """Indices of coordinates that get a drive: principal ones, and all of a free joint; driven ones of loops."""
+    if model.robot.is_closed:
+        return set(model.driven)
     kinds = {joint.name: joint.type for joint in model.robot.joints}
     free = [i for body in model.bodies if kinds[body.joint] == "free" for i in body.indices]
     return {*model.principal, *free, *model.motors}.difference(model.motors.values())
@@ -215,7 +289,7 @@ def _coordinates(model: Model, form: ClosedForm) -> Iterator[Letter]:
 def _parameters(model: Model) -> Iterator[tuple[str, Letter]]:
     """A symbol for every number of the description that is not zero, by its parameter name.
 
-    Numbers of forces beyond linear springs and dampers stay numbers.
+    Numbers of forces beyond linear springs and dampers stay numbers, and so do those of couplings.
     """
     turning = {joint.name for joint in model.robot.joints if joint.type == "revolute"}
     for name, value in parameter_values(model.robot):
@@ -223,12 +297,14 @@ def _parameters(model: Model) -> Iterator[tuple[str, Letter]]:
             continue
         parts = parameter_path(name)
         kind = next((part for part in parts if part in SYMBOLS), "")
-        if not kind:
+        if not kind or parts[0] == "couplings":
             continue
         of_motor = parts[0] == "joints" and parts[2] == MOTOR
         letter, unit = SYMBOLS["armature" if of_motor and kind == "inertia" else kind]
         owner = parts[1] if parts[0] != "gravity" else ""
         detail = parts[2] if of_motor or kind in ANGULAR_UNITS else parts[-1] if kind != "mass" else ""
+        if parts[0] == "loops" and kind in ("xyz", "rpy"):
+            owner = f"{owner}_{'ab'[int(parts[3])]}"  # the cut frame on its first or second link
         if kind in ("xyz", "rpy"):
             detail = "xyz"[int(detail)]
         if of_motor:
@@ -247,6 +323,12 @@ def _motor_unit(kind: str, turning: bool) -> str:
     if kind == "ratio":
         return SYMBOLS[kind][1] if turning else LINEAR_RATIO
     return ANGULAR_UNITS[kind] if turning else SYMBOLS[kind][1]
+
+
+def _owner(component: str) -> str:
+    """Subscript of a component of the constraint: its loop and direction, or its coupling."""
+    loop, _, direction = component.rpartition(".")
+    return ",".join(part for part in (loop.replace("_", "\\_"), _greek(direction).replace("_", "\\_")) if part)
 
 
 def _greek(name: str) -> str:

@@ -28,6 +28,7 @@ from ..joint.lemmas import Matrix, joint_derivatives, joint_transform, step
 from ..program.operations import CALLS
 from ..tree.bound import Bound, bind
 from ..tree.spatial import Pose, PseudoInertia
+from .closing import Closing, closing_of
 
 Expr = Any  # sympy.Expr
 Array = NDArray[np.float64]
@@ -54,7 +55,8 @@ class ClosedForm:
     mass_matrix: (n, n), eq. (11) and armatures on the diagonal.
     christoffel: [s][v][w], the traces of eq. (12), symmetric in v and w: Christoffel symbols of the first kind.
     bias: sum over v, w of C_s,vw v_v v_w.  generalized_force: Q_P + Q_F + Q_G of eqs. (13)-(15).
-    residual: M a + bias - Q - u, zero on a motion.  kinetic: eq. (4) and rotors, J.  potential: gravity, springs, J.
+    residual: M a + bias - Q - u, zero on a motion of the open tree.  kinetic: eq. (4) and rotors, J.  potential:
+    gravity, springs, J.  closing: the constraint of loops and couplings; its elastic parts act in Q and potential.
     """
 
     q: Row
@@ -70,6 +72,7 @@ class ClosedForm:
     residual: Row
     kinetic: Expr
     potential: Expr
+    closing: Closing
 
     def function(self, *fields: str) -> Callable[..., Any]:
         """A function (q, v, a, u[, wrench]) -> the named fields as float arrays, for numbers as parameters."""
@@ -129,11 +132,16 @@ def closed_form(
     Q = _elastic_and_weight(bound, bodies, inertias, q, v)
     for s, force in _external_force(model, bound, bodies, wrench):
         Q[s] += force
+    closing = closing_of(model, bound, q, SYMBOLS)
+    elastic = [(own, own.resists(own.s, own.rate(v), SYMBOLS)) for own in closing.elastic]
+    for own, law in elastic:
+        for s, arm in own.arms.items():
+            Q[s] -= exact(law.force * arm)
     Ma = M * sp.Matrix(a)
     residual = tuple(Ma[s] + bias[s] - Q[s] - u[s] for s in range(len(q)))
     kinetic = _kinetic(bodies, inertias, bound.armature, v)
-    potential = _potential(bound, bodies, inertias, q)
-    return ClosedForm(q, v, a, u, wrench, binder.symbols, M, C, bias, tuple(Q), residual, kinetic, potential)
+    potential = _potential(bound, bodies, inertias, q) + sum(exact(law.energy) for _, law in elastic)
+    return ClosedForm(q, v, a, u, wrench, binder.symbols, M, C, bias, tuple(Q), residual, kinetic, potential, closing)
 
 
 def refuse_springs(model: Model) -> None:
@@ -158,14 +166,14 @@ class _Values:
                 return given
         elif self.chosen and number != 0.0:
             return self.symbols.setdefault(name, sp.Symbol(name, real=True))
-        return _number(number)
+        return exact(number)
 
 
-def _number(number: Any) -> Expr:
+def exact(number: Any) -> Expr:
     """A number or expression, with floats that are small multiples of 1/2 made exact: they prune, and read better."""
     expression = sp.sympify(number)
-    exact = {f: sp.Rational(float(f)) for f in expression.atoms(sp.Float) if float(2 * f) in range(-4, 5)}
-    return expression.xreplace(exact)
+    small = {f: sp.Rational(float(f)) for f in expression.atoms(sp.Float) if float(2 * f) in range(-4, 5)}
+    return expression.xreplace(small)
 
 
 def _symbols(model: Model) -> tuple[Row, Row, Row, Row]:
@@ -241,7 +249,7 @@ def _elastic_and_weight(
     bound: Bound, bodies: Sequence[_Derivatives], inertias: Sequence[Matrix], q: Row, v: Row
 ) -> list[Expr]:
     """Q_P of eq. (13), and Q_G: eq. (14) with weights as forces; the last column of H is (m r_C, m)."""
-    Q = [-_number(force) for force in resisting_rows(bound, q, v, SYMBOLS)]
+    Q = [-exact(force) for force in resisting_rows(bound, q, v, SYMBOLS)]
     g = sp.Matrix([*bound.gravity, 0])
     for body, H in zip(bodies, inertias, strict=True):
         for s, D in body.first.items():
@@ -286,14 +294,14 @@ def _potential(bound: Bound, bodies: Sequence[_Derivatives], inertias: Sequence[
 
 
 def _pose(pose: Pose) -> Matrix:
-    rows = [[*map(_number, row), _number(p)] for row, p in zip(pose.rotation, pose.origin, strict=True)]
+    rows = [[*map(exact, row), exact(p)] for row, p in zip(pose.rotation, pose.origin, strict=True)]
     return sp.ImmutableMatrix([*rows, [0, 0, 0, 1]])
 
 
 def _matrix(inertia: PseudoInertia) -> Matrix:
     """H = [[J, mc], [mc^T, m]], 4x4."""
-    rows = [[*map(_number, row), _number(h)] for row, h in zip(inertia.second, inertia.first, strict=True)]
-    return sp.ImmutableMatrix([*rows, [*map(_number, inertia.first), _number(inertia.mass)]])
+    rows = [[*map(exact, row), exact(h)] for row, h in zip(inertia.second, inertia.first, strict=True)]
+    return sp.ImmutableMatrix([*rows, [*map(exact, inertia.first), exact(inertia.mass)]])
 
 
 def _trace(left: Matrix, right: Matrix) -> Expr:

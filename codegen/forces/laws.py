@@ -133,20 +133,31 @@ def tension(numbers: Numbers, knots: Sequence[float], e: Scalar, rate: Scalar, f
     """
     k, c = numbers["stiffness"], numbers["damping"]
     if "smoothing" in numbers:
-        w = numbers["smoothing"]
-        beyond = f.max(e - w, 0.0)
-        part = f.max(e, 0.0) - beyond
-        inverse = 1.0 / w
-        slope = part * inverse
-        d, bend = 0.5 * (part * slope) + beyond, (f.step(e) - f.step(e - w)) * inverse
-        pull = k * d + c * (slope * rate)
-        taut = f.step(pull)
-        energy = k * (part * part * slope * (1.0 / 6.0) + 0.5 * beyond * (beyond + w))
-        return Effect(f.max(pull, 0.0), taut * (k * slope + c * (bend * rate)), taut * (c * slope), energy)
+        return _one_sided(k, c, numbers["smoothing"], e, rate, f)
     total = Effect(k * e + c * rate, k, c, 0.5 * (k * (e * e)))
     if knots:
         total = total + _through_points([numbers[f"curve.{i}"] for i in range(len(knots))], knots, e, f)
     return total
+
+
+def _one_sided(k: Scalar, c: Scalar, w: Scalar, x: Scalar, v: Scalar, f: Functions, more: Scalar = 0.0) -> Effect:
+    """max(k d (1 + more d_dot) + c d_dot, 0): what is never negative, whatever x and its rate v.
+
+    The penetration d(x) is that of ``_contact``, with the smoothing w: it and the share of v in d_dot set in from 0 on.
+    """
+    beyond = f.max(x - w, 0.0)
+    part = f.max(x, 0.0) - beyond
+    inverse = 1.0 / w
+    slope = part * inverse
+    d, bend = 0.5 * (part * slope) + beyond, (f.step(x) - f.step(x - w)) * inverse
+    elastic = k * d
+    c = c + more * elastic
+    push = elastic + c * (slope * v)
+    acts = f.step(push)
+    energy = k * (part * part * slope * (1.0 / 6.0) + 0.5 * beyond * (beyond + w))
+    force, rise = f.max(push, 0.0), k * slope
+    by_s = rise + c * (bend * v) + (more * rise) * (slope * v)
+    return Effect(force, acts * by_s, acts * (c * slope), energy)
 
 
 def steepest(knots: Sequence[float], forces: Sequence[Scalar], f: Functions) -> Scalar:
@@ -250,6 +261,19 @@ def _friction(x: Deflection) -> Effect:
     return total
 
 
+def _stops(x: Deflection) -> Effect:
+    """Contact at the lower and at the upper end, where there are such."""
+    n = x.numbers
+    k, c, w = n["stops.stiffness"], n.get("stops.damping", 0.0), n["stops.smoothing"]
+    more, total = n.get("stops.restitution_damping", 0.0), Effect()
+    if "stops.upper" in n:
+        total = total + _one_sided(k, c, w, x.s - n["stops.upper"], x.v, x.f, more)
+    if "stops.lower" in n:
+        back = _one_sided(k, c, w, n["stops.lower"] - x.s, -x.v, x.f, more)
+        total = total + Effect(-1.0 * back.force, back.by_s, back.by_v, back.energy)
+    return total
+
+
 def _curve(x: Deflection) -> Effect:
     return _through_points([x.numbers[f"curve.{i}"] for i in range(len(x.knots))], x.knots, x.s, x.f)
 
@@ -283,6 +307,7 @@ GROUPS: Sequence[Mapping[str, Callable[[Deflection], Effect]]] = (
     {"stiffness_negative": _two_sides, "cubic": _cubic, "exponential": _exponential},
     {"clearance": _contacts},
     {"friction": _friction},
+    {"stops": _stops},
     {"curve": _curve},
 )
 FORMULAS = {name: formula for group in GROUPS for name, formula in group.items()}

@@ -16,7 +16,7 @@ from ..solve.rotors import Rotors
 from ..solve.rows import PRECISIONS, Row, RowSystem
 from ..tree.bound import Bound
 from ..tree.spatial import Scalar
-from .constraint_rows import gaps
+from .constraint_rows import are_independent, gaps
 from .derivation import Derivation, Outputs, vector
 
 Pivots = list[tuple[Scalar, Scalar]]
@@ -49,8 +49,8 @@ def eliminated(
     return EliminatedTree(rotors, solved, solved.accelerations), solved.pivots
 
 
-def with_rows(d: Derivation, tree: Tree, rows: Sequence[Row]) -> tuple[list[Scalar], list[Scalar]]:
-    """Accelerations, (n,), with the forces of the rows, and the multipliers of all rows."""
+def with_rows(d: Derivation, tree: Tree, rows: Sequence[Row]) -> tuple[list[Scalar], list[Scalar], RowSystem]:
+    """Accelerations, (n,), with the forces of the rows, the multipliers of all rows, and their system."""
     given = set(d.model.prescribed)
     pushing = [
         replace(row, arms={i: arm for i, arm in row.arms.items() if i not in given}) if given else row for row in rows
@@ -58,13 +58,21 @@ def with_rows(d: Derivation, tree: Tree, rows: Sequence[Row]) -> tuple[list[Scal
     responses = [tree.respond(row) for row in pushing]
     system = RowSystem(pushing, responses, PRECISIONS[d.dtype], tree.pivots())
     multipliers = system.multipliers(lambda r: rows[r].right - tree.along(rows[r], responses[r]))
-    return tree.accelerations(total(responses, multipliers)), multipliers
+    return tree.accelerations(total(responses, multipliers)), multipliers, system
 
 
 def constrained(d: Derivation, tree: Tree, pivots: Pivots) -> Outputs:
-    """Accelerations, multipliers, gaps and their rates, one after the other."""
+    """Accelerations, multipliers, gaps and their rates, one after the other.
+
+    Where rows that are independent elsewhere are not, the pivot of a coordinate that they move counts as vanished.
+    """
     found = gaps(d, d.v)
-    accelerations, multipliers = with_rows(d, tree, [gap.row(-gap.bias) for gap in found])
+    accelerations, multipliers, system = with_rows(d, tree, [gap.row(-gap.bias) for gap in found])
+    moved = min((i for r in system.rigid for i in system.rows[r].arms), default=None)
+    if moved is not None and are_independent(d.model):
+        pivot, scale = pivots[moved]
+        regular = 1.0 - (1.0 / PRECISIONS[d.dtype].hidden) * system.hidden()
+        pivots = [*pivots[:moved], (pivot * regular, scale), *pivots[moved + 1 :]]
     values = [accelerations[i] for i in d.own] + multipliers
     values += [gap.value for gap in found] + [gap.rate(d.v) for gap in found]
     return {**vector(values), **pivot_outputs(d, pivots)}

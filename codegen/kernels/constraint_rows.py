@@ -18,6 +18,8 @@ from .derivation import Derivation, vector
 REDUNDANT = 1e-6  # of the largest singular value: below it rows follow from others
 ROUND_OFF = 1e-12  # m, or a number: arms below it at random poses are zero
 _SAMPLES = 3
+CLOSED = 1e-9  # m, or a sine: of a state that is closed
+_ROUNDS, _AWAY = 20, 0.1  # to close one, and how far from home it is looked for, m or rad
 PLANE = "the loop moves in a plane: nothing moves it along this direction"
 
 
@@ -100,6 +102,34 @@ def is_redundant(model: Model) -> bool:
     moving = [i for i in range(d.model.size) if i not in d.model.prescribed]
     J = _Arms(d, found).at(model.home, list(model.parameters.values()))[:, moving]
     return bool(np.linalg.matrix_rank(J, tol=REDUNDANT * np.linalg.norm(J, 2)) < len(found))
+
+
+def are_independent(model: Model) -> bool:
+    """Whether no row of the constraint follows from others in closed states near home, but for singular poses.
+
+    False where none is found: then nothing is known of what is redundant.
+    """
+    d = Derivation(model)
+    found = [gap for gap in gaps(d, d.still) if gap.arms]
+    if not found:
+        return True
+    rng, home = np.random.default_rng(0), np.array(model.home)
+    away = [np.zeros(home.size), *rng.normal(size=(_SAMPLES, home.size))]
+    return any(_is_independent_near(d, found, home + _AWAY * step) for step in away)
+
+
+def _is_independent_near(d: Derivation, found: Sequence[Gap], q: NDArray[np.float64]) -> bool:
+    """Whether Gauss's and Newton's method closes a state from q, and all rows are independent there."""
+    arms, numbers = _Arms(d, found), list(d.model.parameters.values())
+    values = finish(d.graph, "gaps", vector([gap.value for gap in found]))
+    moving = [i for i in range(d.model.size) if i not in d.model.prescribed]
+    for _ in range(_ROUNDS):
+        g = np.array(list(evaluate(values, {"q": q.tolist(), "p": numbers}).values()))
+        J = arms.at(q.tolist(), numbers)[:, moving]
+        if np.abs(g).max() <= CLOSED:
+            return bool(np.linalg.matrix_rank(J, tol=REDUNDANT * np.linalg.norm(J, 2)) == len(found))
+        q[moving] -= np.linalg.lstsq(J, g, rcond=REDUNDANT)[0]
+    return False
 
 
 class _Arms:

@@ -39,8 +39,9 @@ class Signature:
     symmetric: whether it writes a matrix that is symmetric to the bit.
     needs: what a robot must have for it: "loops", "springs", "constraints" (loops or couplings that are rigid in some
         direction), "cuts" (loops that are), "laws" (forces in cut joints, elastic couplings) or nothing.
-    beside: kernels that come with it where the robot has constraints: those of the open tree and of wrenches.
+    beside: kernels that come with it where the robot has constraints: those of the open tree, of wrenches, of charts.
     mapped: whether packages say which of its entries vanish identically.
+    vectors: whether its template is written for several states at a time, too; otherwise batches call it one by one.
     """
 
     reads: tuple[str, ...]
@@ -58,6 +59,7 @@ class Signature:
     needs: Literal["", "loops", "springs", "constraints", "cuts", "laws"] = ""
     beside: tuple[str, ...] = ()
     mapped: bool = False
+    vectors: bool = True
 
 
 TOLD = ("constraint", "constraint_jacobian", "constraint_bias", "constrained_drives")  # what errors of loops tell
@@ -122,6 +124,7 @@ KERNELS: Mapping[str, Signature] = {
         "Accelerations under the drives u, multipliers, g and J v; whatever the gaps are.",
         solves=True,
         needs="constraints",
+        beside=("following",),  # charts, along which it is integrated
     ),
     "constraint_forces": Signature(
         ("q", "v", "u"),
@@ -139,6 +142,16 @@ KERNELS: Mapping[str, Signature] = {
         "Changes of q and v towards the nearest closed state, by the kinetic energy, and g.",
         solves=True,
         needs="constraints",
+    ),
+    "following": Signature(
+        ("q", "v", "a", "chart"),
+        "following",
+        "A state whose dependent coordinates, rates and accelerations keep the loops closed, as a chart chooses them.",
+        "composed",
+        calls=("constraint", "constraint_jacobian", "constraint_bias"),
+        counts=("constraint", "constraint_jacobian", "constraint_bias"),
+        needs="constraints",
+        vectors=False,
     ),
     "residual_jacobian": Signature(
         ("q", "v", "a"),
@@ -236,6 +249,7 @@ KERNELS: Mapping[str, Signature] = {
     **_tangent("reactions", "q", "v", "a", writes="reactions"),
     **_tangent("external_reactions", "q", "wrench", writes="reactions"),
     **_tangent("constrained_dynamics", "q", "v", "u", writes="constrained", needs="constraints"),
+    **_tangent("constrained_drives", "q", "v", "a", "u", writes="driving", needs="constraints"),
     **_tangent("settling", "q", "v", writes="settling", needs="constraints"),
     **_tangent("constraint_jacobian", "q", writes="constraint_rows", needs="constraints"),
     "euler_cosines": Signature(("q",), "joints", "Cosine of beta of every joint with three angles, 1 for the others."),
@@ -389,6 +403,8 @@ def shapes(model: Model) -> dict[str, tuple[int, ...]]:
         "constraint_rows": (m, n),
         "constrained": (n + 3 * m,),
         "settling": (2 * n + m,),
+        "chart": (2 * n + m + 1 + m * n,),
+        "following": (3 * n + m * n + m,),
         "driving": (3 * n + 5 * m,),
         "multipliers": (m,),
         "closing": (sum(3 * block.size + len(block.columns) ** 2 for block in row_blocks(model)),),

@@ -18,25 +18,26 @@ from eomgen.runtime.direct import NAME
 from .compile import Compiler, key_of, link_shared, run_all, toolchain
 
 FLAGS = ("-O3", "-DNDEBUG", "-Wall", "-Wextra", "-Wconversion")  # -O3 for the search for NaN, which is a loop
-FILE = "direct.c"
+FILE, HEADERS = "direct.c", ("direct_types.h", "direct_calls.h", "direct_data.h")
 
 
 def extension_key(compiler: Compiler) -> str | None:
     """Hash of all that the module depends on, NumPy's version among it; None where it cannot be compiled."""
     if _headers() is None:
         return None
-    return key_of({**toolchain(compiler, FLAGS), "numpy": np.__version__, "source": _source(), "own": _text(__file__)})
+    return key_of({**toolchain(compiler, FLAGS), "numpy": np.__version__, **_sources(), "own": _text(__file__)})
 
 
 def write_extension(compiler: Compiler, folder: Path) -> None:
-    """Write the module and its source into an empty folder.
+    """Write the module and its sources into an empty folder.
 
     Raises:
         BuildError: there are no headers, or the compiler failed; the message holds its command and what it said.
     """
     headers = _headers() or ()
     code, made = folder / FILE, folder / "direct.o"
-    code.write_text(_source(), encoding="ascii")
+    for name, text in _sources().items():
+        (folder / name).write_text(text, encoding="ascii")
     include = [word for path in headers for word in ("-isystem", path)]
     run_all([[*compiler.command, "-c", "-fPIC", *FLAGS, *compiler.flags, *include, str(code), "-o", str(made)]])
     link_shared(compiler, [made], folder / f"{NAME}{EXTENSION_SUFFIXES[0]}")
@@ -50,8 +51,10 @@ def _headers() -> tuple[str, str] | None:
     return (python, numpy) if there and sys.implementation.name == "cpython" else None
 
 
-def _source() -> str:
-    return (importlib.resources.files("eomgen.runtime") / FILE).read_text(encoding="ascii")
+def _sources() -> dict[str, str]:
+    """The module's files, by name."""
+    folder = importlib.resources.files("eomgen.runtime")
+    return {name: (folder / name).read_text(encoding="ascii") for name in (FILE, *HEADERS)}
 
 
 def _text(file: str) -> str:

@@ -127,10 +127,10 @@ def _multipliers(A: Array, right: Array, kinds: Sequence[object]) -> Array:
     """Solution (m, columns, lanes) of a symmetric system (m, m, lanes) that may be singular, refined."""
     precision, m = DERIVING[str(A.dtype)], len(A)
     added: dict[object, Array] = {}
-    whole = np.zeros_like(A[0, 0])
+    whole = zero = np.zeros(A.shape[2], A.dtype)
     for r in range(m):
         whole = whole + A[r, r]
-        added[kinds[r]] = added.get(kinds[r], np.zeros_like(A[0, 0])) + A[r, r]
+        added[kinds[r]] = added.get(kinds[r], zero) + A[r, r]
     F = A.copy()
     for r in range(m):
         own = added[kinds[r]] * A.dtype.type(precision.added)
@@ -216,6 +216,60 @@ def constraint_forces(model: Model, run: Run, inputs: Mapping[str, Array]) -> tu
     return found[model.size : model.size + m], _with_gaps(model, found[model.size + m :], status, inputs["v"])
 
 
+def following(model: Model, run: Run, inputs: Mapping[str, Array]) -> tuple[Array, Array]:
+    """Rates and accelerations that follow along the loops, where a chart allows no step of Newton's method."""
+    n, m, (q, v, a, chart) = model.size, len(model.constraints), (inputs[x].copy() for x in ("q", "v", "a", "chart"))
+    bound, rows = (np.flatnonzero(marks[:, 0] == 1.0).tolist() for marks in (chart[:n], chart[n : n + m]))
+    last = chart[n + m + 1 :].reshape(m + 1, n, -1)
+    moved = {p: q[i].copy() for p, i in enumerate(bound)}
+    for p in moved:
+        for i in range(n):
+            moved[p] = moved[p] + last[p + 1, i] * (q[i] - last[0, i])
+    for p, i in enumerate(bound):
+        q[i] = moved[p]
+    g, J = run("constraint", q=q)[0], run("constraint_jacobian", q=q)[0].reshape(m, n, -1)
+    J, order = _inverted(J[rows], bound)
+    others = [i for i in range(n) if i not in bound]
+    for p, k in enumerate(bound):
+        v[k] = 0.0
+        for i in others:
+            v[k] = v[k] - J[p, i] * inputs["v"][i]
+    bias = run("constraint_bias", q=q, v=v)[0]
+    for p, k in enumerate(bound):
+        a[k] = 0.0
+        for s, i in enumerate(bound):
+            a[k] = a[k] - J[p, i] * np.choose(order[s], bias[rows])
+        for i in others:
+            a[k] = a[k] - J[p, i] * inputs["a"][i]
+    slopes = np.zeros((m, n, q.shape[1]), q.dtype)
+    slopes[: len(rows), others] = 0.0 - J[:, others]
+    return np.concatenate([q, v, a, slopes.reshape(m * n, -1), g]), np.zeros(q.shape[1], np.int64)
+
+
+def _inverted(J: Array, bound: Sequence[int]) -> tuple[Array, Array]:
+    """J (k, n, lanes) with some columns' inverse in these and its product with the others, and the order of its rows.
+
+    The columns of the inverse are those of the rows in that order, (k, lanes).
+    """
+    J, lanes = J.copy(), np.arange(J.shape[2])
+    order = np.tile(np.arange(len(bound))[:, np.newaxis], len(lanes))
+    for p, column in enumerate(bound):
+        best = np.full(len(lanes), p)
+        for r in range(p + 1, len(bound)):
+            best = np.where(np.abs(J[r, column]) > np.abs(J[best, column, lanes]), r, best)
+        for x in (J.transpose(0, 2, 1), order):
+            first = x[p].copy()
+            x[p], x[best, lanes] = x[best, lanes], first
+        pivot = J[p, column].copy()
+        J[p, column] = 1.0
+        J[p] = J[p] / pivot
+        for r in range(len(bound)):
+            factor = J[r, column].copy()
+            J[r, column] = np.where((r == p) | (factor == 0.0), factor, 0.0)
+            J[r] = np.where((r == p) | (factor == 0.0), J[r], J[r] - factor * J[p])
+    return J, order
+
+
 def _with_gaps(model: Model, gaps: Array, status: Array, v: Array) -> Array:
     """The status (lanes,) with that of gaps and their rates (2 m, lanes)."""
     still = np.ones((len(model.constraints), v.shape[1]), gaps.dtype)
@@ -275,6 +329,7 @@ def _loop_reactions(loaded: bool) -> Composed:
 COMPOSED: Mapping[str, Composed] = {
     "christoffel": christoffel,
     "constraint_forces": constraint_forces,
+    "following": following,
     "forward_dynamics": forward_dynamics,
     "forward_dynamics_jacobian": forward_dynamics_jacobian,
     "tree_forward_dynamics_jacobian": tree_forward_dynamics_jacobian,

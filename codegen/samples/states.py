@@ -20,6 +20,7 @@ from .stored import ROUNDED, STATES
 Angle = tuple[Instruction, ...]
 
 _CANDIDATES = 128  # numbers that coordinates are chosen from
+_SOLVED = 3  # rows of a chart
 _SMALL = 2.0**-12
 _TINY = {"float64": 2.0**-1040, "float32": 2.0**-140}  # denormal, and so are its products with ordinary numbers
 
@@ -38,8 +39,25 @@ def sample_inputs(equations: Equations, arithmetic: Arithmetic) -> tuple[dict[st
         many[name] = _numbers(rng, x.size, _CANDIDATES).astype(dtype)
     values = np.array(list(equations.model.parameters.values())).astype(dtype)[:, None]
     h = arithmetic.run(equations.setup, {"p": values}, rounding=False).get("h", values)
+    if "chart" in wanted:
+        found["chart"], many["chart"] = _charts(equations, arithmetic, {"q": q[:, :1], "h": h})
     lanes = telling_lanes(list(equations.programs.values()), {**many, "h": h}, arithmetic, ROUNDED)
     return {name: np.concatenate([array, many[name][:, lanes]], axis=1) for name, array in found.items()}, exact
+
+
+def _charts(equations: Equations, arithmetic: Arithmetic, state: dict[str, Array]) -> list[Array]:
+    """One chart (size, states) for all states and candidates: a few rows of J with columns that are independent."""
+    size = shapes(equations.model)
+    (m, n), (whole,) = size["constraint_rows"], size["chart"]
+    J = arithmetic.run(equations.programs["constraint_jacobian"], state, rounding=False)["out"][:, 0].reshape(m, n)
+    left, chart = J.astype(np.float64), np.zeros((whole, 1), arithmetic.dtype)
+    for _ in range(_SOLVED):
+        row, column = divmod(int(np.abs(left).argmax()), n)
+        if not abs(left[row, column]) > 1e-3:
+            break
+        chart[column], chart[n + row] = 1.0, 1.0
+        left -= np.outer(left[:, column], left[row] / left[row, column])
+    return [np.repeat(chart, count, axis=1) for count in (len(STATES) - ROUNDED, _CANDIDATES)]
 
 
 def sample_parameters(values: Array, dtype: np.dtype[np.floating]) -> Array:

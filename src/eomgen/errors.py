@@ -72,7 +72,7 @@ class UnknownNameError(InputError, KeyError):
 
 
 class SingularError(InputError, ArithmeticError):
-    """The mass matrix cannot be inverted in the given state; the message names the coordinate."""
+    """The mass matrix cannot be inverted in the given state, or a loop is at a singular pose; the message names it."""
 
 
 class BuildError(InputError):

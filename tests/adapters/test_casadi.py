@@ -59,8 +59,9 @@ def test_values_and_jacobians_are_the_kernels(seed: int, built: Build, figures: 
 
 
 def test_closed_mechanisms(built: Build) -> None:
-    """Accelerations and forces of the constraint with their Jacobians, beside closed states, too."""
-    robot, names = eomgen.load_robot("four_bar"), ("forward_dynamics", "constraint_forces", "constraint_jacobian")
+    """Accelerations, drives and forces of the constraint with their Jacobians, beside closed states, too."""
+    robot = eomgen.load_robot("four_bar")
+    names = ("forward_dynamics", "inverse_dynamics", "constraint_forces", "constraint_jacobian")
     kernel = built(robot, *kernels_for(*names, closed=True))
     given = [np.array(build_model(robot).home) + 1e-3, np.array([1.0, -0.4, 0.3]), np.array([2.0, -1.0, 0.5])]
     for name in names:

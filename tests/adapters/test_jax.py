@@ -73,9 +73,10 @@ def test_values_and_derivatives_are_the_kernels(seed: int, built: Build, figures
 
 def test_closed_mechanisms(built: Build) -> None:
     robot = eomgen.load_robot("four_bar")
-    kernel = built(robot, *kernels_for("forward_dynamics", "constraint_forces", closed=True))
+    names = ("forward_dynamics", "inverse_dynamics", "constraint_forces")
+    kernel = built(robot, *kernels_for(*names, closed=True))
     q, v, u = np.array(build_model(robot).home), np.zeros(3), np.array([2.0, -1.0, 0.5])
-    for name in ("forward_dynamics", "constraint_forces"):
+    for name in names:
         there, made = DifferentiableFunction(kernel, name), function(kernel, name)
         np.testing.assert_allclose(made(q, v, u), there.value(q, v, u), rtol=1e-13)
         for at, block in enumerate(jax.jacrev(made, argnums=(0, 1, 2))(q, v, u)):

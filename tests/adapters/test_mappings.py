@@ -9,6 +9,7 @@ import eomgen
 from eomgen.adapters import rules
 from eomgen.adapters.mappings import FUNCTIONS, DifferentiableFunction, kernels_for
 from eomgen.errors import InputError, UnknownNameError
+from eomgen.pipeline.closing import mechanism_kernels
 from eomgen.robot.model import build_model
 from tests.oracles.complex_step import complex_jacobian
 from tests.support.adapter_samples import built_for, differences, functions_of, sample, states
@@ -127,3 +128,25 @@ def test_accelerations_with_loops(built: Build) -> None:
     with pytest.raises(UnknownNameError, match="built without constrained_dynamics, constrained_dynamics_tangent"):
         DifferentiableFunction(without, "forward_dynamics")
     assert set(kernels_for("constraint")) <= set(FUNCTIONS["constraint"].kernels)
+
+
+@pytest.mark.parametrize("name", ["four_bar", "gough"])
+def test_drives_with_loops(name: str, built: Build) -> None:
+    """Drives of the kernel on a motion, with derivatives there and beside it."""
+    robot = eomgen.load_robot(name)
+    asked = ("inverse_dynamics", "constraint_forces")
+    kernel = built(robot, *kernels_for(*asked, closed=True), "inverse_dynamics", *mechanism_kernels(robot))
+    rng, q = np.random.default_rng(3), kernel.close(np.array(build_model(robot).home))
+    v = kernel.close_rates(q, rng.uniform(-1.0, 1.0, kernel.n))
+    J, a = kernel.constraint_jacobian(q), rng.uniform(-1.0, 1.0, kernel.n)
+    a -= np.linalg.pinv(J) @ (J @ a + kernel.constraint_bias(q, v))
+    drives = DifferentiableFunction(kernel, "inverse_dynamics")
+    assert drives.reads == ("q", "v", "a")
+    np.testing.assert_array_equal(drives.value(q, v, a), kernel.inverse_dynamics(q, v, a))
+    for function in (DifferentiableFunction(kernel, x) for x in asked):
+        for state in ([q, v, a], [q + 1e-3, v, a]):
+            for at, block in enumerate(function.derivatives(*state)):
+                expected = differences(function, state, at)
+                np.testing.assert_allclose(block, expected, atol=1e-8 * max(np.abs(expected).max(), 1.0))
+    idle = [x not in robot.driven for x in kernel.coordinates]
+    assert not any(block[idle].any() for block in drives.derivatives(q, v, a))

@@ -248,3 +248,50 @@ def test_what_only_couplings_lead_is_not_loose() -> None:
     rigid = modes(robot_from_toml(text + gear), {"first": 0.3}, drives="pd", kp=50.0)
     assert rigid.frequencies == pytest.approx([np.sqrt(50.0 / (inertia * 5.0)) / (2 * np.pi)], rel=1e-9)
     assert rigid.q == pytest.approx([0.3, -0.6], abs=1e-9)
+
+
+STIFF = """
+x = { stiffness = 3e9, damping = 3e3, clearance = 1e-5 }
+y = { stiffness = 3e9, damping = 1e3 }
+z = { stiffness = 3e9, damping = 2e3 }
+alpha = { stiffness = 1e8, damping = 100.0 }
+beta = { stiffness = 2e8, damping = 200.0 }
+gamma = { damping = 0.01 }
+"""
+
+
+def test_stiff_cuts_with_play_come_to_rest(built: Build) -> None:
+    """A stiff cut joint falls to the end of its play, or floats where nothing pulls; so does it in the tree.
+
+    Round-off of the angles moves it more than what its springs' own size allows for.
+    """
+    here, there = linkages(STIFF)
+    mine = built(here, *kernels(here), "cut_forces", "cut_jacobian")
+    other = built(there, *kernels(there))
+    names = other.coordinates
+    deviations = [name for name in names if "hinge" in name and name != "hinge.gamma"]
+    q = other.close([1.0, -0.5, *[0.0] * 5, 1.94], deviations)
+    angles = dict(zip(names, q.tolist(), strict=True))
+    poses = angles, {"motor.gamma": q[0], "pin.gamma": q[1], "pivot.gamma": angles["hinge.gamma"] + q[0] + q[1]}
+    found, soft = [], []
+    for robot, kernel, pose, name in ((here, mine, poses[1], "cut.x"), (there, other, poses[0], "hinge.x")):
+        found.append(modes(robot, pose, kernel=kernel))
+        assert not found[-1].notes
+        kernel.parameters["gravity.y"] = 0.0
+        with pytest.warns(EomgenWarning, match=f"{name} floats in its clearance"):
+            soft.append(deflection(robot, pose, kernel=kernel, frame="coupler"))
+    first, second = (np.sort_complex(entry.eigenvalues) for entry in found)
+    assert len(first) == 2
+    assert first == pytest.approx(second, rel=1e-5)
+    assert soft[0].compliance == pytest.approx(soft[1].compliance, rel=1e-4, abs=1e-14)
+
+
+@pytest.mark.soak
+def test_a_hexapod_with_elastic_joints_has_modes(capsys: pytest.CaptureFixture[str]) -> None:
+    """The built-in one, at default settings: its platform rests on the end of a ball joint's play."""
+    assert cli.main(["modes", "hexapod_elastic"]) == 0
+    text = capsys.readouterr().out
+    assert "hexapod_elastic: 72 modes" in text
+    assert "floats" not in text
+    assert cli.main(["modes", "hexapod_elastic", "--set", "gravity.z=0"]) == 0
+    assert "note: ball1.z floats in its clearance: no stiffness there" in capsys.readouterr().out

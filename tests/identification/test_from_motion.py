@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -25,6 +26,7 @@ from eomgen.motion.files import motion_from_columns
 from eomgen.motion.smoothing import Differentiator, local_polynomials, noise_deviation
 from eomgen.pipeline.closing import mechanism_kernels
 from eomgen.robot.model import build_model
+from tests.loops.test_elastic_cuts import linkages
 from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.support.builds import Build
 from tests.support.random_robots import random_robot
@@ -305,8 +307,6 @@ def test_a_measured_mechanism_closes() -> None:
     assert np.abs(np.einsum("tmn,tn->tm", J, near[2]) + kernel.constraint_bias(near[0], near[1])).max() < 1e-9
     with pytest.raises(InputError, match=r"'joint1\.gamma'.*'joint3\.gamma' move while what was measured does not"):
         closed_motion(kernel, model, (), *alone)
-    with pytest.raises(InputError, match="fit: four_bar has loops"):
-        fit(robot, "motion.csv")
 
 
 def turned(angle: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -322,6 +322,94 @@ def test_forces_of_a_mechanism_make_its_motion() -> None:
     motion = motion_from_columns({"t": t} | {f"joint1.gamma{key}": x for key, x in crank.items()}, names)
     found = forces("four_bar", motion)
     assert not found.drive[:, 1:].any()
+    kernel = eomgen.build("four_bar", kernels=("inverse_dynamics",))
+    assert found.required == pytest.approx(kernel.inverse_dynamics(found.q, found.v, found.a, cut=True), abs=1e-9)
+    assert "joint2.gamma.closing" in found.columns()
     a = eomgen.build("four_bar", kernels=("forward_dynamics",)).forward_dynamics(found.q, found.v, found.drive)
     assert a == pytest.approx(found.a, abs=1e-9)
     assert "they follow from the others: joint2.gamma, joint3.gamma" in found.notes[1]
+
+
+ROD = """
+[[links]]
+name = "{name}"
+mass = {mass}
+com = [{com}, 0.02, 0.01]
+inertia = {{ xx = 0.002, yy = 0.01, zz = 0.012, xy = 0.0003 }}
+"""
+PIVOT = """
+[[joints]]
+name = "{name}"
+parent = "{parent}"
+child = "{child}"
+type = "revolute"
+placement = {{ xyz = [{x}, 0.0, 0.0] }}
+"""
+CUT = """
+[[loops]]
+name = "{name}"
+links = ["{first}", "{second}"]
+type = "revolute"
+placements = [{{ xyz = [{x1}, 0.0, 0.0] }}, {{ xyz = [{x2}, 0.0, 0.0] }}]
+"""
+
+
+def four_rods(*, cut_at_rocker: bool) -> eomgen.Robot:
+    """A four-bar linkage, cut between coupler and rocker, or between rocker and ground; frames of a joint agree."""
+    text = 'name = "four_rods"\ngravity = [0.0, -9.81, 0.0]\ndriven = ["motor.gamma"]\n'
+    text += ROD.format(name="crank", mass=0.4, com=0.1) + ROD.format(name="coupler", mass=1.0, com=0.25)
+    text += ROD.format(name="rocker", mass=0.8, com=0.2 if cut_at_rocker else -0.2)
+    text += PIVOT.format(name="motor", parent="base", child="crank", x=0.0)
+    text += PIVOT.format(name="pin", parent="crank", child="coupler", x=0.2)
+    if cut_at_rocker:
+        text += PIVOT.format(name="pivot", parent="base", child="rocker", x=0.5)
+        text += CUT.format(name="hinge", first="coupler", second="rocker", x1=0.5, x2=0.4)
+    else:
+        text += PIVOT.format(name="hinge", parent="coupler", child="rocker", x=0.5)
+        text += CUT.format(name="pivot", first="base", second="rocker", x1=0.5, x2=-0.4)
+    return robot_from_toml(text)
+
+
+def test_reactions_of_cut_joints_are_those_of_another_cut(tmp_path: Path) -> None:
+    """In the plane, where they are unique, each joint bears the same wherever the loop is cut; in files and tables."""
+    t = np.linspace(0.0, 0.3, 13)
+    crank = {"": 1.0 + 0.5 * np.sin(8 * t), ".rate": 4.0 * np.cos(8 * t), ".acceleration": -32.0 * np.sin(8 * t)}
+    found = []
+    for there in (True, False):
+        robot = four_rods(cut_at_rocker=there)
+        names = build_model(robot).coordinates
+        guess = {"pin": -0.5, "pivot": 1.2, "hinge": 1.2}
+        robot = replace(robot, home={name: guess[name[:-6]] for name in names if name[:-6] in guess})
+        columns = {"t": t} | {f"motor.gamma{key}": x for key, x in crank.items()}
+        found.append(forces(robot, motion_from_columns(columns, names)))
+    mine, other = found
+    assert (mine.loops, other.loops) == (("hinge",), ("pivot",))
+    for name in ("motor", "pin", "hinge", "pivot"):
+        a, b = mine.supports[name], other.supports[name]
+        assert np.linalg.norm(a[:, :2], axis=1) == pytest.approx(np.linalg.norm(b[:, :2], axis=1), rel=1e-9)
+    assert mine.supports["hinge"][:, :2] == pytest.approx(other.supports["hinge"][:, :2], rel=1e-8, abs=1e-8)
+    facts = mine.as_dict()["reactions"]
+    assert list(facts) == ["motor", "pin", "pivot", "hinge"]
+    assert any(line.startswith("hinge ") for line in mine.lines())
+    with open(mine.save(tmp_path / "forces.csv"), newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert [float(row["hinge.reaction.fy"]) for row in rows] == mine.loop_reactions[:, 0, 1].tolist()
+    assert "hinge.reaction" in [column.name for column in mine.as_rows().columns]
+
+
+def test_forces_of_elastic_cuts_close_the_balance() -> None:
+    """What is required is what the tree alone would take: the cut joint's laws are a force beside the others."""
+    robot = linkages()[0]
+    names = build_model(robot).coordinates
+    q, v, a = smooth_motion(np.linspace(0.0, 0.3, 5), len(names), 5)
+    columns = {"t": np.linspace(0.0, 0.3, 5)}
+    for i, name in enumerate(names):
+        columns |= {name: q[:, i], f"{name}.rate": v[:, i], f"{name}.acceleration": a[:, i]}
+    found = forces(robot, motion_from_columns(columns, names))
+    laws = ("stiffness", "damping", "cubic", "clearance", "coulomb", "preload")
+    kernel = eomgen.build(robot, kernels=("residual",))
+    for name in kernel.parameters:
+        if name.startswith("loops.") and name.endswith(laws):
+            kernel.parameters[name] = 0.0
+    assert np.abs(found.closing).max() > 1.0
+    assert found.required == pytest.approx(kernel.residual(q, v, a, 0 * q), abs=1e-9)

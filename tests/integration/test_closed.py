@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import eomgen
-from eomgen.errors import InputError
+from eomgen.errors import ArrayError, InputError, LoopError
 from eomgen.integration import integrate
+from eomgen.integration.closed import ClosedSystem
 from eomgen.loops.chart import Chart
+from eomgen.robot.value import Coordinate
 from tests.oracles.by_singular_values import ClosedLoops
 from tests.support.builds import Build
 from tests.support.linkages import KERNELS
+from tests.support.random_robots import Array
 
 
 @pytest.fixture
@@ -69,6 +74,70 @@ def test_every_method_keeps_the_balance_of_energy(example) -> None:  # type: ign
         assert np.abs(energy - energy[0] - 20.0 * turned).max() <= 1e-5 * 20.0 * turned[-1]
         assert motion.info["gap"] <= 1e-12
         assert motion.info["gap_rate"] <= 1e-11
+
+
+class Law:
+    """Drives that depend on all coordinates and rates; with their slopes if these are asked for."""
+
+    def __init__(self, n: int, exact: bool) -> None:
+        rng = np.random.default_rng(5)
+        self.by_q, self.by_v = rng.uniform(-3.0, 3.0, (2, n, n))
+        if exact:
+            self.slopes = lambda t, q, v: (self.by_q * np.cos(q), self.by_v)
+
+    def __call__(self, t: float, q: Array, v: Array) -> Array:
+        return self.by_q @ np.sin(q) + self.by_v @ v
+
+
+@pytest.mark.parametrize("name", ["four_bar", pytest.param("gough", marks=pytest.mark.soak)])
+@pytest.mark.parametrize("exact", [True, False])
+def test_jacobians_are_slopes_of_the_derivatives(name: str, exact: bool, built: Build) -> None:
+    """Along the loops, with drives, wrenches, dampers and a prescribed coordinate; with the kernel's slopes and not."""
+    robot, given = eomgen.load_robot(name), Coordinate(prescribed=True)
+    joints = [replace(joint, coordinates={**joint.coordinates, "x": given}) for joint in robot.joints[2:3]]
+    robot = replace(robot, name=f"moved_{name}", joints=(*robot.joints[:2], *joints, *robot.joints[3:]))
+    slopes = ("forward_dynamics_jacobian",) if exact else ()
+    kernel = built(robot, *KERNELS, "external_force", *slopes)
+    rng, home = np.random.default_rng(2), np.array([robot.home.get(x, 0.0) for x in kernel.coordinates])
+    q, wrench = kernel.close(home), rng.uniform(-5.0, 5.0, (len(kernel.links), 6))
+    place, rate = kernel.coordinates.index(kernel.prescribed[0]), np.array([0.3])
+    v = rng.uniform(-1.0, 1.0, kernel.n)
+    v[place] = rate[0]
+    v = kernel.close_rates(q, v, kernel.prescribed)
+    motion = lambda t: (q[[place]] + t * rate, rate, 0.0 * rate)  # noqa: E731
+    system = ClosedSystem(kernel, Law(kernel.n, exact), wrench, motion)
+    y = system.begin(0.0, q, v)
+    y += 0.01
+    steps = 1e-5 * np.eye(y.size)
+    expected = np.array([system.derivative(0.1, y + h) - system.derivative(0.1, y - h) for h in steps]).T / 2e-5
+    found = system.jacobian(0.1, y)
+    assert system.counts["jacobians"] == 1
+    assert np.abs(found - expected).max() <= (1e-7 if exact else 1e-4) * np.abs(expected).max()
+
+
+def test_a_chart_follows_one_state_and_many(example) -> None:  # type: ignore[no-untyped-def]
+    """Rates and accelerations are those of the constraint; what is open, singular or no number is said."""
+    kernel = example("four_bar").kernel
+    q = kernel.close([1.0, -0.5, 1.0])
+    chart, rng = Chart(kernel, q), np.random.default_rng(1)
+    guesses = q + rng.uniform(-0.1, 0.1, (5, 3))
+    v, a = rng.uniform(-1.0, 1.0, (2, 5, 3))
+    many = chart.follow(guesses, v, a)
+    assert np.abs(kernel.constraint(many.q)).max() <= 1e-12
+    J, bias = kernel.constraint_jacobian(many.q), kernel.constraint_bias(many.q, many.v)
+    assert np.abs(np.einsum("tmn,tn->tm", J, many.v)).max() <= 1e-14
+    assert np.abs(np.einsum("tmn,tn->tm", J, many.a) + bias).max() <= 1e-13
+    assert np.array_equal(many.q[:, chart.rest], guesses[:, chart.rest])
+    for i in range(5):
+        one = chart.follow(guesses[i], v[i], a[i])
+        for found, expected in zip(one, many, strict=True):
+            assert np.array_equal(found, expected[i])
+    with pytest.raises(LoopError, match=r"loop joint4 comes open"):
+        chart.follow(q + [0.0, 0.0, 2.5], near=True)
+    with pytest.raises(ArrayError, match=r"q: .*joint1\.gamma"):
+        chart.follow(q * [np.nan, 1.0, 1.0])
+    with pytest.raises(ArrayError, match=r"v: .*joint1\.gamma"):
+        chart.follow(q, q * [np.inf, 1.0, 1.0])
 
 
 def test_methods_that_cannot_keep_loops_closed_are_refused(example) -> None:  # type: ignore[no-untyped-def]

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
+from scipy.linalg import null_space
 
 pytest.importorskip("pinocchio")
 
@@ -13,7 +15,7 @@ from benchmarks.ladder import GRAVITY, ladder, ladder_state
 from eomgen.names import joint_of
 from eomgen.robot.cuts import CUTS
 from eomgen.robot.model import build_model
-from tests.oracles.closed_mechanisms import ROWS, SIZES, Closed, ClosedOracle
+from tests.oracles.closed_mechanisms import RANK, ROWS, SIZES, Closed, ClosedOracle
 from tests.support.builds import Build
 from tests.support.closed_kernels import USED, closed_dynamics
 from tests.support.figures import Figures
@@ -24,6 +26,8 @@ from tests.support.recuts import recuts
 pytestmark = pytest.mark.usefixtures("unoptimised")
 
 LIMIT = 1e-10  # relative to the greatest number of the result
+DRIVEN = 1e-8  # the same of a motion's drives, which are found by least squares
+CLOSING = ("constraint", "constraint_jacobian", "inverse_dynamics")
 
 
 def relative(found: Array, expected: Array, size: float | None = None) -> float:
@@ -41,14 +45,19 @@ def compare(found: Closed, expected: Closed, oracle: ClosedOracle, m: Mechanism,
     unique = expected.unique
     figures.at_most("multipliers", relative(found.multipliers[unique], expected.multipliers[unique], size), LIMIT)
     figures.at_most("forces of the cuts", relative(J.T @ found.multipliers, J.T @ expected.multipliers), LIMIT)
-    rows = np.cumsum([0, *(len(ROWS[loop.type]) for loop in m.robot.loops)])
-    whole = [bool(unique[a:b].all()) for a, b in pairwise(rows)]
+    whole = _whole(m, unique)
     size = float(np.abs(expected.reactions).max())
     figures.at_most("wrenches", relative(found.reactions[whole], expected.reactions[whole], size), LIMIT)
     figures.count("mechanisms")
     figures.count("loops", len(whole))
     figures.count("loops with redundant rows", len(whole) - sum(whole))
     figures.count("prescribed coordinates", int((~oracle.free).sum()))
+
+
+def _whole(m: Mechanism, unique: Array) -> list[bool]:
+    """Whether all multipliers of a loop are unique, of every loop."""
+    rows = np.cumsum([0, *(len(ROWS[loop.type]) for loop in m.robot.loops)])
+    return [bool(unique[a:b].all()) for a, b in pairwise(rows)]
 
 
 @pytest.mark.parametrize("number", [8, *seeds(0, 2, 500)])
@@ -85,6 +94,46 @@ def test_another_cut_says_the_same(number: int, built: Build, figures: Figures) 
         carried = first.reactions(m.q, m.v, one, m.wrench)[joints.index(joint_of(other.cut))]
         figures.at_most("wrench in the joint that is cut", relative(found.reactions[place], carried), LIMIT)
         figures.count("mechanisms without redundant rows")
+
+
+@pytest.mark.parametrize("number", seeds(9, 1, 500))
+def test_reactions_of_a_motion_by_as_many_drives_as_freedoms(number: int, built: Build, figures: Figures) -> None:
+    """The drives that make a motion, and what the cuts and all other joints bear in it, where they are unique."""
+    m = mechanism(number, wanted=lambda robot: not any(joint.motor for joint in robot.joints))
+    oracle, names = ClosedOracle(m.robot), build_model(m.robot).coordinates
+    moved = _drives(oracle.constraint(m.q, m.v)[1], oracle.free)
+    u = np.where(oracle.free & ~moved, 0.0, m.u)
+    expected = oracle.solve(m.q, m.v, u, m.wrench)
+    driven = tuple(name for name, moves in zip(names, moved, strict=True) if moves)
+    kernel = built(
+        replace(m.robot, driven=driven), *CLOSING, "loop_reactions", "reactions", "external_force", "external_reactions"
+    )
+    wrench = np.array([m.wrench.get(name, np.zeros(6)) for name in kernel.links]) if m.wrench else None
+    found = kernel.inverse_dynamics(m.q, m.v, expected.a, wrench=wrench)
+    figures.at_most(
+        "drives", relative(found[moved], u[moved], float(np.abs(oracle.forces(m.q, m.v, expected.a)).max())), DRIVEN
+    )
+    carried, size = kernel.loop_reactions(m.q, m.v, expected.a, wrench=wrench), float(np.abs(expected.reactions).max())
+    whole = _whole(m, expected.unique)
+    figures.at_most("wrenches in cuts", relative(carried[whole], expected.reactions[whole], size), DRIVEN)
+    figures.count("loops", int(sum(whole)))
+    if expected.unique.all():
+        joints = oracle.reactions(m.q, m.v, expected, m.wrench)
+        figures.at_most(
+            "wrenches in joints", relative(kernel.reactions(m.q, m.v, expected.a, wrench=wrench), joints), DRIVEN
+        )
+        figures.count("mechanisms without redundant rows")
+
+
+def _drives(J: Array, free: Array) -> Array:
+    """Free coordinates, (n,), as many as there are freedoms, that hold the mechanism as well as any."""
+    left, found = null_space(J[:, free], RANK).T, np.zeros(len(free), bool)
+    for _ in range(len(left)):
+        best = int(np.linalg.norm(left, axis=0).argmax())
+        found[np.flatnonzero(free)[best]] = True
+        unit = left[:, best] / np.linalg.norm(left[:, best])
+        left = left - np.outer(unit, unit @ left)
+    return found
 
 
 @pytest.mark.parametrize("number", seeds(0, 5, 100))

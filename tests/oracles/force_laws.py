@@ -14,7 +14,7 @@ from eomgen.robot.value import LINEAR, Coordinate, Friction, Robot, carriers
 from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.support.random_robots import Array
 
-KINDS = ("clearance", "one-sided", "curve", "friction", "cubic", "preload", "exponential", "plain")
+KINDS = ("clearance", "one-sided", "curve", "friction", "cubic", "preload", "exponential", "stops", "plain")
 
 
 def random_coordinate(rng: np.random.Generator, kind: str, old: Coordinate) -> Coordinate:
@@ -46,6 +46,16 @@ def random_coordinate(rng: np.random.Generator, kind: str, old: Coordinate) -> C
             preload=maybe(-5.0, 5.0),
             cubic=maybe(1.0, 10.0),
         )
+    if kind == "stops":
+        found = {
+            "stops.stiffness": draw(50.0, 200.0),
+            "stops.damping": maybe(0.5, 20.0),
+            "stops.restitution_damping": maybe(0.1, 1.5),
+            "stops.smoothing": draw(0.05, 0.4),
+            "stops.lower": draw(-0.5, 0.0),
+            "stops.upper": maybe(0.0, 0.5),
+        }
+        return replace(old, further={key: value for key, value in found.items() if value is not None})
     if kind == "curve":
         count = int(rng.integers(2, 9))
         knots = np.cumsum(rng.uniform(0.05, 0.5, count)) - draw(0.0, 1.5)
@@ -118,6 +128,7 @@ def resistance(c: Coordinate, s: float, v: float, load: float = 0.0) -> float:
         total += c.further["exponential.force"] * np.expm1(s / c.further["exponential.scale"])
     if c.curve is not None:
         total += measured(c, s)
+    total += stopped(c, s, v)
     if c.friction is not None:
         f = c.friction
         level = f.coulomb
@@ -128,6 +139,19 @@ def resistance(c: Coordinate, s: float, v: float, load: float = 0.0) -> float:
         assert f.smoothing is not None
         total += level * v / np.hypot(v, f.smoothing) + (f.viscous or 0.0) * v
     return float(total)
+
+
+def stopped(c: Coordinate, s: float, v: float) -> float:
+    """The push of the stops, with which it resists; each pushes or does nothing."""
+    given = {key.removeprefix("stops."): value for key, value in c.further.items() if key.startswith("stops.")}
+    total = 0.0
+    for end, side in (("lower", -1.0), ("upper", 1.0)):
+        if end in given:
+            x, w = side * (s - given[end]), given["smoothing"]
+            elastic, d_dot = given["stiffness"] * smooth(x, w), min(max(x / w, 0.0), 1.0) * side * v
+            factor = 1.0 + given.get("restitution_damping", 0.0) * d_dot
+            total += side * max(0.0, elastic * factor + given.get("damping", 0.0) * d_dot)
+    return total
 
 
 def measured(c: Coordinate, s: float) -> float:
@@ -146,6 +170,9 @@ def stored(c: Coordinate, s: float) -> float:
     if c.clearance is not None:
         assert c.smoothing is not None
         places += [sign * (c.clearance + x) for sign in (-1, 1) for x in (0.0, c.smoothing)]
+    for end, side in (("lower", -1.0), ("upper", 1.0)):
+        if f"stops.{end}" in c.further:
+            places += [c.further[f"stops.{end}"] + side * x for x in (0.0, c.further["stops.smoothing"])]
     inside = sorted({0.0, s, *(x for x in places if min(0.0, s) < x < max(0.0, s))}, reverse=bool(s < 0.0))
     total = 0.0
     for a, b in pairwise(inside):

@@ -13,6 +13,7 @@ import pytest
 import eomgen
 from eomgen.codegen.package import extension
 from eomgen.codegen.package.compile import Compiler, find_compiler
+from eomgen.codegen.package.extension import FILE, HEADERS
 from eomgen.errors import BuildError
 from eomgen.pipeline import cache, direct_calls
 from eomgen.pipeline.direct_check import check_extension
@@ -39,9 +40,8 @@ BUILDS = """
 def test_a_package_has_the_module_and_does_without(tmp_path: Path) -> None:
     package = generate("one_link", tmp_path, QUICK)
     made = next((package / "runtime").glob("_direct.*"))
-    assert (package / "runtime" / "direct.c").read_bytes() == Path(
-        eomgen.__path__[0], "runtime", "direct.c"
-    ).read_bytes()
+    for name in (FILE, *HEADERS):
+        assert (package / "runtime" / name).read_bytes() == Path(eomgen.__path__[0], "runtime", name).read_bytes()
     call = CALLS.format(folder=str(tmp_path))
     direct, kind, first, second = answer(python(call))
     assert (direct, kind, first) == (True, "Direct", second)
@@ -110,7 +110,7 @@ def test_the_module_is_made_once_and_from_the_same_bytes(empty_cache: Path) -> N
     first = direct_calls.made_by(compiler)
     assert first is not None
     assert [kind for kind, _, _ in cache.contents()] == ["extensions"]
-    assert set(first.files) == {"direct.c", next(name for name in first.files if name.startswith("_direct."))}
+    assert set(first.files) == {FILE, *HEADERS, next(name for name in first.files if name.startswith("_direct."))}
     made = empty_cache / "extensions" / first.key
     time = made.stat().st_mtime_ns
     again = direct_calls.made_by(compiler)
@@ -129,7 +129,7 @@ def test_the_key_names_all_that_the_module_depends_on(monkeypatch: pytest.Monkey
     keys.add(extension.extension_key(Compiler(compiler.command, compiler.version, ("-g",))))
     for target, value in (
         ("numpy.__version__", "9.9.9"),
-        ("eomgen.codegen.package.extension._source", lambda: "another"),
+        ("eomgen.codegen.package.extension._sources", lambda: {FILE: "another"}),
     ):
         with monkeypatch.context() as patch:
             patch.setattr(target, value)
@@ -154,9 +154,10 @@ def test_the_key_names_all_that_the_module_depends_on(monkeypatch: pytest.Monkey
 def test_a_module_that_does_something_else_is_refused(
     right: str, wrong: str, said: str, empty_cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    source = extension._source()
-    assert source.count(right) == 1
-    monkeypatch.setattr(extension, "_source", lambda: source.replace(right, wrong))
+    sources = extension._sources()
+    assert sum(text.count(right) for text in sources.values()) == 1
+    changed = {name: text.replace(right, wrong) for name, text in sources.items()}
+    monkeypatch.setattr(extension, "_sources", lambda: changed)
     with pytest.raises(BuildError, match="does something else than it should") as caught:
         direct_calls.made_by(find_compiler())
     assert said in str(caught.value)
@@ -179,7 +180,7 @@ def test_without_headers(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Non
 
 def test_what_the_module_cannot_be_made_of_is_told(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """And kernels are called all the same."""
-    monkeypatch.setattr(extension, "_source", lambda: "no C")
+    monkeypatch.setattr(extension, "_sources", lambda: {FILE: "no C"})
     monkeypatch.setattr(direct_calls, "EXTENSION", direct_calls.Extension())
     told: list[str] = []
     face = direct_calls.begin()

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import eomgen
 from eomgen import cli
@@ -14,7 +15,7 @@ from eomgen.errors import IntegrationStopped, LoopError
 from eomgen.robot.value import Coordinate, Robot
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.assembly import kernels_of
-from eomgen.simulation.result import SimulationResult
+from eomgen.simulation.result import SimulationResult, load_result
 from eomgen.simulation.run import run_scenario
 from tests.loops.test_closing import GEARED
 
@@ -187,3 +188,39 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert loaded.passive == ("joint2.gamma", "joint3.gamma")
     assert loaded.trajectory.info["gap"] <= 1e-11
     assert loaded.summary()["gap"] == loaded.trajectory.info["gap"]
+
+
+CRANKED = "duration = 0.5\noutput_step = 1e-3\n[control]\ntype = 'torque'\ncoordinates = ['joint1']\n"
+CRANKED += "rows = [[0.0, 15.0], [0.5, -15.0]]\n"
+
+
+def crossings(deviation: NDArray[np.float64], clearance: float) -> list[tuple[int, bool]]:
+    """Between which samples a deviation passes an end of its clearance, and whether it closes it."""
+    beyond = np.abs(deviation) > clearance
+    return [(int(i), bool(beyond[i + 1])) for i in np.flatnonzero(beyond[1:] != beyond[:-1])]
+
+
+@pytest.mark.parametrize("place", ["joint3.gamma", "joint4.x"])
+def test_contacts_in_joints_of_a_loop(place: str, tmp_path: Path) -> None:
+    """Found in the tree and in a cut joint where the deviation says so, in the result, and in its file."""
+    robot = eomgen.load_robot("four_bar")
+    if place == "joint4.x":
+        stop, (loop,) = Coordinate(stiffness=1e5, damping=100.0, clearance=2e-3, smoothing=2e-4), robot.loops
+        robot = replace(robot, loops=(replace(loop, coordinates={"x": stop}),), name="loose_bars")
+    else:
+        stop = Coordinate(stiffness=2000.0, damping=1.0, clearance=1.7, smoothing=1e-2)
+        robot = with_coordinate(robot, "joint3", "gamma", stop, "stopped_bars")
+    result = run(robot, CRANKED)
+    motion, kernel = result.trajectory, eomgen.build(robot)
+    cut = place in kernel.cut_laws
+    deviation = kernel.cut_forces(motion.q, motion.v)[:, 0, 0] if cut else motion.of(place)
+    expected = crossings(deviation, stop.clearance)
+    assert {contact.coordinate for contact in motion.contacts} == {place}
+    assert len(motion.contacts) >= len(expected) >= 2
+    for i, closes in expected:
+        assert any(motion.t[i] <= x.t <= motion.t[i + 1] and x.closes == closes for x in motion.contacts)
+    for contact in motion.contacts:
+        assert (contact.rate * contact.side > 0.0) == contact.closes
+    again = load_result(result.save(tmp_path / "run.npz"))
+    assert again.trajectory.contacts == motion.contacts
+    assert any(f"clearance of {place}: closed" in line for line in again.summary_lines())

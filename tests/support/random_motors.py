@@ -21,7 +21,7 @@ def geared_robot(
     """A random tree with motors on most of its principal coordinates, at least one.
 
     Args:
-        kinds: of the transmissions' forces (``law_oracle.KINDS``), in turns; "friction" is the rotor's.
+        kinds: of the transmissions' forces (``law_oracle.KINDS``), in turns; "friction" and "stops" are the rotor's.
         prescribed: how often a motor is prescribed.
     """
     for attempt in range(100):
@@ -49,7 +49,9 @@ def random_motor(rng: np.random.Generator, kind: str, prescribed: bool) -> Motor
     spring = Coordinate(float(rng.uniform(20.0, 200.0)), float(rng.uniform(0.5, 5.0)))
     made = random_coordinate(rng, kind, spring)
     ratio = float(rng.choice([-1.0, 1.0]) * rng.uniform(1.5, 6.0))
-    return Motor(float(rng.uniform(0.01, 0.3)), ratio, replace(made, friction=None), made.friction, prescribed)
+    own = {key: value for key, value in made.further.items() if key.startswith("stops.")}
+    spring = replace(made, friction=None, further={key: value for key, value in made.further.items() if key not in own})
+    return Motor(float(rng.uniform(0.01, 0.3)), ratio, spring, made.friction, prescribed, own)
 
 
 @dataclass(frozen=True)
@@ -118,7 +120,7 @@ class MotorOracle:
         for gear, phi, rate in zip(self.gears, self.deflections(q), self.deflections(v), strict=True):
             spring = gear.motor.transmission
             force = resistance(spring, phi, rate) + (spring.damping or 0.0) * rate
-            bearing = resistance(Coordinate(friction=gear.motor.friction), 0.0, v[gear.at])
+            bearing = resistance(gear.motor.rotor, q[gear.at], v[gear.at])
             result[gear.at] += force / gear.motor.ratio + bearing
             result[gear.principal] -= force
         return result
@@ -148,7 +150,7 @@ class MotorOracle:
         found = self.bodies.energy(q[self.own], v[self.own])
         found[0] += 0.5 * self.rotors() @ (v * v)
         for gear, phi in zip(self.gears, self.deflections(q), strict=True):
-            found[1] += stored(gear.motor.transmission, phi)
+            found[1] += stored(gear.motor.transmission, phi) + stored(gear.motor.rotor, q[gear.at])
         return np.asarray(found)
 
 

@@ -9,6 +9,7 @@ KEYS = [
     "curve",
     "friction",
     "clearance",
+    "stops",
     "name",
     "gravity",
     "urdf",

@@ -17,11 +17,11 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import ArrayError, SingularError
 from .arrays import Arrays, Lead, is_finite, joint_lead, place_of, rows_of
 from .direct import WRENCHED
-from .opened import loop_error
+from .opened import loop_error, singular_loop
 from .parameters import Parameters
 from .pieces import shared, states_at_once
 from .raw import RawFunction, RawKernel
-from .singular import NEARLY, VANISHED, null_coordinates, singular_place
+from .singular import NEARLY, VANISHED, null_coordinates, scaled_eigenvalues, singular_place
 
 Array = NDArray[Any]
 
@@ -253,8 +253,8 @@ class Calls:
     def singular(self, name: str, coordinate: int, place: str, q: Array | None = None) -> SingularError:
         """The error that says that a function cannot invert the mass matrix.
 
-        It names the coordinates that move without inertia; where the kernel cannot compute a mass matrix, the one at
-        which elimination fails.
+        It names the coordinates that move without inertia, or the loop whose constraints do not say what it bears;
+        where the kernel cannot compute a mass matrix, the coordinate at which elimination fails.
 
         Args:
             name: the function.
@@ -264,6 +264,8 @@ class Calls:
         """
         found, reason = self.coordinates[coordinate], ELIMINATED
         if q is not None:
+            if (loop := self._singular_loop(q)) is not None:
+                return SingularError(f"{name}: {self.raw.name}: {loop}{place}")
             M, names = self._moving_mass(q), [x for x in self.coordinates if x not in self.prescribed]
             limit = VANISHED if self.dtype == np.float64 else NEARLY
             if M is not None and np.isfinite(M).all():
@@ -271,6 +273,17 @@ class Calls:
             elif singular_place((found,), q, self.coordinates)[0] != found:
                 found, reason = singular_place((found,), q, self.coordinates)
         return SingularError(f"{name}: the mass matrix cannot be inverted at {found}{place}; {reason}")
+
+    def _singular_loop(self, q: Array) -> str | None:
+        """Say which loop has constraints that follow from others at q, (n,), where M can be inverted; else None."""
+        M = self._moving_mass(q) if self.raw.libraries.meta.get("constraints") else None
+        if M is None or "constraint_jacobian" not in self.raw.functions or not np.isfinite(M).all():
+            return None
+        if scaled_eigenvalues(M)[0][0] <= (VANISHED if self.dtype == np.float64 else NEARLY):
+            return None
+        here = np.asarray(q, dtype=np.float64)
+        states = np.stack([here, here + np.linspace(0.3, 0.7, self.n)]).astype(self.dtype)
+        return singular_loop(self.raw, *self.run("constraint_jacobian", None, (states,)))
 
     def _moving_mass(self, q: Array) -> Array | None:
         """The mass matrix of what is not prescribed at q, (n,); None where no function gives one."""

@@ -1,7 +1,8 @@
 """Methods of kernels through the extension module ``_direct``: plain calls go from Python to the C at once.
 
-``direct.c`` beside this file is its source, and says which calls are plain; all others go to the methods in Python.  A
-generated package carries a copy of this file, of its source, and of the module where it could be compiled.
+``direct.c`` beside this file is its source, with its headers, and says which calls are plain; all others go to the
+methods in Python.  A generated package carries a copy of this file, of its source, and of the module where it could be
+compiled.
 """
 
 from __future__ import annotations

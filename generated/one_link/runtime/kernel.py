@@ -588,7 +588,8 @@ class Kernel:
         Args:
             name: "external_force" or "external_reactions", with q, wrench, dq, dwrench; "energy", with q, v, dq, dv;
                 "reactions", with q, v, a, dq, dv, da; of robots with loops also "constrained_dynamics", with q, v, u,
-                dq, dv, du, and "settling", with q, v, dq, dv.  Without the wrenches' part in "reactions".
+                dq, dv, du, "constrained_drives", with q, v, a, u and their rates, and "settling", with q, v, dq, dv.
+                Without the wrenches' part in "reactions".
             arrays: those, shapes as of the kernel itself.
             out: array to write to.
 

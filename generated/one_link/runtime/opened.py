@@ -87,6 +87,27 @@ def _not_held(raw: RawKernel, title: str, i: int, place: str, ask: Ask, tree: st
     )
 
 
+def singular_loop(raw: RawKernel, jacobian: Array, elsewhere: Array) -> str:
+    """Say which loop is at a singular pose, and what is allowed.
+
+    Args:
+        raw: the functions.
+        jacobian: of the constraint there, (m, n).
+        elsewhere: at any other state, which shows the rows that vanish in all of them, (m, n).
+    """
+    meta = raw.libraries.meta
+    moving = [k for k, x in enumerate(meta["coordinates"]) if x not in meta["prescribed"]]
+    kept = np.flatnonzero(np.abs(elsewhere[:, moving]).max(axis=1) > 0.0)
+    left, sizes, _ = np.linalg.svd(jacobian[kept][:, moving])
+    shares = np.abs(left[:, sizes.size - 1])
+    component = meta["constraints"][kept[int(shares.argmax())]]
+    return (
+        f"{_kind(component)} {component.partition('.')[0]} is at a singular pose, where its constraints, independent"
+        f" elsewhere, do not determine its forces ({component}); allowed: poses beside it, or cut=True for the open"
+        " tree"
+    )
+
+
 def left_open(raw: RawKernel, gaps: NDArray[Any], what: str, allowed: str, per: str = "") -> LoopError:
     """The error that names the loop with the greatest of the gaps.
 

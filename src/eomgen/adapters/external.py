@@ -107,6 +107,7 @@ def render(function: DifferentiableFunction, called: str) -> str:
         "derivatives": f"casadi/{function.rule.template}.c.jinja",
         "by_kernel": function.rule.kernel,
         "calls": function.calls,
+        "idle": {name: math.prod(kernel.raw.shapes[name]) for name in function.idle},
         "first": function.rule.first(function),
         "written": math.prod(kernel.raw.shapes[kernel.raw.functions[function.calls].writes]),
         "n": kernel.n,

@@ -80,6 +80,13 @@ CLOSED: Mapping[str, Entry] = MappingProxyType(  # in their place where a robot 
         "forward_dynamics": Entry(
             ("q", "v", "u"), "a", _CONSTRAINED, rules.ConstrainedRule("vector", 0), "constrained_dynamics"
         ),
+        "inverse_dynamics": Entry(
+            ("q", "v", "a"),
+            "u",
+            ("constrained_drives", "constrained_drives_tangent"),
+            rules.ConstrainedRule("vector", 0),
+            "constrained_drives",
+        ),
     }
 )
 CUT: Mapping[str, Entry] = MappingProxyType(  # and where these are meant to be open
@@ -100,7 +107,6 @@ CUT: Mapping[str, Entry] = MappingProxyType(  # and where these are meant to be 
         ),
     }
 )
-WITHOUT_DERIVATIVES = ("inverse_dynamics",)  # of closed mechanisms: the least drives
 FRAMES = tuple(name for name, entry in FUNCTIONS.items() if entry.rule.framed)
 
 
@@ -136,6 +142,7 @@ class DifferentiableFunction:
         calls: the kernel's function that has the result, or a part of it.
         reads, result: names of what it takes and of what it gives.
         inputs: shapes of what it takes; output: that of its result.
+        idle: what the kernel's function reads behind that, which is 0 here.
         free: of bias_force and generalized_force the kernel without any force; else None.
 
     Raises:
@@ -145,11 +152,6 @@ class DifferentiableFunction:
 
     def __init__(self, kernel: Kernel, name: str, frame: str | None = None, *, cut: bool = False) -> None:
         entry = _entry(name, bool(kernel.constraints), cut)
-        if name in WITHOUT_DERIVATIVES and kernel.constraints and not cut:
-            raise InputError(
-                f"{name}: {kernel.name} has loops or couplings, and the least drives of a closed mechanism have no"
-                " derivatives here; allowed: cut=True, which takes the loops as open"
-            )
         missing = [needed for needed in entry.kernels if needed not in kernel.operations]
         if missing:
             raise UnknownNameError(
@@ -163,12 +165,15 @@ class DifferentiableFunction:
         self.reads, self.result, self.calls = entry.reads, entry.result, entry.calls or name
         shapes = kernel.raw.shapes
         self.inputs: tuple[tuple[int, ...], ...] = tuple(shapes[label] for label in entry.reads)
+        called = kernel.raw.functions[self.calls].reads
+        self.idle: tuple[str, ...] = tuple(label for label in called if label not in entry.reads)
         self.output: tuple[int, ...] = shapes[entry.rule.writes or kernel.raw.functions[self.calls].writes]
         self.free = rules.without_forces(self.kernel) if entry.rule.needs_free else None
 
     def value(self, *arrays: Array) -> Array:
         """The kernel's result, for one state or a batch."""
-        return self.rule.part(self, self.kernel.calls.run(self.calls, None, arrays, self._extra))
+        written = self.kernel.calls.run(self.calls, None, (*arrays, *rules.nothing(self)), self._extra)
+        return self.rule.part(self, written)
 
     def derivatives(self, *arrays: Array) -> tuple[Array, ...]:
         """Exact derivatives by every argument: (output shape, input shape), behind the batch's axis."""

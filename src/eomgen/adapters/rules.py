@@ -29,6 +29,7 @@ class Subject(Protocol):
     reads: tuple[str, ...]
     inputs: tuple[tuple[int, ...], ...]
     output: tuple[int, ...]
+    idle: tuple[str, ...]
     free: Kernel | None
 
 
@@ -167,7 +168,7 @@ class TangentRule(Rule):
             whole = np.broadcast_to(array, (*lead, *shape)).reshape(count, 1, *shape)
             states.append(np.repeat(whole, total, axis=1).reshape(-1, *shape))
             directions.append(np.tile(part, (count, 1)).reshape(-1, *shape))
-        written = self.part(f, f.kernel.tangent(f.calls, *states, *directions))
+        written = self.part(f, f.kernel.tangent(f.calls, *states, *nothing(f), *directions, *nothing(f)))
         found = written.reshape(*lead, total, *f.output)
         blocks = np.split(np.moveaxis(found, len(lead), -1), np.cumsum(sizes)[:-1], axis=-1)
         return tuple(b.reshape(*b.shape[:-1], *shape) for b, shape in zip(blocks, f.inputs, strict=True))
@@ -179,10 +180,12 @@ class TangentRule(Rule):
 
 
 class ConstrainedRule(TangentRule):
-    """Accelerations or multipliers, of what constrained_dynamics writes: whatever the gaps are.
+    """A part of what constrained_dynamics or constrained_drives writes, whatever the gaps are.
+
+    That is accelerations or drives, or multipliers.
 
     Args:
-        writes: "vector" for accelerations, "constraints" for multipliers.
+        writes: "vector" for the former, "constraints" for multipliers.
         place: 0 for the former, 1 for the latter.
     """
 
@@ -237,6 +240,11 @@ class FrameJacobianRule(Rule):
 
     def spare(self, f: Subject) -> int:
         return 6 * f.kernel.n
+
+
+def nothing(f: Subject) -> list[Array]:
+    """Arrays of 0 that a function's kernel reads behind its arguments."""
+    return [np.zeros(f.kernel.raw.shapes[label], f.kernel.dtype) for label in f.idle]
 
 
 def without_forces(kernel: Kernel) -> Kernel:

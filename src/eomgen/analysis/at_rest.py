@@ -16,7 +16,7 @@ from ..errors import IntegrationError
 from ..runtime.kernel import Kernel
 from ..shown import Shown
 from ..state.vectors import RANK
-from .holding import Fixation, floating
+from .holding import Fixation, notes_of_play
 from .tangent_system import LinearSystem, Tangent, load_force, moving_basis, reduced, tangent
 
 Array = NDArray[np.float64]
@@ -32,6 +32,7 @@ FIRST, GROWTH, LAST, SHORTEST = (
     1e-12,
 )  # s^2, pseudo-time: a force on a mass m moves it by force / m times this
 SMALL = 1e-11  # of a coordinate's size: round-off
+POSE = 1e-14  # m or rad, or of the largest coordinate: round-off of the pose, which stiff coordinates pass on to others
 
 
 @dataclass(frozen=True)
@@ -93,7 +94,8 @@ def rest(
             change = closing - basis @ _solve(matrix, left)
         size = np.minimum(1.0, 10.0 * inertia / np.maximum(np.abs(np.diagonal(K)), 1e-300))
         imbalance = float(np.linalg.norm((basis.T @ force) / np.sqrt(basis.T**2 @ inertia)))
-        if (np.abs(change) <= SMALL * size).all() and (tau > 1.0 or imbalance == before):
+        small = (np.abs(change) <= SMALL * size + POSE * max(1.0, np.abs(q).max())).all()
+        if small and (tau > 1.0 or imbalance == before):
             return _found(kernel, q + change, target, springs, still, loads)
         q = q + change * min(1.0, LONGEST / max(float(np.abs(change).max()), 1e-300))
         tau = min(tau * (GROWTH if imbalance <= before else 0.5), LAST)
@@ -131,7 +133,7 @@ def _found(
     reaction = kernel.constraint_jacobian(q).T @ multipliers if kernel.constraints else zero
     u = np.where(still, needed - reaction, -springs * (q - target))
     found = tangent(kernel, q, zero, zero, loads, multipliers)
-    notes = [f"{name} floats in its clearance: no stiffness there" for name in floating(kernel, q)]
+    notes = notes_of_play(kernel, q)
     basis, independent = moving_basis(kernel, q, ~still)
     if independent:
         K = basis.T @ (found.K + np.diag(springs)) @ basis

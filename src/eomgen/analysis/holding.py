@@ -16,7 +16,7 @@ from ..robot.model import build_model
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..state.motors import deflections, turn_motors
-from ..state.springs import clearances, law_numbers
+from ..state.springs import clearances, cut_numbers, law_numbers
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -151,6 +151,22 @@ def floating(kernel: Kernel, q: Array) -> tuple[str, ...]:
     gaps = clearances(kernel)
     inside = np.abs(deflections(kernel) @ q) <= [gaps.get(name, -1.0) for name in kernel.coordinates]
     return tuple(name for name, floats in zip(kernel.coordinates, inside, strict=True) if floats)
+
+
+def floating_cuts(kernel: Kernel, q: Array) -> list[str]:
+    """Names of the cut joints' coordinates and couplings that touch no end of their clearance at q, (n,)."""
+    gaps = {name: given["clearance"] for name, given in cut_numbers(kernel).items() if given.get("clearance")}
+    known = {"cut_forces", "cut_jacobian"} <= set(kernel.raw.functions)  # a kernel that the caller built may lack them
+    if not gaps or not known:
+        return []
+    deviations = kernel.cut_forces(q, np.zeros(kernel.n))[:, 0].tolist()
+    return [name for name, x in zip(kernel.cut_laws, deviations, strict=True) if abs(x) <= gaps.get(name, -1.0)]
+
+
+def notes_of_play(kernel: Kernel, q: Array) -> list[str]:
+    """Lines about the coordinates, those of cut joints and couplings too, that touch no end of their clearance."""
+    names = [*floating(kernel, q), *floating_cuts(kernel, q)]
+    return [f"{name} floats in its clearance: no stiffness there" for name in names]
 
 
 def _loose(kernel: Kernel) -> Mask:

@@ -14,7 +14,7 @@ from ..runtime.kernel import Kernel
 from ..runtime.opened import left_open
 from ..state.vectors import RANK, state_vector
 from .at_rest import closed
-from .holding import Fixation, floating
+from .holding import Fixation, notes_of_play
 from .options import HeldRobot
 from .tangent_system import LinearSystem, constraint_hessian, load_force, moving_basis, reduced, tangent
 
@@ -55,16 +55,12 @@ def moving_system(arm: HeldRobot, q: Array, v: ArrayLike, a: ArrayLike | None, u
         acceleration[free] = np.linalg.solve(M[np.ix_(free, free)], missing[free])
     forces = kernel.inverse_dynamics(q, rates, acceleration, cut=True) - dead
     found = tangent(kernel, q, rates, acceleration, arm.loads)
-    return reduced(kernel, q, rates, acceleration, forces, found, _unsaid(arm), _notes(kernel, q))
+    return reduced(kernel, q, rates, acceleration, forces, found, _unsaid(arm), tuple(notes_of_play(kernel, q)))
 
 
 def _unsaid(arm: HeldRobot) -> Fixation:
     """The fixation without its notes, which are about rest."""
     return replace(arm.fixation, notes=())
-
-
-def _notes(kernel: Kernel, q: Array) -> tuple[str, ...]:
-    return tuple(f"{name} floats in its clearance: no stiffness there" for name in floating(kernel, q))
 
 
 def _closed_system(arm: HeldRobot, q: Array, v: Array, given: Array, *, is_drive: bool) -> LinearSystem:
@@ -101,7 +97,7 @@ def _closed_system(arm: HeldRobot, q: Array, v: Array, given: Array, *, is_drive
     u[held] = (needed - J.T @ multipliers)[held]
     found = tangent(kernel, q, v, a, arm.loads, multipliers)
     bending = _jacobian_rates(arm, q, v, a)
-    return reduced(kernel, q, v, a, u, found, _unsaid(arm), _notes(kernel, q), bending)
+    return reduced(kernel, q, v, a, u, found, _unsaid(arm), tuple(notes_of_play(kernel, q)), bending)
 
 
 def _accelerations(kernel: Kernel, q: Array, v: Array, J: Array, bias: Array, forces: Array, moving: Mask) -> Array:

@@ -54,8 +54,8 @@ class StateOptions:
             that ``fixation_of`` finds.
         loads: dead wrenches by frame or link, (6,) each: force (N), moment (N m) at its origin, base axes.
         parameters: values that differ from the description's, {"gravity.z": 0.0} say.
-        kernel: of the robot, float64, with KERNELS and ``mechanism_kernels``; built if not given.  Its parameters
-            count.
+        kernel: of the robot, float64, with KERNELS and ``mechanism_kernels``, and with cut_forces and
+            cut_jacobian for what floats in the play of a cut joint; built if not given.  Its parameters count.
     """
 
     drives: str = "locked"
@@ -105,7 +105,8 @@ def kernel_of(
         InputError: the kernel is of another robot or not float64, or parameters are given beside a kernel.
     """
     if kernel is None:
-        kernel = build(robot, kernels=(*KERNELS, *mechanism_kernels(robot)), progress=progress or no_report)
+        cuts = ("cut_forces", "cut_jacobian") if build_model(robot).cut_laws else ()
+        kernel = build(robot, kernels=(*KERNELS, *mechanism_kernels(robot), *cuts), progress=progress or no_report)
         for name, value in (parameters or {}).items():
             kernel.parameters[name] = value
         return kernel

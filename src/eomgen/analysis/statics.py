@@ -16,7 +16,7 @@ from ..robot.model import tool_of
 from ..runtime.kernel import Kernel
 from ..shown import Shown
 from .at_rest import closed, rest
-from .holding import Fixation, PoseLike, floating
+from .holding import Fixation, PoseLike, floating, floating_cuts
 from .options import HeldRobot, StateKeywords, prepared, warn_of
 from .tangent_system import moving_basis, refuse_singular_pose
 
@@ -177,10 +177,12 @@ def motion_between(first: Array, second: Array) -> Array:
 
 
 def _compliance(kernel: Kernel, q: Array, K: Array, fixation: Fixation, frame: str) -> Array:
-    """J K^-1 J^T over what may move; coordinates that float in their clearance stay."""
+    """J K^-1 J^T over what may move; coordinates that float in their clearance stay, those of cut joints too."""
     stuck = np.isin(kernel.coordinates, floating(kernel, q))
     refuse_singular_pose(kernel, q, ~(fixation.locked | stuck))
-    basis, independent = moving_basis(kernel, q, ~(fixation.locked | stuck))
+    cuts = np.isin(kernel.cut_laws, floating_cuts(kernel, q))
+    stays = kernel.cut_jacobian(q)[cuts] if cuts.any() else None
+    basis, independent = moving_basis(kernel, q, ~(fixation.locked | stuck), stays)
     J = kernel.frame_jacobian(q, frame) @ basis
     if not independent:
         return np.zeros((6, 6))

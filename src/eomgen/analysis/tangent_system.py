@@ -90,16 +90,20 @@ def tangent(
     return Tangent(K, by_v, by_a)
 
 
-def moving_basis(kernel: Kernel, q: Array, moving: NDArray[np.bool_]) -> tuple[Array, tuple[int, ...]]:
+def moving_basis(
+    kernel: Kernel, q: Array, moving: NDArray[np.bool_], stays: Array | None = None
+) -> tuple[Array, tuple[int, ...]]:
     """Changes of all coordinates per change of the independent ones, (n, m), and which those are.
 
     Without loops all that may move is independent.  With loops the null space of the constraint's Jacobian, in those
-    coordinates that describe it best.
+    coordinates that describe it best.  ``stays``: derivatives by q of what else does not change, (k, n).
     """
     index = np.flatnonzero(moving)
-    if not kernel.constraints:
+    rows = [kernel.constraint_jacobian(q)] if kernel.constraints else []
+    rows += [stays] if stays is not None and len(stays) else []
+    if not rows:
         return np.eye(kernel.n)[:, index], tuple(int(i) for i in index)
-    J = kernel.constraint_jacobian(q)[:, index]
+    J = np.concatenate(rows)[:, index]
     _, S, Vt = np.linalg.svd(J)
     rank = int((RANK * S.max(initial=0.0) < S).sum())
     null = Vt[rank:].T

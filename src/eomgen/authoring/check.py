@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from ..scenario.load import load_scenario
 from ..sweep.plan import load_plan
 from .inertia import inertia_notes
 from .schemas import FORMATS
+from .stops import home_notes, start_notes
 
 
 @dataclass(frozen=True)
@@ -80,6 +81,20 @@ def check_file(path: str | Path, *, inertia: str | None = None) -> Checked:
         return Checked(name, kind, {}, (error,))
 
 
+def check_files(paths: Sequence[str | Path], *, inertia: str | None = None) -> list[Checked]:
+    """``check_file`` of each, and what is remarkable of scenarios beside the robots among them."""
+    checked = [check_file(path, inertia=inertia) for path in paths]
+    usable = [(path, file) for path, file in zip(paths, checked, strict=True) if not file.errors]
+    scenarios = {file.file: load_scenario(Path(path)) for path, file in usable if file.kind == "scenario"}
+    robots = [load_robot(path, inertia=inertia) for path, file in usable if file.kind == "robot" and scenarios]
+    return [
+        replace(file, notes=(*file.notes, *(note for robot in robots for note in start_notes(scenario, robot))))
+        if (scenario := scenarios.get(file.file)) is not None
+        else file
+        for file in checked
+    ]
+
+
 def kind_of(values: Mapping[str, object]) -> str:
     """The format, of FORMATS, that has most of the keys; a robot where that does not tell."""
     return max(FORMATS, key=lambda kind: len(FORMATS[kind][0].keys.keys() & values.keys()))
@@ -96,7 +111,11 @@ def _read(path: Path, name: str, kind: str, inertia: str | None) -> Checked:
     robot = load_robot(path, inertia=inertia)
     coordinates = sum(len(joint.all_coordinates) for joint in robot.joints)
     return Checked(
-        name, kind, {"links": len(robot.links), "coordinates": coordinates}, (), (*robot.notes, *inertia_notes(robot))
+        name,
+        kind,
+        {"links": len(robot.links), "coordinates": coordinates},
+        (),
+        (*robot.notes, *inertia_notes(robot), *home_notes(robot)),
     )
 
 

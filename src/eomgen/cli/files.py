@@ -29,11 +29,11 @@ def _add_check(parser: argparse.ArgumentParser) -> None:
 
 
 def _check(options: argparse.Namespace) -> None:
-    from ..authoring.check import check_file
+    from ..authoring.check import check_files
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", EomgenWarning)  # the notes say the same
-        checked = [check_file(name, inertia=options.inertia) for name in options.files]
+        checked = check_files(options.files, inertia=options.inertia)
     if options.json:
         show_json([file.as_dict() for file in checked])
     else:

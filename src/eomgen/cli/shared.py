@@ -76,6 +76,7 @@ def add_robot(parser: argparse.ArgumentParser) -> None:
         "read <dynamics friction=...> of an URDF, as Coulomb friction",
         "read joints with <mimic> of an URDF as independent ones",
     )
+    _add_more(parser)
 
 
 def add_result(parser: argparse.ArgumentParser) -> None:
@@ -89,6 +90,7 @@ def add_robot_of_result(parser: argparse.ArgumentParser, default: str) -> None:
     parser.add_argument("--robot", help=f"the robot that was simulated ({default})")
     add_inertia(parser, as_elsewhere)
     _add_urdf(parser, as_elsewhere, as_elsewhere, as_elsewhere)
+    _add_more(parser, as_elsewhere, as_elsewhere)
 
 
 def add_inertia(parser: argparse.ArgumentParser, about: str = _INERTIA) -> None:
@@ -100,6 +102,15 @@ def _add_urdf(parser: argparse.ArgumentParser, damping: str, friction: str, mimi
     parser.add_argument("--urdf-damping", action="store_true", help=damping)
     parser.add_argument("--urdf-friction", action="store_true", help=friction)
     parser.add_argument("--urdf-no-mimic", action="store_true", help=mimic)
+
+
+def _add_more(
+    parser: argparse.ArgumentParser,
+    stops: str = "stops at all limits: stiffness=K, with damping, restitution_damping, smoothing behind commas",
+    floating: str = "put a free joint, floating_base, between the ground and the root link of an URDF",
+) -> None:
+    parser.add_argument("--stops", metavar="KEY=NUMBER,...", help=stops)
+    parser.add_argument("--floating-base", action="store_true", help=floating)
 
 
 def read_robot(options: argparse.Namespace) -> Robot:
@@ -116,6 +127,8 @@ def read_robot(options: argparse.Namespace) -> Robot:
         urdf_damping=options.urdf_damping,
         urdf_friction=options.urdf_friction,
         urdf_mimic=not options.urdf_no_mimic,
+        stops=None if options.stops is None else _by_name("stops", options.stops.split(",")),
+        floating_base=options.floating_base,
     )
     for note in robot.notes:
         say(f"note: {note}", sys.stderr)

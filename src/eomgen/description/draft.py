@@ -27,6 +27,8 @@ class Draft:
     """A robot while it is being read: its parts by name, in the order of the description.
 
     links holds the root link of an URDF as well; joints has the order in which a parent's children follow each other;
+    ranges has limits by the names of coordinates where a format gives them to any, None where joints' limits
+    are all; unstopped names the joints at whose limits nothing stops unless stops are asked for.
     inherited names the links and joints that an URDF brought in; foreign the links whose inertia is that of an URDF or
     MJCF, which stands in the file xml_source, and places gives line and column of links.NAME and the like in it.
     """
@@ -41,6 +43,8 @@ class Draft:
     loops: dict[str, Loop] = field(default_factory=dict)
     couplings: dict[str, Coupling] = field(default_factory=dict)
     springs: dict[str, Spring] = field(default_factory=dict)
+    ranges: dict[str, tuple[float, float]] | None = None
+    unstopped: list[str] = field(default_factory=list)
     driven: tuple[str, ...] | None = None
     home: Mapping[str, float] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)

@@ -8,11 +8,11 @@ from dataclasses import replace
 from ..forms.keys import Number
 from ..forms.tables import Sub, Table
 from ..names import show
-from ..robot.rules import conflict
+from ..robot.rules import ROTORS, conflict
 from ..robot.value import Coordinate, Curve, Motor
 from .keys import COORDINATE
 
-_ROTOR = "role", "friction"  # of the motor's own coordinate; the rest of its table is the transmission's
+_ROTOR = ("role", *ROTORS)  # of the motor's own coordinate; the rest of its table is the transmission's
 ReadText = Callable[[str], str]  # the text of a file beside the description
 
 
@@ -59,8 +59,9 @@ def read_motor(table: Table, read_text: ReadText) -> Motor:
     spring = {key: value for key, value in table.values.items() if key in COORDINATE.keys and key not in _ROTOR}
     inner = COORDINATE.read(spring, table.where, table.source, table.path)
     transmission = read_coordinate(inner, Coordinate(), read_text)
-    friction = Coordinate().with_numbers(_inner_numbers(table, "friction")).friction
-    return Motor(inertia, ratio, transmission, friction, table.text("role") == "prescribed")
+    own = {key: number for name in ROTORS for key, number in _inner_numbers(table, name).items()}
+    rotor = Coordinate().with_numbers(own)
+    return Motor(inertia, ratio, transmission, rotor.friction, table.text("role") == "prescribed", rotor.further)
 
 
 def _inner_numbers(table: Table, name: str) -> dict[str, float]:

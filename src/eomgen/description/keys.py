@@ -69,17 +69,25 @@ def _curve(given: laws.Number, what: str, unit: str) -> Either:
     )
 
 
+def _numbers(law: laws.Law) -> dict[str, Key]:
+    """The keys of a law's numbers, without the name of its table."""
+    return {number.key.removeprefix(f"{law.name}."): _number(number) for number in law.numbers}
+
+
 def _law(law: laws.Law) -> dict[str, Key]:
     """The keys of a law in the table of its coordinate."""
     if law.has_points:
         return {law.name: _curve(law.numbers[0], "deviation", " or ".join(laws.LENGTH))}
-    keys = {number.key.removeprefix(f"{law.name}."): _number(number) for number in law.numbers}
+    keys = _numbers(law)
     return {law.name: Sub(law.about, inner=Form(keys))} if law.has_table else {**keys}
 
 
 _LAW: dict[str, Key] = {number.key: _number(number) for number in laws.BASIC}
 for _entry in laws.LAWS.values():
     _LAW |= _law(_entry)
+STOPS = Form(  # of a joint, whose limits say where they are
+    {key: kind for key, kind in _numbers(laws.LAWS["stops"]).items() if key not in ("lower", "upper")}
+)
 COORDINATE = Form(
     {**_LAW, "role": Choice("free (moves), locked (does not), prescribed (its motion is given)", words=ROLES)}
 )
@@ -156,6 +164,7 @@ JOINT = Form(
         },
         MOTOR: Sub("a motor behind an elastic gear drives the principal coordinate", inner=MOTOR_FORM),
         "limits": Numbers("lower and upper limit of the principal coordinate", "m or rad", count=2),
+        "stops": Sub("contacts at the limits: stiffness, damping, restitution_damping, smoothing", inner=STOPS),
         "prescribed": Strings("coordinates whose motion is given", words=(*COORDINATES, MOTOR)),
         "offset": _OFFSET,
     },
@@ -227,6 +236,7 @@ ROBOT = Form(
             words=POLICIES,
         ),
         "tunable": Strings("names of numbers that stay run-time parameters; * stands for one component"),
+        "stops": Sub("contacts at the limits of all joints that have limits and no stops of their own", inner=STOPS),
         "driven": Strings("coordinates with a drive; default the principal ones"),
         "home": ByName("where simulations start and closing begins, by coordinate; default 0", "m or rad"),
         "links": Entries("rigid bodies", inner=LINK),

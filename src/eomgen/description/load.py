@@ -7,7 +7,7 @@ TOML syntax and keys: docs and the built-in robots in ``robots/``.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from ..forms.keys import ByName
 from ..forms.tables import Table
 from ..forms.toml_place import located
 from ..forms.toml_text import parse_toml, read_text
-from ..names import nearest, show, show_path
+from ..names import listed, nearest, show, show_path
 from ..robot.geometry import ZERO
 from ..robot.inertia_policy import POLICIES, Judged, apply_inertia_policy, link_sizes
 from ..robot.mechanism import mechanism_conflict
@@ -39,10 +39,12 @@ from ..robot.value import (
 from .builtin import BUILTIN, builtin_robots
 from .couplings import read_coupling
 from .draft import Draft, ordered_joints
+from .floating import float_base
 from .forces import read_coordinate, read_motor
 from .keys import ROBOT
 from .loops import check_loops, read_loop, read_placement
 from .springs import check_springs, read_spring
+from .stops import asked_stops, joint_stops, stop_all, stop_numbers
 
 RobotLike = Robot | str | Path  # what functions take where they ask for a robot, see as_robot
 SUFFIXES = (".toml", ".urdf", ".xml", ".mjcf")
@@ -57,6 +59,8 @@ def load_robot(
     urdf_damping: bool = False,
     urdf_friction: bool = False,
     urdf_mimic: bool = True,
+    stops: Mapping[str, float] | None = None,
+    floating_base: bool = False,
 ) -> Robot:
     """Read a robot.
 
@@ -69,6 +73,10 @@ def load_robot(
         urdf_damping: read ``<dynamics damping>`` of an URDF; otherwise a note says that it is left out.
         urdf_friction: the same for ``<dynamics friction>``, as Coulomb friction.
         urdf_mimic: make couplings of ``<mimic>``; otherwise a note says that its joints are independent.
+        stops: stiffness, damping, restitution_damping, smoothing (the first is needed) of stops at all limits whose
+            coordinates have none yet; N/m and so on at translations, N m/rad and so on at rotations.  In the place of
+            ``stops`` at the top of a TOML file.
+        floating_base: put a free joint, ``floating_base``, between the ground and the root link of an URDF.
 
     Returns:
         The robot in SI units; ``notes`` says what was changed or left out.
@@ -77,7 +85,8 @@ def load_robot(
         DescriptionError: with the file, the place, what came and what is allowed.
     """
     if isinstance(source, str) and source in builtin_robots():
-        return robot_from_toml(read_text(BUILTIN / f"{source}.toml", source), source=source, inertia=inertia)
+        text = read_text(BUILTIN / f"{source}.toml", source)
+        return robot_from_toml(text, source=source, inertia=inertia, stops=stops, floating_base=floating_base)
     if not isinstance(source, (str, Path)):
         raise DescriptionError(f"a robot cannot be loaded from {type(source).__name__}; allowed: a name or a path")
     path = Path(source)
@@ -90,7 +99,7 @@ def load_robot(
         from .mjcf.read import root_tag  # only who has such a file pays for the XML parser
 
         if path.suffix == ".mjcf" or root_tag(text) != "robot":
-            return robot_from_mjcf(text, source=str(path), inertia=inertia)
+            return robot_from_mjcf(text, source=str(path), inertia=inertia, stops=stops, floating_base=floating_base)
     if path.suffix != ".toml":
         return robot_from_urdf(
             text,
@@ -99,6 +108,8 @@ def load_robot(
             urdf_damping=urdf_damping,
             urdf_friction=urdf_friction,
             urdf_mimic=urdf_mimic,
+            stops=stops,
+            floating_base=floating_base,
         )
     return robot_from_toml(
         text,
@@ -108,6 +119,8 @@ def load_robot(
         urdf_damping=urdf_damping,
         urdf_friction=urdf_friction,
         urdf_mimic=urdf_mimic,
+        stops=stops,
+        floating_base=floating_base,
     )
 
 
@@ -136,22 +149,32 @@ def robot_from_urdf(
     urdf_damping: bool = False,
     urdf_friction: bool = False,
     urdf_mimic: bool = True,
+    stops: Mapping[str, float] | None = None,
+    floating_base: bool = False,
 ) -> Robot:
     """The robot that an URDF text describes; arguments and errors as load_robot."""
     from .urdf import draft_from_urdf  # only who has an URDF pays for the XML parser
 
     draft = draft_from_urdf(text, source, damping=urdf_damping, friction=urdf_friction, mimic=urdf_mimic)
-    return _finish_xml(draft, inertia)
+    return _finish_xml(draft, inertia, stops, floating_base)
 
 
-def robot_from_mjcf(text: str, *, source: str = "", inertia: str | None = None) -> Robot:
+def robot_from_mjcf(
+    text: str,
+    *,
+    source: str = "",
+    inertia: str | None = None,
+    stops: Mapping[str, float] | None = None,
+    floating_base: bool = False,
+) -> Robot:
     """The robot that a MJCF text describes; arguments and errors as load_robot."""
     from .mjcf.read import draft_from_mjcf
 
-    return _finish_xml(draft_from_mjcf(text, source), inertia)
+    return _finish_xml(draft_from_mjcf(text, source), inertia, stops, floating_base)
 
 
-def _finish_xml(draft: Draft, inertia: str | None) -> Robot:
+def _finish_xml(draft: Draft, inertia: str | None, stops: Mapping[str, float] | None, floating_base: bool) -> Robot:
+    _equip(draft, None if stops is None else asked_stops(stops), floating_base)
     try:
         return _finish(draft, inertia, [])
     except DescriptionError as error:
@@ -168,16 +191,25 @@ def robot_from_toml(
     urdf_damping: bool = False,
     urdf_friction: bool = False,
     urdf_mimic: bool = True,
+    stops: Mapping[str, float] | None = None,
+    floating_base: bool = False,
 ) -> Robot:
     """The robot that a TOML text describes; ``folder`` is where its ``urdf`` is looked for, the rest as load_robot."""
     values = parse_toml(text, source)
     with located(text, values, source):
         top = ROBOT.read(values, "", source, ())
         draft = _start(top, source, folder, urdf_damping, urdf_friction, urdf_mimic)
-        return _robot_from_table(top, draft, folder, inertia)
+        return _robot_from_table(top, draft, folder, inertia, stops, floating_base)
 
 
-def _robot_from_table(top: Table, draft: Draft, folder: Path | None, inertia: str | None) -> Robot:
+def _robot_from_table(
+    top: Table,
+    draft: Draft,
+    folder: Path | None,
+    inertia: str | None,
+    stops: Mapping[str, float] | None,
+    floating_base: bool,
+) -> Robot:
     draft.gravity = top.vector("gravity") or draft.gravity
     for name, entry in top.entries("links"):
         draft.links[name] = _link(name, entry, draft)
@@ -194,6 +226,9 @@ def _robot_from_table(top: Table, draft: Draft, folder: Path | None, inertia: st
     draft.driven = tuple(top.strings("driven")) if "driven" in top else draft.driven
     draft.home = top.value("home", ByName) or draft.home
     _settle_base(draft)
+    table = top.table("stops")
+    said = None if table is None else stop_numbers(table)
+    _equip(draft, said if stops is None else asked_stops(stops), floating_base)
     try:
         return _finish(draft, inertia or top.choice("inertia"), top.strings("tunable"))
     except DescriptionError as error:
@@ -201,6 +236,16 @@ def _robot_from_table(top: Table, draft: Draft, folder: Path | None, inertia: st
             error.source = draft.xml_source
             error.line, error.column = draft.places([error.where])[0] or (None, None)
         raise
+
+
+def _equip(draft: Draft, stops: Mapping[str, float] | None, floating_base: bool) -> None:
+    """Add what was asked for beside the description: stops at limits, numbers as of ``stop_numbers``; a free root."""
+    if stops is not None:
+        stop_all(draft, stops)
+    elif draft.unstopped:
+        draft.notes.append(f"nothing stops at the limits of joints: {listed(draft.unstopped)} (stops=... does)")
+    if floating_base:
+        float_base(draft)
 
 
 def _says(top: Table, where: str) -> bool:
@@ -290,6 +335,8 @@ def _joint(name: str, entry: Table, draft: Draft, folder: Path | None) -> Joint:
             coordinates[key] = replace(coordinates.get(key, Coordinate()), prescribed=True)
     placement = _placement(entry, old.placement)
     limits, offset = _limits(entry, kind, old), _offset(entry, old)
+    if "stops" in entry:
+        coordinates[PRINCIPAL.get(kind, "")] = joint_stops(entry, kind, coordinates, limits)
     return Joint(name, parent, child, kind, placement, old.axis_turn, coordinates, limits, offset, motor)
 
 

@@ -44,6 +44,7 @@ Array = NDArray[np.float64]
 Bodies = Mapping[str, ElementTree.Element]
 INTEGRATORS = ("RK4", "Euler", "implicit", "implicitfast")
 LEAST = 1e-14  # mass (kg) and principal moments (kg m^2) of what has none: MuJoCo takes no less than 1e-15
+_FAR = 1e9  # m or rad, of the end of a range at which nothing stops
 _GROUND = "world"  # MuJoCo's name of the base
 
 
@@ -54,7 +55,7 @@ def export_mjcf(
 
     Drives are motors of the coordinates' names, frames are sites, and loops and couplings equality constraints, which
     are soft; the keyframe "home" is the closed pose near the description's home.  Contacts are off; limits are written,
-    but switched off, as nothing stops at them here.  Links without mass and thin rods get ``LEAST`` in its place.
+    but switched off where nothing stops at them here.  Links without mass and thin rods get ``LEAST`` in its place.
 
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description.
@@ -191,7 +192,8 @@ def _add_body(parent: ElementTree.Element, joint: Joint, link: Link, size: float
         name = component_name(joint.name, MOTOR)
         armature = max(joint.motor.inertia - LEAST, 0.0)  # the rest is the body's
         given = {"name": name, "type": "hinge", "axis": _text(turn[:, 2]), "armature": repr(armature)}
-        ElementTree.SubElement(rotor, "joint", given | _friction(joint.motor.friction))
+        own = _stopped(joint.motor.rotor) if "stops.stiffness" in joint.motor.further else {}
+        ElementTree.SubElement(rotor, "joint", given | own | _friction(joint.motor.friction))
     return body
 
 
@@ -209,12 +211,20 @@ def _add_joint(body: ElementTree.Element, joint: Joint, name: str, axis: Array, 
         values["armature"] = repr(given.armature)
     if offset:
         values["ref"] = repr(-offset)
-    if joint.limits is not None and name == PRINCIPAL.get(joint.type):
+    if "stops.stiffness" in given.further:
+        values |= _stopped(given)
+    elif joint.limits is not None and name == PRINCIPAL.get(joint.type):
         values |= {"range": _text(joint.limits), "limited": "false"}
     friction = _friction(given.friction)
     if "damping" in friction:
         friction["damping"] = repr(float(friction["damping"]) + (given.damping or 0.0))
     ElementTree.SubElement(body, "joint", values | friction)
+
+
+def _stopped(given: Coordinate) -> dict[str, str]:
+    """The range between a coordinate's stops; MuJoCo's has two ends."""
+    ends = given.further.get("stops.lower", -_FAR), given.further.get("stops.upper", _FAR)
+    return {"range": _text(ends), "limited": "true" if given.further["stops.stiffness"] else "false"}
 
 
 def _spring_of(given: Coordinate) -> dict[str, str]:

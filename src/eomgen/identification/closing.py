@@ -77,6 +77,6 @@ def _refuse_unknown(kernel: Kernel, J: Array, known: Mask) -> None:
     free = np.linalg.svd(J[:, others])[2][rank_of(J[:, others]) :]
     loose = [kernel.coordinates[i] for i in others[np.abs(free).max(axis=0) > 1e-6]]
     raise InputError(
-        f"forces: {kernel.name}: {listed(loose)} move while what was measured does not; allowed: motions that hold the"
+        f"{kernel.name}: {listed(loose)} move while what was measured does not; allowed: motions that hold the"
         " mechanism"
     )

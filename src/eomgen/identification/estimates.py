@@ -37,13 +37,14 @@ class FittedCoordinate:
     """Estimates for one coordinate; None where a parameter is not determined.
 
     stiffness: N/m or N m/rad; damping: N s/m or N m s/rad.  noise: standard deviation of white noise on the
-    coordinate, m or rad, as its samples show it.
+    coordinate, m or rad, as its samples show it.  owner: "joints", or of what is cut or coupled "loops", "couplings".
     """
 
     coordinate: str
     stiffness: Estimate | None
     damping: Estimate | None
     noise: float
+    owner: str = "joints"
 
 
 @dataclass(frozen=True)
@@ -71,7 +72,7 @@ class FitResult(Shown, Tabular):
             for key in KEYS:
                 estimate = getattr(entry, key)
                 if estimate is not None and estimate.value >= 0.0:
-                    found[parameter_name("joints", entry.coordinate, key)] = estimate.value
+                    found[parameter_name(entry.owner, entry.coordinate, key)] = estimate.value
         return found
 
     def as_rows(self) -> Rows:

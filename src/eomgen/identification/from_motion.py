@@ -26,6 +26,7 @@ from ..pipeline.stages import build
 from ..progress import StageReport
 from ..robot.coordinates import FORCES, force_unit_of, unit_of
 from ..robot.model import build_model
+from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..shown import Shown
 from ..state.motors import deflections
@@ -42,8 +43,8 @@ WINDOW, DEGREE = 11, 4
 class ForcesResult(Shown, Tabular):
     """Forces of a measured motion.
 
-    In every coordinate required = drive + spring + damper + line: what accelerates the links against gravity, and what
-    exerts it.  Where nothing drives a coordinate, ``drive`` is what the springs and dampers leave unexplained.
+    In every coordinate required = drive + spring + damper + line + closing: what accelerates the links against gravity,
+    and what exerts it.  Where nothing drives a coordinate, ``drive`` is what the springs and dampers leave unexplained.
 
     Attributes:
         robot: the robot's name.
@@ -55,9 +56,14 @@ class ForcesResult(Shown, Tabular):
         drive: u of inverse dynamics, (T, n), N or N m.
         spring, damper: -a s and -b s_dot of eq. (13), (T, n), N or N m.
         line: of springs and dampers between two points, (T, n), N or N m.
+        closing: of what closes loops and couples coordinates, rigid or elastic, (T, n), N or N m.
         springs: names of those, s of them.
         lengths, tensions: of each, (T, s), m and N; tension is positive where it pulls.
         reactions: what each joint exerts on its child link, (T, j, 6): force, moment, moved joint's axes; N, N m.
+        loops: names of the joints that are cut, l of them.
+        loop_reactions: what each of those exerts on its second link, (T, l, 6): force, moment, at the origin and in the
+            axes of the cut frame on that link; N, N m.
+        is_closed: whether the robot has loops or couplings.
         notes: lines about the method and about what was assumed.
     """
 
@@ -74,20 +80,31 @@ class ForcesResult(Shown, Tabular):
     spring: Array
     damper: Array
     line: Array
+    closing: Array
     springs: tuple[str, ...]
     lengths: Array
     tensions: Array
     reactions: Array
+    loops: tuple[str, ...]
+    loop_reactions: Array
+    is_closed: bool
     notes: tuple[str, ...]
 
     @property
+    def supports(self) -> dict[str, Array]:
+        """Reactions by the names of the joints, then of the loops' cut joints, (T, 6) each, N and N m."""
+        found = {name: self.reactions[:, k] for k, name in enumerate(self.joints)}
+        return found | {name: self.loop_reactions[:, k] for k, name in enumerate(self.loops)}
+
+    @property
     def parts(self) -> tuple[str, ...]:
-        """Names of the forces of a coordinate: "line" where there are springs between points."""
-        return ("required", "drive", "spring", "damper", *(("line",) if self.springs else ()))
+        """Names of the forces of a coordinate: "line" where there are springs between points, "closing" with loops."""
+        more = ("line",) if self.springs else ()
+        return ("required", "drive", "spring", "damper", *more, *(("closing",) if self.is_closed else ()))
 
     def as_rows(self) -> Rows:
         """A row per time: every coordinate, with .rate, .acceleration and each of ``parts``; springs with .length and
-        .tension; joints with .reaction, in six components, N and N m.
+        .tension; joints and loops with .reaction, in six components, N and N m.
         """
         columns = []
         for i, name in enumerate(self.coordinates):
@@ -98,8 +115,8 @@ class ForcesResult(Shown, Tabular):
         for i, name in enumerate(self.springs):
             columns.append(TableColumn(f"{name}.length", "m", self.lengths[:, i]))
             columns.append(TableColumn(f"{name}.tension", "N", self.tensions[:, i]))
-        for k, name in enumerate(self.joints):
-            columns.append(TableColumn(f"{name}.reaction", "N or N m", self.reactions[:, k], FORCES, "force"))
+        for name, wrench in self.supports.items():
+            columns.append(TableColumn(f"{name}.reaction", "N or N m", wrench, FORCES, "force"))
         return Rows("t", "s", self.t, columns, {"robot": self.robot})
 
     def as_dict(self) -> dict[str, Any]:
@@ -120,10 +137,10 @@ class ForcesResult(Shown, Tabular):
             **({"springs": between} if between else {}),
             "reactions": {
                 name: {
-                    "force": self._peak(np.linalg.norm(self.reactions[:, k, :3], axis=1)),
-                    "moment": self._peak(np.linalg.norm(self.reactions[:, k, 3:], axis=1)),
+                    "force": self._peak(np.linalg.norm(wrench[:, :3], axis=1)),
+                    "moment": self._peak(np.linalg.norm(wrench[:, 3:], axis=1)),
                 }
-                for k, name in enumerate(self.joints)
+                for name, wrench in self.supports.items()
             },
             "notes": list(self.notes),
         }
@@ -159,7 +176,7 @@ class ForcesResult(Shown, Tabular):
     def columns(self) -> dict[str, Array]:
         """Forces over time by name, (T,) each: t, NAME.required, NAME.drive, ..., JOINT.reaction.fx, ...
 
-        Springs between two points: SPRING.length, SPRING.tension.
+        Cut joints by the name of their loop.  Springs between two points: SPRING.length, SPRING.tension.
         """
         found = {"t": self.t}
         for i, name in enumerate(self.coordinates):
@@ -167,8 +184,8 @@ class ForcesResult(Shown, Tabular):
                 found[f"{name}.{part}"] = getattr(self, part)[:, i]
         for i, name in enumerate(self.springs):
             found |= {f"{name}.length": self.lengths[:, i], f"{name}.tension": self.tensions[:, i]}
-        for k, name in enumerate(self.joints):
-            found |= {f"{name}.reaction.{axis}": self.reactions[:, k, i] for i, axis in enumerate(FORCES)}
+        for name, wrench in self.supports.items():
+            found |= {f"{name}.reaction.{axis}": wrench[:, i] for i, axis in enumerate(FORCES)}
         return found
 
     def save(self, path: Path | str) -> Path:
@@ -213,8 +230,9 @@ def forces(
             coordinates, and what is not measured is held at zero, or follows where loops and couplings say how.
         motion: from ``read_motion`` or ``motion_from_columns``, or the path of a file.
         window, degree: samples and degree of the local polynomials.
-        kernel: of that robot, float64, with inverse_dynamics and reactions, and with what closes loops
-            (``mechanism_kernels``); built if not given.  Its parameters count.
+        kernel: of that robot, float64, with inverse_dynamics and reactions, with what closes loops
+            (``mechanism_kernels``), with loop_reactions where there are loops, cut_forces and cut_jacobian where there
+            are ``cut_laws``; built if not given.  Its parameters count.
 
     Raises:
         InputError: the file or an argument cannot be used, or a motion leaves a mechanism's coordinates open.
@@ -222,7 +240,7 @@ def forces(
     """
     robot = as_robot(robot)
     if kernel is None:
-        names = ("inverse_dynamics", "reactions", *mechanism_kernels(robot))
+        names = ("inverse_dynamics", "reactions", *mechanism_kernels(robot), *_cut_kernels(robot))
         kernel = build(robot, kernels=names, progress=progress or (lambda _: None))
     motion = measured_motion(robot.name, motion, kernel.coordinates)
     _refuse_transmissions(kernel, motion)
@@ -240,6 +258,7 @@ def forces(
     if kernel.springs:
         pairs = np.asarray(kernel.spring_forces(q, v))
         line = -np.einsum("tsn,ts->tn", kernel.spring_jacobian(q), pairs[..., 1])
+    closing = _closing(kernel, q, v, np.asarray(kernel.inverse_dynamics(q, v, a, cut=True)) - drive)
     held = [name for name in motion.coordinates if name not in {*motion.measured, *following}]
     if held:
         notes.append(f"not in the file, held at zero: {', '.join(held)}")
@@ -252,17 +271,34 @@ def forces(
         q=q,
         v=v,
         a=a,
-        required=drive + spring + damper + line,
+        required=drive + spring + damper + line + closing,
         drive=drive,
         spring=spring,
         damper=damper,
         line=line,
+        closing=closing,
         springs=kernel.springs,
         lengths=pairs[..., 0],
         tensions=pairs[..., 1],
         reactions=np.asarray(kernel.reactions(q, v, a)),
+        loops=tuple(kernel.loops),
+        loop_reactions=np.asarray(kernel.loop_reactions(q, v, a)) if kernel.loops else np.zeros((len(q), 0, 6)),
+        is_closed=robot.is_closed,
         notes=tuple(notes),
     )
+
+
+def _closing(kernel: Kernel, q: Array, v: Array, rigid: Array) -> Array:
+    """Generalized forces of what closes the loops, (T, n): the rigid part, and of the laws in cuts and couplings."""
+    if not kernel.cut_laws:
+        return rigid
+    resisting = kernel.cut_forces(q, v)[..., 1]
+    return np.asarray(rigid - np.einsum("tcn,tc->tn", kernel.cut_jacobian(q), resisting))
+
+
+def _cut_kernels(robot: Robot) -> tuple[str, ...]:
+    laws = ("cut_forces", "cut_jacobian") if build_model(robot).cut_laws else ()
+    return (*(("loop_reactions",) if robot.loops else ()), *laws)
 
 
 def _refuse_transmissions(kernel: Kernel, motion: MeasuredMotion) -> None:

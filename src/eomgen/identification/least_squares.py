@@ -24,23 +24,19 @@ from ..description import RobotLike, as_robot
 from ..errors import InputError, UnknownNameError
 from ..motion.files import MeasuredMotion, measured_motion
 from ..motion.smoothing import Differentiator, bell, filtered, noise_deviation
-from ..names import component_name, nearest, split_component
-from ..optional import optional_import
+from ..names import nearest, split_component
+from ..pipeline.closing import mechanism_kernels
 from ..pipeline.stages import build
 from ..progress import StageReport
+from ..robot.model import build_model
 from ..robot.value import MOTOR, PRINCIPAL, Robot
 from ..runtime.kernel import Kernel
 from ..state.springs import coordinate_numbers
 from .estimates import KEYS, Estimate, FitResult, FittedCoordinate
+from .estimating import FIRST, HALF_WIDTHS, SIGNAL, block_count, doubts, even_step, interval_of, least_samples
+from .together import fit_together
 
 Array = NDArray[np.float64]
-
-FIRST = 8  # half width of the filter that differentiates, samples
-HALF_WIDTHS = (0, 8, 32, 128)  # of the filter behind it; the best of more would look better than it is
-BLOCKS = (8, 40)  # least and most blocks of time: standard errors are the jackknife's, which leaves out one at a time
-BLOCK_WIDTHS = 4  # half widths in a block, at least: what is in one block hardly correlates with the next
-SIGNAL = 3.0  # variance of a motion over that of its noise, below which it does not count as one
-EVEN = 1e-3  # of a step: by so much a sample's time may be off
 
 
 def fit(
@@ -58,34 +54,38 @@ def fit(
     must be known, those that the description gives; transmissions of motors are not fitted.  The motion has samples at
     equal distances in time; what noise there is should be white and independent between coordinates.
 
+    Of robots with loops and couplings those that the description gives are fitted, of cut joints and elastic couplings
+    too, or those that are asked for: all together along what the loops leave free (``together``), so that the loops'
+    forces need not be known.  A drive that is not in the motion takes its coordinate out of the equations.  There what
+    noise adds on average is not taken off.
+
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description.  Masses, geometry,
             gravity and springs between points count, its coordinates' stiffness and damping do not.
         motion: from ``read_motion`` or ``motion_from_columns``, or the path of a file.
         coordinates: names of those to fit; all that can be if empty.
         confidence: of the intervals, between 0 and 1; Student's t over blocks of time.
-        kernel: of that robot, float64, with inverse_dynamics and mass_matrix; built if not given.
+        kernel: of that robot, float64, with ``fitting_kernels``; built if not given.
 
     Raises:
-        InputError: the robot has loops or couplings, the file or an argument cannot be used, samples are too few or not
-            evenly spaced.
+        InputError: the file or an argument cannot be used, samples are too few or not evenly spaced, or they leave a
+            mechanism's coordinates open.
+        LoopError: loops do not close near a sample.
     """
     robot = as_robot(robot)
-    if robot.is_closed:
-        raise InputError(
-            f"fit: {robot.name} has loops or couplings, whose forces no motion tells apart from those of its springs;"
-            " allowed: robots without"
-        )
     if not 0.0 < confidence < 1.0:
         raise InputError(f"confidence: {confidence!r}; allowed: a number between 0 and 1")
     if kernel is None:
-        kernel = build(robot, kernels=("inverse_dynamics", "mass_matrix"), progress=progress or (lambda _: None))
+        kernel = build(robot, kernels=fitting_kernels(robot), progress=progress or (lambda _: None))
     motion = measured_motion(robot.name, motion, kernel.coordinates)
-    step = _even_step(motion)
+    step = even_step(motion)
+    if robot.is_closed:
+        together, doubted = fit_together(robot, kernel, motion, coordinates, confidence, step)
+        return FitResult(robot.name, confidence, tuple(together), tuple(doubted), _closed_notes(motion))
     wanted, warnings = _wanted(robot, motion, coordinates)
     noise = noise_deviation(motion.q)
     terms = _Terms(kernel, motion, step)
-    candidates = [_Filtered(terms, half) for half in HALF_WIDTHS if len(motion.t) >= _least(FIRST + half)]
+    candidates = [_Filtered(terms, half) for half in HALF_WIDTHS if len(motion.t) >= least_samples(FIRST + half)]
     fitted = []
     for name in wanted:
         i = kernel.coordinates.index(name)
@@ -98,9 +98,15 @@ def fit(
             continue
         estimates = [_estimate(robot, name, c, best.get(c), confidence, step) for c in (0, 1)]
         entry = FittedCoordinate(name, estimates[0], estimates[1], float(noise[i]))
-        warnings += _doubts(entry)
+        warnings += doubts(entry)
         fitted.append(entry)
     return FitResult(robot.name, confidence, tuple(fitted), tuple(warnings), _notes(motion))
+
+
+def fitting_kernels(robot: Robot) -> tuple[str, ...]:
+    """Names of the kernels that a fit calls."""
+    laws = ("cut_forces", "cut_jacobian") if robot.is_closed and build_model(robot).cut_laws else ()
+    return ("inverse_dynamics", *dict.fromkeys(("mass_matrix", *mechanism_kernels(robot), *laws)))
 
 
 class _Terms:
@@ -171,7 +177,7 @@ def _solve(data: _Filtered, i: int, sigma: float, columns: tuple[int, ...]) -> _
     keep = list(columns)
     X, of_X, of_y = X[:, keep], of_X[keep], of_y[keep]
     size = np.sqrt(np.mean(X**2, axis=0))
-    blocks = min(BLOCKS[1], count // (BLOCK_WIDTHS * data.half))
+    blocks = block_count(count, data.half)
     parts = [
         (len(p), p.T @ p, p.T @ r) for p, r in zip(np.array_split(X, blocks), np.array_split(y, blocks), strict=True)
     ]
@@ -194,15 +200,11 @@ def _estimate(
     """The parameter with its interval, by Student's t."""
     if solution is None:
         return None
-    with optional_import("SciPy", "fit needs"):
-        from scipy.stats import t as student
-    quantile = float(student.ppf(0.5 + confidence / 2, solution.blocks - len(solution.columns)))
     value = float(solution.values[solution.columns.index(column)])
-    error = float(np.sqrt(solution.variance(column)))
     joint, short = split_component(name)
     described = getattr(robot.joint(joint).coordinates[short], KEYS[column]) or 0.0
-    low, high = value - quantile * error, value + quantile * error
-    return Estimate(value, error, low, high, described, 2 * solution.half * step, solution.unexplained)
+    width, freedoms = 2 * solution.half * step, solution.blocks - len(solution.columns)
+    return interval_of(value, solution.variance(column), freedoms, confidence, described, width, solution.unexplained)
 
 
 def spring_rates(kernel: Kernel) -> tuple[Array, Array]:
@@ -212,26 +214,6 @@ def spring_rates(kernel: Kernel) -> tuple[Array, Array]:
     """
     own = np.array([name not in kernel.motors for name in kernel.coordinates])
     return own * coordinate_numbers(kernel, "stiffness"), own * coordinate_numbers(kernel, "damping")
-
-
-def _least(half: int) -> int:
-    """Samples that a filter of that half width needs."""
-    return 2 * half + BLOCKS[0] * BLOCK_WIDTHS * half
-
-
-def _even_step(motion: MeasuredMotion) -> float:
-    """Distance of the samples, s."""
-    if len(motion.t) < _least(FIRST):
-        raise InputError(f"{motion.source}: {len(motion.t)} samples; a fit needs at least {_least(FIRST)}")
-    step = float(motion.t[-1] - motion.t[0]) / (len(motion.t) - 1)
-    off = np.abs(motion.t - motion.t[0] - step * np.arange(len(motion.t)))
-    worst = int(off.argmax())
-    if off[worst] > EVEN * step + 1e-9:
-        raise InputError(
-            f"{motion.source}: sample {worst} is at {motion.t[worst]:.9g} s; allowed for a fit: equal distances, here"
-            f" {motion.t[0] + worst * step:.9g} s"
-        )
-    return step
 
 
 def _columns(robot: Robot, name: str) -> tuple[int, ...]:
@@ -268,23 +250,6 @@ def _wanted(robot: Robot, motion: MeasuredMotion, asked: Sequence[str]) -> tuple
     return wanted, warnings
 
 
-def _doubts(entry: FittedCoordinate) -> list[str]:
-    """Warnings about a fitted coordinate."""
-    found = []
-    for key in KEYS:
-        estimate: Estimate | None = getattr(entry, key)
-        if estimate is None:
-            continue
-        name = component_name(entry.coordinate, key)
-        if estimate.low <= 0.0 <= estimate.high:
-            found.append(f"{name}: its interval holds zero, so the motion does not determine it")
-        elif estimate.value < 0.0:
-            found.append(f"{name} is negative; is the drive known, and the inertia right?")
-        elif estimate.unexplained > 0.5:
-            found.append(f"{name}: {100 * estimate.unexplained:.0f} % of the force stays unexplained")
-    return found
-
-
 def _notes(motion: MeasuredMotion) -> tuple[str, ...]:
     how = (
         "derivatives: central differences of eighth order behind a bell of 9 samples"
@@ -296,3 +261,15 @@ def _notes(motion: MeasuredMotion) -> tuple[str, ...]:
     if still:
         notes.append(f"without a drive in the file, taken as zero: {', '.join(still)}")
     return tuple(notes)
+
+
+def _closed_notes(motion: MeasuredMotion) -> tuple[str, ...]:
+    how = (
+        "rates and accelerations: from the file"
+        if motion.v is not None and motion.a is not None
+        else "derivatives: central differences of eighth order behind a bell of 9 samples"
+    )
+    return (
+        f"{how}; loops closed at every sample; balanced along what loops and couplings leave free",
+        "noise of the motion makes stiffness look softer: what it adds is not taken off",
+    )

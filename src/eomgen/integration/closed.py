@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import IntegrationStopped, LoopError
-from ..loops.chart import Chart
+from ..errors import ArrayError, IntegrationStopped, LoopError
+from ..loops.chart import Chart, Followed
 from ..runtime.kernel import Kernel
 from ..runtime.opened import left_open
 from ..state.springs import rate_step
@@ -16,6 +16,7 @@ from .system import System
 Array = NDArray[np.float64]
 
 TURN = 2.0 * np.pi  # rad, or m: how far y goes from its origin
+LARGE = 2500  # entries of J: of more no singular values are looked at in every sample
 OPEN = 1e-9  # m or rad, and per second and the largest rate: more is not round-off
 
 
@@ -41,6 +42,10 @@ class ClosedSystem(System):
         self._opened: LoopError | None = None  # since the state that was reached
         self._origin = np.zeros(self.n)
         self._last = np.zeros(2 * self.n)  # the state that was reached
+        if "constrained_dynamics" not in kernel.raw.functions:
+            raise kernel.raw.missing("constrained_dynamics")
+        self._function = kernel.raw.functions["constrained_dynamics"]
+        self._size = self.n + 3 * len(kernel.constraints)
 
     @property
     def chart(self) -> Chart:
@@ -74,10 +79,10 @@ class ClosedSystem(System):
 
     def arrived(self, t: float, y: Array) -> tuple[Array, Array, bool]:
         """y to go on with from t, q and v there, and whether y begins anew; LoopError where the loops come open."""
-        q, v, slopes = self._states(np.array([t]), y[np.newaxis])
-        self.chart.use(q[0], slopes[0])
+        found = self._followed(t, y)
+        self.chart.use(found.q, found.slopes)
         self._opened = None
-        self._last = np.concatenate([q[0], v[0]])
+        self._last = np.concatenate([found.q, found.v])
         other = self.chart.moved()
         if other is None and np.abs(y[: y.size // 2]).max(initial=0.0) <= TURN:
             return y, self._last, False
@@ -92,7 +97,11 @@ class ClosedSystem(System):
     def derivative(self, t: float, y: Array) -> Array:
         """y' of one state."""
         self.evaluated(t, y)
-        return np.asarray(self._derivatives(t, y[np.newaxis])[0])
+        found, f = self._followed(t, y), y.size // 2
+        result = np.empty_like(y)
+        result[:f] = y[f:]
+        result[f:] = self._accelerations(t, found.q, found.v, self._given_at(t))[self.chart.free]
+        return result
 
     def trial(self, t: float, y: Array) -> Array:
         """y' of one state, NaN where there is none, and where the loops do not close."""
@@ -104,13 +113,63 @@ class ClosedSystem(System):
             return np.full_like(y, np.nan)
 
     def jacobian(self, t: float, y: Array) -> Array:
-        """dy'/dy by finite differences, all at once."""
+        """dy'/dy: the kernel's exact one, and where it has none by finite differences, all at once."""
         self.counts["jacobians"] += 1
-        f = y.size // 2
-        size = np.maximum(1.0, np.abs(y))
-        steps = np.concatenate([Q_STEP * size[:f], rate_step(self.kernel) * size[f:]])
+        if "forward_dynamics_jacobian" in self.kernel.operations:
+            return self._exact_jacobian(t, y)
+        steps = self._differences(y)
         found = self._derivatives(t, np.vstack([y, y + np.diag(steps)]))
         return np.asarray((found[1:] - found[0]).T / steps)
+
+    def _exact_jacobian(self, t: float, y: Array) -> Array:
+        """dy'/dy from the derivatives of the closed accelerations along the loops.
+
+        Those of wrenches, and of drives without a method ``slopes``, are finite differences.
+        """
+        q, v, _, slopes = self._followed(t, y)
+        u, f = self._loads(t, q, v), y.size // 2
+        if self._given:
+            u[self._given] = self._given_at(t)
+        by_q, by_v, by_u = self.kernel.forward_dynamics_jacobian(q, v, u)
+        ways, free = self.chart.ways(slopes), self.chart.free
+        turning = self._turning(q, v, ways)
+        result = np.zeros((2 * f, 2 * f))
+        result[:f, f:] = np.eye(f)
+        result[f:, :f] = (by_q @ ways + by_v @ turning)[free]
+        result[f:, f:] = (by_v @ ways)[free]
+        if self._drive is not None or self._wrench is not None:
+            by_u[:, self._given] = 0.0
+            result[f:] += by_u[free] @ self._loads_along(t, y, (q, v), ways, turning)
+        return result
+
+    def _turning(self, q: Array, v: Array, ways: Array) -> Array:
+        """Derivatives of all rates, (n, f), by the independent coordinates whose rates stay.
+
+        J v = 0 says how: J dv = -(dJ) v.  That is half of what the bias of the constraint, which is quadratic in v,
+        changes by along the ways, and accelerations that follow from none of the others are what it makes.
+        """
+        size = max(1.0, float(np.abs(v).max()))
+        both = np.vstack([v + size * ways.T, v - size * ways.T])
+        plus, minus = np.split(self.chart.follow(np.tile(q, (len(both), 1)), both, near=True).a, 2)
+        return np.asarray((plus - minus).T / (4.0 * size))
+
+    def _loads_along(self, t: float, y: Array, state: tuple[Array, Array], ways: Array, turning: Array) -> Array:
+        """Derivatives of drives and wrenches by y, (n, 2f), about its state."""
+        exact, result = getattr(self._drive, "slopes", None), np.zeros((self.n, y.size))
+        if exact is not None:
+            by_q, by_v = exact(t, *state)
+            result = np.hstack([by_q @ ways + by_v @ turning, by_v @ ways])
+            if self._wrench is None:
+                return result
+        steps = self._differences(y)
+        q, v, *_ = self._states(np.full(y.size + 1, t), np.vstack([y, y + np.diag(steps)]))
+        loads = self._loads(t, q, v, drives=exact is None)
+        return np.asarray(result + (loads[1:] - loads[0]).T / steps)
+
+    def _differences(self, y: Array) -> Array:
+        """Steps of finite differences, (2f,)."""
+        f, size = y.size // 2, np.maximum(1.0, np.abs(y))
+        return np.concatenate([Q_STEP * size[:f], rate_step(self.kernel) * size[f:]])
 
     def forces(self, t: float, q: Array, v: Array) -> Array:
         """u in a state: the drives, and what the motion of prescribed coordinates needs."""
@@ -123,6 +182,19 @@ class ClosedSystem(System):
         needed = self.kernel.residual(q, v, a, np.zeros(n), wrench=self.wrench(t, q, v))
         needed -= self.kernel.constraint_jacobian(q).T @ multipliers
         return np.where(self._free, u, needed)
+
+    def margins(self, q: Array) -> Array | None:
+        """The smallest of as many singular values of J as it has rank, by the greatest, at samples, (T,).
+
+        Lengths are by the coordinates' kinetic energy; None of large mechanisms, where that would take long.
+        """
+        moving = np.flatnonzero(self._free)
+        if len(self.kernel.constraints) * moving.size > LARGE or not self.chart.rank:
+            return None
+        inertia = np.diagonal(self.kernel.mass_matrix(q), axis1=1, axis2=2)[:, np.newaxis, moving]
+        scaled = self.kernel.constraint_jacobian(q)[:, :, moving] / np.sqrt(np.maximum(inertia, 1e-12))
+        sizes = np.linalg.svd(scaled, compute_uv=False)
+        return np.asarray(sizes[:, self.chart.rank - 1] / np.maximum(sizes[:, 0], 1e-300))
 
     def about(self, q: Array, v: Array) -> dict[str, float]:
         """Counts, the greatest |g| and |J v| over all samples, (T, n), and the constraints that are redundant."""
@@ -148,8 +220,22 @@ class ClosedSystem(System):
             return super().stopped("the loops do not stay closed", t, self._last)
         return super().stopped(reason, t, self._last, whole)
 
-    def _states(self, times: Array, ys: Array) -> tuple[Array, Array, Array]:
-        """q and v, (N, n), with the loops closed, and the slopes of the chart there."""
+    def _followed(self, t: float, y: Array) -> Followed:
+        """The closed state of y."""
+        chart, f = self.chart, y.size // 2
+        q, v = chart.q.copy(), np.zeros(self.n)
+        q[chart.free], v[chart.free] = y[:f] + self._origin[chart.free], y[f:]
+        if self._given:
+            self.prescribe(t, q, v)
+        try:
+            return chart.follow(q, v)
+        except ArrayError:
+            for label, x in (("q", q), ("v", v)):
+                self._refuse_not_finite(label, x, t)
+            raise
+
+    def _states(self, times: Array, ys: Array) -> Followed:
+        """The closed states of many y, (N, size)."""
         chart, f = self.chart, ys.shape[1] // 2
         q, v = np.zeros((len(ys), self.n)), np.zeros((len(ys), self.n))
         q[:, chart.free], v[:, chart.free] = ys[:, :f] + self._origin[chart.free], ys[:, f:]
@@ -158,30 +244,49 @@ class ClosedSystem(System):
                 self.prescribe(t, q[i], v[i])
         for label, x in (("q", q), ("v", v)):
             self._refuse_not_finite(label, x, float(times[0]))
-        q, slopes = chart.close(q)
-        return q, chart.rates(v, slopes), slopes
+        return chart.follow(q, v)
+
+    def _given_at(self, t: float) -> Array | None:
+        """Accelerations of the prescribed coordinates, None without any."""
+        return self.prescribe(t, np.zeros(self.n), np.zeros(self.n)) if self._given else None
 
     def _derivatives(self, t: float, ys: Array) -> Array:
         """y' of states at one time, (N, size)."""
-        q, v, _ = self._states(np.full(len(ys), t), ys)
-        given = self.prescribe(t, np.zeros(self.n), np.zeros(self.n)) if self._given else None
-        a = self._constrained(t, q, v, given)[:, : self.n]
+        q, v, *_ = self._states(np.full(len(ys), t), ys)
+        a = self._constrained(t, q, v, self._given_at(t))[:, : self.n]
         self._refuse_not_finite("acceleration", a, t)
         free = self.chart.free
         return np.hstack([v[:, free], a[:, free]])
 
+    def _accelerations(self, t: float, q: Array, v: Array, given: Array | None) -> Array:
+        """Accelerations of one closed state, (n,)."""
+        u = self._loads(t, q, v)
+        if given is not None:
+            u[self._given] = given
+        calls, found = self.kernel.calls, np.empty(self._size)
+        if calls.call(self._function, (q, v, u), (), (), None, found) >= 0:
+            return calls.run("constrained_dynamics", None, (q, v, u))[: self.n]  # which says what is wrong
+        a = found[: self.n]
+        self._refuse_not_finite("acceleration", a, t)
+        return a
+
     def _constrained(self, t: float, q: Array, v: Array, given: Array | None) -> Array:
         """Accelerations and multipliers, and gaps, of closed states at one time, (N, n + 3 m)."""
-        u = np.array(self.drives(t, q, v))
-        wrench = self._wrenches(t, q, v)
-        if wrench is not None:
-            u += self.kernel.external_force(q, wrench)
+        u = self._loads(t, q, v)
         if given is not None:
             u[:, self._given] = given
         return self.kernel.calls.run("constrained_dynamics", None, (q, v, u))
 
+    def _loads(self, t: float, q: Array, v: Array, *, drives: bool = True) -> Array:
+        """Drives and what wrenches do, (n,) or (N, n), N or N m; of wrenches alone where drives do not count."""
+        u = np.array(self.drives(t, q, v)) if drives else np.zeros(q.shape)
+        wrench = self._wrenches(t, q, v)
+        if wrench is not None:
+            u += self.kernel.external_force(q, wrench)
+        return u
+
     def _wrenches(self, t: float, q: Array, v: Array) -> ArrayLike | None:
-        """External wrenches in states at one time, for all of them or for each."""
-        if not callable(self._wrench):
-            return self._wrench
+        """External wrenches in a state, or in states at one time: for all of them or for each."""
+        if q.ndim == 1 or not callable(self._wrench):
+            return self.wrench(t, q, v)
         return np.array([self.wrench(t, *state) for state in zip(q, v, strict=True)])

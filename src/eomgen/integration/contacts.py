@@ -1,32 +1,35 @@
-"""When the clearances of joints close and open along a motion."""
+"""When clearances of joints, cut ones too, and of elastic couplings close and open, and when stops are touched."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..runtime.kernel import Kernel
 from ..state.motors import deflections
-from ..state.springs import clearances
+from ..state.springs import clearances, cut_clearances, cut_stops, stops
 
 Array = NDArray[np.float64]
 
+CLEARANCE, STOP = "clearance", "stop"
 HALVINGS = 52  # of a step, to the last bit of a time
 
 
 @dataclass(frozen=True)
 class Contact:
-    """A coordinate that reaches an end of its clearance, or leaves it.
+    """A coordinate that reaches an end of its clearance or one of its stops, or leaves it.
 
     Attributes:
         t: s.
-        coordinate: its name; of a motor's transmission the motor's.
-        side: 1 at the positive end, -1 at the negative one.
+        coordinate: its name; of a motor's transmission the motor's, of a coupling the coupling's.
+        side: 1 at the positive end or upper stop, -1 at the negative end or lower stop.
         closes: whether it comes, or goes.
-        rate: of the coordinate, or of the transmission's deflection, m/s or rad/s.
+        rate: of the coordinate, or of the transmission's or coupling's deflection, m/s or rad/s.
+        kind: CLEARANCE or STOP.
     """
 
     t: float
@@ -34,32 +37,110 @@ class Contact:
     side: int
     closes: bool
     rate: float
+    kind: str = CLEARANCE
+
+
+class Ends(Protocol):
+    """Ends of one kind that a motion may come to."""
+
+    def __len__(self) -> int:
+        """Number of ends."""
+
+    def gaps(self, q: Array, v: Array) -> Array:
+        """Distances beyond each of the ends, m or rad, below 0 inside."""
+
+    def contact(self, end: int, t: float, q: Array, v: Array, closes: bool) -> Contact:
+        """The contact at one of the ends, in the state at its time."""
+
+
+@dataclass(frozen=True)
+class _End:
+    """An end of a coordinate: its name, which side, where (m or rad, towards that side), and the kind of contact."""
+
+    name: str
+    side: int
+    place: float
+    kind: str
+
+
+def _ends(gaps: Mapping[str, float], places: Mapping[str, tuple[float, float]]) -> list[_End]:
+    """Both ends of clearances, then of stops those that there are."""
+    found = [_End(name, side, gap, CLEARANCE) for name, gap in gaps.items() for side in (1, -1)]
+    for name, (lower, upper) in places.items():
+        found += [_End(name, side, side * x, STOP) for side, x in ((1, upper), (-1, lower)) if np.isfinite(x)]
+    return found
+
+
+class CoordinateEnds:
+    """Ends of the tree's coordinates, and of transmissions' deflections; a motor's stops are those of its shaft."""
+
+    def __init__(self, kernel: Kernel) -> None:
+        self._ends = _ends(clearances(kernel), stops(kernel))
+        deflected, own = deflections(kernel), np.eye(kernel.n)
+        rows = [
+            end.side * (own if end.kind == STOP else deflected)[kernel.coordinates.index(end.name)]
+            for end in self._ends
+        ]
+        self._rows = np.array(rows).reshape(-1, kernel.n)
+        self._places = np.array([end.place for end in self._ends])
+
+    def __len__(self) -> int:
+        """Number of ends."""
+        return len(self._ends)
+
+    def gaps(self, q: Array, v: Array) -> Array:
+        """Distances beyond each of the ends, m or rad, below 0 inside."""
+        return np.asarray(self._rows @ q - self._places)
+
+    def contact(self, end: int, t: float, q: Array, v: Array, closes: bool) -> Contact:
+        """The contact at one of the ends, in the state at its time."""
+        here = self._ends[end]
+        return Contact(t, here.name, here.side, closes, float(here.side * (self._rows[end] @ v)), here.kind)
+
+
+class CutEnds:
+    """Ends of cut joints' coordinates and of elastic couplings."""
+
+    def __init__(self, kernel: Kernel) -> None:
+        self._kernel = kernel
+        self._ends = _ends(cut_clearances(kernel), cut_stops(kernel)) if kernel.cut_laws else []
+        self._index = [kernel.cut_laws.index(end.name) for end in self._ends]
+        self._sides = np.array([end.side for end in self._ends])
+        self._places = np.array([end.place for end in self._ends])
+
+    def __len__(self) -> int:
+        """Number of ends."""
+        return len(self._ends)
+
+    def gaps(self, q: Array, v: Array) -> Array:
+        """Distances beyond each of the ends, m or rad, below 0 inside."""
+        return np.asarray(self._sides * self._kernel.cut_forces(q, v)[self._index, 0] - self._places)
+
+    def contact(self, end: int, t: float, q: Array, v: Array, closes: bool) -> Contact:
+        """The contact at one of the ends, in the state at its time."""
+        here, rate = self._ends[end], self._kernel.cut_jacobian(q)[self._index[end]] @ v
+        return Contact(t, here.name, here.side, closes, float(rate), here.kind)
 
 
 class ContactWatch:
     """Finds contacts between two states of a motion; ``found`` grows.
 
-    A clearance that closes and opens again within one step is not seen: the solver has not seen it either.
+    A contact that closes and opens again within one step is not seen: the solver has not seen it either.
     """
 
     def __init__(self, kernel: Kernel) -> None:
-        self.names = kernel.coordinates
-        gaps = clearances(kernel)
-        ends = [(i, side, gaps[name]) for i, name in enumerate(self.names) if name in gaps for side in (1, -1)]
-        self.index = [i for i, _, _ in ends]
-        self.side = [side for _, side, _ in ends]
-        self.clearance = np.array([c for _, _, c in ends])
-        springs = deflections(kernel)
-        self.rows = np.array([side * springs[i] for i, side, _ in ends]).reshape(-1, kernel.n)
+        self._n = kernel.n
+        groups: Sequence[Ends] = (CoordinateEnds(kernel), CutEnds(kernel))
+        self._groups = [group for group in groups if len(group)]
         self.found: list[Contact] = []
 
     def __len__(self) -> int:
         """Number of ends that are watched."""
-        return len(self.index)
+        return sum(map(len, self._groups))
 
     def gaps(self, y: Array) -> Array:
-        """Distances of coordinates beyond each of their ends, m or rad, below 0 inside; y = (q, v) or q."""
-        return np.asarray(self.rows @ y[: len(self.names)] - self.clearance)
+        """Distances beyond each of the ends, m or rad, below 0 inside; y = (q, v)."""
+        return np.concatenate([group.gaps(y[: self._n], y[self._n :]) for group in self._groups])
 
     def find(self, t0: float, y0: Array, t1: float, y1: Array, at: Callable[[float], Array] | None = None) -> None:
         """Find the contacts between two states of a motion, and note them.
@@ -87,9 +168,11 @@ class ContactWatch:
 
     def note(self, end: int, t: float, y: Array, closes: bool) -> None:
         """Add a contact at one of the ends, whose time t (s) and state y are known."""
-        side = self.side[end]
-        rate = float(side * (self.rows[end] @ y[len(self.names) :]))
-        self.found.append(Contact(float(t), self.names[self.index[end]], side, closes, rate))
+        for group in self._groups:
+            if end < len(group):
+                self.found.append(group.contact(end, float(t), y[: self._n], y[self._n :], closes))
+                return
+            end -= len(group)
 
 
 def hermite(t: float, t0: float, y0: Array, t1: float, y1: Array) -> Array:

@@ -65,7 +65,8 @@ def integrate(
     Args:
         kernel: float64, with forward_dynamics and energy; implicit methods and ``atol=None`` need mass_matrix, and
             implicit ones inverse_dynamics.  Of a robot with loops or couplings constrained_dynamics, constraint,
-            constraint_jacobian, mass_matrix and residual in their place.
+            constraint_jacobian, mass_matrix and residual in their place; implicit methods take
+            forward_dynamics_jacobian there, and finite differences without it.
         q0, v0: the state at t = 0, (n,).
         duration: s.
         drive: (t, q, v) -> u, (n,), N or N m; none if not given.  With an attribute ``batched`` that is true it is
@@ -90,8 +91,9 @@ def integrate(
         record: called with times of samples (k,) and states (k, 2n) as they are reached, the first one not among them.
 
     Returns:
-        The samples.  With loops ``info`` also has gap and gap_rate, the greatest |g| and |J v| among them, and the
-        number of ``redundant`` constraints at the end.
+        The samples.  With loops ``info`` also has gap and gap_rate, the greatest |g| and |J v| among them, the number
+        of ``redundant`` constraints at the end, and the least ``margin`` to a singular pose with its time, margin_at
+        (see ``ClosedSystem.margins``): below 1e-4 or so constraint forces are hardly determined.
 
     Raises:
         LoopError: the state at the first time is open.
@@ -123,7 +125,11 @@ def integrate(
             sampled(Steps(method, rtol, absolute, float(times[-1])), system, y0, samples, report, watch)
 
     def info(motion: FiniteMotion) -> dict[str, float]:
-        return {**system.about(motion.q, motion.v), "wall_s": time.perf_counter() - began}
+        margins = system.margins(motion.q)
+        near = {}
+        if margins is not None:
+            near = {"margin": float(margins.min()), "margin_at": float(motion.t[int(margins.argmin())])}
+        return {**system.about(motion.q, motion.v), **near, "wall_s": time.perf_counter() - began}
 
     return trajectory_of(system, samples, run, method, watch, info)
 

@@ -71,6 +71,10 @@ class System:
         """y to go on with from t, where a step has led, q and v there, and whether y begins anew."""
         return y, y, False
 
+    def margins(self, q: Array) -> Array | None:
+        """How far samples, (T, n), are from singular poses, (T,); None where there are no loops."""
+        return None
+
     def about(self, q: Array, v: Array) -> dict[str, float]:
         """Counts of calls, and more that is said of the motion with samples q and v, (T, n)."""
         known = smoothings(self.kernel)

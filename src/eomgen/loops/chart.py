@@ -8,6 +8,7 @@ contradict the others.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,20 @@ ROUNDS = 15
 FARTHEST = 0.5  # m or rad, from where linear extrapolation leads: beyond it may be another way to close the loops
 STEEP = 8.0  # of dependent coordinates by independent ones, each over its size: another chart may be better
 BETTER = 0.5  # of the steepness: what another chart must come below
+
+
+class Followed(NamedTuple):
+    """States that keep the loops closed.
+
+    Attributes:
+        q, v, a: coordinates, rates and accelerations, (n,) or (N, n) each.
+        slopes: derivatives of the dependent coordinates by all others, 0 by themselves, (rank, n) or (N, rank, n).
+    """
+
+    q: Array
+    v: Array
+    a: Array
+    slopes: Array
 
 
 class Chart:
@@ -69,48 +84,101 @@ class Chart:
         self.bound = np.sort(chosen)
         self.free = np.setdiff1d(moving, self.bound)
         self.rest = np.setdiff1d(np.arange(kernel.n), self.bound)
-        self._rows = np.sort(np.array(_pivots(scaled[:, self.bound].T, self.rank), dtype=np.intp))
-        self._square = self._rows[:, np.newaxis] * kernel.n + self.bound
-        self._beside = self._rows[:, np.newaxis] * kernel.n + self.rest
-        self._q, self._slopes = q.copy(), self._slopes_at(J[np.newaxis])[0]
+        rows = np.array(_pivots(scaled[:, self.bound].T, self.rank), dtype=np.intp)
+        self._start(q, J, rows)
+
+    def _start(self, q: Array, J: Array, rows: NDArray[np.intp]) -> None:
+        """Prepare the arrays that ``following`` takes for this chart, with the slopes at a closed state."""
+        kernel = self.kernel
+        n, m = kernel.n, len(kernel.constraints)
+        if "following" not in kernel.raw.functions:
+            raise kernel.raw.missing("following")
+        self._function, self._still = kernel.raw.functions["following"], np.zeros(n)
+        self._ends = np.cumsum([n, n, n, m * n, m])
+        self._given = np.zeros(2 * n + m + 1 + m * n)  # for good guesses, which nothing changes first
+        self._given[self.bound] = self._given[n + rows] = 1.0
+        self._given[n + m] = ROUNDS
+        self._chart = self._given.copy()
+        self._steps = (n, n, n, 0)
+        square = J[np.ix_(rows, self.bound)]
+        self._slopes = np.zeros((self.rank, n))
+        try:
+            self._slopes[:, self.rest] = -np.linalg.solve(square, J[np.ix_(rows, self.rest)])
+        except np.linalg.LinAlgError:
+            raise self._singular(J) from None
+        self.use(q.copy(), self._slopes)
 
     @property
     def steepness(self) -> float:
         """See above; where the chart was used last."""
-        columns = np.isin(self.rest, self.free)
-        scaled = self._slopes[:, columns] * self._sizes[self.free] / self._sizes[self.bound, np.newaxis]
+        scaled = self._slopes[:, self.free] * self._sizes[self.free] / self._sizes[self.bound, np.newaxis]
         return float(np.abs(scaled).max(initial=0.0))
 
+    @property
+    def q(self) -> Array:
+        """The closed state about which it was used last, (n,)."""
+        return self._q
+
     def close(self, q: Array, *, near: bool = False) -> tuple[Array, Array]:
-        """States, (N, n), closed by their dependent coordinates, and d(dependent)/d(rest) there, (N, rank, n - rank).
+        """States, (n,) or (N, n), closed by their dependent coordinates, and the slopes there; see ``follow``."""
+        found = self.follow(q, near=near)
+        return found.q, found.slopes
+
+    def follow(self, q: Array, v: Array | None = None, a: Array | None = None, *, near: bool = False) -> Followed:
+        """States whose dependent coordinates, rates and accelerations keep the loops closed, by one call of C.
 
         Args:
-            q: the states; the rest of their coordinates stays.
+            q, v, a: (n,) or (N, n) each; all that is not dependent stays.  No rates and accelerations if not given.
             near: whether the dependent coordinates are good guesses; otherwise they are not looked at.
 
         Raises:
             LoopError: there is none near the guess, or near where the state that was used last leads.
+            ArrayError: something is not finite.
         """
-        q = q.copy()
+        calls, chart = self.kernel.calls, self._given if near else self._chart
         if not near:
-            q[:, self.bound] = self._q[self.bound] + (q[:, self.rest] - self._q[self.rest]) @ self._slopes.T
-        expected, before = q[:, self.bound], np.full(len(q), np.inf)
-        for _ in range(ROUNDS):
-            g, J = self.kernel.constraint(q), self.kernel.constraint_jacobian(q)
-            gap = np.abs(g).max(axis=1)
-            if (gap <= CLOSED).all() or ((gap <= NEARLY) & (gap >= 0.1 * before)).all():
-                return q, self._slopes_at(J)
-            if not (gap <= np.maximum(0.7 * before, NEARLY)).all():
-                break
-            before = gap
-            q[:, self.bound] -= self._solved(J, g[:, self._rows, np.newaxis])[:, :, 0]
-            if not (np.abs(q[:, self.bound] - expected) <= FARTHEST).all():
-                break
-        raise left_open(self.kernel.raw, g[int(gap.argmax())], "comes open", "a motion that stays where it closes")
+            q = q.copy()
+            q[..., self.bound] = self._q[self.bound]
+        still = self._still if q.ndim == 1 else np.zeros_like(q)
+        arrays = (*map(np.ascontiguousarray, (q, still if v is None else v, still if a is None else a)), chart)
+        function, lead = self._function, q.shape[:-1]
+        out = np.empty((*lead, self._ends[-1]))
+        if lead:
+            calls.call(function, arrays, self._steps, (), len(q), out)
+        else:
+            calls.call(function, arrays, (), (), None, out)
+        first, second, third, fourth, _ = self._ends
+        g = out[..., fourth:]
+        if not (np.abs(g).max() <= NEARLY and np.isfinite(out).all()):
+            raise self._trouble(arrays, out)
+        slopes = out[..., third:fourth].reshape(*lead, -1, self.kernel.n)[..., : self.rank, :]
+        return Followed(out[..., :first], out[..., first:second], out[..., second:third], slopes)
+
+    def _trouble(self, arrays: tuple[Array, ...], out: Array) -> LoopError:
+        """The error that says where C could not close states, or what cannot follow; ArrayError of what was given."""
+        kernel, n = self.kernel, self.kernel.n
+        for label, x in zip("qva", arrays[:3], strict=True):
+            kernel.refuse_not_finite(label, x, (n,))
+        q, g = np.atleast_2d(out)[:, :n], np.atleast_2d(out)[:, self._ends[-2] :]
+        gaps = np.abs(g).max(axis=1)
+        bad = ~(gaps <= NEARLY)
+        if bad.any() and np.isfinite(q[bad]).all():
+            worst = int(np.where(bad, gaps, 0.0).argmax())
+            return left_open(kernel.raw, g[worst], "comes open", "a motion that stays where it closes")
+        worst = int((~np.isfinite(np.atleast_2d(out)).all(axis=1)).argmax())
+        return self._singular(kernel.constraint_jacobian(np.where(np.isfinite(q[worst]), q[worst], self._q)))
+
+    def _singular(self, J: Array) -> LoopError:
+        """The error that says that dependent coordinates do not follow where the constraint has this Jacobian."""
+        what, allowed = "is in a singular position", "a motion that does not pass it"
+        return left_open(self.kernel.raw, np.abs(J).max(axis=1), what, allowed)
 
     def use(self, q: Array, slopes: Array) -> None:
         """Go on from a closed state, (n,), with the slopes there."""
         self._q, self._slopes = q, slopes
+        n, first = self.kernel.n, self._ends[0] + len(self.kernel.constraints) + 1
+        self._chart[first : first + n] = q
+        self._chart[first + n : first + (1 + self.rank) * n] = slopes.ravel()
 
     def moved(self) -> Chart | None:
         """A better chart for where this one was used last; None while this one is good, or no other is better."""
@@ -119,40 +187,12 @@ class Chart:
         other = Chart(self.kernel, self._q)
         return other if other.rank == self.rank and other.steepness <= BETTER * self.steepness else None
 
-    def rates(self, v: Array, slopes: Array) -> Array:
-        """Rates, (N, n), whose dependent ones keep the loops closed; the rest of them stays."""
-        found = v.copy()
-        found[:, self.bound] = np.einsum("kij,kj->ki", slopes, v[:, self.rest])
-        return np.asarray(found)
-
-    def accelerations(self, q: Array, v: Array, a: Array, slopes: Array) -> Array:
-        """Accelerations, (N, n), whose dependent ones keep the loops closed; the rest of them stays."""
-        found = self.rates(a, slopes)
-        bias = self.kernel.constraint_bias(q, v)[:, self._rows, np.newaxis]
-        found[:, self.bound] -= self._solved(self.kernel.constraint_jacobian(q), bias)[:, :, 0]
-        return np.asarray(found)
-
     def ways(self, slopes: Array) -> Array:
-        """Derivatives of all coordinates by the independent ones, (N, n, f)."""
-        found = np.zeros((len(slopes), self.kernel.n, self.free.size))
-        found[:, self.free, np.arange(self.free.size)] = 1.0
-        found[:, self.bound] = slopes[:, :, np.isin(self.rest, self.free)]
+        """Derivatives of all coordinates by the independent ones, (..., n, f)."""
+        found = np.zeros((*slopes.shape[:-2], self.kernel.n, self.free.size))
+        found[..., self.free, np.arange(self.free.size)] = 1.0
+        found[..., self.bound, :] = slopes[..., self.free]
         return found
-
-    def _slopes_at(self, J: Array) -> Array:
-        """d(dependent)/d(rest), (N, rank, n - rank)."""
-        return np.asarray(-self._solved(J, J.reshape(len(J), -1)[:, self._beside]))
-
-    def _solved(self, J: Array, right: Array) -> Array:
-        """The dependent coordinates' part of J^-1 right, (N, rank, columns)."""
-        square = J.reshape(len(J), -1)[:, self._square]
-        try:
-            return np.asarray(np.linalg.solve(square, right))
-        except np.linalg.LinAlgError:
-            worst = int(np.argmin(np.abs(np.linalg.det(square))))
-            gaps = np.abs(J[worst]).max(axis=1)
-            what, allowed = "is in a singular position", "a motion that does not pass it"
-            raise left_open(self.kernel.raw, gaps, what, allowed) from None
 
 
 def _beside(J: Array, others: Array) -> Array:

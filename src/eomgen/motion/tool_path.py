@@ -225,17 +225,17 @@ def _reach_closed(
         chart = Chart(kernel, q, given=held)
         if distance <= close or not chart.free.size:
             break
-        J = kernel.frame_jacobian(q, tool)[:3] @ chart.ways(chart.close(q[np.newaxis])[1])[0]
+        J = kernel.frame_jacobian(q, tool)[:3] @ chart.ways(chart.close(q)[1])
         step = J.T @ np.linalg.solve(J @ J.T + damping * np.eye(3), error)
-        trial = q[np.newaxis].copy()
-        trial[0, chart.free] += step * min(1.0, REACH / max(float(np.abs(step).max()), 1e-300))
+        trial = q.copy()
+        trial[chart.free] += step * min(1.0, REACH / max(float(np.abs(step).max()), 1e-300))
         try:
             trial = chart.close(trial)[0]
         except LoopError:
             damping *= 10.0
             continue
-        if np.linalg.norm(point - kernel.frame_pose(trial[0], tool)[:3, 3]) < distance:
-            q, damping = trial[0], max(damping / 10.0, 1e-14)
+        if np.linalg.norm(point - kernel.frame_pose(trial, tool)[:3, 3]) < distance:
+            q, damping = trial, max(damping / 10.0, 1e-14)
         else:
             damping *= 10.0
     return q, distance

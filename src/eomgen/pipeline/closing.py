@@ -16,9 +16,9 @@ def closing_kernels(robot: Robot) -> tuple[str, ...]:
 
 
 def mechanism_kernels(robot: Robot) -> tuple[str, ...]:
-    """The same with what moves the mechanism along its loops: residual, mass matrix and the constraint's bias."""
+    """The same with what moves the mechanism along its loops: charts, residual, mass matrix, the constraint's bias."""
     found = closing_kernels(robot)
-    return (*found, "constraint_bias", "mass_matrix", "residual") if found else ()
+    return (*found, "following", "constraint_bias", "mass_matrix", "residual") if found else ()
 
 
 def closed_home(robot: Robot, progress: StageReport = no_report) -> tuple[float, ...]:

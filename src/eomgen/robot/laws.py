@@ -22,6 +22,7 @@ SHARE = 0.05  # of a clearance over which contact sets in
 SMOOTHING = 4e-8  # m/s or rad/s in which friction turns round: 90 % of the limit creep by 0.8 um in 10 s
 SHARP = 1e-6  # of the Stribeck rate, at most: so little of the peak is lost where friction turns round
 COARSE = 1e-3  # m/s or rad/s by which explicit steps chatter where friction is too sharp for them
+ONSET = 1e-4  # m or rad over which a stop sets in
 
 FORCE, LENGTH, RATE = ("N", "N m"), ("m", "rad"), ("m/s", "rad/s")
 STIFFNESS, DAMPING, INERTIA = ("N/m", "N m/rad"), ("N s/m", "N m s/rad"), ("kg", "kg m^2")
@@ -63,8 +64,12 @@ class Law:
         rate_slope: (numbers, least) -> the largest slope of its force by the rate, N s/m or N m s/rad, ``least`` as of
             ``rate_slope_of``: what the choice of a method looks at, too; None where its force does not depend on the
             rate alone.
+        contact: numbers -> the stiffness of what it acts as where it is touched, N/m or N m/rad, which steps have to
+            follow; None where it is no such thing.  It holds nothing before, and is no part of ``stiffness``.
         mjcf: numbers -> what becomes of it in MuJoCo where it is not written as it is; empty where it is.
         takes_stiffness: whether its formula is that of the coordinate's stiffness, too.
+        of_rotor: whether in a motor's table it is a law of the rotor's own angle, rad at the shaft, and not of the
+            transmission's deflection.
         absorbs: springs that act within its formula.
         excludes: numbers and laws that it cannot stand beside; ``instead`` is what the message says is allowed.
         rule: numbers, "stiffness" among them -> key and message of what does not go together, None if all does.
@@ -78,7 +83,9 @@ class Law:
     mjcf: Callable[[Values], str]
     about: str = ""
     rate_slope: Callable[[Values, float], float] | None = None
+    contact: Callable[[Values], float] | None = None
     takes_stiffness: bool = False
+    of_rotor: bool = False
     absorbs: tuple[str, ...] = ()
     excludes: tuple[str, ...] = ()
     instead: str = ""
@@ -120,6 +127,15 @@ def _soft_friction(given: Values) -> str:
     dry = any(given.get(f"friction.{key}") for key in ("coulomb", "static", "coefficient"))
     lost = "smoothing, load and Stribeck part" if given.get("friction.coefficient") else "smoothing and Stribeck part"
     return f"frictionloss, a soft constraint, without {lost}" if dry else ""
+
+
+def _between_stops(given: Values) -> Conflict | None:
+    lower, upper = given.get("stops.lower"), given.get("stops.upper")
+    if lower is None and upper is None:
+        return "stops", "there is no lower and no upper; allowed: with one of them, or both"
+    if lower is not None and upper is not None and lower > upper:
+        return "stops.lower", f"got {lower!r}; allowed: at most upper, {upper!r}"
+    return None
 
 
 def _stribeck(given: Values) -> Conflict | None:
@@ -262,7 +278,42 @@ _LAWS = (
         stiffness=None,
         mjcf=_soft_friction,
         rate_slope=_friction_slope,
+        of_rotor=True,
         rule=_stribeck,
+    ),
+    Law(
+        name="stops",
+        about="contacts at which a coordinate ends: stiffness, damping, restitution_damping, smoothing, lower, upper",
+        numbers=(
+            Number(
+                "stops.stiffness", "of both stops, per penetration", STIFFNESS, needed="a stiffness in N/m or N m/rad"
+            ),
+            Number("stops.damping", "of both stops, per rate of the penetration", DAMPING),
+            Number(
+                "stops.restitution_damping",
+                "multiplies what a stop's stiffness pushes back by 1 + restitution_damping * rate of the penetration",
+                ("s/m", "s/rad"),
+            ),
+            Number(
+                "stops.smoothing",
+                "over which a stop sets in; default 1e-4",
+                LENGTH,
+                least=SMALLEST,
+                idle=None,
+                default=lambda given: ONSET,
+            ),
+            Number("stops.lower", "where the lower stop is; none without", LENGTH, least=None, idle=None),
+            Number("stops.upper", "where the upper stop is; none without", LENGTH, least=None, idle=None),
+        ),
+        is_spring=False,
+        stiffness=None,
+        mjcf=lambda given: (
+            "a limited range, a soft constraint as stiff as MuJoCo makes it" if given["stops.stiffness"] else ""
+        ),
+        rate_slope=lambda given, least: given.get("stops.damping", 0.0),
+        contact=lambda given: given["stops.stiffness"],
+        of_rotor=True,
+        rule=_between_stops,
     ),
     Law(
         name="curve",
@@ -372,6 +423,11 @@ def rate_slope_of(numbers: Values, least: float = 0.0) -> float:
         least: rate (m/s or rad/s) over which friction turns round whose smoothing is below a hundredth of it.
     """
     return sum((law.rate_slope(numbers, least) for law in given_laws(numbers) if law.rate_slope), 0.0)
+
+
+def contact_stiffness_of(numbers: Values) -> float:
+    """Stiffness of a coordinate's stops, N/m or N m/rad, which it feels where it touches them; 0 without any."""
+    return sum((law.contact(numbers) for law in given_laws(numbers) if law.contact), 0.0)
 
 
 def has_springs(numbers: Values, knots: Sequence[float]) -> bool:

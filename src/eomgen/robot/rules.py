@@ -7,13 +7,14 @@ Each rule returns the key and the message of the first that does not, so that re
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import fields
 
 from ..limits import LARGEST
 from ..names import show
 from .laws import LAWS, NUMBERS, SMALLEST, given_laws, law_conflict
 from .value import CUT_NUMBERS, MOTOR, PRINCIPAL, Coordinate, Curve, Motor, Spring
 
+ROTORS = tuple(law.name for law in LAWS.values() if law.of_rotor)
 POINTS = (2, 64)  # fewest and most points of a curve
 STIFF = ("stiffness", *(law.name for law in LAWS.values() if law.stiffness and not law.takes_stiffness))  # by itself
 FURTHER = tuple(  # numbers of laws that a Coordinate has no field for
@@ -39,9 +40,13 @@ def motor_conflict(given: Motor, kind: str, active: Mapping[str, Coordinate]) ->
     spring = given.transmission
     if spring.stiffness is None and not any(law.name in STIFF for law in given_laws(spring.law())):
         return "stiffness", f"there is no spring between motor and joint; allowed: with one of {', '.join(STIFF)}"
-    if spring.friction is not None or spring.armature is not None or spring.prescribed:
-        return "", f"friction and role belong to the {MOTOR} itself, and a transmission has no armature"
-    return conflict(replace(spring, friction=given.friction))
+    own = [law.name for law in given_laws(spring.law()) if law.of_rotor]
+    if own or spring.armature is not None or spring.prescribed:
+        return "", f"{', '.join(ROTORS)} and role belong to the {MOTOR} itself, and a transmission has no armature"
+    for law in given_laws(given.rotor.law()):
+        if not law.of_rotor:
+            return "further", f"{law.name} is no law of a rotor; allowed: {', '.join(ROTORS)}"
+    return conflict(spring) or conflict(given.rotor)
 
 
 def conflict(given: Coordinate) -> tuple[str, str] | None:

@@ -148,6 +148,11 @@ class Coordinate:
         found = {key: given[key] for key in NUMBERS if key != "curve" and given.get(key) is not None}
         return found | {f"curve.{i}": force for i, (_, force) in enumerate(self.curve or ())}
 
+    def unstopped(self) -> Coordinate:
+        """The coordinate without stops."""
+        others = {key: number for key, number in self.further.items() if not key.startswith("stops.")}
+        return self if len(others) == len(self.further) else replace(self, further=others)
+
     def with_numbers(self, numbers: Mapping[str, float]) -> Coordinate:
         """The coordinate with these numbers, by the names of ``law`` or "stiffness", in the place of its own.
 
@@ -207,7 +212,8 @@ class Motor:
     joint's principal coordinate; negative where the sense is reversed.  transmission: the force in the deflection phi =
     motor / ratio - principal coordinate, which pulls the joint after the motor; in units of the joint's side, without
     friction, armature and role.  friction: of the rotor's own bearings, N m and rad/s at the shaft.  prescribed: the
-    rotor's motion is given, as that of a position-controlled motor.
+    rotor's motion is given, as that of a position-controlled motor.  further: numbers of the rotor's other laws, as in
+    Coordinate: stops of its angle, rad and N m at the shaft.
 
     Source: M. W. Spong, "Modeling and Control of Elastic Joint Robots", Journal of Dynamic Systems, Measurement, and
     Control 109 (1987): of a rotor, the energy of its own spin alone counts.
@@ -218,11 +224,21 @@ class Motor:
     transmission: Coordinate
     friction: Friction | None = None
     prescribed: bool = False
+    further: Mapping[str, float] = field(default_factory=dict, hash=False, metadata=LATER)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "further", self.rotor.further)
+
+    def __reduce__(self) -> tuple[object, ...]:
+        values = (dict(value) if name == "further" else value for name, value in vars(self).items())
+        return (Motor, tuple(values))  # a mapping proxy cannot be pickled
 
     @property
     def rotor(self) -> Coordinate:
         """Coordinate properties of the rotor alone; its inertia as an armature."""
-        return Coordinate(armature=self.inertia, friction=self.friction, prescribed=self.prescribed)
+        return Coordinate(
+            armature=self.inertia, friction=self.friction, prescribed=self.prescribed, further=self.further
+        )
 
     def numbers(self) -> dict[str, float | None]:
         """Numbers by the names of parameters: "inertia", "stiffness", "friction.coulomb"; None where not given."""
@@ -276,11 +292,13 @@ class Joint:
     def rigid(self, *, loose: bool = False) -> Joint:
         """The joint with every deviation locked, and with its motor's inertia as an armature of inertia ratio^2.
 
+        Without stops: it is what drives know, which push a joint off its stop no more than others do.
+
         loose: keep deviations without a stiffness, which loops hold: those of a universal joint, say.
         """
         keep = COORDINATES if self.type == "free" else (PRINCIPAL.get(self.type),)
         held = {k for k, v in self.coordinates.items() if v.has_stiffness or not loose}
-        kept = {k: v for k, v in self.coordinates.items() if k in keep or v.prescribed or k not in held}
+        kept = {k: v.unstopped() for k, v in self.coordinates.items() if k in keep or v.prescribed or k not in held}
         if self.motor is not None:
             name = PRINCIPAL[self.type]
             given = kept[name]
@@ -512,6 +530,8 @@ class Robot:
     def rigid(self) -> Robot:
         """The same robot with every deviation locked: principal and prescribed coordinates and free joints move.
 
+        Stops of joints are left out.
+
         Where there are loops, coordinates without a stiffness move, too: the loops hold them.
 
         Cut joints are rigid in what their types block, couplings with a stiffness where that contradicts no other one.
@@ -546,6 +566,7 @@ class Robot:
                 couplings += (stiff if fits else coupling,)
         known = {f"couplings.{x.name}.{key}" for x in couplings for key in x.numbers()}
         tunable = tuple(name for name in tunable if name in known or not name.startswith("couplings."))
+        tunable = tuple(name for name in tunable if not (name.startswith("joints.") and ".stops." in name))
         made = replace(self, name=self.name[:42] + "_rigid", joints=tuple(joints), loops=tuple(loops))
         return replace(
             made,

@@ -202,20 +202,35 @@ def _check_coordinates(meta: Meta, found: Mapping[str, Any], where: str) -> None
     coordinates = found["coordinates"]
     check_coordinates(coordinates, found["units"], where)
     contacts = dict.fromkeys(contact.coordinate for contact in meta.contacts)
-    for key, names in (
-        ("array program_coordinates", found["program_coordinates"]),
-        ("prescribed", meta.prescribed),
-        ("passive", meta.passive),
-        ("contacts", tuple(contacts)),
+    known = (*coordinates, *_cut_names(meta.description))
+    for key, names, allowed in (
+        ("array program_coordinates", found["program_coordinates"], coordinates),
+        ("prescribed", meta.prescribed, coordinates),
+        ("passive", meta.passive, coordinates),
+        ("contacts", tuple(contacts), known),
     ):
-        unknown = [name for name in names if name not in coordinates]
+        unknown = [name for name in names if name not in allowed]
         if unknown or len(set(names)) < len(names):
             what = unknown or names
-            raise InputError(f"{where}: {key}: got {listed(what)}; allowed: each once, of {listed(coordinates)}")
+            raise InputError(f"{where}: {key}: got {listed(what)}; allowed: each once, of {listed(allowed)}")
     if meta.stopped:
         stop: Stop = value_of(Stop, meta.stopped, f"{where}: stopped", LARGEST_FINITE)
         if not len(stop.q) == len(stop.v) == len(coordinates) or stop.coordinate not in ("", *coordinates):
             raise InputError(f"{where}: stopped: is not of these coordinates; allowed: {listed(coordinates)}")
+
+
+def _cut_names(description: Mapping[str, Any]) -> tuple[str, ...]:
+    """Names of the coordinates of cut joints, and of couplings, that a recorded robot has: they may have a clearance.
+
+    What is not of the record's form has none.
+    """
+    loops, couplings = (
+        [item for item in items if isinstance(item, Mapping)] if isinstance(items, Sequence) else []
+        for items in (description.get("loops", ()), description.get("couplings", ()))
+    )
+    cuts = [(loop.get("name"), loop.get("coordinates")) for loop in loops]
+    found = [f"{name}.{kind}" for name, kinds in cuts if isinstance(kinds, Mapping) for kind in kinds]
+    return (*found, *(str(coupling.get("name")) for coupling in couplings))
 
 
 def _check_names(where: str, key: str, names: Sequence[str], is_allowed: Any, rule: str) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -120,7 +121,7 @@ class ComputedTorque:
     mechanism: Mechanism | None = None
     batched = True
 
-    @property
+    @cached_property
     def _driven(self) -> NDArray[np.bool_]:
         return ~prescribed_mask(self.rigid) if self.mechanism is None else self.mechanism.mask
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,10 +38,15 @@ class Mechanism:
     driven: NDArray[np.intp]
     chart: Chart
 
-    @property
+    @cached_property
     def mask(self) -> NDArray[np.bool_]:
         """Which coordinates are driven, (n,)."""
         return np.isin(np.arange(self.rigid.n), self.driven)
+
+    @cached_property
+    def _drives_are_free(self) -> bool:
+        """Whether the independent coordinates are all of the driven ones."""
+        return bool(np.array_equal(np.sort(self.driven), self.chart.free))
 
     def forces(self, q: Array, v: Array, a: Array) -> Array:
         """Drives that accelerate the mechanism so, (n,) or (N, n); 0 at coordinates without one.
@@ -53,16 +59,19 @@ class Mechanism:
         Raises:
             LoopError: it does not close there.
         """
-        chart, single = self.chart, a.ndim == 1
-        q, v, a = (np.atleast_2d(x) for x in (q, v, a))
-        q, slopes = chart.close(q, near=True)
-        v = chart.rates(v, slopes)
-        a = chart.accelerations(q, v, a, slopes)
-        ways = chart.ways(slopes)
-        needed = np.einsum("kni,kn->ki", ways, self.rigid.residual(q, v, a, np.zeros_like(q)))  # the loops do no work
+        chart = self.chart
+        found = chart.follow(q, v, a, near=True)
+        q_closed, v_closed, a_closed = (np.ascontiguousarray(x) for x in found[:3])
+        r = self.rigid.residual(q_closed, v_closed, a_closed, np.zeros_like(q))
+        r_bound = r[..., np.newaxis, chart.bound]
+        needed = r[..., chart.free] + (r_bound @ found.slopes[..., chart.free])[..., 0, :]  # the loops do no work
         u = np.zeros_like(q)
-        u[:, self.driven] = np.einsum("kij,ki->kj", np.linalg.pinv(ways[:, self.driven]), needed)
-        return u[0] if single else u
+        if self._drives_are_free:
+            u[..., chart.free] = needed
+        else:
+            ways = chart.ways(found.slopes)[..., self.driven, :]
+            u[..., self.driven] = (needed[..., np.newaxis, :] @ np.linalg.pinv(ways))[..., 0, :]
+        return u
 
     def path(self, program: Program, prescribed: MotionFunction | None, duration: float) -> Path:
         """The closed mechanism along a program, from the chart's state on.
@@ -87,14 +96,14 @@ class Mechanism:
         if prescribed is not None:
             q[prescribed_mask(self.rigid)] = np.asarray(prescribed(t)[0])
         try:
-            closed, slopes = self.chart.close(q[np.newaxis], near=guess is not None)
+            closed, slopes = self.chart.close(q, near=guess is not None)
         except LoopError as error:
             raise LoopError(
                 f"{error}; the program leads there at t = {t:.4g} s", loop=error.loop, gap=error.gap
             ) from None
-        off = float(np.abs(closed[0, self.driven] - wanted).max())
+        off = float(np.abs(closed[self.driven] - wanted).max())
         if off > AGREES:
-            name = self.rigid.coordinates[self.driven[int(np.abs(closed[0, self.driven] - wanted).argmax())]]
+            name = self.rigid.coordinates[self.driven[int(np.abs(closed[self.driven] - wanted).argmax())]]
             loop = joint_of(self.rigid.constraints[0])
             raise LoopError(
                 f"{self.rigid.name}: loop {loop} opens on the program at t = {t:.4g} s: {name} is off by {off:.3g};"
@@ -103,8 +112,8 @@ class Mechanism:
                 loop=loop,
                 gap=off,
             )
-        self.chart.use(closed[0], slopes[0])
-        return np.asarray(closed[0])
+        self.chart.use(closed, slopes)
+        return closed
 
 
 @dataclass(frozen=True, eq=False)

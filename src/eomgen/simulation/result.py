@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..description import RobotLike, as_robot
 from ..description.recorded import robot_from_record
 from ..errors import InputError, UnknownNameError
-from ..integration.contacts import Contact
+from ..integration.contacts import CLEARANCE, Contact
 from ..integration.resting import Rest
 from ..integration.trajectory import Trajectory
 from ..names import kind_of, listed, nearest, show
@@ -179,13 +179,16 @@ class SimulationResult(Shown, Tabular):
         return lines + [f"  {note}" for note in self.notes]
 
     def _contact_lines(self) -> list[str]:
-        """Lines that say how often clearances closed, and the first time of each."""
-        lines = []
-        for name in dict.fromkeys(contact.coordinate for contact in self.trajectory.contacts):
-            times = [c.t for c in self.trajectory.contacts if c.coordinate == name and c.closes]
-            if times:
-                lines.append(f"  clearance of {name}: closed {len(times)} times, first at {times[0]:.4f} s")
-        return lines
+        """Lines that say how often clearances closed and stops were touched, and the first time of each."""
+        times: dict[tuple[str, str], list[float]] = {}
+        for c in self.trajectory.contacts:
+            if c.closes:
+                what = "clearance" if c.kind == CLEARANCE else f"{'upper' if c.side > 0 else 'lower'} stop"
+                times.setdefault((what, c.coordinate), []).append(c.t)
+        return [
+            f"  {what} of {name}: {'touched' if 'stop' in what else 'closed'} {len(t)} times, first at {t[0]:.4f} s"
+            for (what, name), t in times.items()
+        ]
 
     def _rest_lines(self) -> list[str]:
         """Lines that say how often and how long friction held what it acts on, and the first time of each."""

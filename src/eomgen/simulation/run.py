@@ -10,11 +10,13 @@ angle over the ratio is measured, its program is the ratio times the joint's, an
 from __future__ import annotations
 
 import platform
+from collections.abc import Iterator
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .._version import __version__
 from ..description import RobotLike, as_robot
@@ -27,16 +29,20 @@ from ..motion.splines import Spline
 from ..names import component_name
 from ..pipeline.ahead import Ahead
 from ..progress import Progress, no_progress
-from ..robot.coordinates import index_of
+from ..robot.coordinates import index_of, unit_of
 from ..robot.model import build_model, tool_of
 from ..robot.record import record_of, robot_hash
 from ..robot.value import MOTOR, Robot
+from ..runtime.kernel import Kernel
 from ..scenario.value import Integrator, Scenario, Section
+from ..state.springs import stops
 from .assembly import BANDWIDTH, Assembly, assemble, is_rigid
 from .initial import initial_state
 from .result import SimulationResult
 from .segments import Loads, run_segments
 from .stream import MotionStream
+
+Array = NDArray[np.float64]
 
 
 def simulate(
@@ -162,6 +168,7 @@ def run_assembly(
     notes = [
         *_method_note(asked, method, reason),
         *_assumptions(robot, loose, scenario, assembly.program is not None),
+        *_beyond_stops(kernel, q0),
         found.balance.note(),
     ]
     result = SimulationResult(
@@ -229,6 +236,15 @@ def _assumptions(robot: Robot, loose: tuple[str, ...], scenario: Scenario, progr
         why = "without a stiffness of its own or a drive, or inside a clearance"
         notes.append(f"{why}, so not in balance at the start: {', '.join(loose)}")
     return tuple(notes)
+
+
+def _beyond_stops(kernel: Kernel, q: Array) -> Iterator[str]:
+    """Lines about coordinates that start beyond a stop."""
+    for name, (lower, upper) in stops(kernel).items():
+        place, unit = float(q[kernel.coordinates.index(name)]), unit_of(name)
+        if not lower <= place <= upper:
+            side, stop = ("upper", upper) if place > upper else ("lower", lower)
+            yield f"{name} starts at {place:.6g} {unit}, beyond its {side} stop at {stop:.6g} {unit}"
 
 
 def _computed(scenario: Scenario) -> bool:

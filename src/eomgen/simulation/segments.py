@@ -6,7 +6,7 @@ of a quadrature, too, which the energy balance takes.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
@@ -124,7 +124,7 @@ def run_segments(
         keep = np.isin(piece["t"], grid)
         keep[-1] &= end == scenario.duration or stop is not None  # else it is the first sample of the next piece
         pieces.append({name: values[keep] for name, values in piece.items()})
-        info = {key: _joined(key, info.get(key, 0), value) for key, value in part.info.items()}
+        info = joined_info(info, part.info)
         contacts += part.contacts
         if stop is not None:
             break
@@ -138,6 +138,15 @@ def run_segments(
     about: dict[str, Any] = {"method": method, "info": info, "contacts": tuple(contacts), "rests": held}
     trajectory = Trajectory(**whole, coordinates=kernel.coordinates, **about)
     return SegmentedMotion(trajectory, EnergyBalance(work, trajectory.energy), wrench, stop)
+
+
+def joined_info(before: Mapping[str, float], part: Mapping[str, float]) -> dict[str, float]:
+    """A trajectory's ``info`` over two pieces: of ``margin`` the least, with its time."""
+    found = {key: _joined(key, before.get(key, 0), value) for key, value in part.items()}
+    if "margin" in part:
+        nearest = min((each for each in (before, part) if "margin" in each), key=lambda each: each["margin"])
+        found |= {key: nearest[key] for key in ("margin", "margin_at")}
+    return found
 
 
 def _joined(key: str, before: float, value: float) -> float:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..names import parameter_name, parameter_path
-from ..robot.laws import has_springs, rate_slope_of, stiffness_of
+from ..robot.laws import contact_stiffness_of, has_springs, rate_slope_of, stiffness_of
 from ..runtime.kernel import Kernel
 from .motors import deflections
 from .vectors import V_STEP, prescribed_mask
@@ -39,11 +39,16 @@ def _own_stiffnesses(kernel: Kernel) -> Array:
     return np.array([stiffness_of(numbers[name], kernel.knots.get(name, ())) for name in kernel.coordinates])
 
 
-def damping_matrix(kernel: Kernel, least: float = 0.0) -> Array:
-    """Largest slopes of the coordinates' forces by their rates, (n, n), N s/m or N m s/rad: dampers and friction.
+def _contact_stiffnesses(kernel: Kernel) -> Array:
+    """Stiffness of every coordinate's stops, (n,); of a motor's at its shaft."""
+    return np.array([contact_stiffness_of(given) for given in law_numbers(kernel).values()])
 
-    A damper between motor and joint acts on the deflection, friction of a motor on its shaft; ``least`` as of
-    ``rate_slope_of``.
+
+def damping_matrix(kernel: Kernel, least: float = 0.0) -> Array:
+    """Largest slopes of the coordinates' forces by their rates, (n, n), N s/m or N m s/rad: dampers, friction, stops.
+
+    A damper between motor and joint acts on the deflection, friction and stops of a motor on its shaft;
+    ``least`` as of ``rate_slope_of``.
     """
     rows, numbers = deflections(kernel), law_numbers(kernel).values()
     damping = np.array([given.get("damping", 0.0) for given in numbers])
@@ -51,7 +56,12 @@ def damping_matrix(kernel: Kernel, least: float = 0.0) -> Array:
 
 
 def any_spring(kernel: Kernel) -> bool:
-    """Whether there is a spring now: of a coordinate, a transmission, a cut joint, a coupling, between two points."""
+    """Whether there is a spring now: of a coordinate, a transmission, a cut joint, a coupling, between two points.
+
+    A stop is one, too: what rests on it swings as on a spring.
+    """
+    if any(contact_stiffness_of(given) for given in (*law_numbers(kernel).values(), *cut_numbers(kernel).values())):
+        return True
     if any(has_springs(given, kernel.knots.get(name, ())) for name, given in law_numbers(kernel).items()):
         return True
     if any(has_springs(given, kernel.knots.get(name, ())) for name, given in cut_numbers(kernel).items()):
@@ -63,15 +73,17 @@ def any_spring(kernel: Kernel) -> bool:
 def fastest_rates(kernel: Kernel, q: Array, least: float = 0.0) -> tuple[float, float]:
     """How fast springs swing and how fast dampers and friction slow down about q, rad/s and 1/s; 0 without any.
 
-    Of all laws the largest slopes count, prescribed coordinates do not; ``least`` as of ``rate_slope_of``.
+    Of all laws the largest slopes count, stops as if they were touched; prescribed coordinates do not; ``least`` as of
+    ``rate_slope_of``.
 
     Raises:
         LinAlgError: M is singular.
     """
-    between, damping = line_rates(kernel, q, least)
+    between, damping = line_rates(kernel, q, least, touching=True)
     free = ~prescribed_mask(kernel)
     grid = np.ix_(free, free)
-    slopes = [(stiffness_matrix(kernel) + between)[grid], (damping_matrix(kernel, least) + damping)[grid]]
+    stiffness = stiffness_matrix(kernel) + np.diag(_contact_stiffnesses(kernel))
+    slopes = [(stiffness + between)[grid], (damping_matrix(kernel, least) + damping)[grid]]
     if not np.any(slopes):
         return 0.0, 0.0
     M = kernel.mass_matrix(q)[grid]
@@ -130,10 +142,34 @@ def clearances(kernel: Kernel) -> dict[str, float]:
     return {name: given["clearance"] for name, given in law_numbers(kernel).items() if "clearance" in given}
 
 
-def line_rates(kernel: Kernel, q: Array, least: float = 0.0) -> tuple[Array, Array]:
+def cut_clearances(kernel: Kernel) -> dict[str, float]:
+    """The same of cut joints' coordinates and elastic couplings, by the names in ``Kernel.cut_laws``."""
+    return {name: given["clearance"] for name, given in cut_numbers(kernel).items() if "clearance" in given}
+
+
+def stops(kernel: Kernel) -> dict[str, tuple[float, float]]:
+    """Where the stops of every coordinate are that has some, m or rad, by its name; infinite on a side without."""
+    return _stops(law_numbers(kernel))
+
+
+def cut_stops(kernel: Kernel) -> dict[str, tuple[float, float]]:
+    """The same of cut joints' coordinates and elastic couplings, by the names in ``Kernel.cut_laws``."""
+    return _stops(cut_numbers(kernel))
+
+
+def _stops(numbers: dict[str, dict[str, float]]) -> dict[str, tuple[float, float]]:
+    return {
+        name: (given.get("stops.lower", -np.inf), given.get("stops.upper", np.inf))
+        for name, given in numbers.items()
+        if "stops.stiffness" in given
+    }
+
+
+def line_rates(kernel: Kernel, q: Array, least: float = 0.0, *, touching: bool = False) -> tuple[Array, Array]:
     """Stiffness and damping by springs between points, in cut joints and couplings at q, (n, n) each.
 
-    Cables count as taut; the largest slopes count; ``least`` as of ``rate_slope_of``.
+    Cables count as taut; the largest slopes count.  touching: stops count, too, as if they were touched.
+    ``least`` as of ``rate_slope_of``.
     """
     stiffness, slowing = np.zeros((kernel.n, kernel.n)), np.zeros((kernel.n, kernel.n))
     if kernel.springs:
@@ -145,6 +181,7 @@ def line_rates(kernel: Kernel, q: Array, least: float = 0.0) -> tuple[Array, Arr
         rows, numbers = kernel.cut_jacobian(q), cut_numbers(kernel)
         k = np.array([stiffness_of(numbers[name], kernel.knots.get(name, ())) for name in kernel.cut_laws])
         c = np.array([given.get("damping", 0.0) + rate_slope_of(given, least) for given in numbers.values()])
+        k = k + [contact_stiffness_of(given) for given in numbers.values()] if touching else k
         stiffness = stiffness + rows.T @ (k[:, None] * rows)
         slowing = slowing + rows.T @ (c[:, None] * rows)
     return np.asarray(stiffness), np.asarray(slowing)

@@ -11,11 +11,16 @@ from matplotlib.mathtext import MathTextParser
 
 import eomgen
 from eomgen.cli import entry as cli
+from eomgen.codegen.closed_form.closing import Rank
 from eomgen.codegen.closed_form.readable import ReadableClosedForm, readable_closed_form, simplified
 from eomgen.robot.model import build_model
+from tests.loops.test_elastic_cuts import coupled, linkages
 from tests.oracles.paper_example import equal
 from tests.oracles.pinocchio_models import PinocchioOracle
+from tests.support.builds import Build
 from tests.support.random_robots import random_robot, random_state
+
+TITLE = "constraint g(q) = 0 of loops and couplings, and its derivatives J; others are zero"
 
 
 def parsed(form: ReadableClosedForm) -> list[tuple[sp.Expr, sp.Expr]]:
@@ -124,10 +129,75 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "/dev/null/x" in capsys.readouterr().err
 
 
-def test_equations_of_loops_are_the_open_trees() -> None:
-    form = readable_closed_form(build_model(eomgen.load_robot("four_bar")))
-    said = "the loops are cut ('joint4'): all figures are those of the open tree"
-    assert form.lines()[1] == said
-    assert form.latex().splitlines()[1] == f"% {said}"
+@pytest.mark.parametrize("numbers", [False, True])
+def test_equations_of_a_mechanism_are_those_of_its_kernel(numbers: bool, built: Build) -> None:
+    """What is printed of the constraint, its Jacobian and the balance of forces, with numbers put in."""
+    robot = eomgen.load_robot("four_bar")
+    kernel = built(robot, "constraint", "constraint_jacobian", "tree_inverse_dynamics")
+    form = readable_closed_form(build_model(robot), numbers=numbers)
+    rng = np.random.default_rng(3)
+    q, v, a, multipliers = rng.uniform(-1.0, 1.0, (4, 5))
+    q, v, a = q[:3], v[:3], a[:3]
+    rows = (form.form.q, form.form.v, form.form.a, tuple(part.multiplier for part in form.constraint))
+    values = {letter.symbol: letter.value for letter in form.letters if letter.value is not None}
+    for symbols, found in zip(rows, (q, v, a, multipliers), strict=True):
+        values |= dict(zip(symbols, found.tolist(), strict=True))
+    values |= dict.fromkeys(form.form.u, 0.0)
+    lines, names = form.lines(), {str(symbol): symbol for symbol in values}
+    said: dict[str, float] = {}
+    for line in lines[lines.index(TITLE) + 1 :]:
+        label, _, text = line.strip().partition(" = ")
+        if label.startswith(("g[", "J[")):
+            said[label] = float(sp.parse_expr(text.split(" in every")[0], local_dict=names).evalf(subs=values))
+    J, n = np.zeros((5, 3)), [str(symbol) for symbol in form.form.q]
+    for r, component in enumerate(kernel.constraints):
+        for i, symbol in enumerate(n):
+            J[r, i] = said.pop(f"J[{component}, {symbol}]", 0.0)
+    assert [said.pop(f"g[{component}]") for component in kernel.constraints] == pytest.approx(kernel.constraint(q))
+    assert not said
+    assert np.allclose(J, kernel.constraint_jacobian(q), rtol=1e-12, atol=1e-12)
+    residual = [float((left - right).evalf(subs=values)) for left, right in parsed(form)]
+    assert residual == pytest.approx(kernel.inverse_dynamics(q, v, a, cut=True) - J.T @ multipliers)
+    assert form.rank == Rank(1, ())
+    assert sum("D_gamma" in line for line in lines) == 1  # the crank alone has a drive
+    assert [part.name for part in form.constraint if not part.arms] == ["joint4.z", "joint4.alpha", "joint4.beta"]
+
+
+@pytest.mark.soak
+def test_redundant_rows_are_said() -> None:
+    """Bennett's linkage in space has three rows too many."""
+    form = readable_closed_form(build_model(eomgen.load_robot("bennett")), numbers=True)
+    assert form.rank is not None
+    assert form.rank.freedoms == 1
+    assert len(form.rank.redundant) == 3
+    assert r"\lambda_{1}" in form.latex()
+
+
+def test_elastic_coordinates_of_a_cut_are_forces(built: Build) -> None:
+    """As in the kernel of the tree."""
+    robot = linkages("x = { stiffness = 1e4, damping = 3.0 }\ny = { stiffness = 2e4 }\n")[0]
+    kernel, form = built(robot, "tree_inverse_dynamics"), readable_closed_form(build_model(robot))
+    assert any(letter.meaning == "loops.cut.x.stiffness" for letter in form.letters)
+    q, v, a = np.random.default_rng(2).uniform(-1.0, 1.0, (3, 3))
+    values = {letter.symbol: letter.value for letter in form.letters if letter.value is not None}
+    for symbols, found in zip((form.form.q, form.form.v, form.form.a), (q, v, a), strict=True):
+        values |= dict(zip(symbols, found.tolist(), strict=True))
+    values |= dict.fromkeys((*form.form.u, *(part.multiplier for part in form.constraint)), 0.0)
+    residual = [float((left - right).evalf(subs=values)) for left, right in parsed(form)]
+    assert residual == pytest.approx(kernel.inverse_dynamics(q, v, a, cut=True), rel=1e-9)
+
+
+def test_a_coupling_has_its_equation() -> None:
+    form = readable_closed_form(build_model(coupled("")))
+    assert "  g[gear] = 2*gamma_1 + gamma_2 - 0.1" in form.lines()
+    assert form.rank == Rank(1, ())
+    parser = MathTextParser("path")
+    for row in form.latex().splitlines():
+        if not row.startswith(("%", "\\begin", "\\end")):
+            parser.parse(f"${row.removesuffix(chr(92) * 2).replace('&', '')}$")
+
+
+def test_equations_of_trees_have_no_constraint() -> None:
     plain = readable_closed_form(build_model(eomgen.load_robot("one_link")))
-    assert "open tree" not in "".join(plain.lines()) + plain.latex()
+    assert plain.rank is None
+    assert "constraint" not in "".join(plain.lines()) + plain.latex()

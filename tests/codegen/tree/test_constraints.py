@@ -148,7 +148,7 @@ def test_rates_of_change_along_a_motion(built: Build) -> None:
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 def test_batches_and_threads(dtype: str) -> None:
     """C without warnings; a batch gives what single states give, in one thread and in two."""
-    robot = looped(330)
+    robot = looped(330, joints=(2, 2))
     kernel = eomgen.build(robot, kernels=CLOSURE_KERNELS, dtype=dtype, flags=("-Werror", "-O1"))
     rng = np.random.default_rng(3)
     q, v = (rng.uniform(-1, 1, (600, kernel.n)).astype(dtype) for _ in "qv")

@@ -83,6 +83,7 @@ class Bodies:
     """Reads bodies into the draft.  ``sites`` are those with names, by these, and ``places`` such bodies.
 
     coordinates: what the file's hinges and slides became, by their names, and its value in the reference position.
+    ranges: limits within which MuJoCo keeps coordinates, by their names here.
     """
 
     reading: Reading
@@ -94,6 +95,7 @@ class Bodies:
     places: dict[str, Place] = field(default_factory=dict)
     coordinates: dict[str, tuple[str, float]] = field(default_factory=dict)
     notes: dict[str, list[str]] = field(default_factory=dict)
+    ranges: dict[str, tuple[float, float]] = field(default_factory=dict)
 
     def note(self, text: str, name: str) -> None:
         """Remark the same of several things in one line."""
@@ -121,6 +123,7 @@ class Bodies:
             more = f" and {len(changed) - 8} more" if len(changed) > 8 else ""
             self.reading.draft.notes.append(f"names turned into identifiers: {', '.join(changed[:8])}{more}")
         self.reading.draft.notes += [f"{text}: {listed(names)}" for text, names in self.notes.items()]
+        self.reading.draft.ranges = self.ranges
 
     def _name(self, trees: Sequence[Element]) -> None:
         """Identifiers of bodies, joints and sites, before any is made up."""
@@ -234,6 +237,8 @@ class Bodies:
             at = Pose(before.rotation, before.point(anchor))
             self._add(element, _joint(name, parent, child, group, at))
             for coordinate, moving in group.by_coordinate.items():
+                if moving.limits is not None and moving.limited:
+                    self.ranges[component_name(name, coordinate)] = moving.limits
                 if moving.name and moving.kind in ("hinge", "slide"):
                     self.coordinates[moving.name] = component_name(name, coordinate), -(moving.offset or 0.0)
             if child != link:

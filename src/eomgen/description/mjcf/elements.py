@@ -36,6 +36,7 @@ JOINT_KEYS = (
     *("solreffriction", "solimpfriction", "actuatorfrcrange", "actuatorfrclimited", "actuatorgravcomp", "align"),
 )
 FREE_KEYS = ("name", "group", "align")
+LIMITED = ("auto", "true", "false")
 _FORCES = ("stiffness", "damping", "armature", "frictionloss")
 
 
@@ -67,11 +68,13 @@ class JointReader:
             return self._quaternion(item, name, kind, anchor)
         unit = self.reading.angle if kind == "hinge" else 1.0
         ref, springref = item.number("ref") * unit, item.number("springref") * unit
+        limits = self._limits(item, unit, name or body)
         return Moving(
             *(name, kind, axis, anchor, self._coordinate(item, springref, name or body)),
             offset=-ref if ref else None,
-            limits=self._limits(item, unit, name or body),
+            limits=limits,
             rest=springref - ref,
+            limited=limits is not None and item.choice("limited", LIMITED, "auto") != "false",
         )
 
     def _quaternion(self, item: Item, name: str, kind: str, anchor: Array) -> Moving:
@@ -107,8 +110,8 @@ class JointReader:
         )
 
     def _limits(self, item: Item, unit: float, name: str) -> tuple[float, float] | None:
-        """The range, rad or m; nothing stops at it."""
-        limited = item.choice("limited", ("auto", "true", "false"), "auto")
+        """The range, rad or m; nothing stops at it unless somebody asks for that."""
+        limited = item.choice("limited", LIMITED, "auto")
         found = item.numbers("range", 2)
         if not found:
             return None
@@ -116,7 +119,7 @@ class JointReader:
         if lower > upper or not (math.isfinite(lower) and math.isfinite(upper)):
             item.fail(f"range is {show(item.values['range'])}; allowed: lower <= upper")
         if limited != "false":
-            self.note("nothing stops at the limits of joints", name)
+            self.reading.draft.unstopped.append(name)
         return lower, upper
 
 

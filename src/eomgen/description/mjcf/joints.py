@@ -27,7 +27,7 @@ class Moving:
 
     axis: unit vector in its body's axes; anchor: a point that does not move, m, in its body; both in the reference
     position.  offset: what is added to the coordinate, m or rad.  rest: how far the joint is from the reference
-    position where its spring has no force, m or rad.
+    position where its spring has no force, m or rad.  limited: whether MuJoCo keeps it within its limits.
     """
 
     name: str
@@ -38,6 +38,7 @@ class Moving:
     offset: float | None = None
     limits: tuple[float, float] | None = None
     rest: float = 0.0
+    limited: bool = False
 
     @property
     def at_rest(self) -> Pose:

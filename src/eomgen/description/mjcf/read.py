@@ -1,7 +1,8 @@
 """MJCF in, Draft out: MuJoCo's models of hinges, slides, balls and free joints, with springs, dampers and armature.
 
 A body is a link of its name and frame; its joints become joints of up to six coordinates (``mjcf.joints``).  What acts
-on the motion and has no equal here is refused; contacts, limits and actuators are left out, with notes.
+on the motion and has no equal here is refused; contacts and actuators are left out, with notes, and so are limits where
+no stops are asked for.
 
 Source: MuJoCo documentation, XML reference and modeling.
 """

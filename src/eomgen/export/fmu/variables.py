@@ -15,6 +15,7 @@ from eomgen.names import parameter_name, parameter_path
 from eomgen.robot.coordinates import FORCES, force_unit_of, unit_of
 from eomgen.robot.laws import BASIC, NUMBERS, least_of, number_of
 from eomgen.robot.model import FIXED_BODY, Model
+from eomgen.robot.rules import ROTORS
 from eomgen.robot.value import LINEAR, MOTOR, PRINCIPAL, Robot
 
 BASE = {  # exponents of SI base units, and of rad
@@ -247,5 +248,5 @@ def parameter_unit(robot: Robot, name: str) -> str:
     linear = PRINCIPAL[robot.joint(parts[1]).type] in LINEAR if of_motor else parts[2] in LINEAR
     if number is None:  # of a motor
         return {"inertia": "kg.m2", "ratio": "rad/m" if linear else "1"}[parts[3]]
-    at_shaft = parts[2] == MOTOR and parts[3] == "friction"
+    at_shaft = parts[2] == MOTOR and parts[3] in ROTORS
     return unit_name(number.unit[0 if linear and not at_shaft else 1])

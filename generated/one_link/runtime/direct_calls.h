@@ -1,0 +1,462 @@
+/* Plain calls: arguments are looked at, codes are found and called, results are made.  Part of direct.c. */
+#include "direct_data.h"
+
+/* ---- numbers ------------------------------------------------------------------------------------------------- */
+
+/* Exponents with all bits set are those of NaN and infinity: adding one to such an exponent carries into the sign. */
+#define DEFINE_FINITE(NAME, WORD, EXPONENT, ONE)                                                                       \
+    static int NAME(const void *numbers, npy_intp count)                                                               \
+    {                                                                                                                  \
+        const char *from = numbers;                                                                                    \
+        WORD carry = 0;                                                                                                \
+        for (npy_intp i = 0; i < count; ++i) {                                                                         \
+            WORD bits;                                                                                                 \
+            memcpy(&bits, from + (size_t)i * sizeof bits, sizeof bits);                                                \
+            carry |= (bits & (EXPONENT)) + (ONE);                                                                      \
+        }                                                                                                              \
+        return !(carry >> (8 * sizeof carry - 1));                                                                     \
+    }
+DEFINE_FINITE(finite_double, uint64_t, UINT64_C(0x7ff0000000000000), UINT64_C(0x0010000000000000))
+DEFINE_FINITE(finite_float, uint32_t, UINT32_C(0x7f800000), UINT32_C(0x00800000))
+
+/* Code of one state and of a batch, with as many arrays as it reads; -1 or the first failure. */
+#define DEFINE_CALLS(REAL)                                                                                             \
+    static long long one_##REAL(const Code *c, int framed, int reads, const void *h, const void *const *x,             \
+                                int frame, void *written)                                                              \
+    {                                                                                                                  \
+        const REAL *p = h, *a = x[0], *b = x[1], *e = x[2], *d = x[3];                                                 \
+        REAL *out = written;                                                                                           \
+        typedef int (*One)(const REAL *, const REAL *, REAL *);                                                        \
+        typedef int (*Framed)(const REAL *, const REAL *, int, REAL *);                                                \
+        typedef int (*Two)(const REAL *, const REAL *, const REAL *, REAL *);                                          \
+        typedef int (*Three)(const REAL *, const REAL *, const REAL *, const REAL *, REAL *);                          \
+        typedef int (*Four)(const REAL *, const REAL *, const REAL *, const REAL *, const REAL *, REAL *);             \
+        if (framed) return ((Framed)c->address)(p, a, frame, out) - 1LL;                                               \
+        if (reads == 1) return ((One)c->address)(p, a, out) - 1LL;                                                     \
+        if (reads == 2) return ((Two)c->address)(p, a, b, out) - 1LL;                                                  \
+        if (reads == 3) return ((Three)c->address)(p, a, b, e, out) - 1LL;                                             \
+        return ((Four)c->address)(p, a, b, e, d, out) - 1LL;                                                           \
+    }                                                                                                                  \
+    static long long many_##REAL(const Code *c, int framed, int reads, size_t n, const void *h, const void *const *x,  \
+                                 const size_t *s, int frame, void *written)                                            \
+    {                                                                                                                  \
+        const REAL *p = h, *a = x[0], *b = x[1], *e = x[2], *d = x[3];                                                 \
+        REAL *out = written;                                                                                           \
+        typedef const REAL *R;                                                                                         \
+        typedef long long (*One)(size_t, R, R, size_t, REAL *);                                                        \
+        typedef long long (*Framed)(size_t, R, R, size_t, int, REAL *);                                                \
+        typedef long long (*Two)(size_t, R, R, size_t, R, size_t, REAL *);                                             \
+        typedef long long (*Three)(size_t, R, R, size_t, R, size_t, R, size_t, REAL *);                                \
+        typedef long long (*Four)(size_t, R, R, size_t, R, size_t, R, size_t, R, size_t, REAL *);                      \
+        if (framed) return ((Framed)c->address)(n, p, a, s[0], frame, out);                                            \
+        if (reads == 1) return ((One)c->address)(n, p, a, s[0], out);                                                  \
+        if (reads == 2) return ((Two)c->address)(n, p, a, s[0], b, s[1], out);                                         \
+        if (reads == 3) return ((Three)c->address)(n, p, a, s[0], b, s[1], e, s[2], out);                              \
+        return ((Four)c->address)(n, p, a, s[0], b, s[1], e, s[2], d, s[3], out);                                      \
+    }
+DEFINE_CALLS(double)
+DEFINE_CALLS(float)
+
+/* to[i] = from[i] + sign * what[i], states of so many numbers each; one state stands for all where there are fewer. */
+#define DEFINE_SUM(REAL)                                                                                               \
+    static void sum_##REAL(const void *from, npy_intp from_step, const void *what, npy_intp what_step, REAL sign,      \
+                           npy_intp states, npy_intp size, void *to)                                                   \
+    {                                                                                                                  \
+        const REAL *x = from, *y = what;                                                                               \
+        REAL *out = to;                                                                                                \
+        for (npy_intp k = 0; k < states; ++k)                                                                          \
+            for (npy_intp i = 0; i < size; ++i)                                                                        \
+                out[k * size + i] = x[k * from_step + i] + sign * y[k * what_step + i];                                \
+    }
+DEFINE_SUM(double)
+DEFINE_SUM(float)
+
+/* ---- arrays -------------------------------------------------------------------------------------------------- */
+
+/* An array that the code can take as it is, of one state or of many: their number, 0 for one alone; -1 for another. */
+static npy_intp states_of(PyObject *value, const Function *f, const Shape *shape)
+{
+    if (!PyArray_CheckExact(value)) return -1;
+    PyArrayObject *array = (PyArrayObject *)value;
+    const int plain = NPY_ARRAY_C_CONTIGUOUS | NPY_ARRAY_ALIGNED;
+    if ((PyArray_FLAGS(array) & plain) != plain) return -1;
+    const PyArray_Descr *dtype = PyArray_DESCR(array);
+    if (dtype != f->dtype && (dtype->type_num != f->dtype->type_num || !PyArray_ISNBO(dtype->byteorder))) return -1;
+    const int leading = PyArray_NDIM(array) - shape->axes;
+    if (leading != 0 && leading != 1) return -1;
+    const npy_intp *lengths = PyArray_DIMS(array);
+    for (int i = 0; i < shape->axes; ++i)
+        if (lengths[leading + i] != shape->lengths[i]) return -1;
+    if (leading == 0) return 0;
+    return lengths[0] > 0 ? lengths[0] : -1;
+}
+
+static int all_finite(const Function *f, const void *numbers, npy_intp count)
+{
+    return f->dtype->type_num == NPY_DOUBLE ? finite_double(numbers, count) : finite_float(numbers, count);
+}
+
+static npy_intp bytes_of(const Function *f, npy_intp count)
+{
+    return count * (f->dtype->type_num == NPY_DOUBLE ? (npy_intp)sizeof(double) : (npy_intp)sizeof(float));
+}
+
+/* The three matrices of a result with derivatives, as views of it. */
+static PyObject *three_views(const Function *f, PyArrayObject *whole, npy_intp states)
+{
+    const npy_intp rows = f->result.lengths[1], columns = f->result.lengths[2];
+    npy_intp lengths[AXES] = {states, rows, columns};
+    npy_intp steps[AXES] = {bytes_of(f, f->result.size), bytes_of(f, columns), bytes_of(f, 1)};
+    const int skipped = states == 0;
+    PyObject *views = PyTuple_New(3);
+    if (views == NULL) return NULL;
+    for (npy_intp i = 0; i < 3; ++i) {
+        PyArray_Descr *dtype = PyArray_DESCR(whole);
+        Py_INCREF(dtype);
+        char *first = PyArray_BYTES(whole) + bytes_of(f, i * rows * columns);
+        PyObject *view = PyArray_NewFromDescr(&PyArray_Type, dtype, AXES - skipped, lengths + skipped, steps + skipped,
+                                              first, PyArray_FLAGS(whole) & NPY_ARRAY_WRITEABLE, NULL);
+        if (view == NULL) goto failed;
+        PyTuple_SET_ITEM(views, i, view);
+        Py_INCREF(whole);
+        if (PyArray_SetBaseObject((PyArrayObject *)view, (PyObject *)whole) < 0) goto failed;
+    }
+    return views;
+failed:
+    Py_DECREF(views);
+    return NULL;
+}
+
+/* ---- calls --------------------------------------------------------------------------------------------------- */
+
+/* What the code's library computes from the values of the parameters; a new array. */
+static PyArrayObject *computed_from(PyArrayObject *values, const Function *f, const Code *code)
+{
+    const npy_intp count = code->hoisted > 0 ? code->hoisted : 1;
+    if (PyArray_TYPE(values) != f->dtype->type_num) {
+        PyErr_SetString(PyExc_TypeError, "values of another dtype than the kernel's");
+        return NULL;
+    }
+    PyArrayObject *h = (PyArrayObject *)PyArray_SimpleNew(1, &count, f->dtype->type_num);
+    if (h != NULL && f->dtype->type_num == NPY_DOUBLE)
+        ((void (*)(const double *, double *))code->setup)(PyArray_DATA(values), PyArray_DATA(h));
+    else if (h != NULL)
+        ((void (*)(const float *, float *))code->setup)(PyArray_DATA(values), PyArray_DATA(h));
+    return h;
+}
+
+/* What the code's library reads of the parameters; a new reference, so that a running call keeps its own. */
+static PyArrayObject *hoisted(State *state, const Function *f, const Code *code)
+{
+    PyArrayObject *h = NULL, *other = NULL, *values = NULL;
+    Py_BEGIN_CRITICAL_SECTION(state);
+    h = state->h[code->part];
+    Py_XINCREF(h);
+    if (h == NULL) values = state->values;
+    Py_XINCREF(values);
+    Py_END_CRITICAL_SECTION();
+    if (h != NULL) return h;
+    h = computed_from(values, f, code);
+    if (h != NULL) {
+        Py_BEGIN_CRITICAL_SECTION(state);
+        if (state->values == values) { /* no assignment came between */
+            other = state->h[code->part];
+            Py_INCREF(h);
+            state->h[code->part] = h;
+            if (state->parts <= code->part) state->parts = code->part + 1;
+        }
+        Py_END_CRITICAL_SECTION();
+    }
+    Py_XDECREF(other);
+    Py_DECREF(values);
+    return h;
+}
+
+/* Values of the parameters by place; -1 where a keyword is none of them, or comes twice. */
+static int sort_arguments(const Function *f, PyObject *const *args, Py_ssize_t count, PyObject *names,
+                          PyObject **given)
+{
+    if (count > f->positional) return -1;
+    for (Py_ssize_t i = 0; i < count; ++i) given[i] = args[i];
+    const Py_ssize_t named = names == NULL ? 0 : PyTuple_GET_SIZE(names);
+    for (Py_ssize_t k = 0; k < named; ++k) {
+        PyObject *name = PyTuple_GET_ITEM(names, k);
+        int place = 0;
+        while (place < f->places && f->place[place].label != name) ++place;
+        if (place == f->places || given[place] != NULL) return -1;
+        given[place] = args[count + k];
+    }
+    return 0;
+}
+
+/* A plain call: its arguments as the code takes them. */
+typedef struct {
+    const void *x[ARRAYS + 1]; /* the arrays that the code reads, and one beside them */
+    npy_intp sizes[ARRAYS + 1];
+    size_t steps[ARRAYS + 1]; /* numbers between two states */
+    int reads, frame;
+    npy_intp states; /* 0 for one alone */
+    PyArrayObject *out;
+    const void *wrench; /* or NULL */
+    npy_intp wrench_size;
+    size_t wrench_step;
+    npy_intp wrench_states; /* of the first array and the wrenches together, 0 for one alone */
+    Code *codes[WAYS];      /* that it calls; NULL for none */
+} Plain;
+
+/* Find the codes that a call needs; 0 where all are armed. */
+static int find_codes(Function *f, Plain *call)
+{
+    int lacking = 0;
+    call->codes[OWN] = &f->codes[OWN][call->states > 0];
+    if (call->wrench != NULL) call->codes[ADDED] = &f->codes[ADDED][call->wrench_states > 0];
+    for (int way = 0; way < WAYS; ++way)
+        lacking |= call->codes[way] != NULL && PUBLISHED(call->codes[way]->address) == 0;
+    return lacking ? -1 : 0;
+}
+
+/* Look at the arguments; 0 where the call is plain. */
+static int look(Function *f, const State *state, PyObject *const *given, Plain *call)
+{
+    for (int i = 0; i < f->places; ++i) { /* shapes first: what is large and not plain is read once */
+        const Place *place = &f->place[i];
+        PyObject *value = given[i];
+        if (place->role <= WRENCH) {
+            if (place->role != READ && (value == NULL || value == Py_None)) continue;
+            if (value == NULL) return -1;
+            const npy_intp states = states_of(value, f, &place->shape);
+            if (states < 0) return -1;
+            if (states > 0) {
+                if (call->states != 0 && call->states != states) return -1;
+                call->states = states;
+            }
+            if (place->role == WRENCH) {
+                call->wrench = PyArray_DATA((PyArrayObject *)value);
+                call->wrench_size = states > 0 ? states * place->shape.size : place->shape.size;
+                call->wrench_step = states > 0 ? (size_t)place->shape.size : 0;
+                continue;
+            }
+            const int to = place->role == READ ? call->reads++ : ARRAYS;
+            call->x[to] = PyArray_DATA((PyArrayObject *)value);
+            call->sizes[to] = states > 0 ? states * place->shape.size : place->shape.size;
+            call->steps[to] = states > 0 ? (size_t)place->shape.size : 0;
+        } else if (place->role == FRAME) {
+            if (value == NULL || !PyUnicode_CheckExact(value)) return -1;
+            PyObject *number = PyDict_GetItemWithError(f->frames, value);
+            if (number == NULL) return -1;
+            call->frame = (int)PyLong_AsLong(number);
+        } else if (place->role == CUT) {
+            if (f->cut_must_be_false && value != NULL && value != Py_False) return -1;
+        } else if (value != NULL && value != Py_None) {
+            if (place->role != OUT || !PyArray_CheckExact(value)) return -1;
+            call->out = (PyArrayObject *)value;
+        }
+    }
+    if (call->wrench != NULL && (call->steps[0] > 0 || call->wrench_step > 0)) call->wrench_states = call->states;
+    if (find_codes(f, call) < 0) return -1;
+    if (call->states > 0) {
+        const Py_ssize_t threads = PUBLISHED(state->threads);
+        if (threads > 1 && call->states >= 2 * SHARE) return -1;
+        if (call->states > call->codes[OWN]->piece) return -1;
+        if (call->wrench_states > 0 && call->states > call->codes[ADDED]->piece) return -1;
+    }
+    if (call->out != NULL) {
+        const npy_intp states = states_of((PyObject *)call->out, f, &f->result);
+        if (states != call->states || !PyArray_ISWRITEABLE(call->out)) return -1;
+        const char *first = PyArray_DATA(call->out), *end = first + PyArray_NBYTES(call->out);
+        for (int i = 0; i < call->reads; ++i) {
+            const char *other = call->x[i];
+            if (first < other + bytes_of(f, call->sizes[i]) && other < end) return -1;
+        }
+    }
+    if (PUBLISHED(state->checks)) {
+        for (int i = 0; i <= ARRAYS; ++i)
+            if (call->sizes[i] > 0 && !all_finite(f, call->x[i], call->sizes[i])) return -1;
+        if (call->wrench != NULL && !all_finite(f, call->wrench, call->wrench_size)) return -1;
+    }
+    return 0;
+}
+
+static PyArrayObject *new_result(const Function *f, npy_intp states)
+{
+    npy_intp lengths[AXES + 1] = {states};
+    memcpy(lengths + 1, f->result.lengths, sizeof f->result.lengths);
+    const int skipped = states == 0;
+    Py_INCREF(f->dtype);
+    return (PyArrayObject *)PyArray_NewFromDescr(&PyArray_Type, f->dtype, f->result.axes + 1 - skipped,
+                                                 lengths + skipped, NULL, NULL, 0, NULL);
+}
+
+static long long compute(const Function *f, const void *h, const Plain *call, void *out)
+{
+    const int is_double = f->dtype->type_num == NPY_DOUBLE;
+    if (call->states == 0)
+        return (is_double ? one_double : one_float)(call->codes[OWN], f->framed, call->reads, h, call->x, call->frame,
+                                                    out);
+    return (is_double ? many_double : many_float)(call->codes[OWN], f->framed, call->reads, (size_t)call->states, h,
+                                                  call->x, call->steps, call->frame, out);
+}
+
+/* What the wrenches add, for as many states as the first array and they have. */
+static void compute_added(const Function *f, const void *h, const Plain *call, void *out)
+{
+    const int is_double = f->dtype->type_num == NPY_DOUBLE;
+    const Code *code = call->codes[ADDED];
+    const void *x[ARRAYS] = {call->x[0], call->wrench};
+    const size_t steps[ARRAYS] = {call->steps[0], call->wrench_step};
+    if (call->wrench_states == 0)
+        (void)(is_double ? one_double : one_float)(code, 0, 2, h, x, 0, out);
+    else
+        (void)(is_double ? many_double : many_float)(code, 0, 2, (size_t)call->wrench_states, h, x, steps, 0, out);
+}
+
+/* to = from + sign * what, each of one state for all or of as many as there are. */
+static void add(const Function *f, const void *from, npy_intp from_step, const void *what, npy_intp what_step,
+                double sign, npy_intp states, npy_intp size, void *to)
+{
+    if (f->dtype->type_num == NPY_DOUBLE)
+        sum_double(from, from_step, what, what_step, sign, states, size, to);
+    else
+        sum_float(from, from_step, what, what_step, (float)sign, states, size, to);
+}
+
+/* Numbers of a call with wrenches: what they add, and an array with it; in place where there are few. */
+typedef struct {
+    double few[128];
+    void *memory; /* NULL for these */
+    char *added, *sum;
+} Beside;
+
+static int make_room(const Function *f, const Plain *call, Beside *beside)
+{
+    const npy_intp size = f->into < 0 ? f->result.size : f->place[f->into].shape.size;
+    const npy_intp states = call->wrench_states > 0 ? call->wrench_states : 1;
+    const size_t one = (size_t)bytes_of(f, states * size);
+    const size_t other = f->into < 0 ? 0 : (size_t)bytes_of(f, (call->states > 0 ? call->states : 1) * size);
+    beside->memory = NULL;
+    beside->added = (char *)beside->few;
+    if (one + other > sizeof beside->few && (beside->added = beside->memory = PyMem_Malloc(one + other)) == NULL) {
+        PyErr_NoMemory();
+        return -1;
+    }
+    beside->sum = beside->added + one;
+    return 0;
+}
+
+/* Compute what the wrenches add, and put it into the array that takes it, if one does; 0 where all of it is regular. */
+static int begin_added(const Function *f, const void *h, Plain *call, Beside *beside, int checks)
+{
+    const npy_intp size = f->into < 0 ? f->result.size : f->place[f->into].shape.size;
+    const npy_intp states = call->wrench_states > 0 ? call->wrench_states : 1;
+    const npy_intp step = call->wrench_states > 0 ? size : 0;
+    compute_added(f, h, call, beside->added);
+    if (checks && !all_finite(f, beside->added, states * size)) return -1;
+    if (f->into < 0) return 0;
+    for (npy_intp k = 0; k < states; ++k)
+        for (Py_ssize_t i = 0; i < f->lefts; ++i)
+            memset(beside->added + bytes_of(f, k * size + f->left[i]), 0, (size_t)bytes_of(f, 1));
+    const int is_many = call->steps[f->into] > 0 || step > 0;
+    const npy_intp all = is_many ? call->states : 1;
+    add(f, call->x[f->into], (npy_intp)call->steps[f->into], beside->added, step, 1.0, all, size, beside->sum);
+    if (checks && !all_finite(f, beside->sum, all * size)) return -1;
+    call->x[f->into] = beside->sum;
+    call->steps[f->into] = is_many ? (size_t)size : 0;
+    return 0;
+}
+
+/* Compute with what the wrenches add; 0 where all of it is regular. */
+static int compute_all(const Function *f, const void *h, const void *h_added, Plain *call, Beside *beside, int checks,
+                       void *out)
+{
+    const npy_intp states = call->states > 0 ? call->states : 1, step = call->wrench_states > 0 ? f->result.size : 0;
+    if (call->wrench != NULL && begin_added(f, h_added, call, beside, checks) < 0) return -1;
+    if (compute(f, h, call, out) >= 0) return -1;
+    if (call->wrench != NULL && f->into < 0) {
+        if (checks && !all_finite(f, out, states * f->result.size)) return -1;
+        add(f, out, f->result.size, beside->added, step, f->sign, states, f->result.size, out);
+    }
+    return checks && !all_finite(f, out, states * f->result.size) ? -1 : 0;
+}
+
+/* The result of a plain call; NULL without an error where the method in Python has to be asked.  ``codes`` are then
+ * those that the call would need, and NULL if it is not plain whatever is armed. */
+static PyObject *straight(Function *f, State *state, PyObject *const *args, Py_ssize_t count, PyObject *names,
+                          Code **codes)
+{
+    PyObject *given[PLACES] = {NULL};
+    Plain call = {.states = 0};
+    Beside beside;
+    if (sort_arguments(f, args, count, names, given) < 0) return NULL;
+    const int is_plain = look(f, state, given, &call) == 0;
+    memcpy(codes, call.codes, sizeof call.codes);
+    if (!is_plain || (call.wrench != NULL && make_room(f, &call, &beside) < 0)) return NULL;
+    PyObject *found = NULL;
+    PyArrayObject *out = NULL, *kept = hoisted(state, f, codes[OWN]), *kept_added = NULL;
+    if (kept != NULL && call.wrench != NULL) kept_added = hoisted(state, f, codes[ADDED]);
+    if (kept == NULL || (call.wrench != NULL && kept_added == NULL)) goto end;
+    const void *h = PyArray_DATA(kept), *h_added = kept_added == NULL ? NULL : PyArray_DATA(kept_added);
+    out = call.out;
+    if (out == NULL)
+        out = new_result(f, call.states);
+    else
+        Py_INCREF(out);
+    if (out == NULL) goto end;
+    void *written = PyArray_DATA(out);
+    const npy_intp states = call.states > 0 ? call.states : 1;
+    const double operations = codes[OWN]->operations + (call.wrench == NULL ? 0.0 : codes[ADDED]->operations);
+    const int checks = PUBLISHED(state->checks);
+    int failed;
+    if (operations * (double)states < LONG)
+        failed = compute_all(f, h, h_added, &call, &beside, checks, written);
+    else {
+        Py_BEGIN_ALLOW_THREADS
+        failed = compute_all(f, h, h_added, &call, &beside, checks, written);
+        Py_END_ALLOW_THREADS
+    }
+    if (!failed) {
+        if (f->in_three)
+            found = three_views(f, out, call.states);
+        else {
+            found = (PyObject *)out;
+            Py_INCREF(found);
+        }
+    }
+end:
+    Py_XDECREF(out);
+    Py_XDECREF(kept);
+    Py_XDECREF(kept_added);
+    if (call.wrench != NULL) PyMem_Free(beside.memory);
+    return found;
+}
+
+/* Ask for the address of a code, once: after a first call it is there. */
+static int arm_once(Function *f, Way way, Code *code)
+{
+    int again = 1;
+    Py_BEGIN_CRITICAL_SECTION(f);
+    again = code->asked;
+    code->asked = 1;
+    Py_END_CRITICAL_SECTION();
+    if (again) return 0;
+    PyObject *many = code == &f->codes[way][1] ? Py_True : Py_False;
+    PyObject *answer = PyObject_CallFunction(f->arming, "OsO", (PyObject *)f, WAY_NAMES[way], many);
+    Py_XDECREF(answer);
+    return answer == NULL ? -1 : 0;
+}
+
+static PyObject *direct_vectorcall(PyObject *self, PyObject *const *args, size_t nargsf, PyObject *names)
+{
+    Direct *direct = (Direct *)self;
+    Function *f = direct->function;
+    Code *codes[WAYS] = {NULL};
+    PyObject *found = straight(f, direct->state, args, PyVectorcall_NARGS(nargsf), names, codes);
+    if (found != NULL || PyErr_Occurred()) return found;
+    PyObject *bound = PyMethod_New(f->method, direct->owner);
+    if (bound == NULL) return NULL;
+    found = PyObject_Vectorcall(bound, args, nargsf, names);
+    Py_DECREF(bound);
+    for (int way = 0; way < WAYS && found != NULL; ++way)
+        if (codes[way] != NULL && PUBLISHED(codes[way]->address) == 0 && arm_once(f, (Way)way, codes[way]) < 0)
+            Py_CLEAR(found);
+    return found;
+}

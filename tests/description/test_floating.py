@@ -1,0 +1,124 @@
+"""Roots of URDFs that float: against Pinocchio's free flyer, and against the TOML that says the same."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eomgen.cli import entry
+from eomgen.description.load import load_robot, robot_from_mjcf, robot_from_urdf
+from eomgen.errors import DescriptionError
+from eomgen.robot.model import build_model
+from eomgen.robot.value import COORDINATES
+from tests.support.builds import Build
+from tests.support.description_samples import MJCF, URDF
+from tests.support.random_robots import Array
+
+pin = pytest.importorskip("pinocchio")
+BODY = """<link name="ground"><inertial>
+  <origin xyz="0.05 -0.02 0.1" rpy="0.2 0.1 -0.3"/><mass value="4.0"/>
+  <inertia ixx="0.2" iyy="0.3" izz="0.25" ixy="0.02" ixz="-0.01" iyz="0.03"/>
+</inertial></link>"""
+HEAVY = URDF.replace('<link name="ground"/>', BODY)
+TOML = """
+name = "arm"
+urdf = "arm.urdf"
+[[joints]]
+name = "floating_base"
+parent = "base"
+child = "ground"
+type = "free"
+"""
+
+
+def rotation(angles: Array) -> Array:
+    """Rx Ry Rz."""
+    return np.asarray(np.linalg.multi_dot([pin.utils.rotate(axis, x) for axis, x in zip("xyz", angles, strict=True)]))
+
+
+def flyer_rates(q: Array, v: Array) -> Array:
+    """Pinocchio's rates: velocity and angular velocity of the root in its own axes, then those of joints."""
+    first, second = (pin.utils.rotate(axis, x) for axis, x in zip("xy", q[3:5], strict=True))
+    axes = np.column_stack([np.eye(3)[0], first[:, 1], (first @ second)[:, 2]])
+    R = rotation(q[3:6])
+    return np.concatenate([R.T @ v[:3], R.T @ axes @ v[3:6], v[6:]])
+
+
+def test_accelerations_and_energies_are_those_of_a_free_flyer(built: Build) -> None:
+    robot = robot_from_urdf(HEAVY, floating_base=True)
+    kernel = built(robot, "forward_dynamics", "energy", "kinematics")
+    model = pin.buildModelFromXML(HEAVY, pin.JointModelFreeFlyer())
+    data = model.createData()
+    assert [name.partition(".")[0] for name in kernel.coordinates[6:]] == list(model.names)[2:]
+    rng = np.random.default_rng(4)
+    start = None
+    for _ in range(4):
+        q, v = rng.uniform(-1.0, 1.0, (2, 8))
+        drives = np.concatenate([np.zeros(6), rng.uniform(-5.0, 5.0, 2)])
+        whole = pin.neutral(model)
+        whole[:3], whole[3:7] = q[:3], pin.Quaternion(rotation(q[3:6])).coeffs()
+        whole[7] = q[6]
+        whole[8:10] = np.cos(q[7]), np.sin(q[7])
+        rates = flyer_rates(q, v)
+        a = kernel.forward_dynamics(q, v, drives)
+        h = 1e-5
+        ours = (flyer_rates(q + h * v, v + h * a) - flyer_rates(q - h * v, v - h * a)) / (2.0 * h)
+        np.testing.assert_allclose(ours, pin.aba(model, data, whole, rates, drives), rtol=1e-7, atol=1e-7)
+        energy = np.array(
+            [pin.computeKineticEnergy(model, data, whole, rates), pin.computePotentialEnergy(model, data, whole)]
+        )
+        found = kernel.energy(q, v)
+        start = found - energy if start is None else start
+        np.testing.assert_allclose(found - energy, [0.0, start[1]], atol=1e-11)  # zero of the weight is elsewhere
+
+
+def test_the_toml_says_the_same(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(HEAVY)
+    (tmp_path / "arm.toml").write_text(TOML)
+    floats, said = load_robot(tmp_path / "arm.urdf", floating_base=True), load_robot(tmp_path / "arm.toml")
+    assert replace(floats, source="", notes=()) == replace(said, source="", notes=())
+    assert floats.notes[-1] == ("link 'ground' floats: floating_base.x to floating_base.gamma are its coordinates")
+    model = build_model(floats)
+    assert model.coordinates[:6] == tuple(f"floating_base.{name}" for name in COORDINATES)
+    assert [model.coordinates[i] for i in model.driven] == ["elbow.gamma", "shoulder.gamma"][::-1]
+    (tmp_path / "home.toml").write_text('urdf = "arm.urdf"\nhome = { "floating_base.z" = 1.0 }\n')
+    assert load_robot(tmp_path / "home.toml", floating_base=True).home == {"floating_base.z": 1.0}
+
+
+def test_names_that_are_taken() -> None:
+    text = HEAVY.replace('"ground"', '"base"').replace('"shoulder"', '"floating_base"')
+    robot = robot_from_urdf(text, floating_base=True)
+    assert (robot.base, robot.joints[0].name, robot.joints[0].child) == ("world", "floating_base_2", "base")
+    text = text.replace('"upper"', '"world"').replace('"lower"', '"ground"')
+    assert robot_from_urdf(text, floating_base=True).base == "ground_2"
+
+
+def test_a_body_alone_floats() -> None:
+    """An URDF in which nothing else moves."""
+    text = f"<robot name='stone'>{BODY}</robot>"
+    with pytest.raises(DescriptionError, match="nothing moves"):
+        robot_from_urdf(text)
+    assert build_model(robot_from_urdf(text, floating_base=True)).size == 6
+
+
+def test_what_cannot_float(tmp_path: Path) -> None:
+    with pytest.raises(
+        DescriptionError, match=r"floating_base: there is no root link .*; allowed: a joint of the type"
+    ):
+        load_robot("one_link", floating_base=True)
+    with pytest.raises(DescriptionError, match=r"in MJCF a <freejoint/>"):
+        robot_from_mjcf(MJCF, floating_base=True)
+    (tmp_path / "arm.urdf").write_text(HEAVY)
+    (tmp_path / "arm.toml").write_text(TOML)
+    with pytest.raises(DescriptionError, match=r"without it, as the joint 'floating_base' carries the root link"):
+        load_robot(tmp_path / "arm.toml", floating_base=True)
+
+
+def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "arm.urdf").write_text(HEAVY)
+    assert entry.main(["info", str(tmp_path / "arm.urdf"), "--floating-base", "--json"]) == 0
+    assert len(json.loads(capsys.readouterr().out)["coordinates"]) == 8
