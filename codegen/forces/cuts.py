@@ -56,7 +56,7 @@ class Deviating:
         return list(dict.fromkeys(i for one in (self, *self.carriers) for i in one.arms))
 
     def presses(self, v: Sequence[Scalar], f: Functions, dt: Scalar) -> Effect:
-        """What its springs, contacts and dampers carry, arguments as of ``resists``."""
+        """Effect of its springs, contacts and dampers alone, arguments as of ``resists``."""
         s, rate = self._after(v, dt)
         return pressing(self.law.stiffness, self.law.damping, self.law.law, self.law.knots, s, rate, f)
 

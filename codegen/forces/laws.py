@@ -60,7 +60,7 @@ class Effect:
         return self.by_v + self.rubs
 
     def ahead(self, dt: Scalar, square: Scalar, f: Functions) -> Scalar:
-        """What a linearly implicit step of dt, with its square, adds to inertia: a tangent that falls is left out.
+        """Share of it that a linearly implicit step of dt, with its square, adds to inertia; none of a tangent that falls.
 
         Friction counts by its secant: along its tangent, steep at rest and flat beside it, a mass that arrives moving
         would jump over its rest for ever.
@@ -105,7 +105,7 @@ def effect(
 def pressing(
     stiffness: Scalar, damping: Scalar, numbers: Numbers, knots: Sequence[float], s: Scalar, v: Scalar, f: Functions
 ) -> Effect:
-    """What springs, contacts and dampers of a coordinate carry; ``stiffness`` and ``damping`` of its straight line."""
+    """Effect of a coordinate's springs, contacts and dampers; ``stiffness`` and ``damping`` of its straight line."""
     return Effect(stiffness * s + damping * v, stiffness, damping) + effect(numbers, knots, s, v, f, without=FRICTION)
 
 

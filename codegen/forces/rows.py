@@ -63,7 +63,7 @@ def effects(bound: Bound, q: Sequence[Scalar], v: Sequence[Scalar], f: Functions
 
 
 def _carried(bound: Bound, i: int, q: Sequence[Scalar], v: Sequence[Scalar], f: Functions) -> list[Effect]:
-    """What the coordinates carry that press on coordinate i."""
+    """Effects, without friction, of the coordinates that press on coordinate i."""
     return [
         pressing(bound.stiffness[j], bound.damping[j], bound.laws.get(j, {}), bound.knots.get(j, ()), q[j], v[j], f)
         for j in bound.carriers[i]
