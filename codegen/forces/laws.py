@@ -60,7 +60,7 @@ class Effect:
         return self.by_v + self.rubs
 
     def ahead(self, dt: Scalar, square: Scalar, f: Functions) -> Scalar:
-        """Share of it that a linearly implicit step of dt, with its square, adds to inertia; none of a tangent that falls.
+        """Share of it in the inertia of a linearly implicit step dt, with its square; none of a tangent that falls.
 
         Friction counts by its secant: along its tangent, steep at rest and flat beside it, a mass that arrives moving
         would jump over its rest for ever.
