@@ -83,7 +83,7 @@ def implicit_step(d: Derivation) -> Outputs:
 
     Those of transmissions couple a motor to its joint alone (``Rotors``).  A law that is not linear is taken along its
     tangent at the coordinate that the rate leads to; a tangent that falls is left out, so that the matrix stays
-    positive definite.
+    positive definite.  Friction is taken along its secant: see ``Effect.ahead``.
     ``added`` is what a joint's controller adds to the diagonal; it acts on coordinates that are driven.
     Springs between points act where their rates lead to, in the directions that they have; their tangents are no
     diagonal, but rows like those of closed loops.  Loops are closed at the end of the step, at the level of rates:
@@ -104,7 +104,7 @@ def implicit_step(d: Derivation) -> Outputs:
     for i, (stiffness, damping) in enumerate(zip(d.bound.stiffness, d.bound.damping, strict=True)):
         armature[i] = armature[i] + (dt * damping + square * stiffness)
     for i, law in effects(d.bound, ahead, d.v, d.functions).items():
-        armature[i] = armature[i] + d.functions.max(dt * law.by_v + square * law.by_s, 0.0)
+        armature[i] = armature[i] + law.ahead(dt, square, d.functions)
     beside: Rows = {}
     for touch in touching:
         for (i, j), slope in touch.slopes(dt, square).items():
@@ -118,7 +118,7 @@ def implicit_step(d: Derivation) -> Outputs:
             armature[i] = armature[i] + d.graph.input("added", place)
     slopes = {}
     for i, stretch in stretches(d.bound, ahead, d.v, d.functions).items():
-        nonlinear = d.functions.max(dt * stretch.nonlinear.by_v + square * stretch.nonlinear.by_s, 0.0)
+        nonlinear = stretch.nonlinear.ahead(dt, square, d.functions)
         slopes[i] = dt * stretch.linear.by_v + square * stretch.linear.by_s + nonlinear
     rows = [*_closing_rows(d, dt), *(_elastic_row(d, pull, dt, square) for pull in pulls)]
     for own in d.deviating:
@@ -136,12 +136,10 @@ def _closing_rows(d: Derivation, dt: Scalar) -> list[Row]:
 
 def _cut_row(d: Derivation, own: Deviating, dt: Scalar, square: Scalar, springs: list[Scalar]) -> Row:
     """The row of a cut joint's coordinate with a force, which ``springs`` get: where its rate leads to after dt."""
-    rate = own.rate(d.v)
-    found = own.resists(own.s + dt * rate, rate, d.functions)
+    found = own.resists(d.v, d.functions, dt)
     for i, arm in own.arms.items():
         springs[i] = springs[i] + found.force * arm
-    slope = d.functions.max(dt * found.by_v + square * found.by_s, 0.0)
-    return elastic_row(own.arms, d.functions.sqrt(slope))
+    return elastic_row(own.arms, d.functions.sqrt(found.ahead(dt, square, d.functions)))
 
 
 def _elastic_row(d: Derivation, pull: Along, dt: Scalar, square: Scalar) -> Row:

@@ -98,7 +98,7 @@ class Derivation:
             for index, value in touch.rows().items():
                 rows[index] = rows[index] + value
         for own in self.deviating:
-            force = own.resists(own.s, own.rate(v), self.functions).force
+            force = own.resists(v, self.functions).force
             for index, arm in own.arms.items():
                 rows[index] = rows[index] + force * arm
         return rows

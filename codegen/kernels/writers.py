@@ -88,8 +88,8 @@ def _residual_jacobian(d: Derivation) -> Outputs:
 
 def _add_derivatives(d: Derivation, own: Deviating, by_q: Rows, by_v: Rows) -> None:
     """Derivatives of what a coordinate of a cut joint is resisted with, in all rows that it has."""
-    force = own.resists(own.s, own.rate(d.v), d.functions).force
-    moving = [i for i in own.arms if i in d.own]
+    force = own.resists(d.v, d.functions).force
+    moving = [i for i in own.moved_by() if i in d.own]
     rows = [force * own.arms[i] for i in own.arms]
     for x, into in ((d.q, by_q), (d.v, by_v)):
         found = gradients(d.graph, rows, [x[j] for j in moving])
@@ -154,7 +154,7 @@ def _energy(d: Derivation) -> Outputs:
     for touch in d.touches(d.still):
         potential = potential + touch.normal.energy
     for own in d.deviating:
-        potential = potential + own.resists(own.s, 0.0, d.functions).energy
+        potential = potential + own.resists(d.still, d.functions).energy
     return vector([kinetic, potential])
 
 
@@ -164,7 +164,7 @@ def _reactions(d: Derivation) -> Outputs:
         for k, held in line.wrenches():
             total[k] = total[k] + held
     for own in d.deviating:
-        for k, held in own.wrenches(own.resists(own.s, own.rate(d.v), d.functions).force):
+        for k, held in own.wrenches(own.resists(d.v, d.functions).force):
             total[k] = total[k] + held
     return vector([x for wrench in total for x in (*wrench.force, *wrench.moment)])
 
@@ -200,7 +200,7 @@ def _spring_jacobian(d: Derivation) -> Outputs:
 
 
 def _cut_forces(d: Derivation) -> Outputs:
-    return vector([x for own in d.deviating for x in (own.s, own.resists(own.s, own.rate(d.v), d.functions).force)])
+    return vector([x for own in d.deviating for x in (own.s, own.resists(d.v, d.functions).force)])
 
 
 def _cut_jacobian(d: Derivation) -> Outputs:

@@ -13,11 +13,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from eomgen.errors import InputError
-from eomgen.names import joint_of
+from eomgen.names import component_name, joint_of
 from eomgen.robot.geometry import IDENTITY, snap
 from eomgen.robot.laws import RADIAL, given_laws
 from eomgen.robot.model import FIXED_BODY, Model, turned_name
-from eomgen.robot.value import ANGULAR, COORDINATES, INERTIA_KEYS, LINEAR, MOTOR, Coordinate, Joint, Placement
+from eomgen.robot.value import ANGULAR, COORDINATES, INERTIA_KEYS, LINEAR, MOTOR, Coordinate, Joint, Placement, loaded
 
 from .spatial import (
     Mat,
@@ -117,11 +117,13 @@ class Bound:
     weight is a constant of the potential energy.
     ``laws`` holds, by the index of a coordinate, the numbers of its force beyond stiffness and damping
     (``Coordinate.law``, with "stiffness" where it is no linear spring's); ``knots`` the deviations of its curve.
+    ``carriers`` holds, by the index of a coordinate whose friction depends on a load, those that press on it.
     ``transmissions`` holds, by the index of a motor's coordinate, what is between it and its joint; its inertia is an
     armature.
     ``springs`` are those between points of two bodies.
     ``cut_offsets`` holds per loop what its six coordinates keep to, ``cut_laws`` the forces of some of them by the
     loop's number and the coordinate's name; ``couplings`` are those of coordinates; ``journals`` stand in bearings.
+    ``cut_carriers`` are what presses on cut joints' coordinates, by the names of ``cut_laws``.
     """
 
     gravity: Vec
@@ -142,6 +144,8 @@ class Bound:
     cut_laws: Mapping[tuple[int, str], BoundLaw] = field(default_factory=dict)
     couplings: tuple[BoundCoupling, ...] = ()
     journals: tuple[BoundJournal, ...] = ()
+    carriers: Mapping[int, tuple[int, ...]] = field(default_factory=dict)
+    cut_carriers: Mapping[tuple[int, str], tuple[str, ...]] = field(default_factory=dict)
 
 
 def bind(
@@ -201,6 +205,8 @@ def bind(
         cut_laws=binder.cut_laws(),
         couplings=binder.couplings(),
         journals=binder.journals(),
+        carriers=binder.carriers(),
+        cut_carriers=binder.cut_carriers(),
     )
 
 
@@ -341,6 +347,23 @@ class _Binder:
             for number, loop in enumerate(self.model.robot.loops)
             for name, coordinate in loop.coordinates.items()
             if (loop.name, name) in given
+        }
+
+    def carriers(self) -> dict[int, tuple[int, ...]]:
+        """Coordinates that press on others, by the index of these."""
+        place = self.model.coordinates.index
+        return {
+            place(component_name(joint.name, name)): tuple(place(component_name(joint.name, x)) for x in others)
+            for joint in self.model.robot.joints
+            for name, others in loaded(joint.coordinates).items()
+        }
+
+    def cut_carriers(self) -> dict[tuple[int, str], tuple[str, ...]]:
+        """Coordinates of cut joints that press on others of the same one."""
+        return {
+            (number, name): others
+            for number, loop in enumerate(self.model.robot.loops)
+            for name, others in loaded(loop.coordinates).items()
         }
 
     def couplings(self) -> tuple[BoundCoupling, ...]:

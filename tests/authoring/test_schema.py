@@ -56,7 +56,7 @@ SEMANTIC = {
         *("cable of no length", "smoothing of no cable", "curve and stiffness of a spring", "curve of a cable"),
         *("smoothing of nothing", "restitution of nothing", "one side only", "static without stribeck"),
         *("stribeck without static", "curve and stiffness", "curve and friction that is none", "sharp clearance"),
-        *("clearance of stiffness zero",),
+        *("clearance of stiffness zero", "friction without coulomb"),
     },
     "numbers out of order": {
         *("limits reversed", "curve of a spring that falls back", "static below coulomb", "curve that turns back"),

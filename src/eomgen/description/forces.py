@@ -77,6 +77,8 @@ def read_radial(table: Table) -> Radial:
 def _inner_numbers(table: Table, name: str) -> dict[str, float]:
     """Numbers of a law that has a table of its own, by their names: "friction.coulomb"."""
     inner = table.table(name)
+    if inner is not None and name == "friction" and "coefficient" not in inner:
+        inner.require_one("coulomb", "a force in N or N m, or a coefficient")
     read = {} if inner is None else {f"{name}.{key}": inner.number(key) for key in inner.keys}
     return {key: number for key, number in read.items() if number is not None}
 

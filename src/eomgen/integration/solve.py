@@ -85,7 +85,7 @@ def integrate(
             "Radau", "BDF", "LSODA", "DOP853", "RK45" (all SciPy's), "CVODE", "IDA" (SUNDIALS'), or "rk4" with a fixed
             step.  Those of SUNDIALS do not take mechanisms with loops.
         rtol, atol: tolerances; atol is a number or (2n,), first of q, then of v.  By default rtol times the size of
-            each coordinate: ``coordinate_sizes``.
+            each coordinate: ``coordinate_sizes``; of a rate that friction resists at most the smoothing of that.
         step: of rk4, s; shortened so that it divides ``output_step``.  Default: half the time in which the fastest
             spring turns by 1 rad, or a damper or friction slows down by a factor e.
         output_step: distance of the samples, s, shortened so that it divides the duration; default duration / 1000.

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ArrayError, InputError, IntegrationError, IntegrationStopped
 from ..runtime.kernel import Kernel
-from ..state.springs import coordinate_sizes
+from ..state.springs import coordinate_sizes, rate_step, smoothings
 from ..state.vectors import Q_STEP, V_STEP, DriveFunction, MotionFunction, WrenchFunction, prescribed_mask
 from .advance import Advance
 
@@ -83,7 +83,8 @@ class System:
 
     def about(self, q: Array, v: Array) -> dict[str, float]:
         """Counts of calls, and more that is said of the motion with samples q and v, (T, n)."""
-        return dict(self.counts)
+        known = smoothings(self.kernel)
+        return self.counts | ({"friction_smoothing": max(known.values())} if known else {})
 
     def prescribe(self, t: float, q: Array, v: Array) -> Array:
         """Put q and v of prescribed coordinates into a state's arrays; their accelerations."""
@@ -229,7 +230,8 @@ class System:
         drives and wrenches are finite differences unless the drive has a method ``slopes``.
         """
         n, kernel, wrench = self.n, self.here, self.wrench(t, q, v)
-        steps = np.concatenate([Q_STEP * np.maximum(1.0, np.abs(q)), V_STEP * np.maximum(1.0, np.abs(v))])
+        rate = V_STEP if "residual_jacobian" in kernel.operations else rate_step(kernel)
+        steps = np.concatenate([Q_STEP * np.maximum(1.0, np.abs(q)), rate * np.maximum(1.0, np.abs(v))])
         states = np.tile(np.concatenate([q, v]), (2 * n + 1, 1))
         states[np.arange(1, 2 * n + 1), np.arange(2 * n)] += steps
         qs, vs = np.ascontiguousarray(states[:, :n]), np.ascontiguousarray(states[:, n:])

@@ -17,6 +17,7 @@ from ..shown import Shown
 from ..state.turning import quaternions
 from ..tabular import Rows, TableColumn, Tabular
 from .contacts import Contact, ContactWatch
+from .resting import Rest, rests
 from .steps import Samples
 from .system import System
 
@@ -35,7 +36,10 @@ class Trajectory(Shown, Tabular):
         coordinates: names, (n,).
         method: the method that was used.
         info: numbers of steps (0: not known), evaluations (of forward or inverse dynamics) and jacobians; wall_s, s.
+            Where there is friction, friction_smoothing is the largest rate (m/s or rad/s) w over which one turns round:
+            what it holds with the part x of its limit creeps at w x / sqrt(1 - x^2).
         contacts: when clearances closed and opened, by time.
+        rests: when friction held a coordinate, by time; see ``resting.rests``.
     """
 
     t: Array
@@ -47,6 +51,7 @@ class Trajectory(Shown, Tabular):
     method: str
     info: Mapping[str, float] = field(default_factory=dict)
     contacts: tuple[Contact, ...] = ()
+    rests: tuple[Rest, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "info", MappingProxyType(dict(self.info)))
@@ -119,9 +124,10 @@ def trajectory_of(
         stop = system.stopped("the forces cannot be evaluated at the next sample", float(times[last]), states[last])
     trajectory = None
     if last >= 0:
-        about, contacts = info(motion), tuple(watch.found)
-        names = system.kernel.coordinates
-        trajectory = Trajectory(motion.t, motion.q, motion.v, motion.u, motion.energy, names, method, about, contacts)
+        about, kernel = info(motion), system.kernel
+        found = tuple(watch.found), rests(kernel, motion.t, motion.q, motion.v)
+        samples_of = motion.t, motion.q, motion.v, motion.u, motion.energy
+        trajectory = Trajectory(*samples_of, kernel.coordinates, method, about, *found)
     if stop is not None:
         stop.trajectory = trajectory
         raise stop from (stop.__cause__ or trouble)

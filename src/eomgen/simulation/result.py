@@ -15,6 +15,7 @@ from ..description import RobotLike, as_robot
 from ..description.recorded import robot_from_record
 from ..errors import InputError, UnknownNameError
 from ..integration.contacts import STOP, Contact
+from ..integration.resting import Rest
 from ..integration.trajectory import Trajectory
 from ..names import kind_of, listed, nearest, show
 from ..robot.coordinates import coordinate_names, force_unit_of, index_of, unit_of
@@ -176,7 +177,7 @@ class SimulationResult(Shown, Tabular):
                 lines.append(f"  {text}: {entry['coordinate']} {entry['value'] * 1e6:+.3g} {unit}")
         if self.balance is not None:
             lines.append(f"  {self.balance.line()}")
-        lines += self._contact_lines()
+        lines += [*self._contact_lines(), *self._rest_lines()]
         return lines + [f"  {note}" for note in self.notes]
 
     def _contact_lines(self) -> list[str]:
@@ -191,6 +192,16 @@ class SimulationResult(Shown, Tabular):
             f" {all_of_them[0].t:.4f} s{_direction(all_of_them[0])}"
             for (what, name), all_of_them in found.items()
         ]
+
+    def _rest_lines(self) -> list[str]:
+        """Lines that say how often and how long friction held what it acts on, and the first time of each."""
+        lines, motion = [], self.trajectory
+        for name in dict.fromkeys(rest.coordinate for rest in motion.rests):
+            held = [rest for rest in motion.rests if rest.coordinate == name]
+            whole = sum(rest.ends - rest.begins for rest in held)
+            first = f"from {held[0].begins:.4f} to {held[0].ends:.4f} s"
+            lines.append(f"  friction of {name}: held it {len(held)} times, {whole:.4g} s in all, first {first}")
+        return lines
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -274,10 +285,10 @@ class SimulationResult(Shown, Tabular):
 
 
 def _plain(value: Any) -> Any:
-    """Values without proxies; contacts as tables."""
+    """Values without proxies; contacts and rests as tables."""
     if isinstance(value, Mapping):
         return dict(value)
-    return [asdict(x) if isinstance(x, Contact) else x for x in value] if isinstance(value, tuple) else value
+    return [asdict(x) if isinstance(x, (Contact, Rest)) else x for x in value] if isinstance(value, tuple) else value
 
 
 def _largest(names: Sequence[str], values: Array, unit: str) -> dict[str, Any] | None:

@@ -10,10 +10,11 @@ from ..robot.laws import contact_stiffness_of, has_springs, rate_slope_of, stiff
 from ..runtime.kernel import Kernel
 from .journals import journal_contacts, journal_stiffness
 from .motors import deflections
-from .vectors import prescribed_mask
+from .vectors import V_STEP, prescribed_mask
 
 Array = NDArray[np.float64]
 
+SHARPEST = 1e-10  # m/s or rad/s: smaller rates are round-off
 REFERENCE_ACCELERATION = 10.0  # m/s^2, rad/s^2: about 1 g; what it does to a spring is the size of its deviation
 
 
@@ -44,14 +45,15 @@ def _contact_stiffnesses(kernel: Kernel) -> Array:
     return np.array([contact_stiffness_of(given) for given in law_numbers(kernel).values()])
 
 
-def damping_matrix(kernel: Kernel) -> Array:
+def damping_matrix(kernel: Kernel, least: float = 0.0) -> Array:
     """Largest slopes of the coordinates' forces by their rates, (n, n), N s/m or N m s/rad: dampers, friction, stops.
 
-    A damper between motor and joint acts on the deflection, friction and stops of a motor on its shaft.
+    A damper between motor and joint acts on the deflection, friction and stops of a motor on its shaft;
+    ``least`` as of ``rate_slope_of``.
     """
     rows, numbers = deflections(kernel), law_numbers(kernel).values()
     damping = np.array([given.get("damping", 0.0) for given in numbers])
-    return np.asarray(rows.T @ (damping[:, None] * rows) + np.diag([rate_slope_of(given) for given in numbers]))
+    return np.asarray(rows.T @ (damping[:, None] * rows) + np.diag([rate_slope_of(x, least) for x in numbers]))
 
 
 def any_spring(kernel: Kernel) -> bool:
@@ -71,19 +73,20 @@ def any_spring(kernel: Kernel) -> bool:
     return any(name in kernel.knots for name in kernel.springs) or any(map(kernel.parameters.get, names))
 
 
-def fastest_rates(kernel: Kernel, q: Array) -> tuple[float, float]:
+def fastest_rates(kernel: Kernel, q: Array, least: float = 0.0) -> tuple[float, float]:
     """How fast springs swing and how fast dampers and friction slow down about q, rad/s and 1/s; 0 without any.
 
-    Of all laws the largest slopes count, stops as if they were touched; prescribed coordinates do not.
+    Of all laws the largest slopes count, stops as if they were touched; prescribed coordinates do not; ``least`` as of
+    ``rate_slope_of``.
 
     Raises:
         LinAlgError: M is singular.
     """
-    between, damping = line_rates(kernel, q, touching=True)
+    between, damping = line_rates(kernel, q, least, touching=True)
     free = ~prescribed_mask(kernel)
     grid = np.ix_(free, free)
     stiffness = stiffness_matrix(kernel) + np.diag(_contact_stiffnesses(kernel))
-    slopes = [(stiffness + between)[grid], (damping_matrix(kernel) + damping)[grid]]
+    slopes = [(stiffness + between)[grid], (damping_matrix(kernel, least) + damping)[grid]]
     if not np.any(slopes):
         return 0.0, 0.0
     M = kernel.mass_matrix(q)[grid]
@@ -111,6 +114,30 @@ def cut_numbers(kernel: Kernel) -> dict[str, dict[str, float]]:
         if kind in ("loops", "couplings") and owner in found:
             found[owner][parameter_name(*path[2 if kind == "loops" else 1 :])] = value
     return found
+
+
+def smoothings(kernel: Kernel) -> dict[str, float]:
+    """The rates over which frictions turn round, m/s or rad/s, by coordinate, cut joints and couplings too."""
+    given = {**law_numbers(kernel), **cut_numbers(kernel)}
+    return {name: x["friction.smoothing"] for name, x in given.items() if "friction.smoothing" in x}
+
+
+def rate_step(kernel: Kernel) -> float:
+    """The step of a rate by which finite differences of forces are taken: small beside 1, and where friction turns."""
+    return min([V_STEP, *(0.25 * x for x in smoothings(kernel).values())])
+
+
+def rubbing_rates(kernel: Kernel, q: Array) -> Array:
+    """The rates to which those of coordinates matter, (n,), because friction turns round there; inf without any.
+
+    Coarser ones would step over a rest, and never find it.
+    """
+    found, known = np.full(kernel.n, np.inf), smoothings(kernel)
+    for i, name in enumerate(kernel.coordinates):
+        found[i] = known.get(name, np.inf)
+    for name, row in zip(kernel.cut_laws, kernel.cut_jacobian(q) if kernel.cut_laws else (), strict=True):
+        found[row != 0.0] = np.minimum(found[row != 0.0], known.get(name, np.inf))
+    return np.asarray(np.maximum(found, SHARPEST))
 
 
 def clearances(kernel: Kernel) -> dict[str, float]:
@@ -149,10 +176,11 @@ def journals_in_play(kernel: Kernel) -> set[str]:
     return {name for name in names if not has_springs(own[name], kernel.knots.get(name, ()))}
 
 
-def line_rates(kernel: Kernel, q: Array, *, touching: bool = False) -> tuple[Array, Array]:
+def line_rates(kernel: Kernel, q: Array, least: float = 0.0, *, touching: bool = False) -> tuple[Array, Array]:
     """Stiffness and damping by springs between points, in cut joints and couplings at q, (n, n) each.
 
     Cables count as taut; the largest slopes count.  touching: stops count, too, as if they were touched.
+    ``least`` as of ``rate_slope_of``.
     """
     stiffness, slowing = np.zeros((kernel.n, kernel.n)), np.zeros((kernel.n, kernel.n))
     if kernel.springs:
@@ -163,7 +191,7 @@ def line_rates(kernel: Kernel, q: Array, *, touching: bool = False) -> tuple[Arr
     if kernel.cut_laws:
         rows, numbers = kernel.cut_jacobian(q), cut_numbers(kernel)
         k = np.array([stiffness_of(numbers[name], kernel.knots.get(name, ())) for name in kernel.cut_laws])
-        c = np.array([given.get("damping", 0.0) + rate_slope_of(given) for given in numbers.values()])
+        c = np.array([given.get("damping", 0.0) + rate_slope_of(given, least) for given in numbers.values()])
         k = k + [contact_stiffness_of(given) for given in numbers.values()] if touching else k
         stiffness = stiffness + rows.T @ (k[:, None] * rows)
         slowing = slowing + rows.T @ (c[:, None] * rows)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ArrayError, EomgenError, InputError, IntegrationStopped
+from ..integration.resting import rests
 from ..integration.steps import fixed_step
 from ..integration.trajectory import Trajectory
 from ..robot.model import build_model
@@ -315,7 +316,8 @@ def _result(sample: _Sample, pace: Pace, balance: bool) -> Rolled | EomgenError:
     energy = np.asarray(kernel.energy(q, v))
     u = _drives(sample, pace, isinstance(sample.assembly.drive, JointPD), last)
     info = {"steps": pace.periods * pace.steps, "evaluations": 0, "jacobians": 0, "wall_s": 0.0}
-    trajectory = Trajectory(t, q, v, u, energy, kernel.coordinates, f"rollout, {pace.method}", info)
+    held = rests(kernel, t, q, v)
+    trajectory = Trajectory(t, q, v, u, energy, kernel.coordinates, f"rollout, {pace.method}", info, rests=held)
     if failure is not None:
         message = f"{kernel.name}, t = {t[-1]:.6g} s: {failure.message}"
         stop = IntegrationStopped(message, float(t[-1]), q[-1].copy(), v[-1].copy(), failure.coordinate)
