@@ -76,6 +76,9 @@ def radial_conflict(given: Radial, active: Mapping[str, Any]) -> tuple[str, str]
             return "", f"{name} does not move; allowed{why}: where {', '.join(given.coordinates)} have tables"
         if active[name].clearance is not None:
             return "", f"{name} has a clearance of its own; allowed: {RADIAL} or clearances, not both"
+    for name, coordinate in active.items():
+        if coordinate.friction is not None and coordinate.friction.coefficient is not None:
+            return "", f"{name} has friction with a coefficient of its own; allowed: friction in {RADIAL}, with a radius"
     if not 0.0 < given.stiffness <= LARGEST:
         return "stiffness", f"got {given.stiffness!r}; allowed: a finite number greater than 0, N/m"
     if given.smoothing is None:
