@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -15,6 +16,7 @@ from ..kernels.blocks import row_blocks
 from ..kernels.bodies import first_frame, frame_bodies
 from ..kernels.closed_motion import CLOSING, row_kinds
 from ..kernels.equations import Equations
+from ..kernels.interface import turning_joints
 from ..kernels.methods import ROS34PW2, TSIT5, Array
 from ..kernels.signatures import KERNELS, SIGNATURES, SINGLES, Function, by_kind, functions, shapes
 from ..program.operations import CALLS
@@ -24,7 +26,7 @@ from .definitions import define, define_setup, define_share
 from .lanes import SQUARES, batched, calls_of, kept_size, pack
 from .scalar_types import SCALARS, TURNS, Scalar
 
-LITERALS = {"zero": 0.0, "half": 0.5, "one": 1.0, "two": 2.0, "six": 6.0}  # of templates
+LITERALS = {"zero": 0.0, "half": 0.5, "one": 1.0, "two": 2.0, "six": 6.0, "pi": math.pi}  # of templates
 PIVOT_LIMITS = {"float64": 1e-12, "float32": 1e-5}  # a pivot below so much of its scale counts as vanished
 OPEN_GAPS = {"float64": 1e-9, "float32": 1e-5}  # m or rad, and per second of a rate of 1: more is not round-off
 CLOSED_GAPS = {"float64": 1e-11, "float32": 2e-6}  # m or rad, from which one more projection leaves round-off
@@ -45,6 +47,7 @@ def statuses(model: Model) -> int:
 def header_context(equations: Equations, dtype: str, meta: Mapping[str, Any], batches: bool) -> dict[str, Any]:
     """Names, numbers of them, and functions, for kernel.h and kernel.c; ``meta`` is the package's metadata."""
     model, public = equations.model, functions(equations.kernels)
+    turning = turning_joints(model)
     return {
         "name": model.name,
         "guard": f"EOMGEN_{model.name.upper()}_H",
@@ -65,9 +68,21 @@ def header_context(equations: Equations, dtype: str, meta: Mapping[str, Any], ba
         "springs": [spring.name for spring in model.robot.springs],
         "parameters": list(model.parameters),
         "hoisted": len(equations.setup.outputs),
+        "turning": list(turning["joints"].values()),
+        "turned_size": turning["room"],
         "operations": meta["operations"],
         **_functions(public),
         "controlled": "driven" if model.motors else "principal",
+    }
+
+
+def turned_context(model: Model) -> dict[str, Any]:
+    """Names that ``composed/turned.c.jinja`` uses, in double precision and for one state."""
+    return {
+        "turning": list(turning_joints(model)["joints"].values()),
+        "parameters": list(model.parameters),
+        "literals": literals("float64"),
+        "whole": SCALARS["float64"].whole,
     }
 
 
@@ -87,6 +102,12 @@ def _functions(public: list[Function]) -> dict[str, Any]:
     }
 
 
+def literals(dtype: str) -> dict[str, str]:
+    """Numbers of templates as C."""
+    numbers = {**LITERALS, "round_off": float(np.finfo(dtype).eps)}
+    return {name: SCALARS[dtype].literal(number) for name, number in numbers.items()}
+
+
 def number_context(equations: Equations, dtype: str, meta: Mapping[str, Any]) -> dict[str, Any]:
     """Names that C uses beside those of the header, where a number is one state's; ``meta`` as of the header."""
     model, scalar = equations.model, SCALARS[dtype]
@@ -97,11 +118,12 @@ def number_context(equations: Equations, dtype: str, meta: Mapping[str, Any]) ->
     looped = [x for x in functions(equations.kernels) if f"{x.name}_batch" in meta["halves"][SINGLES]]
     return {
         "scalar": scalar.name,
+        "shared": scalar.name,
         "suffix": "",
         "linkage": "",
         "bytes": np.dtype(dtype).itemsize,
         "literal_suffix": scalar.suffix,
-        "literals": {name: scalar.literal(value) for name, value in LITERALS.items()},
+        "literals": literals(dtype),
         "one": scalar.literal(1.0),
         "zero": scalar.literal(0.0),
         "whole": scalar.whole,
@@ -247,8 +269,8 @@ def _tables(model: Model) -> dict[str, Any]:
 
 def lane_context(equations: Equations, dtype: str) -> dict[str, Any]:
     """Names that mean something else in C for several states at a time, where a number is a vector of states."""
-    model, lanes = equations.model, SCALARS[dtype].lanes()
-    together = batched(equations)
+    model, together = equations.model, batched(equations)
+    lanes = SCALARS[dtype].lanes(apart=bool(model.turning) and any(map(_rolls, together)))
     wanted = {program for name in together for program in calls_of(equations, name)}
     programs = [
         program for name, program in equations.programs.items() if name in wanted and name not in equations.shares
@@ -265,6 +287,7 @@ def lane_context(equations: Equations, dtype: str) -> dict[str, Any]:
     zero, one = (SCALARS[dtype].literal(number) for number in (0.0, 1.0))
     return {
         "real": lanes.name,
+        "shared": lanes.shared,
         "suffix": "_lanes",
         "linkage": "static ",
         "whole": lanes.whole,

@@ -82,7 +82,7 @@ def define_share(program: Program, robot: str, scalar: Scalar, stops: Mapping[in
 
 
 def _definition(function: Function, name: str, scalar: Scalar, turns: Turns | None, linkage: str) -> Definition:
-    one = scalar.number
+    one = scalar.shared
     signature = SIGNATURES.get(function.name)
     return Definition(
         name,

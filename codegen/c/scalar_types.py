@@ -18,21 +18,28 @@ class Scalar:
     suffix: of literals and of the functions of <math.h>.
     spread: macro that makes a vector of a number; empty where numbers are no vectors.
     inner: type of the numbers in a vector; empty where they are none.
+    apart: whether the states of a vector have parameters of their own.
     """
 
     name: str
     suffix: str
     spread: str = ""
     inner: str = ""
+    apart: bool = False
 
     @property
     def number(self) -> str:
         """The type of one number."""
         return self.inner or self.name
 
-    def lanes(self) -> Scalar:
-        """Vectors of these numbers, named as in ``kernel/batches.c.jinja``."""
-        return replace(self, name="lanes", spread="ALL", inner=self.name)
+    @property
+    def shared(self) -> str:
+        """The type of what depends on parameters alone."""
+        return self.name if self.apart else self.number
+
+    def lanes(self, *, apart: bool = False) -> Scalar:
+        """Vectors of these numbers, named as in ``kernel/batches.c.jinja``; apart: see above."""
+        return replace(self, name="lanes", spread="ALL", inner=self.name, apart=apart)
 
     def whole(self, text: str) -> str:
         """A number where a value of this type has to stand."""

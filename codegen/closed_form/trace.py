@@ -22,11 +22,13 @@ from eomgen.errors import InputError
 from eomgen.names import split_component
 from eomgen.robot.model import FIXED_BODY, Body, Model
 
+from ..forces.journals import touches
 from ..forces.rows import effects, resisting_rows, stretches
 from ..forces.scalar_functions import Functions
 from ..joint.lemmas import Matrix, joint_derivatives, joint_transform, step
 from ..program.operations import CALLS
 from ..tree.bound import Bound, bind
+from ..tree.recursion import no_note
 from ..tree.spatial import Pose, PseudoInertia
 from .closing import Closing, closing_of
 
@@ -43,6 +45,10 @@ def _expression(op: str, *x: Expr) -> Expr:
 
 
 SYMBOLS = Functions(_expression)
+
+
+def _sincos(angle: Expr) -> tuple[Expr, Expr]:
+    return sp.sin(angle), sp.cos(angle)
 
 
 @dataclass(frozen=True)
@@ -120,7 +126,7 @@ def closed_form(
     """
     refuse_springs(model)
     binder = _Values(symbolic_parameters)
-    bound = bind(model, binder, lambda angle: (sp.sin(angle), sp.cos(angle)))
+    bound = bind(model, binder, _sincos)
     q, v, a, u = _symbols(model)
     bodies = _chain_rule(model, bound, q)
     inertias = [_matrix(body.inertia) for body in bound.bodies]
@@ -250,6 +256,9 @@ def _elastic_and_weight(
 ) -> list[Expr]:
     """Q_P of eq. (13), and Q_G: eq. (14) with weights as forces; the last column of H is (m r_C, m)."""
     Q = [-exact(force) for force in resisting_rows(bound, q, v, SYMBOLS)]
+    for touch in touches(bound, q, v, _sincos, SYMBOLS, no_note):
+        for s, force in touch.rows().items():
+            Q[s] -= force
     g = sp.Matrix([*bound.gravity, 0])
     for body, H in zip(bodies, inertias, strict=True):
         for s, D in body.first.items():
@@ -290,6 +299,7 @@ def _potential(bound: Bound, bodies: Sequence[_Derivatives], inertias: Sequence[
     still = [0] * len(q)
     springs += sum(law.energy for law in effects(bound, q, still, SYMBOLS).values())
     springs += sum(stretch.whole.energy for stretch in stretches(bound, q, still, SYMBOLS).values())
+    springs += sum(touch.normal.energy for touch in touches(bound, q, still, _sincos, SYMBOLS, no_note))
     return springs - sum(_dot(g, body.pose * H[:, 3]) for body, H in zip(bodies, inertias, strict=True))
 
 

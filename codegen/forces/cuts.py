@@ -12,7 +12,7 @@ and the rates of the angles are the relative angular velocity along the dual vec
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from eomgen.robot.value import ANGULAR, COORDINATES, LINEAR
 
@@ -20,7 +20,7 @@ from ..tree.bound import Bound, BoundLaw
 from ..tree.constraints import Closure, Direction
 from ..tree.recursion import Wrench
 from ..tree.spatial import Scalar, Vec, add, along, dot, is_zero, scale
-from .laws import Effect, effect
+from .laws import Effect, effect, load_of, pressing
 from .scalar_functions import Functions
 
 
@@ -29,6 +29,7 @@ class Deviating:
     """A coordinate with a force outside of the tree's own: s, ds/dq by the index of the coordinate, and the law.
 
     closure: of a cut joint's coordinate, with its direction there; None of a coupling's.
+    carriers: coordinates of the same cut joint that press on it, where its friction depends on that.
     """
 
     s: Scalar
@@ -36,22 +37,38 @@ class Deviating:
     law: BoundLaw
     closure: Closure | None = None
     direction: Direction | None = None
+    carriers: tuple[Deviating, ...] = ()
 
     def rate(self, v: Sequence[Scalar]) -> Scalar:
         """ds/dt."""
         return along(self.arms, v)
 
-    def resists(self, s: Scalar, rate: Scalar, f: Functions) -> Effect:
-        """The force that resists a deviation s at a rate, its slopes and energy."""
+    def resists(self, v: Sequence[Scalar], f: Functions, dt: Scalar = 0.0) -> Effect:
+        """The force that resists the deviation to which the rates v lead after dt, its slopes and energy."""
+        s, rate = self._after(v, dt)
         k, c = self.law.stiffness, self.law.damping
         linear = Effect(k * s + c * rate, k, c, 0.5 * k * s * s)
-        return linear + effect(self.law.law, self.law.knots, s, rate, f)
+        load = load_of([other.presses(v, f, dt) for other in self.carriers], f)[0] if self.carriers else 0.0
+        return linear + effect(self.law.law, self.law.knots, s, rate, f, load)
+
+    def moved_by(self) -> list[int]:
+        """Indices of the coordinates on which its force depends, its own arms' first."""
+        return list(dict.fromkeys(i for one in (self, *self.carriers) for i in one.arms))
+
+    def presses(self, v: Sequence[Scalar], f: Functions, dt: Scalar) -> Effect:
+        """Effect of its springs, contacts and dampers alone, arguments as of ``resists``."""
+        s, rate = self._after(v, dt)
+        return pressing(self.law.stiffness, self.law.damping, self.law.law, self.law.knots, s, rate, f)
 
     def wrenches(self, force: Scalar) -> Iterator[tuple[int, Wrench]]:
         """Wrenches of the tree's joints that hold the resisting force, as of ``Closure.wrenches``."""
         if self.closure is not None and self.direction is not None:
             wrench = self.direction.wrench(-1.0 * force)
             yield from self.closure.wrenches(wrench.force, wrench.moment)
+
+    def _after(self, v: Sequence[Scalar], dt: Scalar) -> tuple[Scalar, Scalar]:
+        rate = self.rate(v)
+        return self.s if is_zero(dt) else self.s + dt * rate, rate
 
 
 def deviating(bound: Bound, closures: Sequence[Closure], q: Sequence[Scalar], f: Functions) -> list[Deviating]:
@@ -80,10 +97,14 @@ def _of_loop(bound: Bound, closure: Closure, names: Sequence[str], f: Functions)
             value, vector = angles[name]
             values.append(value)
             directions.append(Direction(vector, is_rotation=True))
+    found: dict[str, Deviating] = {}
     for name, value, direction, arms in zip(names, values, directions, closure.arms(directions), strict=True):
         law = bound.cut_laws[closure.number, name]
         moved = {index: arm for index, arm in arms.items() if not is_zero(arm)}
-        yield Deviating(value - offset[COORDINATES.index(name)], moved, law, closure, direction)
+        found[name] = Deviating(value - offset[COORDINATES.index(name)], moved, law, closure, direction)
+    for name, own in found.items():
+        others = bound.cut_carriers.get((closure.number, name), ())
+        yield replace(own, carriers=tuple(found[other] for other in others))
 
 
 def _angles(closure: Closure, f: Functions) -> dict[str, tuple[Scalar, Vec]]:

@@ -11,7 +11,7 @@ Control of Systems with Friction", IEEE Transactions on Automatic Control 40 (19
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -23,16 +23,25 @@ from .monotone_curve import curve_pieces
 from .scalar_functions import Functions
 
 Numbers = Mapping[str, Scalar]
+FRICTION = ("friction",)
+LEAST_LOAD = 1e-6  # N, beside which a load bends to 0: far below what matters, and its square far above a float's least
 
 
 @dataclass(frozen=True)
 class Effect:
-    """Resisting force (N, N m), its slopes by deviation and rate, and stored energy (J)."""
+    """Resisting force (N, N m), its slopes by deviation and rate, and stored energy (J).
+
+    rubs: the slope by the rate that friction has, beside ``by_v``.  drag: friction over its rate, its secant.
+    by_load: the slope of friction by the force that presses the joint.
+    """
 
     force: Scalar = 0.0
     by_s: Scalar = 0.0
     by_v: Scalar = 0.0
     energy: Scalar = 0.0
+    rubs: Scalar = 0.0
+    drag: Scalar = 0.0
+    by_load: Scalar = 0.0
 
     def __add__(self, other: Effect) -> Effect:
         return Effect(
@@ -40,7 +49,23 @@ class Effect:
             self.by_s + other.by_s,
             self.by_v + other.by_v,
             self.energy + other.energy,
+            self.rubs + other.rubs,
+            self.drag + other.drag,
+            self.by_load + other.by_load,
         )
+
+    @property
+    def by_rate(self) -> Scalar:
+        """The whole slope by the rate."""
+        return self.by_v + self.rubs
+
+    def ahead(self, dt: Scalar, square: Scalar, f: Functions) -> Scalar:
+        """Share of it in the inertia of a linearly implicit step dt, with its square; none of a tangent that falls.
+
+        Friction counts by its secant: along its tangent, steep at rest and flat beside it, a mass that arrives moving
+        would jump over its rest for ever.
+        """
+        return f.max(dt * self.by_v + square * self.by_s, 0.0) + dt * self.drag
 
 
 @dataclass(frozen=True)
@@ -48,7 +73,7 @@ class Deflection:
     """Arguments of a law: the numbers of the coordinate's laws, deviations of its curve, deviation s and rate v.
 
     numbers: by the names of ``robot.laws``; "stiffness" is there if a law takes it.
-    s: m or rad; v: per s.  f: functions of the scalars.
+    s: m or rad; v: per s.  f: functions of the scalars.  load: the force that presses the joint, N.
     """
 
     numbers: Numbers
@@ -56,16 +81,45 @@ class Deflection:
     s: Scalar
     v: Scalar
     f: Functions
+    load: Scalar = 0.0
 
 
-def effect(numbers: Numbers, knots: Sequence[float], s: Scalar, v: Scalar, f: Functions) -> Effect:
-    """Sum of a coordinate's laws beyond linear stiffness and damping; arguments as of ``Deflection``."""
+def effect(
+    numbers: Numbers,
+    knots: Sequence[float],
+    s: Scalar,
+    v: Scalar,
+    f: Functions,
+    load: Scalar = 0.0,
+    without: Collection[str] = (),
+) -> Effect:
+    """Sum of a coordinate's laws beyond linear stiffness and damping, without some; arguments as of ``Deflection``."""
     given = {law.name for law in given_laws(numbers)}
-    acting = given.difference(*(LAWS[name].absorbs for name in given))
-    x, total = Deflection(numbers, knots, s, v, f), Effect()
+    acting = given.difference(without, *(LAWS[name].absorbs for name in given))
+    x, total = Deflection(numbers, knots, s, v, f, load), Effect()
     for group in GROUPS:
         total = total + sum((formula(x) for name, formula in group.items() if name in acting), Effect())
     return total
+
+
+def pressing(
+    stiffness: Scalar, damping: Scalar, numbers: Numbers, knots: Sequence[float], s: Scalar, v: Scalar, f: Functions
+) -> Effect:
+    """Effect of a coordinate's springs, contacts and dampers; ``stiffness`` and ``damping`` of its straight line."""
+    return Effect(stiffness * s + damping * v, stiffness, damping) + effect(numbers, knots, s, v, f, without=FRICTION)
+
+
+def load_of(carried: Sequence[Effect], f: Functions) -> tuple[Scalar, list[Scalar]]:
+    """The force N that presses a joint, and its slopes by what each of the coordinates across carries.
+
+    N = sqrt(F_1^2 + F_2^2 + LEAST_LOAD^2): it has slopes where nothing presses, too.
+    """
+    total: Scalar = LEAST_LOAD * LEAST_LOAD
+    for one in carried:
+        total = total + one.force * one.force
+    load = f.sqrt(total)
+    inverse = 1.0 / load
+    return load, [one.force * inverse for one in carried]
 
 
 def tension(numbers: Numbers, knots: Sequence[float], e: Scalar, rate: Scalar, f: Functions) -> Effect:
@@ -142,14 +196,14 @@ def _exponential(x: Deflection) -> Effect:
 def _contacts(x: Deflection) -> Effect:
     """Contact at both ends of a clearance."""
     k = x.numbers["stiffness"]
-    ahead = _contact(x.numbers, k, x.s, x.v, x.f)
-    behind = _contact(x.numbers, x.numbers.get("stiffness_negative", k), -x.s, -x.v, x.f)
+    ahead = contact(x.numbers, k, x.s, x.v, x.f)
+    behind = contact(x.numbers, x.numbers.get("stiffness_negative", k), -x.s, -x.v, x.f)
     return Effect(
         ahead.force - behind.force, ahead.by_s + behind.by_s, ahead.by_v + behind.by_v, ahead.energy + behind.energy
     )
 
 
-def _contact(numbers: Numbers, k: Scalar, s: Scalar, v: Scalar, f: Functions) -> Effect:
+def contact(numbers: Numbers, k: Scalar, s: Scalar, v: Scalar, f: Functions) -> Effect:
     """The end towards positive s: (k d + cubic d^3) max(1 + c d_dot, 0).
 
     The penetration d(x), x = s - clearance, is 0 up to x = 0, x^2 / (2 w) up to the smoothing w, and x - w / 2 beyond;
@@ -185,9 +239,9 @@ def _contact(numbers: Numbers, k: Scalar, s: Scalar, v: Scalar, f: Functions) ->
 def _friction(x: Deflection) -> Effect:
     numbers, v = x.numbers, x.v
     smoothing = numbers["friction.smoothing"]
-    square = smoothing * smoothing
-    inverse = 1.0 / x.f.sqrt(v * v + square)
-    sign, sign_slope = v * inverse, square * (inverse * inverse * inverse)
+    inverse = 1.0 / x.f.sqrt(v * v + smoothing * smoothing)
+    sign, part = v * inverse, smoothing * inverse
+    sign_slope = part * part * inverse  # in this order nothing overflows, whatever the smoothing
     level: Scalar = numbers["friction.coulomb"]
     level_slope: Scalar = 0.0
     if "friction.static" in numbers:
@@ -196,10 +250,14 @@ def _friction(x: Deflection) -> Effect:
         share = 1.0 / (1.0 + z * z)
         more = (numbers["friction.static"] - level) * share
         level, level_slope = level + more, -2.0 * rate * (z * (more * share))
-    total = Effect(sign * level, by_v=sign_slope * level + sign * level_slope)
+    by_load: Scalar = 0.0
+    if "friction.coefficient" in numbers:
+        lever = numbers["friction.coefficient"] * numbers.get("friction.radius", 1.0)
+        level, by_load = level + lever * x.load, lever * sign
+    total = Effect(sign * level, rubs=sign_slope * level + sign * level_slope, drag=inverse * level, by_load=by_load)
     if "friction.viscous" in numbers:
         b = numbers["friction.viscous"]
-        total = total + Effect(b * v, by_v=b)
+        total = total + Effect(b * v, rubs=b, drag=b)
     return total
 
 

@@ -20,7 +20,7 @@ from ..tree.composite import Rows
 from ..tree.frozen_joints import JointGeometry
 from ..tree.recursion import inertial_rows
 from ..tree.spatial import Scalar
-from .laws import Effect, effect
+from .laws import Effect, effect, load_of, pressing
 from .scalar_functions import Functions
 
 
@@ -55,7 +55,19 @@ def stretches(bound: Bound, q: Sequence[Scalar], v: Sequence[Scalar], f: Functio
 
 def effects(bound: Bound, q: Sequence[Scalar], v: Sequence[Scalar], f: Functions) -> dict[int, Effect]:
     """Effects of laws beyond eq. (13), by the index of the coordinate."""
-    return {i: effect(law, bound.knots.get(i, ()), q[i], v[i], f) for i, law in bound.laws.items()}
+    found = {}
+    for i, law in bound.laws.items():
+        load = load_of(_carried(bound, i, q, v, f), f)[0] if i in bound.carriers else 0.0
+        found[i] = effect(law, bound.knots.get(i, ()), q[i], v[i], f, load)
+    return found
+
+
+def _carried(bound: Bound, i: int, q: Sequence[Scalar], v: Sequence[Scalar], f: Functions) -> list[Effect]:
+    """Effects, without friction, of the coordinates that press on coordinate i."""
+    return [
+        pressing(bound.stiffness[j], bound.damping[j], bound.laws.get(j, {}), bound.knots.get(j, ()), q[j], v[j], f)
+        for j in bound.carriers[i]
+    ]
 
 
 def resisting_rows(bound: Bound, q: Sequence[Scalar], v: Sequence[Scalar], f: Functions) -> list[Scalar]:
@@ -74,10 +86,15 @@ def resisting_slopes(bound: Bound, q: Sequence[Scalar], v: Sequence[Scalar], f: 
     """Derivatives of ``resisting_rows`` by q and v, without linear springs and dampers of single coordinates."""
     found = effects(bound, q, v, f)
     by_q: Rows = {(i, i): law.by_s for i, law in found.items()}
-    by_v: Rows = {(i, i): law.by_v for i, law in found.items()}
+    by_v: Rows = {(i, i): law.by_rate for i, law in found.items()}
+    for i, others in bound.carriers.items():
+        carried = _carried(bound, i, q, v, f)
+        for j, one, slope in zip(others, carried, load_of(carried, f)[1], strict=True):
+            by_q[i, j] = found[i].by_load * slope * one.by_s
+            by_v[i, j] = found[i].by_load * slope * one.by_v
     for motor, stretch in stretches(bound, q, v, f).items():
         between, whole = bound.transmissions[motor], stretch.whole
-        for rows, slope in ((by_q, whole.by_s), (by_v, whole.by_v)):
+        for rows, slope in ((by_q, whole.by_s), (by_v, whole.by_rate)):
             for key, value in coupled(motor, between.principal, between.inverse_ratio, slope).items():
                 rows[key] = rows.get(key, 0.0) + value
     return by_q, by_v

@@ -12,6 +12,7 @@ from ..forces.springs import Along
 from ..solve.factorised import Factors, solve
 from ..solve.responses import EliminatedTree, FactorisedTree
 from ..solve.rows import Row, elastic_row
+from ..tree.composite import Rows
 from ..tree.spatial import Scalar
 from .closed import Pivots, constrained, eliminated, pivot_outputs, settling, with_rows
 from .constraint_rows import gaps
@@ -82,11 +83,11 @@ def implicit_step(d: Derivation) -> Outputs:
 
     Those of transmissions couple a motor to its joint alone (``Rotors``).  A law that is not linear is taken along its
     tangent at the coordinate that the rate leads to; a tangent that falls is left out, so that the matrix stays
-    positive definite.
+    positive definite.  Friction is taken along its secant: see ``Effect.ahead``.
     ``added`` is what a joint's controller adds to the diagonal; it acts on coordinates that are driven.
     Springs between points act where their rates lead to, in the directions that they have; their tangents are no
     diagonal, but rows like those of closed loops.  Loops are closed at the end of the step, at the level of rates:
-    J v = -g / dt.
+    J v = -g / dt.  Slopes of a journal couple the coordinates of its joint, and are eliminated with them.
     """
     dt, square = d.graph.input("dt", 0), d.graph.input("dt", 1)
     ahead = [q + dt * v for q, v in zip(d.q, d.v, strict=True)]
@@ -95,23 +96,34 @@ def implicit_step(d: Derivation) -> Outputs:
     for pull in pulls:
         for i, arm in pull.arms.items():
             springs[i] = springs[i] + pull.tension * arm
+    touching = [touch.ahead(dt) for touch in d.touches(d.v)]
+    for touch in touching:
+        for i, force in touch.rows().items():
+            springs[i] = springs[i] + force
     armature = list(d.bound.armature)
     for i, (stiffness, damping) in enumerate(zip(d.bound.stiffness, d.bound.damping, strict=True)):
         armature[i] = armature[i] + (dt * damping + square * stiffness)
     for i, law in effects(d.bound, ahead, d.v, d.functions).items():
-        armature[i] = armature[i] + d.functions.max(dt * law.by_v + square * law.by_s, 0.0)
+        armature[i] = armature[i] + law.ahead(dt, square, d.functions)
+    beside: Rows = {}
+    for touch in touching:
+        for (i, j), slope in touch.slopes(dt, square).items():
+            if i == j:
+                armature[i] = armature[i] + slope
+            elif i < j:
+                beside[i, j] = beside.get((i, j), 0.0) + slope
     driven = frozenset(d.model.driven)
     for place, i in enumerate(d.own):
         if i in driven:
             armature[i] = armature[i] + d.graph.input("added", place)
     slopes = {}
     for i, stretch in stretches(d.bound, ahead, d.v, d.functions).items():
-        nonlinear = d.functions.max(dt * stretch.nonlinear.by_v + square * stretch.nonlinear.by_s, 0.0)
+        nonlinear = stretch.nonlinear.ahead(dt, square, d.functions)
         slopes[i] = dt * stretch.linear.by_v + square * stretch.linear.by_s + nonlinear
     rows = [*_closing_rows(d, dt), *(_elastic_row(d, pull, dt, square) for pull in pulls)]
     for own in d.deviating:
         rows.append(_cut_row(d, own, dt, square, springs))
-    tree, pivots = eliminated(d, armature, _drives(d, springs), d.v, slopes, coupled=bool(rows))
+    tree, pivots = eliminated(d, armature, _drives(d, springs), d.v, slopes, coupled=bool(rows), beside=beside)
     return _solved(d, with_rows(d, tree, rows)[0] if rows else tree.free, pivots)
 
 
@@ -124,12 +136,10 @@ def _closing_rows(d: Derivation, dt: Scalar) -> list[Row]:
 
 def _cut_row(d: Derivation, own: Deviating, dt: Scalar, square: Scalar, springs: list[Scalar]) -> Row:
     """The row of a cut joint's coordinate with a force, which ``springs`` get: where its rate leads to after dt."""
-    rate = own.rate(d.v)
-    found = own.resists(own.s + dt * rate, rate, d.functions)
+    found = own.resists(d.v, d.functions, dt)
     for i, arm in own.arms.items():
         springs[i] = springs[i] + found.force * arm
-    slope = d.functions.max(dt * found.by_v + square * found.by_s, 0.0)
-    return elastic_row(own.arms, d.functions.sqrt(slope))
+    return elastic_row(own.arms, d.functions.sqrt(found.ahead(dt, square, d.functions)))
 
 
 def _elastic_row(d: Derivation, pull: Along, dt: Scalar, square: Scalar) -> Row:

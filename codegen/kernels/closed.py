@@ -21,6 +21,7 @@ from .derivation import Derivation, Outputs, vector
 
 Pivots = list[tuple[Scalar, Scalar]]
 NO_SLOPES: Mapping[int, Scalar] = MappingProxyType({})
+NO_BESIDE: Mapping[tuple[int, int], Scalar] = MappingProxyType({})
 
 
 def eliminated(
@@ -32,6 +33,7 @@ def eliminated(
     *,
     bound: Bound | None = None,
     coupled: bool = False,
+    beside: Mapping[tuple[int, int], Scalar] = NO_BESIDE,
 ) -> tuple[EliminatedTree, Pivots]:
     """The tree with its accelerations, and pivots with what they are compared to: motors first, then joints.
 
@@ -40,11 +42,12 @@ def eliminated(
         slopes: of the transmissions in an implicit step.
         bound: the model's numbers, where they are not the derivation's.
         coupled: whether rows come on top.
+        beside: slopes that couple coordinates of one joint beside the diagonal, see ``Elimination``.
     """
     bound = bound or d.bound
     rotors = Rotors(d.model, bound, armature, drives, slopes)
     left = replace(bound, armature=tuple(rotors.armature))
-    solved = Elimination(d.model, left, d.joints, v, rotors.drives, d.graph.note, coupled=coupled)
+    solved = Elimination(d.model, left, d.joints, v, rotors.drives, d.graph.note, coupled=coupled, slopes=beside)
     rotors.release(solved.accelerations, solved.pivots)
     return EliminatedTree(rotors, solved, solved.accelerations), solved.pivots
 

@@ -66,7 +66,7 @@ def _of_cuts(d: Derivation, rigid: Mapping[int, Wrench]) -> Outputs:
     total = [rigid.get(closure.number, NO_WRENCH) for closure in d.closures]
     for own in d.deviating:
         if own.closure is not None and own.direction is not None:
-            force = own.resists(own.s, own.rate(d.v), d.functions).force
+            force = own.resists(d.v, d.functions).force
             total[own.closure.number] = total[own.closure.number] + own.direction.wrench(-1.0 * force)
     return _wrench_outputs([closure.seen_from_b(x) for closure, x in zip(d.closures, total, strict=True)])
 

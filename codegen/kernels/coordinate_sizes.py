@@ -23,6 +23,21 @@ def coordinate_sizes(model: Model) -> tuple[Array, Array]:
     return deviation_sizes(_own_stiffness(model) + beside, inertia)
 
 
+def rubbing_rates(model: Model) -> Array:
+    """The rates to which those of coordinates matter, (n,), because friction turns round there; inf without any.
+
+    What rubs in cut joints and couplings counts for all coordinates of the robot.
+    """
+    own, cut = law_numbers(model.parameters, model.coordinates), cut_numbers(model.parameters, cut_names(model))
+    least = min((x["friction.smoothing"] for x in cut.values() if "friction.smoothing" in x), default=np.inf)
+    return np.array([min(own[name].get("friction.smoothing", np.inf), least) for name in model.coordinates])
+
+
+def cut_names(model: Model) -> list[str]:
+    """Names of the coordinates of cut joints with a force, and of elastic couplings, as in ``Kernel.cut_laws``."""
+    return [component_name(owner, name) if name else owner for owner, name, _ in model.cut_laws]
+
+
 def _own_stiffness(model: Model) -> Array:
     """Stiffness of each coordinate's table; a transmission holds its motor and its joint."""
     curves, numbers = knots(model), law_numbers(model.parameters, model.coordinates)
@@ -40,8 +55,8 @@ def _at_home(model: Model) -> tuple[Array, Array]:
     """The diagonal of M at home, and that of what springs between points and in cut joints stiffen there."""
     d = Derivation(model)
     n, curves = model.size, knots(model)
-    M, laws = d.matrix(), [component_name(owner, name) if name else owner for owner, name, _ in model.cut_laws]
-    numbers = cut_numbers(model.parameters, laws)
+    M = d.matrix()
+    numbers = cut_numbers(model.parameters, cut_names(model))
     stiff = [0.0] * d.model.size
     for line in d.lines(d.still):
         for (i, j), value in line.stiffness().items():
@@ -51,6 +66,9 @@ def _at_home(model: Model) -> tuple[Array, Array]:
         k = stiffness_of(given, curves.get(name, ()))
         for i, arm in own.arms.items():
             stiff[i] = stiff[i] + k * (arm * arm)
+    for touch in d.touches(d.still):
+        for i, (x, y) in touch.place.first.items():
+            stiff[i] = stiff[i] + touch.journal.numbers["stiffness"] * (x * x + y * y)
     values = [M[i, i] for i in d.own] + [stiff[i] for i in d.own]
     program = finish(d.graph, "sizes", vector(values))
     found = evaluate(program, {"q": model.home, "p": list(model.parameters.values())})

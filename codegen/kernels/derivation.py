@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
-from eomgen.robot.model import Model, with_offset_angles
+from eomgen.robot.model import Model, turned_name, with_offset_angles
 
 from ..forces.cuts import Deviating, deviating
+from ..forces.journals import Touch, touches
 from ..forces.rows import resisting_rows
 from ..forces.scalar_functions import Functions
 from ..forces.springs import Line, lines
@@ -33,14 +34,17 @@ class Derivation:
 
     ``dtype``: of the numbers that the C computes with.
 
+    ``turned``: joints that turn freely read how they are turned, behind the parameters (``Model.turning``).
+
     An angle that is not active but has an offset is a coordinate here whose q, v and a are zero; ``own`` are the places
     of the coordinates that kernels know, and what is written leaves the others out.
     """
 
-    def __init__(self, model: Model, *, regrouped: bool = True, dtype: str = "float64") -> None:
+    def __init__(self, model: Model, *, regrouped: bool = True, dtype: str = "float64", turned: bool = False) -> None:
         self.graph, self.dtype = Graph(), dtype
         self.model, self.own = with_offset_angles(model)
-        slots = {name: slot for slot, name in enumerate(model.parameters)}
+        turns = [turned_name(model.bodies[k].joint) for k in model.turning] if turned else []
+        slots = {name: slot for slot, name in enumerate((*model.parameters, *turns))}
 
         def value(name: str, number: float) -> Scalar:
             return self.graph.input(PARAMETERS, slots[name]) if name in slots else number
@@ -79,6 +83,10 @@ class Derivation:
         """Springs between two points, where q is and at the rates v."""
         return list(lines(self.model, self.bound, self.joints, v, self.functions, self.graph.note))
 
+    def touches(self, v: list[Any]) -> list[Touch]:
+        """Contacts of journals in their bearings, where q is and at the rates v."""
+        return list(touches(self.bound, self.q, v, self.graph.sincos, self.functions, self.graph.note))
+
     def forces(self, v: list[Any]) -> list[Scalar]:
         """Forces, (n,), that all springs and dampers, those of cut joints as well, take from the drives."""
         rows = self.resisting(self.q, v)
@@ -86,8 +94,11 @@ class Derivation:
             ratio = line.pull().ratio
             for index, value in line.g.items():
                 rows[index] = rows[index] + ratio * value
+        for touch in self.touches(v):
+            for index, value in touch.rows().items():
+                rows[index] = rows[index] + value
         for own in self.deviating:
-            force = own.resists(own.s, own.rate(v), self.functions).force
+            force = own.resists(v, self.functions).force
             for index, arm in own.arms.items():
                 rows[index] = rows[index] + force * arm
         return rows

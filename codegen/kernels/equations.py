@@ -15,7 +15,7 @@ from ..program.passes import hoist_parameters, run_passes
 from ..program.shares import Shares
 from .bodies import share_among_bodies
 from .derivation import Derivation
-from .signatures import KERNELS, RATES, SIGNATURES, available
+from .signatures import KERNELS, RATES, SIGNATURES, TURNED, available
 from .stages import STAGES, derive_stage
 from .writers import DESCRIPTION_FRAMES, WAYS, WRITERS
 
@@ -25,6 +25,7 @@ NEEDS = {
     "springs": "[[springs]]",
     "constraints": "rigid [[loops]] or [[couplings]]",
     "laws": "forces in cut joints or couplings",
+    "fixed axes": "no joint that turns freely",
 }
 STRAIGHT_COLUMNS = 12000  # up to so many operations all columns are written out, above it is a loop over them
 
@@ -65,9 +66,8 @@ def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "fl
     known = available(model)
     for name in kernels:
         if name not in known:
-            raise InputError(
-                f"kernels: {name!r} is for robots with {NEEDS[KERNELS[name].needs]}, and {model.name} has none"
-            )
+            need, found = KERNELS[name].needs, "some" if KERNELS[name].needs == "fixed axes" else "none"
+            raise InputError(f"kernels: {name!r} is for robots with {NEEDS[need]}, and {model.name} has {found}")
     wanted = kernels or [name for name in known if not KERNELS[name].tangent_of]
     public = tuple(name for name in known if name in wanted or KERNELS[name].needs in ("springs", "laws"))
     raw: dict[str, Program] = {}
@@ -92,7 +92,7 @@ def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "fl
                 raw[program], choices[program] = derive_cheapest(model, program, dtype=dtype)
             else:
                 raw[program] = derive(model, program, dtype)
-    setup, programs = hoist_parameters(list(raw.values()), len(model.parameters))
+    setup, programs = hoist_parameters(list(raw.values()), len(model.parameters) + len(model.turning))
     written = dict(zip(raw, programs, strict=True))
     shares = {name: share_among_bodies(model, written[name]) for name in public if KERNELS[name].kind == "frames"}
     return Equations(model, public, setup, written, calls, choices, shares, dtype)
@@ -113,7 +113,8 @@ def derive(model: Model, kernel: str, dtype: str = "float64") -> Program:
         return derive_stage(Derivation(model, dtype=dtype))[kernel]
     if SIGNATURES[kernel].tangent_of:
         return run_passes(tangent(derive(model, SIGNATURES[kernel].tangent_of), RATES, kernel))
-    derivation = Derivation(model, regrouped=kernel not in DESCRIPTION_FRAMES, dtype=dtype)
+    regrouped, turned = kernel not in DESCRIPTION_FRAMES, kernel in TURNED
+    derivation = Derivation(model, regrouped=regrouped, dtype=dtype, turned=turned)
     return run_passes(finish(derivation.graph, kernel, WRITERS[kernel](derivation)))
 
 
@@ -129,7 +130,7 @@ def derive_cheapest(model: Model, kernel: str, chosen: str = "", dtype: str = "f
         is_long = way.most is not None and model.size > way.most
         if name != chosen and (chosen or is_long):
             continue
-        derivation = Derivation(model, dtype=dtype)
+        derivation = Derivation(model, dtype=dtype, turned=kernel in TURNED)
         if way.prescribes or not derivation.model.prescribed:
             program = run_passes(finish(derivation.graph, kernel, way.write(derivation)))
             candidates.append((program, name))

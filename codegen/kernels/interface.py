@@ -53,6 +53,7 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
             for function in functions(kernels)
         },
         "knots": knots(model),
+        **({"turning": turning_joints(model)} if model.turning else {}),
         **_loop_metadata(model),
         **({"springs": [spring.name for spring in model.robot.springs]} if model.robot.springs else {}),
     }
@@ -68,6 +69,17 @@ def knots(model: Model) -> dict[str, list[float]]:
     }
     given |= {component_name(owner, name) if name else owner: c for owner, name, c in model.cut_laws}
     return {name: [deviation for deviation, _ in c.curve] for name, c in given.items() if c.curve is not None}
+
+
+def turning_joints(model: Model) -> dict[str, Any]:
+    """Joints that turn freely, and the numbers per state by which a rollout goes on where another has ended.
+
+    "joints" has, by name, the places of the first angle and of x among the coordinates, -1 where x does not move.
+    """
+    bodies = [model.bodies[k] for k in model.turning]
+    places = {body.joint: (body.indices[-3], body.first if len(body.active) > 3 else -1) for body in bodies}
+    joints = {name: {"angles": angles, "origin": origin} for name, (angles, origin) in places.items()}
+    return {"joints": joints, "room": 1 + 4 * len(joints) + 2 * model.size}
 
 
 def _motor_metadata(model: Model) -> dict[str, Any]:

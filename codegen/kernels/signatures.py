@@ -39,7 +39,8 @@ class Signature:
     solves: whether it inverts the mass matrix, and so fails where that is singular; the others always return 0.
     symmetric: whether it writes a matrix that is symmetric to the bit.
     needs: what a robot must have for it: "loops", "springs", "constraints" (loops or couplings that are rigid in some
-        direction), "cuts" (loops that are), "laws" (forces in cut joints, elastic couplings) or nothing.
+        direction), "cuts" (loops that are), "laws" (forces in cut joints, elastic couplings),
+        "fixed axes" (no joint that turns freely) or nothing.
     beside: kernels that come with it where the robot has constraints: those of the open tree, of wrenches, of charts.
     mapped: whether packages say which of its entries vanish identically.
     vectors: whether its template is written for several states at a time, too; otherwise batches call it one by one.
@@ -57,7 +58,7 @@ class Signature:
     columns_of: str = ""
     solves: bool = False
     symmetric: bool = False
-    needs: Literal["", "loops", "springs", "constraints", "cuts", "laws"] = ""
+    needs: Literal["", "loops", "springs", "constraints", "cuts", "laws", "fixed axes"] = ""
     beside: tuple[str, ...] = ()
     mapped: bool = False
     vectors: bool = True
@@ -306,6 +307,7 @@ KERNELS: Mapping[str, Signature] = {
         counts=("forward_dynamics", "stage_factors", "stage_solution"),  # a stage's, with the factors of a step
         closed=("constrained_dynamics", "stage_factors", "stage_solution", "settling"),
         solves=True,
+        needs="fixed axes",
     ),
 }
 
@@ -345,6 +347,15 @@ PARTS: Mapping[str, Signature] = {  # programs that only other kernels call
 
 SIGNATURES: Mapping[str, Signature] = {**KERNELS, **PARTS}
 
+TURNED = (  # programs that know how joints are turned, which integrations call
+    "forward_dynamics",
+    "implicit_step",
+    "inverse_dynamics",
+    "mass_matrix",
+    "residual_jacobian",
+    "external_force",
+)
+
 
 def available(model: Model) -> tuple[str, ...]:
     """Names of the kernels that there are for a model."""
@@ -355,6 +366,7 @@ def available(model: Model) -> tuple[str, ...]:
         "constraints": bool(model.constraints),
         "cuts": bool(model.robot.loops and model.constraints),
         "laws": bool(model.cut_laws),
+        "fixed axes": not model.turning,
     }
     return tuple(name for name, signature in KERNELS.items() if has[signature.needs])
 

@@ -12,7 +12,8 @@ that is u_v = c (r + w) and u_q = c (u_v + s) with
 nothing is multiplied by M, and the matrix is that of a linearly implicit step, whose elimination does not depend on r
 and s.  Of a W-method (T. Steihaug, A. Wolfbrandt, "An Attempt to Avoid Exact Jacobian and Nonlinear Equations in the
 Numerical Solution of Stiff Differential Equations", Mathematics of Computation 33, 1979) the order does not depend on
-A; so falling slopes are left out, and directions of loops and springs are those of the step's beginning.
+A; so falling slopes and those of friction by its load are left out, and directions of loops and springs are those of
+the step's beginning.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from ..program.cut import cut
 from ..program.ir import Program, finish
 from ..program.passes import PARAMETERS, run_passes
 from ..solve.rows import Row, elastic_row
+from ..tree.composite import Rows
 from ..tree.spatial import Scalar, along
 from .closed import eliminated, pivot_outputs, with_rows
 from .constraint_rows import gaps
@@ -65,10 +67,10 @@ class _Stage:
         return _Slope(self.c * damping + self.square * stiffness, self.c * stiffness)
 
     def rising(self, law: Effect) -> _Slope:
-        """Of a law; nothing where it falls, so that the matrix stays positive definite."""
+        """Of a law; nothing where it falls, so that the matrix stays positive definite; of friction the secant."""
         found, f = self.linear(law.by_s, law.by_v), self.d.functions
         rises = f.step(found.whole)
-        return _Slope(f.max(found.whole, 0.0), rises * found.by_shift)
+        return _Slope(f.max(found.whole, 0.0) + self.c * law.drag, rises * found.by_shift)
 
 
 def stage(d: Derivation) -> Outputs:
@@ -82,6 +84,7 @@ def stage(d: Derivation) -> Outputs:
     own = _of_coordinates(here)
     forces: list[Scalar] = [slope.force(rates[i], shifts[i]) for i, slope in enumerate(own)]
     armature = [x + slope.whole for x, slope in zip(d.bound.armature, own, strict=True)]
+    beside = _journals(here, rates, shifts, armature, forces)
     slopes: dict[int, Scalar] = {}
     for motor, stretch in stretches(d.bound, d.q, v, d.functions).items():
         between = d.bound.transmissions[motor]
@@ -99,8 +102,26 @@ def stage(d: Derivation) -> Outputs:
         rows.append(elastic_row(dict(arms), d.functions.sqrt(slope.whole)))
     drives: list[Scalar] = [0.0 if i in given else -1.0 * force for i, force in enumerate(forces)]
     rest = replace(d.bound, gravity=(0.0, 0.0, 0.0))
-    tree, pivots = eliminated(d, armature, drives, d.still, slopes, bound=rest, coupled=bool(rows))
+    tree, pivots = eliminated(d, armature, drives, d.still, slopes, bound=rest, coupled=bool(rows), beside=beside)
     return {**d.vector(with_rows(d, tree, rows)[0] if rows else tree.free), **pivot_outputs(d, pivots)}
+
+
+def _journals(
+    here: _Stage, rates: list[Scalar], shifts: list[Scalar], armature: list[Scalar], forces: list[Scalar]
+) -> Rows:
+    """Slopes of journals beside the diagonal; those on it, and what they make of rates and shifts, are added."""
+    beside: Rows = {}
+    for touch in here.d.touches(here.d.v):
+        whole, by_shift = touch.slopes(here.c, here.square), touch.slopes(0.0, here.c)
+        for (i, j), slope in whole.items():
+            for row, column in {(i, j), (j, i)}:
+                force = slope * rates[column] + by_shift.get((i, j), 0.0) * shifts[column]
+                forces[row] = forces[row] + force
+            if i == j:
+                armature[i] = armature[i] + slope
+            else:
+                beside[i, j] = beside.get((i, j), 0.0) + slope
+    return beside
 
 
 def _of_coordinates(here: _Stage) -> list[_Slope]:
@@ -123,7 +144,7 @@ def _lines(here: _Stage) -> list[tuple[Mapping[int, Scalar], _Slope]]:
         pull = line.along(0.0)
         found.append((pull.arms, here.rising(Effect(by_s=pull.by_e, by_v=pull.by_rate))))
     for own in d.deviating:
-        found.append((own.arms, here.rising(own.resists(own.s, own.rate(d.v), d.functions))))
+        found.append((own.arms, here.rising(own.resists(d.v, d.functions))))
     return found
 
 

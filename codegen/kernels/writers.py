@@ -79,6 +79,8 @@ def _residual_jacobian(d: Derivation) -> Outputs:
         found.by_v[key] = found.by_v.get(key, 0.0) + by_v[key]
     for line in d.lines(d.v):
         add_derivatives(line, d.v, found.by_q, found.by_v)
+    for touch in d.touches(d.v):
+        touch.add_derivatives(found.by_q, found.by_v)
     for own in d.deviating:
         _add_derivatives(d, own, found.by_q, found.by_v)
     return d.matrices(found.by_q, found.by_v, found.by_a)
@@ -86,8 +88,8 @@ def _residual_jacobian(d: Derivation) -> Outputs:
 
 def _add_derivatives(d: Derivation, own: Deviating, by_q: Rows, by_v: Rows) -> None:
     """Derivatives of what a coordinate of a cut joint is resisted with, in all rows that it has."""
-    force = own.resists(own.s, own.rate(d.v), d.functions).force
-    moving = [i for i in own.arms if i in d.own]
+    force = own.resists(d.v, d.functions).force
+    moving = [i for i in own.moved_by() if i in d.own]
     rows = [force * own.arms[i] for i in own.arms]
     for x, into in ((d.q, by_q), (d.v, by_v)):
         found = gradients(d.graph, rows, [x[j] for j in moving])
@@ -149,8 +151,10 @@ def _energy(d: Derivation) -> Outputs:
         potential = potential + stretch.whole.energy
     for line in d.lines(d.still):
         potential = potential + line.pull().energy
+    for touch in d.touches(d.still):
+        potential = potential + touch.normal.energy
     for own in d.deviating:
-        potential = potential + own.resists(own.s, 0.0, d.functions).energy
+        potential = potential + own.resists(d.still, d.functions).energy
     return vector([kinetic, potential])
 
 
@@ -160,7 +164,7 @@ def _reactions(d: Derivation) -> Outputs:
         for k, held in line.wrenches():
             total[k] = total[k] + held
     for own in d.deviating:
-        for k, held in own.wrenches(own.resists(own.s, own.rate(d.v), d.functions).force):
+        for k, held in own.wrenches(own.resists(d.v, d.functions).force):
             total[k] = total[k] + held
     return vector([x for wrench in total for x in (*wrench.force, *wrench.moment)])
 
@@ -196,7 +200,7 @@ def _spring_jacobian(d: Derivation) -> Outputs:
 
 
 def _cut_forces(d: Derivation) -> Outputs:
-    return vector([x for own in d.deviating for x in (own.s, own.resists(own.s, own.rate(d.v), d.functions).force)])
+    return vector([x for own in d.deviating for x in (own.s, own.resists(d.v, d.functions).force)])
 
 
 def _cut_jacobian(d: Derivation) -> Outputs:

@@ -37,6 +37,8 @@ class _Samples:
         self.arithmetic = Arithmetic(dtype)
         given, self.certain = sample_inputs(equations, self.arithmetic)
         values = sample_parameters(np.array(list(self.model.parameters.values())), self.arithmetic.dtype)
+        turned = np.zeros((len(self.model.turning), values.shape[1]), values.dtype)  # joints are as described
+        values = np.concatenate([values, turned])
         self.found: dict[str, Any] = {name: array.T for name, array in {**given, "p": values}.items()}
         self.inputs = {name: with_copies(array) for name, array in given.items()}
         self.known: dict[str, tuple[Array, Array]] = {}

@@ -37,7 +37,8 @@ def sample_inputs(equations: Equations, arithmetic: Arithmetic) -> tuple[dict[st
         columns = (x, _numbers(rng, x.size, 1)[:, 0] * _SMALL, x * tiny, np.copysign(np.inf, x), x * np.nan)
         found[name] = np.stack(columns, axis=1).astype(dtype)
         many[name] = _numbers(rng, x.size, _CANDIDATES).astype(dtype)
-    values = np.array(list(equations.model.parameters.values())).astype(dtype)[:, None]
+    described = [*equations.model.parameters.values(), *(0.0 for _ in equations.model.turning)]
+    values = np.array(described).astype(dtype)[:, None]
     h = arithmetic.run(equations.setup, {"p": values}, rounding=False).get("h", values)
     if "chart" in wanted:
         found["chart"], many["chart"] = _charts(equations, arithmetic, {"q": q[:, :1], "h": h})

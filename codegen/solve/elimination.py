@@ -6,14 +6,16 @@ A body with all that hangs on it answers an acceleration (a, w_dot) of its origi
 
 its articulated inertia; for a body alone L = m 1, C w_dot = w_dot x mc, A = I.  A coordinate along a unit axis takes
 one rank-one term away (R. Featherstone, Rigid Body Dynamics Algorithms, chapter 7, one elementary step at a time).
+Coordinates that slopes of an implicit step couple in one joint go together (``coupled``).
 
 A joint with all six coordinates hands on no inertia at all: what hangs on such joints is a free body (``free_bodies``).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 from eomgen.robot.model import FIXED_BODY, Model
 
@@ -37,7 +39,10 @@ from .articulated import (
     turned,
     with_row,
 )
+from .coupled import Coupled, directions_of, eliminate_coupled
 from .free_bodies import FreeBodies, Speeds
+
+NO_SLOPES: Mapping[tuple[int, int], Scalar] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -76,16 +81,20 @@ class Elimination:
         note: Note = no_note,
         *,
         coupled: bool = False,
+        slopes: Mapping[tuple[int, int], Scalar] = NO_SLOPES,
     ) -> None:
         """Eliminate all joints.
 
         Args:
+            slopes: what couples coordinates of one joint beside the diagonal, by their indices (i, j) with i < j; their
+                armatures are not zero.
             coupled: whether rows of closed loops come on top, which ``respond`` to them needs; armatures then couple
                 no free bodies.
         """
         self.model, self.bound, self.joints, self.v, self.drives, self.note = model, bound, joints, v, drives, note
         n = model.size
-        self.given = frozenset(model.prescribed)
+        self.given, self.slopes = frozenset(model.prescribed), slopes
+        self.together: dict[int, Coupled] = {}
         self.accelerations: list[Scalar] = [0.0] * n
         self.pivots: list[tuple[Scalar, Scalar]] = [(1.0, 1.0)] * n
         self.bodies = FreeBodies(model, bound, joints, v, drives, self.accelerations, self.pivots, alone=coupled)
@@ -140,20 +149,49 @@ class Elimination:
     def _eliminate_steps(self, k: int, inertia: Articulated) -> Articulated:
         """One coordinate after the other; the inertia that is left, in the joint's axes at its origin."""
         joint, speeds = self.joints[k], self.speeds[k]
+        together = self._together(k)
         for turn, w in reversed(list(zip(joint.rotations, speeds.behind[1:], strict=True))):
             drift = cross(w, unit(turn.axis, self.v[turn.index]))
             if turn.index in self.given:
                 drift = add(drift, unit(turn.axis, self.drives[turn.index]))
             inertia = replace(inertia, p=inertia.answer(ZERO, drift))
-            if turn.index not in self.given:
+            if turn.index not in self.given and turn.index not in together:
                 inertia = self._eliminate(k, inertia, turn.index, 3 + turn.axis)
             inertia = turned(turn, inertia)
         inertia = replace(inertia, p=inertia.answer(self._known(k), ZERO))
-        unknown = [(index, axis) for index, axis in joint.translations if index not in self.given]
+        if together:
+            inertia = self._eliminate_together(k, together, inertia)
+        unknown = [(i, axis) for i, axis in joint.translations if i not in self.given and i not in together]
         if len(unknown) == 3 and not any(is_zero(self.bound.armature[index]) for index, _ in unknown):
             return self._eliminate_translations(k, inertia)
         for index, axis in reversed(unknown):
             inertia = self._eliminate(k, inertia, index, axis)
+        return inertia
+
+    def _together(self, k: int) -> list[int]:
+        """Coordinates of a joint that slopes couple, and angles before them, without those whose motion is given."""
+        own = {i for pair in self.slopes for i in pair}.intersection(self.model.bodies[k].indices)
+        angles = [turn.index for turn in self.joints[k].rotations]
+        last = max((i for i in angles if i in own), default=-1)
+        own |= {i for i in angles if i < last}
+        return sorted(own.difference(self.given))
+
+    def _eliminate_together(self, k: int, together: Sequence[int], inertia: Articulated) -> Articulated:
+        """Take coordinates that slopes couple out of the inertia in front of the joint's rotations."""
+        slopes = {**self.slopes, **{(i, i): self.bound.armature[i] for i in together}}
+        drives = []
+        for i in together:
+            drive = self.drives[i]
+            for j in self.given:
+                drive = drive - slopes.get((min(i, j), max(i, j)), 0.0) * self.drives[j]
+            drives.append(drive)
+        directions = directions_of(self.joints[k], together)
+        found, inertia = eliminate_coupled(inertia, directions, slopes, drives)
+        self.together[k] = found
+        for direction, pivot in zip(directions, found.pivots, strict=True):
+            is_angle = any(turn.index == direction.index for turn in self.joints[k].rotations)
+            size = self.sizes[k][is_angle] + self.bound.armature[direction.index]
+            self.pivots[direction.index] = (pivot, size)
         return inertia
 
     def _known(self, k: int) -> Vec:
@@ -252,8 +290,11 @@ class Elimination:
         back = transpose(joint.turn)
         a, d = matvec(back, add(parent.origin, cross(parent.dot, joint.offset))), matvec(back, parent.dot)
         steps = {step.index: step for step in self.steps[k]}
+        together: dict[int, Scalar] = {}
 
         def released(index: int, a: Vec, d: Vec) -> Scalar:
+            if index in together:
+                return together[index]
             step = steps[index]
             value = step.free - (dot(step.gain.force, a) + dot(step.gain.moment, d))
             self.accelerations[index] = value
@@ -266,9 +307,15 @@ class Elimination:
             self.accelerations[first : first + 3] = moved
             a = add(a, moved)
         else:
+            last = self.together[k].indices if k in self.together else ()
             for index, axis in joint.translations:
-                if index not in self.given:
+                if index not in self.given and index not in last:
                     a = add(a, unit(axis, released(index, a, d)))
+            together = self.together[k].accelerations(a, d) if last else {}
+            for index, axis in joint.translations:
+                a = add(a, unit(axis, together.get(index, 0.0)))
+            for index, value in together.items():
+                self.accelerations[index] = value
         a = add(a, self._known(k))
         for turn, w in zip(joint.rotations, speeds.behind[1:], strict=True):
             back = transpose(turn.matrix)

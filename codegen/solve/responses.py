@@ -15,6 +15,7 @@ from eomgen.robot.model import FIXED_BODY
 from ..tree.frozen_joints import unit
 from ..tree.recursion import NO_WRENCH, ZERO, Wrench
 from ..tree.spatial import Scalar, Vec, add, along, cross, dot, is_zero, matvec, scale, transpose
+from .coupled import Coupled
 from .elimination import Elimination
 from .factorised import Factors
 from .rotors import Rotors
@@ -105,6 +106,8 @@ class EliminatedTree:
         for turn in reversed(joint.rotations):
             load = self._past(k, turn.index, push, load, response)
             load = Wrench(matvec(turn.matrix, load.force), matvec(turn.matrix, load.moment))
+        if k in tree.together:
+            load = self._past_together(tree.together[k], push, load, response)
         if k in tree.blocks:
             return self._past_block(k, push, load, response)
         for index, _ in reversed(joint.translations):
@@ -124,6 +127,14 @@ class EliminatedTree:
         held = push[index] - self.tree.bound.armature[index] * (left * step.inverse)
         (force if is_force else moment)[axis] = held
         return Wrench((force[0], force[1], force[2]), (moment[0], moment[1], moment[2]))
+
+    def _past_together(self, joint: Coupled, push: Sequence[Scalar], load: Wrench, response: Response) -> Wrench:
+        """The load in front of coordinates that slopes couple."""
+        left = [push[x.index] - x.of(load) for x in joint.directions]
+        for x, own, free, column in zip(joint.directions, left, joint.solve(left), joint.columns, strict=True):
+            response.put(x.index, own, free)
+            load = load + Wrench(scale(free, column.force), scale(free, column.moment))
+        return load
 
     def _past_block(self, k: int, push: Sequence[Scalar], load: Wrench, response: Response) -> Wrench:
         """The same of three translations at once."""
@@ -145,6 +156,8 @@ class EliminatedTree:
                 found.append(self.tree.bodies.inertia_of(k))
                 continue
             here: Entries = {(step.index, step.index): self.tree.pivots[step.index][0] for step in self.tree.steps[k]}
+            if k in self.tree.together:
+                here |= self.tree.together[k].matrix
             if k in self.tree.blocks:
                 first = joint.translations[0][0]
                 whole = self.tree.blocks[k].whole
@@ -195,11 +208,19 @@ class EliminatedTree:
             for index, axis in joint.translations:
                 if index in steps:
                     a = add(a, unit(axis, released(index)))
+        together: dict[int, Scalar] = {}
+        if k in tree.together:
+            together = tree.together[k].moved(more, a, d)
+            for index, axis in joint.translations:
+                a = add(a, unit(axis, together.get(index, 0.0)))
         for turn in joint.rotations:
             turned = transpose(turn.matrix)
             a, d = matvec(turned, a), matvec(turned, d)
             if turn.index in steps:
                 d = add(d, unit(turn.axis, released(turn.index)))
+            d = add(d, unit(turn.axis, together.get(turn.index, 0.0)))
+        for index, value in together.items():
+            found[index] = value
         return a, d
 
 

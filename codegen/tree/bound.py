@@ -13,11 +13,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from eomgen.errors import InputError
-from eomgen.names import joint_of
+from eomgen.names import component_name, joint_of
 from eomgen.robot.geometry import IDENTITY, snap
-from eomgen.robot.laws import given_laws
-from eomgen.robot.model import FIXED_BODY, Model
-from eomgen.robot.value import ANGULAR, COORDINATES, INERTIA_KEYS, LINEAR, MOTOR, Coordinate, Joint, Placement
+from eomgen.robot.laws import RADIAL, given_laws
+from eomgen.robot.model import FIXED_BODY, Model, turned_name
+from eomgen.robot.value import ANGULAR, COORDINATES, INERTIA_KEYS, LINEAR, MOTOR, Coordinate, Joint, Placement, loaded
 
 from .spatial import (
     Mat,
@@ -28,6 +28,7 @@ from .spatial import (
     add,
     along,
     congruence,
+    is_zero,
     mat3,
     matmul,
     matvec,
@@ -85,6 +86,15 @@ class BoundLaw:
 
 
 @dataclass(frozen=True)
+class BoundJournal:
+    """A journal in a bearing: the joint's name, indices of its coordinates by their names, and ``Radial.law``."""
+
+    joint: str
+    index: Mapping[str, int]
+    numbers: Mapping[str, Scalar]
+
+
+@dataclass(frozen=True)
 class BoundCoupling:
     """value(of) - sum of ratio * coordinate - offset, which vanishes or has a law; coordinates by their indices."""
 
@@ -107,11 +117,13 @@ class Bound:
     weight is a constant of the potential energy.
     ``laws`` holds, by the index of a coordinate, the numbers of its force beyond stiffness and damping
     (``Coordinate.law``, with "stiffness" where it is no linear spring's); ``knots`` the deviations of its curve.
+    ``carriers`` holds, by the index of a coordinate whose friction depends on a load, those that press on it.
     ``transmissions`` holds, by the index of a motor's coordinate, what is between it and its joint; its inertia is an
     armature.
     ``springs`` are those between points of two bodies.
     ``cut_offsets`` holds per loop what its six coordinates keep to, ``cut_laws`` the forces of some of them by the
-    loop's number and the coordinate's name; ``couplings`` are those of coordinates.
+    loop's number and the coordinate's name; ``couplings`` are those of coordinates; ``journals`` stand in bearings.
+    ``cut_carriers`` are what presses on cut joints' coordinates, by the names of ``cut_laws``.
     """
 
     gravity: Vec
@@ -131,6 +143,9 @@ class Bound:
     cut_offsets: tuple[tuple[Scalar, ...], ...] = ()
     cut_laws: Mapping[tuple[int, str], BoundLaw] = field(default_factory=dict)
     couplings: tuple[BoundCoupling, ...] = ()
+    journals: tuple[BoundJournal, ...] = ()
+    carriers: Mapping[int, tuple[int, ...]] = field(default_factory=dict)
+    cut_carriers: Mapping[tuple[int, str], tuple[str, ...]] = field(default_factory=dict)
 
 
 def bind(
@@ -154,7 +169,7 @@ def bind(
         placed = parent @ binder.placement(f"joints.{joint.name}", joint.placement)
         axes, back = Pose(joint.axis_turn, (0.0, 0.0, 0.0)), Pose(transpose(joint.axis_turn), (0.0, 0.0, 0.0))
         if joint.coordinates:
-            placements.append(placed @ axes @ binder.shift(joint))
+            placements.append(binder.turned(joint, placed @ axes @ binder.shift(joint)))
             poses[joint.child] = (len(placements) - 1, back)
         elif binder.has_offset(joint):
             poses[joint.child] = (body, placed @ axes @ binder.shift(joint) @ binder.turn(joint) @ back)
@@ -189,6 +204,9 @@ def bind(
         cut_offsets=binder.cut_offsets(),
         cut_laws=binder.cut_laws(),
         couplings=binder.couplings(),
+        journals=binder.journals(),
+        carriers=binder.carriers(),
+        cut_carriers=binder.cut_carriers(),
     )
 
 
@@ -212,6 +230,17 @@ class _Binder:
     def shift(self, joint: Joint) -> Pose:
         """The offsets of x, y and z: they come first, so that they belong to the placement."""
         return Pose(IDENTITY, vec3(self.offset(joint, name) for name in LINEAR))
+
+    def turned(self, joint: Joint, placement: Pose) -> Pose:
+        """The placement of a joint; where its number "turned" is 1, its axes y, z and x stand in the place of x, y, z.
+
+        The joint's angles are then others, which are not singular where its own are (``Model.turning``).
+        """
+        c = self.value(turned_name(joint.name), 0.0)
+        if is_zero(c):
+            return placement
+        own = 1.0 - c
+        return placement @ Pose(((own, 0.0, c), (c, own, 0.0), (0.0, c, own)), (0.0, 0.0, 0.0))
 
     def turn(self, joint: Joint) -> Pose:
         """The offsets of the angles of a joint that does not move, Rx Ry Rz."""
@@ -320,6 +349,23 @@ class _Binder:
             if (loop.name, name) in given
         }
 
+    def carriers(self) -> dict[int, tuple[int, ...]]:
+        """Coordinates that press on others, by the index of these."""
+        place = self.model.coordinates.index
+        return {
+            place(component_name(joint.name, name)): tuple(place(component_name(joint.name, x)) for x in others)
+            for joint in self.model.robot.joints
+            for name, others in loaded(joint.coordinates).items()
+        }
+
+    def cut_carriers(self) -> dict[tuple[int, str], tuple[str, ...]]:
+        """Coordinates of cut joints that press on others of the same one."""
+        return {
+            (number, name): others
+            for number, loop in enumerate(self.model.robot.loops)
+            for name, others in loaded(loop.coordinates).items()
+        }
+
     def couplings(self) -> tuple[BoundCoupling, ...]:
         """Couplings of coordinates."""
         found, place = [], self.model.coordinates.index
@@ -334,6 +380,17 @@ class _Binder:
                 found.append(BoundCoupling(arms, offset, None))
             elif coupling.name in acting:
                 found.append(BoundCoupling(arms, offset, self._bound_law(prefix, coupling.law)))
+        return tuple(found)
+
+    def journals(self) -> tuple[BoundJournal, ...]:
+        """Journals in bearings, in the order of their joints."""
+        found = []
+        for body in self.model.bodies:
+            given = self.model.robot.joint(body.joint).radial
+            if given is not None:
+                prefix = f"joints.{body.joint}.{RADIAL}"
+                numbers = {key: self.value(f"{prefix}.{key}", number) for key, number in given.law().items()}
+                found.append(BoundJournal(body.joint, dict(zip(body.active, body.indices, strict=True)), numbers))
         return tuple(found)
 
     def _bound_law(self, prefix: str, given: Coordinate) -> BoundLaw:

@@ -1,4 +1,4 @@
-"""Figures of the walk through the generator: a joint's coordinates, what lemmas take away, how operations grow."""
+"""Figures of pages: a joint's coordinates, what lemmas take away, how operations grow; a journal in its bearing."""
 
 from __future__ import annotations
 
@@ -14,19 +14,27 @@ import eomgen
 from eomgen.codegen.joint.zeros import zero_map
 from eomgen.codegen.kernels.equations import derive_equations
 from eomgen.codegen.kernels.operation_counts import operations
+from eomgen.pictures.journals import draw_journal
 from eomgen.pictures.scene import link_poses
 from eomgen.pictures.style import COLORS, PROGRAM_COLOR, TOOL_COLOR, canvas
 from eomgen.robot import COORDINATES, LINEAR, build_model
 
 ROBOT = "puma560_elastic"  # six joints with six coordinates each
 SHOWN = {"x": 0.5, "y": 0.45, "z": 0.4, "alpha": 0.45, "beta": 0.5, "gamma": 0.6}  # m, rad: large enough to be seen
+SLIDER_CRANK = Path(__file__).parents[2] / "examples" / "slider_crank.toml"
+RPM, TURNS, STEP, EVERY = 5000.0, 3, 1e-6, 10
 KERNELS = {"mass_matrix": "s", "inverse_dynamics": "o", "forward_dynamics": "^"}  # with their markers
 
 
 def figures() -> dict[str, bytes]:
     """SVGs by the name of their files."""
-    drawn: dict[str, Callable[[Any], None]] = {"joint.svg": _joint, "lemmas.svg": _lemmas, "growth.svg": _growth}
-    sizes = {"joint.svg": (5.0, 4.2), "lemmas.svg": (6.4, 2.7), "growth.svg": (6.4, 3.2)}
+    drawn: dict[str, Callable[[Any], None]] = {
+        "joint.svg": _joint,
+        "lemmas.svg": _lemmas,
+        "growth.svg": _growth,
+        "journal.svg": _journal,
+    }
+    sizes = {"joint.svg": (5.0, 4.2), "lemmas.svg": (6.4, 2.7), "growth.svg": (6.4, 3.2), "journal.svg": (7.4, 3.3)}
     found = {}
     with tempfile.TemporaryDirectory() as folder:
         for name, draw in drawn.items():
@@ -107,6 +115,33 @@ def _growth(figure: Any) -> None:
     axes.set_xlabel("joints with six coordinates each")
     axes.set_ylabel("multiplications and additions")
     axes.set_ylim(bottom=0.0)
+
+
+def _journal(figure: Any) -> None:
+    """The worn pin of a slider-crank in its bearing, and the slider's acceleration beside that without play."""
+    robot = eomgen.load_robot(SLIDER_CRANK)
+    radial = robot.joint("pin").radial
+    assert radial is not None
+    kernel, speed = eomgen.build(robot), RPM * 2.0 * np.pi / 60.0
+    q = kernel.close(np.array([0.0, 0.17, 0.0, 0.0, np.pi]))
+    v = kernel.close_rates(q, np.array([speed, 0.0, 0.0, 0.0, 0.0]), held=("motor.gamma", "pin.x", "pin.y"))
+    steps = round(TURNS * 2.0 * np.pi / speed / STEP)
+    qs, vs = kernel.rollout(q, v, np.zeros(kernel.n), STEP, steps, every=EVERY)
+    slider = kernel.forward_dynamics(qs, vs, np.zeros(kernel.n))[:, 1]
+    left = figure.add_axes((0.09, 0.15, 0.36, 0.76))
+    draw_journal(left, qs[:, 2:4], radial.clearance)
+    left.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, handlelength=1.4, columnspacing=1.0)
+    right = figure.add_axes((0.55, 0.15, 0.43, 0.76))
+    angle = qs[:, 0]
+    rod = np.sqrt(0.12**2 - (0.05 * np.sin(angle)) ** 2)
+    turned = (0.05 * np.cos(angle)) ** 2 - (0.05 * np.sin(angle)) ** 2
+    bent = turned / rod + (0.05**2 * np.sin(angle) * np.cos(angle)) ** 2 / rod**3
+    ideal = -(speed**2) * (0.05 * np.cos(angle) + bent)
+    right.plot(angle / (2.0 * np.pi), slider / 1e3, color=COLORS["m"]["x"], linewidth=0.7, label="worn pin")
+    right.plot(angle / (2.0 * np.pi), ideal / 1e3, color=PROGRAM_COLOR, linestyle="--", label="without play")
+    right.set_xlabel("turns of the crank")
+    right.set_ylabel("acceleration of the slider, km/s^2")
+    right.legend(loc="upper right")
 
 
 def growth() -> Mapping[int, Mapping[str, int]]:

@@ -24,6 +24,7 @@ from .errors import (
     IntegrationStopped,
     InternalError,
     LoopError,
+    ReachError,
     SingularError,
     UnknownNameError,
 )
@@ -91,6 +92,7 @@ __all__ = [
     "LoopError",
     "Motor",
     "Placement",
+    "ReachError",
     "Robot",
     "Scenario",
     "SimulationResult",

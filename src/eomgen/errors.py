@@ -92,6 +92,23 @@ class LoopError(InputError):
         self.loop, self.gap = loop, gap
 
 
+class ReachError(InputError):
+    """A tool cannot be brought into a pose; the message says by how much it misses it.
+
+    Attributes:
+        distance: what the tool's origin misses, m; infinite where loops cannot be closed.
+        angle: what its axes miss, rad; 0 where they are open.
+        q: the coordinates that come nearest, (n,).
+    """
+
+    def __init__(self, message: str, distance: float, angle: float, q: Any) -> None:
+        super().__init__(message)
+        self.distance, self.angle, self.q = distance, angle, q
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.args[0], self.distance, self.angle, self.q)
+
+
 class IntegrationError(InputError):
     """A simulation could not go on; the message says when and why."""
 

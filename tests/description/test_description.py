@@ -91,8 +91,8 @@ def test_forces_of_a_coordinate(tmp_path: Path) -> None:
     given = robot_from_toml(text, folder=tmp_path).joint("joint1").coordinates
     assert given["x"] == Coordinate(1e6, 10.0, clearance=2e-4, preload=-3.0, smoothing=1e-5)
     assert given["y"].curve == ((-1e-3, -5.0), (0.0, 0.5), (2e-3, 9.0))
-    assert given["gamma"].friction == Friction(1.0, 2.0, 0.1, None, 0.1 * 0.1)
-    assert Friction(1.0).smoothing == 1e-3
+    assert given["gamma"].friction == Friction(1.0, 2.0, 0.1, None, 4e-8)
+    assert Friction(1.0).smoothing == 4e-8
     assert [
         name for name in build_model(robot_from_toml(text, folder=tmp_path)).parameters if name.startswith("joints.")
     ] == [

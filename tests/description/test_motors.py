@@ -37,7 +37,7 @@ def test_a_description() -> None:
         "smoothing": 5e-5,
         "friction.coulomb": 0.1,
         "friction.viscous": 0.2,
-        "friction.smoothing": 1e-3,
+        "friction.smoothing": 4e-8,
     }
     own = {name[20:]: value for name, value in model.parameters.items() if name.startswith("joints.joint1.motor.")}
     assert own == values

@@ -219,8 +219,8 @@ def test_friction_is_read_on_request_only() -> None:
     assert [note for note in plain.notes if "friction" in note and "urdf_friction=True" in note]
     (note,) = [note for note in rough.notes if "friction" in note]
     assert "'shoulder'" in note
-    assert "0.001 rad/s or m/s" in note
-    assert rough.joints[0].coordinates["gamma"].law()["friction.smoothing"] == 1e-3
+    assert "4e-08 rad/s or m/s" in note
+    assert rough.joints[0].coordinates["gamma"].law()["friction.smoothing"] == 4e-8
     with pytest.raises(DescriptionError, match=r"<dynamics>: friction is -0\.3; allowed: at least 0"):
         robot_from_urdf(text.replace('"0.3"', '"-0.3"'), urdf_friction=True)
 

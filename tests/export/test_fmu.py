@@ -13,11 +13,13 @@ import numpy as np
 import pytest
 from fmpy.validation import validate_fmu
 from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
 
 import eomgen
 from eomgen.export.fmu.pack import KERNELS, export_fmu
+from eomgen.integration import integrate
 from eomgen.robot.record import robot_hash
-from eomgen.robot.value import Robot
+from eomgen.robot.value import COORDINATES, Robot
 from eomgen.runtime.kernel import Array, Kernel
 from tests.oracles.force_laws import with_laws
 from tests.support.builds import Build
@@ -25,6 +27,7 @@ from tests.support.fmu_host import Host
 from tests.support.random_motors import geared_robot, motor_state
 from tests.support.random_robots import random_robot, seeds
 from tests.support.random_springs import with_springs
+from tests.support.small_robots import free_body, held_body
 
 ROBOTS = ("one_link", "worn_arm", "geared_arm", "shaken_arm")
 VERSIONS = (2, 3)
@@ -510,23 +513,42 @@ def test_bad_values_are_refused_with_a_message(version: int, exported: Export) -
 
 @pytest.mark.parametrize("version", VERSIONS)
 def test_singular_states_are_named(version: int, exported: Export) -> None:
-    robot = random_robot(5, joints=(1, 1), types=("free",), forces=False, armature=False, name="free")
-    unit = exported(robot, version)
-    host = unit.host(stepping=True).start(["q.joint1.beta"], [np.pi / 2])
+    unit = exported(held_body(), version)
+    host = unit.host(stepping=True).start(["q.free.beta"], [np.pi / 2])
     q = host.get(host.names("q."))
-    with pytest.raises(eomgen.SingularError, match=r"inverted at joint1\.alpha and joint1\.gamma; joint1\.beta is at"):
+    with pytest.raises(eomgen.SingularError, match=r"inverted at free\.alpha and free\.gamma; free\.beta is at"):
         unit.kernel.forward_dynamics(q, 0.0 * q, 0.0 * q)
     for call in (
-        lambda: host.get(["a.joint1.gamma"]),
+        lambda: host.get(["a.free.gamma"]),
         lambda: host.step(0.0, 1e-3),
-        lambda: host.derivative(["a.joint1.x"], ["q.joint1.x"], [1.0]),
+        lambda: host.derivative(["a.free.x"], ["q.free.x"], [1.0]),
     ):
         host.messages.clear()
         with pytest.raises(Exception, match="fmi"):
             call()
         assert host.messages
-        assert "the mass matrix cannot be inverted at joint1." in host.messages[-1]
+        assert "the mass matrix cannot be inverted at free." in host.messages[-1]
     assert np.isfinite(host.get(host.names("pose."))).all()
+
+
+@pytest.mark.parametrize("method", ["rk4", "implicit"])
+def test_steps_turn_free_joints(method: str, exported: Export, built: Build) -> None:
+    """A body that tumbles over the poles of its angles; a wrench acts, and a force along x."""
+    unit = exported(free_body(), method=method)
+    names = [f"{label}.free.{axis}" for label in "qv" for axis in COORDINATES]
+    begin = np.array([0.0, 0.0, 0.0, 0.3, 1.2, 0.1, 0.1, 0.2, 0.3, 2.0, 3.0, 1.0])
+    host = unit.host(stepping=True).start([*names, "u.free.x", "wrench.body.mz"], [*begin, 0.5, 0.02])
+    for step in range(20):
+        host.step(0.05 * step, 0.05)
+    kernel = built(free_body(), "forward_dynamics", "mass_matrix", "inverse_dynamics", "external_force", "energy")
+    u, wrench = np.array([0.5, *np.zeros(5)]), np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 0.02]])
+    found = np.array(host.get(names))
+    expected = integrate(kernel, begin[:6], begin[6:], 1.0, drive=lambda t, q, v: u, wrench=wrench, rtol=1e-9)
+    assert np.abs(np.cos(expected.q[:, 4])).min() < 0.3
+    limit = 1e-7 if method == "rk4" else 2e-2
+    turned = [Rotation.from_euler("XYZ", q[3:6]) for q in (found, expected.q[-1])]
+    assert (turned[0] * turned[1].inv()).magnitude() < limit
+    assert np.abs(found[:3] - expected.q[-1, :3]).max() < limit
 
 
 @pytest.mark.parametrize("version", VERSIONS)

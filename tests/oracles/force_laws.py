@@ -10,7 +10,7 @@ import numpy as np
 from scipy.integrate import quad
 from scipy.interpolate import PchipInterpolator
 
-from eomgen.robot.value import Coordinate, Friction, Robot
+from eomgen.robot.value import LINEAR, Coordinate, Friction, Robot, carriers
 from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.support.random_robots import Array
 
@@ -82,8 +82,19 @@ def with_laws(robot: Robot, seed: int) -> Robot:
         for name, given in joint.coordinates.items():
             table[name] = random_coordinate(rng, order[count % len(order)], given)
             count += 1
-        joints.append(replace(joint, coordinates=table))
+        joints.append(replace(joint, coordinates=_pressed(np.random.default_rng([seed, len(joints)]), table)))
     return replace(robot, joints=tuple(joints))
+
+
+def _pressed(rng: np.random.Generator, table: dict[str, Coordinate]) -> dict[str, Coordinate]:
+    """The coordinates, with friction that depends on a load where something presses."""
+    found = dict(table)
+    for name, given in table.items():
+        if given.friction is not None and carriers(name, table):
+            radius = None if name in LINEAR else float(rng.uniform(0.1, 0.5))
+            loaded = replace(given.friction, coefficient=float(rng.uniform(0.1, 1.0)), radius=radius)
+            found[name] = replace(given, friction=loaded)
+    return found
 
 
 def coordinates(robot: Robot) -> Iterator[Coordinate]:
@@ -98,8 +109,8 @@ def smooth(x: float, w: float) -> float:
     return x * x / (2.0 * w) if x < w else x - w / 2.0
 
 
-def resistance(c: Coordinate, s: float, v: float) -> float:
-    """Force against a deviation, without linear damping."""
+def resistance(c: Coordinate, s: float, v: float, load: float = 0.0) -> float:
+    """Force against a deviation, without linear damping; ``load`` presses the joint, N."""
     total = c.preload or 0.0
     k, k_negative, cubic = c.stiffness or 0.0, c.stiffness_negative, c.cubic or 0.0
     if k_negative is None:
@@ -123,6 +134,8 @@ def resistance(c: Coordinate, s: float, v: float) -> float:
         level = f.coulomb
         if f.static is not None and f.stribeck is not None:
             level += (f.static - f.coulomb) / (1.0 + (v / f.stribeck) ** 2)
+        if f.coefficient is not None:
+            level += f.coefficient * (1.0 if f.radius is None else f.radius) * load
         assert f.smoothing is not None
         total += level * v / np.hypot(v, f.smoothing) + (f.viscous or 0.0) * v
     return float(total)
@@ -171,7 +184,7 @@ class LawOracle:
     """Pinocchio for the bodies, and the forces of coordinates from here."""
 
     def __init__(self, robot: Robot) -> None:
-        self.table = list(coordinates(robot))
+        self.table, self.robot = list(coordinates(robot)), robot
         bare = [
             replace(j, coordinates={k: Coordinate(None, c.damping, c.armature) for k, c in j.coordinates.items()})
             for j in robot.joints
@@ -179,7 +192,21 @@ class LawOracle:
         self.bodies = PinocchioOracle(replace(robot, joints=tuple(bare)))
 
     def forces(self, q: Array, v: Array) -> Array:
-        return np.array([resistance(c, *sv) for c, *sv in zip(self.table, q, v, strict=True)])
+        return np.array([resistance(*x) for x in zip(self.table, q, v, self.loads(q, v), strict=True)])
+
+    def loads(self, q: Array, v: Array) -> list[float]:
+        """What presses each coordinate: the forces across it without friction, with damping, of the same joint."""
+        found: list[float] = []
+        for joint in self.robot.joints:
+            at = dict(zip(joint.coordinates, range(len(found), len(found) + len(joint.coordinates)), strict=True))
+            for name in joint.coordinates:
+                forces = []
+                for other in {"x": "yz", "y": "xz", "z": "xy", "alpha": "yz", "beta": "xz", "gamma": "xy"}[name]:
+                    if other in at:
+                        c, s, rate = joint.coordinates[other], q[at[other]], v[at[other]]
+                        forces.append(resistance(replace(c, friction=None), s, rate) + (c.damping or 0.0) * rate)
+                found.append(float(np.linalg.norm(forces)) if forces else 0.0)
+        return found
 
     def inverse_dynamics(self, q: Array, v: Array, a: Array) -> Array:
         return np.asarray(self.bodies.inverse_dynamics(q, v, a) + self.forces(q, v))

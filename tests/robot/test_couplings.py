@@ -74,7 +74,7 @@ def test_parameters_by_name() -> None:
         "couplings.gear1.offset": 0.5,
         "couplings.gear2.ratio.a.gamma": 0.1,
         "couplings.gear2.friction.coulomb": 1.0,
-        "couplings.gear2.friction.smoothing": 1e-3,
+        "couplings.gear2.friction.smoothing": 4e-8,
         "couplings.gear2.curve.0": -2.0,
         "couplings.gear2.curve.1": 2.0,
     }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from scipy.integrate import solve_ivp
 
 import eomgen
 from eomgen.errors import ArrayError, InputError, IntegrationError, SingularError, UnknownNameError
-from eomgen.robot.value import PRINCIPAL, Robot
+from eomgen.robot.value import PRINCIPAL, Coordinate, Robot
 from tests.support.builds import Build
 from tests.support.random_robots import Array, random_robot, random_state, seeds
 
@@ -250,7 +251,11 @@ def test_refusals(built: Build) -> None:
 
 
 def test_a_singular_state_is_named(built: Build) -> None:
+    """Of a joint that does not turn freely: something acts on its angles."""
     robot = random_robot(1045, joints=(1, 1), types=("free",), armature=False, forces=False)
+    joint = robot.joint("joint1")
+    loaded = replace(joint, coordinates={**joint.coordinates, "gamma": Coordinate(preload=0.0)})
+    robot = replace(robot, name="loaded", joints=tuple(loaded if x is joint else x for x in robot.joints))
     kernel, s = built(robot, *NAMES), random_state(robot, 1)
     beta = kernel.coordinates.index("joint1.beta")
     q = np.tile(s.q, (6, 1))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 DURATION = "duration = 0.1\n"
 MOTION = "[motion]\ntype = 'point_to_point'\n"
+LINE = "[motion]\ntype = 'line'\nfrom = [0, 0, 1]\nto = [0, 0, 2]\n"
+SPLINE = "[motion]\ntype = 'spline'\nspeed = 1\n"
 
 READING = [  # what the reader refuses, whatever the robot: text, place, reason
     ("", "the key 'duration' is missing", "a time in s"),
@@ -48,6 +50,24 @@ READING = [  # what the reader refuses, whatever the robot: text, place, reason
         DURATION + "[motion]\ntype = 'circle'\ncenter = [0, 0, 0]\nnormal = [0, 0, 0]\nfrom = [1, 0, 1]",
         "motion.normal",
         "not zero",
+    ),
+    (DURATION + LINE + "orientation = 3", "motion.orientation", "'keep', or a table with from and to"),
+    (DURATION + LINE + "orientation = 'kept'", "motion.orientation", "did you mean 'keep'"),
+    (DURATION + LINE + "orientation = {}", "motion.orientation", "from, to, or both"),
+    (DURATION + LINE + "orientation = { to = [1, 2] }", "motion.orientation.to", "an array of 3 numbers"),
+    (DURATION + SPLINE + "points = [{ xyz = [0, 0, 1] }]", "motion.points", "two or more"),
+    (DURATION + SPLINE + "points = [{ xyz = [0, 0, 1] }, { rpy = [0, 0, 1] }]", "motion.points[1]", "'xyz' is missing"),
+    (DURATION + SPLINE + "points = [{ xyz = [0, 0, 1] }, { xyz = [0, 0, 1] }]", "motion.points[1]", "another point"),
+    (
+        DURATION + SPLINE + "points = [{ xyz = [0, 0, 1], rpy = [0, 0, 1] }, { xyz = [0, 0, 2] }]",
+        "motion.points[1]",
+        "'rpy' is missing, which other points have",
+    ),
+    (
+        DURATION + SPLINE + "orientation = 'keep'\npoints = [{ xyz = [0, 0, 1], rpy = [0, 0, 1] },"
+        " { xyz = [0, 0, 2], rpy = [0, 0, 1] }]",
+        "motion.orientation",
+        "where they have none",
     ),
     (DURATION + "[control]\ntype = 'lqr'", "control.type", "allowed: none, torque, pd, computed_torque"),
     (DURATION + "[control]\ntype = 'pd'\nkp = 1", "control", "the key 'kd' is missing"),

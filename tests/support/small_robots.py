@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from eomgen.robot.value import COORDINATES, Coordinate, Joint, Link, Robot
 
 
@@ -10,3 +12,11 @@ def free_body() -> Robot:
     link = Link("body", 2.0, (0.1, 0.0, 0.05), (0.1, 0.12, 0.09, 0.01, 0.0, 0.0))
     joint = Joint("free", "base", "body", "free", coordinates=dict.fromkeys(COORDINATES, Coordinate()))
     return Robot("free_body", (0.0, 0.0, -9.81), (link,), (joint,))
+
+
+def held_body() -> Robot:
+    """One body with all six coordinates, of which one has a law of no force: its joint stays as it is described."""
+    robot = free_body()
+    (joint,) = robot.joints
+    held = replace(joint, coordinates={**joint.coordinates, "gamma": Coordinate(preload=0.0)})
+    return replace(robot, name="held_body", joints=(held,))

@@ -6,7 +6,7 @@ A generated package carries a copy of this file.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, MutableMapping
+from collections.abc import Collection, Iterator, Mapping, MutableMapping
 from typing import Any
 
 import numpy as np
@@ -43,12 +43,17 @@ class Parameters(MutableMapping[str, float]):
             least: the least value of each parameter that has one.
         """
         slots = {name: slot for slot, name in enumerate(values)}
-        state = State(np.array(list(values.values()), raw.dtype))
+        state = State(np.array([*values.values(), *(0.0 for _ in raw.turning)], raw.dtype))
         return cls(raw, slots, least, float(np.finfo(raw.dtype).max), state)
 
     def copy(self) -> Parameters:
         """The same names and values for the same code; neither sees the other's assignments."""
         return Parameters(self._raw, self._slots, self._least, self._most, self.state.copy())
+
+    def turn(self, joints: Collection[str]) -> None:
+        """Let these joints be turned, of those that turn freely (``RawKernel.turning``), and the others not."""
+        turned = [float(name in joints) for name in self._raw.turning]
+        self.state.assign(*(x for k, number in enumerate(turned) for x in (len(self._slots) + k, number)))
 
     @property
     def setup(self) -> Setup:

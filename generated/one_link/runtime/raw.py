@@ -121,6 +121,7 @@ class Library:
         name: the robot's name, with which the names of C begin.
         dtype: the dtype of all arrays.
         hoisted: how many numbers are computed from the parameters.
+        setup: name of the function that does it, "setup", or "turned_setup" where joints turn freely.
         ffi, lib: cffi's objects of the module.
     """
 
@@ -130,7 +131,8 @@ class Library:
         self.dtype: np.dtype[Any] = np.dtype(meta["dtype"])
         self.hoisted: int = meta["hoisted"]
         self._view = partial(FFI.from_buffer, POINTERS[meta["dtype"]])
-        self._setup = getattr(lib, f"{self.name}_setup")
+        self.setup = "turned_setup" if meta.get("turning") else "setup"
+        self._setup = getattr(lib, f"{self.name}_{self.setup}")
 
     def function(self, name: str) -> Any:
         """One of its functions by the name behind the robot's, such as "residual_batch"."""
@@ -144,7 +146,7 @@ class Library:
         """Compute from the values of the parameters what the functions read: (hoisted,), or one number for none.
 
         Args:
-            values: in the order of the parameters.
+            values: in the order of the parameters; behind them a number for each joint that turns freely.
         """
         computed = np.zeros(max(self.hoisted, 1), self.dtype)
         self._setup(self._view(values if values.size else np.zeros(1, self.dtype)), self._view(computed))
@@ -264,6 +266,9 @@ class RawKernel:
         statuses: reasons why a function may fail in one state: a pivot of each coordinate; where there are loops a
             gap of each constraint, then its rate, then its acceleration, then a force on each coordinate that no drive
             takes.
+        turning: by the name of a joint that turns freely the places of alpha and of x among the coordinates; -1 where
+            x does not move.  Integrations choose other axes for it where its angles are singular.
+        turning_room: numbers of a state by which a rollout goes on where another one ended; 0 if no joint turns freely.
         rollout: the function of many steps, or None where the kernel was built without one; its arguments are in the
             header.
         adaptive: the function of integrations with error control, or None, likewise.
@@ -280,6 +285,11 @@ class RawKernel:
         self.shapes: dict[str, tuple[int, ...]] = {key: tuple(shape) for key, shape in meta["shapes"].items()}
         n, m = len(meta["coordinates"]), len(meta.get("constraints", ()))
         self.statuses: int = n + (3 * m + n if m else 0)
+        turning = meta.get("turning", {"joints": {}, "room": 0})
+        self.turning: dict[str, tuple[int, int]] = {
+            name: (places["angles"], places["origin"]) for name, places in turning["joints"].items()
+        }
+        self.turning_room: int = turning["room"]
         self.ffi = FFI
         self.view = partial(FFI.from_buffer, POINTERS[meta["dtype"]])
         known = [_function(libraries, name, entry) for name, entry in meta["functions"].items()]
@@ -341,7 +351,7 @@ class Setup:
     What a library reads of them is computed when it is first asked for.
 
     Attributes:
-        values: in the order of the parameters.
+        values: in the order of the parameters; behind them a number for each joint that turns freely.
     """
 
     def __init__(self, values: Array) -> None:

@@ -13,13 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 from ..description import RobotLike, as_robot
 from ..errors import InputError, IntegrationError
 from ..files import write_atomically
-from ..motion.ends import principal_limits
-from ..motion.tool_path import CLOSE, reach, space_point, starting_points, within_limits
+from ..motion.ends import limits_beside
+from ..motion.reaching import Target, reach, starting_points, within_limits
+from ..motion.tool_path import space_point
 from ..pipeline.closing import mechanism_kernels
 from ..pipeline.stages import build
 from ..progress import Progress, StageReport, no_progress
 from ..robot.model import build_model, tool_of
-from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..shown import Shown
 from .holding import PoseLike
@@ -129,7 +129,9 @@ def compliance_map(
     kernel, frame, q0 = arm.kernel, tool_of(robot, frame), arm.coordinates(pose)
     rigid = _rigid(arm, lambda text: report(0.0, text))
     index = [kernel.coordinates.index(name) for name in rigid.coordinates]
-    limits = _limits(robot, rigid, q0[index])
+    names = build_model(robot).coordinates
+    driven = {names[i] for i in build_model(robot).driven}
+    limits = limits_beside(robot, rigid.coordinates, driven, q0[index])
     shape = places.shape[:2]
     q, deflected, matrix = (np.full((*shape, *size), np.nan) for size in ((kernel.n,), (6,), (6, 6)))
     guess, notes, unbalanced = q0, dict[str, None](), 0
@@ -174,18 +176,6 @@ def _rigid(arm: HeldRobot, report: StageReport) -> Kernel:
     return kernel
 
 
-def _limits(robot: Robot, rigid: Kernel, q0: Array) -> Array:
-    """Between which each coordinate is looked for, (n, 2): driven ones within their limits, passive ones anywhere."""
-    names = build_model(robot).coordinates
-    driven = {names[i] for i in build_model(robot).driven}
-    passive = set(rigid.coordinates) - driven - set(rigid.prescribed) if robot.is_closed else set()
-    found = [
-        principal_limits(robot, name) if name in driven else (-np.inf, np.inf) if name in passive else (x, x)
-        for name, x in zip(rigid.coordinates, q0, strict=True)
-    ]
-    return np.array(found)
-
-
 def _grid(corner: ArrayLike, first: ArrayLike, second: ArrayLike, points: tuple[int, int]) -> Array:
     begin, along, across = (space_point(*pair) for pair in (("corner", corner), ("first", first), ("second", second)))
     if np.linalg.norm(np.cross(along, across)) <= 1e-12 * np.linalg.norm(along) * np.linalg.norm(across):
@@ -205,9 +195,8 @@ def _inverse_kinematics(
     kernel: Kernel, frame: str, point: Array, guess: Array, first: Array, limits: Array
 ) -> Array | None:
     """Coordinates within the limits that put the frame there, from the guess or from others; None if there are none."""
-    close = CLOSE * max(1.0, float(np.abs(point).max()))
     for trial in (guess, *islice(starting_points(first, limits), GUESSES)):
-        q, distance = reach(kernel, frame, point, trial, limits, close)
-        if distance <= close and within_limits(q, limits):
-            return q
+        found = reach(kernel, Target(frame, point), trial, limits)
+        if found.is_there and within_limits(found.q, limits):
+            return found.q
     return None

@@ -15,8 +15,9 @@ from ..robot.laws import LAWS
 from ..robot.model import build_model
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
+from ..state.journals import journal_contacts
 from ..state.motors import deflections, turn_motors
-from ..state.springs import clearances, cut_numbers, law_numbers
+from ..state.springs import clearances, cut_numbers, journals_in_play, law_numbers
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -147,9 +148,14 @@ def pose_of(robot: Robot, kernel: Kernel, pose: PoseLike | None) -> Array:
 
 
 def floating(kernel: Kernel, q: Array) -> tuple[str, ...]:
-    """Names of the coordinates that touch no end of their clearance at q, (n,)."""
+    """Names of the coordinates that touch no end of their clearance at q, (n,), and of journals that do not."""
     gaps = clearances(kernel)
     inside = np.abs(deflections(kernel) @ q) <= [gaps.get(name, -1.0) for name in kernel.coordinates]
+    contacts = journal_contacts(kernel)
+    touching = {i for contact in contacts if contact.gap(q) > 0.0 for i in contact.index}
+    for name in journals_in_play(kernel):
+        place = kernel.coordinates.index(name)
+        inside[place] |= place not in touching
     return tuple(name for name, floats in zip(kernel.coordinates, inside, strict=True) if floats)
 
 
@@ -170,7 +176,7 @@ def notes_of_play(kernel: Kernel, q: Array) -> list[str]:
 
 
 def _loose(kernel: Kernel) -> Mask:
-    """Coordinates that no spring of their own, no transmission and no spring between points holds, (n,)."""
+    """Coordinates that no spring of their own, no transmission, journal or spring between points holds, (n,)."""
     own = [
         name in kernel.knots or any(given.get(key) for key in SPRINGS) for name, given in law_numbers(kernel).items()
     ]
@@ -178,6 +184,7 @@ def _loose(kernel: Kernel) -> Mask:
     if kernel.springs:
         anywhere = 0.3 + 0.1 * np.arange(kernel.n)
         held |= np.asarray(kernel.spring_jacobian(anywhere)).any(axis=0)
+    held[[i for contact in journal_contacts(kernel) for i in contact.index]] = True
     return ~held
 
 

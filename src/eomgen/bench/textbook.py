@@ -79,6 +79,9 @@ def newton_euler(model: Model) -> str:
     if bound.laws:
         names = ", ".join(model.coordinates[i] for i in bound.laws)
         raise InputError(f"bench: {names}: the textbook's algorithms know linear springs and dampers only")
+    if bound.journals:
+        names = ", ".join(journal.joint for journal in bound.journals)
+        raise InputError(f"bench: {names}: the textbook's algorithms know no journals in bearings")
     if bound.springs:
         names = ", ".join(spring.name for spring in model.robot.springs)
         raise InputError(f"bench: {names}: the textbook's algorithms know no springs between points")

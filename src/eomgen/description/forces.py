@@ -8,6 +8,7 @@ from dataclasses import replace
 from ..forms.keys import Number
 from ..forms.tables import Sub, Table
 from ..names import show
+from ..robot.journals import Radial, SlidingFriction
 from ..robot.rules import ROTORS, conflict
 from ..robot.value import Coordinate, Curve, Motor
 from .keys import COORDINATE
@@ -64,9 +65,20 @@ def read_motor(table: Table, read_text: ReadText) -> Motor:
     return Motor(inertia, ratio, transmission, rotor.friction, table.text("role") == "prescribed", rotor.further)
 
 
+def read_radial(table: Table) -> Radial:
+    """The journal of a table of the keys ``RADIAL_FORM``; DescriptionError if a number is missing or out of range."""
+    numbers = {key: table.number(key) for key, kind in table.keys.items() if isinstance(kind, Number)}
+    rubbing = table.table("friction")
+    sliding = {} if rubbing is None else {key: rubbing.number(key) for key in rubbing.keys}
+    friction = None if rubbing is None else SlidingFriction(**sliding)  # type: ignore[arg-type]
+    return Radial(**numbers, friction=friction)  # type: ignore[arg-type]
+
+
 def _inner_numbers(table: Table, name: str) -> dict[str, float]:
     """Numbers of a law that has a table of its own, by their names: "friction.coulomb"."""
     inner = table.table(name)
+    if inner is not None and name == "friction" and "coefficient" not in inner:
+        inner.require_one("coulomb", "a force in N or N m, or a coefficient")
     read = {} if inner is None else {f"{name}.{key}": inner.number(key) for key in inner.keys}
     return {key: number for key, number in read.items() if number is not None}
 

@@ -108,6 +108,22 @@ MOTOR_FORM = Form(
         "role": Choice("free, or prescribed: a motor that keeps to its angle", words=ROLES),
     }
 )
+_SLIDING = "friction."
+RADIAL_FORM = Form(
+    {
+        **{key: _number(given) for key, given in laws.IN_BEARINGS.items() if not key.startswith(_SLIDING)},
+        "friction": Sub(
+            "dry friction of the contact: coefficient, radius, smoothing",
+            inner=Form(
+                {
+                    key.removeprefix(_SLIDING): _number(given)
+                    for key, given in laws.IN_BEARINGS.items()
+                    if key.startswith(_SLIDING)
+                }
+            ),
+        ),
+    }
+)
 PLACEMENT = Form(
     {
         "xyz": vector("origin", "m"),
@@ -163,6 +179,9 @@ JOINT = Form(
             for key, axis in _AXES.items()
         },
         MOTOR: Sub("a motor behind an elastic gear drives the principal coordinate", inner=MOTOR_FORM),
+        laws.RADIAL: Sub(
+            "contact of a journal, which moves along x and y, in a round bearing", "m, N/m", inner=RADIAL_FORM
+        ),
         "limits": Numbers("lower and upper limit of the principal coordinate", "m or rad", count=2),
         "stops": Sub("contacts at the limits: stiffness, damping, restitution_damping, smoothing", inner=STOPS),
         "prescribed": Strings("coordinates whose motion is given", words=(*COORDINATES, MOTOR)),

@@ -24,7 +24,7 @@ from ..pipeline.closing import closed_home
 from ..robot.coordinates import coordinate_names
 from ..robot.geometry import IDENTITY
 from ..robot.inertia_policy import link_sizes, lowest_moments, second_moments
-from ..robot.laws import given_laws
+from ..robot.laws import RADIAL, given_laws
 from ..robot.value import (
     ANGULAR,
     COORDINATES,
@@ -138,6 +138,8 @@ def left_out(robot: Robot) -> list[str]:
             found += [f"{where}.{what}" for what in (*_unknown(joint.motor.transmission), *_unknown(joint.motor.rotor))]
             if joint.motor.transmission.preload:
                 found.append(f"{where}.preload: left out")
+        if joint.radial is not None:
+            found.append(f"joints.{joint.name}.{RADIAL}: left out")
     for spring in robot.springs:
         where = f"springs.{spring.name}"
         if spring.curve is not None:

@@ -342,11 +342,16 @@ class ByName(Key):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Either(Key):
-    """One of several kinds, told apart by their TOML types; what is none of them is refused as the first."""
+    """One of several kinds, told apart by their TOML types; what is none of them is refused as the first, or by the
+    rule.
+    """
 
     options: tuple[Key, ...] = ()
+    rule: str = ""
 
     def take(self, table: Place, key: str, value: Any) -> Any:
+        if self.rule and not any(isinstance(value, option.form) for option in self.options):
+            self.refuse(table, key, value, self.rule)
         return self.option(value).take(table, key, value)
 
     def option(self, value: object) -> Key:

@@ -230,10 +230,10 @@ class Pair(Key):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Entries(Key):
-    """An array of tables; where they have a ``name``, it is unique.  some: one or more."""
+    """An array of tables; where they have a ``name``, it is unique.  fewest: how many there are at least, up to two."""
 
     inner: Form | Kinds = Form({})
-    some: bool = False
+    fewest: int = 0
     form: ClassVar[type] = list
 
     @property
@@ -248,14 +248,15 @@ class Entries(Key):
 
     def read(self, table: Table, key: str, value: Any) -> Iterator[tuple[str, Table]]:
         """Name and table of each entry; what is needed in them is not looked at."""
-        if not isinstance(value, list) or (self.some and not value):
-            what = "one or more tables" if self.some else "an array of tables"
+        if not isinstance(value, list) or len(value) < self.fewest:
+            what = ("an array of tables", "one or more tables", "two or more tables")[self.fewest]
             self.refuse(table, key, value, f"{what}, written [[{key}]]")
         if len(value) > MOST_ENTRIES:
             table.fail(f"there are {len(value)} [[{key}]]; allowed: up to {MOST_ENTRIES}", f"{key}[{MOST_ENTRIES}]")
         seen = set()
         for index, item in enumerate(value):
-            entry = table.inside(key, item, self.inner, self.where(key, index, item), str(index))
+            where = ".".join(filter(None, (table.where, self.where(key, index, item))))
+            entry = table.inside(key, item, self.inner, where, str(index))
             name = entry.name() if self.named else ""
             if self.named and name in seen:
                 entry.fail(f"the name {name!r} is taken by an earlier entry of [[{key}]]; allowed: unique names")
@@ -263,5 +264,5 @@ class Entries(Key):
             yield name, entry
 
     def json(self) -> Json:
-        least = {"minItems": 1} if self.some else {}
+        least = {"minItems": self.fewest} if self.fewest else {}
         return {"type": "array", "items": self.inner.json(), **least, "maxItems": MOST_ENTRIES}

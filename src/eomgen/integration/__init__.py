@@ -11,17 +11,20 @@ from ..lazily import attributes
 
 if TYPE_CHECKING:
     from .contacts import Contact
+    from .resting import Rest, rests
     from .solve import METHODS, choose_method, integrate
     from .trajectory import Trajectory
 
-__all__ = ["METHODS", "Contact", "Trajectory", "choose_method", "integrate"]
+__all__ = ["METHODS", "Contact", "Rest", "Trajectory", "choose_method", "integrate", "rests"]
 
 _MODULES = {
     "Contact": "contacts",
     "METHODS": "solve",
+    "Rest": "resting",
     "Trajectory": "trajectory",
     "choose_method": "solve",
     "integrate": "solve",
+    "rests": "resting",
 }
 
 

@@ -9,7 +9,8 @@ from ..errors import ArrayError, IntegrationStopped, LoopError
 from ..loops.chart import Chart, Followed
 from ..runtime.kernel import Kernel
 from ..runtime.opened import left_open
-from ..state.vectors import Q_STEP, V_STEP, DriveFunction, MotionFunction, WrenchFunction
+from ..state.springs import rate_step
+from ..state.vectors import Q_STEP, DriveFunction, MotionFunction, WrenchFunction
 from .system import System
 
 Array = NDArray[np.float64]
@@ -165,11 +166,10 @@ class ClosedSystem(System):
         loads = self._loads(t, q, v, drives=exact is None)
         return np.asarray(result + (loads[1:] - loads[0]).T / steps)
 
-    @staticmethod
-    def _differences(y: Array) -> Array:
+    def _differences(self, y: Array) -> Array:
         """Steps of finite differences, (2f,)."""
         f, size = y.size // 2, np.maximum(1.0, np.abs(y))
-        return np.concatenate([Q_STEP * size[:f], V_STEP * size[f:]])
+        return np.concatenate([Q_STEP * size[:f], rate_step(self.kernel) * size[f:]])
 
     def forces(self, t: float, q: Array, v: Array) -> Array:
         """u in a state: the drives, and what the motion of prescribed coordinates needs."""

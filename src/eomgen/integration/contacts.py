@@ -1,4 +1,4 @@
-"""When clearances of joints, cut ones too, and of elastic couplings close and open, and when stops are touched."""
+"""When clearances of joints, cut ones too, and couplings close and open, and stops and bearings are touched."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..runtime.kernel import Kernel
+from ..state.journals import journal_contacts
 from ..state.motors import deflections
 from ..state.springs import clearances, cut_clearances, cut_stops, stops
 
@@ -21,15 +22,19 @@ HALVINGS = 52  # of a step, to the last bit of a time
 
 @dataclass(frozen=True)
 class Contact:
-    """A coordinate that reaches an end of its clearance or one of its stops, or leaves it.
+    """A coordinate that reaches an end of its clearance or one of its stops, or leaves it; a journal in its bearing.
 
     Attributes:
         t: s.
-        coordinate: its name; of a motor's transmission the motor's, of a coupling the coupling's.
-        side: 1 at the positive end or upper stop, -1 at the negative end or lower stop.
+        coordinate: its name; of a motor's transmission the motor's, of a coupling the coupling's; of a
+            journal "JOINT.radial".
+        side: 1 at the positive end or upper stop, -1 at the negative end or lower stop; of a journal the end of its
+            bearing, 0 without a length.
         closes: whether it comes, or goes.
-        rate: of the coordinate, or of the transmission's or coupling's deflection, m/s or rad/s.
+        rate: of the coordinate, or of the transmission's or coupling's deflection, m/s or rad/s; of a journal
+            that of its distance from the bearing's axis.
         kind: CLEARANCE or STOP.
+        angle: of a journal, rad: the direction of x and y in which it touches, atan2(y, x); None of others.
     """
 
     t: float
@@ -38,6 +43,7 @@ class Contact:
     closes: bool
     rate: float
     kind: str = CLEARANCE
+    angle: float | None = None
 
 
 class Ends(Protocol):
@@ -122,6 +128,29 @@ class CutEnds:
         return Contact(t, here.name, here.side, closes, float(rate), here.kind)
 
 
+class Bearings:
+    """Where journals touch."""
+
+    def __init__(self, kernel: Kernel) -> None:
+        self._journals = journal_contacts(kernel)
+
+    def __len__(self) -> int:
+        """Number of ends."""
+        return len(self._journals)
+
+    def gaps(self, q: Array, v: Array) -> Array:
+        """Distances beyond each of the ends, m or rad, below 0 inside."""
+        return np.array([journal.gap(q) for journal in self._journals])
+
+    def contact(self, end: int, t: float, q: Array, v: Array, closes: bool) -> Contact:
+        """The contact at one of the ends, in the state at its time."""
+        journal = self._journals[end]
+        x, y = journal.centre(q)
+        angle = float(np.arctan2(y, x))
+        rate = np.array([np.cos(angle), np.sin(angle)]) @ journal.arms(q) @ v[list(journal.index)]
+        return Contact(t, journal.name, journal.end, closes, float(rate), angle=angle)
+
+
 class ContactWatch:
     """Finds contacts between two states of a motion; ``found`` grows.
 
@@ -130,7 +159,7 @@ class ContactWatch:
 
     def __init__(self, kernel: Kernel) -> None:
         self._n = kernel.n
-        groups: Sequence[Ends] = (CoordinateEnds(kernel), CutEnds(kernel))
+        groups: Sequence[Ends] = (CoordinateEnds(kernel), CutEnds(kernel), Bearings(kernel))
         self._groups = [group for group in groups if len(group)]
         self.found: list[Contact] = []
 

@@ -34,6 +34,7 @@ from .steps import (
 )
 from .system import System
 from .trajectory import FiniteMotion, Trajectory, trajectory_of
+from .turning import TurningSystem
 
 Array = NDArray[np.float64]
 
@@ -62,6 +63,9 @@ def integrate(
 ) -> Trajectory:
     """Integrate M(q) a + bias = generalized force + u from a state; loops are closed to 1e-12 throughout.
 
+    Joints that turn freely (``kernel.raw.turning``) pass beta = +-pi/2 in other angles.  Drives and wrenches are asked
+    in those of the description, and samples are told so.
+
     Args:
         kernel: float64, with forward_dynamics and energy; implicit methods and ``atol=None`` need mass_matrix, and
             implicit ones inverse_dynamics.  Of a robot with loops or couplings constrained_dynamics, constraint,
@@ -81,7 +85,7 @@ def integrate(
             "Radau", "BDF", "LSODA", "DOP853", "RK45" (all SciPy's), "CVODE", "IDA" (SUNDIALS'), or "rk4" with a fixed
             step.  Those of SUNDIALS do not take mechanisms with loops.
         rtol, atol: tolerances; atol is a number or (2n,), first of q, then of v.  By default rtol times the size of
-            each coordinate: ``coordinate_sizes``.
+            each coordinate: ``coordinate_sizes``; of a rate that friction resists at most the smoothing of that.
         step: of rk4, s; shortened so that it divides ``output_step``.  Default: half the time in which the fastest
             spring turns by 1 rad, or a damper or friction slows down by a factor e.
         output_step: distance of the samples, s, shortened so that it divides the duration; default duration / 1000.
@@ -103,7 +107,8 @@ def integrate(
             coordinate and time and has the last good state and the trajectory up to it.
         InputError: an argument is wrong, a prescribed coordinate has no motion, or SciPy is not installed.
     """
-    system = (ClosedSystem if kernel.constraints else System)(kernel, drive, wrench, prescribed)
+    kind = ClosedSystem if kernel.constraints else TurningSystem if kernel.raw.turning else System
+    system = kind(kernel, drive, wrench, prescribed)
     q0, v0 = (state_vector(label, x, kernel.coordinates) for label, x in (("q0", q0), ("v0", v0)))
     times = output_times(duration, output_step) if times is None else checked_times(times, duration, output_step)
     method = choose_method(kernel, method, q0, float(times[-1] - times[0]))
@@ -120,7 +125,7 @@ def integrate(
             return
         absolute = tolerances(system, q0, rtol, atol)
         if method in sundials.METHODS:
-            sundials.sundials_states(system, samples, method, rtol, absolute, report, watch)
+            sundials.sundials_states(system, y0, samples, method, rtol, absolute, report, watch)
         else:
             sampled(Steps(method, rtol, absolute, float(times[-1])), system, y0, samples, report, watch)
 

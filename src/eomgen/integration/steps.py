@@ -13,8 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import ArrayError, EomgenError, InputError, IntegrationStopped
 from ..optional import optional_import
 from ..progress import Progress
+from ..robot.laws import COARSE
 from ..runtime.kernel import Kernel
-from ..state.springs import coordinate_sizes, fastest_rates
+from ..state.springs import coordinate_sizes, fastest_rates, rubbing_rates
 from .contacts import ContactWatch
 from .system import System
 
@@ -69,7 +70,8 @@ def reporter(progress: Progress | None, duration: float) -> Progress:
 def fixed_step(kernel: Kernel, q0: Array, step: float | None, times: Array, *, explicit: bool = True) -> float:
     """The step of rk4, s: as given, or half the time of the fastest spring, damper or friction, at most 1 ms.
 
-    That is the time in which a spring turns by 1 rad, or a damper, or friction about rest, takes 1 - 1 / e of a rate.
+    That is the time in which a spring turns by 1 rad, or a damper, or friction about rest, takes 1 - 1 / e of a rate;
+    of friction that turns round too sharply for that, one of COARSE.
     Steps that are not ``explicit`` need not follow what slows down.
     """
     if step is not None:
@@ -77,7 +79,7 @@ def fixed_step(kernel: Kernel, q0: Array, step: float | None, times: Array, *, e
             raise InputError(f"step: {step!r} s; a step is a finite time greater than 0")
         return step
     try:
-        swing, slowing = fastest_rates(kernel, q0)
+        swing, slowing = fastest_rates(kernel, q0, COARSE)
     except np.linalg.LinAlgError:  # M is singular, as the first evaluation says
         swing, slowing = 0.0, 0.0
     fastest = max(swing, slowing) if explicit else swing
@@ -240,7 +242,8 @@ def tolerances(system: System, q0: Array, rtol: float, atol: ArrayLike | None) -
     if not (np.isfinite(rtol) and 1e-13 <= rtol < 1.0):
         raise InputError(f"rtol: {rtol!r}; allowed: from 1e-13 to less than 1")
     if atol is None:
-        return rtol * np.concatenate(coordinate_sizes(system.kernel, q0))
+        q_sizes, v_sizes = coordinate_sizes(system.kernel, q0)
+        return np.concatenate([rtol * q_sizes, np.minimum(rtol * v_sizes, rubbing_rates(system.kernel, q0))])
     try:
         tolerance = np.broadcast_to(np.asarray(atol, dtype=np.float64), (2 * n,))
     except (TypeError, ValueError):

@@ -31,6 +31,7 @@ NEAR = 1e-9  # of a time
 
 def sundials_states(
     system: System,
+    y: Array,
     samples: Samples,
     method: str,
     rtol: float,
@@ -42,6 +43,7 @@ def sundials_states(
 
     Args:
         system: the equations; its counts grow.
+        y: what they are integrated from, at the first time.
         samples: with the state at the first time.
         method: "CVODE" or "IDA".
         rtol, atol: tolerances, (2n,) the second.
@@ -52,9 +54,10 @@ def sundials_states(
         IntegrationStopped: it cannot go on, with the last good state.
         InputError: scikit-sundae is not installed.
     """
-    good, reached = samples.states[0], float(samples.times[0])
+    good, reached = y, float(samples.times[0])
     solver = _start(system, good, reached, method, rtol, atol, watch)
     for t in samples.times[1:]:
+        whole = samples.states[samples.done - 1]
         while reached < t:
             try:
                 found = solver.step(float(t))
@@ -64,12 +67,15 @@ def sundials_states(
             if not (found.success and np.isfinite(found.y).all()):
                 reason = str(found.message).rstrip(".").lower()
                 raise system.stopped(f"{method} cannot go on: {reason}", reached, good)
-            reached, good = float(found.t), np.array(found.y)
+            reached = float(found.t)
+            good, whole, anew = system.arrived(reached, np.array(found.y))
             system.trouble = None  # it was overcome
             if reached < t:  # an event stopped it
-                for end in np.flatnonzero(found.i_events[-1]):
-                    watch.note(int(end), reached, good, bool(found.i_events[-1][end] > 0))
-        samples.take(good[np.newaxis])
+                for end in np.flatnonzero(found.i_events[-1][: len(watch)]):
+                    watch.note(int(end), reached, whole, bool(found.i_events[-1][end] > 0))
+            if anew:
+                solver = _start(system, good, reached, method, rtol, atol, watch)
+        samples.take(whole[np.newaxis])
         report(reached, f"t = {reached:.3f} s, {method}, {system.counts['evaluations']} calls")
 
 
@@ -79,8 +85,9 @@ def _start(system: System, y0: Array, t0: float, method: str, rtol: float, atol:
         from sksundae.ida import IDA
     functions = _ida(system, watch) if method == "IDA" else _cvode(system, watch)
     options: dict[str, Any] = {"rtol": rtol, "atol": atol, "max_num_steps": MOST_STEPS, "jacfn": functions[1]}
-    if len(watch):
-        options |= {"eventsfn": functions[2], "num_events": len(watch)}
+    events = len(watch) + system.edges(y0).size
+    if events:
+        options |= {"eventsfn": functions[2], "num_events": events}
     slopes = system.derivative(t0, y0)  # a state that cannot move is the caller's: its error comes as it is
     solver = (IDA if method == "IDA" else CVODE)(functions[0], **options)
     solver.init_step(t0, y0, *([slopes] if method == "IDA" else []))
@@ -118,7 +125,7 @@ def _cvode(system: System, watch: ContactWatch) -> tuple[Any, Any, Any]:
         fill(t, y, lambda: system.jacobian(t, y), out)
 
     def events(_t: float, y: Array, out: Array) -> None:
-        out[:] = watch.gaps(y)
+        out[:] = np.concatenate([watch.gaps(y), system.edges(y)])
 
     return right_side, jacobian, events
 
@@ -133,6 +140,6 @@ def _ida(system: System, watch: ContactWatch) -> tuple[Any, Any, Any]:
         fill(t, y, lambda: system.residual_jacobian(t, y, slopes, c), out)
 
     def events(_t: float, y: Array, _slopes: Array, out: Array) -> None:
-        out[:] = watch.gaps(y)
+        out[:] = np.concatenate([watch.gaps(y), system.edges(y)])
 
     return residual, jacobian, events

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ArrayError, InputError, IntegrationError, IntegrationStopped
 from ..runtime.kernel import Kernel
-from ..state.springs import coordinate_sizes
+from ..state.springs import coordinate_sizes, rate_step, smoothings
 from ..state.vectors import Q_STEP, V_STEP, DriveFunction, MotionFunction, WrenchFunction, prescribed_mask
 from .advance import Advance
 
@@ -21,6 +21,7 @@ class System:
     ArrayError that names it.  With ``advance`` evaluations that lead nowhere are an IntegrationError.
 
     Attributes:
+        here: the kernel whose coordinates y has.
         part: of the tolerances that is left to y, where that is a part of the state.
     """
 
@@ -36,6 +37,7 @@ class System:
         if kernel.dtype != np.float64:
             raise InputError(f"integration needs a float64 kernel; {kernel.name} is {kernel.dtype}")
         self.kernel, self.n = kernel, kernel.n
+        self.here = kernel
         self._drive = drive
         self._prescribed = prescribed
         self._given = [kernel.coordinates.index(name) for name in kernel.prescribed]
@@ -75,9 +77,14 @@ class System:
         """How far samples, (T, n), are from singular poses, (T,); None where there are no loops."""
         return None
 
+    def edges(self, y: Array) -> Array:
+        """Numbers of which none changes its sign between two times at which y begins anew."""
+        return np.zeros(0)
+
     def about(self, q: Array, v: Array) -> dict[str, float]:
         """Counts of calls, and more that is said of the motion with samples q and v, (T, n)."""
-        return dict(self.counts)
+        known = smoothings(self.kernel)
+        return self.counts | ({"friction_smoothing": max(known.values())} if known else {})
 
     def prescribe(self, t: float, q: Array, v: Array) -> Array:
         """Put q and v of prescribed coordinates into a state's arrays; their accelerations."""
@@ -100,8 +107,8 @@ class System:
         if self._given:
             u[self._given] = self.prescribe(t, q, v)
             wrench = self.wrench(t, q, v)
-            a = self.kernel.forward_dynamics(q, v, u, wrench=wrench)
-            u[self._given] = self.kernel.inverse_dynamics(q, v, a, wrench=wrench, cut=True)[self._given]
+            a = self.here.forward_dynamics(q, v, u, wrench=wrench)
+            u[self._given] = self.here.inverse_dynamics(q, v, a, wrench=wrench, cut=True)[self._given]
         return u
 
     def drives(self, t: float, q: Array, v: Array) -> Array:
@@ -156,7 +163,7 @@ class System:
             u = np.array(u)
             u[self._given] = a
         result[: self.n] = v
-        self.kernel.forward_dynamics(q, v, u, wrench=wrench, out=result[self.n :])
+        self.here.forward_dynamics(q, v, u, wrench=wrench, out=result[self.n :])
         self._refuse_not_finite("acceleration", result[self.n :], t)
         return result
 
@@ -193,7 +200,7 @@ class System:
         q, v, a = y[:n], y[n:], slopes[n:].copy()
         given = self.prescribe(t, q, v)
         wrench = self.wrench(t, q, v)
-        result = np.concatenate([slopes[:n] - v, self.kernel.inverse_dynamics(q, v, a, wrench=wrench, cut=True)])
+        result = np.concatenate([slopes[:n] - v, self.here.inverse_dynamics(q, v, a, wrench=wrench, cut=True)])
         result[n:] -= self.drives(t, q, v)
         if self._given:
             result[n:][self._given] = a[self._given] - given
@@ -222,8 +229,9 @@ class System:
         The kernel's exact ones where it has them, else finite differences of a batch of inverse dynamics; those of
         drives and wrenches are finite differences unless the drive has a method ``slopes``.
         """
-        n, kernel, wrench = self.n, self.kernel, self.wrench(t, q, v)
-        steps = np.concatenate([Q_STEP * np.maximum(1.0, np.abs(q)), V_STEP * np.maximum(1.0, np.abs(v))])
+        n, kernel, wrench = self.n, self.here, self.wrench(t, q, v)
+        rate = V_STEP if "residual_jacobian" in kernel.operations else rate_step(kernel)
+        steps = np.concatenate([Q_STEP * np.maximum(1.0, np.abs(q)), rate * np.maximum(1.0, np.abs(v))])
         states = np.tile(np.concatenate([q, v]), (2 * n + 1, 1))
         states[np.arange(1, 2 * n + 1), np.arange(2 * n)] += steps
         qs, vs = np.ascontiguousarray(states[:, :n]), np.ascontiguousarray(states[:, n:])
@@ -243,7 +251,7 @@ class System:
     def _drive_slopes(self, t: float, qs: Array, vs: Array, steps: Array) -> Array:
         """Derivatives of the drives by (q, v), (n, 2n), about the first of the states, which differ by the steps."""
         exact = getattr(self._drive, "slopes", None)
-        if exact is not None:
+        if exact is not None and self.here is self.kernel:
             return np.hstack(exact(t, qs[0], vs[0]))
         drives = self.drives(t, qs, vs)
         slopes: Array = (drives[1:] - drives[0]).T / steps

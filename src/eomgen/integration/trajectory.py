@@ -10,10 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ArrayError, InputError, IntegrationStopped
+from ..names import component_name
 from ..robot.coordinates import force_unit_of, unit_of
+from ..robot.value import ANGULAR
 from ..shown import Shown
+from ..state.turning import quaternions
 from ..tabular import Rows, TableColumn, Tabular
 from .contacts import Contact, ContactWatch
+from .resting import Rest, rests
 from .steps import Samples
 from .system import System
 
@@ -26,13 +30,16 @@ class Trajectory(Shown, Tabular):
 
     Attributes:
         t: times, (T,), s.
-        q, v: coordinates and rates, (T, n).
+        q, v: coordinates and rates, (T, n); angles go on next to those of the sample before (see ``quaternion``).
         u: drives, (T, n), N or N m.
         energy: kinetic and potential energy, (T, 2), J.
         coordinates: names, (n,).
         method: the method that was used.
         info: numbers of steps (0: not known), evaluations (of forward or inverse dynamics) and jacobians; wall_s, s.
+            Where there is friction, friction_smoothing is the largest rate (m/s or rad/s) w over which one turns round:
+            what it holds with the part x of its limit creeps at w x / sqrt(1 - x^2).
         contacts: when clearances closed and opened, by time.
+        rests: when friction held a coordinate, by time; see ``resting.rests``.
     """
 
     t: Array
@@ -44,6 +51,7 @@ class Trajectory(Shown, Tabular):
     method: str
     info: Mapping[str, float] = field(default_factory=dict)
     contacts: tuple[Contact, ...] = ()
+    rests: tuple[Rest, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "info", MappingProxyType(dict(self.info)))
@@ -53,6 +61,16 @@ class Trajectory(Shown, Tabular):
         if coordinate not in self.coordinates:
             raise InputError(f"coordinate: {coordinate!r} is unknown; known: {', '.join(self.coordinates)}")
         return self.q[:, self.coordinates.index(coordinate)]
+
+    def quaternion(self, joint: str) -> Array:
+        """Rotation of a joint's angles alpha, beta and gamma over time as unit quaternions (w, x, y, z), (T, 4).
+
+        They have no singularity, and follow one another without a jump of sign.
+
+        Raises:
+            InputError: there are no such three coordinates.
+        """
+        return quaternions(np.stack([self.of(component_name(joint, name)) for name in ANGULAR], axis=-1))
 
     def as_rows(self) -> Rows:
         """A row per time: every coordinate, with .rate and .drive, and energy.kinetic and energy.potential."""
@@ -106,9 +124,10 @@ def trajectory_of(
         stop = system.stopped("the forces cannot be evaluated at the next sample", float(times[last]), states[last])
     trajectory = None
     if last >= 0:
-        about, contacts = info(motion), tuple(watch.found)
-        names = system.kernel.coordinates
-        trajectory = Trajectory(motion.t, motion.q, motion.v, motion.u, motion.energy, names, method, about, contacts)
+        about, kernel = info(motion), system.kernel
+        found = tuple(watch.found), rests(kernel, motion.t, motion.q, motion.v)
+        samples_of = motion.t, motion.q, motion.v, motion.u, motion.energy
+        trajectory = Trajectory(*samples_of, kernel.coordinates, method, about, *found)
     if stop is not None:
         stop.trajectory = trajectory
         raise stop from (stop.__cause__ or trouble)

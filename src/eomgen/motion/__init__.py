@@ -1,6 +1,6 @@
-"""Motions of coordinates and tools over time: from point to point, splines, tables, tool paths, measured files.
+"""Motions of coordinates and tools over time: from point to point, splines, tables, tool paths, poses, measured files.
 
-Uses runtime, robot, forms and loops.
+Uses runtime, robot, forms, state and loops.
 """
 
 from __future__ import annotations
@@ -13,9 +13,10 @@ if TYPE_CHECKING:
     from .ends import default_motion, principal_limits
     from .files import MeasuredMotion, motion_from_columns, read_motion
     from .point_to_point import Harmonic, PointToPoint, Program
+    from .poses import inverse_kinematics
     from .splines import Spline, Standstill
     from .timetable import TimeTable
-    from .tool_path import ToolCircle, ToolLine, ToolPath
+    from .tool_path import ToolCircle, ToolLine, ToolPath, ToolSpline
 
 __all__ = [
     "Harmonic",
@@ -28,7 +29,9 @@ __all__ = [
     "ToolCircle",
     "ToolLine",
     "ToolPath",
+    "ToolSpline",
     "default_motion",
+    "inverse_kinematics",
     "motion_from_columns",
     "principal_limits",
     "read_motion",
@@ -45,7 +48,9 @@ _MODULES = {
     "ToolCircle": "tool_path",
     "ToolLine": "tool_path",
     "ToolPath": "tool_path",
+    "ToolSpline": "tool_path",
     "default_motion": "ends",
+    "inverse_kinematics": "poses",
     "motion_from_columns": "files",
     "principal_limits": "ends",
     "read_motion": "files",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ..errors import InputError, UnknownNameError
 from ..names import joint_of, split_component
 from ..robot.coordinates import unit_of
+from ..robot.model import build_model
 from ..robot.value import PRINCIPAL, Robot
 from .point_to_point import PointToPoint
 
@@ -25,6 +26,31 @@ def principal_limits(robot: Robot, coordinate: str) -> tuple[float, float]:
     limits, held = _limits(robot, coordinate)
     home = robot.home.get(coordinate, 0.0)
     return (home, home) if held else limits
+
+
+def limits_beside(robot: Robot, coordinates: Sequence[str], driven: Container[str], q: Array) -> Array:
+    """Lower and upper limits, (n, 2), between which coordinates of a rigid robot are looked for.
+
+    Driven ones within their limits, those that follow in a closed mechanism anywhere; all others stay.
+
+    Args:
+        robot: whose limits hold.
+        coordinates: names, n.
+        driven: those that may be moved.
+        q: where the others stay, (n,).
+    """
+    follow = _rigid_coordinates(robot) if robot.is_closed else set()
+    found = [
+        principal_limits(robot, name) if name in driven else (-np.inf, np.inf) if name in follow else (x, x)
+        for name, x in zip(coordinates, q.tolist(), strict=True)
+    ]
+    return np.array(found)
+
+
+def _rigid_coordinates(robot: Robot) -> set[str]:
+    """Names of the coordinates of the rigid robot that are not prescribed."""
+    model = build_model(robot.rigid())
+    return {name for i, name in enumerate(model.coordinates) if i not in model.prescribed}
 
 
 def _limits(robot: Robot, coordinate: str) -> tuple[tuple[float, float], bool]:

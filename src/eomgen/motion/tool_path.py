@@ -1,30 +1,76 @@
-"""A path of a tool, straight or round, as a motion of a robot's principal coordinates."""
+"""A path of a tool, straight, round or through points, as a motion of a robot's principal coordinates."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import ArrayError, InputError, LoopError
-from ..loops.chart import Chart
+from ..errors import ArrayError, InputError, ReachError
+from ..names import show
 from ..optional import optional_import
 from ..runtime.kernel import Kernel
 from .point_to_point import PointToPoint
+from .reaching import Reached, Target, binding, point_text, reach, search, within_limits
+from .splines import Spline
+from .turns import rotation_matrices, spherical, spherical_spline
 
 Array = NDArray[np.float64]
+Orientation = Literal["keep"] | tuple[ArrayLike | None, ArrayLike | None]
 
 POINTS = 201  # of the path, between which joints follow a spline
-CLOSE = 1e-11  # m, to the path at those points, times its length or 1 m
-GUESSES, STEPS = 40, 100
-REACH = 0.3  # rad, m: longest step of an iteration
+FEWEST = 20  # of them between two points of a spline
+JUMP = 0.3  # rad, m: a coordinate that changes by more between two of them has left the way
+NEAR_LIMIT = 0.1  # of a coordinate's range: where it begins to spare its limit
+LEAST_WEIGHT = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Turning:
+    """Orientations of a tool along its path.
+
+    Attributes:
+        first: at the beginning, (3, 3); None leaves it to the coordinates from which the path begins.
+        along: from the first orientation to those at all points, (P, 3, 3).
+    """
+
+    first: Array | None
+    along: Callable[[Array], Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """Points that a tool is to pass.
+
+    Attributes:
+        name: of the path, for messages.
+        points: (P, 3), m, base axes.
+        parts: which part of the path's length lies before them, (P,).
+        t: when they are passed, (P,), s.
+        turning: its orientations; None leaves them open.
+    """
+
+    name: str
+    points: Array
+    parts: Array
+    t: Array
+    turning: Turning | None = None
+
+    def text(self, k: int) -> str:
+        """Where and when the point k is, for messages."""
+        return f"{100.0 * self.parts[k]:.3g} % of its length, t = {self.t[k]:.4g} s"
 
 
 class ToolPath:
-    """The tool's origin moves along points, with the profile of ``PointToPoint``.
+    """The tool's origin moves along points, with the profile of ``PointToPoint``; without an orientation it turns as
+    the joints let it.
 
-    Joints follow by inverse kinematics, each time the smallest change that does it; the tool turns as they let it.
+    Joints follow by inverse kinematics, each time by the least change that does it: the sum of squares of all
+    coordinates' changes, rad and m alike.  Where that leads out of the limits, coordinates near their limits count more
+    instead, up to a million times.
 
     Args:
         kernel: of the rigid robot, with kinematics; all its coordinates may move, as far as its loops let them.
@@ -35,9 +81,14 @@ class ToolPath:
         limits: lower and upper limits, (n, 2), infinite where there is none.
         start_time: s; until then the tool rests at the first point.
         name: of the path, for messages.
+        orientation: of the tool's axes: "keep" holds that with which the path begins; a pair of rotations, (3, 3), is
+            turned from the first to the second along the path, about one axis.  Without the first, the path begins with
+            the orientation to which the least change from the guess leads; without the second, the first stays.
 
     Raises:
-        InputError: SciPy is not installed, or the tool cannot follow within the limits: the point is named.
+        InputError: SciPy is not installed.
+        ReachError: the tool cannot follow within the limits; says where, when and by how much.
+        ArrayError: an orientation that is no rotation.
     """
 
     def __init__(
@@ -51,23 +102,16 @@ class ToolPath:
         limits: Array,
         start_time: float = 0.0,
         name: str = "path",
+        orientation: Orientation | None = None,
     ) -> None:
         with optional_import("SciPy", f"a {name} of the tool needs"):
             from scipy.interpolate import make_interp_spline
         self.profile = PointToPoint(np.zeros(1), np.ones(1), duration, start_time)
-        along = np.linspace(0.0, 1.0, POINTS)
-        close = CLOSE * max(1.0, float(np.abs(points).max()))
-        q = np.empty((POINTS, kernel.n))
-        q[0] = _first(kernel, tool, points[0], guess, limits, close)
-        for k in range(1, POINTS):
-            q[k] = _reached(kernel, tool, points[k], q[k - 1], limits, close, name)
-            if not within_limits(q[k], limits):
-                worst = int(np.argmax(np.maximum(limits[:, 0] - q[k], q[k] - limits[:, 1])))
-                raise InputError(
-                    f"{kernel.name}: at {_show(points[k])} on the {name} {kernel.coordinates[worst]} ="
-                    f" {q[k, worst]:.4g}; its limits are {limits[worst, 0]:.4g} to {limits[worst, 1]:.4g}"
-                )
-        spline = make_interp_spline(along, q, k=5)
+        along = np.linspace(0.0, 1.0, len(points))
+        times = np.linspace(start_time, start_time + duration, 20 * POINTS)
+        when = np.interp(along, self.profile.at(times)[0][:, 0], times)
+        course = Course(name, points, along, when, _turning(orientation, along))
+        spline = make_interp_spline(along, _followed(kernel, tool, course, guess, limits), k=5)
         self._splines = (spline, spline.derivative(1), spline.derivative(2))
 
     @property
@@ -105,12 +149,23 @@ class ToolLine(ToolPath):
         guess: Array,
         limits: Array,
         start_time: float = 0.0,
+        orientation: Orientation | None = None,
     ) -> None:
         ends = np.array([space_point("begin", begin), space_point("end", end)])
         if np.array_equal(*ends):
-            raise InputError(f"line: begins and ends at {_show(ends[0])}; allowed: two different points")
+            raise InputError(f"line: begins and ends at {point_text(ends[0])}; allowed: two different points")
         points = ends[0] + np.linspace(0.0, 1.0, POINTS)[:, np.newaxis] * (ends[1] - ends[0])
-        super().__init__(kernel, tool, points, duration, guess=guess, limits=limits, start_time=start_time, name="line")
+        super().__init__(
+            kernel,
+            tool,
+            points,
+            duration,
+            guess=guess,
+            limits=limits,
+            start_time=start_time,
+            name="line",
+            orientation=orientation,
+        )
 
 
 class ToolCircle(ToolPath):
@@ -140,6 +195,7 @@ class ToolCircle(ToolPath):
         guess: Array,
         limits: Array,
         start_time: float = 0.0,
+        orientation: Orientation | None = None,
     ) -> None:
         middle, axis, first = space_point("center", center), space_point("normal", normal), space_point("begin", begin)
         arm, length = first - middle, float(np.linalg.norm(axis))
@@ -147,102 +203,172 @@ class ToolCircle(ToolPath):
             raise InputError("circle: allowed: a normal, an angle and a radius that are not zero")
         axis /= length
         if abs(axis @ arm) > 1e-6 * np.linalg.norm(arm):
-            raise InputError(f"circle: {_show(first)} is not in the plane through the center, across the normal")
+            raise InputError(f"circle: {point_text(first)} is not in the plane through the center, across the normal")
         arm -= (axis @ arm) * axis
         turn = angle * np.linspace(0.0, 1.0, POINTS)[:, np.newaxis]
         points = middle + np.cos(turn) * arm + np.sin(turn) * np.cross(axis, arm)
         super().__init__(
-            kernel, tool, points, duration, guess=guess, limits=limits, start_time=start_time, name="circle"
+            kernel,
+            tool,
+            points,
+            duration,
+            guess=guess,
+            limits=limits,
+            start_time=start_time,
+            name="circle",
+            orientation=orientation,
         )
 
 
-def _first(kernel: Kernel, tool: str, point: Array, guess: Array, limits: Array, close: float) -> Array:
-    """Coordinates within the limits that put the tool there: from the guess, or from others, always the same."""
-    missed = np.inf
-    for trial in starting_points(guess, limits):
-        q, distance = reach(kernel, tool, point, trial, limits, close)
-        missed = min(missed, distance)
-        if distance <= close and within_limits(q, limits):
-            return q
-    reason = "not within its limits" if missed <= close else f"it gets as near as {missed:.3g} m"
-    raise InputError(f"{kernel.name}: {tool} does not reach {_show(point)}: {reason}")
+class ToolSpline(Spline):
+    """The tool passes points in space at given times, at rest at the first and the last; errors as ``ToolPath``, and
+
+    Its origin follows a spline of degree 5; orientations are interpolated spherically, with continuous angular
+    velocity and acceleration (``turns.spherical_spline``).
+
+    Args:
+        kernel, tool, guess, limits: as ``ToolPath`` has them.
+        points: (K, 3), m, base axes, two or more.
+        times: (K,), s, rising.
+        orientation: "keep", or the tool's axes at the points as columns, (K, 3, 3); open if not given.
+
+    Raises:
+        ArrayError: arrays that do not fit together, or are not finite.
+    """
+
+    def __init__(
+        self,
+        kernel: Kernel,
+        tool: str,
+        points: ArrayLike,
+        times: ArrayLike,
+        *,
+        guess: Array,
+        limits: Array,
+        orientation: Literal["keep"] | ArrayLike | None = None,
+    ) -> None:
+        knots, places = np.asarray(times, dtype=np.float64), np.asarray(points, dtype=np.float64)
+        if knots.ndim != 1 or knots.size < 2 or not (np.diff(knots) > 0.0).all() or not np.isfinite(knots).all():
+            raise ArrayError("times: allowed: two or more finite numbers that rise, s")
+        if places.shape != (knots.size, 3) or not np.isfinite(places).all():
+            raise ArrayError(f"points: got shape {places.shape}; allowed: finite numbers ({knots.size}, 3), m")
+        pieces = max(FEWEST, -(-(POINTS - 1) // (knots.size - 1)))
+        t = np.interp(np.arange(pieces * (knots.size - 1) + 1) / pieces, np.arange(knots.size), knots)
+        way = Spline(knots, places, at_rest=True).at(t)[0]
+        lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))])
+        parts = lengths / lengths[-1] if lengths[-1] > 0.0 else np.linspace(0.0, 1.0, t.size)
+        turning = None
+        if isinstance(orientation, str):
+            turning = _turning(_keep(orientation), parts)
+        elif orientation is not None:
+            rotations = rotation_matrices("orientation", orientation, (knots.size,))
+            turning = Turning(rotations[0], lambda _: spherical_spline(knots, rotations, t))
+        course = Course("spline", way, parts, t, turning)
+        super().__init__(t, _followed(kernel, tool, course, guess, limits), at_rest=True)
 
 
-def starting_points(guess: Array, limits: Array) -> Iterator[Array]:
-    yield guess
-    rng = np.random.default_rng(0)
-    low, high = np.maximum(limits[:, 0], guess - 3.0), np.minimum(limits[:, 1], guess + 3.0)
-    for _ in range(GUESSES):
-        yield rng.uniform(np.minimum(low, high), high)
+def _keep(orientation: str) -> Literal["keep"]:
+    if orientation != "keep":
+        raise InputError(f"orientation: got {show(orientation)}; allowed: 'keep', or rotations")
+    return "keep"
 
 
-def _reached(kernel: Kernel, tool: str, point: Array, q: Array, limits: Array, close: float, name: str) -> Array:
-    found, distance = reach(kernel, tool, point, q, limits, close)
-    if distance > close or np.abs(found - q).max() > REACH:
-        raise InputError(
-            f"{kernel.name}: {tool} cannot follow the {name} at {_show(point)}: it is out of reach, or the arm singular"
-        )
-    return found
+def _turning(orientation: Orientation | None, parts: Array) -> Turning | None:
+    if orientation is None:
+        return None
+    given = (None, None) if isinstance(orientation, str) and _keep(orientation) else orientation
+    first, last = (None if R is None else rotation_matrices("orientation", R) for R in given)
+    return Turning(first, lambda begin: spherical(begin, begin if last is None else last, parts))
 
 
-def reach(kernel: Kernel, tool: str, point: Array, q: Array, limits: Array, close: float) -> tuple[Array, float]:
-    """Levenberg and Marquardt's method: coordinates, and the distance that is left; loops stay closed."""
-    if kernel.constraints:
-        return _reach_closed(kernel, tool, point, q, limits, close)
-    q, damping = q.copy(), 1e-8
-    held = limits[:, 0] == limits[:, 1]
-    error = point - kernel.frame_pose(q, tool)[:3, 3]
-    for _ in range(STEPS):
-        distance = float(np.linalg.norm(error))
-        if distance <= close:
-            break
-        J = kernel.frame_jacobian(q, tool)[:3]
-        J[:, held] = 0.0
-        step = J.T @ np.linalg.solve(J @ J.T + damping * np.eye(3), error)
-        step *= min(1.0, REACH / max(float(np.abs(step).max()), 1e-300))
-        trial = q + step
-        left = point - kernel.frame_pose(trial, tool)[:3, 3]
-        if np.linalg.norm(left) < distance:
-            q, error, damping = trial, left, max(damping / 10.0, 1e-14)
-        else:
-            damping *= 10.0
-    return q, float(np.linalg.norm(error))
-
-
-def _reach_closed(
-    kernel: Kernel, tool: str, point: Array, q: Array, limits: Array, close: float
-) -> tuple[Array, float]:
-    """``reach`` by the independent coordinates of a closed mechanism; infinitely far where it does not close."""
-    held = limits[:, 0] == limits[:, 1]
+def _followed(kernel: Kernel, tool: str, course: Course, guess: Array, limits: Array) -> Array:
+    """Coordinates at the points of a course, (P, n); errors as of ``ToolPath``."""
+    turning = course.turning
+    target = Target(tool, course.points[0], None if turning is None else turning.first)
+    begun = _first(kernel, target, course, guess, limits)
+    axes = None
+    if turning is not None:
+        axes = turning.along(kernel.frame_pose(begun, tool)[:3, :3] if turning.first is None else turning.first)
+    targets = [Target(tool, point, None if axes is None else axes[k]) for k, point in enumerate(course.points)]
     try:
-        q = kernel.close(q, [name for name, stays in zip(kernel.coordinates, held, strict=True) if stays])
-    except LoopError:
-        return q, np.inf
-    damping, distance = 1e-8, np.inf
-    for _ in range(STEPS):
-        error = point - kernel.frame_pose(q, tool)[:3, 3]
-        distance = float(np.linalg.norm(error))
-        chart = Chart(kernel, q, given=held)
-        if distance <= close or not chart.free.size:
-            break
-        J = kernel.frame_jacobian(q, tool)[:3] @ chart.ways(chart.close(q)[1])
-        step = J.T @ np.linalg.solve(J @ J.T + damping * np.eye(3), error)
-        trial = q.copy()
-        trial[chart.free] += step * min(1.0, REACH / max(float(np.abs(step).max()), 1e-300))
+        return _tracked(kernel, targets, course, begun, limits, sparing=False)
+    except _LimitError as left:
         try:
-            trial = chart.close(trial)[0]
-        except LoopError:
-            damping *= 10.0
-            continue
-        if np.linalg.norm(point - kernel.frame_pose(trial, tool)[:3, 3]) < distance:
-            q, damping = trial, max(damping / 10.0, 1e-14)
-        else:
-            damping *= 10.0
-    return q, distance
+            return _tracked(kernel, targets, course, begun, limits, sparing=True)
+        except (ReachError, _LimitError):
+            raise left.error from None
 
 
-def within_limits(q: Array, limits: Array) -> bool:
-    return bool(((limits[:, 0] - 1e-9 <= q) & (q <= limits[:, 1] + 1e-9)).all())
+class _LimitError(Exception):
+    """The least motion leaves the limits; ``error`` says where."""
+
+    def __init__(self, error: ReachError) -> None:
+        super().__init__(str(error))
+        self.error = error
+
+
+def _first(kernel: Kernel, target: Target, course: Course, guess: Array, limits: Array) -> Array:
+    found = search(kernel, target, guess, limits)
+    if found.is_there and within_limits(found.q, limits):
+        return found.q
+    raise unreached(kernel, target, found, limits, f"{target.tool} does not reach {target.text()}", course, 0)
+
+
+def _tracked(
+    kernel: Kernel, targets: list[Target], course: Course, begun: Array, limits: Array, *, sparing: bool
+) -> Array:
+    """Coordinates at all targets, each from those before; ``sparing`` is for those near their limits."""
+    q = np.empty((len(targets), kernel.n))
+    q[0] = begun
+    for k in range(1, len(targets)):
+        weights = _willingness(q[k - 1], limits) if sparing else None
+        found = reach(kernel, targets[k], q[k - 1], limits, weights=weights)
+        jump = np.abs(found.q - q[k - 1])
+        label = f"{targets[k].tool} cannot follow the {course.name} at {targets[k].text()}"
+        if not found.is_there:
+            raise unreached(kernel, targets[k], found, limits, label, course, k)
+        if jump.max() > JUMP:
+            name, most = kernel.coordinates[int(jump.argmax())], float(jump.max())
+            what = f"the arm is singular there, {name} would jump by {most:.3g}"
+            raise ReachError(f"{kernel.name}: {label}, {course.text(k)}: {what}", found.distance, found.angle, found.q)
+        if not within_limits(found.q, limits):
+            raise _LimitError(_beyond(kernel, targets[k], found, q[k - 1], limits, label, course, k))
+        q[k] = found.q
+    return q
+
+
+def _willingness(q: Array, limits: Array) -> Array:
+    """Weights of coordinates, (n,): less than 1 near a limit, smoothly."""
+    low, high = limits.T
+    with np.errstate(invalid="ignore"):
+        room = np.minimum(q - low, high - q) / (NEAR_LIMIT * (high - low))
+    part = np.clip(np.where(np.isfinite(room), room, 1.0), 0.0, 1.0)
+    return np.asarray(np.maximum(part**2 * (3.0 - 2.0 * part), LEAST_WEIGHT))
+
+
+def _beyond(
+    kernel: Kernel, target: Target, found: Reached, before: Array, limits: Array, label: str, course: Course, k: int
+) -> ReachError:
+    """The error of a point that is reached beyond the limits alone."""
+    inside = found if kernel.constraints else reach(kernel, target, before, limits, bounded=True)
+    within = "" if kernel.constraints or inside.is_there else f"; within them it misses by {inside.text()}"
+    what = f"{binding(kernel, target, found, limits)}{within}"
+    return ReachError(f"{kernel.name}: {label}, {course.text(k)}: {what}", inside.distance, inside.angle, inside.q)
+
+
+def unreached(
+    kernel: Kernel, target: Target, found: Reached, limits: Array, label: str, course: Course | None = None, k: int = 0
+) -> ReachError:
+    """The error of a target that is missed, or reached beyond the limits alone, by how much."""
+    place = "" if course is None or k == 0 else f", {course.text(k)}"
+    bound = binding(kernel, target, found, limits)
+    if found.is_there:
+        what = f"not within its limits: {bound}"
+    else:
+        out = "it is out of reach, or the arm singular: " if k else ""
+        miss = f"it misses by {found.text()}" if k else f"it gets as near as {found.text()}"
+        what = f"{out}{miss}{f'; {bound}' if bound else ''}"
+    return ReachError(f"{kernel.name}: {label}{place}: {what}", found.distance, found.angle, found.q)
 
 
 def space_point(label: str, value: ArrayLike) -> Array:
@@ -253,7 +379,3 @@ def space_point(label: str, value: ArrayLike) -> Array:
     if point.shape != (3,) or not np.isfinite(point).all():
         raise ArrayError(f"{label}: {value!r}; allowed: three finite numbers, m")
     return point
-
-
-def _show(point: Sequence[float] | Array) -> str:
-    return "(" + ", ".join(f"{x:.4g}" for x in point) + ") m"

@@ -1,6 +1,6 @@
 """Figures, pages and views of robots and results.
 
-Uses runtime, robot, forms, description, codegen (joint), templates, pipeline, simulation, analysis and sweep.
+Uses runtime, robot, forms, description, state, codegen (joint), templates, pipeline, simulation, analysis and sweep.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from .analysis import plot_budget, plot_compliance, plot_response, plot_tracks
     from .browser import View
     from .energy import plot_energy, plot_tracking
+    from .journals import plot_journals
     from .page import Report, report_of
     from .robot import plot_robot
     from .simulation import plot_deviations, plot_result, plot_tool
@@ -27,6 +28,7 @@ _MODULES = {  # one of them is imported when a name of it is first used: a figur
     "View": "browser",
     "plot_energy": "energy",
     "plot_tracking": "energy",
+    "plot_journals": "journals",
     "Report": "page",
     "report_of": "page",
     "plot_robot": "robot",
@@ -44,6 +46,7 @@ __all__ = [
     "plot_compliance",
     "plot_deviations",
     "plot_energy",
+    "plot_journals",
     "plot_response",
     "plot_result",
     "plot_robot",

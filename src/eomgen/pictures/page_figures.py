@@ -25,8 +25,9 @@ from .zeros import plot_zeros
 
 POSES = 21  # along the program, of frequencies
 CAPTIONS = {
-    "tool": "The tool's path, its deviation from the program magnified, and that deviation over time.",
+    "tool": "The tool's path, its deviation from the program magnified, and over time that of its place and its axes.",
     "deviations": "Deviations in the joints, the coordinates that no program moves.",
+    "journals": "Paths of journals' centres in their bearings; inside the circle they are free.",
     "tracking": "Driven coordinates and their program, and what they are off by.",
     "energy": "Changes of energy, works, and what their balance leaves.",
     "modes": "Natural frequencies and damping ratios of small motions about the program, drives locked.",

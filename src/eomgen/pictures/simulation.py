@@ -16,6 +16,7 @@ from ..names import component_name, joint_of, kind_of
 from ..robot.coordinates import unit_of
 from ..simulation.result import SimulationResult
 from .energy import plot_energy, plot_tracking
+from .journals import plot_journals, result_journals
 from .style import COLORS, PROGRAM_COLOR, TOOL_COLOR, canvas, literal, mark_end, scale_of, ticker, title_of
 
 SHOWN_PART = 0.25  # a magnified deviation is about this part of the path's extent
@@ -25,8 +26,8 @@ MICRO = 1e6
 
 
 def plot_result(result: SimulationResult, folder: Path | str, ending: str = ".png") -> list[Path]:
-    """Write the figures of a result: ``tool``, ``deviations`` where the robot has some, ``tracking`` where there is a
-    program, ``energy`` where there is a balance; returns their paths.
+    """Write the figures of a result: ``tool``, ``deviations`` and ``journals`` where the robot has some, ``tracking``
+    where there is a program, ``energy`` where there is a balance; returns their paths.
 
     Args:
         result: of a simulation.
@@ -40,6 +41,8 @@ def plot_result(result: SimulationResult, folder: Path | str, ending: str = ".pn
     written = [plot_tool(result, target / f"tool{ending}")]
     if result.deviation_coordinates:
         written.append(plot_deviations(result, target / f"deviations{ending}"))
+    if result_journals(result):
+        written.append(plot_journals(result, target / f"journals{ending}"))
     if result.programmed and result.program_coordinates:
         written.append(plot_tracking(result, target / f"tracking{ending}"))
     if result.balance is not None:
@@ -48,17 +51,18 @@ def plot_result(result: SimulationResult, folder: Path | str, ending: str = ".pn
 
 
 def plot_tool(result: SimulationResult, path: Path | str) -> Path:
-    """The tool's path with its deviation magnified, beside the deviation over time; returns the path.
+    """The tool's path with its deviation magnified, beside those of place and axes over time; returns the path.
 
     Raises:
         InputError: see ``plot_result``.
     """
-    with canvas(7.4, 3.8, path) as figure:
-        grid = figure.add_gridspec(2, 2, width_ratios=(1.1, 1.0), left=0.01, right=0.975, top=0.87, bottom=0.115)
-        grid.update(wspace=0.24, hspace=0.16)
+    with canvas(7.4, 4.6, path) as figure:
+        grid = figure.add_gridspec(3, 2, width_ratios=(1.1, 1.0), left=0.01, right=0.975, top=0.885, bottom=0.095)
+        grid.update(wspace=0.24, hspace=0.18)
         _draw_path(figure.add_subplot(grid[:, 0], projection="3d"), result)
         upper = figure.add_subplot(grid[0, 1])
-        _draw_tool_deviation(upper, figure.add_subplot(grid[1, 1], sharex=upper), result)
+        middle, lower = (figure.add_subplot(grid[row, 1], sharex=upper) for row in (1, 2))
+        _draw_tool_deviation(upper, middle, lower, result)
         figure.align_ylabels()
         title_of(figure, f"{result.robot}: {result.tool} against its program")
     return Path(path)
@@ -133,8 +137,8 @@ def _draw_path(axes: Any, result: SimulationResult) -> None:
     axes.legend(loc="upper left", bbox_to_anchor=(0.02, 1.06), ncols=2, handlelength=1.8)
 
 
-def _draw_tool_deviation(upper: Any, lower: Any, result: SimulationResult) -> None:
-    """Components and length of the tool's deviation over time."""
+def _draw_tool_deviation(upper: Any, middle: Any, lower: Any, result: SimulationResult) -> None:
+    """Components and length of the tool's deviation over time, and the angle by which its axes are off."""
     t, deviation = result.trajectory.t, result.tool_deviation
     factor, unit = scale_of(deviation, "m")
     deviation = factor * deviation
@@ -144,14 +148,19 @@ def _draw_tool_deviation(upper: Any, lower: Any, result: SimulationResult) -> No
     upper.tick_params(labelbottom=False)
     upper.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=3, handlelength=1.4, borderaxespad=0.0)
     upper.set_title("components, base axes", loc="left")
-    length = np.linalg.norm(deviation, axis=1)
-    lower.plot(t, length, color=TOOL_COLOR)
-    lower.fill_between(t, length, color=TOOL_COLOR, alpha=0.12, linewidth=0.0)
-    lower.set_ylim(0.0, 1.12 * max(float(length.max()), 1e-12))
-    lower.set_ylabel(f"distance, {unit}")
+    turned, angle_unit = scale_of(result.tool_rotation, "rad")
+    for panel, values, label in (
+        (middle, np.linalg.norm(deviation, axis=1), f"distance, {unit}"),
+        (lower, turned * result.tool_rotation, f"rotation, {angle_unit}"),
+    ):
+        panel.plot(t, values, color=TOOL_COLOR)
+        panel.fill_between(t, values, color=TOOL_COLOR, alpha=0.12, linewidth=0.0)
+        panel.set_ylim(0.0, 1.12 * max(float(values.max()), 1e-12))
+        panel.set_ylabel(label)
+    middle.tick_params(labelbottom=False)
     lower.set_xlabel("time, s")
     lower.set_xlim(t[0], t[-1])
-    for panel in (upper, lower):
+    for panel in (upper, middle, lower):
         mark_end(panel, result)
 
 

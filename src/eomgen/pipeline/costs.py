@@ -10,7 +10,7 @@ from ..description import RobotLike, as_robot
 from ..names import component_name
 from ..progress import StageReport, no_report
 from ..robot.coordinates import UNITS, unit_of
-from ..robot.laws import number_texts
+from ..robot.laws import RADIAL, number_texts
 from ..robot.model import Model, build_model
 from ..robot.value import CUT_NUMBERS, MOTOR, PRINCIPAL, Coordinate, Coupling
 from .mobility import Mobility
@@ -57,6 +57,9 @@ class RobotInfo:
             "home": dict(model.robot.home),
             "mobility": None if self.mobility is None else self.mobility.as_dict(),
             "mass": self._mass(),
+            "journals": {
+                component_name(joint.name, RADIAL): joint.radial.law() for joint in model.robot.joints if joint.radial
+            },
             "springs": [
                 {"name": x.name, "links": list(x.links), "tension_only": x.tension_only, **x.law()}
                 for x in model.robot.springs
@@ -109,6 +112,8 @@ class RobotInfo:
                 if motor is not None:
                     further.insert(0, f"drives {body.joint}.{PRINCIPAL[joint.type]}, ratio {motor.ratio:.6g}")
                 lines += [f"  {', '.join(further)}"] if further else []
+            if joint.radial is not None:
+                lines.append(f"{component_name(joint.name, RADIAL)}: {', '.join(number_texts(joint.radial.law()))}")
         return lines
 
     def _loop_lines(self) -> list[str]:

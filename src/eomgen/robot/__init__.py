@@ -4,6 +4,7 @@ Uses forms; it knows neither files nor kernels.
 """
 
 from .geometry import IDENTITY, ZERO, Matrix, Vector, rotation_from_rpy, snap
+from .journals import Radial, SlidingFriction
 from .model import Model, build_model
 from .record import record_of, robot_hash, robot_of
 from .value import (
@@ -50,7 +51,9 @@ __all__ = [
     "Model",
     "Motor",
     "Placement",
+    "Radial",
     "Robot",
+    "SlidingFriction",
     "Spring",
     "Vector",
     "build_model",

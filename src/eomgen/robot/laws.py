@@ -19,7 +19,9 @@ Conflict = tuple[str, str]  # key, message
 
 SMALLEST = 1e-12  # least value of what is divided by, m, rad or per s
 SHARE = 0.05  # of a clearance over which contact sets in
-SMOOTHING = 1e-3  # m/s or rad/s in which friction turns round
+SMOOTHING = 4e-8  # m/s or rad/s in which friction turns round: 90 % of the limit creep by 0.8 um in 10 s
+SHARP = 1e-6  # of the Stribeck rate, at most: so little of the peak is lost where friction turns round
+COARSE = 1e-3  # m/s or rad/s by which explicit steps chatter where friction is too sharp for them
 ONSET = 1e-4  # m or rad over which a stop sets in
 
 FORCE, LENGTH, RATE = ("N", "N m"), ("m", "rad"), ("m/s", "rad/s")
@@ -59,8 +61,9 @@ class Law:
         is_spring: whether it holds its coordinate.
         stiffness: (k, numbers, deviations of a curve) -> stiffness (N/m, N m/rad) of a coordinate that has k without
             this law: what the choice of a method and the sizes of coordinates look at; None where it stays k.
-        rate_slope: numbers -> the largest slope of its force by the rate, N s/m or N m s/rad: what the choice of a
-            method looks at, too; None where its force does not depend on the rate alone.
+        rate_slope: (numbers, least) -> the largest slope of its force by the rate, N s/m or N m s/rad, ``least`` as of
+            ``rate_slope_of``: what the choice of a method looks at, too; None where its force does not depend on the
+            rate alone.
         contact: numbers -> the stiffness of what it acts as where it is touched, N/m or N m/rad, which steps have to
             follow; None where it is no such thing.  It holds nothing before, and is no part of ``stiffness``.
         mjcf: numbers -> what becomes of it in MuJoCo where it is not written as it is; empty where it is.
@@ -79,7 +82,7 @@ class Law:
     stiffness: Callable[[float, Values, Sequence[float]], float] | None
     mjcf: Callable[[Values], str]
     about: str = ""
-    rate_slope: Callable[[Values], float] | None = None
+    rate_slope: Callable[[Values, float], float] | None = None
     contact: Callable[[Values], float] | None = None
     takes_stiffness: bool = False
     of_rotor: bool = False
@@ -120,6 +123,12 @@ def _ends(given: Values) -> Conflict | None:
     return None
 
 
+def _soft_friction(given: Values) -> str:
+    dry = any(given.get(f"friction.{key}") for key in ("coulomb", "static", "coefficient"))
+    lost = "smoothing, load and Stribeck part" if given.get("friction.coefficient") else "smoothing and Stribeck part"
+    return f"frictionloss, a soft constraint, without {lost}" if dry else ""
+
+
 def _between_stops(given: Values) -> Conflict | None:
     lower, upper = given.get("stops.lower"), given.get("stops.upper")
     if lower is None and upper is None:
@@ -135,17 +144,21 @@ def _stribeck(given: Values) -> Conflict | None:
         return "friction", "static and stribeck belong together; allowed: both or none"
     if static is not None and static < coulomb:
         return "friction.static", f"got {static!r}; allowed: at least coulomb, {coulomb!r}"
+    if "friction.radius" in given and "friction.coefficient" not in given:
+        return "friction.radius", "there is no coefficient; allowed: radius with coefficient"
     return None
 
 
 def _friction_smoothing(given: Values) -> float:
-    return max(0.1 * given["friction.stribeck"], SMALLEST) if "friction.stribeck" in given else SMOOTHING
+    return max(min(SMOOTHING, SHARP * given.get("friction.stribeck", 1.0)), SMALLEST)
 
 
-def _friction_slope(given: Values) -> float:
+def _friction_slope(given: Values, least: float) -> float:
     """The slope at rest, where friction turns round."""
     level = max(given["friction.coulomb"], given.get("friction.static", 0.0))
-    return level / given["friction.smoothing"] + given.get("friction.viscous", 0.0)
+    level += given.get("friction.coefficient", 0.0) * given.get("friction.radius", 1.0)  # of a load of 1 N
+    smoothing = given["friction.smoothing"]
+    return level / (smoothing if smoothing >= 0.01 * least else least) + given.get("friction.viscous", 0.0)
 
 
 def _steepest(k: float, given: Values, knots: Sequence[float]) -> float:
@@ -234,9 +247,9 @@ _LAWS = (
     ),
     Law(
         name="friction",
-        about="dry friction: coulomb, static, stribeck, viscous, smoothing",
+        about="dry friction: coulomb, static, stribeck, viscous, smoothing, coefficient, radius",
         numbers=(
-            Number("friction.coulomb", "force that resists any motion", FORCE, needed="a force in N or N m"),
+            Number("friction.coulomb", "force that resists any motion; 0 where there is a coefficient", FORCE),
             Number("friction.static", "force from rest, at least coulomb; with stribeck", FORCE),
             Number(
                 "friction.stribeck",
@@ -248,20 +261,22 @@ _LAWS = (
             Number("friction.viscous", "force per rate", DAMPING),
             Number(
                 "friction.smoothing",
-                "rate over which friction turns round; default stribeck / 10, or 1e-3",
+                "rate over which friction turns round; default 4e-8, or 1e-6 stribeck if that is less",
                 RATE,
                 least=SMALLEST,
                 idle=None,
                 default=_friction_smoothing,
             ),
+            Number(
+                "friction.coefficient",
+                "of what the joint's springs, contacts and dampers carry across it; adds to coulomb",
+                ("1", "1"),
+            ),
+            Number("friction.radius", "at which a turn rubs; with coefficient", ("m", "m"), idle=None),
         ),
         is_spring=False,
         stiffness=None,
-        mjcf=lambda given: (
-            "frictionloss, a soft constraint, without smoothing and Stribeck part"
-            if given["friction.coulomb"] or given.get("friction.static")
-            else ""
-        ),
+        mjcf=_soft_friction,
         rate_slope=_friction_slope,
         of_rotor=True,
         rule=_stribeck,
@@ -295,7 +310,7 @@ _LAWS = (
         mjcf=lambda given: (
             "a limited range, a soft constraint as stiff as MuJoCo makes it" if given["stops.stiffness"] else ""
         ),
-        rate_slope=lambda given: given.get("stops.damping", 0.0),
+        rate_slope=lambda given, least: given.get("stops.damping", 0.0),
         contact=lambda given: given["stops.stiffness"],
         of_rotor=True,
         rule=_between_stops,
@@ -340,6 +355,56 @@ BETWEEN_POINTS: Mapping[str, Number] = MappingProxyType(  # of springs between t
                 "measured points [[elongation, force], ...], or a CSV file of two columns; in the place of stiffness",
                 ("N",),
                 least=None,
+            ),
+        )
+    }
+)
+
+RADIAL = "radial"  # a joint's table of its journal
+IN_BEARINGS: Mapping[str, Number] = MappingProxyType(  # of a journal in a round bearing
+    {
+        number.key: number
+        for number in (
+            Number(
+                "clearance",
+                "radial gap, the bearing's radius less the journal's",
+                ("m",),
+                needed="the radial gap in m, at least 0",
+                idle=None,
+            ),
+            Number("stiffness", "of each contact, greater than 0", ("N/m",), needed="a stiffness in N/m, above 0"),
+            Number(
+                "length",
+                "of the bearing, which then touches at both ends; default one contact, in the middle",
+                ("m",),
+                least=SMALLEST,
+                idle=None,
+            ),
+            Number(
+                "restitution_damping",
+                "multiplies a contact's force by 1 + restitution_damping * rate of its penetration",
+                ("s/m",),
+            ),
+            Number(
+                "smoothing",
+                "over which a contact sets in; default clearance / 20",
+                ("m",),
+                least=SMALLEST,
+                idle=None,
+            ),
+            Number(
+                "friction.coefficient",
+                "friction along the tangent per normal force",
+                ("1",),
+                needed="a number that is at least 0",
+            ),
+            Number("friction.radius", "of the journal; with it the rate of gamma slides, too", ("m",)),
+            Number(
+                "friction.smoothing",
+                f"rate over which friction turns round; default {SMOOTHING:g}",
+                ("m/s",),
+                least=SMALLEST,
+                idle=None,
             ),
         )
     }
@@ -400,9 +465,14 @@ def stiffness_of(numbers: Values, knots: Sequence[float]) -> float:
     return k
 
 
-def rate_slope_of(numbers: Values) -> float:
-    """The largest slope of a coordinate's laws by its rate, N s/m or N m s/rad, without its linear damper."""
-    return sum((law.rate_slope(numbers) for law in given_laws(numbers) if law.rate_slope), 0.0)
+def rate_slope_of(numbers: Values, least: float = 0.0) -> float:
+    """The largest slope of a coordinate's laws by its rate, N s/m or N m s/rad, without its linear damper.
+
+    Args:
+        numbers: of all laws of the coordinate.
+        least: rate (m/s or rad/s) over which friction turns round whose smoothing is below a hundredth of it.
+    """
+    return sum((law.rate_slope(numbers, least) for law in given_laws(numbers) if law.rate_slope), 0.0)
 
 
 def contact_stiffness_of(numbers: Values) -> float:
@@ -428,6 +498,8 @@ def number_of(parameter: str) -> Number | None:
     kind, *path = parameter_path(parameter)
     if kind not in ("joints", "loops", "couplings", "springs"):
         return None
+    if kind == "joints" and path[1] == RADIAL:
+        return IN_BEARINGS.get(parameter_name(*path[2:]))
     key = parameter_name(*path[2 if kind in ("joints", "loops") else 1 :])
     table = BETWEEN_POINTS if kind == "springs" else _OF_COORDINATES
     return table.get(key) or table.get(key.partition(".")[0])

@@ -6,18 +6,29 @@ Each rule returns the place and the message of the first thing that is wrong, so
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from ..names import joint_of, kind_of, listed, nearest, show
 from .coordinates import coordinate_names, unit_of
 from .rules import cut_conflict
-from .value import MOTOR, PRINCIPAL, Coordinate, Coupling, Robot, first_contradiction
+from .value import (
+    ACROSS,
+    ANGULAR,
+    LINEAR,
+    MOTOR,
+    PRINCIPAL,
+    Coordinate,
+    Coupling,
+    Robot,
+    carriers,
+    first_contradiction,
+)
 
 Refused = tuple[str, str]  # place, message
 
 
 def mechanism_conflict(robot: Robot) -> Refused | None:
-    """The place and the message of what is wrong with drives, home or couplings; None if nothing is."""
+    """The place and the message of what is wrong with drives, home, couplings or loads; None if nothing is."""
     known = coordinate_names(robot)
     return next(_refusals(robot, known), None)
 
@@ -27,6 +38,7 @@ def _refusals(robot: Robot, known: tuple[str, ...]) -> Iterator[Refused]:
     yield from _home_refusals(robot, known)
     for coupling in robot.couplings:
         yield from _coupling_refusals(robot, coupling, known)
+    yield from _load_refusals(robot)
     found = first_contradiction(robot.couplings)
     if found is not None:
         allowed = "rigid couplings of different coordinates, each of what others do not make of it"
@@ -59,6 +71,31 @@ def _home_refusals(robot: Robot, known: tuple[str, ...]) -> Iterator[Refused]:
         low, high = joint.limits
         if not low <= value <= high:
             yield f"home.{name}", f"got {show(value)}; allowed: within the limits, {low:g} to {high:g} {unit_of(name)}"
+
+
+def _load_refusals(robot: Robot) -> Iterator[Refused]:
+    """Refuse friction with a coefficient where nothing presses, or where its radius is missing or means nothing."""
+    places: list[tuple[str, str, Mapping[str, Coordinate]]] = []
+    for kind, owners in (("joints", robot.joints), ("loops", robot.loops)):
+        places += [(f"{kind}.{x.name}.{name}", name, x.coordinates) for x in owners for name in x.coordinates]
+    for where, name, coordinates in places:
+        given = coordinates[name].friction
+        if given is None or given.coefficient is None:
+            continue
+        if name in ANGULAR and given.radius is None:
+            yield f"{where}.friction.coefficient", "there is no radius; allowed: with the radius at which it rubs, m"
+        if name in LINEAR and given.radius is not None:
+            yield f"{where}.friction.radius", f"{name} does not turn; allowed: in alpha, beta and gamma"
+        if not carriers(name, coordinates):
+            which = " or ".join(ACROSS[name])
+            message = f"nothing presses: no spring or damper carries a force across it; allowed: with {which} active"
+            yield f"{where}.friction.coefficient", f"{message} beside it, with a stiffness, damping, or another force"
+    alone = [(f"joints.{x.name}.{MOTOR}", x.motor.friction) for x in robot.joints if x.motor is not None]
+    alone += [(f"couplings.{x.name}", x.law.friction) for x in robot.couplings if x.law is not None]
+    for where, given in alone:
+        if given is not None and given.coefficient is not None:
+            message = "no joint presses on it; allowed: in coordinates of joints and of cut joints"
+            yield f"{where}.friction.coefficient", message
 
 
 def _coupling_refusals(robot: Robot, coupling: Coupling, known: tuple[str, ...]) -> Iterator[Refused]:

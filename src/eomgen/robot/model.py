@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 from ..errors import DescriptionError, UnknownNameError
 from ..names import (
@@ -20,10 +21,13 @@ from ..names import (
     joint_of,
     kind_of,
     listed,
+    parameter_name,
     parameter_path,
     show,
 )
 from .cuts import CUTS, rigid_parts
+from .journals import radial_conflict
+from .laws import RADIAL
 from .mechanism import drive_of, mechanism_conflict
 from .rules import conflict, cut_conflict, motor_conflict, spring_conflict
 from .value import (
@@ -178,6 +182,31 @@ class Model:
         given = (coordinate for joint in self.robot.joints for coordinate in joint.all_coordinates.values())
         return tuple(index for index, coordinate in enumerate(given) if coordinate.prescribed)
 
+    @cached_property
+    def turning(self) -> tuple[int, ...]:
+        """Indices of the bodies whose joints turn freely: free joints and balls, with nothing on their coordinates.
+
+        Which angles describe them is of no matter to such a joint, so that integrations turn its placement where its
+        own are singular.  Whatever acts on a coordinate, moves it or goes with an angle of its own keeps the joint as
+        it is described: laws, armatures, motors, prescribed motions, couplings, offsets of angles.  So does a loop
+        anywhere.
+        """
+        if self.constraints:
+            return ()
+        coupled = {x for coupling in self.robot.couplings for x in (coupling.of, *coupling.to)}
+        return tuple(k for k, body in enumerate(self.bodies) if self._turns(body, coupled))
+
+    def _turns(self, body: Body, coupled: set[str]) -> bool:
+        joint, plain = self.robot.joint(body.joint), Coordinate()
+        if body.active != (COORDINATES if joint.type == "free" else ANGULAR) or joint.motor is not None:
+            return False
+        if any(given != plain for given in joint.coordinates.values()) or any(joint.offset[3:]):
+            return False
+        acting = [f"joints.{joint.name}.{name}." for name in body.active]  # numbers that may come at run time
+        acting += [f"joints.{joint.name}.offset.{name}" for name in ANGULAR]
+        tuned = any(name.startswith(tuple(acting)) for name in self.parameters)
+        return not tuned and not any(component_name(joint.name, name) in coupled for name in body.active)
+
     def offset_angles(self, joint: str) -> tuple[str, ...]:
         """Angles of a joint that are not active but turned by an offset."""
         active = self.robot.joint(joint).coordinates
@@ -235,6 +264,14 @@ def build_model(robot: Robot) -> Model:
     )
     moving = tuple(link.name for link in robot.links if body_of[link.name] != FIXED_BODY)
     return Model(robot, merged, tuple(coordinates), moving, body_of, _parameters(robot))
+
+
+def turned_name(joint: str) -> str:
+    """Name of the number that says how a joint of ``Model.turning`` is turned: 0 as described, or 1.
+
+    It is no parameter: integrations choose it.
+    """
+    return parameter_name("joints", joint, "turned")
 
 
 def with_offset_angles(model: Model) -> tuple[Model, tuple[int, ...]]:
@@ -318,6 +355,8 @@ def _check_forces(robot: Robot) -> None:
         found = {name: conflict(given) for name, given in joint.coordinates.items()}
         if joint.motor is not None:
             found[MOTOR] = motor_conflict(joint.motor, joint.type, joint.coordinates)
+        if joint.radial is not None:
+            found[RADIAL] = radial_conflict(joint.radial, joint.coordinates)
         for name, refused in found.items():
             if refused is not None:
                 where = ".".join(filter(None, ("joints", joint.name, name, refused[0])))
@@ -342,6 +381,8 @@ def _parameters(robot: Robot) -> dict[str, float]:
         if joint.motor is not None:
             laws = (*joint.motor.transmission.law(), *joint.motor.rotor.law())
             chosen.update(f"joints.{joint.name}.{MOTOR}.{key}" for key in laws)
+        if joint.radial is not None:
+            chosen.update(f"joints.{joint.name}.{RADIAL}.{key}" for key in joint.radial.law())
     for loop in robot.loops:
         for name, given in loop.coordinates.items():
             chosen.update(f"loops.{loop.name}.{name}.{key}" for key in given.law())
@@ -386,6 +427,9 @@ def _joint_values(joint: Joint) -> Iterator[tuple[str, float | None]]:
     if joint.motor is not None:
         for key, number in joint.motor.numbers().items():
             yield f"joints.{joint.name}.{MOTOR}.{key}", number
+    if joint.radial is not None:
+        for key, number in joint.radial.law().items():
+            yield f"joints.{joint.name}.{RADIAL}.{key}", number
     for name, offset in zip(COORDINATES, joint.offset, strict=True):
         yield f"joints.{joint.name}.offset.{name}", offset
     yield from _placement_values(f"joints.{joint.name}", joint.placement)

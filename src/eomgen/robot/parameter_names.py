@@ -8,6 +8,7 @@ from typing import NoReturn
 
 from ..errors import DescriptionError
 from ..names import nearest, parameter_name, parameter_path, show
+from .laws import RADIAL
 from .value import (
     COORDINATE_NUMBERS,
     COORDINATES,
@@ -62,6 +63,8 @@ def parameters(robot: Robot) -> Iterator[Parameter]:
                 yield Parameter(("joints", joint.name, name, *parameter_path(key)))
         for key, value in (joint.motor.numbers() if joint.motor else {}).items():
             yield Parameter(("joints", joint.name, MOTOR, *parameter_path(key)), value is not None)
+        for key in joint.radial.law() if joint.radial else ():
+            yield Parameter(("joints", joint.name, RADIAL, *parameter_path(key)))
     for frame in robot.frames:
         yield from _placement(("frames", frame.name, "placement"), frame.placement)
     for loop in robot.loops:

@@ -18,11 +18,15 @@ from typing import Any
 from ..names import NAME_LENGTH, html_table
 from .cuts import CUTS
 from .geometry import IDENTITY, ZERO, Matrix, Vector, rotation_from_rpy, snap
-from .laws import BASIC, BETWEEN_POINTS, NUMBERS, SMALLEST, defaults, given_laws
+from .journals import Radial
+from .laws import BASIC, BETWEEN_POINTS, NUMBERS, RADIAL, SMALLEST, defaults, given_laws
 
 LINEAR = ("x", "y", "z")
 ANGULAR = ("alpha", "beta", "gamma")
 COORDINATES = LINEAR + ANGULAR
+ACROSS: Mapping[str, tuple[str, ...]] = MappingProxyType(  # translations across a coordinate's axis
+    {name: tuple(x for x in LINEAR if x != axis) for name, axis in zip(COORDINATES, LINEAR * 2, strict=True)}
+)
 JOINT_TYPES = ("revolute", "prismatic", "fixed", "free")
 PRINCIPAL = {"revolute": "gamma", "prismatic": "z"}
 MOTOR = "motor"  # the coordinate of a joint's motor, behind the six
@@ -61,17 +65,21 @@ class Placement:
 
 @dataclass(frozen=True)
 class Friction:
-    """Dry friction at the rate v: sgn(v) (coulomb + (static - coulomb) / (1 + (v / stribeck)^2)) + viscous v.
+    """Dry friction at the rate v: sgn(v) (C + (static - coulomb) / (1 + (v / stribeck)^2)) + viscous v.
 
+    C is coulomb, and with a ``coefficient`` coulomb + coefficient radius N, where the force N presses the joint
+    (``carriers``); ``radius`` (m) is that of a turn, and 1 of a translation.
     coulomb, static: N or N m; stribeck: m/s or rad/s; viscous: N s/m or N m s/rad.  sgn(v) is v / sqrt(v^2 +
-    smoothing^2); smoothing (m/s or rad/s) becomes a tenth of stribeck, or 1e-3, where it is None.
+    smoothing^2); smoothing (m/s or rad/s) becomes 4e-8, or 1e-6 stribeck if that is less, where it is None.
     """
 
-    coulomb: float
+    coulomb: float = 0.0
     static: float | None = None
     stribeck: float | None = None
     viscous: float | None = None
     smoothing: float | None = None
+    coefficient: float | None = field(default=None, metadata=LATER)
+    radius: float | None = field(default=None, metadata=LATER)
 
     def __post_init__(self) -> None:
         for key, value in defaults(self.numbers()).items():
@@ -125,6 +133,12 @@ class Coordinate:
         return (Coordinate, tuple(values))  # a mapping proxy cannot be pickled
 
     @property
+    def carries(self) -> bool:
+        """Whether springs, contacts or dampers of the coordinate carry a force."""
+        laws = any(law.name != "friction" for law in given_laws(self.law()))
+        return laws or self.stiffness is not None or self.damping is not None
+
+    @property
     def has_stiffness(self) -> bool:
         """Whether anything that is given counts as a stiffness."""
         return bool(self.stiffness) or any(law.stiffness for law in given_laws(self.law()))
@@ -160,6 +174,35 @@ class Coordinate:
 def _in_order(coordinates: Mapping[str, Coordinate]) -> Mapping[str, Coordinate]:
     """The six coordinates, as many as there are, in canonical order and frozen."""
     return MappingProxyType({name: coordinates[name] for name in COORDINATES if name in coordinates})
+
+
+def carriers(name: str, coordinates: Mapping[str, Coordinate]) -> tuple[str, ...]:
+    """Names of a joint's coordinates whose springs, contacts and dampers press on one that rubs.
+
+    These are the translations across it; across a turn those across its axis.  Moments, friction and what is rigid do
+    not press.
+
+    Args:
+        name: of the coordinate that rubs.
+        coordinates: active ones of the joint, or those of a cut joint that have a table.
+    """
+    return tuple(other for other in ACROSS[name] if other in coordinates and coordinates[other].carries)
+
+
+def loaded(coordinates: Mapping[str, Coordinate]) -> dict[str, tuple[str, ...]]:
+    """Coordinates whose friction depends on a load, each with its ``carriers``."""
+    rubbing = {name: given.friction for name, given in coordinates.items() if given.friction is not None}
+    return {name: carriers(name, coordinates) for name, x in rubbing.items() if x.coefficient is not None}
+
+
+def _unloaded(coordinates: Mapping[str, Coordinate]) -> dict[str, Coordinate]:
+    """The coordinates; where nothing presses any more, with what of their friction does not depend on that."""
+    found = dict(coordinates)
+    for name, others in loaded(coordinates).items():
+        friction = found[name].friction
+        if friction is not None and not others:
+            found[name] = replace(found[name], friction=replace(friction, coefficient=None, radius=None))
+    return found
 
 
 @dataclass(frozen=True)
@@ -222,6 +265,7 @@ class Joint:
     offset: constants in the order of COORDINATES (m, rad) that are added to the six coordinates, active or not, before
     they move anything: what manufacturing, wear or warmth leave; None where the description gives none.
     motor: what drives the principal coordinate through an elastic transmission; None where the drive acts on it itself.
+    radial: contact of the child's journal in the parent's round bearing; None where there is none.
     """
 
     name: str
@@ -234,6 +278,7 @@ class Joint:
     limits: tuple[float, float] | None = None
     offset: tuple[float | None, ...] = (None,) * 6
     motor: Motor | None = None
+    radial: Radial | None = field(default=None, metadata=LATER)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "coordinates", _in_order(self.coordinates))
@@ -255,14 +300,16 @@ class Joint:
         loose: keep deviations without a stiffness, which loops hold: those of a universal joint, say.
         """
         keep = COORDINATES if self.type == "free" else (PRINCIPAL.get(self.type),)
-        held = {k for k, v in self.coordinates.items() if v.has_stiffness or not loose}
+        touching = self.radial.coordinates if self.radial else ()
+        held = {k for k, v in self.coordinates.items() if v.has_stiffness or k in touching or not loose}
         kept = {k: v.unstopped() for k, v in self.coordinates.items() if k in keep or v.prescribed or k not in held}
         if self.motor is not None:
             name = PRINCIPAL[self.type]
             given = kept[name]
             armature = (given.armature or 0.0) + self.motor.inertia * self.motor.ratio**2
             kept[name] = replace(given, armature=armature, prescribed=given.prescribed or self.motor.prescribed)
-        return replace(self, coordinates=kept, motor=None)
+        radial = self.radial if all(name in kept for name in touching) else None
+        return replace(self, coordinates=_unloaded(kept), motor=None, radial=radial)
 
 
 @dataclass(frozen=True)
@@ -302,7 +349,7 @@ class Loop:
         """The loop with every coordinate that its type blocks rigid."""
         blocked = [part.name for part in CUTS[self.type]]
         kept = {name: given for name, given in self.coordinates.items() if name not in blocked}
-        return replace(self, coordinates=kept)
+        return replace(self, coordinates=_unloaded(kept))
 
 
 @dataclass(frozen=True)
@@ -413,6 +460,16 @@ def first_contradiction(couplings: Sequence[Coupling]) -> tuple[Coupling, str] |
     return None
 
 
+def _lost_numbers(kind: str, old: Sequence[Joint | Loop], new: Sequence[Joint | Loop]) -> set[str]:
+    """Names of the numbers of laws that coordinates of joints or loops have no more."""
+    return {
+        f"{kind}.{before.name}.{name}.{key}"
+        for before, after in zip(old, new, strict=True)
+        for name, given in after.coordinates.items()
+        for key in before.coordinates[name].law().keys() - given.law().keys()
+    }
+
+
 @dataclass(frozen=True)
 class Robot:
     """A validated robot.  Links exclude the base; ``base`` is the base link's name in the description.
@@ -495,13 +552,15 @@ class Robot:
         active = {f"joints.{j.name}.{c}." for j in joints for c in j.coordinates}
         active |= {f"loops.{loop.name}.{c}." for loop in loops for c in loop.coordinates}
         active |= {f"springs.{spring.name}." for spring in springs}
+        active |= {f"joints.{j.name}.{RADIAL}." for j in joints if j.radial is not None}
         gone = tuple(
             name
             for name in self.tunable
-            if (name.startswith("springs.") or name.split(".")[2:3] in [[key] for key in (*COORDINATES, MOTOR)])
+            if (name.startswith("springs.") or name.split(".")[2:3] in [[key] for key in (*COORDINATES, MOTOR, RADIAL)])
             and not any(name.startswith(prefix) for prefix in active)
         )
-        tunable = tuple(name for name in self.tunable if name not in gone)
+        lost = _lost_numbers("joints", self.joints, joints) | _lost_numbers("loops", self.loops, loops)
+        tunable = tuple(name for name in self.tunable if name not in gone and name not in lost)
         moving = {f"{joint.name}.{name}" for joint in joints for name in joint.coordinates}
         drives = {f"{j.name}.{MOTOR}": f"{j.name}.{PRINCIPAL[j.type]}" for j in self.joints if j.motor is not None}
         driven = None if self.driven is None else dict.fromkeys(drives.get(name, name) for name in self.driven)

@@ -58,7 +58,7 @@ class State:
     """Parameters and choices that a kernel's calls take; the extension module has the same in C.
 
     Attributes:
-        values: of the parameters, (parameters,); replaced as a whole and never written to.
+        values: of the parameters, and behind them how joints are turned; replaced as a whole and never written to.
         checks: whether NaN and infinity are refused.
         threads: how many threads share a batch.
     """
@@ -227,5 +227,5 @@ def _arm(
     found = raw.functions[function.name if way == "own" else WRENCHED[function.name].part]
     address, library, work = found.address(batch=many), found.where(batch=many), found.operations
     number = parts[library] if library in parts else parts.setdefault(library, next(new))
-    setup = library.address("setup")
+    setup = library.address(library.setup)
     function.arm(way, many, library, number, address, setup, library.hoisted, float(work), states_at_once(work))

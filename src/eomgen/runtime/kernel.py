@@ -5,7 +5,7 @@ A generated package carries a copy of this file, which imports NumPy and its nei
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from types import FunctionType, ModuleType
 from typing import Any
 
@@ -187,6 +187,27 @@ class Kernel:
         self._face.take(other)
         if values:
             other.parameters.update(values)
+        return other
+
+    def with_turned(self, joints: Collection[str]) -> Kernel:
+        """The same compiled code with parameters of its own, and other coordinates of joints that turn freely.
+
+        The axes y, z and x of the joint's frame stand in the place of x, y and z, so that its angles are not singular
+        where those of the description are.  That is so for forward_dynamics, forward_dynamics_jacobian,
+        inverse_dynamics, mass_matrix, residual_jacobian and external_force; all else stays as it is described.  It is
+        for integrations, which choose by ``raw.turning``; ``rollout`` does it by itself.
+
+        Args:
+            joints: names of those that are turned; the others are as described.
+
+        Raises:
+            UnknownNameError: a joint that does not turn freely.
+        """
+        for name in joints:
+            if name not in self.raw.turning:
+                raise UnknownNameError(f"joints: {name!r} does not turn freely; known: {', '.join(self.raw.turning)}")
+        other = self.with_parameters()
+        other.parameters.turn(joints)
         return other
 
     def _with_methods_in_python(self) -> Kernel:
@@ -749,6 +770,9 @@ class Kernel:
         times of a ``duration``; each of many states has steps of its own, and the same bits as alone.  "tsit5" is
         explicit, of fifth order.  "rosenbrock" is linearly implicit, of third order, and stable whatever springs and
         dampers there are; steps end at samples.  Theory section "Steps that the error chooses".
+
+        Joints that turn freely (``raw.turning``) pass beta = +-pi/2 in other angles; what comes back is as described,
+        each angle next to its value before.  A joint with gains on its coordinates stays in its own angles.
 
         Args:
             q0, v0: states, (n,) or (N, n).

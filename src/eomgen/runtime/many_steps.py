@@ -82,7 +82,8 @@ def rollout(
         one = None if count is None else 1  # by the same code
         if trouble is None and not _begins_well(calls, alone, drives, gains, dt, step, METHODS[method], one):
             raise calls.singular("rollout", reason, place, None if step else alone[0][0])
-        what = f"no acceleration{place}, though there is one where it begins;{ADVICE}"
+        advice = _turned_about(calls, drives) or ADVICE
+        what = f"no acceleration{place}, though there is one where it begins;{advice}"
         raise _stopped(calls, result, state, every * dt, reason, what, trouble)
     ok = np.isfinite(np.concatenate(result, axis=-1)).all(axis=-1).reshape(-1, steps // every + 1)
     row = int(np.where(ok.all(axis=1), ok.shape[1], ok.argmin(axis=1)).min())  # where the first one ends
@@ -90,7 +91,8 @@ def rollout(
     bad = [~np.isfinite(array.reshape(*ok.shape, calls.n)[state, row]) for array in result]
     i = int((bad[0] | bad[1]).argmax())
     place = "" if count is None else f" of state {state}"
-    what = f"{calls.coordinates[i]} is not finite after step {row * every}{place};{ADVICE}"
+    advice = _turned_about(calls, drives) or ADVICE
+    what = f"{calls.coordinates[i]} is not finite after step {row * every}{place};{advice}"
     raise _stopped(calls, result, state, every * dt, i, what, trouble)
 
 
@@ -105,6 +107,15 @@ def _not_finite(
         except ArrayError as error:
             return error
     return None
+
+
+def _turned_about(calls: Calls, drives: Sequence[tuple[Array, int, int]]) -> str:
+    """Say which forces are on angles of joints that turn freely; nothing where there are none."""
+    angles = [at + i for at, _ in calls.raw.turning.values() for i in range(3)]
+    found = [calls.coordinates[i] for i in angles if drives[0][0].reshape(-1, calls.n)[:, i].any()]
+    if not found:
+        return ""
+    return f" u on {', '.join(found)} has no finite moment where beta is at +-pi/2; allowed: 0, or forces elsewhere"
 
 
 def _stopped(
@@ -317,6 +328,7 @@ class _Run:
             np.array(np.broadcast_to(x[first:last] if apart else x, (count, n)), order="C") for x, apart in self.starts
         ]
         room = [np.empty(count * (most // every + 2) * n, x.dtype) for x in self.stored]
+        turned = np.zeros((count, self.calls.raw.turning_room), self.calls.dtype)
         for begin, end in _spans(self.how[1], every, most):
             apart = min(every, end - begin)
             rows, row, kept = (end - begin) // apart, begin // every, end // every - begin // every
@@ -324,11 +336,12 @@ class _Run:
             in_place = count == 1 and begin % every == 0 and kept == rows
             if not in_place:
                 ends = [x[: count * (rows + 1) * n].reshape(count, rows + 1, n) for x in room]
-            failed = self._call((first, last), (begin, end), apart, at, ends)
+            before = turned.copy()
+            failed = self._call((first, last), (begin, end), apart, at, ends, turned)
             if failed >= 0 and not in_place:  # once more, to know what was reached
                 for x in ends:
                     x.fill(np.nan)
-                self._call((first, last), (begin, end), apart, at, ends)
+                self._call((first, last), (begin, end), apart, at, ends, before)
             if not in_place:
                 for whole, part in zip(self.stored, ends, strict=True):
                     whole[first:last, row + (begin > 0) : row + kept + 1] = part[:, int(begin > 0) : kept + 1]
@@ -343,6 +356,7 @@ class _Run:
         every: int,
         at: Sequence[Array],
         ends: Sequence[Array],
+        turned: Array | None = None,
     ) -> int:
         """Some states over some steps in one call of C; -1, or the failure's number among all states and steps.
 
@@ -351,6 +365,7 @@ class _Run:
             every: one of so many steps is stored.
             at: q and v where it begins, (n,) or (states, n).
             ends: where q and v are stored, (states, rows, n).
+            turned: how joints that turn freely are turned, a row per state: zeros at first; written.
         """
         view, n, statuses = self.calls.raw.view, self.calls.n, self.calls.raw.statuses
         (first, last), (begin, end) = states, span
@@ -360,6 +375,8 @@ class _Run:
             here = view(array.reshape(-1)[first * of_state + begin * of_step :])
             fields |= {name: here, f"{name}_state": of_state, f"{name}_step": of_step}
         fields |= zip(("kp", "kd"), map(view, self.gains), strict=False)
+        if turned is not None and turned.size:
+            fields["turned"] = view(turned.reshape(-1))
         library = self.function.where(batch=not self.single)
         pointer, drive = self.calls.parameters.setup.pointer(library), library.drive(**fields)
         how, outs = (dt, end - begin, every, method), [view(x) for x in ends]

@@ -46,6 +46,26 @@ def _gain(about: str, unit: str) -> Either:
     return Either(about, unit, needed, options=(number, ByName("by joint; others have none", item=number)))
 
 
+_RPY = "roll, pitch, yaw of the frame, base axes"
+_AXES = Form(
+    {
+        "from": vector(f"{_RPY}, where the path begins; default as the joints let it", "rad"),
+        "to": vector(f"{_RPY}, where it ends; default that of the beginning", "rad"),
+    }
+)
+KEEP = "keep"
+_KEEP = Choice("the orientation with which the path begins stays", words=(KEEP,))
+_ORIENTATION = Either(
+    "of the frame: 'keep', or turned about one axis from one to another; default as the joints let it",
+    options=(_KEEP, Sub("turned from one to another", inner=_AXES)),
+    rule="'keep', or a table with from and to, each roll, pitch, yaw in rad",
+)
+_POSE = Form(
+    {
+        "xyz": vector("the frame's origin, base axes", "m", "a point, three numbers in m, base axes"),
+        "rpy": vector("roll, pitch, yaw: Rz(yaw) Ry(pitch) Rx(roll), base axes; of all points or of none", "rad"),
+    }
+)
 _SPEED = Number("of all pieces", above=0.0)
 MOTIONS: dict[str, Keys] = {
     "point_to_point": {
@@ -76,6 +96,7 @@ MOTIONS: dict[str, Keys] = {
         "frame": _FRAME,
         "from": vector("where the line begins, base axes", "m", "a point, three numbers in m, base axes"),
         "to": vector("where the line ends, base axes", "m", "a point, three numbers in m, base axes"),
+        "orientation": _ORIENTATION,
         "begin": _BEGIN,
         "duration": time("how long it takes; default 80 percent of the scenario's"),
     },
@@ -85,8 +106,24 @@ MOTIONS: dict[str, Keys] = {
         "normal": vector("of its plane, base axes; any length but 0", "", "three numbers, base axes"),
         "from": vector("where it begins, base axes, in the plane", "m", "three numbers, base axes"),
         "angle": Number("right-handed about the normal, not 0; default 2 pi", "rad"),
+        "orientation": _ORIENTATION,
         "begin": _BEGIN,
         "duration": time("how long it takes; default 80 percent of the scenario's"),
+    },
+    "spline": {
+        "frame": _FRAME,
+        "points": Entries("in space on the way, two or more", "m, rad", "two or more points", inner=_POSE, fewest=2),
+        "times": Numbers("of the points, rising; or speed", "s"),
+        "speed": Either(
+            "mean rate of the frame's origin between two points, one or one for each piece; or times",
+            "m/s",
+            options=(_SPEED, Numbers("of each piece", item=_SPEED)),
+        ),
+        "orientation": Choice(
+            "'keep' holds that with which the path begins, where points have no rpy; default as the joints let it",
+            words=(KEEP,),
+        ),
+        "begin": _BEGIN,
     },
 }
 CONTROLS: dict[str, Keys] = {

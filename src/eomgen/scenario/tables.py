@@ -25,18 +25,48 @@ def _span(table: Table) -> dict[str, Any]:
 
 def _via(table: Table, _: Path | None) -> dict[str, Any]:
     points = table.value("points")
+    return {"points": points, **_timing(table, len(points)), "begin": table.number("begin")}
+
+
+def _timing(table: Table, count: int) -> dict[str, Any]:
+    """Times of points, or mean speeds of the pieces between them."""
     if ("times" in table) == ("speed" in table):
         table.fail("needs times or speed; allowed: one of them")
-    times = table.numbers("times", len(points))
+    times = table.numbers("times", count)
     if times is not None and any(b - a < LEAST_TIME for a, b in pairwise(times)):
         table.fail(f"got {show(list(times))}; allowed: increasing times", "times")
     if times is not None and (times[0] < 0.0 or "begin" in table):
         table.fail("allowed: from 0 on, and without begin", "times")
     if isinstance(table.values.get("speed"), list):
-        speed = table.numbers("speed", len(points) - 1)
+        speed = table.numbers("speed", count - 1)
     else:
-        speed = (table.value("speed"),) * (len(points) - 1) if "speed" in table else None
-    return {"points": points, "times": times, "speed": speed, "begin": table.number("begin")}
+        speed = (table.value("speed"),) * (count - 1) if "speed" in table else None
+    return {"times": times, "speed": speed}
+
+
+def _spline(table: Table, _: Path | None) -> dict[str, Any]:
+    points = [entry for _, entry in table.entries("points")]
+    for entry in points:
+        entry.require()
+    places, turns = ([entry.vector(key) for entry in points] for key in ("xyz", "rpy"))
+    open_ones = [entry for entry, rpy in zip(points, turns, strict=True) if rpy is None]
+    turned = len(open_ones) < len(points)
+    if turned and open_ones:
+        open_ones[0].fail("the key 'rpy' is missing, which other points have; allowed: at all points, or at none")
+    if turned and "orientation" in table:
+        table.fail("points have rpy; allowed: orientation = 'keep' where they have none", "orientation")
+    timing = _timing(table, len(points))
+    still = [i for i, (a, b) in enumerate(pairwise(places)) if a == b]
+    if timing["speed"] is not None and still:
+        points[still[0] + 1].fail("is where the point before is; allowed: another point, or times instead of speed")
+    return {
+        "frame": table.text("frame"),
+        "points": tuple(places),
+        "rpy": tuple(turns) if turned else None,
+        "orientation": table.choice("orientation"),
+        **timing,
+        "begin": table.number("begin"),
+    }
 
 
 def _file(table: Table, folder: Path | None) -> str:
@@ -64,7 +94,18 @@ def _line(table: Table, _: Path | None) -> dict[str, Any]:
     ends = {key: table.vector(key) for key in ("from", "to")}
     if ends["from"] == ends["to"]:
         table.fail(f"got {show(table.values['to'])}, where the line begins; allowed: another point", "to")
-    return {"frame": table.text("frame"), **ends, **_span(table)}
+    return {"frame": table.text("frame"), **ends, "orientation": _orientation(table), **_span(table)}
+
+
+def _orientation(table: Table) -> Any:
+    """``"keep"``, or roll, pitch and yaw by "from" and "to", as far as they are given; None without the key."""
+    found = table.value("orientation")
+    if not isinstance(found, Table):
+        return found
+    if not found.values:
+        found.fail("got an empty table; allowed: from, to, or both")
+    ends = {key: found.vector(key) for key in ("from", "to")}
+    return {key: rpy for key, rpy in ends.items() if rpy is not None}
 
 
 def _circle(table: Table, _: Path | None) -> dict[str, Any]:
@@ -82,7 +123,7 @@ def _circle(table: Table, _: Path | None) -> dict[str, Any]:
     if angle == 0.0:
         table.fail("got 0; allowed: an angle in rad other than 0", "angle")
     ends = {"center": tuple(center), "normal": tuple(normal), "from": tuple(start)}
-    return {"frame": table.text("frame"), **ends, "angle": angle, **_span(table)}
+    return {"frame": table.text("frame"), **ends, "angle": angle, "orientation": _orientation(table), **_span(table)}
 
 
 def _nothing(_: Table, __: Path | None) -> dict[str, Any]:
@@ -121,5 +162,6 @@ MOTION_READERS = {
     "sampled": read_sampled,
     "line": _line,
     "circle": _circle,
+    "spline": _spline,
 }
 CONTROL_READERS = {"none": _nothing, "torque": _torque, "pd": _pd, "computed_torque": _computed}

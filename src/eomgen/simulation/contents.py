@@ -16,9 +16,21 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..forms.plain import value_of
 from ..integration.contacts import Contact
+from ..integration.resting import Rest
 from ..limits import LARGEST_FINITE, LARGEST_FOUND, MOST_ENTRIES
-from ..names import IDENTIFIER_RULE, ROBOT_RULE, is_identifier, is_robot_name, joint_of, kind_of, listed, show
+from ..names import (
+    IDENTIFIER_RULE,
+    ROBOT_RULE,
+    component_name,
+    is_identifier,
+    is_robot_name,
+    joint_of,
+    kind_of,
+    listed,
+    show,
+)
 from ..robot.coordinates import UNITS, unit_of
+from ..robot.laws import RADIAL
 from .balance import TERMS
 
 _LARGEST_SUM = LARGEST_FOUND**2  # of energies: a motion that diverged has large ones
@@ -79,6 +91,7 @@ class Meta:
     robot_hash: str = ""
     links: tuple[str, ...] = ()
     contacts: tuple[Contact, ...] = field(default=(), metadata={"owner": TRAJECTORY})
+    rests: tuple[Rest, ...] = field(default=(), metadata={"owner": TRAJECTORY})
     scenario: Mapping[str, Any] = field(default_factory=dict)
     description: Mapping[str, Any] = field(default_factory=dict)
     stopped: Mapping[str, Any] = field(default_factory=dict)
@@ -112,16 +125,24 @@ def meta_of(data: Mapping[str, Any], where: str) -> Meta:
     _check_names(where, "links", meta.links, is_identifier, IDENTIFIER_RULE)
     if meta.robot_hash and not re.fullmatch("[0-9a-f]{64}", meta.robot_hash):
         raise InputError(f"{where}: robot_hash: got {show(meta.robot_hash)}; allowed: 64 hexadecimal digits")
+    held = list(dict.fromkeys(rest.coordinate for rest in meta.rests))
+    _check_names(where, "rests", held, _is_held, "names of coordinates and couplings")
     for key in COUNTS:
         if meta.info.get(key, -1) < 0:
             raise InputError(f"{where}: info: got {show(meta.info.get(key))} for {key}; allowed: a number from 0 on")
     return meta
 
 
+def _is_held(name: str) -> bool:
+    """Whether friction may act on what has this name: a coordinate, one of a cut joint, or a coupling."""
+    owner, *kind = name.split(".")
+    return is_identifier(owner) and (not kind or (len(kind) == 1 and kind[0] in UNITS))
+
+
 def meta_data(meta: Meta) -> dict[str, Any]:
     """Plain values of a meta, as JSON holds them."""
     values = {item.name: getattr(meta, item.name) for item in fields(Meta)}
-    return {**values, "contacts": [asdict(contact) for contact in meta.contacts]}
+    return values | {key: [asdict(x) for x in values[key]] for key in ("contacts", "rests")}
 
 
 def check_contents(meta: Meta, arrays: Mapping[str, NDArray[Any]], where: str) -> dict[str, Any]:
@@ -191,7 +212,8 @@ def _check_coordinates(meta: Meta, found: Mapping[str, Any], where: str) -> None
     """Refuse names of coordinates that the result does not have, wherever they stand."""
     coordinates = found["coordinates"]
     check_coordinates(coordinates, found["units"], where)
-    contacts = dict.fromkeys(contact.coordinate for contact in meta.contacts)
+    journals = {component_name(joint_of(name), RADIAL) for name in coordinates}
+    contacts = dict.fromkeys(contact.coordinate for contact in meta.contacts if contact.coordinate not in journals)
     known = (*coordinates, *_cut_names(meta.description))
     for key, names, allowed in (
         ("array program_coordinates", found["program_coordinates"], coordinates),

@@ -16,7 +16,7 @@ from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..scenario.value import Scenario
 from ..state.motors import shafts, turn_motors
-from ..state.springs import clearances, cut_numbers, stiffnesses
+from ..state.springs import clearances, cut_numbers, journals_in_play, stiffnesses
 from .assembly import Assembly, by_coordinate, names_in_scenarios
 from .loads import loaded_parameters
 
@@ -97,7 +97,7 @@ def _loose(robot: Robot, assembly: Assembly) -> tuple[str, ...]:
     moved = {*kernel.prescribed, *(motors.get(name, name) for name in assembly.driven)}
     if robot.is_closed:  # which hold what has no stiffness
         moved |= {name for name, k in zip(kernel.coordinates, stiffnesses(kernel), strict=True) if k == 0.0}
-    played = {kernel.motors.get(name, name) for name in clearances(kernel)}
+    played = {kernel.motors.get(name, name) for name in clearances(kernel)} | journals_in_play(kernel)
     return tuple(
         name
         for name, k in zip(kernel.coordinates, stiffnesses(kernel), strict=True)

@@ -9,14 +9,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
-from ..motion.ends import default_ends, point_of, principal_limits
+from ..errors import InputError, ReachError
+from ..motion.ends import default_ends, limits_beside, point_of
 from ..motion.files import MeasuredMotion, read_motion
 from ..motion.point_to_point import PointToPoint, Program
 from ..motion.splines import Columns, Spline
-from ..motion.tool_path import ToolCircle, ToolLine
+from ..motion.tool_path import Orientation, ToolCircle, ToolLine, ToolSpline
 from ..names import nearest, show
 from ..robot.coordinates import coordinate_names
+from ..robot.geometry import Vector, rotation_from_rpy
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..scenario.value import Scenario, Section
@@ -131,6 +132,8 @@ def make_program(
         points[:, [driven.index(name) for name in names]] = motion.q[:, [motion.coordinates.index(n) for n in names]]
         return Spline(motion.t, points, at_rest=False)
     guess = start if robot.is_closed else (start + goal) / 2  # where loops are known to close
+    if _has_orientation(section):  # which is to be that of the pose from which the scenario begins, as far as it says
+        guess = np.where([name in given for name in driven], start, guess)
     return _tool_program(scenario, section, robot, driven, rigid(), tool, given, guess, (begin, duration))
 
 
@@ -139,16 +142,23 @@ def _via(section: Section, robot: Robot, driven: Sequence[str], label: Callable[
     for i, given in enumerate(section.get("points")):
         points.append(point_of(robot, driven, label(f"points.{i}"), given, points[-1]))
     path = np.array(points[1:])
-    times = section.get("times")
-    if times is None:
-        spans = [float(np.abs(b - a).max()) / v for (a, b), v in zip(pairwise(path), section.get("speed"), strict=True)]
-        if min(spans) <= 0.0:
-            place = label(f"points.{int(np.argmin(spans)) + 1}")
-            raise InputError(
-                f"{place}: is where the point before is; allowed: another point, or times instead of speed"
-            )
-        times = section.get("begin", 0.0) + np.concatenate([[0.0], np.cumsum(spans)])
-    return Spline(times, path, at_rest=True)
+    distances = [float(np.abs(b - a).max()) for a, b in pairwise(path)]
+    if section.get("times") is None and min(distances) <= 0.0:
+        place = label(f"points.{int(np.argmin(distances)) + 1}")
+        raise InputError(f"{place}: is where the point before is; allowed: another point, or times instead of speed")
+    return Spline(_times(section, distances), path, at_rest=True)
+
+
+def _times(section: Section, distances: Sequence[float]) -> Array:
+    """When points are passed, (K,), s: as given, or by the speeds over the distances between them."""
+    if section.get("times") is not None:
+        return np.array(section.get("times"))
+    spans = np.array(distances) / section.get("speed")
+    return np.asarray(section.get("begin", 0.0) + np.concatenate([[0.0], np.cumsum(spans)]))
+
+
+def _has_orientation(section: Section) -> bool:
+    return section.get("orientation") is not None or section.get("rpy") is not None
 
 
 def _tool_program(
@@ -172,22 +182,39 @@ def _tool_program(
         name: x for name, x in given.items() if name in rigid.coordinates
     }
     where = np.array([guesses.get(name, 0.0) for name in rigid.coordinates])
-    passive = set(rigid.coordinates) - {*driven, *rigid.prescribed} if robot.is_closed else set()
-    limits = np.array(
-        [
-            principal_limits(robot, name) if name in driven else (-np.inf, np.inf) if name in passive else (x, x)
-            for name, x in zip(rigid.coordinates, where, strict=True)
-        ]
-    )
+    limits = limits_beside(robot, rigid.coordinates, driven, where)
     index = np.array([rigid.coordinates.index(name) for name in driven], dtype=np.intp)
     begin, duration = span
-    options: dict[str, Any] = {"guess": where, "limits": limits, "start_time": begin}
+    options: dict[str, Any] = {"guess": where, "limits": limits}
     try:
+        if section.type == "spline":
+            return Columns(_spline(section, rigid, frame, options), index)
+        options |= {"start_time": begin, "orientation": _orientation(section.get("orientation"))}
         if section.type == "line":
             ends = (section.get("from"), section.get("to"))
             return Columns(ToolLine(rigid, frame, *ends, duration, **options), index)
         center, normal, start = (section.get(key) for key in ("center", "normal", "from"))
         angle = section.get("angle", 2.0 * np.pi)
         return Columns(ToolCircle(rigid, frame, center, normal, start, angle, duration, **options), index)
+    except ReachError as error:
+        message = f"{scenario.label('motion')}: {error}"
+        raise ReachError(message, error.distance, error.angle, error.q) from None
     except InputError as error:
         raise InputError(f"{scenario.label('motion')}: {error}") from None
+
+
+def _orientation(given: str | Mapping[str, Vector] | None) -> Orientation | None:
+    """The orientation of a line or circle, from what its table says."""
+    if given is None:
+        return None
+    if isinstance(given, str):
+        return "keep"
+    first, last = (None if given.get(key) is None else rotation_from_rpy(given[key]) for key in ("from", "to"))
+    return first, last
+
+
+def _spline(section: Section, rigid: Kernel, frame: str, options: Mapping[str, Any]) -> ToolSpline:
+    points, rpy = np.array(section.get("points")), section.get("rpy")
+    distances = [float(np.linalg.norm(b - a)) for a, b in pairwise(points)]
+    orientation = section.get("orientation") if rpy is None else [rotation_from_rpy(angles) for angles in rpy]
+    return ToolSpline(rigid, frame, points, _times(section, distances), orientation=orientation, **options)

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from ..description import RobotLike, as_robot
 from ..description.recorded import robot_from_record
 from ..errors import InputError, UnknownNameError
-from ..integration.contacts import CLEARANCE, Contact
+from ..integration.contacts import STOP, Contact
+from ..integration.resting import Rest
 from ..integration.trajectory import Trajectory
 from ..names import kind_of, listed, nearest, show
 from ..robot.coordinates import coordinate_names, force_unit_of, index_of, unit_of
@@ -127,6 +128,7 @@ class SimulationResult(Shown, Tabular):
     def summary(self) -> dict[str, Any]:
         """Results in short, as plain numbers and texts that JSON can hold; SI units, rad."""
         motion, tool = self.trajectory, np.linalg.norm(self.tool_deviation, axis=1)
+        turned = self.tool_rotation
         return {
             "robot": self.robot,
             "coordinates": len(motion.coordinates),
@@ -138,7 +140,8 @@ class SimulationResult(Shown, Tabular):
             "tool_deviation_max": float(tool.max()),
             "tool_deviation_max_at": float(motion.t[int(tool.argmax())]),
             "tool_deviation_end": float(tool[-1]),
-            "tool_rotation_max": float(self.tool_rotation.max()),
+            "tool_rotation_max": float(turned.max()),
+            "tool_rotation_end": float(turned[-1]),
             "linear_max": _largest(self.deviation_coordinates, self.deviations, "m"),
             "angular_max": _largest(self.deviation_coordinates, self.deviations, "rad"),
             "tracking_max": {
@@ -164,7 +167,7 @@ class SimulationResult(Shown, Tabular):
             f"{facts['wall_s']:.2f} s",
             f"  tool {self.tool}: off {against} by at most {facts['tool_deviation_max'] * 1e6:.3g} um "
             f"(at {facts['tool_deviation_max_at']:.3f} s) and {facts['tool_rotation_max'] * 1e6:.3g} urad; "
-            f"{facts['tool_deviation_end'] * 1e6:.3g} um at the end",
+            f"{facts['tool_deviation_end'] * 1e6:.3g} um and {facts['tool_rotation_end'] * 1e6:.3g} urad at the end",
         ]
         found = [("largest deviation", facts["linear_max"]), ("largest deviation", facts["angular_max"])]
         found += [("largest error of a drive", entry) for entry in facts["tracking_max"].values()]
@@ -174,20 +177,31 @@ class SimulationResult(Shown, Tabular):
                 lines.append(f"  {text}: {entry['coordinate']} {entry['value'] * 1e6:+.3g} {unit}")
         if self.balance is not None:
             lines.append(f"  {self.balance.line()}")
-        lines += self._contact_lines()
+        lines += [*self._contact_lines(), *self._rest_lines()]
         return lines + [f"  {note}" for note in self.notes]
 
     def _contact_lines(self) -> list[str]:
         """Lines that say how often clearances closed and stops were touched, and the first time of each."""
-        times: dict[tuple[str, str], list[float]] = {}
+        found: dict[tuple[str, str], list[Contact]] = {}
         for c in self.trajectory.contacts:
             if c.closes:
-                what = "clearance" if c.kind == CLEARANCE else f"{'upper' if c.side > 0 else 'lower'} stop"
-                times.setdefault((what, c.coordinate), []).append(c.t)
+                what = f"{'upper' if c.side > 0 else 'lower'} stop" if c.kind == STOP else "clearance"
+                found.setdefault((what, c.coordinate), []).append(c)
         return [
-            f"  {what} of {name}: {'touched' if 'stop' in what else 'closed'} {len(t)} times, first at {t[0]:.4f} s"
-            for (what, name), t in times.items()
+            f"  {what} of {name}: {'touched' if 'stop' in what else 'closed'} {len(all_of_them)} times, first at"
+            f" {all_of_them[0].t:.4f} s{_direction(all_of_them[0])}"
+            for (what, name), all_of_them in found.items()
         ]
+
+    def _rest_lines(self) -> list[str]:
+        """Lines that say how often and how long friction held what it acts on, and the first time of each."""
+        lines, motion = [], self.trajectory
+        for name in dict.fromkeys(rest.coordinate for rest in motion.rests):
+            held = [rest for rest in motion.rests if rest.coordinate == name]
+            whole = sum(rest.ends - rest.begins for rest in held)
+            first = f"from {held[0].begins:.4f} to {held[0].ends:.4f} s"
+            lines.append(f"  friction of {name}: held it {len(held)} times, {whole:.4g} s in all, first {first}")
+        return lines
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -198,8 +212,9 @@ class SimulationResult(Shown, Tabular):
         """Values over time by name, with their unit.
 
         Names are those of coordinates ("joint1.x"), with .rate, .drive or .program behind them; TOOL.position (base
-        axes) and TOOL.program; LINK.force and LINK.moment of wrenches (about the centre of mass, base axes);
-        energy.kinetic, energy.potential, energy.residue, and work.TERM with the terms of ``EnergyBalance``.
+        axes) and TOOL.program; TOOL.rotation, the angle between its axes and their program; LINK.force and LINK.moment
+        of wrenches (about the centre of mass, base axes); energy.kinetic, energy.potential, energy.residue, and
+        work.TERM with the terms of ``EnergyBalance``.
 
         Raises:
             UnknownNameError: there is nothing of that name; ``names`` has all.
@@ -221,6 +236,7 @@ class SimulationResult(Shown, Tabular):
             found[f"{name}.program"] = (unit_of(name), self.program_q[:, i])
         found[f"{self.tool}.position"] = ("m", self.pose[:, :3, 3])
         found[f"{self.tool}.program"] = ("m", self.program_pose[:, :3, 3])
+        found[f"{self.tool}.rotation"] = ("rad", self.tool_rotation)
         for i, link in enumerate(self.links if self.wrench is not None else ()):
             assert self.wrench is not None
             found[f"{link}.force"], found[f"{link}.moment"] = (
@@ -269,10 +285,10 @@ class SimulationResult(Shown, Tabular):
 
 
 def _plain(value: Any) -> Any:
-    """Values without proxies; contacts as tables."""
+    """Values without proxies; contacts and rests as tables."""
     if isinstance(value, Mapping):
         return dict(value)
-    return [asdict(x) if isinstance(x, Contact) else x for x in value] if isinstance(value, tuple) else value
+    return [asdict(x) if isinstance(x, (Contact, Rest)) else x for x in value] if isinstance(value, tuple) else value
 
 
 def _largest(names: Sequence[str], values: Array, unit: str) -> dict[str, Any] | None:
@@ -335,6 +351,14 @@ def _kept_robot(result: SimulationResult, source: str) -> Robot:
             " allowed: the robot simulated"
         )
     return robot
+
+
+def _direction(contact: Contact) -> str:
+    """Say where a journal touches; nothing of other contacts."""
+    if contact.angle is None:
+        return ""
+    end = {1: ", at the end towards +z", -1: ", at the end towards -z"}.get(contact.side, "")
+    return f" in the direction of {np.degrees(contact.angle):.0f} deg{end}"
 
 
 def simulated_robot(result: SimulationResult, given: RobotLike | None = None) -> Robot:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ..errors import EomgenError, IntegrationStopped
 from ..integration.contacts import Contact
+from ..integration.resting import rests
 from ..integration.solve import integrate
 from ..integration.steps import Record, output_times
 from ..integration.trajectory import Trajectory
@@ -32,6 +33,7 @@ from .stream import MotionStream
 Array = NDArray[np.float64]
 Function = Callable[[float, Array, Array], Array]
 
+GREATEST = ("gap", "gap_rate", "redundant", "friction_smoothing")  # numbers of ``info`` that do not add up
 SHARPNESS = 1e-9  # of the duration: how far from a time that separates two pieces both are told apart
 MOST_KNOTS = 200  # of a table without jumps at which a piece ends; of more, some
 
@@ -132,7 +134,8 @@ def run_segments(
     if stop is not None:
         whole = _good_rows(whole)
     work, wrench = whole.pop("work"), whole.pop("wrench", None)
-    about: dict[str, Any] = {"method": method, "info": info, "contacts": tuple(contacts)}
+    held = rests(kernel, whole["t"], whole["q"], whole["v"])
+    about: dict[str, Any] = {"method": method, "info": info, "contacts": tuple(contacts), "rests": held}
     trajectory = Trajectory(**whole, coordinates=kernel.coordinates, **about)
     return SegmentedMotion(trajectory, EnergyBalance(work, trajectory.energy), wrench, stop)
 
@@ -147,8 +150,8 @@ def joined_info(before: Mapping[str, float], part: Mapping[str, float]) -> dict[
 
 
 def _joined(key: str, before: float, value: float) -> float:
-    """A number of a trajectory's ``info`` over two pieces: the greatest gap, and counts together."""
-    return max(before, value) if key in ("gap", "gap_rate", "redundant") else before + value
+    """A number of a trajectory's ``info`` over two pieces: the greater gap, say, and counts together."""
+    return max(before, value) if key in GREATEST else before + value
 
 
 def _good_rows(whole: dict[str, Array]) -> dict[str, Array]:

@@ -9,18 +9,21 @@ from ..names import parameter_name
 from ..robot import sizes
 from ..robot.laws import contact_stiffness_of, has_springs, rate_slope_of, stiffness_of
 from ..runtime.kernel import Kernel
+from .journals import journal_contacts, journal_stiffness
 from .motors import deflections
-from .vectors import prescribed_mask
+from .vectors import V_STEP, prescribed_mask
 
 Array = NDArray[np.float64]
+
+SHARPEST = 1e-10  # m/s or rad/s: smaller rates are round-off
 
 
 def stiffnesses(kernel: Kernel) -> Array:
     """Stiffness of every coordinate as the kernel has it now, (n,), N/m or N m/rad; 0 where there is no spring.
 
     Laws count by their ``stiffness``: of two sides the stiffer one, of a clearance that of its end, of a curve that of
-    its steepest piece.  A transmission holds its motor with stiffness / ratio^2 and its joint with the stiffness, each
-    as if the other stood still.
+    its steepest piece, of a journal those of all its contacts.  A transmission holds its motor with stiffness / ratio^2
+    and its joint with the stiffness, each as if the other stood still.
     """
     return np.array(np.diagonal(stiffness_matrix(kernel)))
 
@@ -28,7 +31,7 @@ def stiffnesses(kernel: Kernel) -> Array:
 def stiffness_matrix(kernel: Kernel) -> Array:
     """``stiffnesses`` with what transmissions have beside the diagonal, (n, n)."""
     rows = deflections(kernel)
-    return np.asarray(rows.T @ (_own_stiffnesses(kernel)[:, None] * rows))
+    return np.asarray(rows.T @ (_own_stiffnesses(kernel)[:, None] * rows)) + journal_stiffness(kernel)
 
 
 def _own_stiffnesses(kernel: Kernel) -> Array:
@@ -42,14 +45,15 @@ def _contact_stiffnesses(kernel: Kernel) -> Array:
     return np.array([contact_stiffness_of(given) for given in law_numbers(kernel).values()])
 
 
-def damping_matrix(kernel: Kernel) -> Array:
+def damping_matrix(kernel: Kernel, least: float = 0.0) -> Array:
     """Largest slopes of the coordinates' forces by their rates, (n, n), N s/m or N m s/rad: dampers, friction, stops.
 
-    A damper between motor and joint acts on the deflection, friction and stops of a motor on its shaft.
+    A damper between motor and joint acts on the deflection, friction and stops of a motor on its shaft;
+    ``least`` as of ``rate_slope_of``.
     """
     rows, numbers = deflections(kernel), law_numbers(kernel).values()
     damping = np.array([given.get("damping", 0.0) for given in numbers])
-    return np.asarray(rows.T @ (damping[:, None] * rows) + np.diag([rate_slope_of(given) for given in numbers]))
+    return np.asarray(rows.T @ (damping[:, None] * rows) + np.diag([rate_slope_of(x, least) for x in numbers]))
 
 
 def any_spring(kernel: Kernel) -> bool:
@@ -63,23 +67,26 @@ def any_spring(kernel: Kernel) -> bool:
         return True
     if any(has_springs(given, kernel.knots.get(name, ())) for name, given in cut_numbers(kernel).items()):
         return True
+    if any(contact.stiffness for contact in journal_contacts(kernel)):
+        return True
     names = (parameter_name("springs", name, "stiffness") for name in kernel.springs)
     return any(name in kernel.knots for name in kernel.springs) or any(map(kernel.parameters.get, names))
 
 
-def fastest_rates(kernel: Kernel, q: Array) -> tuple[float, float]:
+def fastest_rates(kernel: Kernel, q: Array, least: float = 0.0) -> tuple[float, float]:
     """How fast springs swing and how fast dampers and friction slow down about q, rad/s and 1/s; 0 without any.
 
-    Of all laws the largest slopes count, stops as if they were touched; prescribed coordinates do not.
+    Of all laws the largest slopes count, stops as if they were touched; prescribed coordinates do not; ``least`` as of
+    ``rate_slope_of``.
 
     Raises:
         LinAlgError: M is singular.
     """
-    between, damping = line_rates(kernel, q, touching=True)
+    between, damping = line_rates(kernel, q, least, touching=True)
     free = ~prescribed_mask(kernel)
     grid = np.ix_(free, free)
     stiffness = stiffness_matrix(kernel) + np.diag(_contact_stiffnesses(kernel))
-    slopes = [(stiffness + between)[grid], (damping_matrix(kernel) + damping)[grid]]
+    slopes = [(stiffness + between)[grid], (damping_matrix(kernel, least) + damping)[grid]]
     if not np.any(slopes):
         return 0.0, 0.0
     M = kernel.mass_matrix(q)[grid]
@@ -95,6 +102,30 @@ def law_numbers(kernel: Kernel) -> dict[str, dict[str, float]]:
 def cut_numbers(kernel: Kernel) -> dict[str, dict[str, float]]:
     """The same of cut joints' coordinates and elastic couplings, by the names in ``Kernel.cut_laws``."""
     return sizes.cut_numbers(kernel.parameters, kernel.cut_laws)
+
+
+def smoothings(kernel: Kernel) -> dict[str, float]:
+    """The rates over which frictions turn round, m/s or rad/s, by coordinate, cut joints and couplings too."""
+    given = {**law_numbers(kernel), **cut_numbers(kernel)}
+    return {name: x["friction.smoothing"] for name, x in given.items() if "friction.smoothing" in x}
+
+
+def rate_step(kernel: Kernel) -> float:
+    """The step of a rate by which finite differences of forces are taken: small beside 1, and where friction turns."""
+    return min([V_STEP, *(0.25 * x for x in smoothings(kernel).values())])
+
+
+def rubbing_rates(kernel: Kernel, q: Array) -> Array:
+    """The rates to which those of coordinates matter, (n,), because friction turns round there; inf without any.
+
+    Coarser ones would step over a rest, and never find it.
+    """
+    found, known = np.full(kernel.n, np.inf), smoothings(kernel)
+    for i, name in enumerate(kernel.coordinates):
+        found[i] = known.get(name, np.inf)
+    for name, row in zip(kernel.cut_laws, kernel.cut_jacobian(q) if kernel.cut_laws else (), strict=True):
+        found[row != 0.0] = np.minimum(found[row != 0.0], known.get(name, np.inf))
+    return np.asarray(np.maximum(found, SHARPEST))
 
 
 def clearances(kernel: Kernel) -> dict[str, float]:
@@ -125,10 +156,19 @@ def _stops(numbers: dict[str, dict[str, float]]) -> dict[str, tuple[float, float
     }
 
 
-def line_rates(kernel: Kernel, q: Array, *, touching: bool = False) -> tuple[Array, Array]:
+def journals_in_play(kernel: Kernel) -> set[str]:
+    """Names of the coordinates of journals that no spring but the contact holds."""
+    index = {i for contact in journal_contacts(kernel) for i in contact.index}
+    own = law_numbers(kernel) if index else {}
+    names = (kernel.coordinates[i] for i in index)
+    return {name for name in names if not has_springs(own[name], kernel.knots.get(name, ()))}
+
+
+def line_rates(kernel: Kernel, q: Array, least: float = 0.0, *, touching: bool = False) -> tuple[Array, Array]:
     """Stiffness and damping by springs between points, in cut joints and couplings at q, (n, n) each.
 
     Cables count as taut; the largest slopes count.  touching: stops count, too, as if they were touched.
+    ``least`` as of ``rate_slope_of``.
     """
     stiffness, slowing = np.zeros((kernel.n, kernel.n)), np.zeros((kernel.n, kernel.n))
     if kernel.springs:
@@ -139,7 +179,7 @@ def line_rates(kernel: Kernel, q: Array, *, touching: bool = False) -> tuple[Arr
     if kernel.cut_laws:
         rows, numbers = kernel.cut_jacobian(q), cut_numbers(kernel)
         k = np.array([stiffness_of(numbers[name], kernel.knots.get(name, ())) for name in kernel.cut_laws])
-        c = np.array([given.get("damping", 0.0) + rate_slope_of(given) for given in numbers.values()])
+        c = np.array([given.get("damping", 0.0) + rate_slope_of(given, least) for given in numbers.values()])
         k = k + [contact_stiffness_of(given) for given in numbers.values()] if touching else k
         stiffness = stiffness + rows.T @ (k[:, None] * rows)
         slowing = slowing + rows.T @ (c[:, None] * rows)

@@ -78,6 +78,6 @@ PLAN = Form(
             rule=f"one or more different names of {', '.join(RECORDS)}",
         ),
         "engine": Sub("how samples are integrated", inner=ENGINE),
-        "vary": Entries("what changes from sample to sample", "", "one or more tables [[vary]]", inner=VARY, some=True),
+        "vary": Entries("what changes from sample to sample", "", "one or more tables [[vary]]", inner=VARY, fewest=1),
     }
 )

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ArrayError, EomgenError, InputError, IntegrationStopped
+from ..integration.resting import rests
 from ..integration.steps import fixed_step
 from ..integration.trajectory import Trajectory
 from ..robot.model import build_model
@@ -29,6 +30,7 @@ from ..simulation.controls import JointPD
 from ..simulation.initial import initial_state
 from ..simulation.loads import loaded_parameters
 from ..state.springs import stiffness_matrix
+from ..state.turning import extrapolated
 
 Array = NDArray[np.float64]
 
@@ -196,7 +198,9 @@ class _Sample:
                 name = self.kernel.coordinates[i]
                 return self._fail(k, name, f"no acceleration of {name} at t = {at:.6g} s; {ADVICE}")
             ends.append(end)
-        q, v = ends[0] if len(ends) == 1 else 2.0 * ends[1] - ends[0]
+        q, v = ends[0]
+        if len(ends) > 1:
+            q, v = extrapolated(ends[0].ravel(), ends[1].ravel(), self.kernel.raw.turning).reshape(2, -1)
         bad = ~(np.abs(q) < FAR) | ~np.isfinite(v)
         if bad.any():
             name = self.kernel.coordinates[int(bad.argmax())]
@@ -312,7 +316,8 @@ def _result(sample: _Sample, pace: Pace, balance: bool) -> Rolled | EomgenError:
     energy = np.asarray(kernel.energy(q, v))
     u = _drives(sample, pace, isinstance(sample.assembly.drive, JointPD), last)
     info = {"steps": pace.periods * pace.steps, "evaluations": 0, "jacobians": 0, "wall_s": 0.0}
-    trajectory = Trajectory(t, q, v, u, energy, kernel.coordinates, f"rollout, {pace.method}", info)
+    held = rests(kernel, t, q, v)
+    trajectory = Trajectory(t, q, v, u, energy, kernel.coordinates, f"rollout, {pace.method}", info, rests=held)
     if failure is not None:
         message = f"{kernel.name}, t = {t[-1]:.6g} s: {failure.message}"
         stop = IntegrationStopped(message, float(t[-1]), q[-1].copy(), v[-1].copy(), failure.coordinate)

@@ -21,7 +21,7 @@ from eomgen.robot.value import Robot
 from eomgen.runtime.raw import RawFunction
 from tests.support.c_project import COMPILERS, NO_EIGEN, PREAMBLE, need_eigen, package_of, program, run
 from tests.support.random_robots import random_robot
-from tests.support.small_robots import free_body
+from tests.support.small_robots import held_body
 
 MAY_VANISH = ("bias_force", "christoffel", "coriolis_matrix", "external_force", "spring_stiffness")
 
@@ -300,7 +300,7 @@ int main()
 
 def test_a_singular_mass_matrix_is_reported(tmp_path: Path) -> None:
     """Coordinate and state are those of the Python kernel's error."""
-    robot, kernels = free_body(), ("forward_dynamics", "forward_dynamics_jacobian", "rollout")
+    robot, kernels = held_body(), ("forward_dynamics", "forward_dynamics_jacobian", "rollout")
     package, kernel = package_of(robot, tmp_path, *kernels), kernel_of(robot, *kernels)
     code = PREAMBLE.format(name=robot.name, space=robot.name) + FAILURES
     made = program("gcc", code, [package], tmp_path, NO_EIGEN)

@@ -56,7 +56,12 @@ def described(law: str) -> Robot:
 def test_forces_slopes_and_energy(built: Build) -> None:
     """In many states at once and one by one: the same bits, and those of a formula in NumPy."""
     robot = slider(
-        stiffness=40.0, damping=0.5, preload=1.5, cubic=7.0, friction=Friction(0.3, viscous=0.2), further=GIVEN
+        stiffness=40.0,
+        damping=0.5,
+        preload=1.5,
+        cubic=7.0,
+        friction=Friction(0.3, None, None, 0.2, 1e-3),
+        further=GIVEN,
     )
     kernel = built(robot, "generalized_force", "residual_jacobian", "energy", "inverse_dynamics")
     s, v = np.linspace(-0.4, 0.3, 71)[:, None], np.linspace(-1.0, 1.0, 71)[:, None]

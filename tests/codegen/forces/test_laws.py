@@ -278,7 +278,10 @@ def test_motion_is_scipys(built: Build) -> None:
 
 @pytest.mark.parametrize("seed", [*seeds(1370, 1, 1), *seeds(1372, 1, 3)])
 def test_implicit_steps_are_those_of_the_formula(seed: int, built: Build) -> None:
-    """Forces and tangents where the rate leads to, tangents that fall left out: with the whole matrix, in NumPy."""
+    """Forces and tangents where the rate leads to, tangents that fall left out: with the whole matrix, in NumPy.
+
+    Friction counts by its secant, not by its tangent.
+    """
     robot = worn(seed)
     kernel = built(robot, "rollout", *NAMES, "mass_matrix", "bias_force")
     s, dt, steps = random_state(robot, seed), 4e-3, 10
@@ -304,6 +307,10 @@ def test_implicit_steps_are_those_of_the_formula(seed: int, built: Build) -> Non
         for i, c in enumerate(c for j in robot.joints for c in j.coordinates.values()):
             straight = c.stiffness if c.clearance is None and c.stiffness_negative is None and c.stiffness else 0.0
             bent[i] = dt * damping[i] + dt * dt * straight + max(bent[i] - dt * dt * straight, 0.0)
+            if c.friction is not None:  # beside a linear spring alone
+                load = LawOracle(robot).loads(ahead, v)[i]
+                secant = resistance(Coordinate(friction=c.friction), 0.0, v[i], load) / v[i]
+                bent[i] = dt * (damping[i] + secant) + dt * dt * (c.stiffness or 0.0)
         weights = kernel.generalized_force(q, none) - kernel.generalized_force(ahead, none)
         gravity = weights + np.array([
             resistance(c, q[i], 0.0) - resistance(c, ahead[i], 0.0)

@@ -142,7 +142,10 @@ def test_closed_form(seed: int) -> None:
 
 
 def whole_step(oracle: MotorOracle, q: Array, v: Array, u: Array, dt: float, added: Array) -> Array:
-    """Acceleration of a linearly implicit step by the whole matrix; tangents of laws by differences of the formulas."""
+    """Acceleration of a linearly implicit step by the whole matrix; tangents of laws by differences of the formulas.
+
+    Friction counts by its secant.
+    """
     given, free, none = oracle.given, ~oracle.given, np.zeros(len(q))
     table, ahead = oracle.bodies.table, q + dt * v
     matrix = oracle.mass_matrix(q) + np.diag(added)
@@ -156,8 +159,8 @@ def whole_step(oracle: MotorOracle, q: Array, v: Array, u: Array, dt: float, add
         law = dt * dt * (tangent(spring, phi, rate, 0) - k) + dt * tangent(spring, phi, rate, 1)
         slope = dt * (spring.damping or 0.0) + dt * dt * k + max(law, 0.0)
         matrix += slope * np.outer(across, across)
-        bearing = tangent(Coordinate(friction=gear.motor.friction), 0.0, v[gear.at], 1)
-        matrix[gear.at, gear.at] += max(dt * bearing, 0.0)
+        bearing = resistance(Coordinate(friction=gear.motor.friction), 0.0, v[gear.at]) / v[gear.at]
+        matrix[gear.at, gear.at] += dt * bearing
     bodies = oracle.inverse_dynamics(q, v, none)
     springs = oracle.spread(np.array([(c.stiffness or 0.0) for c in table])) * (ahead - q)
     right = u - bodies - springs - oracle.transmitted(ahead, v) + oracle.transmitted(q, v)

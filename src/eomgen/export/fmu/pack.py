@@ -109,6 +109,8 @@ def _files(
     progress: StageReport,
 ) -> dict[str, bytes]:
     """Files of the unit but its binary, by their paths; ``begin``: its step and its coordinates at first."""
+    from eomgen.codegen.c.contexts import turned_context
+
     from .variables import make_layout
     from .xml import Unit, build_description, model_description
 
@@ -125,6 +127,7 @@ def _files(
         "prescribed": model.prescribed,
         "method": method,
         **_closing(model),
+        **turned_context(model),
         "redundant": meta.get("redundant", False),
     }
     kinds = {f"unit.{end}": f"fmu/unit.{end}" for end in "hc"} | {

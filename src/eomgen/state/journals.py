@@ -1,0 +1,97 @@
+"""Journals of a kernel's joints in round bearings: where they are, and how far beyond their clearance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..names import component_name, parameter_name, parameter_path
+from ..robot.journals import CROSSWISE, TILTING
+from ..robot.laws import RADIAL
+from ..runtime.kernel import Kernel
+
+Array = NDArray[np.float64]
+Numbers = Mapping[str, Mapping[str, float]]  # by joints, then by their names in ``laws.IN_BEARINGS``
+
+
+@dataclass(frozen=True)
+class JournalContact:
+    """A place where a journal may touch its bearing.
+
+    Attributes:
+        name: "JOINT.radial".
+        end: 1 or -1, the end of the bearing towards positive or negative z; 0 of one without a length.
+        clearance: m.
+        stiffness: N/m.
+        height: of the place over the joint's origin along the journal's axis, m.
+        index: in q of x, y and, of a bearing with a length, alpha and beta.
+    """
+
+    name: str
+    end: int
+    clearance: float
+    stiffness: float
+    height: float
+    index: tuple[int, ...]
+
+    def centre(self, q: Array) -> Array:
+        """The journal's centre off the bearing's, (..., 2), m, in the axes of x and y; q is (..., n)."""
+        x, y = (q[..., i] for i in self.index[:2])
+        if self.end:
+            alpha, beta = (q[..., i] for i in self.index[2:])
+            x, y = x + self.height * np.sin(beta), y - self.height * np.sin(alpha) * np.cos(beta)
+        return np.stack([x, y], axis=-1)
+
+    def gap(self, q: Array) -> Array:
+        """How far the centre is beyond the clearance, (...,), m, below 0 inside."""
+        found: Array = np.linalg.norm(self.centre(q), axis=-1) - self.clearance
+        return found
+
+    def arms(self, q: Array) -> Array:
+        """Derivatives of the centre by the coordinates of ``index``, (2, 2) or (2, 4), at one q."""
+        if not self.end:
+            return np.eye(2)
+        alpha, beta = (q[i] for i in self.index[2:])
+        h, (sa, ca), (sb, cb) = self.height, (np.sin(alpha), np.cos(alpha)), (np.sin(beta), np.cos(beta))
+        return np.array([[1.0, 0.0, 0.0, h * cb], [0.0, 1.0, -h * ca * cb, h * sa * sb]])
+
+
+def journal_contacts(kernel: Kernel) -> list[JournalContact]:
+    """The contacts of all journals with the numbers that the kernel has now."""
+    return contacts_of(journal_numbers(kernel), kernel.coordinates)
+
+
+def contacts_of(journals: Numbers, coordinates: Sequence[str]) -> list[JournalContact]:
+    """The contacts of journals of these numbers, in q of these coordinates."""
+    found: list[JournalContact] = []
+    for joint, numbers in journals.items():
+        length = numbers.get("length")
+        names = CROSSWISE if length is None else (*CROSSWISE, *TILTING)
+        index = tuple(coordinates.index(component_name(joint, name)) for name in names)
+        for end in (0,) if length is None else (1, -1):
+            height = 0.0 if length is None else 0.5 * end * length
+            name = component_name(joint, RADIAL)
+            found.append(JournalContact(name, end, numbers["clearance"], numbers["stiffness"], height, index))
+    return found
+
+
+def journal_numbers(kernel: Kernel) -> Numbers:
+    """The numbers of every journal as the kernel has them now."""
+    found: dict[str, dict[str, float]] = {}
+    for name, value in kernel.parameters.items():
+        kind, *path = parameter_path(name)
+        if kind == "joints" and path[1] == RADIAL:
+            found.setdefault(path[0], {})[parameter_name(*path[2:])] = value
+    return found
+
+
+def journal_stiffness(kernel: Kernel) -> Array:
+    """Stiffness matrix of all journals where all of their contacts touch along x and along y, (n, n)."""
+    total = np.zeros((kernel.n, kernel.n))
+    for contact in journal_contacts(kernel):
+        arms = contact.arms(np.zeros(kernel.n))
+        total[np.ix_(contact.index, contact.index)] += contact.stiffness * (arms.T @ arms)
+    return total

@@ -1,0 +1,226 @@
+"""Programs of a tool with orientation: lines, circles and splines in space, checked by forward kinematics and SciPy."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation, Slerp
+
+import eomgen
+from eomgen.description.load import robot_from_toml
+from eomgen.errors import ArrayError, InputError, ReachError
+from eomgen.motion import Program, ToolCircle, ToolLine, ToolPath, ToolSpline, inverse_kinematics
+from eomgen.motion.ends import limits_beside
+from eomgen.motion.turns import spherical_spline
+from eomgen.robot.model import program_coordinates
+from eomgen.robot.value import Robot
+from tests.support.builds import Build
+from tests.support.random_robots import Array, random_robot
+from tests.support.scaras import scara
+
+START = np.array([0.3, -1.2, 1.4, -0.5, 1.1, 0.2])
+
+
+@pytest.fixture(scope="module")
+def ur5(built: Build) -> eomgen.Kernel:
+    return built(eomgen.load_robot("ur5").rigid(), "kinematics")
+
+
+def nowhere(kernel: eomgen.Kernel) -> Array:
+    return np.tile([-np.inf, np.inf], (kernel.n, 1))
+
+
+def profile(t: Array, duration: float) -> Array:
+    r = np.clip(t / duration, 0.0, 1.0)
+    return np.asarray(10 * r**3 - 15 * r**4 + 6 * r**5)
+
+
+def is_smooth(program: Program, end: float) -> None:
+    """Rates and accelerations are those of the positions and continuous; it rests at both ends."""
+    h, t = 1e-5, np.linspace(-0.05, end + 0.05, 4001)
+    _, v, a = program.at(t)
+    ahead, behind = program.at(t + h), program.at(t - h)
+    assert np.abs((ahead[0] - behind[0]) / (2 * h) - v).max() < 1e-5 * np.abs(v).max()
+    assert np.abs((ahead[1] - behind[1]) / (2 * h) - a).max() < 1e-3 * np.abs(a).max()
+    assert np.abs(ahead[2] - behind[2]).max() < 5e-3 * np.abs(a).max()
+    for at in (0.0, end):
+        assert np.abs(program.at(at)[1]).max() < 1e-9 * np.abs(v).max() + 1e-12
+        assert np.abs(program.at(at)[2]).max() < 1e-6 * np.abs(a).max()
+
+
+def test_lines_and_circles_keep_an_orientation(ur5: eomgen.Kernel) -> None:
+    pose = ur5.frame_pose(START, "tcp")
+    begin, t = pose[:3, 3], np.linspace(0.0, 1.0, 301)
+    keep = {"guess": START, "limits": nowhere(ur5), "orientation": "keep"}
+    line = ToolLine(ur5, "tcp", begin, begin + [0.05, -0.15, 0.1], 1.0, **keep)
+    circle = ToolCircle(ur5, "tcp", begin + [0, 0.08, 0], [1.0, 0, 0], begin, 2 * np.pi, 1.0, **keep)
+    for program in (line, circle):
+        found = ur5.frame_pose(program.at(t)[0], "tcp")
+        assert np.abs(program.start - START).max() < 1e-12  # it begins where it is
+        assert np.abs(found[:, :3, :3] - pose[:3, :3]).max() < 1e-8
+        is_smooth(program, 1.0)
+    off = ur5.frame_pose(line.at(t)[0], "tcp")[:, :3, 3] - begin
+    assert np.abs(off - profile(t, 1.0)[:, np.newaxis] * [0.05, -0.15, 0.1]).max() < 1e-8
+    arm = ur5.frame_pose(circle.at(t)[0], "tcp")[:, :3, 3] - begin - [0, 0.08, 0]
+    assert np.abs(np.linalg.norm(arm, axis=1) - 0.08).max() < 1e-8
+    free = ToolLine(ur5, "tcp", begin, begin + [0.05, -0.15, 0.1], 1.0, guess=START, limits=nowhere(ur5))
+    turned = ur5.frame_pose(free.at(1.0)[0], "tcp")[:3, :3].T @ pose[:3, :3]
+    assert np.arccos(0.5 * (np.trace(turned) - 1.0)) > 0.01  # without the key it turns as the joints let it
+
+
+def test_a_line_turns_as_scipys_slerp(ur5: eomgen.Kernel) -> None:
+    pose = ur5.frame_pose(START, "tcp")
+    last = Rotation.from_rotvec([0.4, -0.3, 0.5]).as_matrix() @ pose[:3, :3]
+    begin, end = pose[:3, 3], pose[:3, 3] + [0.05, -0.15, 0.1]
+    t = np.linspace(0.0, 0.8, 201)
+    for first in (None, Rotation.from_rotvec([-0.2, 0.1, 0.2]).as_matrix() @ pose[:3, :3]):
+        program = ToolLine(ur5, "tcp", begin, end, 0.8, guess=START, limits=nowhere(ur5), orientation=(first, last))
+        ends = Rotation.from_matrix([pose[:3, :3] if first is None else first, last])
+        wanted = Slerp([0.0, 1.0], ends)(profile(t, 0.8)).as_matrix()
+        found = ur5.frame_pose(program.at(t)[0], "tcp")
+        assert np.abs(found[:, :3, :3] - wanted).max() < 1e-8
+        assert np.abs(found[:, :3, 3] - begin - profile(t, 0.8)[:, np.newaxis] * (end - begin)).max() < 1e-8
+        is_smooth(program, 0.8)
+
+
+def test_a_spline_passes_its_poses(ur5: eomgen.Kernel) -> None:
+    rng, times = np.random.default_rng(4), np.array([0.1, 0.5, 0.8, 1.4])
+    poses = ur5.frame_pose(START + rng.uniform(-0.3, 0.3, (4, 6)), "tcp")
+    points, axes = poses[:, :3, 3], poses[:, :3, :3]
+    program = ToolSpline(ur5, "tcp", points, times, guess=START, limits=nowhere(ur5), orientation=axes)
+    assert np.abs(ur5.frame_pose(program.at(times)[0], "tcp") - poses).max() < 1e-10
+    t = np.linspace(0.1, 1.4, 333)
+    between = ur5.frame_pose(program.at(t)[0], "tcp")[:, :3, :3]
+    assert np.abs(between - spherical_spline(times, axes, t)).max() < 1e-7
+    shifted = ToolSpline(ur5, "tcp", points, times - 0.1, guess=START, limits=nowhere(ur5), orientation=axes)
+    is_smooth(shifted, 1.3)
+    keep = ToolSpline(ur5, "tcp", points, times, guess=START, limits=nowhere(ur5), orientation="keep")
+    found = ur5.frame_pose(keep.at(t)[0], "tcp")
+    assert np.ptp(found[:, :3, :3], axis=0).max() < 1e-7
+    assert np.abs(ur5.frame_pose(keep.at(times)[0], "tcp")[:, :3, 3] - points).max() < 1e-10
+    free = ToolSpline(ur5, "tcp", points, times, guess=START, limits=nowhere(ur5))
+    assert np.abs(ur5.frame_pose(free.at(times)[0], "tcp")[:, :3, 3] - points).max() < 1e-10
+    spot = ToolSpline(
+        ur5, "tcp", points[[0, 0]], [0.0, 1.0], guess=START, limits=nowhere(ur5), orientation=axes[:2]
+    )  # turns on the spot
+    assert np.abs(ur5.frame_pose(spot.at(t)[0], "tcp")[:, :3, 3] - points[0]).max() < 1e-8
+
+
+def seven(limits: tuple[float, float] | None = None, which: str = "") -> Robot:
+    robot = random_robot(703, types=("revolute",), rigid=True, forces=False, counts=[1] * 7, name="seven")
+    joints = tuple(replace(x, limits=limits) if x.name == which else x for x in robot.joints)
+    return replace(robot, joints=joints)
+
+
+def test_redundant_arms_take_the_least_motion_within_their_limits(built: Build) -> None:
+    kernel, guess = built(seven(), "kinematics"), np.random.default_rng(2).uniform(-0.5, 0.5, 7)
+    pose = kernel.frame_pose(guess, "tcp")
+    end = pose[:3, 3] + [0.2, 0.25, -0.2]
+
+    def line(robot: Robot) -> ToolPath:
+        between = limits_beside(robot, kernel.coordinates, program_coordinates(robot), guess)
+        return ToolLine(kernel, "tcp", pose[:3, 3], end, 1.0, guess=guess, limits=between, orientation="keep")
+
+    least, t = line(seven()), np.linspace(0.0, 1.0, 401)
+    q, v, _ = least.at(t)
+    for k in range(50, 351, 50):  # rates have no part that leaves the tool where it is
+        idle = np.linalg.svd(kernel.frame_jacobian(q[k], "tcp"))[2][-1]
+        assert abs(idle @ v[k]) < 0.01 * np.linalg.norm(v[k])
+    j = int(np.abs(q[-1] - guess).argmax())
+    stop = guess[j] + 0.7 * (q[-1, j] - guess[j])
+    limits = (-3.0, float(stop)) if q[-1, j] > stop else (float(stop), 3.0)
+    sparing = line(seven(limits, kernel.coordinates[j].split(".")[0]))
+    found = sparing.at(t)[0]
+    assert limits[0] - 1e-9 <= found[:, j].min()
+    assert found[:, j].max() <= limits[1] + 1e-9
+    assert np.abs(kernel.frame_pose(found, "tcp")[:, :3, :3] - pose[:3, :3]).max() < 1e-7
+    is_smooth(sparing, 1.0)
+    assert np.square(np.diff(found, axis=0)).sum() > np.square(np.diff(q, axis=0)).sum()
+
+
+def place_and_time(error: ReachError) -> tuple[Array, float, float]:
+    """The point, the part of the path and the time that a message names."""
+    found = re.search(r"at \(([^)]*)\) m.*, ([0-9.e+-]+) % of its length, t = ([0-9.e+-]+) s", str(error))
+    assert found is not None, str(error)
+    return np.array([float(x) for x in found[1].split(",")]), float(found[2]) / 100, float(found[3])
+
+
+def test_what_cannot_be_reached_is_said(built: Build) -> None:
+    robot = robot_from_toml(scara())
+    kernel = built(robot, "kinematics")
+    guess = np.array([0.3, 0.8, 0.1, -0.4])
+    limits = limits_beside(robot, kernel.coordinates, kernel.coordinates, guess)
+    pose = kernel.frame_pose(guess, "tcp")
+    begin = pose[:3, 3]
+
+    def fail(end: Array, orientation: object) -> ReachError:
+        with pytest.raises(ReachError) as caught:
+            ToolLine(
+                kernel, "tcp", begin, end, 1.0, guess=guess, limits=limits, orientation=orientation, start_time=0.5
+            )  # type: ignore[arg-type]
+        return caught.value
+
+    tilted = Rotation.from_euler("x", 0.3).as_matrix() @ pose[:3, :3]
+    error = fail(begin + [0, 0.1, 0], (None, tilted))
+    point, part, t = place_and_time(error)
+    assert "it misses by" in str(error)
+    assert part == pytest.approx(0.005)
+    assert error.angle == pytest.approx(0.005 * 0.3, rel=1e-3)
+    assert f"{np.degrees(error.angle):.4g} deg" in str(error)
+    assert profile(np.array(t - 0.5), 1.0) == pytest.approx(part, rel=0.05)
+    out = begin + [0.4, 0.4, 0.0]
+    error = fail(out, "keep")
+    point, part, t = place_and_time(error)
+    assert np.linalg.norm(point[:2]) == pytest.approx(0.7, abs=2e-2)  # the arms are stretched
+    assert point == pytest.approx(begin + part * (out - begin), abs=2e-3)
+    assert profile(np.array(t - 0.5), 1.0) == pytest.approx(part, rel=0.01)
+    assert re.search(r"misses by [0-9.]+ mm and [0-9.e-]+ deg|would jump by", str(error))
+    low = begin - [0.0, 0.0, 0.3]
+    error = fail(low, "keep")
+    point, part, t = place_and_time(error)
+    assert point[2] == pytest.approx(0.3, abs=2e-3)  # 0.5 less the stroke and the tool
+    assert re.search(r"stroke\.z = -0\.10\d*; its limits are -0\.1 to 0\.2; within them it misses by", str(error))
+    assert error.distance < 2e-3
+    begin = np.array([0.0, 0.0, 5.0])
+    assert "does not reach (0, 0, 5) m: it gets as near as " in str(fail(low, None))
+
+
+def test_orientations_that_cannot_be_used(ur5: eomgen.Kernel) -> None:
+    ends = ([0.4, 0.1, 0.3], [0.4, 0.2, 0.3])
+    options = {"guess": START, "limits": nowhere(ur5)}
+    with pytest.raises(InputError, match="orientation: got 'hold'; allowed: 'keep'"):
+        ToolLine(ur5, "tcp", *ends, 1.0, orientation="hold", **options)  # type: ignore[arg-type]
+    with pytest.raises(ArrayError, match="orientation: is no rotation"):
+        ToolLine(ur5, "tcp", *ends, 1.0, orientation=(2.0 * np.eye(3), None), **options)
+    with pytest.raises(ArrayError, match=r"orientation\[1\]: is no rotation"):
+        ToolSpline(ur5, "tcp", ends, [0.0, 1.0], orientation=[np.eye(3), -np.eye(3)], **options)
+    for points, times in (
+        (ends, [0.0]),
+        (ends, [1.0, 1.0]),
+        ([[0.0, 0.0]] * 2, [0.0, 1.0]),
+        ([[np.nan] * 3] * 2, [0, 1]),
+    ):
+        with pytest.raises(ArrayError, match=r"(times|points): .*allowed"):
+            ToolSpline(ur5, "tcp", points, times, **options)
+
+
+def test_a_platform_keeps_its_orientation() -> None:
+    """A closed mechanism along a line: level all the way, its loops closed."""
+    robot = eomgen.load_robot("gough")
+    kernel = eomgen.build(robot)
+    guess = np.array([robot.home.get(name, 0.0) for name in kernel.coordinates])
+    limits = limits_beside(robot, kernel.coordinates, robot.driven or (), guess)
+    turned = np.array(eomgen.robot.rotation_from_rpy((0.0, 0.1, 0.0)))
+    ends = ([0.0, 0.0, 1.1], [0.06, 0.03, 1.05])
+    line = ToolLine(kernel, "tcp", *ends, 1.0, guess=guess, limits=limits, orientation=(np.eye(3), turned))
+    q = line.at(np.linspace(0.0, 1.0, 41))[0]
+    pose, s = kernel.frame_pose(q, "tcp"), profile(np.linspace(0.0, 1.0, 41), 1.0)
+    wanted = Rotation.from_euler("y", (0.1 * s)[:, np.newaxis]).as_matrix()
+    assert np.abs(pose[:, :3, :3] - wanted).max() < 1e-8
+    assert np.abs(pose[:, :3, 3] - ends[0] - s[:, np.newaxis] * np.subtract(*ends[::-1])).max() < 1e-8
+    assert np.abs(kernel.constraint(q)).max() < 1e-8
+    there = inverse_kinematics(kernel, pose[-1], robot=robot, guess=guess)
+    assert np.abs(there - q[-1]).max() < 1e-7
