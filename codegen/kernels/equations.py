@@ -25,7 +25,6 @@ NEEDS = {
     "springs": "[[springs]]",
     "constraints": "rigid [[loops]] or [[couplings]]",
     "laws": "forces in cut joints or couplings",
-    "fixed axes": "no joint that turns freely",
 }
 STRAIGHT_COLUMNS = 12000  # up to so many operations all columns are written out, above it is a loop over them
 
@@ -66,8 +65,9 @@ def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "fl
     known = available(model)
     for name in kernels:
         if name not in known:
-            need, found = KERNELS[name].needs, "some" if KERNELS[name].needs == "fixed axes" else "none"
-            raise InputError(f"kernels: {name!r} is for robots with {NEEDS[need]}, and {model.name} has {found}")
+            raise InputError(
+                f"kernels: {name!r} is for robots with {NEEDS[KERNELS[name].needs]}, and {model.name} has none"
+            )
     wanted = kernels or [name for name in known if not KERNELS[name].tangent_of]
     public = tuple(name for name in known if name in wanted or KERNELS[name].needs in ("springs", "laws"))
     raw: dict[str, Program] = {}

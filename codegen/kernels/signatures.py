@@ -39,8 +39,7 @@ class Signature:
     solves: whether it inverts the mass matrix, and so fails where that is singular; the others always return 0.
     symmetric: whether it writes a matrix that is symmetric to the bit.
     needs: what a robot must have for it: "loops", "springs", "constraints" (loops or couplings that are rigid in some
-        direction), "cuts" (loops that are), "laws" (forces in cut joints, elastic couplings),
-        "fixed axes" (no joint that turns freely) or nothing.
+        direction), "cuts" (loops that are), "laws" (forces in cut joints, elastic couplings) or nothing.
     beside: kernels that come with it where the robot has constraints: those of the open tree, of wrenches, of charts.
     mapped: whether packages say which of its entries vanish identically.
     vectors: whether its template is written for several states at a time, too; otherwise batches call it one by one.
@@ -58,7 +57,7 @@ class Signature:
     columns_of: str = ""
     solves: bool = False
     symmetric: bool = False
-    needs: Literal["", "loops", "springs", "constraints", "cuts", "laws", "fixed axes"] = ""
+    needs: Literal["", "loops", "springs", "constraints", "cuts", "laws"] = ""
     beside: tuple[str, ...] = ()
     mapped: bool = False
     vectors: bool = True
@@ -307,7 +306,6 @@ KERNELS: Mapping[str, Signature] = {
         counts=("forward_dynamics", "stage_factors", "stage_solution"),  # a stage's, with the factors of a step
         closed=("constrained_dynamics", "stage_factors", "stage_solution", "settling"),
         solves=True,
-        needs="fixed axes",
     ),
 }
 
@@ -366,7 +364,6 @@ def available(model: Model) -> tuple[str, ...]:
         "constraints": bool(model.constraints),
         "cuts": bool(model.robot.loops and model.constraints),
         "laws": bool(model.cut_laws),
-        "fixed axes": not model.turning,
     }
     return tuple(name for name, signature in KERNELS.items() if has[signature.needs])
 

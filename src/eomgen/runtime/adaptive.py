@@ -135,12 +135,6 @@ def adaptive_rollout(
         q0, v0, u, duration, samples, method, rtol, atol, kp, kd, target: as of ``Kernel.rollout``.
     """
     function = calls.raw.adaptive
-    if calls.raw.turning:
-        names = ", ".join(calls.raw.turning)
-        raise InputError(
-            f"rollout: {calls.raw.name}: {names} turns freely; allowed: method 'rk4' or 'implicit', which take other"
-            " angles where its own are singular"
-        )
     if function is None:
         raise calls.raw.missing("adaptive_rollout")
     count = _count(q0=q0, v0=v0, u=u, target=target)
