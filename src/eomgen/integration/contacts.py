@@ -169,7 +169,8 @@ class ContactWatch:
 
     def gaps(self, y: Array) -> Array:
         """Distances beyond each of the ends, m or rad, below 0 inside; y = (q, v)."""
-        return np.concatenate([group.gaps(y[: self._n], y[self._n :]) for group in self._groups])
+        found = [group.gaps(y[: self._n], y[self._n :]) for group in self._groups]
+        return np.concatenate(found) if found else np.zeros(0)
 
     def find(self, t0: float, y0: Array, t1: float, y1: Array, at: Callable[[float], Array] | None = None) -> None:
         """Find the contacts between two states of a motion, and note them.
