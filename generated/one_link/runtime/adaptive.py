@@ -5,7 +5,7 @@ A generated package carries a copy of this file.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -140,7 +140,7 @@ def adaptive_rollout(
     count = _count(q0=q0, v0=v0, u=u, target=target)
     samples = _whole("samples", 1 if samples is None else samples, NUMBERS // (calls.n * max(count or 1, 1)))
     interval = _duration(duration) / samples
-    allowed = _tolerances(calls, rtol, atol, function.where(batch=count is not None).meta["sizes"])
+    allowed = _tolerances(calls, rtol, atol, function.where(batch=count is not None).meta)
     states = 1 if count is None else count
     starts = [_start(calls, label, value, count) for label, value in (("q0", q0), ("v0", v0))]
     drives = [_over_time(calls, "u", u, samples, count)]
@@ -194,13 +194,16 @@ def _duration(duration: float | None) -> float:
     return found
 
 
-def _tolerances(calls: Calls, rtol: float, atol: ArrayLike | None, sizes: Sequence[float]) -> tuple[float, Array]:
+def _tolerances(calls: Calls, rtol: float, atol: ArrayLike | None, meta: Mapping[str, Any]) -> tuple[float, Array]:
     """rtol, and atol of every coordinate and rate, (2n,)."""
     least = LEAST[str(calls.dtype)]
     if not (_is_number(rtol) and least <= float(rtol) < 1.0):
         raise InputError(f"rollout: rtol = {show(rtol)} is not allowed; a number from {least:g} to below 1 is")
     if atol is None:
-        return float(rtol), (float(rtol) * np.array(sizes)).astype(calls.dtype)
+        found = float(rtol) * np.array(meta["sizes"])
+        for i, rate in meta["rubbing"]:
+            found[calls.n + i] = min(found[calls.n + i], rate)
+        return float(rtol), found.astype(calls.dtype)
     try:
         found = np.broadcast_to(np.asarray(atol, dtype=np.float64), (2 * calls.n,)).astype(calls.dtype)
     except (ValueError, TypeError):

@@ -1,6 +1,6 @@
 """Closed mechanisms: which constraints are redundant, which coordinates are independent, and how others follow.
 
-Uses runtime and state.
+Uses robot, runtime and state.
 """
 
 from .equilibrium import closed_equilibrium
