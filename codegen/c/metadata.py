@@ -10,11 +10,11 @@ from eomgen.robot.model import Model
 
 from ..joint.zeros import zero_map
 from ..kernels.constraint_rows import is_redundant
-from ..kernels.coordinate_sizes import coordinate_sizes, rubbing_rates
 from ..kernels.equations import Equations
 from ..kernels.interface import describe_kernels
 from ..kernels.operation_counts import operations
 from ..kernels.signatures import KERNELS
+from ..kernels.tolerances import coordinate_sizes, rubbing_rates
 from .contexts import statuses
 from .lanes import halves
 
@@ -35,7 +35,7 @@ def kernel_metadata(equations: Equations, dtype: str, *, batches: bool = True) -
 
 
 def _sizes(model: Model) -> dict[str, Any]:
-    """What tolerances refer to: sizes of coordinates, then of rates; and rates that frictions turn round in."""
+    """Give what tolerances refer to: sizes of coordinates, then of rates; and rates that frictions turn round in."""
     rubbing = {i: rate for i, rate in enumerate(rubbing_rates(model).tolist()) if rate < np.inf}
     return {"sizes": np.concatenate(coordinate_sizes(model)).tolist(), "rubbing": list(rubbing.items())}
 

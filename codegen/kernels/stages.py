@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 
 from ..forces.laws import Effect
 from ..forces.rows import effects, stretches
-from ..program.cut import cut
+from ..program.cutting import cut
 from ..program.ir import Program, finish
 from ..program.passes import PARAMETERS, run_passes
 from ..solve.rows import Row, elastic_row

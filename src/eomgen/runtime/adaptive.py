@@ -15,8 +15,19 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import ArrayError, InputError, IntegrationStopped
 from ..names import show
 from .calls import Calls
+from .given import (
+    NUMBERS,
+    SHARE,
+    controller_gains,
+    count_states,
+    is_number,
+    not_finite,
+    over_time,
+    room_for,
+    start,
+    whole_number,
+)
 from .many_steps import METHODS as FIXED
-from .many_steps import NUMBERS, SHARE, _count, _gains, _is_number, _not_finite, _over_time, _start, _stored, _whole
 from .opened import stays_open
 from .pieces import OPERATIONS, ROUND, shared
 from .raw import RawFunction
@@ -137,23 +148,23 @@ def adaptive_rollout(
     function = calls.raw.adaptive
     if function is None:
         raise calls.raw.missing("adaptive_rollout")
-    count = _count(q0=q0, v0=v0, u=u, target=target)
-    samples = _whole("samples", 1 if samples is None else samples, NUMBERS // (calls.n * max(count or 1, 1)))
+    count = count_states(q0=q0, v0=v0, u=u, target=target)
+    samples = whole_number("samples", 1 if samples is None else samples, NUMBERS // (calls.n * max(count or 1, 1)))
     interval = _duration(duration) / samples
     allowed = _tolerances(calls, rtol, atol, function.where(batch=count is not None).meta)
     states = 1 if count is None else count
-    starts = [_start(calls, label, value, count) for label, value in (("q0", q0), ("v0", v0))]
-    drives = [_over_time(calls, "u", u, samples, count)]
-    gains = _gains(calls, driven, kp, kd)
+    starts = [start(calls, label, value, count) for label, value in (("q0", q0), ("v0", v0))]
+    drives = [over_time(calls, "u", u, samples, count)]
+    gains = controller_gains(calls, driven, kp, kd)
     if (target is None) != (not gains):
         raise InputError("rollout: a controller needs a target, the coordinates that it aims at, and kp or kd")
     if target is not None:
-        drives.append(_over_time(calls, "target", target, samples, count))
-    trouble = _not_finite(calls, starts, drives)
+        drives.append(over_time(calls, "target", target, samples, count))
+    trouble = not_finite(calls, starts, drives)
     if trouble is not None:
         raise trouble
     at = [np.array(np.broadcast_to(x, (states, calls.n)), order="C") for x, _ in starts]
-    room = [_stored(calls, (states, samples + 1, calls.n)) for _ in starts]
+    room = [room_for(calls, (states, samples + 1, calls.n)) for _ in starts]
     single = count is None
     progress = function.where(batch=not single).new_array("progress", states)
     motion = _Motion(
@@ -186,7 +197,7 @@ def _result(motion: _Motion) -> Rollout:
 
 
 def _duration(duration: float | None) -> float:
-    found = float(duration) if _is_number(duration) else 0.0  # type: ignore[arg-type]
+    found = float(duration) if is_number(duration) else 0.0  # type: ignore[arg-type]
     if not 0.0 < found < np.inf:
         raise InputError(
             f"rollout: duration = {show(duration)} is not a length of time; a finite number above 0 is allowed"
@@ -197,7 +208,7 @@ def _duration(duration: float | None) -> float:
 def _tolerances(calls: Calls, rtol: float, atol: ArrayLike | None, meta: Mapping[str, Any]) -> tuple[float, Array]:
     """rtol, and atol of every coordinate and rate, (2n,)."""
     least = LEAST[str(calls.dtype)]
-    if not (_is_number(rtol) and least <= float(rtol) < 1.0):
+    if not (is_number(rtol) and least <= float(rtol) < 1.0):
         raise InputError(f"rollout: rtol = {show(rtol)} is not allowed; a number from {least:g} to below 1 is")
     if atol is None:
         found = float(rtol) * np.array(meta["sizes"])

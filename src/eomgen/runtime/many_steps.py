@@ -15,6 +15,18 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import ArrayError, InputError, IntegrationStopped
 from ..names import show
 from .calls import Calls
+from .given import (
+    NUMBERS,
+    SHARE,
+    controller_gains,
+    count_states,
+    is_number,
+    not_finite,
+    over_time,
+    room_for,
+    start,
+    whole_number,
+)
 from .opened import stays_open
 from .pieces import OPERATIONS, ROUND, shared
 from .raw import RawFunction
@@ -22,8 +34,6 @@ from .raw import RawFunction
 Array = NDArray[Any]
 
 METHODS = {"rk4": 0, "implicit": 1}
-SHARE = 16  # states that are worth a thread of their own
-NUMBERS = 2**62  # of all coordinates at all steps of all states, at most: C counts them
 BUFFER = 2**15  # numbers of many states that are stored at once where a piece of work does not reach the end
 FAR = 1e6  # m or rad, beyond which no robot is: the integration has failed
 ADVICE = " take a shorter dt, or method='implicit' where springs are stiff"
@@ -53,23 +63,23 @@ def rollout(
     """
     if calls.raw.rollout is None:
         raise calls.raw.missing("rollout")
-    count = _count(q0=q0, v0=v0, u=u, target=target)
+    count = count_states(q0=q0, v0=v0, u=u, target=target)
     most = NUMBERS // (calls.n * max(count or 1, 1))
-    steps, every = _whole("steps", steps, most), _whole("every", every, most)
+    steps, every = whole_number("steps", steps, most), whole_number("every", every, most)
     dt = _length(calls, dt)
-    starts = [_start(calls, label, value, count) for label, value in (("q0", q0), ("v0", v0))]
-    drives = [_over_time(calls, "u", u, steps, count)]
-    gains = _gains(calls, driven, kp, kd)
+    starts = [start(calls, label, value, count) for label, value in (("q0", q0), ("v0", v0))]
+    drives = [over_time(calls, "u", u, steps, count)]
+    gains = controller_gains(calls, driven, kp, kd)
     if (target is None) != (not gains):
         raise InputError("rollout: a controller needs a target, the coordinates that it aims at, and kp or kd")
     if target is not None:
-        drives.append(_over_time(calls, "target", target, steps, count))
+        drives.append(over_time(calls, "target", target, steps, count))
     shape = (() if count is None else (count,)) + (steps // every + 1, calls.n)
-    result = _stored(calls, shape), _stored(calls, shape)
+    result = room_for(calls, shape), room_for(calls, shape)
     code = _call(calls, starts, drives, gains, (dt, steps, every, METHODS[method]), count, result)
     if code < 0 and all(np.isfinite(array).all() for array in result):
         return result
-    trouble = _not_finite(calls, starts, drives)
+    trouble = not_finite(calls, starts, drives)
     if code >= 0:
         reason = code % calls.raw.statuses
         state, step = divmod(code // calls.raw.statuses, steps)
@@ -94,19 +104,6 @@ def rollout(
     advice = _turned_about(calls, drives) or ADVICE
     what = f"{calls.coordinates[i]} is not finite after step {row * every}{place};{advice}"
     raise _stopped(calls, result, state, every * dt, i, what, trouble)
-
-
-def _not_finite(
-    calls: Calls, starts: Sequence[tuple[Array, int]], drives: Sequence[tuple[Array, int, int]]
-) -> ArrayError | None:
-    """The error that names an input that is not finite (``checks`` may have let it through), or None."""
-    given = [(array, 0) for array, _ in starts] + [(array, apart) for array, _, apart in drives]
-    for label, (array, apart) in zip(("q0", "v0", "u", "target"), given, strict=False):
-        try:
-            calls.refuse_not_finite(label, array, array.shape[-2:] if apart else (calls.n,))
-        except ArrayError as error:
-            return error
-    return None
 
 
 def _turned_about(calls: Calls, drives: Sequence[tuple[Array, int, int]]) -> str:
@@ -149,16 +146,10 @@ def _stopped(
     return stopped
 
 
-def _whole(label: str, number: int | None, most: int) -> int:
-    if isinstance(number, bool) or not isinstance(number, (int, np.integer)) or not 1 <= number <= most:
-        raise InputError(f"rollout: {label} = {show(number)} is not a whole number from 1 to {most}")
-    return int(number)
-
-
 def _length(calls: Calls, dt: float | None) -> float:
     """The length of a step as the kernel's dtype has it."""
     try:
-        found = float(dt) if dt is not None and _is_number(dt) else 0.0
+        found = float(dt) if dt is not None and is_number(dt) else 0.0
     except OverflowError:
         found = np.inf
     limits = np.finfo(calls.dtype)
@@ -167,97 +158,6 @@ def _length(calls: Calls, dt: float | None) -> float:
             f"rollout: dt = {show(dt)} is not a length of time; a finite number above 0 that {calls.dtype} holds is"
             " allowed"
         )
-    return found
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
-
-
-def _stored(calls: Calls, shape: tuple[int, ...]) -> Array:
-    """Room for states, NaN until they are reached."""
-    try:
-        return np.full(shape, np.nan, calls.dtype)
-    except (MemoryError, ValueError):
-        rows, numbers = shape[-2], float(np.prod(shape, dtype=np.float64))
-        raise InputError(
-            f"rollout: {rows} states to be stored take twice {numbers * calls.dtype.itemsize / 1e9:.3g} GB, more than"
-            " there is; a larger `every` stores fewer"
-        ) from None
-
-
-def _count(**values: ArrayLike | None) -> int | None:
-    """Number of states, or None for a single one: the leading axes of those that have one."""
-    sizes = {}
-    for label, value in values.items():
-        try:
-            shape = np.shape(value) if value is not None else ()
-        except ValueError:  # rows of different lengths, which are refused where they are converted
-            continue
-        if len(shape) == (2 if label in ("q0", "v0") else 3):
-            sizes[label] = shape[0]
-    if len({size for size in sizes.values() if size != 1}) > 1:
-        raise ArrayError(f"rollout: {', '.join(f'{size} states in {label}' for label, size in sizes.items())}")
-    return max(sizes.values()) if sizes else None
-
-
-def _rows(calls: Calls, label: str, value: ArrayLike, shape: tuple[int, ...]) -> tuple[Array, int | None]:
-    """The array, and its number of rows; None where it is one alone."""
-    array, lead = calls.array(label, value, shape)
-    if len(lead) > 1:
-        inner = ", ".join(map(str, shape))
-        raise ArrayError(f"{label}: expected {calls.dtype} of shape ({inner}) or (N, {inner}), got shape {array.shape}")
-    return array, lead[0] if lead else None
-
-
-def _start(calls: Calls, label: str, value: ArrayLike, count: int | None) -> tuple[Array, int]:
-    """A state or many, and how far apart two lie."""
-    array, states = _rows(calls, label, value, (calls.n,))
-    return array, calls.n if states == count and count is not None else 0
-
-
-def _over_time(calls: Calls, label: str, value: ArrayLike, steps: int, count: int | None) -> tuple[Array, int, int]:
-    """The value, and how far apart its numbers of two states and of two steps are."""
-    n = calls.n
-    if np.ndim(value) == 3:
-        array, states = _rows(calls, label, value, (steps, n))
-        if states not in (1, count):
-            raise ArrayError(f"{label}: {states} states, but {count} in other arrays")
-        return array, steps * n if states == count else 0, n
-    if count is None and np.shape(value) == (steps, n):
-        return calls.array(label, value, (steps, n))[0], 0, n
-    array, rows = _rows(calls, label, value, (n,))
-    if rows is None:
-        return array, 0, 0
-    if rows != (steps if count is None else count):
-        wanted = f"({steps}, {n}), a row for every step" if count is None else f"({count}, {n}), a row for every state"
-        raise ArrayError(f"{label}: expected {calls.dtype} of shape ({n},) or {wanted}, got shape {array.shape}")
-    return (array, 0, n) if count is None else (array, n, 0)
-
-
-def _gains(calls: Calls, driven: Sequence[int], kp: ArrayLike | None, kd: ArrayLike | None) -> list[Array]:
-    """kp and kd, (n,) each; none where there is no controller."""
-    if kp is None and kd is None:
-        return []
-    found = []
-    for label, value in (("kp", kp), ("kd", kd)):
-        if isinstance(value, np.ndarray) and value.ndim == 0:
-            value = value.item()
-        if value is None or _is_number(value):
-            given = [0.0] * calls.n
-            for i in driven if value is not None else ():
-                given[i] = value  # type: ignore[call-overload]
-            value = given
-        array, many = calls.array(label, value, (calls.n,))
-        deviations = np.setdiff1d(np.arange(calls.n), driven)
-        if many or (array < 0).any():
-            raise InputError(f"rollout: {label} must be one number or (n,), none below 0")
-        for i in deviations[array[deviations] != 0]:
-            raise InputError(
-                f"rollout: {label} is {array[i]} at {calls.coordinates[i]}; only principal coordinates, or the"
-                " motors in front of them, have a drive that can be controlled; none that is prescribed"
-            )
-        found.append(array)
     return found
 
 
