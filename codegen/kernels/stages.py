@@ -40,13 +40,13 @@ STAGES = ("stage_factors", "stage_solution")
 
 @dataclass(frozen=True)
 class _Slope:
-    """What a spring and damper put into the matrix, c B + c^2 K, and what a shift is multiplied by, c K."""
+    """A spring's and damper's share in the matrix, c B + c^2 K, and what a shift is multiplied by, c K."""
 
     whole: Scalar
     by_shift: Scalar
 
     def force(self, rate: Scalar, shift: Scalar) -> Scalar:
-        """Of a rate and a shift."""
+        """Force of a rate and a shift."""
         return self.whole * rate + self.by_shift * shift
 
     def __add__(self, other: _Slope) -> _Slope:
@@ -63,11 +63,11 @@ class _Stage:
         self.shifts = [d.graph.input("shifts", place) for place in range(len(d.own))]
 
     def linear(self, stiffness: Scalar, damping: Scalar) -> _Slope:
-        """Of a spring and a damper."""
+        """Share of a spring and a damper."""
         return _Slope(self.c * damping + self.square * stiffness, self.c * stiffness)
 
     def rising(self, law: Effect) -> _Slope:
-        """Of a law; nothing where it falls, so that the matrix stays positive definite; of friction the secant."""
+        """Share of a law; nothing where it falls, so that the matrix stays positive definite; of friction the secant."""
         found, f = self.linear(law.by_s, law.by_v), self.d.functions
         rises = f.step(found.whole)
         return _Slope(f.max(found.whole, 0.0) + self.c * law.drag, rises * found.by_shift)
