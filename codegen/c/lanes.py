@@ -46,9 +46,9 @@ def _has_lanes(equations: Equations, name: str) -> bool:
 
 
 def kept_size(equations: Equations) -> int:
-    """Numbers that the factors of a step hand to its stages; 0 where there are none."""
+    """Numbers that the factors of a step hand to its stages, at least one; 0 where there are no stages."""
     program = equations.programs.get("stage_factors")
-    return sum(key[0] == "out" for key in program.outputs) if program else 0
+    return max(1, sum(key[0] == "out" for key in program.outputs)) if program else 0
 
 
 def calls_of(equations: Equations, name: str) -> tuple[str, ...]:

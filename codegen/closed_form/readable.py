@@ -227,7 +227,7 @@ def _rank(model: Model, form: ClosedForm, constraint: Sequence[Component], lette
     numbers = {letter.symbol: letter.value for letter in letters}
     J = sp.Matrix([[part.arms.get(i, 0) for i in range(model.size)] for part in constraint])
     return rank_at_home(
-        model, form.q, [sp.sympify(part.value).xreplace(numbers) for part in constraint], J.xreplace(numbers)
+        model, form.q, [exact(part.value).xreplace(numbers) for part in constraint], J.xreplace(numbers)
     )
 
 

@@ -139,7 +139,7 @@ def closed_form(
     for s, force in _external_force(model, bound, bodies, wrench):
         Q[s] += force
     closing = closing_of(model, bound, q, SYMBOLS)
-    elastic = [(own, own.resists(own.s, own.rate(v), SYMBOLS)) for own in closing.elastic]
+    elastic = [(own, own.resists(v, SYMBOLS)) for own in closing.elastic]
     for own, law in elastic:
         for s, arm in own.arms.items():
             Q[s] -= exact(law.force * arm)

@@ -904,10 +904,12 @@ static double one_link_excess(const one_link_tolerance *restrict allowed, int l,
 /* A first step, from the sizes of the state and of its change. */
 static double one_link_first(const one_link_tolerance *restrict allowed, int l, const double *restrict q, const double *restrict v, const double *restrict a)
 {
-    double size = 0.0, change = 0.0;
+    double size = 0.0;
+    double change = 0.0;
     (void)l;
     for (int i = 0; i < 4; ++i) {
-        const double x = fabs((double)(i < 2 ? q[i] : v[i - 2])), rate = fabs((double)(i < 2 ? v[i] : a[i - 2]));
+        const double x = fabs((double)(i < 2 ? q[i] : v[i - 2]));
+        const double rate = fabs((double)(i < 2 ? v[i] : a[i - 2]));
         const double least = (double)allowed->atol[i] + allowed->rtol * x;
         if (x / least > size) { size = x / least; }
         if (rate / least > change) { change = rate / least; }
@@ -921,14 +923,19 @@ static void one_link_between(double share, double step, int l, const double *res
     const double s = share;
     (void)l;
     for (int i = 0; i < 2; ++i) {
-        const double q0 = (double)q[i], d = (double)q_end[i] - q0;
-        const double v0 = step * (double)v[i], v1 = step * (double)v_end[i];
-        const double a0 = 0.5 * step * step * (double)a[i], a1 = 0.5 * step * step * (double)a_end[i];
+        const double q0 = (double)q[i];
+        const double d = (double)q_end[i] - q0;
+        const double v0 = step * (double)v[i];
+        const double v1 = step * (double)v_end[i];
+        const double a0 = 0.5 * step * step * (double)a[i];
+        const double a1 = 0.5 * step * step * (double)a_end[i];
         const double c3 = 10.0 * d - 6.0 * v0 - 4.0 * v1 - 3.0 * a0 + a1;
         const double c4 = -15.0 * d + 8.0 * v0 + 7.0 * v1 + 3.0 * a0 - 2.0 * a1;
         const double c5 = 6.0 * d - 3.0 * (v0 + v1) - a0 + a1;
-        q_out[i] = (double)(q0 + s * (v0 + s * (a0 + s * (c3 + s * (c4 + s * c5)))));
-        v_out[i] = (double)((v0 + s * (2.0 * a0 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))) / step);
+        const double place = q0 + s * (v0 + s * (a0 + s * (c3 + s * (c4 + s * c5))));
+        const double rate = (v0 + s * (2.0 * a0 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))) / step;
+        q_out[i] = (double)place;
+        v_out[i] = (double)rate;
     }
 }
 
@@ -937,22 +944,31 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
 {
     const size_t stride = (samples + 1U) * 2U;
     const double duration = interval * (double)samples;
-    const int held = drive->u_step == 0 && drive->target_step == 0;
-    const int dense = method == 1 && held;
+    const int held = ((drive->u_step == 0U) && (drive->target_step == 0U)) ? 1 : 0;
+    const int dense = ((method == 1) && (held != 0)) ? 1 : 0;
     const double order = method == 1 ? 0.2 : 1.0 / 3.0;
-    double u[2], target[2], a[2], a_end[2], q_end[2], v_end[2], error[4];
+    double u[2];
+    double target[2];
+    double a[2];
+    double a_end[2];
+    double q_end[2];
+    double v_end[2];
+    double error[4];
     double dt = 1.0;
     double step[1];
-    int going[1], lands[1] = { 0 }, taken[1];
-    int left = 0, stale = 1;
+    int going[1];
+    int lands[1] = { 0 };
+    int taken[1];
+    int left = 0;
+    int stale = 1;
     (void)held;
     for (int l = 0; l < 1; ++l) {
         one_link_progress *const p = &progress[l < here ? l : 0];
-        going[l] = l < here && p->reason == 0;
+        going[l] = ((l < here) && (p->reason == 0)) ? 1 : 0;
         step[l] = interval;
         left += going[l];
-        one_link_hold(drive, state + (size_t)(l < here ? l : 0), p->sample > 0 && p->sample <= samples ? p->sample - 1U : 0U, l, u, target);
-        if (going[l] && p->sample == 0) {
+        one_link_hold(drive, state + (size_t)(l < here ? l : 0), ((p->sample > 0U) && (p->sample <= samples)) ? p->sample - 1U : 0U, l, u, target);
+        if ((going[l] != 0) && (p->sample == 0U)) {
             for (int i = 0; i < 2; ++i) {
                 q_out[(size_t)l * stride + (size_t)i] = q[i];
                 v_out[(size_t)l * stride + (size_t)i] = v[i];
@@ -961,16 +977,16 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
         }
     }
     for (long long pass = 0; left > 0 && pass < allowed->most; ++pass) {
-        if (stale) { one_link_accelerated(h, drive, u, target, q, v, a); }
-        stale = method == 0;
+        if (stale != 0) { one_link_accelerated(h, drive, u, target, q, v, a); }
+        stale = (method == 0) ? 1 : 0;
         for (int l = 0; l < 1; ++l) {
             one_link_progress *const p = &progress[l < here ? l : 0];
-            if (!going[l]) { continue; }
+            if (going[l] == 0) { continue; }
             if (!(p->next > 0.0)) { p->next = one_link_first(allowed, l, q, v, a); }
-            const double goal = dense ? duration : interval * (double)p->sample;
+            const double goal = (dense != 0) ? duration : interval * (double)p->sample;
             const double rest = goal - p->t;
-            lands[l] = p->next * 1.000001 >= rest;
-            step[l] = lands[l] ? rest : (2.0 * p->next > rest ? 0.5 * rest : p->next);
+            lands[l] = (p->next * 1.000001 >= rest) ? 1 : 0;
+            step[l] = (lands[l] != 0) ? rest : (2.0 * p->next > rest ? 0.5 * rest : p->next);
             dt = (double)step[l];
         }
         if (method == 0) {
@@ -980,14 +996,14 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
         }
         for (int l = 0; l < 1; ++l) {
             taken[l] = 0;
-            if (!going[l]) { continue; }
+            if (going[l] == 0) { continue; }
             one_link_progress *const p = &progress[l];
             int where = 0;
             const double excess = one_link_excess(allowed, l, q, v, q_end, v_end, error, &where);
             double factor = 0.9 * pow(excess, -order);
             factor = factor > 5.0 ? 5.0 : (factor < 0.2 ? 0.2 : factor);
-            taken[l] = excess <= 1.0;
-            if (!taken[l]) {
+            taken[l] = (excess <= 1.0) ? 1 : 0;
+            if (taken[l] == 0) {
                 p->rejected += 1;
                 p->refused = 1;
                 p->next = step[l] * factor;
@@ -997,24 +1013,25 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
                     left -= 1;
                 }
             } else {
-                if (p->refused && factor > 1.0) { factor = 1.0; }
+                if ((p->refused != 0) && (factor > 1.0)) { factor = 1.0; }
                 p->refused = 0;
                 if (p->next < step[l] * factor || !(step[l] < p->next)) { p->next = step[l] * factor; }
             }
         }
         for (int l = 0; l < 1; ++l) {
-            if (!taken[l]) { continue; }
+            if (taken[l] == 0) { continue; }
             one_link_progress *const p = &progress[l];
-            const double goal = dense ? duration : interval * (double)p->sample;
+            const double goal = (dense != 0) ? duration : interval * (double)p->sample;
             const double before = p->t;
             p->steps += 1;
-            p->t = lands[l] ? goal : p->t + step[l];
+            p->t = (lands[l] != 0) ? goal : p->t + step[l];
             if (step[l] > p->largest) { p->largest = step[l]; }
             if (p->steps == 1 || step[l] < p->smallest) { p->smallest = step[l]; }
-            while (p->sample <= samples && (lands[l] ? interval * (double)p->sample <= goal : dense && interval * (double)p->sample <= p->t)) {
-                double *const q_row = &q_out[(size_t)l * stride + p->sample * 2U], *const v_row = &v_out[(size_t)l * stride + p->sample * 2U];
+            while ((p->sample <= samples) && (((lands[l] != 0) || (dense != 0)) && (interval * (double)p->sample <= p->t))) {
+                double *const q_row = &q_out[(size_t)l * stride + p->sample * 2U];
+                double *const v_row = &v_out[(size_t)l * stride + p->sample * 2U];
                 const double time = interval * (double)p->sample;
-                if (dense && time < p->t) {
+                if ((dense != 0) && (time < p->t)) {
                     one_link_between((time - before) / step[l], step[l], l, q, v, a, q_end, v_end, a_end, q_row, v_row);
                 } else
                 {
@@ -1026,7 +1043,7 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
                 (void)time;
                 (void)before;
                 p->sample += 1U;
-                if (!held && p->sample <= samples) {
+                if ((held == 0) && (p->sample <= samples)) {
                     one_link_hold(drive, state + (size_t)l, p->sample - 1U, l, u, target);
                     stale = 1;
                 }
@@ -2402,10 +2419,12 @@ static double one_link_excess_lanes(const one_link_tolerance *restrict allowed, 
 /* A first step, from the sizes of the state and of its change. */
 static double one_link_first_lanes(const one_link_tolerance *restrict allowed, int l, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a)
 {
-    double size = 0.0, change = 0.0;
+    double size = 0.0;
+    double change = 0.0;
     (void)l;
     for (int i = 0; i < 4; ++i) {
-        const double x = fabs((double)LANE((i < 2 ? q[i] : v[i - 2]), l)), rate = fabs((double)LANE((i < 2 ? v[i] : a[i - 2]), l));
+        const double x = fabs((double)LANE((i < 2 ? q[i] : v[i - 2]), l));
+        const double rate = fabs((double)LANE((i < 2 ? v[i] : a[i - 2]), l));
         const double least = (double)allowed->atol[i] + allowed->rtol * x;
         if (x / least > size) { size = x / least; }
         if (rate / least > change) { change = rate / least; }
@@ -2419,14 +2438,19 @@ static void one_link_between_lanes(double share, double step, int l, const lanes
     const double s = share;
     (void)l;
     for (int i = 0; i < 2; ++i) {
-        const double q0 = (double)LANE(q[i], l), d = (double)LANE(q_end[i], l) - q0;
-        const double v0 = step * (double)LANE(v[i], l), v1 = step * (double)LANE(v_end[i], l);
-        const double a0 = 0.5 * step * step * (double)LANE(a[i], l), a1 = 0.5 * step * step * (double)LANE(a_end[i], l);
+        const double q0 = (double)LANE(q[i], l);
+        const double d = (double)LANE(q_end[i], l) - q0;
+        const double v0 = step * (double)LANE(v[i], l);
+        const double v1 = step * (double)LANE(v_end[i], l);
+        const double a0 = 0.5 * step * step * (double)LANE(a[i], l);
+        const double a1 = 0.5 * step * step * (double)LANE(a_end[i], l);
         const double c3 = 10.0 * d - 6.0 * v0 - 4.0 * v1 - 3.0 * a0 + a1;
         const double c4 = -15.0 * d + 8.0 * v0 + 7.0 * v1 + 3.0 * a0 - 2.0 * a1;
         const double c5 = 6.0 * d - 3.0 * (v0 + v1) - a0 + a1;
-        q_out[i] = (double)(q0 + s * (v0 + s * (a0 + s * (c3 + s * (c4 + s * c5)))));
-        v_out[i] = (double)((v0 + s * (2.0 * a0 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))) / step);
+        const double place = q0 + s * (v0 + s * (a0 + s * (c3 + s * (c4 + s * c5))));
+        const double rate = (v0 + s * (2.0 * a0 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))) / step;
+        q_out[i] = (double)place;
+        v_out[i] = (double)rate;
     }
 }
 
@@ -2435,22 +2459,31 @@ static void one_link_adapt_lanes(const double *restrict h, const one_link_drive 
 {
     const size_t stride = (samples + 1U) * 2U;
     const double duration = interval * (double)samples;
-    const int held = drive->u_step == 0 && drive->target_step == 0;
-    const int dense = method == 1 && held;
+    const int held = ((drive->u_step == 0U) && (drive->target_step == 0U)) ? 1 : 0;
+    const int dense = ((method == 1) && (held != 0)) ? 1 : 0;
     const double order = method == 1 ? 0.2 : 1.0 / 3.0;
-    lanes u[2], target[2], a[2], a_end[2], q_end[2], v_end[2], error[4];
+    lanes u[2];
+    lanes target[2];
+    lanes a[2];
+    lanes a_end[2];
+    lanes q_end[2];
+    lanes v_end[2];
+    lanes error[4];
     lanes dt = ALL(1.0);
     double step[LANES];
-    int going[LANES], lands[LANES] = { 0 }, taken[LANES];
-    int left = 0, stale = 1;
+    int going[LANES];
+    int lands[LANES] = { 0 };
+    int taken[LANES];
+    int left = 0;
+    int stale = 1;
     (void)held;
     for (int l = 0; l < LANES; ++l) {
         one_link_progress *const p = &progress[l < here ? l : 0];
-        going[l] = l < here && p->reason == 0;
+        going[l] = ((l < here) && (p->reason == 0)) ? 1 : 0;
         step[l] = interval;
         left += going[l];
-        one_link_hold_lanes(drive, state + (size_t)(l < here ? l : 0), p->sample > 0 && p->sample <= samples ? p->sample - 1U : 0U, l, u, target);
-        if (going[l] && p->sample == 0) {
+        one_link_hold_lanes(drive, state + (size_t)(l < here ? l : 0), ((p->sample > 0U) && (p->sample <= samples)) ? p->sample - 1U : 0U, l, u, target);
+        if ((going[l] != 0) && (p->sample == 0U)) {
             for (int i = 0; i < 2; ++i) {
                 q_out[(size_t)l * stride + (size_t)i] = LANE(q[i], l);
                 v_out[(size_t)l * stride + (size_t)i] = LANE(v[i], l);
@@ -2459,16 +2492,16 @@ static void one_link_adapt_lanes(const double *restrict h, const one_link_drive 
         }
     }
     for (long long pass = 0; left > 0 && pass < allowed->most; ++pass) {
-        if (stale) { one_link_accelerated_lanes(h, drive, u, target, q, v, a); }
-        stale = method == 0;
+        if (stale != 0) { one_link_accelerated_lanes(h, drive, u, target, q, v, a); }
+        stale = (method == 0) ? 1 : 0;
         for (int l = 0; l < LANES; ++l) {
             one_link_progress *const p = &progress[l < here ? l : 0];
-            if (!going[l]) { continue; }
+            if (going[l] == 0) { continue; }
             if (!(p->next > 0.0)) { p->next = one_link_first_lanes(allowed, l, q, v, a); }
-            const double goal = dense ? duration : interval * (double)p->sample;
+            const double goal = (dense != 0) ? duration : interval * (double)p->sample;
             const double rest = goal - p->t;
-            lands[l] = p->next * 1.000001 >= rest;
-            step[l] = lands[l] ? rest : (2.0 * p->next > rest ? 0.5 * rest : p->next);
+            lands[l] = (p->next * 1.000001 >= rest) ? 1 : 0;
+            step[l] = (lands[l] != 0) ? rest : (2.0 * p->next > rest ? 0.5 * rest : p->next);
             LANE(dt, l) = (double)step[l];
         }
         if (method == 0) {
@@ -2478,14 +2511,14 @@ static void one_link_adapt_lanes(const double *restrict h, const one_link_drive 
         }
         for (int l = 0; l < LANES; ++l) {
             taken[l] = 0;
-            if (!going[l]) { continue; }
+            if (going[l] == 0) { continue; }
             one_link_progress *const p = &progress[l];
             int where = 0;
             const double excess = one_link_excess_lanes(allowed, l, q, v, q_end, v_end, error, &where);
             double factor = 0.9 * pow(excess, -order);
             factor = factor > 5.0 ? 5.0 : (factor < 0.2 ? 0.2 : factor);
-            taken[l] = excess <= 1.0;
-            if (!taken[l]) {
+            taken[l] = (excess <= 1.0) ? 1 : 0;
+            if (taken[l] == 0) {
                 p->rejected += 1;
                 p->refused = 1;
                 p->next = step[l] * factor;
@@ -2495,24 +2528,25 @@ static void one_link_adapt_lanes(const double *restrict h, const one_link_drive 
                     left -= 1;
                 }
             } else {
-                if (p->refused && factor > 1.0) { factor = 1.0; }
+                if ((p->refused != 0) && (factor > 1.0)) { factor = 1.0; }
                 p->refused = 0;
                 if (p->next < step[l] * factor || !(step[l] < p->next)) { p->next = step[l] * factor; }
             }
         }
         for (int l = 0; l < LANES; ++l) {
-            if (!taken[l]) { continue; }
+            if (taken[l] == 0) { continue; }
             one_link_progress *const p = &progress[l];
-            const double goal = dense ? duration : interval * (double)p->sample;
+            const double goal = (dense != 0) ? duration : interval * (double)p->sample;
             const double before = p->t;
             p->steps += 1;
-            p->t = lands[l] ? goal : p->t + step[l];
+            p->t = (lands[l] != 0) ? goal : p->t + step[l];
             if (step[l] > p->largest) { p->largest = step[l]; }
             if (p->steps == 1 || step[l] < p->smallest) { p->smallest = step[l]; }
-            while (p->sample <= samples && (lands[l] ? interval * (double)p->sample <= goal : dense && interval * (double)p->sample <= p->t)) {
-                double *const q_row = &q_out[(size_t)l * stride + p->sample * 2U], *const v_row = &v_out[(size_t)l * stride + p->sample * 2U];
+            while ((p->sample <= samples) && (((lands[l] != 0) || (dense != 0)) && (interval * (double)p->sample <= p->t))) {
+                double *const q_row = &q_out[(size_t)l * stride + p->sample * 2U];
+                double *const v_row = &v_out[(size_t)l * stride + p->sample * 2U];
                 const double time = interval * (double)p->sample;
-                if (dense && time < p->t) {
+                if ((dense != 0) && (time < p->t)) {
                     one_link_between_lanes((time - before) / step[l], step[l], l, q, v, a, q_end, v_end, a_end, q_row, v_row);
                 } else
                 {
@@ -2524,7 +2558,7 @@ static void one_link_adapt_lanes(const double *restrict h, const one_link_drive 
                 (void)time;
                 (void)before;
                 p->sample += 1U;
-                if (!held && p->sample <= samples) {
+                if ((held == 0) && (p->sample <= samples)) {
                     one_link_hold_lanes(drive, state + (size_t)l, p->sample - 1U, l, u, target);
                     stale = 1;
                 }

@@ -218,7 +218,7 @@ def calls_of(meta: Mapping[str, Any]) -> Iterator[Call]:
     shapes = {key: int(np.prod(shape)) for key, shape in meta["shapes"].items()}
     n = len(meta["coordinates"])
     kernels = [(name, tuple(k["reads"]), shapes[k["writes"]], (None,)) for name, k in meta["kernels"].items()]
-    kernels = [entry for entry in kernels if entry[0] not in ("kinematics", "rollout")]
+    kernels = [entry for entry in kernels if entry[0] not in ("kinematics", "rollout", "adaptive_rollout")]
     if "kinematics" in meta["kernels"]:
         frames = tuple(range(len(meta["frames"])))
         kernels += [("frame_pose", ("q",), 16, frames), ("frame_jacobian", ("q",), 6 * n, frames)]
