@@ -67,7 +67,7 @@ class _Stage:
         return _Slope(self.c * damping + self.square * stiffness, self.c * stiffness)
 
     def rising(self, law: Effect) -> _Slope:
-        """Share of a law; nothing where it falls, so that the matrix stays positive definite; of friction the secant."""
+        """Share of a law; none where it falls, so that the matrix stays positive definite; of friction the secant."""
         found, f = self.linear(law.by_s, law.by_v), self.d.functions
         rises = f.step(found.whole)
         return _Slope(f.max(found.whole, 0.0) + self.c * law.drag, rises * found.by_shift)
