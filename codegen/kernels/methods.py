@@ -9,6 +9,8 @@ Assumption", Computers & Mathematics with Applications 62 (2011), pp. 770-775.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,9 +38,12 @@ class Rosenbrock:
         With u = gamma k of all stages: (1 / (gamma h) - A) u_i = f(y + sum a_ij u_j) + sum c_ij / h u_j, and the step
         is sum m_i u_i (E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, IV.7).
         """
-        inverse = np.linalg.inv(self.gamma)
+        alpha, gamma, b, embedded = (_exact(x) for x in (self.alpha, self.gamma, self.b, self.embedded))
+        inverse = _inverse(gamma)
         c = np.diag(np.diagonal(inverse)) - inverse
-        return np.tril(self.alpha @ inverse), np.tril(c), self.b @ inverse, (self.b - self.embedded) @ inverse
+        found = (alpha @ inverse, c, b @ inverse, (b - embedded) @ inverse)
+        a, back, weight, wrong = (x.astype(np.float64) for x in found)
+        return a, back, weight, wrong
 
 
 @dataclass(frozen=True)
@@ -48,6 +53,21 @@ class RungeKutta:
     a: Array
     b: Array
     error: Array
+
+
+def _exact(x: Array) -> NDArray[Any]:
+    """The same numbers as fractions, whose sums are the same on every machine."""
+    return np.array([Fraction(float(value)) for value in x.ravel()], dtype=object).reshape(x.shape)
+
+
+def _inverse(lower: NDArray[Any]) -> NDArray[Any]:
+    """The inverse of a lower triangle of fractions."""
+    found = _exact(np.zeros(lower.shape))
+    for j in range(len(lower)):
+        found[j, j] = 1 / lower[j, j]
+        for i in range(j + 1, len(lower)):
+            found[i, j] = -sum(lower[i, k] * found[k, j] for k in range(j, i)) / lower[i, i]
+    return found
 
 
 def _triangle(rows: list[list[float]]) -> Array:

@@ -771,10 +771,10 @@ static void one_link_accelerated(const double *restrict h, const one_link_drive 
 /* One step of the Rosenbrock method, with the factors of its matrix; the end, and the error, first of q, then of v. */
 static void one_link_rosenbrock(const double *restrict h, const one_link_drive *restrict drive, const double *restrict u, const double *restrict target, double dt, const double *restrict q, const double *restrict v, double *restrict q_end, double *restrict v_end, double *restrict error)
 {
-    static const double ahead[4][4] = { { 0.0, 0.0, 0.0, 0.0 }, { 2.0000000000000004, -2.678323310474204e-17, 0.0, 0.0 }, { 1.4192173174557652, -0.2592322116729698, 1.8468675672130886e-16, 0.0 }, { 4.184760482319161, -0.285192017355496, 2.2942803602790423, -1.5446026540574536e-17 } };
-    static const double back[4][4] = { { 0.0, 0.0, 0.0, 0.0 }, { -4.588560720558084, 0.0, 0.0, 0.0 }, { -4.184760482319161, 0.285192017355496, 0.0, 0.0 }, { -6.36817920012836, -6.795620944466837, 2.8700986043310555, 0.0 } };
-    static const double weight[4] = { 4.184760482319162, -0.2851920173554956, 2.294280360279042, 1.0 };
-    static const double wrong[4] = { 0.2777499476479681, -1.4032398951759995, 1.772630127667551, 0.5 };
+    static const double ahead[4][4] = { { 0.0, 0.0, 0.0, 0.0 }, { 2.0, 0.0, 0.0, 0.0 }, { 1.4192173174557645, -0.2592322116729697, 0.0, 0.0 }, { 4.18476048231916, -0.28519201735549593, 2.294280360279042, 0.0 } };
+    static const double back[4][4] = { { 0.0, 0.0, 0.0, 0.0 }, { -4.588560720558084, 0.0, 0.0, 0.0 }, { -4.18476048231916, 0.28519201735549593, 0.0, 0.0 }, { -6.368179200128357, -6.795620944466836, 2.870098604331056, 0.0 } };
+    static const double weight[4] = { 4.18476048231916, -0.2851920173554959, 2.2942803602790414, 1.0 };
+    static const double wrong[4] = { 0.27774994764796823, -1.403239895175999, 1.772630127667551, 0.5 };
     const double inverse = 1.0 / dt;
     double times[2];
     double kept[8];
@@ -2286,10 +2286,10 @@ static void one_link_accelerated_lanes(const double *restrict h, const one_link_
 /* One step of the Rosenbrock method, with the factors of its matrix; the end, and the error, first of q, then of v. */
 static void one_link_rosenbrock_lanes(const double *restrict h, const one_link_drive *restrict drive, const lanes *restrict u, const lanes *restrict target, lanes dt, const lanes *restrict q, const lanes *restrict v, lanes *restrict q_end, lanes *restrict v_end, lanes *restrict error)
 {
-    static const double ahead[4][4] = { { 0.0, 0.0, 0.0, 0.0 }, { 2.0000000000000004, -2.678323310474204e-17, 0.0, 0.0 }, { 1.4192173174557652, -0.2592322116729698, 1.8468675672130886e-16, 0.0 }, { 4.184760482319161, -0.285192017355496, 2.2942803602790423, -1.5446026540574536e-17 } };
-    static const double back[4][4] = { { 0.0, 0.0, 0.0, 0.0 }, { -4.588560720558084, 0.0, 0.0, 0.0 }, { -4.184760482319161, 0.285192017355496, 0.0, 0.0 }, { -6.36817920012836, -6.795620944466837, 2.8700986043310555, 0.0 } };
-    static const double weight[4] = { 4.184760482319162, -0.2851920173554956, 2.294280360279042, 1.0 };
-    static const double wrong[4] = { 0.2777499476479681, -1.4032398951759995, 1.772630127667551, 0.5 };
+    static const double ahead[4][4] = { { 0.0, 0.0, 0.0, 0.0 }, { 2.0, 0.0, 0.0, 0.0 }, { 1.4192173174557645, -0.2592322116729697, 0.0, 0.0 }, { 4.18476048231916, -0.28519201735549593, 2.294280360279042, 0.0 } };
+    static const double back[4][4] = { { 0.0, 0.0, 0.0, 0.0 }, { -4.588560720558084, 0.0, 0.0, 0.0 }, { -4.18476048231916, 0.28519201735549593, 0.0, 0.0 }, { -6.368179200128357, -6.795620944466836, 2.870098604331056, 0.0 } };
+    static const double weight[4] = { 4.18476048231916, -0.2851920173554959, 2.2942803602790414, 1.0 };
+    static const double wrong[4] = { 0.27774994764796823, -1.403239895175999, 1.772630127667551, 0.5 };
     const lanes inverse = ALL(1.0) / dt;
     lanes times[2];
     lanes kept[8];
