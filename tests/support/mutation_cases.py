@@ -353,11 +353,15 @@ def _accelerations(M: Array, right: Array, u: Array, given: Array) -> Array:
 
 
 def _slope(c: Coordinate, s: float, v: float) -> float:
-    """dt by_v + dt^2 by_s of a coordinate without its damping: of a law at least 0, of a linear spring as it is."""
-    h = 1e-6
-    linear = 0.0
+    """dt by_v + dt^2 by_s of a coordinate without its damping: of a law at least 0, of a linear spring as it is.
+
+    Of friction the secant counts.
+    """
+    h, linear, secant = 1e-6, 0.0, 0.0
+    if c.friction is not None:
+        secant, c = resistance(Coordinate(friction=c.friction), 0.0, v) / v, replace(c, friction=None)
     if c.clearance is None and c.stiffness_negative is None and c.stiffness is not None:
         linear, c = c.stiffness, replace(c, stiffness=None)
     by_s = (resistance(c, s + h, v) - resistance(c, s - h, v)) / (2 * h)
     by_v = (resistance(c, s, v + h) - resistance(c, s, v - h)) / (2 * h)
-    return DT * DT * linear + max(DT * by_v + DT * DT * by_s, 0.0)
+    return DT * DT * linear + max(DT * by_v + DT * DT * by_s, 0.0) + DT * secant
