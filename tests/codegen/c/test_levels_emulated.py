@@ -66,7 +66,9 @@ def program(robot: Robot, folder: Path) -> tuple[Path, bytes]:
     meta = json.loads(source.meta)
     given = read_samples(samples(derive_equations(build_model(robot), ()), "float64"))
     shapes = {name: int(np.prod(shape)) for name, shape in meta["shapes"].items()}
-    functions = {name: entry for name, entry in meta["functions"].items() if entry["kind"] not in ("rollout", "adaptive")}
+    functions = {
+        name: entry for name, entry in meta["functions"].items() if entry["kind"] not in ("rollout", "adaptive")
+    }
     read = sorted({array for entry in functions.values() for array in entry["reads"]})
     single, batch = [], []
     for name, entry in functions.items():
