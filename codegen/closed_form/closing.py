@@ -9,9 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
 
 from eomgen.robot.model import Model
 
@@ -23,11 +21,6 @@ from ..tree.frozen_joints import geometry
 from ..tree.recursion import no_note
 
 Expr = Any  # sympy.Expr
-Array = NDArray[np.float64]
-
-REDUNDANT = 1e-6  # of the largest singular value: below it rows follow from others
-CLOSED = 1e-9  # m, or sine of an angle
-ROUNDS = 30
 
 
 @dataclass(frozen=True)
@@ -44,14 +37,6 @@ class Closing:
     elastic: tuple[Deviating, ...]
 
 
-@dataclass(frozen=True)
-class Rank:
-    """Degrees of freedom that a constraint leaves at a closed state, and names of rows that follow from the others."""
-
-    freedoms: int
-    redundant: tuple[str, ...]
-
-
 def closing_of(model: Model, bound: Bound, q: Sequence[Expr], functions: Functions) -> Closing:
     """Follow the loops and couplings of a model whose numbers and coordinates are expressions."""
 
@@ -66,36 +51,3 @@ def closing_of(model: Model, bound: Bound, q: Sequence[Expr], functions: Functio
             values.append(coupling.gap(q))
             arms.append(coupling.arms)
     return Closing(model.constraints, tuple(values), tuple(arms), tuple(deviating(bound, loops, q, functions)))
-
-
-def rank_at_home(model: Model, q: Sequence[Expr], values: Sequence[Expr], J: Any) -> Rank | None:
-    """Rank of a constraint in numbers at the description's home, closed from there; None if it does not close.
-
-    Args:
-        model: of the mechanism.
-        q: symbols of its coordinates, n.
-        values: of g, numbers and those symbols.
-        J: its Jacobian, (constraints, n), likewise.
-    """
-    gaps, slopes = (sp.lambdify(list(q), value, modules="numpy") for value in (list(values), sp.Matrix(J)))
-    moving = [i for i in range(model.size) if i not in model.prescribed]
-    place = np.array(model.home)
-    for _ in range(ROUNDS):
-        g, rows = np.array(gaps(*place), dtype=np.float64), np.array(slopes(*place), dtype=np.float64)[:, moving]
-        if np.abs(g).max() <= CLOSED:
-            return _rank(model.constraints, rows)
-        place[moving] -= np.linalg.lstsq(rows, g, rcond=REDUNDANT)[0]
-    return None
-
-
-def _rank(names: Sequence[str], rows: Array) -> Rank:
-    """Gram-Schmidt with pivoting: the rows that are left when the rank is reached follow from the others."""
-    sizes = np.linalg.svd(rows, compute_uv=False)
-    rank = int(np.count_nonzero(sizes > REDUNDANT * sizes.max(initial=0.0)))
-    rest, left = rows.copy(), list(range(len(rows)))
-    for _ in range(rank):
-        best = max(left, key=lambda i: float(np.linalg.norm(rest[i])))
-        left.remove(best)
-        unit = rest[best] / np.linalg.norm(rest[best])
-        rest -= np.outer(rest @ unit, unit)
-    return Rank(rows.shape[1] - rank, tuple(names[i] for i in left if np.any(rows[i])))

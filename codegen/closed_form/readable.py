@@ -7,7 +7,7 @@ right, and g(q) = 0 and its Jacobian J come with them.  Coordinates have the pap
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,7 +20,7 @@ from eomgen.robot.coordinates import force_unit_of, unit_of
 from eomgen.robot.model import Model, parameter_values
 from eomgen.robot.value import ANGULAR, MOTOR
 
-from .closing import Rank, rank_at_home
+from ..kernels.constraint_rows import Rank, rank_at_home
 from .trace import ClosedForm, closed_form, exact, refuse_springs
 
 Expr = Any  # sympy.Expr
@@ -197,7 +197,7 @@ def readable_closed_form(model: Model, *, numbers: bool = False) -> ReadableClos
     keys = [(s, v, w) for s in range(n) for v in range(n) for w in range(v, n)]
     christoffel = {key: simplified(form.christoffel[key[0]][key[1]][key[2]]) for key in keys}
     constraint = tuple(_components(form))
-    rank = _rank(model, form, constraint, letters.values()) if constraint else None
+    rank = rank_at_home(model) if constraint else None
     driven, drives = _driven(model), zip(form.generalized_force, form.u, strict=True)
     force = tuple(
         simplified(Q) + (u if i in driven else 0) + sum(part.arms.get(i, 0) * part.multiplier for part in constraint)
@@ -220,15 +220,6 @@ def _components(form: ClosedForm) -> Iterator[Component]:
         arms = {i: simplified(exact(arm)) for i, arm in sorted(row.items())}
         left = {i: arm for i, arm in arms.items() if arm != 0}
         yield Component(name, sp.Symbol(f"lambda_{r + 1}", real=True), simplified(exact(value)), left)
-
-
-def _rank(model: Model, form: ClosedForm, constraint: Sequence[Component], letters: Iterable[Letter]) -> Rank | None:
-    """Rank at home, with the description's numbers."""
-    numbers = {letter.symbol: letter.value for letter in letters}
-    J = sp.Matrix([[part.arms.get(i, 0) for i in range(model.size)] for part in constraint])
-    return rank_at_home(
-        model, form.q, [exact(part.value).xreplace(numbers) for part in constraint], J.xreplace(numbers)
-    )
 
 
 def _multipliers(model: Model, constraint: Sequence[Component]) -> Iterator[Letter]:

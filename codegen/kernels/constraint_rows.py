@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from eomgen.ranks import independent_columns, rank_of
 from eomgen.robot.model import Model
 
 from ..program.ir import Node, evaluate, finish
@@ -101,7 +102,7 @@ def is_redundant(model: Model) -> bool:
         return False
     moving = [i for i in range(d.model.size) if i not in d.model.prescribed]
     J = _Arms(d, found).at(model.home, list(model.parameters.values()))[:, moving]
-    return bool(np.linalg.matrix_rank(J, tol=REDUNDANT * np.linalg.norm(J, 2)) < len(found))
+    return rank_of(J, REDUNDANT) < len(found)
 
 
 def are_independent(model: Model) -> bool:
@@ -115,21 +116,48 @@ def are_independent(model: Model) -> bool:
         return True
     rng, home = np.random.default_rng(0), np.array(model.home)
     away = [np.zeros(home.size), *rng.normal(size=(_SAMPLES, home.size))]
-    return any(_is_independent_near(d, found, home + _AWAY * step) for step in away)
+    closed = (_closed_jacobian(d, found, home + _AWAY * step) for step in away)
+    return any(J is not None and rank_of(J, REDUNDANT) == len(found) for J in closed)
 
 
-def _is_independent_near(d: Derivation, found: Sequence[Gap], q: NDArray[np.float64]) -> bool:
-    """Whether Gauss's and Newton's method closes a state from q, and all rows are independent there."""
-    arms, numbers = _Arms(d, found), list(d.model.parameters.values())
+@dataclass(frozen=True)
+class Rank:
+    """Degrees of freedom that a constraint leaves at a closed state, and names of rows that follow from the others."""
+
+    freedoms: int
+    redundant: tuple[str, ...]
+
+
+def rank_at_home(model: Model) -> Rank | None:
+    """Rank of the constraint at the description's home, closed from there; None if it does not close.
+
+    Components that nothing changes are not among those that follow from others.
+    """
+    d = Derivation(model)
+    found = [(name, gap) for name, gap in zip(model.constraints, gaps(d, d.still), strict=True) if gap.arms]
+    J = _closed_jacobian(d, [gap for _, gap in found], np.array(model.home))
+    if J is None:
+        return None
+    rank = rank_of(J, REDUNDANT)
+    independent = independent_columns(J.T, rank)
+    return Rank(J.shape[1] - rank, tuple(name for r, (name, _) in enumerate(found) if r not in independent))
+
+
+def _closed_jacobian(d: Derivation, found: Sequence[Gap], q: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """The arms by what is not prescribed, (rows, moving), where Gauss's and Newton's method closes a state from q.
+
+    None where it closes none.
+    """
+    arms, numbers, q = _Arms(d, found), list(d.model.parameters.values()), q.copy()
     values = finish(d.graph, "gaps", vector([gap.value for gap in found]))
     moving = [i for i in range(d.model.size) if i not in d.model.prescribed]
     for _ in range(_ROUNDS):
         g = np.array(list(evaluate(values, {"q": q.tolist(), "p": numbers}).values()))
         J = arms.at(q.tolist(), numbers)[:, moving]
-        if np.abs(g).max() <= CLOSED:
-            return bool(np.linalg.matrix_rank(J, tol=REDUNDANT * np.linalg.norm(J, 2)) == len(found))
+        if np.abs(g).max(initial=0.0) <= CLOSED:
+            return J
         q[moving] -= np.linalg.lstsq(J, g, rcond=REDUNDANT)[0]
-    return False
+    return None
 
 
 class _Arms:

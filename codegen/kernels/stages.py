@@ -114,7 +114,7 @@ def _journals(
     for touch in here.d.touches(here.d.v):
         whole, by_shift = touch.slopes(here.c, here.square), touch.slopes(0.0, here.c)
         for (i, j), slope in whole.items():
-            for row, column in {(i, j), (j, i)}:
+            for row, column in [(i, j)] if i == j else [(i, j), (j, i)]:
                 force = slope * rates[column] + by_shift.get((i, j), 0.0) * shifts[column]
                 forces[row] = forces[row] + force
             if i == j:

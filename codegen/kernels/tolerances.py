@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from eomgen.names import component_name, joint_of
 from eomgen.robot.laws import stiffness_of
 from eomgen.robot.model import Model
-from eomgen.robot.sizes import cut_numbers, deviation_sizes, law_numbers
+from eomgen.robot.sizes import cut_numbers, deviation_sizes, law_numbers, table_stiffnesses
 
 from ..program.ir import evaluate, finish
 from .derivation import Derivation, vector
@@ -40,8 +40,7 @@ def cut_names(model: Model) -> list[str]:
 
 def _own_stiffness(model: Model) -> Array:
     """Stiffness of each coordinate's table; a transmission holds its motor and its joint."""
-    curves, numbers = knots(model), law_numbers(model.parameters, model.coordinates)
-    given = np.array([stiffness_of(numbers[name], curves.get(name, ())) for name in model.coordinates])
+    given = table_stiffnesses(model.parameters, model.coordinates, knots(model))
     found = given.copy()
     for index, principal in model.motors.items():
         motor = model.robot.joint(joint_of(model.coordinates[index])).motor

@@ -78,10 +78,11 @@ class _Samples:
             repeats = inputs["q"].shape[1] // self.inputs["q"].shape[1]
             found = self.arithmetic.run(self.equations.programs[name], inputs, repeats=repeats)
             pivot = found.get("pivot")
-            status = np.zeros(found["out"].shape[1], np.int64) if pivot is None else status_of(pivot)
+            answer = found.get("out", np.zeros((0, inputs["q"].shape[1]), self.arithmetic.dtype))
+            status = np.zeros(answer.shape[1], np.int64) if pivot is None else status_of(pivot)
             if changed:
-                return found["out"], status
-            self.known[name] = found["out"], status
+                return answer, status
+            self.known[name] = answer, status
         return self.known[name]
 
     def _store(

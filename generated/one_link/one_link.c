@@ -946,6 +946,7 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
     const double duration = interval * (double)samples;
     const int held = ((drive->u_step == 0U) && (drive->target_step == 0U)) ? 1 : 0;
     const int dense = ((method == 1) && (held != 0)) ? 1 : 0;
+    int stale = 1;
     const double order = method == 1 ? 0.2 : 1.0 / 3.0;
     double u[2];
     double target[2];
@@ -960,8 +961,6 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
     int lands[1] = { 0 };
     int taken[1];
     int left = 0;
-    int stale = 1;
-    (void)held;
     for (int l = 0; l < 1; ++l) {
         one_link_progress *const p = &progress[l < here ? l : 0];
         going[l] = ((l < here) && (p->reason == 0)) ? 1 : 0;
@@ -1040,8 +1039,6 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
                         v_row[i] = v_end[i];
                     }
                 }
-                (void)time;
-                (void)before;
                 p->sample += 1U;
                 if ((held == 0) && (p->sample <= samples)) {
                     one_link_hold(drive, state + (size_t)l, p->sample - 1U, l, u, target);
@@ -2461,6 +2458,7 @@ static void one_link_adapt_lanes(const double *restrict h, const one_link_drive 
     const double duration = interval * (double)samples;
     const int held = ((drive->u_step == 0U) && (drive->target_step == 0U)) ? 1 : 0;
     const int dense = ((method == 1) && (held != 0)) ? 1 : 0;
+    int stale = 1;
     const double order = method == 1 ? 0.2 : 1.0 / 3.0;
     lanes u[2];
     lanes target[2];
@@ -2475,8 +2473,6 @@ static void one_link_adapt_lanes(const double *restrict h, const one_link_drive 
     int lands[LANES] = { 0 };
     int taken[LANES];
     int left = 0;
-    int stale = 1;
-    (void)held;
     for (int l = 0; l < LANES; ++l) {
         one_link_progress *const p = &progress[l < here ? l : 0];
         going[l] = ((l < here) && (p->reason == 0)) ? 1 : 0;
@@ -2555,8 +2551,6 @@ static void one_link_adapt_lanes(const double *restrict h, const one_link_drive 
                         v_row[i] = LANE(v_end[i], l);
                     }
                 }
-                (void)time;
-                (void)before;
                 p->sample += 1U;
                 if ((held == 0) && (p->sample <= samples)) {
                     one_link_hold_lanes(drive, state + (size_t)l, p->sample - 1U, l, u, target);

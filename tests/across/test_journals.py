@@ -53,6 +53,10 @@ REFUSED = {
     "clearance = 1e-4": ("clearance = -1e-4", ["joints.pin.radial.clearance", "-0.0001", "at least 0"]),
     "radial = { clearance = 1e-4": ("radial = { clearance = 0.0", ["radial.clearance", "0 and no smoothing"]),
     "x = {}": ("", ["joints.pin.radial", "x does not move", "x, y have tables"]),
+    "\nx = {}": (
+        "\nx = { stiffness = 1e5 }\ngamma = { friction = { coefficient = 0.1, radius = 0.01 } }",
+        ["joints.pin.radial", "gamma has friction with a coefficient of its own", "friction in radial"],
+    ),
     "y = {}": (
         "y = { stiffness = 1e6, clearance = 1e-4 }",
         ["joints.pin.radial", "y has a clearance of its own", "not both"],

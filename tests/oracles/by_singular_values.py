@@ -16,13 +16,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from eomgen.errors import InputError, LoopError, SingularError, UnknownNameError
 from eomgen.loops.redundant import Factors, Redundancy
+from eomgen.ranks import RANK
 from eomgen.robot.coordinates import unit_of
 from eomgen.robot.cuts import CUTS, UPRIGHT
 from eomgen.runtime.kernel import Kernel
 from eomgen.runtime.singular import null_coordinates, singular_place
 from eomgen.shown import Shown
 from eomgen.state.equilibrium import known_coordinates
-from eomgen.state.vectors import RANK, prescribed_mask, state_vector
+from eomgen.state.vectors import prescribed_mask, state_vector
 
 Array = NDArray[np.float64]
 

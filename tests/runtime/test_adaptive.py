@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 import eomgen
-from eomgen.errors import ArrayError, InputError, IntegrationStopped
+from eomgen.errors import ArrayError, InputError, IntegrationStopped, SingularError
 from eomgen.integration.solve import integrate
+from eomgen.robot.value import Coordinate
 from eomgen.runtime.adaptive import METHODS
 from tests.codegen.forces.test_laws import slider, worn
 from tests.support.builds import Build
@@ -75,7 +77,7 @@ def test_a_stiff_joint_costs_the_implicit_method_nothing(method: str, built: Bui
     kernel = built(slider(stiffness=1e9, damping=1e5), *NAMES)
     found = kernel.rollout([1e-9], [0.0], [5.0], method=method, duration=0.5, samples=1, rtol=1e-4, atol=1e-8)
     assert found[0][-1] == pytest.approx(5e-9, abs=1e-8)
-    assert (found.steps <= 100) == (method == "rosenbrock")  # type: ignore[attr-defined]
+    assert (found.steps <= 100) == (method == "rosenbrock")
 
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
@@ -88,11 +90,11 @@ def test_every_state_has_steps_of_its_own(method: str, dtype: str) -> None:
     q, v, u = (rng.uniform(-1.0, 1.0, (37, kernel.n)).astype(dtype) for _ in "qvu")
     how: dict[str, Any] = {"method": method, "duration": 0.2, "samples": 3, "rtol": 1e-4}
     whole = kernel.rollout(q, v, u, **how)
-    steps = np.asarray(whole.steps)  # type: ignore[attr-defined]
+    steps = np.asarray(whole.steps)
     assert np.ptp(steps) > 0
     for i in (0, 20, 36):
         alone = kernel.rollout(q[i], v[i], u[i], **how)
-        assert alone.steps == steps[i]  # type: ignore[attr-defined]
+        assert alone.steps == steps[i]
         assert all(np.array_equal(x[i], y) for x, y in zip(whole, alone, strict=True))
     some = kernel.rollout(q[5:18], v[5:18], u[5:18], **how)
     assert all(np.array_equal(x[5:18], y) for x, y in zip(whole, some, strict=True))
@@ -156,6 +158,43 @@ def test_a_motion_that_cannot_go_on_ends_where_it_got_to(method: str, built: Bui
     q, _ = stop.value.stored
     assert q[0, -1] == pytest.approx(0.25e18)
     assert np.isnan(q[1, 4:]).all()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_singular_state_is_named(method: str, built: Build) -> None:
+    """Of a joint that does not turn freely: something acts on its angles."""
+    robot = random_robot(1045, joints=(1, 1), types=("free",), armature=False, forces=False)
+    joint = robot.joint("joint1")
+    loaded = replace(joint, coordinates={**joint.coordinates, "gamma": Coordinate(preload=0.0)})
+    robot = replace(robot, name="loaded", joints=tuple(loaded if x is joint else x for x in robot.joints))
+    kernel, s = built(robot, *NAMES), random_state(robot, 1)
+    q = s.q.copy()
+    q[kernel.coordinates.index("joint1.beta")] = np.pi / 2
+    with pytest.raises(SingularError, match=r"joint1\.alpha and joint1\.gamma"):
+        kernel.rollout(q, s.v, s.u, method=method, duration=0.01)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_state_that_does_not_close_says_nothing_about_others(method: str, built: Build) -> None:
+    """Of a linkage whose prescribed crank is beyond the coupler's reach; others have the bits that they have alone."""
+    robot = eomgen.load_robot("four_bar")
+    (loop,), crank = robot.loops, robot.joints[0]
+    short = tuple(replace(x, xyz=(f * x.xyz[0], 0.0, 0.0)) for x, f in zip(loop.placements, (1.0, 0.5), strict=True))
+    given = replace(crank, coordinates={"gamma": Coordinate(prescribed=True)})
+    robot = replace(
+        robot, home={}, driven=(), loops=(replace(loop, placements=short),), joints=(given, *robot.joints[1:])
+    )
+    kernel = built(robot, *NAMES, "constraint", "cut_poses")
+    good, bad, still = kernel.close([0.5, 0.3, 0.3], ["joint1.gamma"]), np.array([3.1, 0.0, 1.5]), np.zeros(3)
+    how: dict[str, Any] = {"method": method, "duration": 0.05, "samples": 2, "rtol": 1e-4}
+    alone = kernel.rollout(good, still, still, **how)
+    q = np.array([bad, good, good, bad, good])
+    with pytest.raises(
+        IntegrationStopped, match=r"loop joint4 does not stay closed .* of state 0; it ends at t = 0 s"
+    ) as stop:
+        kernel.rollout(q, np.zeros_like(q), still, **how)
+    for found, expected in zip(stop.value.stored, alone, strict=True):
+        assert all(np.array_equal(found[i], expected) for i in (1, 2, 4))
 
 
 def test_refusals(built: Build) -> None:

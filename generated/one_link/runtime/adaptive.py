@@ -6,31 +6,21 @@ A generated package carries a copy of this file.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import ArrayError, InputError, IntegrationStopped
+from ..errors import ArrayError, InputError, IntegrationStopped, LoopError
 from ..names import show
 from .calls import Calls
-from .given import (
-    NUMBERS,
-    SHARE,
-    controller_gains,
-    count_states,
-    is_number,
-    not_finite,
-    over_time,
-    room_for,
-    start,
-    whole_number,
-)
 from .many_steps import METHODS as FIXED
 from .opened import stays_open
 from .pieces import OPERATIONS, ROUND, shared
 from .raw import RawFunction
+from .rollouts import NUMBERS, SHARE, Given, Rollout, count_states, is_number, read_given, room_for, whole_number
 
 Array = NDArray[Any]
 
@@ -60,21 +50,6 @@ def takes_samples(method: str, **given: Any) -> bool:
     return chooses
 
 
-class Rollout(tuple[Array, Array]):
-    """q and v of an integration with error control, as ``Kernel.rollout`` returns them, and what its steps were.
-
-    Attributes:
-        steps: steps taken, of one state a number, of many (N,).
-        rejected: steps that were tried again, shorter, likewise.
-        largest, smallest: the longest and the shortest step, s, likewise.
-    """
-
-    steps: Any
-    rejected: Any
-    largest: Any
-    smallest: Any
-
-
 @dataclass
 class _Motion:
     """Many states on their way: pieces of work go on from where the last one ended.
@@ -82,6 +57,8 @@ class _Motion:
     at: q and v, (states, n).
     stored: q and v, (states, samples + 1, n).
     progress: of every state, in C.
+    allowed: rtol, and atol of every number, (2n,).
+    how: time from a sample to the next, s, their number, and the method.
     """
 
     calls: Calls
@@ -89,11 +66,14 @@ class _Motion:
     at: tuple[Array, Array]
     stored: tuple[Array, Array]
     progress: Any
-    drives: Sequence[tuple[Array, int, int]]
-    gains: Sequence[Array]
+    given: Given
     allowed: tuple[float, Array]
     how: tuple[float, int, str]
-    single: bool
+
+    @property
+    def single(self) -> bool:
+        """Whether there is one state, and no batch."""
+        return self.given.count is None
 
     def pieces(self, first: int, last: int) -> Iterator[int]:
         """Go on until these states have ended, a vector of them at a time; yields -1."""
@@ -105,10 +85,10 @@ class _Motion:
         for begin in range(first, last, ROUND):
             end = min(begin + ROUND, last)
             fields: dict[str, Any] = {}
-            for name, (array, of_state, of_step) in zip(("u", "target"), self.drives, strict=False):
+            for name, (array, of_state, of_step) in zip(("u", "target"), self.given.drives, strict=False):
                 here = view(array.reshape(-1)[begin * of_state :])
                 fields |= {name: here, f"{name}_state": of_state, f"{name}_step": of_step}
-            fields |= zip(("kp", "kd"), map(view, self.gains), strict=False)
+            fields |= zip(("kp", "kd"), map(view, self.given.gains), strict=False)
             drive = library.drive(**fields)
             most = max(OPERATIONS // (operations * (end - begin)), 1)
             allowed = library.new("tolerance", rtol=rtol, atol=view(atol), most=most)
@@ -152,20 +132,13 @@ def adaptive_rollout(
     samples = whole_number("samples", 1 if samples is None else samples, NUMBERS // (calls.n * max(count or 1, 1)))
     interval = _duration(duration) / samples
     allowed = _tolerances(calls, rtol, atol, function.where(batch=count is not None).meta)
-    states = 1 if count is None else count
-    starts = [start(calls, label, value, count) for label, value in (("q0", q0), ("v0", v0))]
-    drives = [over_time(calls, "u", u, samples, count)]
-    gains = controller_gains(calls, driven, kp, kd)
-    if (target is None) != (not gains):
-        raise InputError("rollout: a controller needs a target, the coordinates that it aims at, and kp or kd")
-    if target is not None:
-        drives.append(over_time(calls, "target", target, samples, count))
-    trouble = not_finite(calls, starts, drives)
+    given = read_given(calls, driven, samples, count, q0=q0, v0=v0, u=u, kp=kp, kd=kd, target=target)
+    trouble = given.trouble(calls)
     if trouble is not None:
         raise trouble
-    at = [np.array(np.broadcast_to(x, (states, calls.n)), order="C") for x, _ in starts]
-    room = [room_for(calls, (states, samples + 1, calls.n)) for _ in starts]
-    single = count is None
+    states, single = 1 if count is None else count, count is None
+    at = [np.array(np.broadcast_to(x, (states, calls.n)), order="C") for x, _ in given.starts]
+    room = [room_for(calls, (states, samples + 1, calls.n), "fewer samples") for _ in at]
     progress = function.where(batch=not single).new_array("progress", states)
     motion = _Motion(
         calls,
@@ -173,11 +146,9 @@ def adaptive_rollout(
         (at[0], at[1]),
         (room[0], room[1]),
         progress,
-        drives,
-        gains,
+        given,
         allowed,
         (interval, samples, method),
-        single,
     )
     shared(motion.pieces, states, min(calls.threads, states // SHARE))
     for state in range(states):
@@ -189,11 +160,11 @@ def adaptive_rollout(
 def _result(motion: _Motion) -> Rollout:
     """q and v with the figures of all states."""
     q, v = (x[0] if motion.single else x for x in motion.stored)
-    found = Rollout((q, v))
+    figures = {}
     for name in ("steps", "rejected", "largest", "smallest"):
-        figures = np.array([getattr(motion.progress[i], name) for i in range(len(motion.at[0]))])
-        setattr(found, name, figures[0].item() if motion.single else figures)
-    return found
+        column = np.array([getattr(motion.progress[i], name) for i in range(len(motion.at[0]))])
+        figures[name] = column[0].item() if motion.single else column
+    return Rollout.of(q, v, **figures)
 
 
 def _duration(duration: float | None) -> float:
@@ -225,7 +196,11 @@ def _tolerances(calls: Calls, rtol: float, atol: ArrayLike | None, meta: Mapping
 
 
 def _stopped(motion: _Motion, state: int) -> IntegrationStopped:
-    """The error of the first state that did not get to its end; what is stored goes with it."""
+    """The error of the first state that did not get to its end; what is stored goes with it.
+
+    Raises:
+        SingularError: M cannot be inverted where it ends.
+    """
     calls, progress = motion.calls, motion.progress[state]
     n, where = calls.n, progress.reason - 2
     place = "" if motion.single else f" of state {state}"
@@ -234,8 +209,17 @@ def _stopped(motion: _Motion, state: int) -> IntegrationStopped:
     if where >= 2 * n:
         what = stays_open(calls.raw, where - 3 * n)
     q, v = (x[state].copy() for x in motion.at)
+    _refuse_singular(calls, q)
     message = f"rollout: {what}{place}; it ends at t = {progress.t:.6g} s, after {progress.steps} steps"
     stopped = IntegrationStopped(message, progress.t, q, v, name)
     stored = motion.stored
     stopped.stored = (stored[0][0], stored[1][0]) if motion.single else (stored[0], stored[1])
     return stopped
+
+
+def _refuse_singular(calls: Calls, q: Array) -> None:
+    """SingularError where M cannot be inverted, if there are the kernels that say so."""
+    still = np.zeros_like(q)
+    if "forward_dynamics" in calls.raw.functions:
+        with suppress(LoopError, ArrayError):
+            calls.run("forward_dynamics", None, (q, still, still))

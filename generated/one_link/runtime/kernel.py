@@ -25,6 +25,7 @@ from .many_steps import rollout
 from .opened import LOADED
 from .parameters import Parameters
 from .raw import Libraries, Operations, RawKernel
+from .rollouts import Rollout
 
 Array = NDArray[Any]
 
@@ -754,7 +755,7 @@ class Kernel:
         samples: int | None = None,
         rtol: float = 1e-6,
         atol: ArrayLike | None = None,
-    ) -> tuple[Array, Array]:
+    ) -> Rollout:
         """Integrate in C, one state or many at a time; no external wrenches.
 
         Loops are closed after every step, to the nearest state in the metric of the kinetic energy that is closed to
@@ -796,8 +797,8 @@ class Kernel:
 
         Returns:
             q and v, (steps // every + 1, n) or (N, steps // every + 1, n), the states at the beginning first; with
-            error control (samples + 1, n) or (N, samples + 1, n), in a tuple whose ``steps``, ``rejected``, ``largest``
-            and ``smallest`` (s) say what the steps were.
+            error control (samples + 1, n) or (N, samples + 1, n).  Attributes of the tuple say what the steps were:
+            ``steps``, ``rejected``, ``largest`` and ``smallest`` (s), of many states (N,).
 
         Raises:
             SingularError: M cannot be inverted in a state that is reached.

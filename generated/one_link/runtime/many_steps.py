@@ -15,21 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import ArrayError, InputError, IntegrationStopped
 from ..names import show
 from .calls import Calls
-from .given import (
-    NUMBERS,
-    SHARE,
-    controller_gains,
-    count_states,
-    is_number,
-    not_finite,
-    over_time,
-    room_for,
-    start,
-    whole_number,
-)
 from .opened import stays_open
 from .pieces import OPERATIONS, ROUND, shared
 from .raw import RawFunction
+from .rollouts import NUMBERS, SHARE, Rollout, count_states, is_number, read_given, room_for, whole_number
 
 Array = NDArray[Any]
 
@@ -53,7 +42,7 @@ def rollout(
     kp: ArrayLike | None,
     kd: ArrayLike | None,
     target: ArrayLike | None,
-) -> tuple[Array, Array]:
+) -> Rollout:
     """Integrate with fixed steps, as ``Kernel.rollout`` describes it.
 
     Args:
@@ -67,19 +56,15 @@ def rollout(
     most = NUMBERS // (calls.n * max(count or 1, 1))
     steps, every = whole_number("steps", steps, most), whole_number("every", every, most)
     dt = _length(calls, dt)
-    starts = [start(calls, label, value, count) for label, value in (("q0", q0), ("v0", v0))]
-    drives = [over_time(calls, "u", u, steps, count)]
-    gains = controller_gains(calls, driven, kp, kd)
-    if (target is None) != (not gains):
-        raise InputError("rollout: a controller needs a target, the coordinates that it aims at, and kp or kd")
-    if target is not None:
-        drives.append(over_time(calls, "target", target, steps, count))
+    given = read_given(calls, driven, steps, count, q0=q0, v0=v0, u=u, kp=kp, kd=kd, target=target)
+    starts, drives, gains = given.starts, given.drives, given.gains
     shape = (() if count is None else (count,)) + (steps // every + 1, calls.n)
-    result = room_for(calls, shape), room_for(calls, shape)
+    result = room_for(calls, shape, "a larger `every`"), room_for(calls, shape, "a larger `every`")
     code = _call(calls, starts, drives, gains, (dt, steps, every, METHODS[method]), count, result)
     if code < 0 and all(np.isfinite(array).all() for array in result):
-        return result
-    trouble = not_finite(calls, starts, drives)
+        figures: dict[str, Any] = {"steps": steps, "rejected": 0, "largest": dt, "smallest": dt}
+        return Rollout.of(*result, **{k: x if count is None else np.full(count, x) for k, x in figures.items()})
+    trouble = given.trouble(calls)
     if code >= 0:
         reason = code % calls.raw.statuses
         state, step = divmod(code // calls.raw.statuses, steps)

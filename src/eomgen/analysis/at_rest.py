@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import IntegrationError
+from ..ranks import RANK
 from ..runtime.kernel import Kernel
 from ..shown import Shown
-from ..state.vectors import RANK
 from .holding import Fixation, notes_of_play
 from .tangent_system import LinearSystem, Tangent, load_force, moving_basis, reduced, tangent
 

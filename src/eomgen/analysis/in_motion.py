@@ -10,9 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InputError, LoopError
 from ..names import joint_of
 from ..pipeline.stages import build
+from ..ranks import RANK
 from ..runtime.kernel import Kernel
 from ..runtime.opened import left_open
-from ..state.vectors import RANK, state_vector
+from ..state.vectors import state_vector
 from .at_rest import closed
 from .holding import Fixation, notes_of_play
 from .options import HeldRobot

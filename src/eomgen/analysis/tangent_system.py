@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 
 from ..errors import InputError, SingularError
 from ..names import joint_of
+from ..ranks import RANK, independent_columns, rank_by
 from ..runtime.kernel import Kernel
 from ..runtime.singular import null_coordinates, scaled_eigenvalues
 from ..shown import Shown
-from ..state.vectors import RANK
 from .holding import Fixation
 
 Array = NDArray[np.float64]
@@ -105,16 +105,8 @@ def moving_basis(
         return np.eye(kernel.n)[:, index], tuple(int(i) for i in index)
     J = np.concatenate(rows)[:, index]
     _, S, Vt = np.linalg.svd(J)
-    rank = int((RANK * S.max(initial=0.0) < S).sum())
-    null = Vt[rank:].T
-    chosen: list[int] = []
-    rest = null.copy()
-    for _ in range(null.shape[1]):
-        best = int(np.argmax(np.linalg.norm(rest, axis=1)))
-        unit = rest[best] / np.linalg.norm(rest[best])
-        rest = rest - np.outer(rest @ unit, unit)
-        chosen.append(best)
-    chosen.sort()
+    null = Vt[rank_by(S) :].T
+    chosen = sorted(independent_columns(null.T, null.shape[1]))
     basis = np.zeros((kernel.n, len(chosen)))
     basis[index] = null @ np.linalg.inv(null[chosen])
     return basis, tuple(int(index[i]) for i in chosen)

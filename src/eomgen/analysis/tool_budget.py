@@ -18,13 +18,13 @@ from ..errors import InputError
 from ..names import joint_of
 from ..pipeline.closing import mechanism_kernels
 from ..pipeline.stages import build
+from ..ranks import RANK
 from ..robot.coordinates import MOTIONS, index_of
 from ..robot.model import build_model, tool_of
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..shown import Shown
 from ..simulation.result import SimulationResult
-from ..state.vectors import RANK
 from ..tabular import Rows, TableColumn, Tabular
 from .statics import motion_between
 

@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..names import listed
+from ..ranks import RANK, rank_of
 from ..robot.model import Model
 from ..runtime.kernel import Kernel
 from ..state.springs import stiffnesses
-from ..state.vectors import RANK, prescribed_mask, rank_of
+from ..state.vectors import prescribed_mask
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -20,11 +20,11 @@ from ..errors import InputError, UnknownNameError
 from ..motion.files import MeasuredMotion
 from ..motion.smoothing import Differentiator, bell, filtered, noise_deviation
 from ..names import component_name, listed, nearest, parameter_name, split_component
+from ..ranks import RANK
 from ..robot.model import Model, build_model, parameter_values
 from ..robot.value import MOTOR, PRINCIPAL, Robot
 from ..runtime.kernel import Kernel
 from ..state.springs import cut_numbers
-from ..state.vectors import RANK
 from .closing import closed_motion
 from .estimates import KEYS, Estimate, FittedCoordinate
 from .estimating import FIRST, HALF_WIDTHS, SIGNAL, block_count, doubts, interval_of, least_samples

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from ..errors import LoopError
 from ..names import joint_of, listed
+from ..ranks import independent_columns, rank_of
 from ..runtime.kernel import Kernel
 from ..runtime.opened import left_open
-from ..state.vectors import prescribed_mask, rank_of
+from ..state.vectors import prescribed_mask
 
 Array = NDArray[np.float64]
 
@@ -76,15 +77,15 @@ class Chart:
         first = rank_of(scaled[:, others])
         if free is not None and first < others.size:
             raise _loose(kernel, J, moving, others, [kernel.coordinates[i] for i in free])
-        chosen = others[_pivots(scaled[:, others], first)]
+        chosen = others[independent_columns(scaled[:, others], first)]
         if first < self.rank:  # more of them than there are freedoms
             also = np.setdiff1d(moving, others)
             left = _beside(scaled[:, also], scaled[:, chosen])
-            chosen = np.concatenate([chosen, also[_pivots(left, self.rank - first)]])
+            chosen = np.concatenate([chosen, also[independent_columns(left, self.rank - first)]])
         self.bound = np.sort(chosen)
         self.free = np.setdiff1d(moving, self.bound)
         self.rest = np.setdiff1d(np.arange(kernel.n), self.bound)
-        rows = np.array(_pivots(scaled[:, self.bound].T, self.rank), dtype=np.intp)
+        rows = np.array(independent_columns(scaled[:, self.bound].T, self.rank), dtype=np.intp)
         self._start(q, J, rows)
 
     def _start(self, q: Array, J: Array, rows: NDArray[np.intp]) -> None:
@@ -213,16 +214,3 @@ def _loose(kernel: Kernel, J: Array, moving: NDArray[np.intp], others: NDArray[n
         loop=loop,
         gap=float("inf"),
     )
-
-
-def _pivots(J: Array, rank: int) -> list[int]:
-    """Columns of J that are as independent as possible, ``rank`` of them: Gram and Schmidt's method with pivoting."""
-    left, found = J.copy(), list[int]()
-    for _ in range(rank):
-        norms = np.linalg.norm(left, axis=0)
-        norms[found] = -1.0
-        found.append(int(norms.argmax()))
-        unit = left[:, found[-1]] / norms[found[-1]]
-        for _ in range(2):  # once more for round-off
-            left -= np.outer(unit, unit @ left)
-    return found

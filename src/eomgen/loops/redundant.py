@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
+from ..ranks import independent_columns, rank_by
 from ..runtime.kernel import Kernel
 from ..shown import Shown
-from ..state.vectors import RANK, prescribed_mask, state_vector
+from ..state.vectors import prescribed_mask, state_vector
 
 Array = NDArray[Any]
 
@@ -62,18 +63,13 @@ class Factors:
         self.J = J
         self.scaled = np.linalg.solve(np.linalg.cholesky(M), J.T).T
         U, S, _ = np.linalg.svd(self.scaled, full_matrices=False)
-        self.rank = int(np.count_nonzero(RANK * S.max(initial=0.0) < S))
+        self.rank = rank_by(S)
         self.U = U[:, : self.rank]
 
     def dependent_rows(self) -> list[int]:
         """Rows of J that follow from the others: what Gram-Schmidt with pivoting leaves when the rank is reached."""
-        rest, left = self.scaled.copy(), list(range(len(self.J)))
-        for _ in range(self.rank):
-            best = max(left, key=lambda i: float(np.linalg.norm(rest[i])))
-            left.remove(best)
-            unit = rest[best] / np.linalg.norm(rest[best])
-            rest -= np.outer(rest @ unit, unit)
-        return left
+        independent = independent_columns(self.scaled.T, self.rank)
+        return [i for i in range(len(self.J)) if i not in independent]
 
     def undetermined_rows(self) -> list[int]:
         """Rows that take part in a dependence between rows: their part in the range of J is not all of them."""

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..names import parameter_name, parameter_path
+from .laws import stiffness_of
 
 Array = NDArray[np.float64]
 
@@ -39,6 +40,19 @@ def _numbers(parameters: Mapping[str, float], owners: Sequence[str], *kinds: str
             if owner in found:
                 found[owner][parameter_name(*path[length:])] = value
     return found
+
+
+def table_stiffnesses(
+    parameters: Mapping[str, float], coordinates: Sequence[str], knots: Mapping[str, Sequence[float]]
+) -> Array:
+    """Stiffness of every coordinate's own table, (n,), N/m or N m/rad; of a motor's that of its transmission.
+
+    Args:
+        parameters, coordinates: as of ``law_numbers``.
+        knots: deviations of measured curves, by coordinate.
+    """
+    numbers = law_numbers(parameters, coordinates)
+    return np.array([stiffness_of(numbers[name], knots.get(name, ())) for name in coordinates])
 
 
 def deviation_sizes(stiffness: Array, inertia: Array) -> tuple[Array, Array]:

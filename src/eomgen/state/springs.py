@@ -30,14 +30,8 @@ def stiffnesses(kernel: Kernel) -> Array:
 
 def stiffness_matrix(kernel: Kernel) -> Array:
     """``stiffnesses`` with what transmissions have beside the diagonal, (n, n)."""
-    rows = deflections(kernel)
-    return np.asarray(rows.T @ (_own_stiffnesses(kernel)[:, None] * rows)) + journal_stiffness(kernel)
-
-
-def _own_stiffnesses(kernel: Kernel) -> Array:
-    """Stiffness of every coordinate's own table, (n,); of a motor's that of its transmission."""
-    numbers = law_numbers(kernel)
-    return np.array([stiffness_of(numbers[name], kernel.knots.get(name, ())) for name in kernel.coordinates])
+    rows, own = deflections(kernel), sizes.table_stiffnesses(kernel.parameters, kernel.coordinates, kernel.knots)
+    return np.asarray(rows.T @ (own[:, None] * rows)) + journal_stiffness(kernel)
 
 
 def _contact_stiffnesses(kernel: Kernel) -> Array:

@@ -15,14 +15,7 @@ DriveFunction = Callable[[float, Array, Array], ArrayLike]  # (t, q, v) -> u, (n
 WrenchFunction = Callable[[float, Array, Array], ArrayLike]  # (t, q, v) -> (links, 6), force and moment, base axes
 MotionFunction = Callable[[float], tuple[ArrayLike, ArrayLike, ArrayLike]]  # t -> q, v, a of prescribed coordinates
 
-RANK = 1e-7  # singular values below this part of the greatest one belong to redundant constraints
 Q_STEP, V_STEP = 1e-7, 1e-6  # finite differences: small beside 1 rad, 1e9 times the round-off of a force
-
-
-def rank_of(J: Array) -> int:
-    """How many rows, and columns, of a constraint's Jacobian are independent; J is (m, n), and may be empty."""
-    S = np.linalg.svd(J, compute_uv=False)
-    return int(np.count_nonzero(RANK * S.max(initial=0.0) < S))
 
 
 def prescribed_mask(kernel: Kernel) -> NDArray[np.bool_]:

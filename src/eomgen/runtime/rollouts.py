@@ -1,4 +1,4 @@
-"""What rollouts are given: states, drives over time, a controller's gains; and room for what they make of it.
+"""What rollouts of all methods are given, states, drives over time, a controller's gains, and what they return.
 
 A generated package carries a copy of this file.
 """
@@ -6,6 +6,7 @@ A generated package carries a copy of this file.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,91 @@ Array = NDArray[Any]
 
 NUMBERS = 2**62  # of all coordinates at all steps of all states, at most: C counts them
 SHARE = 16  # states that are worth a thread of their own
+
+
+class Rollout(tuple[Array, Array]):
+    """q and v of a rollout, as ``Kernel.rollout`` returns them, and what its steps were.
+
+    Attributes:
+        steps: steps taken, of one state a number, of many (N,).
+        rejected: steps that were tried again, shorter, likewise.
+        largest, smallest: the longest and the shortest step, s, likewise.
+    """
+
+    steps: Any
+    rejected: Any
+    largest: Any
+    smallest: Any
+
+    @classmethod
+    def of(cls, q: Array, v: Array, **figures: Any) -> Rollout:
+        """q and v with the attributes, by name."""
+        found = cls((q, v))
+        for name, figure in figures.items():
+            setattr(found, name, figure)
+        return found
+
+
+@dataclass(frozen=True)
+class Given:
+    """States and drives as C takes them.
+
+    Attributes:
+        count: number of states, None for a single one that is no batch.
+        starts: q and v, and how far apart two states lie.
+        drives: u and targets, and how far apart their numbers of two states and of two rows are.
+        gains: kp and kd, or none.
+    """
+
+    count: int | None
+    starts: list[tuple[Array, int]]
+    drives: list[tuple[Array, int, int]]
+    gains: list[Array]
+
+    def trouble(self, calls: Calls) -> ArrayError | None:
+        """The error that names an input that is not finite (``checks`` may have let it through), or None."""
+        given = [(array, 0) for array, _ in self.starts] + [(array, apart) for array, _, apart in self.drives]
+        for label, (array, apart) in zip(("q0", "v0", "u", "target"), given, strict=False):
+            try:
+                calls.refuse_not_finite(label, array, array.shape[-2:] if apart else (calls.n,))
+            except ArrayError as error:
+                return error
+        return None
+
+
+def read_given(
+    calls: Calls,
+    driven: Sequence[int],
+    rows: int,
+    count: int | None,
+    *,
+    q0: ArrayLike,
+    v0: ArrayLike,
+    u: ArrayLike,
+    kp: ArrayLike | None,
+    kd: ArrayLike | None,
+    target: ArrayLike | None,
+) -> Given:
+    """States, drives and a controller of a rollout; arrays as of ``Kernel.rollout``.
+
+    Args:
+        calls: of the calls.
+        driven: indices of the coordinates that a controller may act on.
+        rows: how many drives there may be one after the other.
+        count: of states, ``count_states``.
+
+    Raises:
+        ArrayError: arrays that do not fit together.
+        InputError: gains that are not allowed, or without a target.
+    """
+    starts = [_start(calls, label, value, count) for label, value in (("q0", q0), ("v0", v0))]
+    drives = [_over_time(calls, "u", u, rows, count)]
+    gains = _controller_gains(calls, driven, kp, kd)
+    if (target is None) != (not gains):
+        raise InputError("rollout: a controller needs a target, the coordinates that it aims at, and kp or kd")
+    if target is not None:
+        drives.append(_over_time(calls, "target", target, rows, count))
+    return Given(count, starts, drives, gains)
 
 
 def count_states(**values: ArrayLike | None) -> int | None:
@@ -36,13 +122,13 @@ def count_states(**values: ArrayLike | None) -> int | None:
     return max(sizes.values()) if sizes else None
 
 
-def start(calls: Calls, label: str, value: ArrayLike, count: int | None) -> tuple[Array, int]:
+def _start(calls: Calls, label: str, value: ArrayLike, count: int | None) -> tuple[Array, int]:
     """A state or many, and how far apart two lie."""
     array, states = _rows(calls, label, value, (calls.n,))
     return array, calls.n if states == count and count is not None else 0
 
 
-def over_time(calls: Calls, label: str, value: ArrayLike, steps: int, count: int | None) -> tuple[Array, int, int]:
+def _over_time(calls: Calls, label: str, value: ArrayLike, steps: int, count: int | None) -> tuple[Array, int, int]:
     """The value, and how far apart its numbers of two states and of two steps are."""
     n = calls.n
     if np.ndim(value) == 3:
@@ -70,7 +156,7 @@ def _rows(calls: Calls, label: str, value: ArrayLike, shape: tuple[int, ...]) ->
     return array, lead[0] if lead else None
 
 
-def controller_gains(calls: Calls, driven: Sequence[int], kp: ArrayLike | None, kd: ArrayLike | None) -> list[Array]:
+def _controller_gains(calls: Calls, driven: Sequence[int], kp: ArrayLike | None, kd: ArrayLike | None) -> list[Array]:
     """kp and kd, (n,) each; none where there is no controller."""
     if kp is None and kd is None:
         return []
@@ -97,35 +183,24 @@ def controller_gains(calls: Calls, driven: Sequence[int], kp: ArrayLike | None, 
 
 
 def whole_number(label: str, number: int | None, most: int) -> int:
+    """A number from 1 to the most that is allowed; InputError of another one."""
     if isinstance(number, bool) or not isinstance(number, (int, np.integer)) or not 1 <= number <= most:
         raise InputError(f"rollout: {label} = {show(number)} is not a whole number from 1 to {most}")
     return int(number)
 
 
 def is_number(value: Any) -> bool:
+    """Whether a value is a number and no truth value."""
     return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
 
 
-def room_for(calls: Calls, shape: tuple[int, ...]) -> Array:
-    """Room for states, NaN until they are reached."""
+def room_for(calls: Calls, shape: tuple[int, ...], fewer: str) -> Array:
+    """Room for states, NaN until they are reached; InputError where there is none, with what stores fewer."""
     try:
         return np.full(shape, np.nan, calls.dtype)
     except (MemoryError, ValueError):
         rows, numbers = shape[-2], float(np.prod(shape, dtype=np.float64))
         raise InputError(
             f"rollout: {rows} states to be stored take twice {numbers * calls.dtype.itemsize / 1e9:.3g} GB, more than"
-            " there is; a larger `every` stores fewer"
+            f" there is; {fewer} stores fewer"
         ) from None
-
-
-def not_finite(
-    calls: Calls, starts: Sequence[tuple[Array, int]], drives: Sequence[tuple[Array, int, int]]
-) -> ArrayError | None:
-    """The error that names an input that is not finite (``checks`` may have let it through), or None."""
-    given = [(array, 0) for array, _ in starts] + [(array, apart) for array, _, apart in drives]
-    for label, (array, apart) in zip(("q0", "v0", "u", "target"), given, strict=False):
-        try:
-            calls.refuse_not_finite(label, array, array.shape[-2:] if apart else (calls.n,))
-        except ArrayError as error:
-            return error
-    return None

@@ -1,0 +1,35 @@
+"""Ranks of constraints in numbers, and rows or columns that are as independent as possible."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[Any]
+
+RANK = 1e-7  # singular values below this part of the greatest one belong to redundant constraints
+
+
+def rank_by(S: Array, share: float = RANK) -> int:
+    """How many of the singular values are above this share of the greatest one; 0 where there are none."""
+    return int(np.count_nonzero(share * S.max(initial=0.0) < S))
+
+
+def rank_of(J: Array, share: float = RANK) -> int:
+    """How many rows, and columns, of a matrix are independent; J is (m, n), and may be empty."""
+    return rank_by(np.linalg.svd(J, compute_uv=False), share)
+
+
+def independent_columns(J: Array, rank: int) -> list[int]:
+    """Columns of J that are as independent as possible, ``rank`` of them: Gram and Schmidt's method with pivoting."""
+    left, found = J.copy(), list[int]()
+    for _ in range(rank):
+        norms = np.linalg.norm(left, axis=0)
+        norms[found] = -1.0
+        found.append(int(norms.argmax()))
+        unit = left[:, found[-1]] / norms[found[-1]]
+        for _ in range(2):  # once more for round-off
+            left -= np.outer(unit, unit @ left)
+    return found
