@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import EomgenError, IntegrationStopped
 from ..progress import Progress
-from ..runtime.adaptive import DONE, STAGES, Loaded, why_ended
+from ..runtime.adaptive import DONE, STAGES, why_ended
 from ..runtime.kernel import Kernel
+from ..runtime.loaded import AUTO, Loaded
 from ..runtime.loads import DriveData, LinkWrench, LoadData, Signal
 from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction
 from .contacts import ContactWatch
@@ -24,13 +25,20 @@ METHODS = tuple(STAGES)
 KEPT = 1024  # steps of a call in which contacts are looked for
 
 
+def leading(method: str, info: Mapping[str, float], duration: float) -> str:
+    """Name of the method that led on for most of a duration, s, where both took turns; else the method."""
+    if method != AUTO:
+        return method
+    return "rosenbrock" if 2.0 * info.get("implicit_s", 0.0) > duration else "tsit5"
+
+
 def why_not(
     kernel: Kernel,
     drive: DriveFunction | None = None,
     wrench: WrenchFunction | ArrayLike | None = None,
     prescribed: MotionFunction | None = None,
 ) -> str:
-    """What a motion lacks to be integrated by the kernel's C, in words; empty where nothing is missing."""
+    """Say what a motion lacks to be integrated by the kernel's C; empty where nothing is missing."""
     if kernel.raw.adaptive is None:
         return "the kernel was built without adaptive_rollout"
     if kernel.dtype != np.float64:
@@ -100,9 +108,11 @@ def compiled_states(
             samples.take(np.hstack(list(motion.samples[:, samples.done : motion.done])))
         system.counts |= {
             "steps": int(progress.steps),
-            "evaluations": STAGES[method] * int(progress.steps + progress.rejected),
+            "evaluations": motion.evaluations,
             "rejected": int(progress.rejected),
         }
+        if method == AUTO:
+            system.counts["implicit_s"] = motion.spans["rosenbrock"]
         report(float(progress.t), f"t = {progress.t:.3f} s, {method}, {progress.steps} steps")
     if progress.reason != DONE:
         raise _stopped(system, motion, method)

@@ -22,7 +22,7 @@ class Held:
     batched = True
 
     def __call__(self, t: float, q: Array, v: Array) -> Array:
-        return np.broadcast_to(self.u, q.shape).copy()
+        return np.array(np.broadcast_to(self.u, q.shape))
 
     def slopes(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """Derivatives by q and v, (n, n) each: zero."""

@@ -41,7 +41,6 @@ Array = NDArray[np.float64]
 
 EXPLICIT = ("tsit5", "DOP853", "RK45", "rk4")
 IN_C = compiled.METHODS
-FAST = 1e4  # 1/s: what elastic arms show at a tolerance of 1e-6, see the work-precision diagram
 STIFF = 1000.0  # time constants in a motion: an explicit method takes 2000 evaluations, and an implicit one not more
 METHODS = ("auto", *IN_C, *SCIPY_IMPLICIT, *sundials.METHODS, *(name for name in EXPLICIT if name not in IN_C))
 
@@ -89,8 +88,9 @@ def integrate(
             inverse_dynamics.
         method: "rosenbrock" or "tsit5": the kernel's own C (adaptive_rollout), where drives, wrenches and prescribed
             motions are data (see below) and no joint turns freely; "Radau", "BDF", "LSODA", "DOP853", "RK45" (all
-            SciPy's), "CVODE", "IDA" (SUNDIALS', not for loops), or "rk4" with a fixed step.  "auto" is rosenbrock if
-            something is stiff (see ``why_stiff``), else tsit5; Radau and DOP853 where C cannot do it.
+            SciPy's), "CVODE", "IDA" (SUNDIALS', not for loops), or "rk4" with a fixed step.  "auto" is both in C
+            in turn, whichever leads on further for its cost; where C cannot do it, Radau if there are springs, stiff
+            dampers or friction (see ``why_stiff``), else DOP853.
         rtol, atol: tolerances; atol is a number or (2n,), first of q, then of v.  By default rtol times the size of
             each coordinate: ``coordinate_sizes``; of a rate that friction resists at most the smoothing of that.
         step: of rk4, s; shortened so that it divides ``output_step``.  Default: half the time in which the fastest
@@ -121,7 +121,7 @@ def integrate(
     times = output_times(duration, output_step) if times is None else checked_times(times, duration, output_step)
     loads = (drive, wrench, prescribed)
     in_c = compiled.why_not(kernel, *loads)
-    method, _ = explained_method(kernel, method, q0, float(times[-1] - times[0]), rtol, in_c)
+    method, _ = explained_method(kernel, method, q0, float(times[-1] - times[0]), in_c)
     began = time.perf_counter()
     report = reporter(progress, float(times[-1]))
     y0 = system.begin(float(times[0]), q0, v0)
@@ -134,7 +134,7 @@ def integrate(
             rk4(system, y0, samples, fixed_step(kernel, q0, step, times), report, watch)
             return
         absolute = tolerances(system, q0, rtol, atol)
-        if method in IN_C:
+        if method in (*IN_C, "auto"):
             data = compiled.data_of(kernel, *loads)
             system.loaded = compiled.compiled_states(system, data, samples, method, rtol, absolute, report, watch)
             return
@@ -150,7 +150,10 @@ def integrate(
             near = {"margin": float(margins.min()), "margin_at": float(motion.t[int(margins.argmin())])}
         return {**system.about(motion.q, motion.v), **near, "wall_s": time.perf_counter() - began}
 
-    return trajectory_of(system, samples, run, method, watch, info)
+    def name() -> str:
+        return compiled.leading(method, system.counts, float(times[-1] - times[0]))
+
+    return trajectory_of(system, samples, run, name, watch, info)
 
 
 def choose_method(kernel: Kernel, method: str = "auto", q: Array | None = None, duration: float = 1.0) -> str:
@@ -163,7 +166,6 @@ def explained_method(
     method: str = "auto",
     q: Array | None = None,
     duration: float = 1.0,
-    rtol: float = 1e-6,
     in_c: str | None = None,
 ) -> tuple[str, str]:
     """The method that ``integrate`` takes, and why, in words, if "auto" is asked for.
@@ -173,7 +175,6 @@ def explained_method(
         method: that is asked for.
         q: coordinates at the beginning, (n,); 0 if not given.
         duration: of the motion, s.
-        rtol: its tolerance.
         in_c: why the kernel's own C cannot do it, empty where it can; by default of loads that are data.
 
     Raises:
@@ -188,52 +189,39 @@ def explained_method(
     if method in IN_C and slow:
         allowed = ", ".join(name for name in METHODS if name not in IN_C)
         raise InputError(f"method: {kernel.name}: {method!r} integrates in C, but {slow}; allowed: {allowed}")
-    why = why_stiff(kernel, q, duration, None if slow else rtol) if method == "auto" else ""
-    taken = method_of(method, bool(why), in_c=not slow)
-    if method != "auto":
-        return taken, ""
-    if not why:
-        why = "nothing has a stiffness, nor stiff dampers or friction" if slow else "nothing is too fast for it"
-    return taken, f"because {why}" + (f"; not in C: {slow}" if slow else "")
+    if method != "auto" or not slow:
+        return method_of(method, stiff=False, in_c=not slow), ""
+    stiff = why_stiff(kernel, q, duration)
+    why = stiff or "nothing has a stiffness, nor stiff dampers or friction"
+    return method_of(method, bool(stiff), in_c=False), f"because {why}; not in C: {slow}"
 
 
-def why_stiff(kernel: Kernel, q: Array | None = None, duration: float = 1.0, rtol: float | None = None) -> str:
+def why_stiff(kernel: Kernel, q: Array | None = None, duration: float = 1.0) -> str:
     """The reason for an implicit method, in words; empty where there is none.  Arguments as ``choose_method``.
 
     That is any spring, and dampers and friction where they slow something down a ``STIFF`` part of the duration, by the
     largest slopes of their laws and the inertia at q: explicit steps are as short as that as long as the motion lasts,
     whatever moves.  Without the kernels that implicit methods need, dampers and friction are left to explicit ones.
-    With ``rtol`` it is asked for the kernel's own methods: springs count that are too ``FAST`` as well, and no others.
     """
-    if rtol is None and any_spring(kernel):
+    if any_spring(kernel):
         return "there are springs"
     if not ({"mass_matrix"} if kernel.constraints else {"mass_matrix", "inverse_dynamics"}) <= set(kernel.operations):
-        return "there are springs" if any_spring(kernel) else ""
+        return ""
     try:
-        swing, slowing = fastest_rates(kernel, np.zeros(kernel.n) if q is None else q)
+        slowing = fastest_rates(kernel, np.zeros(kernel.n) if q is None else q)[1]
     except np.linalg.LinAlgError:  # integration will say so
         return ""
-    if rtol is not None:
-        rate = max(swing, slowing)
-        return f"springs, dampers or friction take effect within {1.0 / rate:.2g} s" if rate > _fast(rtol) else ""
     return f"dampers or friction take effect within {1.0 / slowing:.2g} s" if slowing * duration > STIFF else ""
 
 
-def _fast(rtol: float) -> float:
-    """The rate, 1/s, from which rosenbrock costs less than tsit5: it needs steps the shorter, the smaller ``rtol``."""
-    return float(FAST * (1e-6 / rtol) ** (1.0 / 3.0))
-
-
 def method_of(asked: str, stiff: bool, *, in_c: bool) -> str:
-    """The method asked for; for "auto" an implicit one where something is stiff (see ``why_stiff``), in C if it can be.
+    """The method asked for; for "auto" itself in C, else an implicit one where something is stiff (``why_stiff``).
 
     Raises:
         InputError: the method is unknown.
     """
     if asked not in METHODS:
         raise InputError(f"method: {asked!r} is unknown; allowed: {', '.join(METHODS)}")
-    if asked != "auto":
+    if asked != "auto" or in_c:
         return asked
-    if in_c:
-        return "rosenbrock" if stiff else "tsit5"
     return "Radau" if stiff else "DOP853"

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ArrayError, InputError, IntegrationError, IntegrationStopped
-from ..runtime.adaptive import Loaded
 from ..runtime.kernel import Kernel
+from ..runtime.loaded import Loaded
 from ..state.springs import coordinate_sizes, rate_step, smoothings
 from ..state.vectors import Q_STEP, V_STEP, DriveFunction, MotionFunction, WrenchFunction, prescribed_mask
 from .advance import Advance
@@ -53,7 +53,7 @@ class System:
         if wrench is not None and not callable(wrench) and np.shape(wrench) == (len(kernel.links), 6):
             kernel.refuse_not_finite("wrench", np.asarray(wrench, dtype=np.float64), (len(kernel.links), 6))
         self._no_drive = np.zeros(self.n)
-        self.counts = {"steps": 0, "evaluations": 0, "jacobians": 0}
+        self.counts: dict[str, float] = {"steps": 0, "evaluations": 0, "jacobians": 0}
         self.trouble: Exception | None = None
         self.loaded: Loaded | None = None
         self.advance: Advance | None = None

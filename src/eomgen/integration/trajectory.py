@@ -34,10 +34,12 @@ class Trajectory(Shown, Tabular):
         u: drives, (T, n), N or N m.
         energy: kinetic and potential energy, (T, 2), J.
         coordinates: names, (n,).
-        method: the method that was used.
+        method: the method that was used; where two took turns, the one that led on for most of the time.
         info: numbers of steps (0: not known), evaluations (of forward or inverse dynamics) and jacobians; wall_s, s.
-            Where there is friction, friction_smoothing is the largest rate (m/s or rad/s) w over which one turns round:
-            what it holds with the part x of its limit creeps at w x / sqrt(1 - x^2).
+            Of C also rejected, the steps that were tried again, and, where two methods took turns, implicit_s, the time
+            that rosenbrock led on by, s.  Where there is friction, friction_smoothing is the largest rate w (m/s or
+            rad/s) over which one turns round: what it holds with the part x of its limit creeps at
+            w x / sqrt(1 - x^2).
         contacts: when clearances closed and opened, by time.
         rests: when friction held a coordinate, by time; see ``resting.rests``.
     """
@@ -99,7 +101,7 @@ def trajectory_of(
     system: System,
     samples: Samples,
     run: Callable[[], None],
-    method: str,
+    method: Callable[[], str],
     watch: ContactWatch,
     info: Callable[[FiniteMotion], dict[str, float]],
 ) -> Trajectory:
@@ -127,7 +129,7 @@ def trajectory_of(
         about, kernel = info(motion), system.kernel
         found = tuple(watch.found), rests(kernel, motion.t, motion.q, motion.v)
         samples_of = motion.t, motion.q, motion.v, motion.u, motion.energy
-        trajectory = Trajectory(*samples_of, kernel.coordinates, method, about, *found)
+        trajectory = Trajectory(*samples_of, kernel.coordinates, method(), about, *found)
     if stop is not None:
         stop.trajectory = trajectory
         raise stop from (stop.__cause__ or trouble)

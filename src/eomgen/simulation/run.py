@@ -24,6 +24,7 @@ from ..errors import InputError, IntegrationStopped
 from ..integration.compiled import why_not
 from ..integration.solve import EXPLICIT, explained_method, method_of
 from ..integration.steps import output_times
+from ..integration.trajectory import Trajectory
 from ..motion.ends import Point
 from ..motion.point_to_point import Program
 from ..motion.splines import Spline
@@ -153,7 +154,7 @@ def run_assembly(
     opened = None if stream is None else MotionStream(stream, kernel.coordinates, samples, about)
     asked = scenario.integrator.method
     slow = why_not(kernel, loads.drive, loads.wrench, loads.prescribed)
-    method, reason = explained_method(kernel, asked, q0, scenario.duration, scenario.integrator.rtol, slow)
+    method, reason = explained_method(kernel, asked, q0, scenario.duration, slow)
     found = run_segments(kernel, robot, scenario, loads, q0, v0, report, opened, method=method)
     t, q = found.trajectory.t, found.trajectory.q
     driven = index_of(kernel.coordinates, assembly.driven)
@@ -167,7 +168,7 @@ def run_assembly(
     elif kernel.constraints:
         rigid_q = q
     notes = [
-        *_method_note(method, reason),
+        *_method_note(found.trajectory, reason, asked),
         *_assumptions(robot, loose, scenario, assembly.program is not None),
         *_beyond_stops(kernel, q0),
         found.balance.note(),
@@ -213,13 +214,15 @@ def _stop_record(stop: IntegrationStopped) -> dict[str, Any]:
     return {"reason": str(stop), "t": stop.t, "coordinate": stop.coordinate, **state}
 
 
-def _method_note(taken: str, reason: str) -> tuple[str, ...]:
+def _method_note(motion: Trajectory, reason: str, asked: str) -> tuple[str, ...]:
     """A line about what "auto" came to, and why; none where a method was asked for."""
-    if not reason:
+    if asked != "auto":
         return ()
-    if taken in EXPLICIT:
-        return (f"method: {taken} (explicit), {reason}",)
-    return (f"method: {taken} (implicit), {reason}; its steps follow the motion, not the fastest spring",)
+    if not reason:
+        part = motion.info.get("implicit_s", 0.0) / max(float(motion.t[-1] - motion.t[0]), 1e-300)
+        return (f"method: tsit5 and rosenbrock (implicit) in turn, the latter for {100.0 * part:.0f} % of the time",)
+    kind = "explicit" if motion.method in EXPLICIT else "implicit"
+    return (f"method: {motion.method} ({kind}), {reason}",)
 
 
 def _assumptions(robot: Robot, loose: tuple[str, ...], scenario: Scenario, programmed: bool) -> tuple[str, ...]:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import EomgenError, IntegrationStopped
+from ..integration.compiled import leading
 from ..integration.contacts import Contact
 from ..integration.resting import rests
 from ..integration.solve import integrate
@@ -143,7 +144,8 @@ def run_segments(
         whole = _good_rows(whole)
     work, wrench = whole.pop("work"), whole.pop("wrench", None)
     held = rests(kernel, whole["t"], whole["q"], whole["v"])
-    about: dict[str, Any] = {"method": method, "info": info, "contacts": tuple(contacts), "rests": held}
+    taken = leading(method, info, float(whole["t"][-1]))
+    about: dict[str, Any] = {"method": taken, "info": info, "contacts": tuple(contacts), "rests": held}
     trajectory = Trajectory(**whole, coordinates=kernel.coordinates, **about)
     return SegmentedMotion(trajectory, EnergyBalance(work, trajectory.energy), wrench, stop)
 
