@@ -31,6 +31,7 @@ from ..runtime.kernel import Kernel
 from ..shown import Shown
 from ..state.motors import deflections
 from ..state.springs import coordinate_numbers
+from ..state.turning import quaternion_columns
 from ..tabular import Rows, TableColumn, Tabular
 from .closing import closed_motion
 from .estimates import KEYS
@@ -104,7 +105,8 @@ class ForcesResult(Shown, Tabular):
 
     def as_rows(self) -> Rows:
         """A row per time: every coordinate, with .rate, .acceleration and each of ``parts``; springs with .length and
-        .tension; joints and loops with .reaction, in six components, N and N m.
+        .tension; joints and loops with .reaction, in six components, N and N m; joints with alpha, beta and gamma with
+        .qw, .qx, .qy and .qz, unit quaternions.
         """
         columns = []
         for i, name in enumerate(self.coordinates):
@@ -117,6 +119,7 @@ class ForcesResult(Shown, Tabular):
             columns.append(TableColumn(f"{name}.tension", "N", self.tensions[:, i]))
         for name, wrench in self.supports.items():
             columns.append(TableColumn(f"{name}.reaction", "N or N m", wrench, FORCES, "force"))
+        columns += [TableColumn(name, "", x) for name, x in quaternion_columns(self.coordinates, self.q).items()]
         return Rows("t", "s", self.t, columns, {"robot": self.robot})
 
     def as_dict(self) -> dict[str, Any]:

@@ -7,10 +7,14 @@ whose beta is far from +-90 degrees where the first one's is near.  Both have on
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ..names import component_name
+from ..robot.coordinates import QUATERNION, index_of, rotating_joints
+from ..robot.value import ANGULAR
 
 Array = NDArray[np.float64]
 
@@ -53,6 +57,31 @@ def quaternions(angles: Array) -> Array:
         np.concatenate([[-1.0 if len(found) and found[0, 0] < 0.0 else 1.0], np.where(turns, -1.0, 1.0)])
     )
     return np.asarray(found * signs[: len(found), np.newaxis])
+
+
+def joint_quaternions(coordinates: Sequence[str], q: Array) -> dict[str, Array]:
+    """Quaternions (w, x, y, z) over time, (T, 4), by the names of the joints that have alpha, beta and gamma.
+
+    Each follows on the one before it without a jump of sign, as ``quaternions`` says.
+
+    Args:
+        coordinates: names, n of them.
+        q: (T, n).
+    """
+    return {
+        joint: quaternions(q[:, index_of(coordinates, [component_name(joint, angle) for angle in ANGULAR])])
+        for joint in rotating_joints(coordinates)
+    }
+
+
+def quaternion_columns(coordinates: Sequence[str], q: Array) -> dict[str, Array]:
+    """The components of ``joint_quaternions`` over time, (T,), by name: joint.qw, joint.qx, joint.qy, joint.qz."""
+    found = joint_quaternions(coordinates, q)
+    return {
+        component_name(joint, name): column
+        for joint, values in found.items()
+        for name, column in zip(QUATERNION, values.T, strict=True)
+    }
 
 
 def other_angles(places: int, angles: Array, near: Array) -> Array:
