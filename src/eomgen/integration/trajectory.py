@@ -80,7 +80,7 @@ class Trajectory(Shown, Tabular):
 
     @property
     def quaternions(self) -> Array | None:
-        """What ``quaternion`` gives of every joint of ``rotating``, (T, k, 4); None where there is none."""
+        """Unit quaternions of the joints of ``rotating``, as ``quaternion`` has them, (T, k, 4); None without any."""
         found = joint_quaternions(self.coordinates, self.q)
         return np.stack(list(found.values()), axis=1) if found else None
 
