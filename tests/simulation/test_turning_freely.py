@@ -14,6 +14,8 @@ from scipy.spatial.transform import Rotation
 
 import eomgen
 from eomgen.errors import DescriptionError, InputError
+from eomgen.identification import forces
+from eomgen.motion.files import motion_from_columns
 from eomgen.pictures.page import report_of
 from eomgen.robot.value import ANGULAR, Coordinate, Frame, Joint, Link, Placement, Robot
 from eomgen.scenario.load import scenario_from_values
@@ -113,6 +115,24 @@ def test_quaternions_of_a_stream(fall: SimulationResult, folder: Path) -> None:
         assert (ours.unit, ours.values.tolist()) == ("", fall.series(name).values.tolist())
     with pytest.raises(InputError, match=r"'free\.q' is unknown; known: .*with \.rate or without, free\.qw, .*free\.qz"):
         found.series("free.q")
+
+
+@pytest.mark.parametrize("rates", [True, False])
+def test_forces_of_a_motion_over_the_poles(rates: bool, fall: SimulationResult, folder: Path) -> None:
+    """Nothing but its weight acts on the body, whether rates were measured or not."""
+    motion = fall.trajectory
+    columns = {"t": motion.t, **dict(zip(NAMES, motion.q.T, strict=True))}
+    columns[NAMES[3]] = (columns[NAMES[3]] + np.pi) % (2.0 * np.pi) - np.pi  # as many tell it
+    if rates:
+        columns |= {f"{name}.rate": x for name, x in zip(NAMES, motion.v.T, strict=True)}
+    found = forces(free_body(), motion_from_columns(columns, tuple(NAMES)))
+    inner = slice(6, -6)
+    assert np.abs(found.drive[inner]).max() < (1e-4 if rates else 1e-3)
+    assert np.abs(found.v - motion.v)[inner, :3].max() < 1e-4
+    assert np.abs(np.cos(found.q) - np.cos(motion.q))[:, 3:].max() < 1e-4
+    names = [column.name for column in found.as_rows().columns]
+    assert names[-4:] == list(QUATERNION)
+    assert "which have no poles" in found.notes[1]
 
 
 def test_robots_without_such_joints_have_none(tmp_path: Path) -> None:
