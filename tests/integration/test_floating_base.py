@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from eomgen.description.load import robot_from_urdf
 from eomgen.errors import EomgenWarning
 from eomgen.integration import integrate
+from eomgen.runtime.kernel import Kernel
 from tests.support.builds import Build
 from tests.support.description_samples import example_urdfs
 
@@ -33,7 +34,7 @@ def text_of(name: str) -> str:
     return path.read_text(encoding="utf-8")
 
 
-def kernel_of(name: str, built: Build):  # type: ignore[no-untyped-def]  # noqa: ANN201
+def kernel_of(name: str, built: Build) -> Kernel:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", EomgenWarning)
         robot = robot_from_urdf(text_of(name), floating_base=True, inertia="warn")
@@ -50,7 +51,7 @@ def random_states(n: int, seed: int) -> tuple[Array, Array, Array]:
     return q, v, rng.uniform(-5.0, 5.0, (12, n - 6))
 
 
-def worst(flyer: Flyer, kernel, q: Array, v: Array, drives: Array) -> float:  # type: ignore[no-untyped-def]  # noqa: ANN001
+def worst(flyer: Flyer, kernel: Kernel, q: Array, v: Array, drives: Array) -> float:
     """Largest difference of accelerations, of the largest of a state."""
     a = kernel.forward_dynamics(q, v, np.concatenate([np.zeros((len(q), 6)), drives], axis=1))
     found = np.array([flyer.slopes(*state) for state in zip(q, v, a, strict=True)])

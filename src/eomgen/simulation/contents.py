@@ -216,10 +216,10 @@ def _check_coordinates(meta: Meta, found: Mapping[str, Any], where: str) -> None
     """Refuse names of coordinates that the result does not have, wherever they stand."""
     coordinates = found["coordinates"]
     check_coordinates(coordinates, found["units"], where)
-    rotating = found.get("rotating")
-    if rotating is not None and rotating != rotating_joints(coordinates):
-        allowed = listed(rotating_joints(coordinates)) or "none"
-        raise InputError(f"{where}: array rotating: got {listed(rotating)}; allowed: {allowed}")
+    rotating = rotating_joints(coordinates)
+    if found.get("rotating", rotating) != rotating:
+        got = listed(found["rotating"])
+        raise InputError(f"{where}: array rotating: got {got}; allowed: {listed(rotating) or 'no joint'}")
     journals = {component_name(joint_of(name), RADIAL) for name in coordinates}
     contacts = dict.fromkeys(contact.coordinate for contact in meta.contacts if contact.coordinate not in journals)
     known = (*coordinates, *_cut_names(meta.description))

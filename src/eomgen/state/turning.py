@@ -125,7 +125,8 @@ def _both_ways(R: Array, places: int) -> Array:
     s, c = np.sin(alpha), np.cos(alpha)
     beta = np.arctan2(x[:, 2], c * z[:, 2] - s * y[:, 2])
     gamma = np.arctan2(c * y[:, 0] + s * z[:, 0], c * y[:, 1] + s * z[:, 1])
-    return np.array([[alpha, beta, gamma], [alpha + np.pi, np.pi - beta, gamma + np.pi]]).transpose(2, 0, 1)
+    both = [[alpha, beta, gamma], [alpha + np.pi, np.pi - beta, gamma + np.pi]]
+    return np.moveaxis(np.array(both), -1, 0)
 
 
 def body_rates(angles: Array, rates: Array) -> Array:
