@@ -17,7 +17,7 @@ from ..kernels.bodies import first_frame, frame_bodies
 from ..kernels.closed_motion import CLOSING, row_kinds
 from ..kernels.equations import Equations
 from ..kernels.interface import turning_joints
-from ..kernels.methods import ROS34PW2, TSIT5, Array
+from ..kernels.methods import LEAST_PART, LOOK, ROS34PW2, TSIT5, Array
 from ..kernels.signatures import KERNELS, SIGNATURES, SINGLES, Function, by_kind, functions, shapes
 from ..program.operations import CALLS
 from ..solve.factorised import coordinate_parents
@@ -167,9 +167,14 @@ def _methods(equations: Equations, scalar: Scalar) -> dict[str, Any]:
     def rows(matrix: Array) -> str:
         return ", ".join(f"{{ {numbers(row)} }}" for row in matrix)
 
+    def times(matrix: Array) -> str:
+        return ", ".join(repr(math.fsum(row)) for row in matrix.tolist())
+
     ahead, back, weight, wrong = ROS34PW2.transformed()
     return {
         "kept_size": size,
+        "look": LOOK,
+        "least_part": LEAST_PART,
         "rosenbrock": {
             "stages": len(weight),
             "diagonal": scalar.literal(ROS34PW2.diagonal),
@@ -177,8 +182,14 @@ def _methods(equations: Equations, scalar: Scalar) -> dict[str, Any]:
             "back": rows(back),
             "weight": numbers(weight),
             "wrong": numbers(wrong),
+            "share": times(ROS34PW2.alpha),
         },
-        "tsit5": {"stages": len(TSIT5.b), "ahead": rows(TSIT5.a), "wrong": numbers(TSIT5.error)},
+        "tsit5": {
+            "stages": len(TSIT5.b),
+            "ahead": rows(TSIT5.a),
+            "wrong": numbers(TSIT5.error),
+            "share": times(TSIT5.a),
+        },
     }
 
 

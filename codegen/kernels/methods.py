@@ -17,6 +17,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+LOOK = 2000  # steps and rejections between two looks at whether they lead anywhere, twenty times what an impact takes
+LEAST_PART = 1e-7  # of the duration by which they do; with less all of it would take 2e10 of them, that is days
+
 
 @dataclass(frozen=True)
 class Rosenbrock:

@@ -757,22 +757,265 @@ long long one_link_rollout(const double *restrict h, const double *restrict q, c
     return one_link_steps(h, drive, 0, 1, dt, steps, every, method, q_here, v_here, q_out, v_out);
 }
 
-/* Accelerations under u + kp (target - q) - kd v; what cannot be solved is seen in the error that it makes. */
-static void one_link_accelerated(const double *restrict h, const one_link_drive *restrict drive, const double *restrict u, const double *restrict target, const double *restrict q, const double *restrict v, double *restrict a)
+#ifndef EOMGEN_LOADS
+#define EOMGEN_LOADS
+
+/* The piece of a signal at t, and how far t is from its beginning; not inside before the first and behind the last. */
+static int one_link_piece(const one_link_signal *restrict signal, double t, double *restrict ahead, int *restrict inside)
+{
+    const double *const knot = signal->knot;
+    int low = 0;
+    int high = signal->pieces;
+    while (high - low > 1) {
+        const int middle = low + (high - low) / 2;
+        if (t < knot[middle]) { high = middle; } else { low = middle; }
+    }
+    *inside = ((t >= knot[0]) && (t <= knot[signal->pieces])) ? 1 : 0;
+    *ahead = ((t < knot[low]) ? 0.0 : ((t > knot[low + 1]) ? (knot[low + 1] - knot[low]) : (t - knot[low])));
+    return low;
+}
+
+/* Columns of a signal at t, its rates and accelerations, without its profile. */
+static void one_link_column(const one_link_signal *restrict signal, double t, double *restrict x, double *restrict dx, double *restrict ddx)
+{
+    double ahead = 0.0;
+    int inside = 0;
+    const int piece = one_link_piece(signal, t, &ahead, &inside);
+    const size_t columns = (size_t)signal->columns;
+    const double *const own = &signal->coefficient[(size_t)piece * ((size_t)signal->degree + 1U) * columns];
+    for (size_t i = 0; i < columns; ++i) {
+        double value = 0.0;
+        double rate = 0.0;
+        double half = 0.0;
+        for (int power = signal->degree; power >= 0; --power) {
+            half = half * ahead + rate;
+            rate = rate * ahead + value;
+            value = value * ahead + own[(size_t)power * columns + i];
+        }
+        x[i] = value;
+        dx[i] = (inside != 0) ? rate : 0.0;
+        ddx[i] = (inside != 0) ? (2.0 * half) : 0.0;
+    }
+}
+
+/* Columns of a signal at t, its rates and accelerations. */
+static void one_link_signal_at(const one_link_signal *restrict signal, double t, double *restrict x, double *restrict dx, double *restrict ddx)
+{
+    if (signal->profile == NULL) {
+        one_link_column(signal, t, x, dx, ddx);
+    } else {
+        double s = 0.0;
+        double ds = 0.0;
+        double dds = 0.0;
+        one_link_column(signal->profile, t, &s, &ds, &dds);
+        one_link_column(signal, s, x, dx, ddx);
+        for (int i = 0; i < signal->columns; ++i) {
+            ddx[i] = ddx[i] * ds * ds + dx[i] * dds;
+            dx[i] = dx[i] * ds;
+        }
+    }
+}
+
+/* Coordinates, rates and accelerations of prescribed coordinates at t. */
+static void one_link_given_at(const one_link_given *restrict given, double t, double *restrict x, double *restrict dx, double *restrict ddx)
+{
+    for (int i = 0; i < given->size; ++i) {
+        const double *const wave = &given->wave[4 * i];
+        const double angle = wave[1] * t + wave[2];
+        const double part = wave[0] * sin(angle);
+        x[i] = wave[3] + part;
+        dx[i] = wave[0] * wave[1] * cos(angle);
+        ddx[i] = -(wave[1] * wave[1]) * part;
+    }
+    for (int k = 0; k < given->count; ++k) {
+        double own[2];
+        double rate[2];
+        double acceleration[2];
+        one_link_signal_at(given->tracks[k].signal, t, own, rate, acceleration);
+        for (int i = 0; i < given->tracks[k].signal->columns; ++i) {
+            x[given->tracks[k].place[i]] = own[i];
+            dx[given->tracks[k].place[i]] = rate[i];
+            ddx[given->tracks[k].place[i]] = acceleration[i];
+        }
+    }
+}
+
+/* What drives do by a program and by a model of the robot, added to u. */
+static void one_link_controlled(const one_link_loads *restrict loads, double t, const double *restrict q, const double *restrict v, const double *restrict given, double *restrict u)
+{
+    const one_link_control *const control = loads->control;
+    const one_link_model *const model = loads->model;
+    double x[2];
+    double dx[2];
+    double ddx[2];
+    one_link_signal_at(control->program.signal, t, x, dx, ddx);
+    if (control->kp != NULL) {
+        for (int i = 0; i < control->program.signal->columns; ++i) {
+            const int place = control->program.place[i];
+            const double ratio = control->ratio[i];
+            u[place] += (control->kp[i] * (x[i] - q[place] / ratio) + control->kd[i] * (dx[i] - v[place] / ratio)) / ratio;
+        }
+    }
+    if (model != NULL) {
+        double q_model[2];
+        double v_model[2];
+        double a_model[2];
+        double force[2];
+        for (int i = 0; i < model->size; ++i) {
+            const int column = model->column[i];
+            q_model[i] = q[model->place[i]] / model->ratio[i];
+            v_model[i] = (model->holds != 0) ? 0.0 : (v[model->place[i]] / model->ratio[i]);
+            a_model[i] = 0.0;
+            if (model->holds == 0) {
+                if (column >= 0) {
+                    a_model[i] = ddx[column] + model->bandwidth * (model->bandwidth * (x[column] - q_model[i]) + 2.0 * (dx[column] - v_model[i]));
+                } else if (model->given[i] >= 0) {
+                    a_model[i] = given[model->given[i]] / model->ratio[i];
+                } else {
+                    a_model[i] = 0.0;
+                }
+            }
+        }
+        (void)model->inverse_dynamics(model->h, q_model, v_model, a_model, force);
+        for (int i = 0; i < model->size; ++i) {
+            if (model->given[i] < 0) { u[model->place[i]] += force[i] / model->ratio[i]; }
+        }
+    }
+}
+
+/* Drives at t, and accelerations that are given; motions that are given are put into q and v. */
+static void one_link_driven(const one_link_loads *restrict loads, double t, double *restrict q, double *restrict v, double *restrict u)
+{
+    const double between = (t < loads->first) ? loads->first : ((t > loads->last) ? loads->last : t);
+    double x[2];
+    double dx[2];
+    double ddx[2] = { 0.0 };
+    if (loads->given != NULL) {
+        one_link_given_at(loads->given, t, x, dx, ddx);
+        for (int i = 0; i < loads->given->size; ++i) {
+            q[loads->given->place[i]] = x[i];
+            v[loads->given->place[i]] = dx[i];
+        }
+    }
+    if (loads->torque != NULL) {
+        double force[2];
+        double rate[2];
+        double second[2];
+        one_link_signal_at(loads->torque->signal, between, force, rate, second);
+        for (int i = 0; i < loads->torque->signal->columns; ++i) { u[loads->torque->place[i]] += force[i]; }
+    }
+    if (loads->control != NULL) { one_link_controlled(loads, between, q, v, ddx, u); }
+    if (loads->given != NULL) {
+        for (int i = 0; i < loads->given->size; ++i) { u[loads->given->place[i]] = ddx[i]; }
+    }
+}
+
+/* What wrenches do at t, added to u. */
+static void one_link_wrenched(const one_link_loads *restrict loads, double t, const double *restrict q, double *restrict u)
+{
+    const double between = (t < loads->first) ? loads->first : ((t > loads->last) ? loads->last : t);
+    double own[2];
+    double total[6];
+    double found[2];
+    for (int i = 0; i < 2; ++i) { own[i] = q[i]; }
+    (void)memset(total, 0, sizeof total);
+    for (size_t k = 0; k < loads->wrenches; ++k) {
+        const one_link_wrench *const wrench = &loads->wrench[k];
+        double row[6] = { 0.0 };
+        double rate[6];
+        double second[6];
+        if ((wrench->t0 <= between) && (between < wrench->t1)) { one_link_signal_at(wrench->signal, between, row, rate, second); }
+        if (wrench->frame >= 0) {
+            double pose[16];
+            double arm[3];
+            double turned[6];
+            (void)loads->frame_pose(loads->frame_h, own, wrench->frame, pose);
+            for (int i = 0; i < 3; ++i) {
+                const double along[3] = { pose[4 * i + 0], pose[4 * i + 1], pose[4 * i + 2] };
+                arm[i] = along[0] * wrench->arm[0] + along[1] * wrench->arm[1] + along[2] * wrench->arm[2];
+                turned[i] = (wrench->turns != 0) ? (along[0] * row[0] + along[1] * row[1] + along[2] * row[2]) : row[i];
+                turned[3 + i] = (wrench->turns != 0) ? (along[0] * row[3] + along[1] * row[4] + along[2] * row[5]) : row[3 + i];
+            }
+            turned[3] += arm[1] * turned[2] - arm[2] * turned[1];
+            turned[4] += arm[2] * turned[0] - arm[0] * turned[2];
+            turned[5] += arm[0] * turned[1] - arm[1] * turned[0];
+            (void)memcpy(row, turned, sizeof row);
+        }
+        for (int i = 0; i < 6; ++i) { total[6 * wrench->link + i] += row[i]; }
+    }
+    (void)loads->external_force(loads->force_h, own, total, found);
+    for (int i = 0; i < 2; ++i) { u[i] += found[i]; }
+}
+#endif /* EOMGEN_LOADS */
+
+/* Where lanes are in their steps: from when on, how long, and by which loads. */
+typedef struct {
+    const one_link_loads *loads;
+    double begin[1];
+    double step[1];
+    int here;
+} one_link_clock;
+
+/* Add what loads do at a part of lanes' steps to the forces, and put given motions into q and v. */
+static void one_link_timed(const one_link_clock *restrict clock, double share, double *restrict q, double *restrict v, double *restrict force)
+{
+    for (int l = 0; l < clock->here; ++l) {
+        const double t = clock->begin[l] + share * clock->step[l];
+        double own[2];
+        double rate[2];
+        double u[2];
+        for (int i = 0; i < 2; ++i) {
+            own[i] = q[i];
+            rate[i] = v[i];
+            u[i] = force[i];
+        }
+        one_link_driven(clock->loads, t, own, rate, u);
+        if (clock->loads->wrenches > 0U) { one_link_wrenched(clock->loads, t, own, u); }
+        for (int i = 0; i < 2; ++i) {
+            q[i] = own[i];
+            v[i] = rate[i];
+            force[i] = u[i];
+        }
+    }
+}
+
+/* Put given motions at the ends of lanes' steps into q and v, which then have no error. */
+static void one_link_placed(const one_link_clock *restrict clock, double *restrict q, double *restrict v, double *restrict error)
+{
+    const one_link_given *const given = clock->loads->given;
+    for (int l = 0; l < clock->here; ++l) {
+        double x[2];
+        double dx[2];
+        double ddx[2];
+        one_link_given_at(given, clock->begin[l] + clock->step[l], x, dx, ddx);
+        for (int k = 0; k < given->size; ++k) {
+            const int i = given->place[k];
+            q[i] = x[k];
+            v[i] = dx[k];
+            error[i] = 0.0;
+            error[2 + i] = 0.0;
+        }
+    }
+}
+
+/* Accelerations under u + kp (target - q) - kd v and loads; what cannot be solved is seen in the error that it makes. */
+static void one_link_accelerated(const double *restrict h, const one_link_drive *restrict drive, const one_link_clock *restrict clock, double share, const double *restrict u, const double *restrict target, double *restrict q, double *restrict v, double *restrict a)
 {
     double force[2];
     for (int i = 0; i < 2; ++i) {
         force[i] = u[i];
         if (drive->kp != NULL) { force[i] += drive->kp[i] * (target[i] - q[i]) - drive->kd[i] * v[i]; }
     }
+    if (clock->loads != NULL) { one_link_timed(clock, share, q, v, force); }
     (void)one_link_forward_dynamics(h, q, v, force, a);
 }
 
 /* One step of the Rosenbrock method, with the factors of its matrix; the end, and the error, first of q, then of v. */
-static void one_link_rosenbrock(const double *restrict h, const one_link_drive *restrict drive, const double *restrict u, const double *restrict target, double dt, const double *restrict q, const double *restrict v, double *restrict q_end, double *restrict v_end, double *restrict error)
+static void one_link_rosenbrock(const double *restrict h, const one_link_drive *restrict drive, const one_link_clock *restrict clock, const double *restrict u, const double *restrict target, double dt, const double *restrict q, const double *restrict v, double *restrict q_end, double *restrict v_end, double *restrict error)
 {
     static const double ahead[4][4] = { { 0.0, 0.0, 0.0, 0.0 }, { 2.0, 0.0, 0.0, 0.0 }, { 1.4192173174557645, -0.2592322116729697, 0.0, 0.0 }, { 4.18476048231916, -0.28519201735549593, 2.294280360279042, 0.0 } };
     static const double back[4][4] = { { 0.0, 0.0, 0.0, 0.0 }, { -4.588560720558084, 0.0, 0.0, 0.0 }, { -4.18476048231916, 0.28519201735549593, 0.0, 0.0 }, { -6.368179200128357, -6.795620944466836, 2.870098604331056, 0.0 } };
+    static const double share[4] = { 0.0, 0.871733043016918, 0.7315799577888524, 1.0 };
     static const double weight[4] = { 4.18476048231916, -0.2851920173554959, 2.2942803602790414, 1.0 };
     static const double wrong[4] = { 0.27774994764796823, -1.403239895175999, 1.772630127667551, 0.5 };
     const double inverse = 1.0 / dt;
@@ -791,6 +1034,14 @@ static void one_link_rosenbrock(const double *restrict h, const one_link_drive *
         kp[i] = (drive->kp == NULL) ? 0.0 : drive->kp[i];
         kd[i] = (drive->kp == NULL) ? 0.0 : drive->kd[i];
     }
+    if ((clock->loads != NULL) && (clock->loads->control != NULL) && (clock->loads->control->kp != NULL)) {
+        const one_link_control *const control = clock->loads->control;
+        for (int k = 0; k < control->program.signal->columns; ++k) {
+            const double ratio = control->ratio[k] * control->ratio[k];
+            kp[control->program.place[k]] += (control->kp[k] / ratio);
+            kd[control->program.place[k]] += (control->kd[k] / ratio);
+        }
+    }
     (void)one_link_stage_factors(h, q, v, kp, kd, times, kept);
     for (int stage = 0; stage < 4; ++stage) {
         for (int i = 0; i < 2; ++i) {
@@ -801,7 +1052,7 @@ static void one_link_rosenbrock(const double *restrict h, const one_link_drive *
                 v_end[i] += ahead[stage][j] * v_part[j][i];
             }
         }
-        one_link_accelerated(h, drive, u, target, q_end, v_end, a);
+        one_link_accelerated(h, drive, clock, share[stage], u, target, q_end, v_end, a);
         for (int i = 0; i < 2; ++i) {
             double q_back = 0.0;
             double v_back = 0.0;
@@ -833,9 +1084,10 @@ static void one_link_rosenbrock(const double *restrict h, const one_link_drive *
 }
 
 /* One step of the explicit method; ``a`` holds the accelerations at its beginning, ``a_end`` becomes those at its end. */
-static void one_link_tsit5(const double *restrict h, const one_link_drive *restrict drive, const double *restrict u, const double *restrict target, double dt, const double *restrict q, const double *restrict v, const double *restrict a, double *restrict q_end, double *restrict v_end, double *restrict a_end, double *restrict error)
+static void one_link_tsit5(const double *restrict h, const one_link_drive *restrict drive, const one_link_clock *restrict clock, const double *restrict u, const double *restrict target, double dt, const double *restrict q, const double *restrict v, const double *restrict a, double *restrict q_end, double *restrict v_end, double *restrict a_end, double *restrict error)
 {
     static const double ahead[7][7] = { { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { 0.161, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { -0.008480655492356989, 0.335480655492357, 0.0, 0.0, 0.0, 0.0, 0.0 }, { 2.8971530571054935, -6.359448489975075, 4.3622954328695815, 0.0, 0.0, 0.0, 0.0 }, { 5.325864828439257, -11.748883564062828, 7.4955393428898365, -0.09249506636175525, 0.0, 0.0, 0.0 }, { 5.86145544294642, -12.92096931784711, 8.159367898576159, -0.071584973281401, -0.028269050394068383, 0.0, 0.0 }, { 0.09646076681806523, 0.01, 0.4798896504144996, 1.379008574103742, -3.290069515436081, 2.324710524099774, 0.0 } };
+    static const double share[7] = { 0.0, 0.161, 0.327, 0.8999999999999999, 0.9800255409045104, 0.9999999999999999, 0.9999999999999998 };
     static const double wrong[7] = { -0.001780011052225771, -0.0008164344596567469, 0.007880878010261995, -0.1447110071732629, 0.5823571654525552, -0.45808210592918697, 0.015151515151515152 };
     double q_rate[7][2];
     double v_rate[7][2];
@@ -854,7 +1106,7 @@ static void one_link_tsit5(const double *restrict h, const one_link_drive *restr
             q_end[i] = q[i] + dt * q_sum;
             v_end[i] = v[i] + dt * v_sum;
         }
-        one_link_accelerated(h, drive, u, target, q_end, v_end, v_rate[stage]);
+        one_link_accelerated(h, drive, clock, share[stage], u, target, q_end, v_end, v_rate[stage]);
         (void)memcpy(q_rate[stage], v_end, sizeof q_rate[stage]);
     }
     for (int i = 0; i < 2; ++i) {
@@ -888,10 +1140,11 @@ static double one_link_excess(const one_link_tolerance *restrict allowed, int l,
     (void)l;
     *where = 0;
     for (int i = 0; i < 4; ++i) {
-        const double begin = fabs((double)(i < 2 ? q[i] : v[i - 2]));
-        const double end = fabs((double)(i < 2 ? q_end[i] : v_end[i - 2]));
+        const double begin = fabs((i < 2 ? q[i] : v[i - 2]));
+        const double end = fabs((i < 2 ? q_end[i] : v_end[i - 2]));
+        if (!(end < HUGE_VAL)) { return HUGE_VAL; }
         const double size = (double)allowed->atol[i] + allowed->rtol * (begin > end ? begin : end);
-        const double ratio = fabs((double)error[i]) / size;
+        const double ratio = fabs(error[i]) / size;
         if (!(ratio <= worst)) {
             worst = ratio;
             *where = i;
@@ -908,8 +1161,8 @@ static double one_link_first(const one_link_tolerance *restrict allowed, int l, 
     double change = 0.0;
     (void)l;
     for (int i = 0; i < 4; ++i) {
-        const double x = fabs((double)(i < 2 ? q[i] : v[i - 2]));
-        const double rate = fabs((double)(i < 2 ? v[i] : a[i - 2]));
+        const double x = fabs((i < 2 ? q[i] : v[i - 2]));
+        const double rate = fabs((i < 2 ? v[i] : a[i - 2]));
         const double least = (double)allowed->atol[i] + allowed->rtol * x;
         if (x / least > size) { size = x / least; }
         if (rate / least > change) { change = rate / least; }
@@ -917,35 +1170,42 @@ static double one_link_first(const one_link_tolerance *restrict allowed, int l, 
     return (size < 1e-5 || !(change > 1e-5)) ? 1e-6 : 0.01 * size / change;
 }
 
-/* A lane's state at a share of its step: the polynomial of degree 5 with its coordinates, rates and accelerations. */
-static void one_link_between(double share, double step, int l, const double *restrict q, const double *restrict v, const double *restrict a, const double *restrict q_end, const double *restrict v_end, const double *restrict a_end, double *restrict q_out, double *restrict v_out)
+/* A lane's state at a share of its step: of the explicit method the polynomial of degree 5 with its coordinates, rates and
+ * accelerations, of the other one, whose accelerations are not smooth, the cubic one without the latter. */
+static void one_link_between(double share, double step, int l, int method, const double *restrict q, const double *restrict v, const double *restrict a, const double *restrict q_end, const double *restrict v_end, const double *restrict a_end, double *restrict q_out, double *restrict v_out)
 {
     const double s = share;
     (void)l;
     for (int i = 0; i < 2; ++i) {
-        const double q0 = (double)q[i];
-        const double d = (double)q_end[i] - q0;
-        const double v0 = step * (double)v[i];
-        const double v1 = step * (double)v_end[i];
-        const double a0 = 0.5 * step * step * (double)a[i];
-        const double a1 = 0.5 * step * step * (double)a_end[i];
-        const double c3 = 10.0 * d - 6.0 * v0 - 4.0 * v1 - 3.0 * a0 + a1;
-        const double c4 = -15.0 * d + 8.0 * v0 + 7.0 * v1 + 3.0 * a0 - 2.0 * a1;
-        const double c5 = 6.0 * d - 3.0 * (v0 + v1) - a0 + a1;
-        const double place = q0 + s * (v0 + s * (a0 + s * (c3 + s * (c4 + s * c5))));
-        const double rate = (v0 + s * (2.0 * a0 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))) / step;
-        q_out[i] = (double)place;
-        v_out[i] = (double)rate;
+        const double q0 = q[i];
+        const double d = q_end[i] - q0;
+        const double v0 = step * v[i];
+        const double v1 = step * v_end[i];
+        double c2 = 3.0 * d - 2.0 * v0 - v1;
+        double c3 = v0 + v1 - 2.0 * d;
+        double c4 = 0.0;
+        double c5 = 0.0;
+        if (method == 1) {
+            const double a0 = 0.5 * step * step * a[i];
+            const double a1 = 0.5 * step * step * a_end[i];
+            c2 = a0;
+            c3 = 10.0 * d - 6.0 * v0 - 4.0 * v1 - 3.0 * a0 + a1;
+            c4 = -15.0 * d + 8.0 * v0 + 7.0 * v1 + 3.0 * a0 - 2.0 * a1;
+            c5 = 6.0 * d - 3.0 * (v0 + v1) - a0 + a1;
+        }
+        q_out[i] = (q0 + s * (v0 + s * (c2 + s * (c3 + s * (c4 + s * c5)))));
+        v_out[i] = ((v0 + s * (2.0 * c2 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))) / step);
     }
 }
 
 /* Go on with up to 1 states from where their progress is, each by steps of its own; at most so many in this call. */
-static void one_link_adapt(const double *restrict h, const one_link_drive *restrict drive, const one_link_tolerance *restrict allowed, size_t state, int here, double interval, size_t samples, int method, double *restrict q, double *restrict v, double *restrict q_out, double *restrict v_out, one_link_progress *restrict progress)
+static void one_link_adapt(const double *restrict h, const one_link_drive *restrict drive, const one_link_loads *restrict loads, const one_link_tolerance *restrict allowed, size_t state, int here, const double *restrict times, size_t samples, int method, double *restrict q, double *restrict v, double *restrict q_out, double *restrict v_out, one_link_progress *restrict progress, one_link_record *restrict record)
 {
     const size_t stride = (samples + 1U) * 2U;
-    const double duration = interval * (double)samples;
+    const double end = times[samples];
+    const double duration = end - times[0];
     const int held = ((drive->u_step == 0U) && (drive->target_step == 0U)) ? 1 : 0;
-    const int dense = ((method == 1) && (held != 0)) ? 1 : 0;
+    const int dense = held;
     int stale = 1;
     const double order = method == 1 ? 0.2 : 1.0 / 3.0;
     double u[2];
@@ -956,6 +1216,7 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
     double v_end[2];
     double error[4];
     double dt = 1.0;
+    one_link_clock clock;
     double step[1];
     int going[1];
     int lands[1] = { 0 };
@@ -964,7 +1225,7 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
     for (int l = 0; l < 1; ++l) {
         one_link_progress *const p = &progress[l < here ? l : 0];
         going[l] = ((l < here) && (p->reason == 0)) ? 1 : 0;
-        step[l] = interval;
+        step[l] = duration;
         left += going[l];
         one_link_hold(drive, state + (size_t)(l < here ? l : 0), ((p->sample > 0U) && (p->sample <= samples)) ? p->sample - 1U : 0U, l, u, target);
         if ((going[l] != 0) && (p->sample == 0U)) {
@@ -973,26 +1234,39 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
                 v_out[(size_t)l * stride + (size_t)i] = v[i];
             }
             p->sample = 1;
+            p->t = times[0];
+            p->looked = times[0];
         }
     }
-    for (long long pass = 0; left > 0 && pass < allowed->most; ++pass) {
-        if (stale != 0) { one_link_accelerated(h, drive, u, target, q, v, a); }
-        stale = (method == 0) ? 1 : 0;
+    clock.loads = loads;
+    clock.here = 1;
+    for (long long pass = 0; (left > 0) && (pass < allowed->most) && ((record == NULL) || (record->count < record->room)); ++pass) {
+        int fresh = (method == 1) ? stale : 0;
+        for (int l = 0; l < 1; ++l) {
+            const one_link_progress *const p = &progress[l < here ? l : 0];
+            clock.begin[l] = p->t;
+            clock.step[l] = 0.0;
+            if ((going[l] != 0) && !(p->next > 0.0)) { fresh = 1; }
+        }
+        if (fresh != 0) { one_link_accelerated(h, drive, &clock, 0.0, u, target, q, v, a); }
+        stale = 0;
         for (int l = 0; l < 1; ++l) {
             one_link_progress *const p = &progress[l < here ? l : 0];
             if (going[l] == 0) { continue; }
             if (!(p->next > 0.0)) { p->next = one_link_first(allowed, l, q, v, a); }
-            const double goal = (dense != 0) ? duration : interval * (double)p->sample;
+            const double goal = (dense != 0) ? end : times[p->sample];
             const double rest = goal - p->t;
             lands[l] = (p->next * 1.000001 >= rest) ? 1 : 0;
             step[l] = (lands[l] != 0) ? rest : (2.0 * p->next > rest ? 0.5 * rest : p->next);
-            dt = (double)step[l];
+            clock.step[l] = step[l];
+            dt = step[l];
         }
         if (method == 0) {
-            one_link_rosenbrock(h, drive, u, target, dt, q, v, q_end, v_end, error);
+            one_link_rosenbrock(h, drive, &clock, u, target, dt, q, v, q_end, v_end, error);
         } else {
-            one_link_tsit5(h, drive, u, target, dt, q, v, a, q_end, v_end, a_end, error);
+            one_link_tsit5(h, drive, &clock, u, target, dt, q, v, a, q_end, v_end, a_end, error);
         }
+        if ((loads != NULL) && (loads->given != NULL)) { one_link_placed(&clock, q_end, v_end, error); }
         for (int l = 0; l < 1; ++l) {
             taken[l] = 0;
             if (going[l] == 0) { continue; }
@@ -1006,32 +1280,38 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
                 p->rejected += 1;
                 p->refused = 1;
                 p->next = step[l] * factor;
-                if (p->next <= 1e-14 * duration) {
-                    p->reason = 2 + where;
-                    going[l] = 0;
-                    left -= 1;
-                }
+                if (p->next <= 1e-14 * duration) { p->reason = 2 + where; }
             } else {
                 if ((p->refused != 0) && (factor > 1.0)) { factor = 1.0; }
                 p->refused = 0;
                 if (p->next < step[l] * factor || !(step[l] < p->next)) { p->next = step[l] * factor; }
             }
+            if (p->steps + p->rejected >= p->counted + 2000) { /* work that leads nowhere is no motion */
+                if (p->t - p->looked < 1e-07 * duration) { p->reason = 2 + where; }
+                p->looked = p->t;
+                p->counted = p->steps + p->rejected;
+            }
+            if (p->reason != 0) {
+                taken[l] = 0;
+                going[l] = 0;
+                left -= 1;
+            }
         }
         for (int l = 0; l < 1; ++l) {
             if (taken[l] == 0) { continue; }
             one_link_progress *const p = &progress[l];
-            const double goal = (dense != 0) ? duration : interval * (double)p->sample;
+            const double goal = (dense != 0) ? end : times[p->sample];
             const double before = p->t;
             p->steps += 1;
             p->t = (lands[l] != 0) ? goal : p->t + step[l];
             if (step[l] > p->largest) { p->largest = step[l]; }
             if (p->steps == 1 || step[l] < p->smallest) { p->smallest = step[l]; }
-            while ((p->sample <= samples) && (((lands[l] != 0) || (dense != 0)) && (interval * (double)p->sample <= p->t))) {
+            while ((p->sample <= samples) && (((lands[l] != 0) || (dense != 0)) && (times[p->sample] <= p->t))) {
                 double *const q_row = &q_out[(size_t)l * stride + p->sample * 2U];
                 double *const v_row = &v_out[(size_t)l * stride + p->sample * 2U];
-                const double time = interval * (double)p->sample;
+                const double time = times[p->sample];
                 if ((dense != 0) && (time < p->t)) {
-                    one_link_between((time - before) / step[l], step[l], l, q, v, a, q_end, v_end, a_end, q_row, v_row);
+                    one_link_between((time - before) / step[l], step[l], l, method, q, v, a, q_end, v_end, a_end, q_row, v_row);
                 } else
                 {
                     for (int i = 0; i < 2; ++i) {
@@ -1050,6 +1330,14 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
                 v[i] = v_end[i];
                 a[i] = a_end[i];
             }
+            if (record != NULL) {
+                record->t[record->count] = p->t;
+                for (int i = 0; i < 2; ++i) {
+                    record->q[record->count * 2U + (size_t)i] = q[i];
+                    record->v[record->count * 2U + (size_t)i] = v[i];
+                }
+                record->count += 1U;
+            }
             if (p->sample > samples) {
                 p->reason = 1;
                 going[l] = 0;
@@ -1060,10 +1348,33 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
 }
 
 /* One state over all samples, or as far as allowed->most steps lead: q, v and progress are where it goes on then. */
-int one_link_adaptive_rollout(const double *restrict h, const one_link_drive *restrict drive, const one_link_tolerance *restrict allowed, double interval, size_t samples, int method, double *restrict q, double *restrict v, double *restrict q_out, double *restrict v_out, one_link_progress *restrict progress)
+int one_link_adaptive_rollout(const double *restrict h, const one_link_drive *restrict drive, const one_link_loads *restrict loads, const one_link_tolerance *restrict allowed, const double *restrict times, size_t samples, int method, double *restrict q, double *restrict v, double *restrict q_out, double *restrict v_out, one_link_progress *restrict progress, one_link_record *restrict record)
 {
-    one_link_adapt(h, drive, allowed, 0, 1, interval, samples, method, q, v, q_out, v_out, progress);
+    one_link_adapt(h, drive, loads, allowed, 0, 1, times, samples, method, q, v, q_out, v_out, progress, record);
     return progress->reason;
+}
+
+/* Drives of loads at times, and accelerations that are given; motions that are given are put into q and v. */
+void one_link_loaded(size_t count, const one_link_loads *restrict loads, const double *restrict times, double *restrict q, double *restrict v, double *restrict u)
+{
+    for (size_t k = 0; k < count; ++k) {
+        double own[2];
+        double rate[2];
+        double force[2];
+        for (int i = 0; i < 2; ++i) {
+            const size_t place = k * 2U + (size_t)i;
+            own[i] = q[place];
+            rate[i] = v[place];
+            force[i] = 0.0;
+        }
+        one_link_driven(loads, times[k], own, rate, force);
+        for (int i = 0; i < 2; ++i) {
+            const size_t place = k * 2U + (size_t)i;
+            q[place] = own[i];
+            v[place] = rate[i];
+            u[place] = force[i];
+        }
+    }
 }
 
 #endif /* one state at a time */
@@ -2269,22 +2580,265 @@ long long one_link_rollout_batch(size_t count, const double *restrict h, const d
     return -1;
 }
 
-/* Accelerations under u + kp (target - q) - kd v; what cannot be solved is seen in the error that it makes. */
-static void one_link_accelerated_lanes(const double *restrict h, const one_link_drive *restrict drive, const lanes *restrict u, const lanes *restrict target, const lanes *restrict q, const lanes *restrict v, lanes *restrict a)
+#ifndef EOMGEN_LOADS
+#define EOMGEN_LOADS
+
+/* The piece of a signal at t, and how far t is from its beginning; not inside before the first and behind the last. */
+static int one_link_piece(const one_link_signal *restrict signal, double t, double *restrict ahead, int *restrict inside)
+{
+    const double *const knot = signal->knot;
+    int low = 0;
+    int high = signal->pieces;
+    while (high - low > 1) {
+        const int middle = low + (high - low) / 2;
+        if (t < knot[middle]) { high = middle; } else { low = middle; }
+    }
+    *inside = ((t >= knot[0]) && (t <= knot[signal->pieces])) ? 1 : 0;
+    *ahead = ((t < knot[low]) ? 0.0 : ((t > knot[low + 1]) ? (knot[low + 1] - knot[low]) : (t - knot[low])));
+    return low;
+}
+
+/* Columns of a signal at t, its rates and accelerations, without its profile. */
+static void one_link_column(const one_link_signal *restrict signal, double t, double *restrict x, double *restrict dx, double *restrict ddx)
+{
+    double ahead = 0.0;
+    int inside = 0;
+    const int piece = one_link_piece(signal, t, &ahead, &inside);
+    const size_t columns = (size_t)signal->columns;
+    const double *const own = &signal->coefficient[(size_t)piece * ((size_t)signal->degree + 1U) * columns];
+    for (size_t i = 0; i < columns; ++i) {
+        double value = 0.0;
+        double rate = 0.0;
+        double half = 0.0;
+        for (int power = signal->degree; power >= 0; --power) {
+            half = half * ahead + rate;
+            rate = rate * ahead + value;
+            value = value * ahead + own[(size_t)power * columns + i];
+        }
+        x[i] = value;
+        dx[i] = (inside != 0) ? rate : 0.0;
+        ddx[i] = (inside != 0) ? (2.0 * half) : 0.0;
+    }
+}
+
+/* Columns of a signal at t, its rates and accelerations. */
+static void one_link_signal_at(const one_link_signal *restrict signal, double t, double *restrict x, double *restrict dx, double *restrict ddx)
+{
+    if (signal->profile == NULL) {
+        one_link_column(signal, t, x, dx, ddx);
+    } else {
+        double s = 0.0;
+        double ds = 0.0;
+        double dds = 0.0;
+        one_link_column(signal->profile, t, &s, &ds, &dds);
+        one_link_column(signal, s, x, dx, ddx);
+        for (int i = 0; i < signal->columns; ++i) {
+            ddx[i] = ddx[i] * ds * ds + dx[i] * dds;
+            dx[i] = dx[i] * ds;
+        }
+    }
+}
+
+/* Coordinates, rates and accelerations of prescribed coordinates at t. */
+static void one_link_given_at(const one_link_given *restrict given, double t, double *restrict x, double *restrict dx, double *restrict ddx)
+{
+    for (int i = 0; i < given->size; ++i) {
+        const double *const wave = &given->wave[4 * i];
+        const double angle = wave[1] * t + wave[2];
+        const double part = wave[0] * sin(angle);
+        x[i] = wave[3] + part;
+        dx[i] = wave[0] * wave[1] * cos(angle);
+        ddx[i] = -(wave[1] * wave[1]) * part;
+    }
+    for (int k = 0; k < given->count; ++k) {
+        double own[2];
+        double rate[2];
+        double acceleration[2];
+        one_link_signal_at(given->tracks[k].signal, t, own, rate, acceleration);
+        for (int i = 0; i < given->tracks[k].signal->columns; ++i) {
+            x[given->tracks[k].place[i]] = own[i];
+            dx[given->tracks[k].place[i]] = rate[i];
+            ddx[given->tracks[k].place[i]] = acceleration[i];
+        }
+    }
+}
+
+/* What drives do by a program and by a model of the robot, added to u. */
+static void one_link_controlled(const one_link_loads *restrict loads, double t, const double *restrict q, const double *restrict v, const double *restrict given, double *restrict u)
+{
+    const one_link_control *const control = loads->control;
+    const one_link_model *const model = loads->model;
+    double x[2];
+    double dx[2];
+    double ddx[2];
+    one_link_signal_at(control->program.signal, t, x, dx, ddx);
+    if (control->kp != NULL) {
+        for (int i = 0; i < control->program.signal->columns; ++i) {
+            const int place = control->program.place[i];
+            const double ratio = control->ratio[i];
+            u[place] += (control->kp[i] * (x[i] - q[place] / ratio) + control->kd[i] * (dx[i] - v[place] / ratio)) / ratio;
+        }
+    }
+    if (model != NULL) {
+        double q_model[2];
+        double v_model[2];
+        double a_model[2];
+        double force[2];
+        for (int i = 0; i < model->size; ++i) {
+            const int column = model->column[i];
+            q_model[i] = q[model->place[i]] / model->ratio[i];
+            v_model[i] = (model->holds != 0) ? 0.0 : (v[model->place[i]] / model->ratio[i]);
+            a_model[i] = 0.0;
+            if (model->holds == 0) {
+                if (column >= 0) {
+                    a_model[i] = ddx[column] + model->bandwidth * (model->bandwidth * (x[column] - q_model[i]) + 2.0 * (dx[column] - v_model[i]));
+                } else if (model->given[i] >= 0) {
+                    a_model[i] = given[model->given[i]] / model->ratio[i];
+                } else {
+                    a_model[i] = 0.0;
+                }
+            }
+        }
+        (void)model->inverse_dynamics(model->h, q_model, v_model, a_model, force);
+        for (int i = 0; i < model->size; ++i) {
+            if (model->given[i] < 0) { u[model->place[i]] += force[i] / model->ratio[i]; }
+        }
+    }
+}
+
+/* Drives at t, and accelerations that are given; motions that are given are put into q and v. */
+static void one_link_driven(const one_link_loads *restrict loads, double t, double *restrict q, double *restrict v, double *restrict u)
+{
+    const double between = (t < loads->first) ? loads->first : ((t > loads->last) ? loads->last : t);
+    double x[2];
+    double dx[2];
+    double ddx[2] = { 0.0 };
+    if (loads->given != NULL) {
+        one_link_given_at(loads->given, t, x, dx, ddx);
+        for (int i = 0; i < loads->given->size; ++i) {
+            q[loads->given->place[i]] = x[i];
+            v[loads->given->place[i]] = dx[i];
+        }
+    }
+    if (loads->torque != NULL) {
+        double force[2];
+        double rate[2];
+        double second[2];
+        one_link_signal_at(loads->torque->signal, between, force, rate, second);
+        for (int i = 0; i < loads->torque->signal->columns; ++i) { u[loads->torque->place[i]] += force[i]; }
+    }
+    if (loads->control != NULL) { one_link_controlled(loads, between, q, v, ddx, u); }
+    if (loads->given != NULL) {
+        for (int i = 0; i < loads->given->size; ++i) { u[loads->given->place[i]] = ddx[i]; }
+    }
+}
+
+/* What wrenches do at t, added to u. */
+static void one_link_wrenched(const one_link_loads *restrict loads, double t, const double *restrict q, double *restrict u)
+{
+    const double between = (t < loads->first) ? loads->first : ((t > loads->last) ? loads->last : t);
+    double own[2];
+    double total[6];
+    double found[2];
+    for (int i = 0; i < 2; ++i) { own[i] = q[i]; }
+    (void)memset(total, 0, sizeof total);
+    for (size_t k = 0; k < loads->wrenches; ++k) {
+        const one_link_wrench *const wrench = &loads->wrench[k];
+        double row[6] = { 0.0 };
+        double rate[6];
+        double second[6];
+        if ((wrench->t0 <= between) && (between < wrench->t1)) { one_link_signal_at(wrench->signal, between, row, rate, second); }
+        if (wrench->frame >= 0) {
+            double pose[16];
+            double arm[3];
+            double turned[6];
+            (void)loads->frame_pose(loads->frame_h, own, wrench->frame, pose);
+            for (int i = 0; i < 3; ++i) {
+                const double along[3] = { pose[4 * i + 0], pose[4 * i + 1], pose[4 * i + 2] };
+                arm[i] = along[0] * wrench->arm[0] + along[1] * wrench->arm[1] + along[2] * wrench->arm[2];
+                turned[i] = (wrench->turns != 0) ? (along[0] * row[0] + along[1] * row[1] + along[2] * row[2]) : row[i];
+                turned[3 + i] = (wrench->turns != 0) ? (along[0] * row[3] + along[1] * row[4] + along[2] * row[5]) : row[3 + i];
+            }
+            turned[3] += arm[1] * turned[2] - arm[2] * turned[1];
+            turned[4] += arm[2] * turned[0] - arm[0] * turned[2];
+            turned[5] += arm[0] * turned[1] - arm[1] * turned[0];
+            (void)memcpy(row, turned, sizeof row);
+        }
+        for (int i = 0; i < 6; ++i) { total[6 * wrench->link + i] += row[i]; }
+    }
+    (void)loads->external_force(loads->force_h, own, total, found);
+    for (int i = 0; i < 2; ++i) { u[i] += found[i]; }
+}
+#endif /* EOMGEN_LOADS */
+
+/* Where lanes are in their steps: from when on, how long, and by which loads. */
+typedef struct {
+    const one_link_loads *loads;
+    double begin[LANES];
+    double step[LANES];
+    int here;
+} one_link_clock_lanes;
+
+/* Add what loads do at a part of lanes' steps to the forces, and put given motions into q and v. */
+static void one_link_timed_lanes(const one_link_clock_lanes *restrict clock, double share, lanes *restrict q, lanes *restrict v, lanes *restrict force)
+{
+    for (int l = 0; l < clock->here; ++l) {
+        const double t = clock->begin[l] + share * clock->step[l];
+        double own[2];
+        double rate[2];
+        double u[2];
+        for (int i = 0; i < 2; ++i) {
+            own[i] = LANE(q[i], l);
+            rate[i] = LANE(v[i], l);
+            u[i] = LANE(force[i], l);
+        }
+        one_link_driven(clock->loads, t, own, rate, u);
+        if (clock->loads->wrenches > 0U) { one_link_wrenched(clock->loads, t, own, u); }
+        for (int i = 0; i < 2; ++i) {
+            LANE(q[i], l) = own[i];
+            LANE(v[i], l) = rate[i];
+            LANE(force[i], l) = u[i];
+        }
+    }
+}
+
+/* Put given motions at the ends of lanes' steps into q and v, which then have no error. */
+static void one_link_placed_lanes(const one_link_clock_lanes *restrict clock, lanes *restrict q, lanes *restrict v, lanes *restrict error)
+{
+    const one_link_given *const given = clock->loads->given;
+    for (int l = 0; l < clock->here; ++l) {
+        double x[2];
+        double dx[2];
+        double ddx[2];
+        one_link_given_at(given, clock->begin[l] + clock->step[l], x, dx, ddx);
+        for (int k = 0; k < given->size; ++k) {
+            const int i = given->place[k];
+            LANE(q[i], l) = x[k];
+            LANE(v[i], l) = dx[k];
+            LANE(error[i], l) = 0.0;
+            LANE(error[2 + i], l) = 0.0;
+        }
+    }
+}
+
+/* Accelerations under u + kp (target - q) - kd v and loads; what cannot be solved is seen in the error that it makes. */
+static void one_link_accelerated_lanes(const double *restrict h, const one_link_drive *restrict drive, const one_link_clock_lanes *restrict clock, double share, const lanes *restrict u, const lanes *restrict target, lanes *restrict q, lanes *restrict v, lanes *restrict a)
 {
     lanes force[2];
     for (int i = 0; i < 2; ++i) {
         force[i] = u[i];
         if (drive->kp != NULL) { force[i] += drive->kp[i] * (target[i] - q[i]) - drive->kd[i] * v[i]; }
     }
+    if (clock->loads != NULL) { one_link_timed_lanes(clock, share, q, v, force); }
     (void)one_link_forward_dynamics_lanes(h, q, v, force, a);
 }
 
 /* One step of the Rosenbrock method, with the factors of its matrix; the end, and the error, first of q, then of v. */
-static void one_link_rosenbrock_lanes(const double *restrict h, const one_link_drive *restrict drive, const lanes *restrict u, const lanes *restrict target, lanes dt, const lanes *restrict q, const lanes *restrict v, lanes *restrict q_end, lanes *restrict v_end, lanes *restrict error)
+static void one_link_rosenbrock_lanes(const double *restrict h, const one_link_drive *restrict drive, const one_link_clock_lanes *restrict clock, const lanes *restrict u, const lanes *restrict target, lanes dt, const lanes *restrict q, const lanes *restrict v, lanes *restrict q_end, lanes *restrict v_end, lanes *restrict error)
 {
     static const double ahead[4][4] = { { 0.0, 0.0, 0.0, 0.0 }, { 2.0, 0.0, 0.0, 0.0 }, { 1.4192173174557645, -0.2592322116729697, 0.0, 0.0 }, { 4.18476048231916, -0.28519201735549593, 2.294280360279042, 0.0 } };
     static const double back[4][4] = { { 0.0, 0.0, 0.0, 0.0 }, { -4.588560720558084, 0.0, 0.0, 0.0 }, { -4.18476048231916, 0.28519201735549593, 0.0, 0.0 }, { -6.368179200128357, -6.795620944466836, 2.870098604331056, 0.0 } };
+    static const double share[4] = { 0.0, 0.871733043016918, 0.7315799577888524, 1.0 };
     static const double weight[4] = { 4.18476048231916, -0.2851920173554959, 2.2942803602790414, 1.0 };
     static const double wrong[4] = { 0.27774994764796823, -1.403239895175999, 1.772630127667551, 0.5 };
     const lanes inverse = ALL(1.0) / dt;
@@ -2303,6 +2857,14 @@ static void one_link_rosenbrock_lanes(const double *restrict h, const one_link_d
         kp[i] = (drive->kp == NULL) ? ALL(0.0) : ALL(drive->kp[i]);
         kd[i] = (drive->kp == NULL) ? ALL(0.0) : ALL(drive->kd[i]);
     }
+    if ((clock->loads != NULL) && (clock->loads->control != NULL) && (clock->loads->control->kp != NULL)) {
+        const one_link_control *const control = clock->loads->control;
+        for (int k = 0; k < control->program.signal->columns; ++k) {
+            const double ratio = control->ratio[k] * control->ratio[k];
+            kp[control->program.place[k]] += ALL((control->kp[k] / ratio));
+            kd[control->program.place[k]] += ALL((control->kd[k] / ratio));
+        }
+    }
     (void)one_link_stage_factors_lanes(h, q, v, kp, kd, times, kept);
     for (int stage = 0; stage < 4; ++stage) {
         for (int i = 0; i < 2; ++i) {
@@ -2313,7 +2875,7 @@ static void one_link_rosenbrock_lanes(const double *restrict h, const one_link_d
                 v_end[i] += ahead[stage][j] * v_part[j][i];
             }
         }
-        one_link_accelerated_lanes(h, drive, u, target, q_end, v_end, a);
+        one_link_accelerated_lanes(h, drive, clock, share[stage], u, target, q_end, v_end, a);
         for (int i = 0; i < 2; ++i) {
             lanes q_back = ALL(0.0);
             lanes v_back = ALL(0.0);
@@ -2345,9 +2907,10 @@ static void one_link_rosenbrock_lanes(const double *restrict h, const one_link_d
 }
 
 /* One step of the explicit method; ``a`` holds the accelerations at its beginning, ``a_end`` becomes those at its end. */
-static void one_link_tsit5_lanes(const double *restrict h, const one_link_drive *restrict drive, const lanes *restrict u, const lanes *restrict target, lanes dt, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, lanes *restrict q_end, lanes *restrict v_end, lanes *restrict a_end, lanes *restrict error)
+static void one_link_tsit5_lanes(const double *restrict h, const one_link_drive *restrict drive, const one_link_clock_lanes *restrict clock, const lanes *restrict u, const lanes *restrict target, lanes dt, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, lanes *restrict q_end, lanes *restrict v_end, lanes *restrict a_end, lanes *restrict error)
 {
     static const double ahead[7][7] = { { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { 0.161, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { -0.008480655492356989, 0.335480655492357, 0.0, 0.0, 0.0, 0.0, 0.0 }, { 2.8971530571054935, -6.359448489975075, 4.3622954328695815, 0.0, 0.0, 0.0, 0.0 }, { 5.325864828439257, -11.748883564062828, 7.4955393428898365, -0.09249506636175525, 0.0, 0.0, 0.0 }, { 5.86145544294642, -12.92096931784711, 8.159367898576159, -0.071584973281401, -0.028269050394068383, 0.0, 0.0 }, { 0.09646076681806523, 0.01, 0.4798896504144996, 1.379008574103742, -3.290069515436081, 2.324710524099774, 0.0 } };
+    static const double share[7] = { 0.0, 0.161, 0.327, 0.8999999999999999, 0.9800255409045104, 0.9999999999999999, 0.9999999999999998 };
     static const double wrong[7] = { -0.001780011052225771, -0.0008164344596567469, 0.007880878010261995, -0.1447110071732629, 0.5823571654525552, -0.45808210592918697, 0.015151515151515152 };
     lanes q_rate[7][2];
     lanes v_rate[7][2];
@@ -2366,7 +2929,7 @@ static void one_link_tsit5_lanes(const double *restrict h, const one_link_drive 
             q_end[i] = q[i] + dt * q_sum;
             v_end[i] = v[i] + dt * v_sum;
         }
-        one_link_accelerated_lanes(h, drive, u, target, q_end, v_end, v_rate[stage]);
+        one_link_accelerated_lanes(h, drive, clock, share[stage], u, target, q_end, v_end, v_rate[stage]);
         (void)memcpy(q_rate[stage], v_end, sizeof q_rate[stage]);
     }
     for (int i = 0; i < 2; ++i) {
@@ -2400,10 +2963,11 @@ static double one_link_excess_lanes(const one_link_tolerance *restrict allowed, 
     (void)l;
     *where = 0;
     for (int i = 0; i < 4; ++i) {
-        const double begin = fabs((double)LANE((i < 2 ? q[i] : v[i - 2]), l));
-        const double end = fabs((double)LANE((i < 2 ? q_end[i] : v_end[i - 2]), l));
+        const double begin = fabs(LANE((i < 2 ? q[i] : v[i - 2]), l));
+        const double end = fabs(LANE((i < 2 ? q_end[i] : v_end[i - 2]), l));
+        if (!(end < HUGE_VAL)) { return HUGE_VAL; }
         const double size = (double)allowed->atol[i] + allowed->rtol * (begin > end ? begin : end);
-        const double ratio = fabs((double)LANE(error[i], l)) / size;
+        const double ratio = fabs(LANE(error[i], l)) / size;
         if (!(ratio <= worst)) {
             worst = ratio;
             *where = i;
@@ -2420,8 +2984,8 @@ static double one_link_first_lanes(const one_link_tolerance *restrict allowed, i
     double change = 0.0;
     (void)l;
     for (int i = 0; i < 4; ++i) {
-        const double x = fabs((double)LANE((i < 2 ? q[i] : v[i - 2]), l));
-        const double rate = fabs((double)LANE((i < 2 ? v[i] : a[i - 2]), l));
+        const double x = fabs(LANE((i < 2 ? q[i] : v[i - 2]), l));
+        const double rate = fabs(LANE((i < 2 ? v[i] : a[i - 2]), l));
         const double least = (double)allowed->atol[i] + allowed->rtol * x;
         if (x / least > size) { size = x / least; }
         if (rate / least > change) { change = rate / least; }
@@ -2429,35 +2993,42 @@ static double one_link_first_lanes(const one_link_tolerance *restrict allowed, i
     return (size < 1e-5 || !(change > 1e-5)) ? 1e-6 : 0.01 * size / change;
 }
 
-/* A lane's state at a share of its step: the polynomial of degree 5 with its coordinates, rates and accelerations. */
-static void one_link_between_lanes(double share, double step, int l, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, const lanes *restrict q_end, const lanes *restrict v_end, const lanes *restrict a_end, double *restrict q_out, double *restrict v_out)
+/* A lane's state at a share of its step: of the explicit method the polynomial of degree 5 with its coordinates, rates and
+ * accelerations, of the other one, whose accelerations are not smooth, the cubic one without the latter. */
+static void one_link_between_lanes(double share, double step, int l, int method, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, const lanes *restrict q_end, const lanes *restrict v_end, const lanes *restrict a_end, double *restrict q_out, double *restrict v_out)
 {
     const double s = share;
     (void)l;
     for (int i = 0; i < 2; ++i) {
-        const double q0 = (double)LANE(q[i], l);
-        const double d = (double)LANE(q_end[i], l) - q0;
-        const double v0 = step * (double)LANE(v[i], l);
-        const double v1 = step * (double)LANE(v_end[i], l);
-        const double a0 = 0.5 * step * step * (double)LANE(a[i], l);
-        const double a1 = 0.5 * step * step * (double)LANE(a_end[i], l);
-        const double c3 = 10.0 * d - 6.0 * v0 - 4.0 * v1 - 3.0 * a0 + a1;
-        const double c4 = -15.0 * d + 8.0 * v0 + 7.0 * v1 + 3.0 * a0 - 2.0 * a1;
-        const double c5 = 6.0 * d - 3.0 * (v0 + v1) - a0 + a1;
-        const double place = q0 + s * (v0 + s * (a0 + s * (c3 + s * (c4 + s * c5))));
-        const double rate = (v0 + s * (2.0 * a0 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))) / step;
-        q_out[i] = (double)place;
-        v_out[i] = (double)rate;
+        const double q0 = LANE(q[i], l);
+        const double d = LANE(q_end[i], l) - q0;
+        const double v0 = step * LANE(v[i], l);
+        const double v1 = step * LANE(v_end[i], l);
+        double c2 = 3.0 * d - 2.0 * v0 - v1;
+        double c3 = v0 + v1 - 2.0 * d;
+        double c4 = 0.0;
+        double c5 = 0.0;
+        if (method == 1) {
+            const double a0 = 0.5 * step * step * LANE(a[i], l);
+            const double a1 = 0.5 * step * step * LANE(a_end[i], l);
+            c2 = a0;
+            c3 = 10.0 * d - 6.0 * v0 - 4.0 * v1 - 3.0 * a0 + a1;
+            c4 = -15.0 * d + 8.0 * v0 + 7.0 * v1 + 3.0 * a0 - 2.0 * a1;
+            c5 = 6.0 * d - 3.0 * (v0 + v1) - a0 + a1;
+        }
+        q_out[i] = (q0 + s * (v0 + s * (c2 + s * (c3 + s * (c4 + s * c5)))));
+        v_out[i] = ((v0 + s * (2.0 * c2 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))) / step);
     }
 }
 
 /* Go on with up to LANES states from where their progress is, each by steps of its own; at most so many in this call. */
-static void one_link_adapt_lanes(const double *restrict h, const one_link_drive *restrict drive, const one_link_tolerance *restrict allowed, size_t state, int here, double interval, size_t samples, int method, lanes *restrict q, lanes *restrict v, double *restrict q_out, double *restrict v_out, one_link_progress *restrict progress)
+static void one_link_adapt_lanes(const double *restrict h, const one_link_drive *restrict drive, const one_link_loads *restrict loads, const one_link_tolerance *restrict allowed, size_t state, int here, const double *restrict times, size_t samples, int method, lanes *restrict q, lanes *restrict v, double *restrict q_out, double *restrict v_out, one_link_progress *restrict progress, one_link_record *restrict record)
 {
     const size_t stride = (samples + 1U) * 2U;
-    const double duration = interval * (double)samples;
+    const double end = times[samples];
+    const double duration = end - times[0];
     const int held = ((drive->u_step == 0U) && (drive->target_step == 0U)) ? 1 : 0;
-    const int dense = ((method == 1) && (held != 0)) ? 1 : 0;
+    const int dense = held;
     int stale = 1;
     const double order = method == 1 ? 0.2 : 1.0 / 3.0;
     lanes u[2];
@@ -2468,6 +3039,7 @@ static void one_link_adapt_lanes(const double *restrict h, const one_link_drive 
     lanes v_end[2];
     lanes error[4];
     lanes dt = ALL(1.0);
+    one_link_clock_lanes clock;
     double step[LANES];
     int going[LANES];
     int lands[LANES] = { 0 };
@@ -2476,7 +3048,7 @@ static void one_link_adapt_lanes(const double *restrict h, const one_link_drive 
     for (int l = 0; l < LANES; ++l) {
         one_link_progress *const p = &progress[l < here ? l : 0];
         going[l] = ((l < here) && (p->reason == 0)) ? 1 : 0;
-        step[l] = interval;
+        step[l] = duration;
         left += going[l];
         one_link_hold_lanes(drive, state + (size_t)(l < here ? l : 0), ((p->sample > 0U) && (p->sample <= samples)) ? p->sample - 1U : 0U, l, u, target);
         if ((going[l] != 0) && (p->sample == 0U)) {
@@ -2485,26 +3057,39 @@ static void one_link_adapt_lanes(const double *restrict h, const one_link_drive 
                 v_out[(size_t)l * stride + (size_t)i] = LANE(v[i], l);
             }
             p->sample = 1;
+            p->t = times[0];
+            p->looked = times[0];
         }
     }
-    for (long long pass = 0; left > 0 && pass < allowed->most; ++pass) {
-        if (stale != 0) { one_link_accelerated_lanes(h, drive, u, target, q, v, a); }
-        stale = (method == 0) ? 1 : 0;
+    clock.loads = loads;
+    clock.here = here;
+    for (long long pass = 0; (left > 0) && (pass < allowed->most) && ((record == NULL) || (record->count < record->room)); ++pass) {
+        int fresh = (method == 1) ? stale : 0;
+        for (int l = 0; l < LANES; ++l) {
+            const one_link_progress *const p = &progress[l < here ? l : 0];
+            clock.begin[l] = p->t;
+            clock.step[l] = 0.0;
+            if ((going[l] != 0) && !(p->next > 0.0)) { fresh = 1; }
+        }
+        if (fresh != 0) { one_link_accelerated_lanes(h, drive, &clock, 0.0, u, target, q, v, a); }
+        stale = 0;
         for (int l = 0; l < LANES; ++l) {
             one_link_progress *const p = &progress[l < here ? l : 0];
             if (going[l] == 0) { continue; }
             if (!(p->next > 0.0)) { p->next = one_link_first_lanes(allowed, l, q, v, a); }
-            const double goal = (dense != 0) ? duration : interval * (double)p->sample;
+            const double goal = (dense != 0) ? end : times[p->sample];
             const double rest = goal - p->t;
             lands[l] = (p->next * 1.000001 >= rest) ? 1 : 0;
             step[l] = (lands[l] != 0) ? rest : (2.0 * p->next > rest ? 0.5 * rest : p->next);
-            LANE(dt, l) = (double)step[l];
+            clock.step[l] = step[l];
+            LANE(dt, l) = step[l];
         }
         if (method == 0) {
-            one_link_rosenbrock_lanes(h, drive, u, target, dt, q, v, q_end, v_end, error);
+            one_link_rosenbrock_lanes(h, drive, &clock, u, target, dt, q, v, q_end, v_end, error);
         } else {
-            one_link_tsit5_lanes(h, drive, u, target, dt, q, v, a, q_end, v_end, a_end, error);
+            one_link_tsit5_lanes(h, drive, &clock, u, target, dt, q, v, a, q_end, v_end, a_end, error);
         }
+        if ((loads != NULL) && (loads->given != NULL)) { one_link_placed_lanes(&clock, q_end, v_end, error); }
         for (int l = 0; l < LANES; ++l) {
             taken[l] = 0;
             if (going[l] == 0) { continue; }
@@ -2518,32 +3103,38 @@ static void one_link_adapt_lanes(const double *restrict h, const one_link_drive 
                 p->rejected += 1;
                 p->refused = 1;
                 p->next = step[l] * factor;
-                if (p->next <= 1e-14 * duration) {
-                    p->reason = 2 + where;
-                    going[l] = 0;
-                    left -= 1;
-                }
+                if (p->next <= 1e-14 * duration) { p->reason = 2 + where; }
             } else {
                 if ((p->refused != 0) && (factor > 1.0)) { factor = 1.0; }
                 p->refused = 0;
                 if (p->next < step[l] * factor || !(step[l] < p->next)) { p->next = step[l] * factor; }
             }
+            if (p->steps + p->rejected >= p->counted + 2000) { /* work that leads nowhere is no motion */
+                if (p->t - p->looked < 1e-07 * duration) { p->reason = 2 + where; }
+                p->looked = p->t;
+                p->counted = p->steps + p->rejected;
+            }
+            if (p->reason != 0) {
+                taken[l] = 0;
+                going[l] = 0;
+                left -= 1;
+            }
         }
         for (int l = 0; l < LANES; ++l) {
             if (taken[l] == 0) { continue; }
             one_link_progress *const p = &progress[l];
-            const double goal = (dense != 0) ? duration : interval * (double)p->sample;
+            const double goal = (dense != 0) ? end : times[p->sample];
             const double before = p->t;
             p->steps += 1;
             p->t = (lands[l] != 0) ? goal : p->t + step[l];
             if (step[l] > p->largest) { p->largest = step[l]; }
             if (p->steps == 1 || step[l] < p->smallest) { p->smallest = step[l]; }
-            while ((p->sample <= samples) && (((lands[l] != 0) || (dense != 0)) && (interval * (double)p->sample <= p->t))) {
+            while ((p->sample <= samples) && (((lands[l] != 0) || (dense != 0)) && (times[p->sample] <= p->t))) {
                 double *const q_row = &q_out[(size_t)l * stride + p->sample * 2U];
                 double *const v_row = &v_out[(size_t)l * stride + p->sample * 2U];
-                const double time = interval * (double)p->sample;
+                const double time = times[p->sample];
                 if ((dense != 0) && (time < p->t)) {
-                    one_link_between_lanes((time - before) / step[l], step[l], l, q, v, a, q_end, v_end, a_end, q_row, v_row);
+                    one_link_between_lanes((time - before) / step[l], step[l], l, method, q, v, a, q_end, v_end, a_end, q_row, v_row);
                 } else
                 {
                     for (int i = 0; i < 2; ++i) {
@@ -2562,6 +3153,14 @@ static void one_link_adapt_lanes(const double *restrict h, const one_link_drive 
                 LANE(v[i], l) = LANE(v_end[i], l);
                 LANE(a[i], l) = LANE(a_end[i], l);
             }
+            if (record != NULL) {
+                record->t[record->count] = p->t;
+                for (int i = 0; i < 2; ++i) {
+                    record->q[record->count * 2U + (size_t)i] = LANE(q[i], l);
+                    record->v[record->count * 2U + (size_t)i] = LANE(v[i], l);
+                }
+                record->count += 1U;
+            }
             if (p->sample > samples) {
                 p->reason = 1;
                 going[l] = 0;
@@ -2572,7 +3171,7 @@ static void one_link_adapt_lanes(const double *restrict h, const one_link_drive 
 }
 
 /* Several states, each by steps of its own: what one of them does changes no bit of another. */
-void one_link_adaptive_rollout_batch(size_t count, const double *restrict h, const one_link_drive *restrict drive, const one_link_tolerance *restrict allowed, double interval, size_t samples, int method, double *restrict q, double *restrict v, double *restrict q_out, double *restrict v_out, one_link_progress *restrict progress)
+void one_link_adaptive_rollout_batch(size_t count, const double *restrict h, const one_link_drive *restrict drive, const one_link_loads *restrict loads, const one_link_tolerance *restrict allowed, const double *restrict times, size_t samples, int method, double *restrict q, double *restrict v, double *restrict q_out, double *restrict v_out, one_link_progress *restrict progress)
 {
     const size_t stride = (samples + 1) * 2;
     lanes q_lanes[2], v_lanes[2];
@@ -2580,7 +3179,7 @@ void one_link_adaptive_rollout_batch(size_t count, const double *restrict h, con
         const size_t here = count - i < LANES ? count - i : LANES;
         gather(q + i * 2, 2, here, 0, 2, q_lanes);
         gather(v + i * 2, 2, here, 0, 2, v_lanes);
-        one_link_adapt_lanes(h, drive, allowed, i, (int)here, interval, samples, method, q_lanes, v_lanes, q_out + i * stride, v_out + i * stride, progress + i);
+        one_link_adapt_lanes(h, drive, loads, allowed, i, (int)here, times, samples, method, q_lanes, v_lanes, q_out + i * stride, v_out + i * stride, progress + i, NULL);
         scatter(q_lanes, NULL, here, 0, 2, 2, q + i * 2);
         scatter(v_lanes, NULL, here, 0, 2, 2, v + i * 2);
     }

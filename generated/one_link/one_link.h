@@ -67,12 +67,26 @@ extern "C" {
  * those of state i at step k lie at i * u_state + k * u_step.  kp, kd (not 0 at principal coordinates alone) and target
  * may be NULL together.  It returns -1, or (state * steps + step) * ONE_LINK_DOF + i of the first failure. */
 
-/* An adaptive rollout goes from sample to sample, interval apart, by steps whose error is at most atol + rtol times the
- * size of each number (atol: 4 of them, of q, then of v): a Rosenbrock method (method 0) or an explicit one (1).
+/* An adaptive rollout goes from sample to sample, at samples + 1 times, by steps whose error is at most atol + rtol times
+ * the size of each number (atol: 4 of them, of q, then of v): a Rosenbrock method (method 0) or an explicit one (1).
  * Drives, held from a sample to the next, are u + kp (target - q) - kd v; those of state i from sample k on lie at
- * i * u_state + k * u_step; kp, kd (not 0 at principal coordinates alone) and target may be NULL together.  q, v and progress, all zeros at the beginning, are where it goes on:
- * a call takes most steps of a state at most.  progress->reason is 0 until it has ended: 1 at the last sample, 2 + i where
- * no step is short enough for number i of the state. */
+ * i * u_state + k * u_step; kp, kd (not 0 at principal coordinates alone) and target may be NULL together.  q, v and progress, all
+ * zeros at the beginning, are where it goes on: a call takes most steps of a state at most, and one that records its steps
+ * no more than there is room for.  progress->reason is 0 until it has ended: 1 at the last sample, 2 + i where no step is
+ * short enough for number i of the state.
+ * Loads, NULL or the same for all states, act beside the drives and follow time itself, between first and last:
+ * - a signal is polynomials of t - knot[k] between knot[k] and knot[k + 1], coefficient (pieces, degree + 1, columns), and
+ *   rests outside; with a profile, of one column, that column stands in the place of t.  Column i of a track is of the
+ *   coordinate place[i].
+ * - torque: forces.  control: kp (program - q / ratio) + kd (its rate - v / ratio), over the ratio.
+ * - model: a rigid robot of so many coordinates, at place, behind gears.  Its inverse dynamics (in double precision) at
+ *   the program's accelerations, with errors that die out by the bandwidth; column: of the program that drives it, or -1;
+ *   given: which of the given motions it follows, or -1.  If it holds, its inverse dynamics at rest.
+ * - given: motions of prescribed coordinates, whose q and v are put in place, and whose accelerations are u: waves (size, 4),
+ *   amplitude, angular frequency, phase and offset, and the signals of ``count`` tracks, whose places are among them.
+ * - wrench: on the centre of mass of a link, force and moment from t0 on until t1, in the base's axes, or those of a frame if
+ *   it turns, and the arm of the force in that frame's axes if that is not zero (then frame counts).
+ * one_link_loaded gives drives (and accelerations that are given) at times, and puts given motions into q and v. */
 
 void one_link_setup(const double *p, double *h);
 int one_link_mass_matrix(const double *h, const double *q, double *out);
@@ -131,14 +145,83 @@ typedef struct {
     double next;
     double largest;
     double smallest;
+    double looked;
     long long steps;
     long long rejected;
+    long long counted;
     size_t sample;
     int refused;
     int reason;
 } one_link_progress;
-int one_link_adaptive_rollout(const double *h, const one_link_drive *drive, const one_link_tolerance *allowed, double interval, size_t samples, int method, double *q, double *v, double *q_out, double *v_out, one_link_progress *progress);
-void one_link_adaptive_rollout_batch(size_t count, const double *h, const one_link_drive *drive, const one_link_tolerance *allowed, double interval, size_t samples, int method, double *q, double *v, double *q_out, double *v_out, one_link_progress *progress);
+typedef struct one_link_signal {
+    const double *knot;
+    const double *coefficient;
+    const struct one_link_signal *profile;
+    int pieces;
+    int degree;
+    int columns;
+} one_link_signal;
+typedef struct {
+    const one_link_signal *signal;
+    const int *place;
+} one_link_track;
+typedef struct {
+    one_link_track program;
+    const double *ratio;
+    const double *kp;
+    const double *kd;
+} one_link_control;
+typedef struct {
+    int (*inverse_dynamics)(const double *h, const double *q, const double *v, const double *a, double *out);
+    const double *h;
+    const int *place;
+    const double *ratio;
+    const int *column;
+    const int *given;
+    double bandwidth;
+    int size;
+    int holds;
+} one_link_model;
+typedef struct {
+    const int *place;
+    const double *wave;
+    const one_link_track *tracks;
+    int size;
+    int count;
+} one_link_given;
+typedef struct {
+    const one_link_signal *signal;
+    double t0;
+    double t1;
+    double arm[3];
+    int link;
+    int frame;
+    int turns;
+} one_link_wrench;
+typedef struct {
+    double first;
+    double last;
+    const one_link_track *torque;
+    const one_link_control *control;
+    const one_link_model *model;
+    const one_link_given *given;
+    const one_link_wrench *wrench;
+    size_t wrenches;
+    int (*frame_pose)(const double *h, const double *q, int frame, double *out);
+    const double *frame_h;
+    int (*external_force)(const double *h, const double *q, const double *wrench, double *out);
+    const double *force_h;
+} one_link_loads;
+typedef struct {
+    double *t;
+    double *q;
+    double *v;
+    size_t room;
+    size_t count;
+} one_link_record;
+int one_link_adaptive_rollout(const double *h, const one_link_drive *drive, const one_link_loads *loads, const one_link_tolerance *allowed, const double *times, size_t samples, int method, double *q, double *v, double *q_out, double *v_out, one_link_progress *progress, one_link_record *record);
+void one_link_loaded(size_t count, const one_link_loads *loads, const double *times, double *q, double *v, double *u);
+void one_link_adaptive_rollout_batch(size_t count, const double *h, const one_link_drive *drive, const one_link_loads *loads, const one_link_tolerance *allowed, const double *times, size_t samples, int method, double *q, double *v, double *q_out, double *v_out, one_link_progress *progress);
 
 #ifdef __cplusplus
 }

@@ -150,14 +150,14 @@ def test_a_motion_that_cannot_go_on_ends_where_it_got_to(method: str, built: Bui
     kernel = built(slider(mass=2.0), *NAMES)
     u = np.array([[1.0], [1e300]])
     with pytest.raises(
-        IntegrationStopped, match=r"rail\.z.* in steps of any length of state 1; it ends at t = "
+        IntegrationStopped, match=r"rail\.z.* in steps of any length that leads on of state 1; it ends at t = "
     ) as stop:
         kernel.rollout(np.zeros((2, 1)), np.zeros((2, 1)), u, method=method, duration=1e9, samples=10)
-    assert 1e7 <= stop.value.t <= 4e8
+    assert 1e4 <= stop.value.t <= 3e4
     assert stop.value.coordinate == "rail.z"
     q, _ = stop.value.stored
     assert q[0, -1] == pytest.approx(0.25e18)
-    assert np.isnan(q[1, 4:]).all()
+    assert np.isnan(q[1, 1:]).all()
 
 
 @pytest.mark.parametrize("method", METHODS)

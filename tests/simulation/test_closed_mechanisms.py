@@ -64,7 +64,9 @@ def test_stiff_cut_joints_are_integrated_implicitly() -> None:
     (loop,) = robot.loops
     coordinates = {x: Coordinate(stiffness=1e8, damping=1e3) for x in ("x", "y", "z", "alpha", "beta")}
     elastic = replace(robot, loops=(replace(loop, coordinates=coordinates),))
-    assert "residual_jacobian" in kernels_of(elastic, scenario)
+    assert "adaptive_rollout" in kernels_of(elastic, scenario)
+    implicit = scenario_from_toml("duration = 1.0\n[integrator]\nmethod = 'Radau'")
+    assert "residual_jacobian" in kernels_of(elastic, implicit)
     assert "residual_jacobian" not in kernels_of(replace(robot, loops=()), scenario)
 
 

@@ -37,14 +37,14 @@ def elastic() -> eomgen.SimulationResult:
         result = simulate(eomgen.load_robot("puma560_elastic"), duration=0.8, progress=lambda f, text: seen.append(f))
     assert seen[-1] == 1.0
     assert seen == sorted(seen)
-    assert len(seen) > 20
+    assert len(seen) > 4
     return result
 
 
 def test_the_elastic_puma(elastic: eomgen.SimulationResult) -> None:
     motion = elastic.trajectory
     assert motion.q.shape == (1001, 36)
-    assert motion.method == "Radau"
+    assert motion.method == "rosenbrock"
     assert "implicit" in elastic.notes[0]
     assert elastic.program_coordinates == tuple(f"joint{i}.gamma" for i in range(1, 7))
     assert elastic.deviations.shape == (1001, 30)
@@ -97,7 +97,7 @@ def test_plots(elastic: eomgen.SimulationResult, tmp_path: Path) -> None:
 
 def test_a_rigid_robot_has_no_deviations(tmp_path: Path) -> None:
     result = simulate(eomgen.load_robot("puma560"), duration=0.5, goal={"joint1": 0.2, "joint3.gamma": 1.0})
-    assert result.trajectory.method == "DOP853"
+    assert result.trajectory.method == "tsit5"
     assert result.deviations.shape == (1001, 0)
     assert np.linalg.norm(result.tool_deviation, axis=1).max() < 1e-6
     end = dict(zip(result.program_coordinates, result.program_q[-1], strict=True))

@@ -53,7 +53,7 @@ class Ends(Protocol):
         """Number of ends."""
 
     def gaps(self, q: Array, v: Array) -> Array:
-        """Distances beyond each of the ends, m or rad, below 0 inside."""
+        """Distances beyond each of the ends in a state, (n,), or in many, (N, n): m or rad, below 0 inside."""
 
     def contact(self, end: int, t: float, q: Array, v: Array, closes: bool) -> Contact:
         """The contact at one of the ends, in the state at its time."""
@@ -96,7 +96,7 @@ class CoordinateEnds:
 
     def gaps(self, q: Array, v: Array) -> Array:
         """Distances beyond each of the ends, m or rad, below 0 inside."""
-        return np.asarray(self._rows @ q - self._places)
+        return np.asarray(q @ self._rows.T - self._places)
 
     def contact(self, end: int, t: float, q: Array, v: Array, closes: bool) -> Contact:
         """The contact at one of the ends, in the state at its time."""
@@ -120,7 +120,7 @@ class CutEnds:
 
     def gaps(self, q: Array, v: Array) -> Array:
         """Distances beyond each of the ends, m or rad, below 0 inside."""
-        return np.asarray(self._sides * self._kernel.cut_forces(q, v)[self._index, 0] - self._places)
+        return np.asarray(self._sides * self._kernel.cut_forces(q, v)[..., self._index, 0] - self._places)
 
     def contact(self, end: int, t: float, q: Array, v: Array, closes: bool) -> Contact:
         """The contact at one of the ends, in the state at its time."""
@@ -140,6 +140,8 @@ class Bearings:
 
     def gaps(self, q: Array, v: Array) -> Array:
         """Distances beyond each of the ends, m or rad, below 0 inside."""
+        if q.ndim == 2:
+            return np.array([self.gaps(*state) for state in zip(q, v, strict=True)])
         return np.array([journal.gap(q) for journal in self._journals])
 
     def contact(self, end: int, t: float, q: Array, v: Array, closes: bool) -> Contact:
@@ -168,9 +170,15 @@ class ContactWatch:
         return sum(map(len, self._groups))
 
     def gaps(self, y: Array) -> Array:
-        """Distances beyond each of the ends, m or rad, below 0 inside; y = (q, v)."""
-        found = [group.gaps(y[: self._n], y[self._n :]) for group in self._groups]
-        return np.concatenate(found) if found else np.zeros(0)
+        """Distances beyond each of the ends, m or rad, below 0 inside; y = (q, v), (2n,) or (N, 2n)."""
+        found = [group.gaps(y[..., : self._n], y[..., self._n :]) for group in self._groups]
+        return np.concatenate(found, axis=-1) if found else np.zeros((*y.shape[:-1], 0))
+
+    def find_all(self, times: Array, states: Array) -> None:
+        """Find the contacts between states, (k, 2n), that follow each other at times, (k,), s, and note them."""
+        beyond = self.gaps(states) > 0.0
+        for k in np.flatnonzero((beyond[1:] != beyond[:-1]).any(axis=1)).tolist():
+            self.find(float(times[k]), states[k], float(times[k + 1]), states[k + 1])
 
     def find(self, t0: float, y0: Array, t1: float, y1: Array, at: Callable[[float], Array] | None = None) -> None:
         """Find the contacts between two states of a motion, and note them.

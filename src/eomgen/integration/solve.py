@@ -15,10 +15,11 @@ from ..progress import Progress
 from ..runtime.kernel import Kernel
 from ..state.springs import any_spring, fastest_rates
 from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction, state_vector
-from . import sundials
+from . import compiled, sundials
 from .advance import Advance
 from .closed import ClosedSystem
 from .contacts import ContactWatch
+from .drives import drive_of
 from .steps import (
     SCIPY_IMPLICIT,
     Record,
@@ -38,9 +39,11 @@ from .turning import TurningSystem
 
 Array = NDArray[np.float64]
 
-EXPLICIT = ("DOP853", "RK45", "rk4")
+EXPLICIT = ("tsit5", "DOP853", "RK45", "rk4")
+IN_C = compiled.METHODS
+FAST = 1e4  # 1/s: what elastic arms show at a tolerance of 1e-6, see the work-precision diagram
 STIFF = 1000.0  # time constants in a motion: an explicit method takes 2000 evaluations, and an implicit one not more
-METHODS = ("auto", *SCIPY_IMPLICIT, *sundials.METHODS, *EXPLICIT)
+METHODS = ("auto", *IN_C, *SCIPY_IMPLICIT, *sundials.METHODS, *(name for name in EXPLICIT if name not in IN_C))
 
 
 def integrate(
@@ -49,7 +52,7 @@ def integrate(
     v0: ArrayLike,
     duration: float,
     *,
-    drive: DriveFunction | None = None,
+    drive: DriveFunction | ArrayLike | None = None,
     wrench: WrenchFunction | ArrayLike | None = None,
     prescribed: MotionFunction | None = None,
     method: str = "auto",
@@ -73,17 +76,20 @@ def integrate(
             forward_dynamics_jacobian there, and finite differences without it.
         q0, v0: the state at t = 0, (n,).
         duration: s.
-        drive: (t, q, v) -> u, (n,), N or N m; none if not given.  With an attribute ``batched`` that is true it is
-            called with q and v of shape (N, n), too, and returns (N, n).  With a method ``slopes``, (t, q, v) ->
+        drive, wrench, prescribed: functions, as below.  They are data where they have a method ``data`` that gives
+            what ``eomgen.runtime.loads`` calls so, as those of scenarios, ``Harmonic`` and wrenches that stay.
+        drive: (t, q, v) -> u, (n,), N or N m, or that u where it stays; none if not given.  With an attribute
+            ``batched`` that is true it is called with q and v of shape (N, n), too, and returns (N, n).  With a method ``slopes``, (t, q, v) ->
             (du/dq, du/dv), (n, n) each, implicit methods take these instead of finite differences of it.
         wrench: (links, 6) as in the kernel's methods, or (t, q, v) -> that.
         prescribed: t -> (q, v, a) of the prescribed coordinates, (m,) each, in the order of ``kernel.prescribed``
             (``eomgen.motion.Harmonic``, say); v and a must be the derivatives of q.  What q0, v0 and drive say of them
             does not count.  The trajectory's u is there the force that the motion needs, so that the kernel must have
             inverse_dynamics.
-        method: "auto" (Radau if there are springs, stiff dampers or friction, else DOP853: see ``why_stiff``),
-            "Radau", "BDF", "LSODA", "DOP853", "RK45" (all SciPy's), "CVODE", "IDA" (SUNDIALS'), or "rk4" with a fixed
-            step.  Those of SUNDIALS do not take mechanisms with loops.
+        method: "rosenbrock" or "tsit5": the kernel's own C (adaptive_rollout), where drives, wrenches and prescribed
+            motions are data (see below) and no joint turns freely; "Radau", "BDF", "LSODA", "DOP853", "RK45" (all
+            SciPy's), "CVODE", "IDA" (SUNDIALS', not for loops), or "rk4" with a fixed step.  "auto" is rosenbrock if
+            something is stiff (see ``why_stiff``), else tsit5; Radau and DOP853 where C cannot do it.
         rtol, atol: tolerances; atol is a number or (2n,), first of q, then of v.  By default rtol times the size of
             each coordinate: ``coordinate_sizes``; of a rate that friction resists at most the smoothing of that.
         step: of rk4, s; shortened so that it divides ``output_step``.  Default: half the time in which the fastest
@@ -107,11 +113,14 @@ def integrate(
             coordinate and time and has the last good state and the trajectory up to it.
         InputError: an argument is wrong, a prescribed coordinate has no motion, or SciPy is not installed.
     """
+    drive = drive_of(kernel, drive)
     kind = ClosedSystem if kernel.constraints else TurningSystem if kernel.raw.turning else System
     system = kind(kernel, drive, wrench, prescribed)
     q0, v0 = (state_vector(label, x, kernel.coordinates) for label, x in (("q0", q0), ("v0", v0)))
     times = output_times(duration, output_step) if times is None else checked_times(times, duration, output_step)
-    method = choose_method(kernel, method, q0, float(times[-1] - times[0]))
+    loads = (drive, wrench, prescribed)
+    in_c = compiled.why_not(kernel, *loads)
+    method, _ = explained_method(kernel, method, q0, float(times[-1] - times[0]), rtol, in_c)
     began = time.perf_counter()
     report = reporter(progress, float(times[-1]))
     y0 = system.begin(float(times[0]), q0, v0)
@@ -124,6 +133,10 @@ def integrate(
             rk4(system, y0, samples, fixed_step(kernel, q0, step, times), report, watch)
             return
         absolute = tolerances(system, q0, rtol, atol)
+        if method in IN_C:
+            data = compiled.data_of(kernel, *loads)
+            system.loaded = compiled.compiled_states(system, data, samples, method, rtol, absolute, report, watch)
+            return
         if method in sundials.METHODS:
             sundials.sundials_states(system, y0, samples, method, rtol, absolute, report, watch)
         else:
@@ -140,45 +153,78 @@ def integrate(
 
 
 def choose_method(kernel: Kernel, method: str = "auto", q: Array | None = None, duration: float = 1.0) -> str:
-    """The method that ``integrate`` takes: see ``method_of``.
+    """The method that ``integrate`` takes for loads that are data; arguments and errors as ``explained_method``."""
+    return explained_method(kernel, method, q, duration)[0]
+
+
+def explained_method(
+    kernel: Kernel,
+    method: str = "auto",
+    q: Array | None = None,
+    duration: float = 1.0,
+    rtol: float = 1e-6,
+    in_c: str | None = None,
+) -> tuple[str, str]:
+    """The method that ``integrate`` takes, and why, in words, if "auto" is asked for.
 
     Args:
         kernel: with the parameters that it has now.
         method: that is asked for.
         q: coordinates at the beginning, (n,); 0 if not given.
         duration: of the motion, s.
+        rtol: its tolerance.
+        in_c: why the kernel's own C cannot do it, empty where it can; by default of loads that are data.
 
     Raises:
-        InputError: the method is unknown, or does not keep loops closed.
+        InputError: the method is unknown, or does not keep loops closed, or is the kernel's own where that cannot be.
     """
+    slow = compiled.why_not(kernel) if in_c is None else in_c
     if kernel.constraints and method in sundials.METHODS:
         allowed = ", ".join(name for name in METHODS if name not in sundials.METHODS)
         raise InputError(
             f"method: {kernel.name} has loops or couplings, which {method!r} does not keep closed; allowed: {allowed}"
         )
-    return method_of(method, method == "auto" and bool(why_stiff(kernel, q, duration)))
+    if method in IN_C and slow:
+        allowed = ", ".join(name for name in METHODS if name not in IN_C)
+        raise InputError(f"method: {kernel.name}: {method!r} integrates in C, but {slow}; allowed: {allowed}")
+    why = why_stiff(kernel, q, duration, None if slow else rtol) if method == "auto" else ""
+    taken = method_of(method, bool(why), in_c=not slow)
+    if method != "auto":
+        return taken, ""
+    if not why:
+        why = "nothing has a stiffness, nor stiff dampers or friction" if slow else "nothing is too fast for it"
+    return taken, f"because {why}" + (f"; not in C: {slow}" if slow else "")
 
 
-def why_stiff(kernel: Kernel, q: Array | None = None, duration: float = 1.0) -> str:
+def why_stiff(kernel: Kernel, q: Array | None = None, duration: float = 1.0, rtol: float | None = None) -> str:
     """The reason for an implicit method, in words; empty where there is none.  Arguments as ``choose_method``.
 
     That is any spring, and dampers and friction where they slow something down a ``STIFF`` part of the duration, by the
     largest slopes of their laws and the inertia at q: explicit steps are as short as that as long as the motion lasts,
     whatever moves.  Without the kernels that implicit methods need, dampers and friction are left to explicit ones.
+    With ``rtol`` it is asked for the kernel's own methods: springs count that are too ``FAST`` as well, and no others.
     """
-    if any_spring(kernel):
+    if rtol is None and any_spring(kernel):
         return "there are springs"
     if not ({"mass_matrix"} if kernel.constraints else {"mass_matrix", "inverse_dynamics"}) <= set(kernel.operations):
-        return ""
+        return "there are springs" if any_spring(kernel) else ""
     try:
-        slowing = fastest_rates(kernel, np.zeros(kernel.n) if q is None else q)[1]
+        swing, slowing = fastest_rates(kernel, np.zeros(kernel.n) if q is None else q)
     except np.linalg.LinAlgError:  # integration will say so
         return ""
+    if rtol is not None:
+        rate = max(swing, slowing)
+        return f"springs, dampers or friction take effect within {1.0 / rate:.2g} s" if rate > _fast(rtol) else ""
     return f"dampers or friction take effect within {1.0 / slowing:.2g} s" if slowing * duration > STIFF else ""
 
 
-def method_of(asked: str, stiff: bool) -> str:
-    """The method asked for; for "auto" Radau where something is stiff (see ``why_stiff``), else DOP853.
+def _fast(rtol: float) -> float:
+    """The rate, 1/s, from which rosenbrock costs less than tsit5: it needs steps the shorter, the smaller ``rtol``."""
+    return float(FAST * (1e-6 / rtol) ** (1.0 / 3.0))
+
+
+def method_of(asked: str, stiff: bool, *, in_c: bool) -> str:
+    """The method asked for; for "auto" an implicit one where something is stiff (see ``why_stiff``), in C if it can be.
 
     Raises:
         InputError: the method is unknown.
@@ -187,4 +233,6 @@ def method_of(asked: str, stiff: bool) -> str:
         raise InputError(f"method: {asked!r} is unknown; allowed: {', '.join(METHODS)}")
     if asked != "auto":
         return asked
+    if in_c:
+        return "rosenbrock" if stiff else "tsit5"
     return "Radau" if stiff else "DOP853"

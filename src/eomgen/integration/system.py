@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ArrayError, InputError, IntegrationError, IntegrationStopped
+from ..runtime.adaptive import Loaded
 from ..runtime.kernel import Kernel
 from ..state.springs import coordinate_sizes, rate_step, smoothings
 from ..state.vectors import Q_STEP, DriveFunction, MotionFunction, WrenchFunction, prescribed_mask
@@ -22,6 +23,7 @@ class System:
 
     Attributes:
         here: the kernel whose coordinates y has.
+        loaded: what integrated in C by loads that are data, if that did.
         part: of the tolerances that is left to y, where that is a part of the state.
     """
 
@@ -53,6 +55,7 @@ class System:
         self._no_drive = np.zeros(self.n)
         self.counts = {"steps": 0, "evaluations": 0, "jacobians": 0}
         self.trouble: Exception | None = None
+        self.loaded: Loaded | None = None
         self.advance: Advance | None = None
         self._stuck: Array | None = None  # where evaluations lead nowhere
 
@@ -110,6 +113,43 @@ class System:
             a = self.here.forward_dynamics(q, v, u, wrench=wrench)
             u[self._given] = self.here.inverse_dynamics(q, v, a, wrench=wrench, cut=True)[self._given]
         return u
+
+    def forces_over(self, times: Array, q: Array, v: Array) -> tuple[Array, ArrayError | None]:
+        """u at times, as far as it is finite, (k, n), and why no further; motions that are given are put into q, v.
+
+        Args:
+            times: s, (T,).
+            q, v: states, (T, n).
+        """
+        if self.loaded is not None and not (self._given and self.kernel.constraints):
+            return self._loaded_forces(times, q, v)
+        u = np.empty_like(q)
+        for i, t in enumerate(times.tolist()):
+            try:
+                self.prescribe(t, q[i], v[i])
+                u[i] = self.forces(t, q[i], v[i])
+            except ArrayError as error:
+                return u[:i], error
+        return u, None
+
+    def _loaded_forces(self, times: Array, q: Array, v: Array) -> tuple[Array, ArrayError | None]:
+        """``forces_over`` by loads that are data."""
+        assert self.loaded is not None
+        u = self.loaded.drives(times, q, v)
+        if self._given:
+            wrench = self._wrench
+            if callable(wrench):
+                each = zip(times.tolist(), q, v, strict=True)
+                wrench = np.array([wrench(*state) for state in each])
+            kernel = self.kernel.with_checks(False)
+            a = kernel.forward_dynamics(q, v, u, wrench=wrench)
+            u[:, self._given] = kernel.inverse_dynamics(q, v, a, wrench=wrench, cut=True)[:, self._given]
+        for i in np.flatnonzero(~np.isfinite(u).all(axis=1))[:1].tolist():
+            try:
+                self._refuse_not_finite("drive", u[i], float(times[i]))
+            except ArrayError as error:
+                return u[:i], error
+        return u, None
 
     def drives(self, t: float, q: Array, v: Array) -> Array:
         """u of one state, (n,), or of a batch, (N, n)."""

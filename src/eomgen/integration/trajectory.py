@@ -156,16 +156,10 @@ def _with_forces(system: System, times: Array, states: Array) -> tuple[FiniteMot
 
     Also why no further.
     """
-    n, trouble = system.n, None
+    n = system.n
     q, v = np.ascontiguousarray(states[:, :n]), np.ascontiguousarray(states[:, n:])
-    u, end = np.empty_like(q), times.size
-    for i, t in enumerate(times.tolist()):
-        try:
-            system.prescribe(t, q[i], v[i])
-            u[i] = system.forces(t, q[i], v[i])
-        except ArrayError as error:
-            end, trouble = i, error
-            break
+    u, trouble = system.forces_over(times, q, v)
+    end = len(u)
     energy = np.asarray(system.kernel.with_checks(False).energy(q[:end], v[:end]))
     bad = ~np.isfinite(energy).all(axis=1)
     if bad.any():

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ArrayError, InputError
+from ..runtime.loads import Signal, Waves
 from ..shown import Shown
 
 Array = NDArray[np.float64]
@@ -59,6 +60,12 @@ class Harmonic(Shown):
         amplitude = np.asarray(self.amplitude)
         q = amplitude * np.sin(angle)
         return q, amplitude * rate * np.cos(angle), -(rate**2) * q
+
+    def data(self) -> Waves:
+        """The same for integrations in C."""
+        amplitude = np.asarray(self.amplitude)
+        columns = (amplitude, 2.0 * np.pi * np.asarray(self.frequency), self.phase, 0.0)
+        return Waves(np.stack([np.broadcast_to(x, amplitude.shape) for x in columns], axis=1))
 
 
 @dataclass(frozen=True)
@@ -124,6 +131,14 @@ class PointToPoint(Shown):
         ds = 30.0 * (r * (1.0 - r)) ** 2 * rate
         dds = 60.0 * r * (1.0 - r) * (1.0 - 2.0 * r) * rate**2
         return self.start + s * span, ds * span, dds * span
+
+    def signal(self) -> Signal:
+        """The same for integrations in C."""
+        powers = np.zeros((6, self.start.size))
+        powers[0] = self.start
+        for power, factor in ((3, 10.0), (4, -15.0), (5, 6.0)):
+            powers[power] = factor / self.duration**power * (self.goal - self.start)
+        return Signal(np.array([self.begin, self.end]), powers[np.newaxis])
 
 
 def _vector(label: str, value: Any, names: tuple[str, ...]) -> Array:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..optional import optional_import
+from ..runtime.loads import Signal
 from ..shown import Shown
 from .point_to_point import Program
 
@@ -27,6 +30,10 @@ class Standstill(Shown):
         """Coordinates, rates and accelerations; see ``Program``."""
         q = np.broadcast_to(self.start, (*np.shape(t), self.start.size)).copy()
         return q, np.zeros_like(q), np.zeros_like(q)
+
+    def signal(self) -> Signal:
+        """The same for integrations in C."""
+        return Signal.constant(self.start)
 
 
 class Spline:
@@ -67,6 +74,10 @@ class Spline:
         q, v, *a = (spline(times) for spline in self._splines)
         return q, np.where(inside, v, 0.0), np.where(inside, a[0], 0.0) if a else np.zeros_like(q)
 
+    def signal(self) -> Signal:
+        """The same for integrations in C."""
+        return spline_signal(self._splines[0])
+
 
 @dataclass(frozen=True)
 class Columns:
@@ -84,3 +95,23 @@ class Columns:
         """Coordinates, rates and accelerations; see ``Program``."""
         q, v, a = (x[..., self.index] for x in self.program.at(t))
         return q, v, a
+
+    def signal(self) -> Signal | None:
+        """The same for integrations in C; None where the program has none."""
+        whole = signal_of(self.program)
+        return None if whole is None else replace(whole, coefficients=whole.coefficients[..., self.index])
+
+
+def signal_of(program: Program) -> Signal | None:
+    """A program as data that C follows; None of one that only Python can ask."""
+    found: Callable[[], Signal | None] | None = getattr(program, "signal", None)
+    return None if found is None else found()
+
+
+def spline_signal(spline: Any, profile: Signal | None = None) -> Signal:
+    """SciPy's spline through points (T, n) as a signal, over time or over the column of a profile."""
+    knots = np.unique(spline.t[spline.k : spline.t.size - spline.k])
+    powers = [spline(knots[:-1])]
+    for power in range(1, spline.k + 1):
+        powers.append(spline.derivative(power)(knots[:-1]) / math.factorial(power))
+    return Signal(knots, np.stack(powers, axis=1), profile)

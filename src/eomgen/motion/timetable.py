@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..forms.tables import Table
 from ..names import listed, show
+from ..runtime.loads import Signal
 from ..shown import Shown
 from .files import read_columns
 
@@ -46,6 +47,13 @@ class TimeTable(Shown):
         part = (t - self.t[i]) / (self.t[i + 1] - self.t[i])
         between: Array = self.values[i] + part * (self.values[i + 1] - self.values[i])
         return between
+
+    def signal(self) -> Signal:
+        """The same for integrations in C."""
+        if self.hold or self.t.size == 1:
+            return Signal(np.append(self.t, self.t[-1] + 1.0), self.values[:, np.newaxis])
+        slopes = np.diff(self.values, axis=0) / np.diff(self.t)[:, np.newaxis]
+        return Signal(self.t, np.stack([self.values[:-1], slopes], axis=1))
 
 
 def inline_table(table: Table, key: str, columns: tuple[str, ...], hold: bool) -> TimeTable:

@@ -13,9 +13,10 @@ from ..errors import ArrayError, InputError, ReachError
 from ..names import show
 from ..optional import optional_import
 from ..runtime.kernel import Kernel
+from ..runtime.loads import Signal
 from .point_to_point import PointToPoint
 from .reaching import Reached, Target, binding, point_text, reach, search, within_limits
-from .splines import Spline
+from .splines import Spline, spline_signal
 from .turns import rotation_matrices, spherical, spherical_spline
 
 Array = NDArray[np.float64]
@@ -124,6 +125,10 @@ class ToolPath:
         s, ds, dds = self.profile.at(t)
         q, by_s, by_ss = (spline(s[..., 0]) for spline in self._splines)
         return q, by_s * ds, by_ss * ds**2 + by_s * dds
+
+    def signal(self) -> Signal:
+        """The same for integrations in C."""
+        return spline_signal(self._splines[0], self.profile.signal())
 
 
 class ToolLine(ToolPath):

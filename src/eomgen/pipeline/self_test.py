@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ..codegen.kernels.signatures import BATCHES, SINGLES
 from ..codegen.samples.stored import MEASURED, STATES, read_samples
 from ..errors import BuildError
-from ..runtime.raw import BATCH, OneLibrary, RawFunction, RawKernel
+from ..runtime.raw import BATCH, FFI, OneLibrary, RawFunction, RawKernel
 from . import cache as store
 from .load import fresh_module, keep_module
 
@@ -185,6 +185,7 @@ class _Examination:
         n, dt = self.samples["q"].shape[1], float(self.samples["dt"])
         library, view = self.libraries.library(rollout.kernel), self.raw.view
         atol = np.full(2 * n, np.finfo(self.raw.dtype).max, self.raw.dtype)
+        times, NULL = FFI.from_buffer("double[]", np.array([0.0, dt])), FFI.NULL
         for method, state in np.ndindex(self.samples[f"{rollout.name} status"].shape):
             u = _filled(self.samples["u"][state])
             drive = library.drive(u=view(u))
@@ -192,11 +193,12 @@ class _Examination:
             for suffix in ("", BATCH):
                 if f"{rollout.name}{suffix}" not in self.known:
                     continue
-                at = [np.ascontiguousarray(self.samples["q"][state]), np.zeros(n, self.raw.dtype)]
+                at = [np.array(self.samples["q"][state]), np.zeros(n, self.raw.dtype)]
                 moved, progress = np.zeros((2, 2 * n), self.raw.dtype), library.new("progress", next=dt)
                 call = rollout.batch if suffix else rollout.code
                 count = (1,) if suffix else ()
-                call(*count, self.h, drive, allowed, dt, 1, int(method), *map(view, (*at, *moved)), progress)
+                how = (times, 1, int(method), *map(view, (*at, *moved)), progress)
+                call(*count, self.h, drive, NULL, allowed, *how, *(() if suffix else (NULL,)))
                 if progress.steps != 1:
                     yield Difference(f"the steps of {rollout.name}{suffix}", STATES[state], 0, progress.steps, 1)
                 yield from self._compared(rollout.name, (int(method), int(state)), moved[:, n:].ravel(), suffix)

@@ -16,10 +16,11 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import ArrayError, InputError, IntegrationStopped, LoopError
 from ..names import show
 from .calls import Calls
+from .loads import LoadData, Packed
 from .many_steps import METHODS as FIXED
 from .opened import stays_open
 from .pieces import OPERATIONS, ROUND, shared
-from .raw import RawFunction
+from .raw import FFI, RawFunction
 from .rollouts import NUMBERS, SHARE, Given, Rollout, count_states, is_number, read_given, room_for, whole_number
 
 Array = NDArray[Any]
@@ -58,7 +59,8 @@ class _Motion:
     stored: q and v, (states, samples + 1, n).
     progress: of every state, in C.
     allowed: rtol, and atol of every number, (2n,).
-    how: time from a sample to the next, s, their number, and the method.
+    times: of the samples, s, (samples + 1,).
+    method: its name.
     """
 
     calls: Calls
@@ -68,7 +70,8 @@ class _Motion:
     progress: Any
     given: Given
     allowed: tuple[float, Array]
-    how: tuple[float, int, str]
+    times: Array
+    method: str
 
     @property
     def single(self) -> bool:
@@ -78,8 +81,8 @@ class _Motion:
     def pieces(self, first: int, last: int) -> Iterator[int]:
         """Go on until these states have ended, a vector of them at a time; yields -1."""
         view, library = self.calls.raw.view, self.function.where(batch=not self.single)
-        interval, samples, method = self.how
-        operations = self.function.operations * STAGES[method]
+        operations = self.function.operations * STAGES[self.method]
+        times = FFI.from_buffer("double[]", self.times)
         pointer = self.calls.parameters.setup.pointer(library)
         rtol, atol = self.allowed
         for begin in range(first, last, ROUND):
@@ -93,10 +96,11 @@ class _Motion:
             most = max(OPERATIONS // (operations * (end - begin)), 1)
             allowed = library.new("tolerance", rtol=rtol, atol=view(atol), most=most)
             arrays = [view(x[begin:end]) for x in (*self.at, *self.stored)]
-            rest = (drive, allowed, interval, samples, METHODS[method], *arrays, self.progress + begin)
+            how = (times, self.times.size - 1, METHODS[self.method])
+            rest = (drive, library.ffi.NULL, allowed, *how, *arrays, self.progress + begin)
             while any(self.progress[i].reason == 0 for i in range(begin, end)):
                 if self.single:
-                    self.function.code(pointer, *rest)
+                    self.function.code(pointer, *rest, library.ffi.NULL)
                 else:
                     self.function.batch(end - begin, pointer, *rest)
                 yield -1
@@ -130,7 +134,7 @@ def adaptive_rollout(
         raise calls.raw.missing("adaptive_rollout")
     count = count_states(q0=q0, v0=v0, u=u, target=target)
     samples = whole_number("samples", 1 if samples is None else samples, NUMBERS // (calls.n * max(count or 1, 1)))
-    interval = _duration(duration) / samples
+    times = np.linspace(0.0, _duration(duration), samples + 1)
     allowed = _tolerances(calls, rtol, atol, function.where(batch=count is not None).meta)
     given = read_given(calls, driven, samples, count, q0=q0, v0=v0, u=u, kp=kp, kd=kd, target=target)
     trouble = given.trouble(calls)
@@ -148,7 +152,8 @@ def adaptive_rollout(
         progress,
         given,
         allowed,
-        (interval, samples, method),
+        times,
+        method,
     )
     shared(motion.pieces, states, min(calls.threads, states // SHARE))
     for state in range(states):
@@ -202,12 +207,8 @@ def _stopped(motion: _Motion, state: int) -> IntegrationStopped:
         SingularError: M cannot be inverted where it ends.
     """
     calls, progress = motion.calls, motion.progress[state]
-    n, where = calls.n, progress.reason - 2
     place = "" if motion.single else f" of state {state}"
-    name = calls.coordinates[where % n] if where < 2 * n else ""
-    what = f"the error of {name}{' is' if where < n else chr(39) + 's rate is'} too great in steps of any length"
-    if where >= 2 * n:
-        what = stays_open(calls.raw, where - 3 * n)
+    what, name = why_ended(calls, progress)
     q, v = (x[state].copy() for x in motion.at)
     _refuse_singular(calls, q)
     message = f"rollout: {what}{place}; it ends at t = {progress.t:.6g} s, after {progress.steps} steps"
@@ -215,6 +216,100 @@ def _stopped(motion: _Motion, state: int) -> IntegrationStopped:
     stored = motion.stored
     stopped.stored = (stored[0][0], stored[1][0]) if motion.single else (stored[0], stored[1])
     return stopped
+
+
+def why_ended(calls: Calls, progress: Any) -> tuple[str, str]:
+    """Why steps ended early, for a message, and the coordinate that shows it, if one does."""
+    n, where = calls.n, progress.reason - 2
+    if where >= 2 * n:
+        return stays_open(calls.raw, where - 3 * n), ""
+    name = calls.coordinates[where % n]
+    what = f"{name}{' is' if where < n else chr(39) + 's rate is'}"
+    return f"the error of {what} too great in steps of any length that leads on", name
+
+
+class Loaded:
+    """One state on its way under loads that are data: each call of ``go`` leads on, to the end or until it cannot.
+
+    Args:
+        calls: of the kernel, with "adaptive_rollout" and what the loads ask for.
+        loads: the data.
+        times: of the samples, s, (T,).
+        q, v: the state at the first time, (n,).
+        method: of METHODS.
+        rtol, atol: tolerances; atol of q, then of v, (2n,).
+        steps_kept: how many steps a call takes at most, whose ends it keeps; none are kept without.
+
+    Attributes:
+        samples: q and v, (2, T, n), as far as ``done`` says.
+        progress: t, steps, rejected, largest, smallest, and the reason why it ended, 0 before.
+        state: q and v that were reached, (2, n).
+    """
+
+    def __init__(
+        self,
+        calls: Calls,
+        loads: LoadData,
+        times: Array,
+        q: Array,
+        v: Array,
+        method: str,
+        rtol: float,
+        atol: Array,
+        steps_kept: int = 0,
+    ) -> None:
+        function = calls.raw.adaptive
+        if function is None:
+            raise calls.raw.missing("adaptive_rollout")
+        library, view = function.library, calls.raw.view
+        self._function, self._setup = function, calls.parameters.setup
+        self._loads = Packed(library, calls, loads)
+        self._times = np.array(times, dtype=np.float64)
+        self.state = np.array([q, v], dtype=calls.dtype)
+        self.samples = np.full((2, self._times.size, calls.n), np.nan, calls.dtype)
+        self._atol, self._nothing = np.array(atol, dtype=calls.dtype), np.zeros(calls.n, calls.dtype)
+        most = max(OPERATIONS // (function.operations * STAGES[method]), 1)
+        self._allowed = library.new("tolerance", rtol=rtol, atol=view(self._atol), most=most)
+        self._drive = library.drive(u=view(self._nothing))
+        self.progress = library.new("progress")
+        self._view, self._record = view, library.ffi.NULL
+        self._kept = [np.zeros(steps_kept), *(np.zeros((steps_kept, calls.n), calls.dtype) for _ in range(2))]
+        if steps_kept:
+            t, q_kept, v_kept = self._kept
+            fields = {"t": FFI.from_buffer("double[]", t), "q": view(q_kept), "v": view(v_kept)}
+            self._record = library.new("record", **fields, room=steps_kept)
+        self._arguments = (
+            self._setup.pointer(library),
+            self._drive,
+            self._loads.pointer,
+            self._allowed,
+            FFI.from_buffer("double[]", self._times),
+            self._times.size - 1,
+            METHODS[method],
+            *map(view, (*self.state, *self.samples)),
+            self.progress,
+            self._record,
+        )
+
+    @property
+    def done(self) -> int:
+        """How many samples are there."""
+        return min(max(int(self.progress.sample), 1), self._times.size)
+
+    def go(self) -> tuple[Array, Array, Array]:
+        """Go on for one call; times, s, (k,), and q and v, (k, n), at the ends of its steps, if they are kept."""
+        if self._record:
+            self._record.count = 0
+        self._function.code(*self._arguments)
+        count = int(self._record.count) if self._record else 0
+        t, q, v = (x[:count].copy() for x in self._kept)
+        return t, q, v
+
+    def drives(self, times: Array, q: Array, v: Array) -> Array:
+        """u at times in states, (T, n); prescribed coordinates have their accelerations there, and are put in place."""
+        function, u = self._function.library.function("loaded"), np.zeros_like(q)
+        function(len(times), self._loads.pointer, FFI.from_buffer("double[]", times), *map(self._view, (q, v, u)))
+        return u
 
 
 def _refuse_singular(calls: Calls, q: Array) -> None:

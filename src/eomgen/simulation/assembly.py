@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..integration.solve import EXPLICIT, method_of
+from ..integration.solve import EXPLICIT, IN_C, method_of
 from ..motion.point_to_point import Program
 from ..motion.splines import Standstill
 from ..motion.timetable import TimeTable
@@ -26,7 +26,7 @@ from ..robot.value import PRINCIPAL, Robot
 from ..runtime.kernel import Kernel
 from ..scenario.value import Scenario, Section
 from ..state.motors import shafts
-from .controls import ComputedTorque, Control, JointPD, MotionOverTime, NoControl, TableTorque, actuators
+from .controls import AtJoints, ComputedTorque, Control, JointPD, NoControl, TableTorque, actuators
 from .loads import Wrenches, check_loads, with_payload_parameters
 from .mechanism import Mechanism, Path, mechanism_of
 from .programs import PrescribedMotion, make_program
@@ -157,6 +157,9 @@ def _kernel(robot: Robot, scenario: Scenario, kernels: tuple[str, ...] | None, r
 
 def _begin(ahead: Ahead, kernel: Kernel, kernels: tuple[str, ...]) -> None:
     """Begin to build what the integrator will call; Python works on what is longest while a compiler works already."""
+    if "adaptive_rollout" in kernels:
+        kernel.raw.libraries.about("adaptive_rollout")  # which derives it
+        ahead.build(kernel, "adaptive_rollout")
     ahead.build(kernel, "mass_matrix")
     if "residual_jacobian" in kernels:
         kernel.raw.libraries.about("residual_jacobian")  # which derives it
@@ -179,11 +182,22 @@ def _refuse_undriven(robot: Robot, moved: tuple[str, ...]) -> None:
 
 def kernels_of(robot: Robot, scenario: Scenario) -> tuple[str, ...]:
     """Names of the kernels that the scenario's integrator calls."""
-    explicit = method_of(scenario.integrator.method, _may_be_stiff(robot)) in EXPLICIT
+    method = method_of(scenario.integrator.method, _may_be_stiff(robot), in_c=_may_run_in_c(robot, scenario))
+    own = ("adaptive_rollout",) if method in IN_C else ()
     closing = mechanism_kernels(robot)
     if closing:
-        return (*closing, *CLOSED_KERNELS)
-    return KERNELS if explicit else IMPLICIT_KERNELS
+        return (*closing, *CLOSED_KERNELS, *own)
+    return (*KERNELS, *own) if method in EXPLICIT or own else IMPLICIT_KERNELS
+
+
+def _may_run_in_c(robot: Robot, scenario: Scenario) -> bool:
+    """Whether the kernel's own C can integrate the scenario, see ``integration.compiled.why_not``."""
+    if build_model(robot).turning or (scenario.motion is not None and scenario.motion.type == "program"):
+        return False
+    if not robot.is_closed:
+        return True
+    control = scenario.control or Section("none" if scenario.motion is None else "computed_torque")
+    return control.type != "computed_torque" and not control.get("gravity", False)
 
 
 def with_kernel(assembly: Assembly, robot: Robot, scenario: Scenario, kernel: Kernel) -> Assembly:
@@ -270,18 +284,14 @@ def _torque(robot: Robot, scenario: Scenario, table: TimeTable, kernel: Kernel) 
     return TableTorque(table, index_of(kernel.coordinates, [places[name] for name in table.columns]))
 
 
-def _at_joints(kernel: Kernel, rigid: Kernel, prescribed: PrescribedMotion) -> MotionOverTime:
+def _at_joints(kernel: Kernel, rigid: Kernel, prescribed: PrescribedMotion) -> AtJoints:
     """The motion of the rigid robot's prescribed coordinates; that of a prescribed motor over its ratio."""
     motors = shafts(kernel)
     names = [name if name in kernel.prescribed else motors[name] for name in rigid.prescribed]
     index = [kernel.prescribed.index(name) for name in names]
     ratio = np.array([kernel.ratio(name) if name in kernel.motors else 1.0 for name in names])
 
-    def motion(t: float) -> tuple[Array, Array, Array]:
-        q, v, a = (x[index] / ratio for x in prescribed(t))
-        return q, v, a
-
-    return motion
+    return AtJoints(prescribed, np.array(index, dtype=np.intp), ratio)
 
 
 def _gains(

@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..motion.point_to_point import Program
-from ..motion.splines import Standstill
+from ..motion.splines import Standstill, signal_of
 from ..motion.timetable import TimeTable
 from ..robot.coordinates import index_of
 from ..runtime.kernel import Kernel
+from ..runtime.loads import DriveData, Gains, ModelDrive, Track
 from ..state.motors import shafts
 from ..state.vectors import prescribed_mask
 from .mechanism import Mechanism
@@ -35,6 +36,9 @@ class Control(Protocol):
     def resting(self) -> Control:
         """The drives whose program stays where it begins: those of the equilibrium at the start."""
 
+    def data(self) -> DriveData | None:
+        """The same for integrations in C; None where only Python knows it."""
+
 
 @dataclass(frozen=True, eq=False)
 class NoControl:
@@ -47,6 +51,9 @@ class NoControl:
 
     def resting(self) -> Control:
         return self
+
+    def data(self) -> DriveData:
+        return DriveData()
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +71,9 @@ class TableTorque:
 
     def resting(self) -> Control:
         return self
+
+    def data(self) -> DriveData:
+        return DriveData(torque=Track(self.table.signal(), self.index))
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,11 +98,16 @@ class Actuators:
         u[..., self.index] = joint / self.ratio
         return u
 
+    @property
+    def ratios(self) -> Array:
+        """Ratio of every gear, (m,)."""
+        return np.broadcast_to(self.ratio, self.index.shape).astype(np.float64)
+
 
 def actuators(kernel: Kernel, names: Sequence[str]) -> Actuators:
     """Actuators of principal coordinates, in the order of their names."""
     motors = shafts(kernel)
-    index = index_of(kernel.coordinates, [motors.get(name, name) for name in names])
+    index = np.asarray(index_of(kernel.coordinates, [motors.get(name, name) for name in names]), dtype=np.intp)
     ratios = [kernel.ratio(motors[name]) if name in motors else 1.0 for name in names]
     return Actuators(index, np.array(ratios) if motors else 1.0)
 
@@ -140,9 +155,41 @@ class ComputedTorque:
         forces = self.rigid.inverse_dynamics if self.mechanism is None else self.mechanism.forces
         return self.actuators.torques(np.where(driven, forces(q_m, v_m, a), 0.0), q)
 
+    def data(self) -> DriveData | None:
+        """The same for integrations in C; None of a mechanism with loops, or a program that only Python can ask."""
+        signal = signal_of(self.motion)
+        if signal is None or self.mechanism is not None or not isinstance(self.prescribed, AtJoints | None):
+            return None
+        driven, place, ratio = self._driven, self.actuators.index, self.actuators.ratios
+        column, given = np.full(driven.size, -1), np.full(driven.size, -1)
+        column[driven] = np.arange(int(driven.sum()))
+        if self.prescribed is not None:
+            given[~driven] = self.prescribed.index
+        model = ModelDrive(self.rigid.calls, place, ratio, column, given, self.bandwidth)
+        return DriveData(program=Track(signal, place[driven]), ratio=ratio[driven], model=model)
+
     def resting(self) -> Control:
         still = None if self.prescribed is None else _stopped(self.prescribed)
         return replace(self, motion=Standstill(self.motion.start), prescribed=still)
+
+
+@dataclass(frozen=True, eq=False)
+class AtJoints:
+    """The motion of a rigid robot's prescribed coordinates, by that of the robot's; t -> (q, v, a).
+
+    Attributes:
+        prescribed: motion of the robot's prescribed coordinates.
+        index: places among those, of the rigid robot's, (m,).
+        ratio: of the gears in front of them, (m,).
+    """
+
+    prescribed: MotionOverTime
+    index: Index
+    ratio: Array
+
+    def __call__(self, t: float) -> tuple[Array, Array, Array]:
+        q, v, a = (x[self.index] / self.ratio for x in self.prescribed(t))
+        return q, v, a
 
 
 def _stopped(prescribed: MotionOverTime) -> MotionOverTime:
@@ -188,6 +235,18 @@ class JointPD:
             held = np.where(prescribed_mask(self.rigid), 0.0, forces(q_m, zero, zero))
             u += self.rigid_actuators.torques(held, q)
         return u
+
+    def data(self) -> DriveData | None:
+        """The same for integrations in C; None of a mechanism with loops, or a program that only Python can ask."""
+        signal = signal_of(self.motion)
+        if signal is None or self.mechanism is not None:
+            return None
+        program, model = Track(signal, self.actuators.index), None
+        if self.rigid is not None and self.rigid_actuators is not None:
+            nothing, place = np.full(self.rigid.n, -1), self.rigid_actuators.index
+            given = np.where(prescribed_mask(self.rigid), 0, -1)
+            model = ModelDrive(self.rigid.calls, place, self.rigid_actuators.ratios, nothing, given, None)
+        return DriveData(None, program, self.actuators.ratios, Gains(self.kp, self.kd), model)
 
     def resting(self) -> Control:
         return replace(self, motion=Standstill(self.motion.start))

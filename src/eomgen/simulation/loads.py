@@ -11,6 +11,7 @@ from ..names import nearest, parameter_name, show
 from ..robot.model import build_model
 from ..robot.value import INERTIA_KEYS, Link, Robot
 from ..runtime.kernel import Kernel
+from ..runtime.loads import LinkWrench
 from ..scenario.value import Scenario, Wrench
 
 Array = NDArray[np.float64]
@@ -48,6 +49,15 @@ class Wrenches:
             if wrench.t0 <= t and (wrench.t1 is None or t < wrench.t1):
                 total[self._kernel.links.index(wrench.link)] += self._of(wrench, t, q)
         return total
+
+    def data(self) -> list[LinkWrench]:
+        """The same for integrations in C, about centres of mass as they are with the parameters of now."""
+        return [self._data_of(wrench) for wrench in self._wrenches]
+
+    def _data_of(self, wrench: Wrench) -> LinkWrench:
+        arm = np.zeros(3) if wrench.point is None else np.array(wrench.point) - self._center(wrench.link)
+        link, until = self._kernel.links.index(wrench.link), np.inf if wrench.t1 is None else wrench.t1
+        return LinkWrench(link, wrench.table.signal(), arm, wrench.t0, until, wrench.axes == "link")
 
     def _of(self, wrench: Wrench, t: float, q: Array) -> Array:
         row = wrench.table.at(t)

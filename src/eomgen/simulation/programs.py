@@ -20,6 +20,7 @@ from ..robot.coordinates import coordinate_names
 from ..robot.geometry import Vector, rotation_from_rpy
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
+from ..runtime.loads import Track, Waves
 from ..scenario.value import Scenario, Section
 
 Array = NDArray[np.float64]
@@ -71,6 +72,12 @@ class PrescribedMotion:
         for spline, here, _ in self._splines:
             q[here], v[here], a[here] = spline.at(t)
         return q, v, a
+
+    def data(self) -> Waves:
+        """The same for integrations in C."""
+        amplitude, frequency, phase, offset = self._numbers
+        wave = np.stack([amplitude, 2.0 * np.pi * frequency, phase, offset], axis=1)
+        return Waves(wave, [Track(spline.signal(), np.array(here)) for spline, here, _ in self._splines])
 
 
 def _check_covers(scenario: Scenario, key: str, motion: MeasuredMotion) -> None:

@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 from .._version import __version__
 from ..description import RobotLike, as_robot
 from ..errors import InputError, IntegrationStopped
-from ..integration.solve import method_of, why_stiff
+from ..integration.compiled import why_not
+from ..integration.solve import EXPLICIT, explained_method, method_of
 from ..integration.steps import output_times
 from ..motion.ends import Point
 from ..motion.point_to_point import Program
@@ -89,7 +90,7 @@ def simulate(
         raise InputError(f"bandwidth: {bandwidth!r} rad/s; a finite number greater than 0 is allowed")
     if not (np.isfinite(duration) and duration > 0.0):
         raise InputError(f"duration: {duration!r} s; a finite time greater than 0 is allowed")
-    method_of(method, stiff=False)  # an unknown one is refused before anything is built
+    method_of(method, stiff=False, in_c=True)  # an unknown one is refused before anything is built
     if motion is not None and (start is not None or goal is not None):
         raise InputError("motion is given together with start or goal; allowed: one of them")
     ends = {key: value for key, value in (("start", start), ("goal", goal)) if value is not None}
@@ -151,8 +152,8 @@ def run_assembly(
     samples = output_times(scenario.duration, scenario.output_step).size
     opened = None if stream is None else MotionStream(stream, kernel.coordinates, samples, about)
     asked = scenario.integrator.method
-    reason = why_stiff(kernel, q0, scenario.duration) if asked == "auto" else ""
-    method = method_of(asked, bool(reason))
+    slow = why_not(kernel, loads.drive, loads.wrench, loads.prescribed)
+    method, reason = explained_method(kernel, asked, q0, scenario.duration, scenario.integrator.rtol, slow)
     found = run_segments(kernel, robot, scenario, loads, q0, v0, report, opened, method=method)
     t, q = found.trajectory.t, found.trajectory.q
     driven = index_of(kernel.coordinates, assembly.driven)
@@ -166,7 +167,7 @@ def run_assembly(
     elif kernel.constraints:
         rigid_q = q
     notes = [
-        *_method_note(asked, method, reason),
+        *_method_note(method, reason),
         *_assumptions(robot, loose, scenario, assembly.program is not None),
         *_beyond_stops(kernel, q0),
         found.balance.note(),
@@ -212,13 +213,13 @@ def _stop_record(stop: IntegrationStopped) -> dict[str, Any]:
     return {"reason": str(stop), "t": stop.t, "coordinate": stop.coordinate, **state}
 
 
-def _method_note(asked: str, taken: str, reason: str) -> tuple[str, ...]:
-    """A line about what "auto" came to, and why."""
-    if asked == taken:
-        return ()
+def _method_note(taken: str, reason: str) -> tuple[str, ...]:
+    """A line about what "auto" came to, and why; none where a method was asked for."""
     if not reason:
-        return (f"method: {taken} (explicit), because nothing has a stiffness, nor stiff dampers or friction",)
-    return (f"method: {taken} (implicit), because {reason}; its steps follow the motion, not the fastest spring",)
+        return ()
+    if taken in EXPLICIT:
+        return (f"method: {taken} (explicit), {reason}",)
+    return (f"method: {taken} (implicit), {reason}; its steps follow the motion, not the fastest spring",)
 
 
 def _assumptions(robot: Robot, loose: tuple[str, ...], scenario: Scenario, programmed: bool) -> tuple[str, ...]:

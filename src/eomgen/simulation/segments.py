@@ -66,7 +66,10 @@ class SegmentedMotion:
 
 @dataclass(frozen=True)
 class _Between:
-    """A function of time and state that sees times between two bounds only, so that it does not see a jump there."""
+    """A function of time and state that sees times between two bounds only, so that it does not see a jump there.
+
+    As data it is the function's, with these bounds beside it.
+    """
 
     function: Function
     first: float
@@ -75,6 +78,11 @@ class _Between:
 
     def __call__(self, t: float, q: Array, v: Array) -> Array:
         return self.function(min(max(t, self.first), self.last), q, v)
+
+    def data(self) -> Any:
+        """The function's data for integrations in C; None where only Python knows it."""
+        found: Callable[[], Any] | None = getattr(self.function, "data", None)
+        return None if found is None else found()
 
 
 def run_segments(

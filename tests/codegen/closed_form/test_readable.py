@@ -11,8 +11,8 @@ from matplotlib.mathtext import MathTextParser
 
 import eomgen
 from eomgen.cli import entry as cli
-from eomgen.codegen.closed_form.closing import Rank
 from eomgen.codegen.closed_form.readable import ReadableClosedForm, readable_closed_form, simplified
+from eomgen.codegen.kernels.constraint_rows import Rank
 from eomgen.robot.model import build_model
 from tests.loops.test_elastic_cuts import coupled, linkages
 from tests.oracles.paper_example import equal

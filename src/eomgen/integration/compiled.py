@@ -1,0 +1,133 @@
+"""Integration by the C of a kernel, steps that the error controls, loads that are data: no Python in between."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import EomgenError, IntegrationStopped
+from ..progress import Progress
+from ..runtime.adaptive import DONE, STAGES, Loaded, why_ended
+from ..runtime.kernel import Kernel
+from ..runtime.loads import DriveData, LinkWrench, LoadData, Signal
+from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction
+from .contacts import ContactWatch
+from .steps import Samples
+from .system import System
+
+Array = NDArray[np.float64]
+
+METHODS = tuple(STAGES)
+KEPT = 1024  # steps of a call in which contacts are looked for
+
+
+def why_not(
+    kernel: Kernel,
+    drive: DriveFunction | None = None,
+    wrench: WrenchFunction | ArrayLike | None = None,
+    prescribed: MotionFunction | None = None,
+) -> str:
+    """What a motion lacks to be integrated by the kernel's C, in words; empty where nothing is missing."""
+    if kernel.raw.adaptive is None:
+        return "the kernel was built without adaptive_rollout"
+    if kernel.dtype != np.float64:
+        return f"the kernel is {kernel.dtype}"
+    if kernel.raw.turning:
+        return f"{', '.join(kernel.raw.turning)} turns freely"
+    for label, function in (("drive", drive), ("wrench", wrench), ("prescribed", prescribed)):
+        if callable(function) and _data(function) is None:
+            return f"the {label} is a function that only Python can call"
+    return ""
+
+
+def data_of(
+    kernel: Kernel,
+    drive: DriveFunction | None,
+    wrench: WrenchFunction | ArrayLike | None,
+    prescribed: MotionFunction | None,
+) -> LoadData:
+    """Loads as data; ``why_not`` says where they are not."""
+    found = DriveData() if drive is None else _data(drive)
+    wrenches = _data(wrench) if callable(wrench) else _constant(kernel, wrench)
+    spans = [(getattr(x, "first", -np.inf), getattr(x, "last", np.inf)) for x in (drive, wrench)]
+    first, last = max(x for x, _ in spans), min(x for _, x in spans)
+    return LoadData(found, wrenches, None if prescribed is None else _data(prescribed), first, last)
+
+
+def _data(function: Any) -> Any:
+    """The data of a function that has some, else None."""
+    found: Callable[[], Any] | None = getattr(function, "data", None)
+    return None if found is None else found()
+
+
+def _constant(kernel: Kernel, wrench: ArrayLike | None) -> list[LinkWrench]:
+    """Wrenches that stay what they are, of links that have one."""
+    if wrench is None:
+        return []
+    rows = np.asarray(wrench, dtype=np.float64).reshape(len(kernel.links), 6)
+    return [LinkWrench(link, Signal.constant(row)) for link, row in enumerate(rows) if row.any()]
+
+
+def compiled_states(
+    system: System,
+    loads: LoadData,
+    samples: Samples,
+    method: str,
+    rtol: float,
+    atol: Array,
+    report: Progress,
+    watch: ContactWatch,
+) -> Loaded:
+    """Fill the samples from the first of them, and return what integrated them, which knows the drives at each.
+
+    Raises:
+        IntegrationStopped: the motion ends early.
+    """
+    kernel, n = system.kernel, system.n
+    q, v = samples.states[0, :n], samples.states[0, n:]
+    kept = KEPT if len(watch) else 0
+    motion = Loaded(kernel.calls, loads, samples.times, q, v, method, rtol, np.maximum(atol, 1e-30), kept)
+    at, before, progress = float(samples.times[0]), samples.states[0], motion.progress
+    while progress.reason == 0:
+        times, q_steps, v_steps = motion.go()
+        if times.size:
+            watch.find_all(np.append(at, times), np.vstack([before, np.hstack([q_steps, v_steps])]))
+            at, before = float(times[-1]), np.concatenate([q_steps[-1], v_steps[-1]])
+        if motion.done > samples.done:
+            samples.take(np.hstack(list(motion.samples[:, samples.done : motion.done])))
+        system.counts |= {
+            "steps": int(progress.steps),
+            "evaluations": STAGES[method] * int(progress.steps + progress.rejected),
+            "rejected": int(progress.rejected),
+        }
+        report(float(progress.t), f"t = {progress.t:.3f} s, {method}, {progress.steps} steps")
+    if progress.reason != DONE:
+        raise _stopped(system, motion, method)
+    return motion
+
+
+def _stopped(system: System, motion: Loaded, method: str) -> IntegrationStopped:
+    """The error that says where and why steps ended; that of the first state itself where nothing led on.
+
+    Raises:
+        EomgenError: the first state cannot move.
+    """
+    kernel, progress = system.kernel, motion.progress
+    t, (q, v) = float(progress.t), (x.copy() for x in motion.state)
+    what, name = why_ended(kernel.calls, progress)
+    trouble: Exception | None = None
+    try:
+        u, wrench = system.drives(t, q, v), system.wrench(t, q, v)
+        if "forward_dynamics" in kernel.operations:
+            kernel.forward_dynamics(q, v, u, wrench=wrench)
+    except (EomgenError, ValueError, ArithmeticError) as error:
+        trouble = error
+        if not progress.steps:
+            raise
+    where = f"{kernel.name}, t = {t:.6g} s: {method} cannot go on: {what}"
+    found = IntegrationStopped(f"{where}; {trouble}" if trouble else where, t, q, v, name)
+    found.__cause__ = trouble
+    return found

@@ -1,0 +1,45 @@
+"""Drives that stay what they are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..runtime.kernel import Kernel
+from ..runtime.loads import DriveData, Signal, Track
+from ..state.vectors import DriveFunction, state_vector
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """Forces u, (n,), N or N m, at any time and in any state; a drive as ``integrate`` takes it."""
+
+    u: Array
+    batched = True
+
+    def __call__(self, t: float, q: Array, v: Array) -> Array:
+        return np.broadcast_to(self.u, q.shape).copy()
+
+    def slopes(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
+        """Derivatives by q and v, (n, n) each: zero."""
+        nothing = np.zeros((q.size, q.size))
+        return nothing, nothing
+
+    def data(self) -> DriveData:
+        """The same for integrations in C."""
+        return DriveData(torque=Track(Signal.constant(self.u), np.arange(self.u.size)))
+
+
+def drive_of(kernel: Kernel, drive: DriveFunction | ArrayLike | None) -> DriveFunction | None:
+    """A drive that is given as a function, as forces that stay, (n,), or not at all.
+
+    Raises:
+        ArrayError: forces that are not finite, or not as many as there are coordinates.
+    """
+    if drive is None or callable(drive):
+        return drive
+    return Held(state_vector("drive", drive, kernel.coordinates))

@@ -1,0 +1,268 @@
+"""Loads over time as data that the C of a kernel follows: signals, drives by a program, wrenches, prescribed motions.
+
+A generated package carries a copy of this file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .calls import Calls
+from .raw import FFI, Library
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class Signal:
+    """Columns over time: polynomials of t - knots[k] between knots[k] and knots[k + 1]; they rest outside.
+
+    Attributes:
+        knots: (pieces + 1,), s, increasing.
+        coefficients: (pieces, degree + 1, columns), of rising powers.
+        profile: a signal of one column that stands in the place of time, or None.
+    """
+
+    knots: Array
+    coefficients: Array
+    profile: Signal | None = None
+
+    @classmethod
+    def constant(cls, values: ArrayLike) -> Signal:
+        """Columns that stay what they are, (columns,)."""
+        return cls(np.array([0.0, 1.0]), np.array(values, dtype=np.float64).reshape(1, 1, -1))
+
+    @property
+    def columns(self) -> int:
+        """Number of columns."""
+        return int(self.coefficients.shape[2])
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """A signal whose columns are those of the coordinates at ``place``, (columns,)."""
+
+    signal: Signal
+    place: Index
+
+
+@dataclass(frozen=True, eq=False)
+class Gains:
+    """kp and kd of a program's columns, (m,) each, of joints: kp (program - q / ratio) + kd (its rate - v / ratio)."""
+
+    kp: Array
+    kd: Array
+
+
+@dataclass(frozen=True, eq=False)
+class ModelDrive:
+    """Drives by the inverse dynamics of a rigid robot, of float64.
+
+    Attributes:
+        calls: of its kernel; the model has no loops.
+        place: its coordinates among those of the robot, or of the motors in front of them, (size,).
+        ratio: of the gears in between, (size,).
+        column: of the program that drives each of them, or -1.
+        given: which of the prescribed motions each follows, or -1.
+        bandwidth: with which errors die out, rad/s; None where it holds against gravity and no more.
+    """
+
+    calls: Calls
+    place: Index
+    ratio: Array
+    column: Index
+    given: Index
+    bandwidth: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class Waves:
+    """Prescribed motions, of coordinates in the order of ``Kernel.prescribed``, m of them.
+
+    Attributes:
+        wave: amplitude, angular frequency (rad/s), phase (rad) and offset, (m, 4): offset + amplitude sin(w t + phase).
+        tracks: signals that stand in their places; ``place`` is among the m.
+    """
+
+    wave: Array
+    tracks: Sequence[Track] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class LinkWrench:
+    """Force (N) and moment (N m) on a link's centre of mass over time: a signal of six columns.
+
+    Attributes:
+        link: its place in ``Kernel.links``.
+        signal: in the base's axes, or in the link's where it ``turns``.
+        arm: from the centre of mass to where the force acts, (3,), m, in the link's axes.
+        t0, t1: s, from when on and until when.
+    """
+
+    link: int
+    signal: Signal
+    arm: Array = field(default_factory=lambda: np.zeros(3))
+    t0: float = -np.inf
+    t1: float = np.inf
+    turns: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class DriveData:
+    """Drives as data: forces over time, or a program that gains, a model, or both follow.
+
+    Attributes:
+        torque: forces, N or N m, by coordinate.
+        program: of driven coordinates, m or rad at the joint, or None.
+        ratio: of the gears between these and the coordinates at ``program.place``, (m,).
+        gains, model: what follows the program.
+    """
+
+    torque: Track | None = None
+    program: Track | None = None
+    ratio: Array | None = None
+    gains: Gains | None = None
+    model: ModelDrive | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class LoadData:
+    """Everything that acts on a robot over time.
+
+    Attributes:
+        drive: of its drives.
+        wrenches: on its links.
+        given: motions of its prescribed coordinates, or None.
+        first, last: times, s, between which drives and wrenches are asked: what jumps at either is not seen.
+    """
+
+    drive: DriveData = field(default_factory=DriveData)
+    wrenches: Sequence[LinkWrench] = ()
+    given: Waves | None = None
+    first: float = -np.inf
+    last: float = np.inf
+
+
+class Packed:
+    """Loads as C takes them; whatever it points to lives as long as this object.
+
+    Args:
+        library: of the function that reads them.
+        calls: of the robot's kernel, with "frame_pose" and "external_force" where there are wrenches.
+        loads: the data.
+
+    Attributes:
+        pointer: to ``NAME_loads``.
+    """
+
+    def __init__(self, library: Library, calls: Calls, loads: LoadData) -> None:
+        self._library, self._calls, self._kept = library, calls, list[Any]()
+        drive, fields = loads.drive, dict[str, Any](first=loads.first, last=loads.last)
+        if drive.torque is not None:
+            fields["torque"] = self._new("track", **self._track(drive.torque))
+        if drive.program is not None:
+            fields["control"] = self._control(drive)
+        if drive.model is not None:
+            fields["model"] = self._model(drive.model)
+        if loads.given is not None:
+            fields["given"] = self._given(loads.given)
+        if loads.wrenches:
+            fields |= self._wrenches(loads.wrenches)
+        self.pointer = self._new("loads", **fields)
+
+    def _new(self, kind: str, **fields: Any) -> Any:
+        found = self._library.new(kind, **fields)
+        self._kept.append(found)
+        return found
+
+    def _numbers(self, values: ArrayLike) -> Any:
+        """Pointer to numbers of double precision."""
+        found = FFI.from_buffer("double[]", np.array(values, dtype=np.float64).ravel())
+        self._kept.append(found)
+        return found
+
+    def _places(self, values: ArrayLike) -> Any:
+        """Pointer to whole numbers."""
+        found = FFI.from_buffer("int[]", np.array(values, dtype=np.intc).ravel())
+        self._kept.append(found)
+        return found
+
+    def _signal(self, signal: Signal) -> Any:
+        pieces, powers, columns = signal.coefficients.shape
+        return self._new(
+            "signal",
+            knot=self._numbers(signal.knots),
+            coefficient=self._numbers(signal.coefficients),
+            profile=self._library.ffi.NULL if signal.profile is None else self._signal(signal.profile),
+            pieces=pieces,
+            degree=powers - 1,
+            columns=columns,
+        )
+
+    def _track(self, track: Track) -> dict[str, Any]:
+        return {"signal": self._signal(track.signal), "place": self._places(track.place)}
+
+    def _control(self, drive: DriveData) -> Any:
+        assert drive.program is not None
+        ratio = np.ones(drive.program.signal.columns) if drive.ratio is None else drive.ratio
+        fields = {"program": self._track(drive.program), "ratio": self._numbers(ratio)}
+        if drive.gains is not None:
+            fields |= {"kp": self._numbers(drive.gains.kp), "kd": self._numbers(drive.gains.kd)}
+        return self._new("control", **fields)
+
+    def _model(self, model: ModelDrive) -> Any:
+        code, h = self._function(model.calls, "inverse_dynamics")
+        return self._new(
+            "model",
+            inverse_dynamics=code,
+            h=h,
+            place=self._places(model.place),
+            ratio=self._numbers(model.ratio),
+            column=self._places(model.column),
+            given=self._places(model.given),
+            bandwidth=model.bandwidth or 0.0,
+            size=len(model.place),
+            holds=model.bandwidth is None,
+        )
+
+    def _given(self, given: Waves) -> Any:
+        own = self._library.new_array("track", max(len(given.tracks), 1))
+        self._kept.append(own)
+        for k, track in enumerate(given.tracks):
+            fields = self._track(track)
+            own[k].signal, own[k].place = fields["signal"], fields["place"]
+        places = [self._calls.coordinates.index(name) for name in self._calls.prescribed]
+        wave, count = self._numbers(given.wave), len(given.tracks)
+        return self._new("given", place=self._places(places), wave=wave, tracks=own, size=len(places), count=count)
+
+    def _wrenches(self, wrenches: Sequence[LinkWrench]) -> dict[str, Any]:
+        meta = self._calls.raw.libraries.meta
+        own = self._library.new_array("wrench", len(wrenches))
+        self._kept.append(own)
+        for k, wrench in enumerate(wrenches):
+            framed = wrench.turns or bool(np.any(wrench.arm))
+            frame = list(meta["frames"]).index(meta["links"][wrench.link]) if framed else -1
+            own[k].signal, own[k].t0, own[k].t1 = self._signal(wrench.signal), wrench.t0, wrench.t1
+            own[k].arm = list(wrench.arm)
+            own[k].link, own[k].frame, own[k].turns = wrench.link, frame, wrench.turns
+        fields: dict[str, Any] = {"wrench": own, "wrenches": len(wrenches)}
+        fields["external_force"], fields["force_h"] = self._function(self._calls, "external_force")
+        if any(own[k].frame >= 0 for k in range(len(wrenches))):
+            fields["frame_pose"], fields["frame_h"] = self._function(self._calls, "frame_pose")
+        return fields
+
+    def _function(self, calls: Calls, name: str) -> tuple[Any, Any]:
+        """Code of a kernel's function as C of this library takes it, and what that reads of parameters."""
+        function, setup = calls.raw.function(name), calls.parameters.setup
+        self._kept.append(setup)
+        ffi, own = self._library.ffi, function.library
+        number = {"float64": "double", "float32": "float"}[str(calls.dtype)]
+        arguments = "int, " if function.is_framed else f"const {number} *, " * (len(function.reads) - 1)
+        kind = f"int (*)(const {number} *, const {number} *, {arguments}{number} *)"
+        return ffi.cast(kind, function.address()), ffi.cast(f"const {number} *", setup.address(own))
