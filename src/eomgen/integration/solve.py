@@ -79,8 +79,9 @@ def integrate(
         drive, wrench, prescribed: functions, as below.  They are data where they have a method ``data`` that gives
             what ``eomgen.runtime.loads`` calls so, as those of scenarios, ``Harmonic`` and wrenches that stay.
         drive: (t, q, v) -> u, (n,), N or N m, or that u where it stays; none if not given.  With an attribute
-            ``batched`` that is true it is called with q and v of shape (N, n), too, and returns (N, n).  With a method ``slopes``, (t, q, v) ->
-            (du/dq, du/dv), (n, n) each, implicit methods take these instead of finite differences of it.
+            ``batched`` that is true it is called with q and v of shape (N, n), too, and returns (N, n).  With a method
+            ``slopes``, (t, q, v) -> (du/dq, du/dv), (n, n) each, implicit methods take these instead of finite
+            differences of it.
         wrench: (links, 6) as in the kernel's methods, or (t, q, v) -> that.
         prescribed: t -> (q, v, a) of the prescribed coordinates, (m,) each, in the order of ``kernel.prescribed``
             (``eomgen.motion.Harmonic``, say); v and a must be the derivatives of q.  What q0, v0 and drive say of them

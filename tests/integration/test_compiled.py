@@ -1,0 +1,235 @@
+"""Integrations in C by loads that are data, beside the same loads in Python and SciPy's methods."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import eomgen
+from eomgen import InputError, SingularError
+from eomgen.integration.compiled import METHODS, data_of, why_not
+from eomgen.integration.solve import integrate
+from eomgen.motion.point_to_point import Harmonic, PointToPoint
+from eomgen.motion.splines import Columns, Spline, Standstill, signal_of
+from eomgen.motion.timetable import TimeTable
+from eomgen.progress import no_progress
+from eomgen.robot.model import tool_of
+from eomgen.runtime.adaptive import Loaded
+from eomgen.runtime.loads import Signal
+from eomgen.scenario.load import scenario_from_toml
+from eomgen.simulation.assembly import Assembly, assemble
+from eomgen.simulation.run import run_scenario
+from tests.support.builds import Build
+from tests.support.swinging import NEEDED, oscillator
+
+DRIVES = {
+    "computed_torque": "",
+    "pd": "[control]\ntype = 'pd'\nkp = 50.0\nkd = 5.0\n",
+    "pd_gravity": "[control]\ntype = 'pd'\nkp = 50.0\nkd = 5.0\ngravity = true\n",
+    "via": "[motion]\ntype = 'via'\nspeed = 0.5\npoints = [{ JOINT = 0.1 }, { JOINT = 0.3 }]\n",
+}
+PUSH = """
+[[wrenches]]
+link = "{link}"
+axes = "{axes}"
+point = [0.05, -0.02, 0.1]
+t0 = 0.03
+t1 = 0.07
+rows = [[0.0, 1.0, -2.0, 3.0, 0.1, 0.2, -0.3], [0.05, 4.0, 2.0, 1.0, 0.0, 0.1, 0.2], [0.08, 0, 0, 0, 0, 0, 0]]
+"""
+
+
+def polynomial(signal: Signal, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A signal without a profile as NumPy's polynomials say it."""
+    k = int(np.clip(np.searchsorted(signal.knots, t, side="right") - 1, 0, len(signal.knots) - 2))
+    pieces = [np.polynomial.Polynomial(column) for column in signal.coefficients[k].T]
+    x = np.clip(t, signal.knots[0], signal.knots[-1]) - signal.knots[k]
+    inside = signal.knots[0] <= t <= signal.knots[-1]
+    q = np.array([p(x) for p in pieces])
+    v, a = (np.array([p.deriv(order)(x) for p in pieces]) * inside for order in (1, 2))
+    return q, v, a
+
+
+@pytest.mark.parametrize(
+    "program",
+    [
+        PointToPoint(np.array([0.1, -1.0]), np.array([0.7, 2.0]), 0.8, 0.1),
+        Spline([0.0, 0.2, 0.5, 1.1], [[0.0, 1.0], [0.3, 0.9], [0.2, 0.4], [1.0, -1.0]], at_rest=True),
+        Spline([0.0, 0.2, 0.5, 0.6, 1.0, 1.1], np.random.default_rng(1).normal(size=(6, 2)), at_rest=False),
+        Spline([0.0, 0.2], [[0.0, 1.0], [0.3, 0.9]], at_rest=False),
+        Standstill(np.array([0.3, -0.2])),
+        Columns(PointToPoint(np.arange(3.0), np.ones(3), 0.5), np.array([2, 0])),
+    ],
+)
+def test_programs_are_polynomials(program: Any) -> None:
+    signal = signal_of(program)
+    assert signal is not None
+    for t in np.linspace(-0.2, 1.3, 61):
+        for found, wanted in zip(polynomial(signal, t), program.at(t), strict=True):
+            assert found == pytest.approx(wanted, rel=1e-11, abs=1e-11)
+
+
+@pytest.mark.parametrize("hold", [True, False])
+def test_tables_are_polynomials(hold: bool) -> None:
+    table = TimeTable(("a", "b"), np.array([0.1, 0.4, 0.5]), np.array([[1.0, 2.0], [3.0, -1.0], [0.0, 5.0]]), hold)
+    for t in np.linspace(0.0, 0.7, 50):
+        assert polynomial(table.signal(), t)[0] == pytest.approx(table.at(t), abs=1e-13)
+
+
+def assembled(name: str, text: str) -> Assembly:
+    robot, scenario = eomgen.load_robot(name), scenario_from_toml(text)
+    return assemble(robot, scenario, tool_of(robot, None, "tool"), no_progress)
+
+
+def loaded(assembly: Assembly, times: np.ndarray, q: np.ndarray, v: np.ndarray) -> Loaded:
+    data = data_of(assembly.kernel, assembly.drive, assembly.wrenches, assembly.prescribed)
+    atol = np.full(2 * assembly.kernel.n, 1e-8)
+    return Loaded(assembly.kernel.calls, data, times, q[0], v[0], "tsit5", 1e-8, atol)
+
+
+SHAKEN = "".join(
+    f"[[prescribed]]\ntype = 'harmonic'\ncoordinate = 'mount.{name}'\namplitude = 0.0{i + 1}\nfrequency = {i + 2}.0\n"
+    f"phase = 0.{i}\noffset = 0.00{i}\n"
+    for i, name in enumerate(("x", "y", "z", "alpha", "beta", "gamma"))
+)
+
+
+@pytest.mark.parametrize("robot", ["one_link", "geared_arm", "shaken_arm"])
+@pytest.mark.parametrize("drive", DRIVES)
+def test_drives_of_c_are_those_of_python(robot: str, drive: str) -> None:
+    """In random states at random times, behind gears and on a platform that shakes."""
+    first = eomgen.load_robot(robot).rigid().joints[-1].name
+    text = "duration = 0.4\n" + (SHAKEN if robot == "shaken_arm" else "") + DRIVES[drive].replace("JOINT", first)
+    assembly = assembled(robot, text)
+    kernel, rng = assembly.kernel, np.random.default_rng(5)
+    times = np.sort(rng.uniform(0.0, 0.4, 12))
+    q, v = rng.normal(size=(2, 12, kernel.n))
+    given = [kernel.coordinates.index(name) for name in kernel.prescribed]
+    found = loaded(assembly, times, q, v).drives(times, q, v)
+    for t, x, rate, u in zip(times.tolist(), q, v, found, strict=True):
+        if assembly.prescribed is not None:
+            motion = assembly.prescribed(t)
+            for own, wanted in zip((x[given], rate[given], u[given]), motion, strict=True):
+                assert own == pytest.approx(wanted, rel=1e-13, abs=1e-13)
+        wanted = assembly.drive(t, x, rate)
+        free = np.setdiff1d(np.arange(kernel.n), given)
+        assert u[free] == pytest.approx(wanted[free], rel=1e-11, abs=1e-10 * np.abs(wanted).max())
+
+
+@pytest.mark.parametrize("axes", ["base", "link"])
+def test_wrenches_of_c_are_those_of_python(axes: str) -> None:
+    """Forces besides the centre of mass that come, change and go, on both integrators."""
+    text = "duration = 0.1\noutput_step = 0.005\n[control]\ntype = 'none'\n" + PUSH.format(link="link1", axes=axes)
+    results = {}
+    for method in (*METHODS, "DOP853"):
+        scenario = scenario_from_toml(text + f"[integrator]\nmethod = '{method}'\nrtol = 1e-9\n")
+        results[method] = run_scenario("one_link", scenario)
+    wanted = results["DOP853"]
+    for method in METHODS:
+        found = results[method]
+        assert found.trajectory.method == method
+        assert np.abs(found.trajectory.q - wanted.trajectory.q).max() <= 2e-8
+        assert np.abs(found.trajectory.v - wanted.trajectory.v).max() <= 1e-5
+        assert found.wrench is not None and np.allclose(found.wrench, wanted.wrench, rtol=1e-6, atol=1e-6)
+        assert found.balance is not None and found.balance.relative_residue <= 1e-5
+        works = (r.balance.of("wrenches")[-1] for r in (found, wanted))  # type: ignore[union-attr]
+        assert next(works) == pytest.approx(next(works), rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("robot", "text"),
+    [
+        ("geared_arm", "duration = 0.3\n"),
+        ("shaken_arm", "duration = 0.3\n" + SHAKEN),
+        ("four_bar", "duration = 0.3\n[control]\ntype = 'pd'\nkp = 200.0\nkd = 20.0\n"),
+        (
+            "one_link",
+            "duration = 0.3\n[[payloads]]\nlink = 'link1'\nmass = 0.4\npoint = [0.1, 0.0, 0.0]\nt0 = 0.1\nt1 = 0.2\n",
+        ),
+    ],
+)
+@pytest.mark.parametrize("method", METHODS)
+def test_simulations_agree_with_scipy(robot: str, text: str, method: str) -> None:
+    found, wanted = (
+        run_scenario(robot, scenario_from_toml(text + f"[integrator]\nmethod = '{name}'\nrtol = {rtol}\n"))
+        for name, rtol in ((method, "1e-8"), ("Radau", "1e-9"))
+    )
+    assert found.trajectory.method == method
+    scale = np.abs(wanted.trajectory.v).max()
+    assert np.abs(found.trajectory.q - wanted.trajectory.q).max() <= 2e-6
+    assert np.abs(found.trajectory.v - wanted.trajectory.v).max() <= 2e-4 * max(scale, 1.0)
+    assert found.balance is not None and wanted.balance is not None
+    assert np.allclose(found.balance.work[-1], wanted.balance.work[-1], rtol=1e-4, atol=1e-4 * wanted.balance.size)
+    assert np.allclose(found.trajectory.u, wanted.trajectory.u, rtol=2e-3, atol=2e-3 * np.abs(wanted.trajectory.u).max())
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_closed_form(method: str, built: Build) -> None:
+    """The oscillator under a constant force, and with an attachment that shakes it by a harmonic motion."""
+    kernel = built(oscillator(), *NEEDED, "adaptive_rollout")
+    motion = integrate(kernel, [0.0], [0.0], 1.0, drive=[5.0], method=method, rtol=1e-9)
+    again = integrate(kernel, [0.0], [0.0], 1.0, drive=lambda _t, _q, _v: [5.0], method="DOP853", rtol=1e-11)
+    assert np.abs(motion.q - again.q).max() <= 1e-8
+    assert np.abs(motion.v - again.v).max() <= 1e-6
+    assert (motion.u == 5.0).all()
+    assert {"steps", "rejected", "evaluations", "wall_s"} <= set(motion.info)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_samples_may_lie_anywhere(method: str, built: Build) -> None:
+    """From a time that is not 0, and thousands of times more densely than the steps."""
+    kernel = built(oscillator(), *NEEDED, "adaptive_rollout")
+    times = np.concatenate([[0.3, 0.30001], np.linspace(0.4, 1.0, 5001)])
+    motion = integrate(kernel, [0.1], [0.5], 1.0, times=times, method=method, rtol=1e-7)
+    dense = integrate(kernel, [0.1], [0.5], 1.0, times=times, method="DOP853", rtol=1e-10)
+    assert motion.info["steps"] < 4000
+    assert np.abs(motion.q - dense.q).max() <= 1e-6
+    assert np.abs(motion.v - dense.v).max() <= 1e-4
+
+
+def test_what_c_cannot_do_is_said(built: Build) -> None:
+    """A function that only Python can call, and a kernel without the steps; "auto" takes SciPy's methods, and says so."""
+    kernel = built(oscillator(), *NEEDED, "adaptive_rollout")
+    drive: Callable[..., list[float]] = lambda _t, _q, _v: [1.0]  # noqa: E731
+    with pytest.raises(InputError, match="'tsit5' integrates in C, but the drive is a function .* allowed: auto, Radau"):
+        integrate(kernel, [0.0], [0.0], 0.1, drive=drive, method="tsit5")
+    assert integrate(kernel, [0.0], [0.0], 0.1, drive=drive).method == "Radau"
+    assert integrate(kernel, [0.0], [0.0], 0.1).method == "tsit5"
+    assert "without adaptive_rollout" in why_not(built(oscillator(), *NEEDED))
+    with pytest.raises(eomgen.ArrayError, match=r"drive: expected float64 of shape \(1,\)"):
+        integrate(kernel, [0.0], [0.0], 0.1, drive=[1.0, 2.0])
+
+
+def test_harmonic_motions_are_data() -> None:
+    shake = Harmonic([0.1, 0.2], [2.0, 3.0], [0.1, 0.0])
+    wave = shake.data().wave
+    for t in (0.0, 0.3):
+        amplitude, rate, phase, offset = wave.T
+        assert offset + amplitude * np.sin(rate * t + phase) == pytest.approx(shake(t)[0], abs=1e-15)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_state_that_cannot_move_is_named(method: str, built: Build) -> None:
+    robot = eomgen.load_robot("one_link")
+    massless = eomgen.Robot(**{**vars(robot), "name": "massless", "tunable": ("links.link1.mass",)})
+    kernel = built(massless, *NEEDED, "adaptive_rollout")
+    for name in kernel.parameters:
+        if name.startswith("links."):
+            kernel.parameters[name] = 0.0
+    with pytest.raises((SingularError, eomgen.IntegrationError)):
+        integrate(kernel, np.zeros(kernel.n), np.ones(kernel.n), 0.1, method=method, atol=1e-6)
+
+
+def test_steps_land_on_what_changes(tmp_path: Path) -> None:
+    """A force that sets in: no step crosses it, so that a short push is not missed by steps of any length."""
+    text = (
+        "duration = 10.0\noutput_step = 1.0\n[control]\ntype = 'torque'\ncoordinates = ['joint1']\n"
+        "rows = [[0.0, 0.0], [5.0, 1000.0], [5.001, 0.0]]\ninterpolation = 'hold'\n[integrator]\nmethod = 'tsit5'\n"
+    )
+    found = run_scenario("puma560", scenario_from_toml(text))
+    assert found.balance is not None
+    assert found.balance.of("drives")[-1] > 1e-3
