@@ -9,6 +9,7 @@ import pytest
 
 import eomgen
 from eomgen.authoring.check import check_file
+from eomgen.authoring.new import write_new_file
 from eomgen.authoring.schema_files import schema_path
 from eomgen.authoring.schemas import schema_text
 from eomgen.cli import entry as cli
@@ -45,6 +46,36 @@ def test_a_new_robot_moves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caps
     result = eomgen.load_result("out/trajectory.npz")
     assert result.series("joint1.gamma").values[-1] == pytest.approx(0.8, abs=1e-3)
     assert abs(result.balance.relative_residue) < 1e-4
+
+
+def taken_up(text: str, *keys: str) -> str:
+    """The text of a new file with the lines of these keys that it offers in comments, in the place of its own."""
+    lines = text.splitlines()
+    for key in keys:
+        (offered,) = (i for i, line in enumerate(lines) if line.startswith(f"# {key} = "))
+        own = [i for i, line in enumerate(lines) if line.startswith(f"{key} = ")]
+        lines[offered] = lines[offered].removeprefix("# ")
+        lines = [line for i, line in enumerate(lines) if i not in own]
+    return "\n".join(lines)
+
+
+def test_what_a_new_robot_offers(tmp_path: Path) -> None:
+    """Stops, friction under load and a journal, in comments: each is taken up as it stands."""
+    write_new_file("my_arm", tmp_path / "my_arm.toml")
+    text = (tmp_path / "my_arm.toml").read_text(encoding="ascii")
+    offered = [line.split()[1] for line in text.splitlines() if line.startswith("# ") and " = " in line[:12]]
+    assert offered == ["stops", "gamma", "x", "y", "radial"]
+    for keys in (["stops"], ["gamma"], ["x", "y", "radial"], ["stops", "x", "y", "radial"], ["stops", "gamma"]):
+        path = tmp_path / f"{'_'.join(keys)}.toml"
+        path.write_text(taken_up(text, *keys), encoding="ascii")
+        checked = check_file(path)
+        assert (checked.errors, checked.notes) == ((), ())
+        (joint,) = eomgen.load_robot(path).joints
+        gamma = joint.coordinates["gamma"]
+        assert ("stops.stiffness" in gamma.further) == ("stops" in keys)
+        assert (gamma.friction is not None and gamma.friction.coefficient > 0.0) == ("gamma" in keys)
+        assert (joint.radial is not None) == ("radial" in keys)
+        assert (joint.coordinates["x"].stiffness is None) == ("x" in keys)
 
 
 @pytest.mark.parametrize(

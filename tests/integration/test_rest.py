@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 
 import eomgen
 from eomgen.integration import Rest, Trajectory, integrate, rests
+from eomgen.integration.system import System
 from eomgen.motion.timetable import TimeTable
 from eomgen.robot.value import Coordinate, Coupling, Friction, Joint, Link, Robot, Spring
 from eomgen.scenario.value import Scenario, Section
@@ -51,6 +52,20 @@ def test_the_peak_is_the_number_given(dtype: str, built: Build) -> None:
         assert force.max() == pytest.approx(5.0, rel=3e-6)
         assert kernel.generalized_force(0.0 * v, -v)[:, 0] == pytest.approx(force)
         assert np.isfinite(kernel.residual_jacobian(0.0 * v, v, 0.0 * v)[1]).all()
+
+
+def test_drives_that_know_of_friction(built: Build) -> None:
+    """Computed torque takes the friction away, whose slope is 5e7 N s/m at rest: what is left is soft."""
+    kernel = built(on_a_rail(Friction(2.0)), *NEEDED)
+
+    def drive(_t: float, q: Array, v: Array) -> Array:
+        return np.asarray(kernel.inverse_dynamics(q, v, -25.0 * q - 10.0 * v))
+
+    J = System(kernel, drive, None).jacobian(0.0, np.array([0.1, 1e-9]))
+    assert np.abs(J - [[0.0, 1.0], [-25.0, -10.0]]).max() < 2e-3 * 2.0 / 4e-8
+    found = integrate(kernel, [0.1], [0.0], 4.0, drive=drive, method="Radau", output_step=0.5)
+    np.testing.assert_allclose(found.q[:, 0], 0.1 * (1.0 + 5.0 * found.t) * np.exp(-5.0 * found.t), atol=1e-6)
+    assert found.info["evaluations"] < 2500
 
 
 @pytest.mark.parametrize("start", [0.0, 0.37, -1.0])

@@ -16,6 +16,7 @@ from eomgen.motion.point_to_point import Harmonic
 from eomgen.robot.value import Coordinate, Joint, Link, Robot
 from eomgen.scenario.load import load_scenario, scenario_from_toml
 from eomgen.scenario.value import Scenario
+from eomgen.simulation.balance import EnergyBalance
 from eomgen.simulation.run import run_scenario, simulate
 from tests.support.random_robots import Array, random_robot
 
@@ -330,6 +331,16 @@ def test_a_balance_that_does_not_close_is_said() -> None:
     assert result.balance is not None
     assert result.balance.relative_residue > 1e-3
     assert any("balance does not close" in note for note in result.notes)
+
+
+def test_a_body_that_moves_on_is_balanced() -> None:
+    """Nothing works on it, so that all that its kinetic energy does is the error of an integration."""
+    kinetic = 2.0 + 1e-5 * np.sin(np.linspace(0.0, 9.0, 50))
+    still = np.zeros((50, 5))
+    kept = EnergyBalance(still, np.stack([kinetic, np.zeros(50)], axis=1))
+    assert kept.note() is None
+    lost = EnergyBalance(still, np.stack([kinetic * np.linspace(1.0, 0.99, 50), np.zeros(50)], axis=1))
+    assert "does not close: 1 of 0.02" in str(lost.note())
 
 
 def test_dampers_take_what_the_closed_form_says() -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,20 +21,22 @@ from ..errors import InputError
 from ..files import write_atomically
 from ..motion.files import MeasuredMotion, measured_motion
 from ..motion.smoothing import local_polynomials
-from ..names import parameter_path, split_component
+from ..names import component_name, parameter_path, split_component
 from ..pipeline.closing import mechanism_kernels
 from ..pipeline.stages import build
 from ..progress import StageReport
-from ..robot.coordinates import FORCES, force_unit_of, unit_of
+from ..robot.coordinates import FORCES, force_unit_of, index_of, unit_of
 from ..robot.model import build_model
-from ..robot.value import Robot
+from ..robot.value import ANGULAR, Robot
 from ..runtime.kernel import Kernel
 from ..shown import Shown
 from ..state.motors import deflections
 from ..state.springs import coordinate_numbers
+from ..state.turning import quaternion_columns
 from ..tabular import Rows, TableColumn, Tabular
 from .closing import closed_motion
 from .estimates import KEYS
+from .rotating import rotation_derivatives
 
 Array = NDArray[np.float64]
 WINDOW, DEGREE = 11, 4
@@ -104,7 +107,8 @@ class ForcesResult(Shown, Tabular):
 
     def as_rows(self) -> Rows:
         """A row per time: every coordinate, with .rate, .acceleration and each of ``parts``; springs with .length and
-        .tension; joints and loops with .reaction, in six components, N and N m.
+        .tension; joints and loops with .reaction, in six components, N and N m; joints with alpha, beta and gamma with
+        .qw, .qx, .qy and .qz, unit quaternions.
         """
         columns = []
         for i, name in enumerate(self.coordinates):
@@ -117,6 +121,7 @@ class ForcesResult(Shown, Tabular):
             columns.append(TableColumn(f"{name}.tension", "N", self.tensions[:, i]))
         for name, wrench in self.supports.items():
             columns.append(TableColumn(f"{name}.reaction", "N or N m", wrench, FORCES, "force"))
+        columns += [TableColumn(name, "", x) for name, x in quaternion_columns(self.coordinates, self.q).items()]
         return Rows("t", "s", self.t, columns, {"robot": self.robot})
 
     def as_dict(self) -> dict[str, Any]:
@@ -223,7 +228,8 @@ def forces(
     """Forces and moments that belong to a measured motion.
 
     Rates and accelerations that the motion does not have come from local polynomials (``smoothing``), and so do then
-    the coordinates: a longer window smooths more, and bends motions that are fast beside it.
+    the coordinates: a longer window smooths more, and bends motions that are fast beside it.  Of joints that turn
+    freely (``Model.turning``) quaternions or angular velocities are smoothed in the place of angles.
 
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description; the motion has its
@@ -244,10 +250,11 @@ def forces(
         kernel = build(robot, kernels=names, progress=progress or (lambda _: None))
     motion = measured_motion(robot.name, motion, kernel.coordinates)
     _refuse_transmissions(kernel, motion)
-    q, v, a, notes = _derivatives(motion, window, degree)
+    model = build_model(robot)
+    q, v, a, notes = _derivatives(motion, window, degree, [model.bodies[k].joint for k in model.turning])
     following: tuple[str, ...] = ()
     if kernel.constraints:
-        q, v, a, following = closed_motion(kernel, build_model(robot), motion.measured, q, v, a)
+        q, v, a, following = closed_motion(kernel, model, motion.measured, q, v, a)
     if following:
         notes.append(f"not in the file, they follow from the others: {', '.join(following)}")
     drive = np.asarray(kernel.inverse_dynamics(q, v, a))
@@ -319,14 +326,25 @@ def _is_plain(name: str) -> bool:
     return ".friction." in name or name.endswith((*(f".{key}" for key in KEYS), ".inertia", ".ratio"))
 
 
-def _derivatives(motion: MeasuredMotion, window: int, degree: int) -> tuple[Array, Array, Array, list[str]]:
-    """Coordinates, rates and accelerations, and how they were found."""
+def _derivatives(
+    motion: MeasuredMotion, window: int, degree: int, turning: Sequence[str]
+) -> tuple[Array, Array, Array, list[str]]:
+    """Coordinates, rates and accelerations, and how they were found; ``turning`` are joints that turn freely."""
     if motion.v is not None and motion.a is not None:
         return motion.q, motion.v, motion.a, ["rates and accelerations: from the file"]
     span = float(np.median(np.diff(motion.t))) * (window - 1) if len(motion.t) > 1 else 0.0
     method = f"local polynomials of degree {degree} through {window} samples ({span:.4g} s), Savitzky and Golay"
     if motion.v is not None:
-        v, a, _ = local_polynomials(motion.t, motion.v, window, degree)
-        return motion.q, v, a, [f"rates: from the file, smoothed; accelerations: their derivatives; {method}"]
-    q, v, a = local_polynomials(motion.t, motion.q, window, degree)
-    return q, v, a, [f"coordinates smoothed, rates and accelerations: derivatives of {method}"]
+        q, (v, a, _) = motion.q.copy(), local_polynomials(motion.t, motion.v, window, degree)
+        notes = [f"rates: from the file, smoothed; accelerations: their derivatives; {method}"]
+    else:
+        q, v, a = local_polynomials(motion.t, motion.q, window, degree)
+        notes = [f"coordinates smoothed, rates and accelerations: derivatives of {method}"]
+    for joint in turning:
+        at = index_of(motion.coordinates, [component_name(joint, angle) for angle in ANGULAR])
+        rates = None if motion.v is None else motion.v[:, at]
+        q[:, at], v[:, at], a[:, at] = rotation_derivatives(motion.t, motion.q[:, at], rates, window, degree)
+    if turning:
+        what = "quaternions" if motion.v is None else "angular velocities"
+        notes.append(f"in the place of angles of {', '.join(turning)}: {what}, which have no poles")
+    return q, v, a, notes

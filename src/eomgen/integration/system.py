@@ -9,7 +9,7 @@ from ..errors import ArrayError, InputError, IntegrationError, IntegrationStoppe
 from ..runtime.kernel import Kernel
 from ..runtime.loaded import Loaded
 from ..state.springs import coordinate_sizes, rate_step, smoothings
-from ..state.vectors import Q_STEP, V_STEP, DriveFunction, MotionFunction, WrenchFunction, prescribed_mask
+from ..state.vectors import Q_STEP, DriveFunction, MotionFunction, WrenchFunction, prescribed_mask
 from .advance import Advance
 
 Array = NDArray[np.float64]
@@ -267,11 +267,11 @@ class System:
         """Derivatives of inverse dynamics less drives by q and v at constant a, and M, (n, n) each.
 
         The kernel's exact ones where it has them, else finite differences of a batch of inverse dynamics; those of
-        drives and wrenches are finite differences unless the drive has a method ``slopes``.
+        drives and wrenches are finite differences unless the drive has a method ``slopes``.  A drive may know of the
+        friction, so that its differences are as short as those of the equations of motion.
         """
         n, kernel, wrench = self.n, self.here, self.wrench(t, q, v)
-        rate = V_STEP if "residual_jacobian" in kernel.operations else rate_step(kernel)
-        steps = np.concatenate([Q_STEP * np.maximum(1.0, np.abs(q)), rate * np.maximum(1.0, np.abs(v))])
+        steps = np.concatenate([Q_STEP * np.maximum(1.0, np.abs(q)), rate_step(kernel) * np.maximum(1.0, np.abs(v))])
         states = np.tile(np.concatenate([q, v]), (2 * n + 1, 1))
         states[np.arange(1, 2 * n + 1), np.arange(2 * n)] += steps
         qs, vs = np.ascontiguousarray(states[:, :n]), np.ascontiguousarray(states[:, n:])

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from ..errors import ArrayError, InputError, IntegrationStopped
 from ..names import component_name
-from ..robot.coordinates import force_unit_of, unit_of
+from ..robot.coordinates import force_unit_of, rotating_joints, unit_of
 from ..robot.value import ANGULAR
 from ..shown import Shown
-from ..state.turning import quaternions
+from ..state.turning import joint_quaternions, quaternion_columns, quaternions
 from ..tabular import Rows, TableColumn, Tabular
 from .contacts import Contact, ContactWatch
 from .resting import Rest, rests
@@ -30,7 +30,7 @@ class Trajectory(Shown, Tabular):
 
     Attributes:
         t: times, (T,), s.
-        q, v: coordinates and rates, (T, n); angles go on next to those of the sample before (see ``quaternion``).
+        q, v: coordinates and rates, (T, n); angles go on next to those of the sample before (see ``quaternions``).
         u: drives, (T, n), N or N m.
         energy: kinetic and potential energy, (T, 2), J.
         coordinates: names, (n,).
@@ -67,20 +67,36 @@ class Trajectory(Shown, Tabular):
     def quaternion(self, joint: str) -> Array:
         """Rotation of a joint's angles alpha, beta and gamma over time as unit quaternions (w, x, y, z), (T, 4).
 
-        They have no singularity, and follow one another without a jump of sign.
+        From the moved joint's axes to those of its described placement, without offsets.  They have no singularity,
+        and follow one another without a jump of sign, from w >= 0 on.
 
         Raises:
             InputError: there are no such three coordinates.
         """
         return quaternions(np.stack([self.of(component_name(joint, name)) for name in ANGULAR], axis=-1))
 
+    @property
+    def rotating(self) -> tuple[str, ...]:
+        """Names of the joints that have alpha, beta and gamma, and so a quaternion, k of them."""
+        return rotating_joints(self.coordinates)
+
+    @property
+    def quaternions(self) -> Array | None:
+        """Unit quaternions of the joints of ``rotating``, as ``quaternion`` has them, (T, k, 4); None without any."""
+        found = joint_quaternions(self.coordinates, self.q)
+        return np.stack(list(found.values()), axis=1) if found else None
+
     def as_rows(self) -> Rows:
-        """A row per time: every coordinate, with .rate and .drive, and energy.kinetic and energy.potential."""
+        """A row per time: every coordinate, with .rate and .drive, and energy.kinetic and energy.potential.
+
+        Joints with alpha, beta and gamma have .qw, .qx, .qy and .qz besides, the unit quaternions of ``quaternion``.
+        """
         columns = []
         for i, name in enumerate(self.coordinates):
             unit = unit_of(name)
             columns += [TableColumn(name, unit, self.q[:, i]), TableColumn(f"{name}.rate", f"{unit}/s", self.v[:, i])]
             columns.append(TableColumn(f"{name}.drive", force_unit_of(name), self.u[:, i]))
+        columns += [TableColumn(name, "", x) for name, x in quaternion_columns(self.coordinates, self.q).items()]
         for i, name in enumerate(("energy.kinetic", "energy.potential")):
             columns.append(TableColumn(name, "J", self.energy[:, i]))
         return Rows("t", "s", self.t, columns, {"method": self.method})

@@ -98,6 +98,7 @@ def report_of(
     found, info = _robot(result, robot, missing)
     figures = figures_of(result, found, missing, modes=modes, progress=progress)
     tables = [_coordinate_table(found), *_body_tables(found)] if found else [_motion_table(result)]
+    tables.append(_rotation_table(result))
     tables += _scenario_tables(result.scenario)
     if result.balance is not None:
         tables.append(_balance_table(result))
@@ -200,6 +201,16 @@ def _motion_table(result: SimulationResult) -> Table:
         role = "driven" if name in result.program_coordinates else "prescribed" if name in result.prescribed else ""
         rows.append((name, unit, _number(q.min()), _number(q.max()), role))
     return Table("Coordinates", ("coordinate", "unit", "least", "most", "role"), tuple(rows))
+
+
+def _rotation_table(result: SimulationResult) -> Table:
+    """Unit quaternions of the joints that have alpha, beta and gamma; no row where there is none."""
+    motion, rows = result.trajectory, []
+    for joint in motion.rotating:
+        ends = motion.quaternion(joint)[[0, -1]]
+        rows.append((joint, *(", ".join(f"{x:.6f}" for x in quaternion) for quaternion in ends)))
+    head = ("joint", "at the start, (w, x, y, z)", "at the end, (w, x, y, z)")
+    return Table("Rotations of joints, unit quaternions", head, tuple(rows))
 
 
 def _scenario_tables(scenario: Mapping[str, Any]) -> Iterator[Table]:

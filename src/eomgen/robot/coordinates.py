@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from ..names import component_name, kind_of
-from .value import LINEAR, MOTOR, Robot
+from ..names import component_name, joint_of, kind_of
+from .value import ANGULAR, LINEAR, MOTOR, Robot
 
 if TYPE_CHECKING:
     import numpy as np
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 UNITS = {"x": "m", "y": "m", "z": "m", "alpha": "rad", "beta": "rad", "gamma": "rad", MOTOR: "rad"}
 MOTIONS = ("x", "y", "z", "rx", "ry", "rz")  # of a frame: displacement (m) and rotation vector (rad)
+QUATERNION = ("qw", "qx", "qy", "qz")  # of a joint's rotation, unit, scalar first
 FORCES = ("fx", "fy", "fz", "mx", "my", "mz")  # of a wrench: force (N) and moment (N m)
 
 
@@ -30,6 +31,13 @@ def force_unit_of(name: str) -> str:
 def coordinate_names(robot: Robot) -> tuple[str, ...]:
     """Names of all coordinates, motors among them, in the order of q."""
     return tuple(component_name(joint.name, kind) for joint in robot.joints for kind in joint.all_coordinates)
+
+
+def rotating_joints(names: Sequence[str]) -> tuple[str, ...]:
+    """Names of the joints whose alpha, beta and gamma are all among these coordinates, in their order."""
+    known = set(names)
+    joints = dict.fromkeys(map(joint_of, names))
+    return tuple(joint for joint in joints if known.issuperset(component_name(joint, angle) for angle in ANGULAR))
 
 
 def index_of(names: Sequence[str], wanted: Sequence[str]) -> NDArray[np.intp]:

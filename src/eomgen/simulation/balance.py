@@ -15,6 +15,7 @@ Array = NDArray[np.float64]
 
 CLOSED = 1e-3  # relative residue from which a balance is said not to close
 AT_REST = 1e-7  # of the energies: works that are less are those of a robot that rests
+MOVING_ON = 1e-2  # of the kinetic energy, which an integration keeps to some 1e-5 of itself where nothing changes it
 TERMS = ("drives", "prescribed", "wrenches", "payloads", "dissipated")
 # Lobatto's rule on [0, 1]: exact for polynomials of degree 7, and its ends are samples
 NODES = np.array([0.0, (1.0 - np.sqrt(3.0 / 7.0)) / 2.0, 0.5, (1.0 + np.sqrt(3.0 / 7.0)) / 2.0, 1.0])
@@ -50,10 +51,12 @@ class EnergyBalance(Shown):
     def size(self) -> float:
         """Size that the residue is compared with, J: the largest of the works and of the ranges of both energies.
 
-        At rest, where these are round-off, a small part of the energies themselves.
+        At rest, where these are round-off, a small part of the energies themselves, and so of the kinetic energy where
+        it stays what it is, as that of a body that tumbles freely.
         """
         moved = max(np.abs(self.work).max(), np.ptp(self.energy, axis=0).max())
-        return float(max(moved, AT_REST * np.abs(self.energy).max()))
+        kept = max(AT_REST * np.abs(self.energy).max(), MOVING_ON * self.energy[:, 0].max())
+        return float(max(moved, kept))
 
     @property
     def relative_residue(self) -> float:

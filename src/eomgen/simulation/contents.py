@@ -29,12 +29,13 @@ from ..names import (
     listed,
     show,
 )
-from ..robot.coordinates import UNITS, unit_of
+from ..robot.coordinates import UNITS, rotating_joints, unit_of
 from ..robot.laws import RADIAL
 from .balance import TERMS
 
 _LARGEST_SUM = LARGEST_FOUND**2  # of energies: a motion that diverged has large ones
 RESULT, TRAJECTORY, BALANCE = "result", "trajectory", "balance"  # where an array belongs
+DERIVED = ("units", "rotating", "quaternions")  # arrays that follow from others, for those who read with NumPy alone
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,8 @@ class Stored:
     Attributes:
         name: in the file and of the attribute.
         owner: what has the attribute.
-        shape: numbers, and the letters T (samples), n (coordinates), p (driven coordinates), links.
+        shape: numbers, and the letters T (samples), n (coordinates), p (driven coordinates), k (joints that have
+            alpha, beta and gamma), links.
         texts: whether it has texts; else float64, finite.
         largest: magnitude of its numbers.
         optional: whether older files, and results that have no such thing, are without it.
@@ -67,6 +69,8 @@ ARRAYS = (
     Stored("v", TRAJECTORY, ("T", "n")),
     Stored("u", TRAJECTORY, ("T", "n"), largest=_LARGEST_SUM),
     Stored("energy", TRAJECTORY, ("T", 2), largest=_LARGEST_SUM),
+    Stored("rotating", TRAJECTORY, ("k",), texts=True, optional=True),
+    Stored("quaternions", TRAJECTORY, ("T", "k", 4), optional=True, largest=1.0 + 1e-12),
     Stored("program_q", RESULT, ("T", "p")),
     Stored("pose", RESULT, ("T", 4, 4)),
     Stored("program_pose", RESULT, ("T", 4, 4)),
@@ -212,6 +216,10 @@ def _check_coordinates(meta: Meta, found: Mapping[str, Any], where: str) -> None
     """Refuse names of coordinates that the result does not have, wherever they stand."""
     coordinates = found["coordinates"]
     check_coordinates(coordinates, found["units"], where)
+    rotating = rotating_joints(coordinates)
+    if found.get("rotating", rotating) != rotating:
+        got = listed(found["rotating"])
+        raise InputError(f"{where}: array rotating: got {got}; allowed: {listed(rotating) or 'no joint'}")
     journals = {component_name(joint_of(name), RADIAL) for name in coordinates}
     contacts = dict.fromkeys(contact.coordinate for contact in meta.contacts if contact.coordinate not in journals)
     known = (*coordinates, *_cut_names(meta.description))

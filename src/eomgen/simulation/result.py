@@ -24,10 +24,11 @@ from ..robot.record import robot_hash
 from ..robot.value import MOTOR, Robot
 from ..scenario.recorded import scenario_from_record
 from ..shown import Shown
+from ..state.turning import quaternion_columns
 from ..tabular import AXES, Rows, TableColumn, Tabular
 from .archive import read_archive, write_archive
 from .balance import TERMS, EnergyBalance
-from .contents import ARRAYS, BALANCE, RESULT, TRAJECTORY, Meta, check_contents, meta_data, meta_of
+from .contents import ARRAYS, BALANCE, DERIVED, RESULT, TRAJECTORY, Meta, check_contents, meta_data, meta_of
 
 Array = NDArray[np.float64]
 
@@ -211,8 +212,9 @@ class SimulationResult(Shown, Tabular):
     def series(self, name: str) -> Series:
         """Values over time by name, with their unit.
 
-        Names are those of coordinates ("joint1.x"), with .rate, .drive or .program behind them; TOOL.position (base
-        axes) and TOOL.program; TOOL.rotation, the angle between its axes and their program; LINK.force and LINK.moment
+        Names are those of coordinates ("joint1.x"), with .rate, .drive or .program behind them; JOINT.qw, .qx, .qy and
+        .qz of joints with alpha, beta and gamma (see ``Trajectory.quaternion``); TOOL.position (base axes) and
+        TOOL.program; TOOL.rotation, the angle between its axes and their program; LINK.force and LINK.moment
         of wrenches (about the centre of mass, base axes); energy.kinetic, energy.potential, energy.residue, and
         work.TERM with the terms of ``EnergyBalance``.
 
@@ -232,6 +234,7 @@ class SimulationResult(Shown, Tabular):
             unit = unit_of(name)
             found[name], found[f"{name}.rate"] = (unit, motion.q[:, i]), (f"{unit}/s", motion.v[:, i])
             found[f"{name}.drive"] = (force_unit_of(name), motion.u[:, i])
+        found |= {name: ("", values) for name, values in quaternion_columns(motion.coordinates, motion.q).items()}
         for i, name in enumerate(self.program_coordinates if self.programmed else ()):
             found[f"{name}.program"] = (unit_of(name), self.program_q[:, i])
         found[f"{self.tool}.position"] = ("m", self.pose[:, :3, 3])
@@ -311,14 +314,13 @@ def load_result(path: Path | str) -> SimulationResult:
     arrays = check_contents(meta, raw, str(path))
     owned: dict[str, dict[str, Any]] = {RESULT: {}, TRAJECTORY: {}, BALANCE: {}}
     for item in ARRAYS:
-        if item.name in arrays:
+        if item.name in arrays and item.name not in DERIVED:
             owned[item.owner][item.name] = arrays[item.name]
     for entry in fields(Meta):
         value = getattr(meta, entry.name)
         owned[entry.metadata.get("owner", RESULT)][entry.name] = (
             MappingProxyType(value) if isinstance(value, dict) else value
         )
-    del owned[RESULT]["units"]  # they follow from the names
     trajectory = Trajectory(**owned[TRAJECTORY])
     balance = EnergyBalance(energy=trajectory.energy, **owned[BALANCE]) if owned[BALANCE] else None
     result = SimulationResult(trajectory=trajectory, balance=balance, **owned[RESULT])

@@ -30,6 +30,7 @@ from ..npz import VARIABLE, most_bytes
 from ..optional import optional_import
 from ..robot.coordinates import unit_of
 from ..shown import Shown
+from ..state.turning import quaternion_columns
 from .contents import check_coordinates
 from .result import Series
 
@@ -59,12 +60,16 @@ class StreamedMotion(Shown):
     meta: Mapping[str, Any]
 
     def series(self, name: str) -> Series:
-        """A coordinate, or its rate (NAME.rate), over time; InputError if there is none of that name."""
-        stem = name.removesuffix(".rate")
+        """A coordinate, or its rate (NAME.rate), over time; InputError if there is none of that name.
+
+        Joints with alpha, beta and gamma have JOINT.qw, .qx, .qy and .qz as well, as ``SimulationResult.series`` says.
+        """
+        stem, rotations = name.removesuffix(".rate"), quaternion_columns(self.coordinates, self.q)
+        if name in rotations:
+            return Series(name, "", self.t, rotations[name])
         if stem not in self.coordinates:
-            raise InputError(
-                f"series: {show(name)} is unknown; known: {', '.join(self.coordinates)}, with .rate or without"
-            )
+            known = ", ".join([f"{', '.join(self.coordinates)}, with .rate or without", *rotations])
+            raise InputError(f"series: {show(name)} is unknown; known: {known}")
         values, unit = (self.q, unit_of(stem)) if stem == name else (self.v, f"{unit_of(stem)}/s")
         return Series(name, unit, self.t, values[:, self.coordinates.index(stem)])
 

@@ -16,6 +16,7 @@ from .vectors import V_STEP, prescribed_mask
 Array = NDArray[np.float64]
 
 SHARPEST = 1e-10  # m/s or rad/s: smaller rates are round-off
+SHORTEST = 5e-10  # m/s or rad/s: of differences, whose round-off is below 1e-5 of a slope then
 
 
 def stiffnesses(kernel: Kernel) -> Array:
@@ -106,7 +107,7 @@ def smoothings(kernel: Kernel) -> dict[str, float]:
 
 def rate_step(kernel: Kernel) -> float:
     """The step of a rate by which finite differences of forces are taken: small beside 1, and where friction turns."""
-    return min([V_STEP, *(0.25 * x for x in smoothings(kernel).values())])
+    return min([V_STEP, *(max(0.02 * x, min(0.25 * x, SHORTEST)) for x in smoothings(kernel).values())])
 
 
 def rubbing_rates(kernel: Kernel, q: Array) -> Array:

@@ -7,10 +7,14 @@ whose beta is far from +-90 degrees where the first one's is near.  Both have on
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ..names import component_name
+from ..robot.coordinates import QUATERNION, index_of, rotating_joints
+from ..robot.value import ANGULAR
 
 Array = NDArray[np.float64]
 
@@ -55,6 +59,31 @@ def quaternions(angles: Array) -> Array:
     return np.asarray(found * signs[: len(found), np.newaxis])
 
 
+def joint_quaternions(coordinates: Sequence[str], q: Array) -> dict[str, Array]:
+    """Quaternions (w, x, y, z) over time, (T, 4), by the names of the joints that have alpha, beta and gamma.
+
+    Each follows on the one before it without a jump of sign, as ``quaternions`` says.
+
+    Args:
+        coordinates: names, n of them.
+        q: (T, n).
+    """
+    return {
+        joint: quaternions(q[:, index_of(coordinates, [component_name(joint, angle) for angle in ANGULAR])])
+        for joint in rotating_joints(coordinates)
+    }
+
+
+def quaternion_columns(coordinates: Sequence[str], q: Array) -> dict[str, Array]:
+    """The components of ``joint_quaternions`` over time, (T,), by name: joint.qw, joint.qx, joint.qy, joint.qz."""
+    found = joint_quaternions(coordinates, q)
+    return {
+        component_name(joint, name): column
+        for joint, values in found.items()
+        for name, column in zip(QUATERNION, values.T, strict=True)
+    }
+
+
 def other_angles(places: int, angles: Array, near: Array) -> Array:
     """The angles of the same rotations seen from axes so many places on, (T, 3), each next to the ones before it.
 
@@ -63,18 +92,65 @@ def other_angles(places: int, angles: Array, near: Array) -> Array:
         angles: (T, 3).
         near: the ones before the first, (3,).
     """
-    R = rotation(angles)
+    both, found = _both_ways(rotation(angles), places), np.empty_like(angles)
+    for i, ways in enumerate(both):
+        ways += 2.0 * np.pi * np.round((near - ways) / (2.0 * np.pi))
+        near = found[i] = ways[np.abs(near - ways).sum(axis=1).argmin()]
+    return found
+
+
+def nearest_angles(quaternion: Array, near: Array) -> Array:
+    """Angles of rotations, (T, 3), each next to the given ones.
+
+    Args:
+        quaternion: (w, x, y, z), (T, 4), of any length but 0.
+        near: (T, 3).
+    """
+    w, x, y, z = (quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)).T
+    rows = (
+        (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
+        (2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)),
+        (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)),
+    )
+    ways = _both_ways(np.stack([np.stack(row, axis=-1) for row in rows], axis=-2), 0)
+    ways += 2.0 * np.pi * np.round((near[:, np.newaxis] - ways) / (2.0 * np.pi))
+    chosen = np.abs(near[:, np.newaxis] - ways).sum(axis=2).argmin(axis=1)
+    return np.asarray(ways[np.arange(len(ways)), chosen])
+
+
+def _both_ways(R: Array, places: int) -> Array:
+    """Both triples of angles of rotations (T, 3, 3) seen from axes so many places on, (T, 2, 3)."""
     x, y, z = (R[:, (i + places) % 3] for i in range(3))
     alpha = np.arctan2(-y[:, 2], z[:, 2])
     s, c = np.sin(alpha), np.cos(alpha)
     beta = np.arctan2(x[:, 2], c * z[:, 2] - s * y[:, 2])
     gamma = np.arctan2(c * y[:, 0] + s * z[:, 0], c * y[:, 1] + s * z[:, 1])
-    both = np.array([[alpha, beta, gamma], [alpha + np.pi, np.pi - beta, gamma + np.pi]]).transpose(2, 0, 1)
-    found = np.empty_like(angles)
-    for i, ways in enumerate(both):
-        ways += 2.0 * np.pi * np.round((near - ways) / (2.0 * np.pi))
-        near = found[i] = ways[np.abs(near - ways).sum(axis=1).argmin()]
-    return found
+    both = [[alpha, beta, gamma], [alpha + np.pi, np.pi - beta, gamma + np.pi]]
+    return np.moveaxis(np.array(both), -1, 0)
+
+
+def body_rates(angles: Array, rates: Array) -> Array:
+    """Angular velocity in the body's axes, (..., 3), of angles and their rates."""
+    a, b, g = np.moveaxis(rates, -1, 0)
+    cb, sg, cg = np.cos(angles[..., 1]), np.sin(angles[..., 2]), np.cos(angles[..., 2])
+    return np.stack([cb * cg * a + sg * b, cg * b - cb * sg * a, np.sin(angles[..., 1]) * a + g], axis=-1)
+
+
+def angle_rates(angles: Array, spin: Array) -> Array:
+    """Rates of angles, (..., 3), of an angular velocity in the body's axes."""
+    x, y, z = np.moveaxis(spin, -1, 0)
+    s, c = np.sin(angles[..., 2]), np.cos(angles[..., 2])
+    first = (c * x - s * y) / _away_from_zero(np.cos(angles[..., 1]))
+    return np.stack([first, s * x + c * y, z - np.sin(angles[..., 1]) * first], axis=-1)
+
+
+def angle_accelerations(angles: Array, rates: Array, slope: Array) -> Array:
+    """Accelerations of angles, (..., 3), where an angular velocity in the body's axes changes by ``slope``."""
+    (a, b, g), (x, y, z) = np.moveaxis(rates, -1, 0), np.moveaxis(slope, -1, 0)
+    sb, cb = np.sin(angles[..., 1]), np.cos(angles[..., 1])
+    s, c = np.sin(angles[..., 2]), np.cos(angles[..., 2])
+    first = (c * x - s * y - g * b + a * b * sb) / _away_from_zero(cb)
+    return np.stack([first, s * x + c * y + g * a * cb, z - sb * first - cb * a * b], axis=-1)
 
 
 def other_rates(angles: Array, other: Array, rates: Array) -> Array:
@@ -84,12 +160,7 @@ def other_rates(angles: Array, other: Array, rates: Array) -> Array:
         angles, other: of the same rotations, (..., 3).
         rates: of ``angles``, (..., 3).
     """
-    a, b, g = np.moveaxis(rates, -1, 0)
-    cb, sg, cg = np.cos(angles[..., 1]), np.sin(angles[..., 2]), np.cos(angles[..., 2])
-    x, y, z = cb * cg * a + sg * b, cg * b - cb * sg * a, np.sin(angles[..., 1]) * a + g
-    s, c = np.sin(other[..., 2]), np.cos(other[..., 2])
-    first = (c * x - s * y) / _away_from_zero(np.cos(other[..., 1]))
-    return np.stack([first, s * x + c * y, z - np.sin(other[..., 1]) * first], axis=-1)
+    return angle_rates(other, body_rates(angles, rates))
 
 
 def other_forces(angles: Array, other: Array, forces: Array) -> Array:

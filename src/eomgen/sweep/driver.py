@@ -126,7 +126,7 @@ def prepare(
     )
     runner = SampleRunner(job)
     _, assembly = runner.nominal(())
-    check_record(plan, base, assembly.program is not None, rolls)
+    check_record(plan, base, assembly, rolls)
     job = replace(job, dimensions=tuple(_scaled(plan, values, assembly.kernel.parameters, x) for x in pairs))
     if rolls:
         q, _, _ = initial_state(swept, base, assembly)

@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..names import joint_of
-from ..robot.coordinates import force_unit_of, index_of, unit_of
+from ..robot.coordinates import force_unit_of, index_of, rotating_joints, unit_of
 from ..runtime.kernel import Kernel
 from ..scenario.value import Scenario
 from ..simulation.assembly import Assembly
 from ..simulation.result import SimulationResult
 from ..state.motors import shafts
+from ..state.turning import quaternion_columns
 from .plan import Plan
 
 Array = NDArray[np.float64]
@@ -32,13 +33,14 @@ class Column:
     unit: str
 
 
-def check_record(plan: Plan, scenario: Scenario, programmed: bool, rolls: bool) -> None:
+def check_record(plan: Plan, scenario: Scenario, assembly: Assembly, rolls: bool) -> None:
     """DescriptionError of the plan where something to record has no meaning in the scenario."""
-    if "tracking_max" in plan.record and not programmed:
+    if "tracking_max" in plan.record and assembly.program is None:
         plan.fail("record", "tracking_max: nothing is programmed; allowed: with a motion, pd or computed_torque")
     if "reaction_max" in plan.record and scenario.payloads:
         plan.fail("record", "reaction_max: the scenario has payloads, whose masses change; allowed: without them")
-
+    if "quaternion_end" in plan.record and not rotating_joints(assembly.kernel.coordinates):
+        plan.fail("record", "quaternion_end: no joint has alpha, beta and gamma; allowed: with a free or ball joint")
     if "energy_residue" in plan.record and scenario.payloads and rolls:
         plan.fail("record", 'energy_residue: rollouts do not balance payloads; allowed: engine.type = "integrate"')
 
@@ -104,6 +106,12 @@ def _coordinates(name: str, result: SimulationResult, _: Assembly) -> Measured:
     return [(f"{name}.{x}", unit_of(x), value) for x, value in zip(names, values.tolist(), strict=True)]
 
 
+def _quaternions(name: str, result: SimulationResult, _: Assembly) -> Measured:
+    """Components at the end; signs follow on those of the motion before, so that samples have them alike."""
+    found = quaternion_columns(result.trajectory.coordinates, result.trajectory.q)
+    return [(f"{name}.{x}", "", float(values[-1])) for x, values in found.items()]
+
+
 def _reactions(name: str, result: SimulationResult, assembly: Assembly) -> Measured:
     motion, kernel = result.trajectory, assembly.kernel
     u = motion.u.copy()
@@ -137,6 +145,7 @@ _READERS: dict[str, Callable[[str, SimulationResult, Assembly], Measured]] = {
     "reaction_max": _reactions,
     "coordinate_max": _coordinates,
     "coordinate_end": _coordinates,
+    "quaternion_end": _quaternions,
     "energy_residue": _residue,
 }
 

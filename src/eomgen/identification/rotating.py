@@ -1,0 +1,43 @@
+"""Derivatives of measured rotations, which have no poles, where those of their angles have."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..motion.smoothing import local_polynomials
+from ..state.turning import angle_accelerations, angle_rates, body_rates, nearest_angles, quaternions
+
+Array = NDArray[np.float64]
+
+
+def rotation_derivatives(
+    t: Array, angles: Array, rates: Array | None, window: int, degree: int
+) -> tuple[Array, Array, Array]:
+    """Angles of Rx(alpha) Ry(beta) Rz(gamma), their rates and accelerations, (T, 3) each.
+
+    Local polynomials smooth angular velocities in the body's axes where rates were measured, else quaternions.
+
+    Args:
+        t: times, (T,), s.
+        angles: that were measured, (T, 3).
+        rates: likewise, or None.
+        window, degree: of the polynomials, as ``local_polynomials`` takes them.
+    """
+    if rates is not None:
+        spin, slope, _ = local_polynomials(t, body_rates(angles, rates), window, degree)
+        found = angles
+    else:
+        p, dp, ddp = local_polynomials(t, quaternions(angles), window, degree)
+        size = (p * p).sum(axis=1)[:, np.newaxis]  # near 1: polynomials do not keep it
+        spin = 2.0 * _relative(p, dp) / size
+        slope = 2.0 * (_relative(p, ddp) - (p * dp).sum(axis=1)[:, np.newaxis] * spin) / size
+        found = nearest_angles(p, angles)
+    v = angle_rates(found, spin)
+    return found, v, angle_accelerations(found, v, slope)
+
+
+def _relative(p: Array, other: Array) -> Array:
+    """The last three of the conjugate of p times the other quaternion, (T, 3)."""
+    (w, a), (s, b) = ((x[:, :1], x[:, 1:]) for x in (p, other))
+    return w * b - s * a - np.cross(a, b)
