@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,14 +33,24 @@ def cut_numbers(parameters: Mapping[str, float], laws: Sequence[str]) -> dict[st
 
 def _numbers(parameters: Mapping[str, float], owners: Sequence[str], *kinds: str) -> dict[str, dict[str, float]]:
     found: dict[str, dict[str, float]] = {name: {} for name in owners}
-    for name, value in parameters.items() if found else ():
+    if found:
+        for name, owner, key in _places(tuple(parameters), tuple(owners), kinds):
+            found[owner][key] = parameters[name]
+    return found
+
+
+@lru_cache(maxsize=64)
+def _places(names: tuple[str, ...], owners: tuple[str, ...], kinds: tuple[str, ...]) -> tuple[tuple[str, str, str], ...]:
+    """Of parameters that are numbers of owners the parameter, its owner, and its name in the table of laws."""
+    found, known = list[tuple[str, str, str]](), frozenset(owners)
+    for name in names:
         kind, *path = parameter_path(name)
         if kind in kinds:
             length = 1 if kind == "couplings" else 2
             owner = parameter_name(*path[:length])
-            if owner in found:
-                found[owner][parameter_name(*path[length:])] = value
-    return found
+            if owner in known:
+                found.append((name, owner, parameter_name(*path[length:])))
+    return tuple(found)
 
 
 def table_stiffnesses(

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ from ..progress import Progress
 from ..robot.coordinates import coordinate_names, index_of
 from ..robot.mechanism import drive_of
 from ..robot.model import build_model, program_coordinates
+from ..robot.record import record_of, robot_hash
 from ..robot.value import PRINCIPAL, Robot
 from ..runtime.kernel import Kernel
 from ..scenario.value import Scenario, Section
@@ -48,7 +50,7 @@ class Assembly:
     """A scenario for one robot: kernel, names of the driven coordinates, program, drives, wrenches, prescribed motion.
 
     given: initial positions by coordinate, as the scenario has them.  path: of the rigid mechanism along the program,
-    where there are loops.
+    where there are loops.  about: the robot's record and hash, the scenario's values, and whether the robot is_rigid.
     """
 
     kernel: Kernel
@@ -59,6 +61,7 @@ class Assembly:
     wrenches: Wrenches | None
     prescribed: PrescribedMotion | None
     path: Path | None = None
+    about: Mapping[str, Any] = field(default_factory=dict)
 
 
 def assemble(
@@ -128,7 +131,13 @@ def assemble(
     mechanism = None if path is None else path.mechanism
     drive = _drive(robot, scenario, control, kernel, driven, program, rigid, prescribed, mechanism)
     wrenches = Wrenches(scenario, robot, kernel) if scenario.wrenches else None
-    return Assembly(kernel, driven, given, program, drive, wrenches, prescribed, path)
+    about = {
+        "description": record_of(robot),
+        "robot_hash": robot_hash(robot),
+        "scenario": scenario.as_dict(),
+        "is_rigid": is_rigid(robot),
+    }
+    return Assembly(kernel, driven, given, program, drive, wrenches, prescribed, path, about)
 
 
 def is_rigid(robot: Robot) -> bool:
@@ -183,7 +192,7 @@ def _refuse_undriven(robot: Robot, moved: tuple[str, ...]) -> None:
 def kernels_of(robot: Robot, scenario: Scenario) -> tuple[str, ...]:
     """Names of the kernels that the scenario's integrator calls."""
     method = method_of(scenario.integrator.method, _may_be_stiff(robot), in_c=_may_run_in_c(robot, scenario))
-    own = ("adaptive_rollout",) if method in IN_C else ()
+    own = ("adaptive_rollout",) if method in (*IN_C, "auto") else ()
     closing = mechanism_kernels(robot)
     if closing:
         return (*closing, *CLOSED_KERNELS, *own)

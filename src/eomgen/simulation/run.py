@@ -33,12 +33,11 @@ from ..pipeline.ahead import Ahead
 from ..progress import Progress, no_progress
 from ..robot.coordinates import index_of, unit_of
 from ..robot.model import build_model, tool_of
-from ..robot.record import record_of, robot_hash
 from ..robot.value import MOTOR, Robot
 from ..runtime.kernel import Kernel
 from ..scenario.value import Integrator, Scenario, Section
 from ..state.springs import stops
-from .assembly import BANDWIDTH, Assembly, assemble, is_rigid
+from .assembly import BANDWIDTH, Assembly, assemble
 from .initial import initial_state
 from .result import SimulationResult
 from .segments import Loads, run_segments
@@ -146,8 +145,8 @@ def run_assembly(
     versions = {"eomgen": __version__, "numpy": np.__version__, "python": platform.python_version()}
     about: dict[str, Any] = {
         "robot": robot.name,
-        "robot_hash": robot_hash(robot),
-        "scenario": scenario.as_dict(),
+        "robot_hash": assembly.about["robot_hash"],
+        "scenario": assembly.about["scenario"],
         "versions": versions,
     }
     samples = output_times(scenario.duration, scenario.output_step).size
@@ -169,7 +168,7 @@ def run_assembly(
         rigid_q = q
     notes = [
         *_method_note(found.trajectory, reason, asked),
-        *_assumptions(robot, loose, scenario, assembly.program is not None),
+        *_assumptions(robot, loose, scenario, assembly),
         *_beyond_stops(kernel, q0),
         found.balance.note(),
     ]
@@ -191,7 +190,7 @@ def run_assembly(
         links=kernel.links,
         wrench=found.wrench,
         balance=found.balance,
-        description=MappingProxyType(record_of(robot)),
+        description=MappingProxyType(assembly.about["description"]),
         stopped=MappingProxyType({} if found.stop is None else _stop_record(found.stop)),
     )
     if found.stop is not None:
@@ -225,10 +224,10 @@ def _method_note(motion: Trajectory, reason: str, asked: str) -> tuple[str, ...]
     return (f"method: {motion.method} ({kind}), {reason}",)
 
 
-def _assumptions(robot: Robot, loose: tuple[str, ...], scenario: Scenario, programmed: bool) -> tuple[str, ...]:
-    notes = []
+def _assumptions(robot: Robot, loose: tuple[str, ...], scenario: Scenario, assembly: Assembly) -> tuple[str, ...]:
+    notes, programmed = [], assembly.program is not None
     undisturbed = programmed and not scenario.wrenches and not scenario.payloads and _computed(scenario)
-    if undisturbed and is_rigid(robot):
+    if undisturbed and assembly.about["is_rigid"]:
         notes.append("no joint has a deviation: what the tool is off by is the integration's error")
     free = [joint.name for joint in robot.joints if joint.type == "free"]
     if free and programmed and not robot.is_closed:
