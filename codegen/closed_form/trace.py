@@ -22,6 +22,7 @@ from eomgen.errors import InputError
 from eomgen.names import split_component
 from eomgen.robot.model import FIXED_BODY, Body, Model
 
+from ..forces.joint_damping import dampers
 from ..forces.journals import touches
 from ..forces.rows import effects, resisting_rows, stretches
 from ..forces.scalar_functions import Functions
@@ -258,6 +259,9 @@ def _elastic_and_weight(
     Q = [-exact(force) for force in resisting_rows(bound, q, v, SYMBOLS)]
     for touch in touches(bound, q, v, _sincos, SYMBOLS, no_note):
         for s, force in touch.rows().items():
+            Q[s] -= force
+    for damper in dampers(bound, q, _sincos, no_note):
+        for s, force in damper.rows(v).items():
             Q[s] -= force
     g = sp.Matrix([*bound.gravity, 0])
     for body, H in zip(bodies, inertias, strict=True):

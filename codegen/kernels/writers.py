@@ -81,6 +81,8 @@ def _residual_jacobian(d: Derivation) -> Outputs:
         add_derivatives(line, d.v, found.by_q, found.by_v)
     for touch in d.touches(d.v):
         touch.add_derivatives(found.by_q, found.by_v)
+    for damper in d.dampers:
+        damper.add_derivatives(d.v, found.by_q, found.by_v)
     for own in d.deviating:
         _add_derivatives(d, own, found.by_q, found.by_v)
     return d.matrices(found.by_q, found.by_v, found.by_a)

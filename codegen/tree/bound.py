@@ -15,7 +15,7 @@ from typing import Any
 from eomgen.errors import InputError
 from eomgen.names import component_name, joint_of
 from eomgen.robot.geometry import IDENTITY, snap
-from eomgen.robot.laws import RADIAL, given_laws
+from eomgen.robot.laws import JOINT_DAMPING, RADIAL, given_laws
 from eomgen.robot.model import FIXED_BODY, Model, turned_name
 from eomgen.robot.value import ANGULAR, COORDINATES, INERTIA_KEYS, LINEAR, MOTOR, Coordinate, Joint, Placement, loaded
 
@@ -95,6 +95,15 @@ class BoundJournal:
 
 
 @dataclass(frozen=True)
+class BoundDamping:
+    """Damping of a joint's own motion: its name, indices of its coordinates by their names, ``JointDamping.law``."""
+
+    joint: str
+    index: Mapping[str, int]
+    numbers: Mapping[str, Scalar]
+
+
+@dataclass(frozen=True)
 class BoundCoupling:
     """value(of) - sum of ratio * coordinate - offset, which vanishes or has a law; coordinates by their indices."""
 
@@ -124,6 +133,7 @@ class Bound:
     ``cut_offsets`` holds per loop what its six coordinates keep to, ``cut_laws`` the forces of some of them by the
     loop's number and the coordinate's name; ``couplings`` are those of coordinates; ``journals`` stand in bearings.
     ``cut_carriers`` are what presses on cut joints' coordinates, by the names of ``cut_laws``.
+    ``joint_damping`` is that of joints whatever their coordinates.
     """
 
     gravity: Vec
@@ -146,6 +156,7 @@ class Bound:
     journals: tuple[BoundJournal, ...] = ()
     carriers: Mapping[int, tuple[int, ...]] = field(default_factory=dict)
     cut_carriers: Mapping[tuple[int, str], tuple[str, ...]] = field(default_factory=dict)
+    joint_damping: tuple[BoundDamping, ...] = ()
 
 
 def bind(
@@ -207,6 +218,7 @@ def bind(
         journals=binder.journals(),
         carriers=binder.carriers(),
         cut_carriers=binder.cut_carriers(),
+        joint_damping=binder.joint_damping(),
     )
 
 
@@ -391,6 +403,17 @@ class _Binder:
                 prefix = f"joints.{body.joint}.{RADIAL}"
                 numbers = {key: self.value(f"{prefix}.{key}", number) for key, number in given.law().items()}
                 found.append(BoundJournal(body.joint, dict(zip(body.active, body.indices, strict=True)), numbers))
+        return tuple(found)
+
+    def joint_damping(self) -> tuple[BoundDamping, ...]:
+        """Damping of joints' own motions, in the order of the joints."""
+        found = []
+        for body in self.model.bodies:
+            given = self.model.robot.joint(body.joint).damping
+            if given is not None:
+                prefix = f"joints.{body.joint}.{JOINT_DAMPING}"
+                numbers = {key: self.value(f"{prefix}.{key}", number) for key, number in given.law().items()}
+                found.append(BoundDamping(body.joint, dict(zip(body.active, body.indices, strict=True)), numbers))
         return tuple(found)
 
     def _bound_law(self, prefix: str, given: Coordinate) -> BoundLaw:

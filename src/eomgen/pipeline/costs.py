@@ -10,7 +10,7 @@ from ..description import RobotLike, as_robot
 from ..names import component_name
 from ..progress import StageReport, no_report
 from ..robot.coordinates import UNITS, unit_of
-from ..robot.laws import RADIAL, number_texts
+from ..robot.laws import JOINT_DAMPING, RADIAL, number_texts
 from ..robot.model import Model, build_model
 from ..robot.value import CUT_NUMBERS, MOTOR, PRINCIPAL, Coordinate, Coupling
 from .mobility import Mobility
@@ -60,6 +60,7 @@ class RobotInfo:
             "journals": {
                 component_name(joint.name, RADIAL): joint.radial.law() for joint in model.robot.joints if joint.radial
             },
+            "joint_damping": {joint.name: joint.damping.law() for joint in model.robot.joints if joint.damping},
             "springs": [
                 {"name": x.name, "links": list(x.links), "tension_only": x.tension_only, **x.law()}
                 for x in model.robot.springs
@@ -114,6 +115,10 @@ class RobotInfo:
                 lines += [f"  {', '.join(further)}"] if further else []
             if joint.radial is not None:
                 lines.append(f"{component_name(joint.name, RADIAL)}: {', '.join(number_texts(joint.radial.law()))}")
+            if joint.damping is not None:
+                lines.append(
+                    f"{component_name(joint.name, JOINT_DAMPING)}: {', '.join(number_texts(joint.damping.law()))}"
+                )
         return lines
 
     def _loop_lines(self) -> list[str]:

@@ -26,8 +26,9 @@ from ..names import (
     show,
 )
 from .cuts import CUTS, rigid_parts
+from .joint_damping import damping_conflict
 from .journals import radial_conflict
-from .laws import RADIAL
+from .laws import JOINT_DAMPING, RADIAL
 from .mechanism import drive_of, mechanism_conflict
 from .rules import conflict, cut_conflict, motor_conflict, spring_conflict
 from .value import (
@@ -186,10 +187,10 @@ class Model:
     def turning(self) -> tuple[int, ...]:
         """Indices of the bodies whose joints turn freely: free joints and balls, with nothing on their coordinates.
 
-        Which angles describe them is of no matter to such a joint, so that integrations turn its placement where its
-        own are singular.  Whatever acts on a coordinate, moves it or goes with an angle of its own keeps the joint as
-        it is described: laws, armatures, motors, prescribed motions, couplings, offsets of angles.  So does a loop
-        anywhere.
+        Which angles describe them is of no matter to such a joint and to its own damping, so that integrations turn
+        its placement where its own are singular.  Whatever acts on a coordinate, moves it or goes with an angle of its
+        own keeps the joint as it is described: laws, armatures, motors, prescribed motions, couplings, offsets of
+        angles.  So does a loop anywhere.
         """
         if self.constraints:
             return ()
@@ -357,6 +358,8 @@ def _check_forces(robot: Robot) -> None:
             found[MOTOR] = motor_conflict(joint.motor, joint.type, joint.coordinates)
         if joint.radial is not None:
             found[RADIAL] = radial_conflict(joint.radial, joint.coordinates)
+        if joint.damping is not None:
+            found[JOINT_DAMPING] = damping_conflict(joint.damping, joint.coordinates)
         for name, refused in found.items():
             if refused is not None:
                 where = ".".join(filter(None, ("joints", joint.name, name, refused[0])))
@@ -383,6 +386,8 @@ def _parameters(robot: Robot) -> dict[str, float]:
             chosen.update(f"joints.{joint.name}.{MOTOR}.{key}" for key in laws)
         if joint.radial is not None:
             chosen.update(f"joints.{joint.name}.{RADIAL}.{key}" for key in joint.radial.law())
+        if joint.damping is not None:
+            chosen.update(f"joints.{joint.name}.{JOINT_DAMPING}.{key}" for key in joint.damping.law())
     for loop in robot.loops:
         for name, given in loop.coordinates.items():
             chosen.update(f"loops.{loop.name}.{name}.{key}" for key in given.law())
@@ -430,6 +435,9 @@ def _joint_values(joint: Joint) -> Iterator[tuple[str, float | None]]:
     if joint.radial is not None:
         for key, number in joint.radial.law().items():
             yield f"joints.{joint.name}.{RADIAL}.{key}", number
+    if joint.damping is not None:
+        for key, number in joint.damping.law().items():
+            yield f"joints.{joint.name}.{JOINT_DAMPING}.{key}", number
     for name, offset in zip(COORDINATES, joint.offset, strict=True):
         yield f"joints.{joint.name}.offset.{name}", offset
     yield from _placement_values(f"joints.{joint.name}", joint.placement)

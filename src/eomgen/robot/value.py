@@ -18,8 +18,9 @@ from typing import Any
 from ..names import NAME_LENGTH, html_table
 from .cuts import CUTS
 from .geometry import IDENTITY, ZERO, Matrix, Vector, rotation_from_rpy, snap
+from .joint_damping import JointDamping
 from .journals import Radial
-from .laws import BASIC, BETWEEN_POINTS, NUMBERS, RADIAL, SMALLEST, defaults, given_laws
+from .laws import BASIC, BETWEEN_POINTS, JOINT_DAMPING, NUMBERS, RADIAL, SMALLEST, defaults, given_laws
 
 LINEAR = ("x", "y", "z")
 ANGULAR = ("alpha", "beta", "gamma")
@@ -266,6 +267,7 @@ class Joint:
     they move anything: what manufacturing, wear or warmth leave; None where the description gives none.
     motor: what drives the principal coordinate through an elastic transmission; None where the drive acts on it itself.
     radial: contact of the child's journal in the parent's round bearing; None where there is none.
+    damping: of its own motion, whatever its coordinates, beside theirs; None where there is none.
     """
 
     name: str
@@ -279,6 +281,7 @@ class Joint:
     offset: tuple[float | None, ...] = (None,) * 6
     motor: Motor | None = None
     radial: Radial | None = field(default=None, metadata=LATER)
+    damping: JointDamping | None = field(default=None, metadata=LATER)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "coordinates", _in_order(self.coordinates))
@@ -309,7 +312,8 @@ class Joint:
             armature = (given.armature or 0.0) + self.motor.inertia * self.motor.ratio**2
             kept[name] = replace(given, armature=armature, prescribed=given.prescribed or self.motor.prescribed)
         radial = self.radial if all(name in kept for name in touching) else None
-        return replace(self, coordinates=_unloaded(kept), motor=None, radial=radial)
+        damping = self.damping.left_with(kept) if self.damping else None
+        return replace(self, coordinates=_unloaded(kept), motor=None, radial=radial, damping=damping)
 
 
 @dataclass(frozen=True)
@@ -553,10 +557,12 @@ class Robot:
         active |= {f"loops.{loop.name}.{c}." for loop in loops for c in loop.coordinates}
         active |= {f"springs.{spring.name}." for spring in springs}
         active |= {f"joints.{j.name}.{RADIAL}." for j in joints if j.radial is not None}
+        active |= {f"joints.{j.name}.{JOINT_DAMPING}.{key}" for j in joints if j.damping for key in j.damping.law()}
+        own = (*COORDINATES, MOTOR, RADIAL, JOINT_DAMPING)
         gone = tuple(
             name
             for name in self.tunable
-            if (name.startswith("springs.") or name.split(".")[2:3] in [[key] for key in (*COORDINATES, MOTOR, RADIAL)])
+            if (name.startswith("springs.") or name.split(".")[2:3] in [[key] for key in own])
             and not any(name.startswith(prefix) for prefix in active)
         )
         lost = _lost_numbers("joints", self.joints, joints) | _lost_numbers("loops", self.loops, loops)

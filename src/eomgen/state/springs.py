@@ -9,6 +9,7 @@ from ..names import parameter_name
 from ..robot import sizes
 from ..robot.laws import contact_stiffness_of, has_springs, rate_slope_of, stiffness_of
 from ..runtime.kernel import Kernel
+from .joint_damping import damping_diagonal
 from .journals import journal_contacts, journal_stiffness
 from .motors import deflections
 from .vectors import V_STEP, prescribed_mask
@@ -42,12 +43,13 @@ def _contact_stiffnesses(kernel: Kernel) -> Array:
 def damping_matrix(kernel: Kernel, least: float = 0.0) -> Array:
     """Largest slopes of the coordinates' forces by their rates, (n, n), N s/m or N m s/rad: dampers, friction, stops.
 
-    A damper between motor and joint acts on the deflection, friction and stops of a motor on its shaft;
-    ``least`` as of ``rate_slope_of``.
+    A damper between motor and joint acts on the deflection, friction and stops of a motor on its shaft; damping of a
+    joint's own motion counts on the diagonal alone.  ``least`` as of ``rate_slope_of``.
     """
     rows, numbers = deflections(kernel), law_numbers(kernel).values()
     damping = np.array([given.get("damping", 0.0) for given in numbers])
-    return np.asarray(rows.T @ (damping[:, None] * rows) + np.diag([rate_slope_of(x, least) for x in numbers]))
+    diagonal = [rate_slope_of(x, least) for x in numbers] + damping_diagonal(kernel)
+    return np.asarray(rows.T @ (damping[:, None] * rows) + np.diag(diagonal))
 
 
 def any_spring(kernel: Kernel) -> bool:
