@@ -3,7 +3,7 @@
 MuJoCo applies the joints of one body in their order, each about the axes that the ones before it have turned: three
 slides along x, y, z and three hinges about x, y, z are eq. (3).  A motor behind a gear is a rotor of its own on its
 joint's link, of which its armature alone counts, and a tendon whose length is the transmission's deflection.
-Angles that are damped alike in all directions are a ball (``balls``).
+Angles that are damped alike in all directions are a ball (``mujoco_balls``).
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ from ..robot.value import (
     Robot,
     Spring,
 )
-from .balls import ball_values, balls, damped_otherwise, hinge_damping, positions
 from .equalities import add_equalities, held_softly
+from .mujoco_balls import ball_values, balls, damped_otherwise, hinge_damping, positions
 
 Array = NDArray[np.float64]
 Bodies = Mapping[str, ElementTree.Element]

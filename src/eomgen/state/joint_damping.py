@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 
 def damping_diagonal(kernel: Kernel) -> Array:
-    """What damping of joints' own motions adds to that of every coordinate, (n,), N s/m or N m s/rad."""
+    """Share of joints' own damping in that of every coordinate, (n,), N s/m or N m s/rad."""
     found = np.zeros(kernel.n)
     for _, damping, index in _dampers(kernel):
         found[list(index.values())] += damping

@@ -29,7 +29,7 @@ def balls(robot: Robot) -> dict[str, tuple[str, ...]]:
 
 
 def hinge_damping(joint: Joint, name: str) -> float:
-    """What a joint's own damping adds to that of a slide or hinge."""
+    """Damping that a joint's own adds to that of a slide or hinge."""
     if joint.damping is None:
         return 0.0
     return (joint.damping.angular if name in ANGULAR else joint.damping.linear) or 0.0
