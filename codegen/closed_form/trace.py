@@ -152,10 +152,13 @@ def closed_form(
 
 
 def refuse_springs(model: Model) -> None:
-    """InputError if the robot has springs between points."""
+    """InputError if the robot has springs between points, or journals in cut joints."""
     if model.robot.springs:
         names = ", ".join(spring.name for spring in model.robot.springs)
         raise InputError(f"{model.name}: the closed form knows no springs between points ({names}); leave them out")
+    journals = ", ".join(loop.name for loop in model.robot.loops if loop.radial is not None)
+    if journals:
+        raise InputError(f"{model.name}: the closed form knows no journals of cut joints ({journals}); leave them out")
 
 
 class _Values:

@@ -128,7 +128,13 @@ def implicit_step(d: Derivation) -> Outputs:
         slopes[i] = dt * stretch.linear.by_v + square * stretch.linear.by_s + nonlinear
     rows = [*_closing_rows(d, dt), *(_elastic_row(d, pull, dt, square) for pull in pulls)]
     for own in d.deviating:
-        rows.append(_cut_row(d, own, dt, square, springs))
+        if own.has_force:
+            rows.append(_cut_row(d, own, dt, square, springs))
+    for cut in d.cut_touches(d.v):
+        there = cut.ahead(dt)
+        for i, force in there.rows().items():
+            springs[i] = springs[i] + force
+        rows += [elastic_row(arms, d.functions.sqrt(slope)) for arms, slope in there.directions(dt, square)]
     tree, pivots = eliminated(d, armature, _drives(d, springs), d.v, slopes, coupled=bool(rows), beside=beside)
     return _solved(d, with_rows(d, tree, rows)[0] if rows else tree.free, pivots)
 

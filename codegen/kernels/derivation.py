@@ -8,6 +8,7 @@ from typing import Any
 
 from eomgen.robot.model import Model, turned_name, with_offset_angles
 
+from ..forces.cut_journals import CutTouch, cut_touches
 from ..forces.cuts import Deviating, deviating
 from ..forces.joint_damping import Damper, dampers
 from ..forces.journals import Touch, touches
@@ -110,7 +111,16 @@ class Derivation:
             force = own.resists(v, self.functions).force
             for index, arm in own.arms.items():
                 rows[index] = rows[index] + force * arm
+        for cut in self.cut_touches(v):
+            for index, value in cut.rows().items():
+                rows[index] = rows[index] + value
         return rows
+
+    def cut_touches(self, v: list[Any]) -> list[CutTouch]:
+        """Contacts of journals of cut joints, where q is and at the rates v."""
+        if not self.bound.cut_journals:
+            return []
+        return list(cut_touches(self.bound, self.deviating, v, self.graph.sincos, self.functions))
 
     @cached_property
     def closures(self) -> list[Closure]:

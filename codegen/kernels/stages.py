@@ -141,13 +141,17 @@ def _of_coordinates(here: _Stage) -> list[_Slope]:
 
 
 def _lines(here: _Stage) -> list[tuple[Mapping[int, Scalar], _Slope]]:
-    """Springs between points, and coordinates of cut joints with a force: their arms and slopes."""
+    """Springs between points, and forces of cut joints, journals among them: their arms and slopes."""
     d, found = here.d, list[tuple[Mapping[int, Scalar], _Slope]]()
     for line in d.lines(d.v):
         pull = line.along(0.0)
         found.append((pull.arms, here.rising(Effect(by_s=pull.by_e, by_v=pull.by_rate))))
     for own in d.deviating:
-        found.append((own.arms, here.rising(own.resists(d.v, d.functions))))
+        if own.has_force:
+            found.append((own.arms, here.rising(own.resists(d.v, d.functions))))
+    for touch in d.cut_touches(d.v):
+        pairs = zip(touch.directions(here.c, here.square), touch.directions(0.0, here.c), strict=True)
+        found += [(arms, _Slope(whole, by_shift)) for (arms, whole), (_, by_shift) in pairs]
     return found
 
 

@@ -87,7 +87,10 @@ class BoundLaw:
 
 @dataclass(frozen=True)
 class BoundJournal:
-    """A journal in a bearing: the joint's name, indices of its coordinates by their names, and ``Radial.law``."""
+    """A journal in a bearing: the joint's name, indices of its coordinates by their names, and ``Radial.law``.
+
+    Of a cut joint ``index`` are places among those of its coordinates that it feels.
+    """
 
     joint: str
     index: Mapping[str, int]
@@ -131,7 +134,8 @@ class Bound:
     armature.
     ``springs`` are those between points of two bodies.
     ``cut_offsets`` holds per loop what its six coordinates keep to, ``cut_laws`` the forces of some of them by the
-    loop's number and the coordinate's name; ``couplings`` are those of coordinates; ``journals`` stand in bearings.
+    loop's number and the coordinate's name; ``couplings`` are those of coordinates; ``journals`` stand in bearings,
+    ``cut_journals`` in those of cut joints, by the loop's number.
     ``cut_carriers`` are what presses on cut joints' coordinates, by the names of ``cut_laws``.
     ``joint_damping`` is that of joints whatever their coordinates.
     """
@@ -154,6 +158,7 @@ class Bound:
     cut_laws: Mapping[tuple[int, str], BoundLaw] = field(default_factory=dict)
     couplings: tuple[BoundCoupling, ...] = ()
     journals: tuple[BoundJournal, ...] = ()
+    cut_journals: Mapping[int, BoundJournal] = field(default_factory=dict)
     carriers: Mapping[int, tuple[int, ...]] = field(default_factory=dict)
     cut_carriers: Mapping[tuple[int, str], tuple[str, ...]] = field(default_factory=dict)
     joint_damping: tuple[BoundDamping, ...] = ()
@@ -216,6 +221,7 @@ def bind(
         cut_laws=binder.cut_laws(),
         couplings=binder.couplings(),
         journals=binder.journals(),
+        cut_journals=binder.cut_journals(),
         carriers=binder.carriers(),
         cut_carriers=binder.cut_carriers(),
         joint_damping=binder.joint_damping(),
@@ -404,6 +410,17 @@ class _Binder:
                 numbers = {key: self.value(f"{prefix}.{key}", number) for key, number in given.law().items()}
                 found.append(BoundJournal(body.joint, dict(zip(body.active, body.indices, strict=True)), numbers))
         return tuple(found)
+
+    def cut_journals(self) -> dict[int, BoundJournal]:
+        """Journals in bearings of cut joints."""
+        found = {}
+        for number, loop in enumerate(self.model.robot.loops):
+            if loop.radial is not None:
+                prefix = f"loops.{loop.name}.{RADIAL}"
+                numbers = {key: self.value(f"{prefix}.{key}", x) for key, x in loop.radial.law().items()}
+                index = {name: place for place, name in enumerate(loop.radial.felt)}
+                found[number] = BoundJournal(loop.name, index, numbers)
+        return found
 
     def joint_damping(self) -> tuple[BoundDamping, ...]:
         """Damping of joints' own motions, in the order of the joints."""

@@ -15,6 +15,7 @@ from eomgen.errors import InputError, IntegrationStopped, UnknownNameError
 from eomgen.integration import integrate
 from eomgen.robot import build_model
 from eomgen.robot.joint_damping import JointDamping
+from eomgen.robot.journals import Radial
 from eomgen.robot.value import Coordinate, Joint, Link, Placement, Robot
 from tests.support.builds import Build
 from tests.support.small_robots import free_body, held_body
@@ -309,6 +310,8 @@ def test_what_stays_as_it_is_described() -> None:
 
     (free,) = free_body().joints
     assert turning(free)
+    assert turning(replace(free, damping=JointDamping(1.0, 2.0)))
+    assert not turning(replace(free, radial=Radial(1e-3, 1e6)))
     assert not build_model(held_body()).turning
     for given in (
         Coordinate(stiffness=1.0),

@@ -215,6 +215,11 @@ LOOP = Form(
             )
             for key, axis in _AXES.items()
         },
+        laws.RADIAL: Sub(
+            "contact of the second link's journal, whose x and y have tables, in a round bearing of the first one",
+            "m, N/m",
+            inner=RADIAL_FORM,
+        ),
         "offset": _OFFSET,
     }
 )

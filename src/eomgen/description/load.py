@@ -20,8 +20,7 @@ from ..names import listed, nearest, show, show_path
 from ..robot.geometry import ZERO
 from ..robot.inertia_policy import POLICIES, Judged, apply_inertia_policy, link_sizes
 from ..robot.joint_damping import JointDamping, damping_conflict
-from ..robot.journals import Radial, radial_conflict
-from ..robot.laws import JOINT_DAMPING, RADIAL
+from ..robot.laws import JOINT_DAMPING
 from ..robot.mechanism import mechanism_conflict
 from ..robot.parameter_names import expand_tunable
 from ..robot.rules import motor_conflict
@@ -43,7 +42,7 @@ from .builtin import BUILTIN, builtin_robots
 from .couplings import read_coupling
 from .draft import Draft, ordered_joints
 from .floating import float_base
-from .forces import read_coordinate, read_motor, read_radial
+from .forces import journal, read_coordinate, read_motor
 from .keys import ROBOT
 from .loops import check_loops, read_loop, read_placement
 from .springs import check_springs, read_spring
@@ -340,7 +339,7 @@ def _joint(name: str, entry: Table, draft: Draft, folder: Path | None) -> Joint:
     limits, offset = _limits(entry, kind, old), _offset(entry, old)
     if "stops" in entry:
         coordinates[PRINCIPAL.get(kind, "")] = joint_stops(entry, kind, coordinates, limits)
-    radial, damping = _radial(entry, coordinates), _damping(entry, coordinates)
+    radial, damping = journal(entry, coordinates), _damping(entry, coordinates)
     turn = old.axis_turn
     return Joint(name, parent, child, kind, placement, turn, coordinates, limits, offset, motor, radial, damping)
 
@@ -355,18 +354,6 @@ def _motor(entry: Table, kind: str, coordinates: dict[str, Coordinate], folder: 
     if found is not None:
         table.fail(found[1], found[0])
     return motor
-
-
-def _radial(entry: Table, coordinates: dict[str, Coordinate]) -> Radial | None:
-    """The journal in the joint's bearing."""
-    table = entry.table(RADIAL)
-    if table is None:
-        return None
-    radial = read_radial(table)
-    found = radial_conflict(radial, coordinates)
-    if found is not None:
-        table.fail(found[1], found[0])
-    return radial
 
 
 def _damping(entry: Table, coordinates: dict[str, Coordinate]) -> JointDamping | None:

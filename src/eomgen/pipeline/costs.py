@@ -58,7 +58,10 @@ class RobotInfo:
             "mobility": None if self.mobility is None else self.mobility.as_dict(),
             "mass": self._mass(),
             "journals": {
-                component_name(joint.name, RADIAL): joint.radial.law() for joint in model.robot.joints if joint.radial
+                component_name(name, RADIAL): radial.law()
+                for name, radial in [(x.name, x.radial) for x in model.robot.joints]
+                + [(x.name, x.radial) for x in model.robot.loops]
+                if radial
             },
             "joint_damping": {joint.name: joint.damping.law() for joint in model.robot.joints if joint.damping},
             "springs": [
@@ -128,6 +131,7 @@ class RobotInfo:
         for loop in loops:
             lines.append(f"loop {loop.name}: {loop.type} joint between {loop.links[0]} and {loop.links[1]}, cut")
             lines += [f"  {name} [{UNITS[name]}]: {_law_text(given)}" for name, given in loop.coordinates.items()]
+            lines += [f"  {RADIAL}: {', '.join(number_texts(loop.radial.law()))}"] if loop.radial else []
         lines += [_coupling_line(coupling) for coupling in self.model.robot.couplings]
         return [*lines, f"{count} constraints; all else is that of the open tree", ""] if lines else []
 

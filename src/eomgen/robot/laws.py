@@ -509,7 +509,7 @@ def number_of(parameter: str) -> Number | None:
     kind, *path = parameter_path(parameter)
     if kind not in ("joints", "loops", "couplings", "springs"):
         return None
-    if kind == "joints" and path[1] == RADIAL:
+    if kind in ("joints", "loops") and path[1] == RADIAL:
         return IN_BEARINGS.get(parameter_name(*path[2:]))
     if kind == "joints" and path[1] == JOINT_DAMPING:
         return IN_MOTION.get(parameter_name(*path[2:]))

@@ -89,6 +89,8 @@ def _of_loop(loop: Loop) -> Iterator[Parameter]:
             yield Parameter(("loops", loop.name, name, key), getattr(coordinate, key) is not None)
         for key in coordinate.law():
             yield Parameter(("loops", loop.name, name, *parameter_path(key)))
+    for key in loop.radial.law() if loop.radial else ():
+        yield Parameter(("loops", loop.name, RADIAL, *parameter_path(key)))
     for name, value in zip(COORDINATES, loop.offset, strict=True):
         yield Parameter(("loops", loop.name, "offset", name), value is not None)
     for place, placement in enumerate(loop.placements):

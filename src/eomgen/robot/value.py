@@ -333,6 +333,7 @@ class Loop:
     Rz(gamma).  One with properties in ``coordinates`` (without armature and role) has that force; of the others those
     that the type leaves free are free, the rest are rigid.  offset: as that of a joint: a rigid coordinate keeps to it,
     and forces act on what it deviates from it.
+    radial: contact of the second link's journal in the first one's round bearing; None where there is none.
     """
 
     name: str
@@ -341,6 +342,7 @@ class Loop:
     placements: tuple[Placement, Placement] = (Placement(), Placement())
     coordinates: Mapping[str, Coordinate] = field(default_factory=dict, hash=False, metadata=LATER)
     offset: tuple[float | None, ...] = field(default=(None,) * 6, metadata=LATER)
+    radial: Radial | None = field(default=None, metadata=LATER)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "coordinates", _in_order(self.coordinates))
@@ -353,7 +355,8 @@ class Loop:
         """The loop with every coordinate that its type blocks rigid."""
         blocked = [part.name for part in CUTS[self.type]]
         kept = {name: given for name, given in self.coordinates.items() if name not in blocked}
-        return replace(self, coordinates=_unloaded(kept))
+        radial = self.radial if self.radial and all(name in kept for name in self.radial.felt) else None
+        return replace(self, coordinates=_unloaded(kept), radial=radial)
 
 
 @dataclass(frozen=True)
@@ -555,6 +558,7 @@ class Robot:
         springs = tuple(s for s in self.springs if carrier[s.links[0]] != carrier[s.links[1]])
         active = {f"joints.{j.name}.{c}." for j in joints for c in j.coordinates}
         active |= {f"loops.{loop.name}.{c}." for loop in loops for c in loop.coordinates}
+        active |= {f"loops.{loop.name}.{RADIAL}." for loop in loops if loop.radial is not None}
         active |= {f"springs.{spring.name}." for spring in springs}
         active |= {f"joints.{j.name}.{RADIAL}." for j in joints if j.radial is not None}
         active |= {f"joints.{j.name}.{JOINT_DAMPING}.{key}" for j in joints if j.damping for key in j.damping.law()}
