@@ -17,6 +17,7 @@ from sympy.simplify.fu import TR10i
 from eomgen.errors import InputError
 from eomgen.names import parameter_path, split_component
 from eomgen.robot.coordinates import force_unit_of, unit_of
+from eomgen.robot.laws import IN_MOTION, JOINT_DAMPING
 from eomgen.robot.model import Model, parameter_values
 from eomgen.robot.value import ANGULAR, MOTOR
 
@@ -298,7 +299,9 @@ def _parameters(model: Model) -> Iterator[tuple[str, Letter]]:
             owner = f"{owner}_{'ab'[int(parts[3])]}"  # the cut frame on its first or second link
         if kind in ("xyz", "rpy"):
             detail = "xyz"[int(detail)]
-        if of_motor:
+        if parts[0] == "joints" and parts[2] == JOINT_DAMPING:
+            detail, unit = parts[3], IN_MOTION[parts[3]].unit[0]
+        elif of_motor:
             unit = _motor_unit(kind, owner in turning)
         elif detail in ANGULAR:
             unit = ANGULAR_UNITS[kind]
@@ -323,7 +326,7 @@ def _owner(component: str) -> str:
 
 
 def _greek(name: str) -> str:
-    if name == MOTOR:
+    if name == MOTOR or name in IN_MOTION:
         return f"\\mathrm{{{name}}}"
     return f"\\{name}" if name in ANGULAR else name
 

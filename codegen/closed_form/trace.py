@@ -22,6 +22,7 @@ from eomgen.errors import InputError
 from eomgen.names import split_component
 from eomgen.robot.model import FIXED_BODY, Body, Model
 
+from ..forces.joint_damping import dampers
 from ..forces.journals import touches
 from ..forces.rows import effects, resisting_rows, stretches
 from ..forces.scalar_functions import Functions
@@ -151,10 +152,13 @@ def closed_form(
 
 
 def refuse_springs(model: Model) -> None:
-    """InputError if the robot has springs between points."""
+    """InputError if the robot has springs between points, or journals in cut joints."""
     if model.robot.springs:
         names = ", ".join(spring.name for spring in model.robot.springs)
         raise InputError(f"{model.name}: the closed form knows no springs between points ({names}); leave them out")
+    journals = ", ".join(loop.name for loop in model.robot.loops if loop.radial is not None)
+    if journals:
+        raise InputError(f"{model.name}: the closed form knows no journals of cut joints ({journals}); leave them out")
 
 
 class _Values:
@@ -258,6 +262,9 @@ def _elastic_and_weight(
     Q = [-exact(force) for force in resisting_rows(bound, q, v, SYMBOLS)]
     for touch in touches(bound, q, v, _sincos, SYMBOLS, no_note):
         for s, force in touch.rows().items():
+            Q[s] -= force
+    for damper in dampers(bound, q, _sincos, no_note):
+        for s, force in damper.rows(v).items():
             Q[s] -= force
     g = sp.Matrix([*bound.gravity, 0])
     for body, H in zip(bodies, inertias, strict=True):

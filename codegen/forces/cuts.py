@@ -28,7 +28,8 @@ from .scalar_functions import Functions
 class Deviating:
     """A coordinate with a force outside of the tree's own: s, ds/dq by the index of the coordinate, and the law.
 
-    closure: of a cut joint's coordinate, with its direction there; None of a coupling's.
+    closure: of a cut joint's coordinate, with its direction there and its name; None of a coupling's.
+    turn: sine and cosine of an angle, offset included.
     carriers: coordinates of the same cut joint that press on it, where its friction depends on that.
     """
 
@@ -38,6 +39,13 @@ class Deviating:
     closure: Closure | None = None
     direction: Direction | None = None
     carriers: tuple[Deviating, ...] = ()
+    name: str = ""
+    turn: tuple[Scalar, Scalar] | None = None
+
+    @property
+    def has_force(self) -> bool:
+        """Whether it has a law; one that a journal feels may have none."""
+        return bool(self.law.law) or not (is_zero(self.law.stiffness) and is_zero(self.law.damping))
 
     def rate(self, v: Sequence[Scalar]) -> Scalar:
         """ds/dt."""
@@ -86,7 +94,7 @@ def deviating(bound: Bound, closures: Sequence[Closure], q: Sequence[Scalar], f:
 
 def _of_loop(bound: Bound, closure: Closure, names: Sequence[str], f: Functions) -> Iterator[Deviating]:
     offset = bound.cut_offsets[closure.number]
-    values, directions = [], []
+    values, directions, turns = [], [], dict[str, tuple[Scalar, Scalar] | None]()
     angles = _angles(closure, f) if any(name in ANGULAR for name in names) else {}
     for name in names:
         if name in LINEAR:
@@ -94,21 +102,25 @@ def _of_loop(bound: Bound, closure: Closure, names: Sequence[str], f: Functions)
             values.append(dot(axis, closure.distance))
             directions.append(Direction(axis, is_rotation=False))
         else:
-            value, vector = angles[name]
+            value, vector, turns[name] = angles[name]
             values.append(value)
             directions.append(Direction(vector, is_rotation=True))
     found: dict[str, Deviating] = {}
     for name, value, direction, arms in zip(names, values, directions, closure.arms(directions), strict=True):
         law = bound.cut_laws[closure.number, name]
         moved = {index: arm for index, arm in arms.items() if not is_zero(arm)}
-        found[name] = Deviating(value - offset[COORDINATES.index(name)], moved, law, closure, direction)
+        s = value - offset[COORDINATES.index(name)]
+        found[name] = Deviating(s, moved, law, closure, direction, name=name, turn=turns.get(name))
     for name, own in found.items():
         others = bound.cut_carriers.get((closure.number, name), ())
         yield replace(own, carriers=tuple(found[other] for other in others))
 
 
-def _angles(closure: Closure, f: Functions) -> dict[str, tuple[Scalar, Vec]]:
-    """alpha, beta and gamma of b as seen from a, and the dual vectors of their axes, in the common body's axes."""
+def _angles(closure: Closure, f: Functions) -> dict[str, tuple[Scalar, Vec, tuple[Scalar, Scalar] | None]]:
+    """alpha, beta and gamma of b as seen from a, and the dual vectors of their axes, in the common body's axes.
+
+    Of alpha and beta with sine and cosine.
+    """
     x, y, z = closure.axes_a
     R = closure.pose().rotation
     cosine = f.sqrt(R[1][2] * R[1][2] + R[2][2] * R[2][2])
@@ -117,7 +129,7 @@ def _angles(closure: Closure, f: Functions) -> dict[str, tuple[Scalar, Vec]]:
     behind_y = add(scale(cos_alpha, y), scale(sin_alpha, z))
     behind_z = scale(inverse, add(scale(-1.0 * sin_alpha, y), scale(cos_alpha, z)))
     return {
-        "alpha": (f.atan2(-1.0 * R[1][2], R[2][2]), add(x, scale(-1.0 * sin_beta, behind_z))),
-        "beta": (f.atan2(sin_beta, cosine), behind_y),
-        "gamma": (f.atan2(-1.0 * R[0][1], R[0][0]), behind_z),
+        "alpha": (f.atan2(-1.0 * R[1][2], R[2][2]), add(x, scale(-1.0 * sin_beta, behind_z)), (sin_alpha, cos_alpha)),
+        "beta": (f.atan2(sin_beta, cosine), behind_y, (sin_beta, cosine)),
+        "gamma": (f.atan2(-1.0 * R[0][1], R[0][0]), behind_z, None),
     }

@@ -115,7 +115,18 @@ class Touch:
         return {i: dot(self.t, arm) for i, arm in self.place.first.items()}
 
     def slopes(self, dt: Scalar, square: Scalar) -> Rows:
-        """Add up the slopes in a linearly implicit step, a matrix over the joint's coordinates that is never negative.
+        """Add up the slopes in a linearly implicit step, a matrix over the joint's coordinates, never negative."""
+        found: Rows = {}
+        for arms, slope in self.directions(dt, square):
+            scaled = {i: slope * arm for i, arm in arms.items()}
+            for i, one in scaled.items():
+                for j, other in arms.items():
+                    if i <= j:
+                        _add(found, (i, j), one * other)
+        return found
+
+    def directions(self, dt: Scalar, square: Scalar) -> list[tuple[Arms, Scalar]]:
+        """Directions of the joint's coordinates in which there are slopes, and these, which are never negative.
 
         Along n the tangent of N; across, where N turns with the journal, N / e; of friction the secant, without the
         slope by its load, which is not symmetric.
@@ -126,14 +137,7 @@ class Touch:
         parts = [(self.approach(), toward), (around, turning if self.spin else turning + rubbing)]
         if self.spin:
             parts.append((around | self.spin, rubbing))
-        found: Rows = {}
-        for arms, slope in parts:
-            scaled = {i: slope * arm for i, arm in arms.items()}
-            for i, one in scaled.items():
-                for j, other in arms.items():
-                    if i <= j:
-                        _add(found, (i, j), one * other)
-        return found
+        return parts
 
     def add_derivatives(self, by_q: Rows, by_v: Rows) -> None:
         """Add the contact's share of dr/dq and dr/dv."""
@@ -163,7 +167,7 @@ def touches(
     """The contacts of all journals, each journal with a comment in front of its values."""
     for journal in bound.journals:
         note(f"{journal.joint}: its journal in the bearing")
-        for place in _places(journal, q, sincos):
+        for place in places(journal, q, lambda i: sincos(q[i])):
             yield Touch(journal, place, v, f)
 
 
@@ -172,15 +176,22 @@ def dot(one: Pair, other: Pair) -> Scalar:
     return one[0] * other[0] + one[1] * other[1]
 
 
-def _places(journal: BoundJournal, q: Sequence[Scalar], sincos: Turn) -> Iterator[Place]:
-    """The points that may touch: the middle, or both ends, that towards positive z first."""
+def places(
+    journal: BoundJournal, q: Sequence[Scalar], sincos: Callable[[int], tuple[Scalar, Scalar]]
+) -> Iterator[Place]:
+    """The points that may touch: the middle, or both ends, that towards positive z first.
+
+    Args:
+        q: coordinates that the indices of the journal are of.
+        sincos: sine and cosine of one of them, by its index.
+    """
     x, y = (journal.index[name] for name in CROSSWISE)
     first: dict[int, Pair] = {x: (1.0, 0.0), y: (0.0, 1.0)}
     if "length" not in journal.numbers:
         yield Place((q[x], q[y]), first, {})
         return
     alpha, beta = (journal.index[name] for name in TILTING)
-    (sa, ca), (sb, cb) = sincos(q[alpha]), sincos(q[beta])
+    (sa, ca), (sb, cb) = sincos(alpha), sincos(beta)
     for sign in (1.0, -1.0):
         h = sign * (0.5 * journal.numbers["length"])
         along_x, along_y = h * sb, -1.0 * (h * sa)

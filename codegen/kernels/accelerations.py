@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Any
 
 from ..forces.cuts import Deviating
@@ -87,7 +88,8 @@ def implicit_step(d: Derivation) -> Outputs:
     ``added`` is what a joint's controller adds to the diagonal; it acts on coordinates that are driven.
     Springs between points act where their rates lead to, in the directions that they have; their tangents are no
     diagonal, but rows like those of closed loops.  Loops are closed at the end of the step, at the level of rates:
-    J v = -g / dt.  Slopes of a journal couple the coordinates of its joint, and are eliminated with them.
+    J v = -g / dt.  Slopes of a journal and of a joint's damping couple the coordinates of the joint, and are eliminated
+    with them; the directions of such a damping are those of the step's beginning.
     """
     dt, square = d.graph.input("dt", 0), d.graph.input("dt", 1)
     ahead = [q + dt * v for q, v in zip(d.q, d.v, strict=True)]
@@ -100,14 +102,18 @@ def implicit_step(d: Derivation) -> Outputs:
     for touch in touching:
         for i, force in touch.rows().items():
             springs[i] = springs[i] + force
+    for damper in d.dampers:
+        for i, force in damper.rows(d.v).items():
+            springs[i] = springs[i] + force
     armature = list(d.bound.armature)
     for i, (stiffness, damping) in enumerate(zip(d.bound.stiffness, d.bound.damping, strict=True)):
         armature[i] = armature[i] + (dt * damping + square * stiffness)
     for i, law in effects(d.bound, ahead, d.v, d.functions).items():
         armature[i] = armature[i] + law.ahead(dt, square, d.functions)
     beside: Rows = {}
-    for touch in touching:
-        for (i, j), slope in touch.slopes(dt, square).items():
+    blocks = ((touch.slopes(dt, square) for touch in touching), (damper.slopes(dt) for damper in d.dampers))
+    for block in chain.from_iterable(blocks):
+        for (i, j), slope in block.items():
             if i == j:
                 armature[i] = armature[i] + slope
             elif i < j:
@@ -122,7 +128,13 @@ def implicit_step(d: Derivation) -> Outputs:
         slopes[i] = dt * stretch.linear.by_v + square * stretch.linear.by_s + nonlinear
     rows = [*_closing_rows(d, dt), *(_elastic_row(d, pull, dt, square) for pull in pulls)]
     for own in d.deviating:
-        rows.append(_cut_row(d, own, dt, square, springs))
+        if own.has_force:
+            rows.append(_cut_row(d, own, dt, square, springs))
+    for cut in d.cut_touches(d.v):
+        there = cut.ahead(dt)
+        for i, force in there.rows().items():
+            springs[i] = springs[i] + force
+        rows += [elastic_row(arms, d.functions.sqrt(slope)) for arms, slope in there.directions(dt, square)]
     tree, pivots = eliminated(d, armature, _drives(d, springs), d.v, slopes, coupled=bool(rows), beside=beside)
     return _solved(d, with_rows(d, tree, rows)[0] if rows else tree.free, pivots)
 

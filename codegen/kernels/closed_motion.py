@@ -68,6 +68,9 @@ def _of_cuts(d: Derivation, rigid: Mapping[int, Wrench]) -> Outputs:
         if own.closure is not None and own.direction is not None:
             force = own.resists(d.v, d.functions).force
             total[own.closure.number] = total[own.closure.number] + own.direction.wrench(-1.0 * force)
+    for cut in d.cut_touches(d.v):
+        for number, wrench in cut.on_second():
+            total[number] = total[number] + wrench
     return _wrench_outputs([closure.seen_from_b(x) for closure, x in zip(d.closures, total, strict=True)])
 
 

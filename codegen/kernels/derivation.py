@@ -8,7 +8,9 @@ from typing import Any
 
 from eomgen.robot.model import Model, turned_name, with_offset_angles
 
+from ..forces.cut_journals import CutTouch, cut_touches
 from ..forces.cuts import Deviating, deviating
+from ..forces.joint_damping import Damper, dampers
 from ..forces.journals import Touch, touches
 from ..forces.rows import resisting_rows
 from ..forces.scalar_functions import Functions
@@ -87,6 +89,11 @@ class Derivation:
         """Contacts of journals in their bearings, where q is and at the rates v."""
         return list(touches(self.bound, self.q, v, self.graph.sincos, self.functions, self.graph.note))
 
+    @cached_property
+    def dampers(self) -> list[Damper]:
+        """Dampings of joints' own motions, where q is."""
+        return list(dampers(self.bound, self.q, self.graph.sincos, self.graph.note))
+
     def forces(self, v: list[Any]) -> list[Scalar]:
         """Forces, (n,), that all springs and dampers, those of cut joints as well, take from the drives."""
         rows = self.resisting(self.q, v)
@@ -97,11 +104,23 @@ class Derivation:
         for touch in self.touches(v):
             for index, value in touch.rows().items():
                 rows[index] = rows[index] + value
+        for damper in self.dampers:
+            for index, value in damper.rows(v).items():
+                rows[index] = rows[index] + value
         for own in self.deviating:
             force = own.resists(v, self.functions).force
             for index, arm in own.arms.items():
                 rows[index] = rows[index] + force * arm
+        for cut in self.cut_touches(v):
+            for index, value in cut.rows().items():
+                rows[index] = rows[index] + value
         return rows
+
+    def cut_touches(self, v: list[Any]) -> list[CutTouch]:
+        """Contacts of journals of cut joints, where q is and at the rates v."""
+        if not self.bound.cut_journals:
+            return []
+        return list(cut_touches(self.bound, self.deviating, v, self.graph.sincos, self.functions))
 
     @cached_property
     def closures(self) -> list[Closure]:

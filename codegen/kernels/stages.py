@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import chain
 
 from ..forces.laws import Effect
 from ..forces.rows import effects, stretches
@@ -84,7 +85,7 @@ def stage(d: Derivation) -> Outputs:
     own = _of_coordinates(here)
     forces: list[Scalar] = [slope.force(rates[i], shifts[i]) for i, slope in enumerate(own)]
     armature = [x + slope.whole for x, slope in zip(d.bound.armature, own, strict=True)]
-    beside = _journals(here, rates, shifts, armature, forces)
+    beside = _blocks(here, rates, shifts, armature, forces)
     slopes: dict[int, Scalar] = {}
     for motor, stretch in stretches(d.bound, d.q, v, d.functions).items():
         between = d.bound.transmissions[motor]
@@ -106,13 +107,15 @@ def stage(d: Derivation) -> Outputs:
     return {**d.vector(with_rows(d, tree, rows)[0] if rows else tree.free), **pivot_outputs(d, pivots)}
 
 
-def _journals(
+def _blocks(
     here: _Stage, rates: list[Scalar], shifts: list[Scalar], armature: list[Scalar], forces: list[Scalar]
 ) -> Rows:
-    """Slopes of journals beside the diagonal; those on it, and what they make of rates and shifts, are added."""
+    """Slopes of journals and joints' damping beside the diagonal; those on it, and all their forces, are added."""
     beside: Rows = {}
-    for touch in here.d.touches(here.d.v):
-        whole, by_shift = touch.slopes(here.c, here.square), touch.slopes(0.0, here.c)
+    still: Rows = {}
+    touching = ((x.slopes(here.c, here.square), x.slopes(0.0, here.c)) for x in here.d.touches(here.d.v))
+    damped = ((x.slopes(here.c), still) for x in here.d.dampers)
+    for whole, by_shift in chain(touching, damped):
         for (i, j), slope in whole.items():
             for row, column in [(i, j)] if i == j else [(i, j), (j, i)]:
                 force = slope * rates[column] + by_shift.get((i, j), 0.0) * shifts[column]
@@ -138,13 +141,17 @@ def _of_coordinates(here: _Stage) -> list[_Slope]:
 
 
 def _lines(here: _Stage) -> list[tuple[Mapping[int, Scalar], _Slope]]:
-    """Springs between points, and coordinates of cut joints with a force: their arms and slopes."""
+    """Springs between points, and forces of cut joints, journals among them: their arms and slopes."""
     d, found = here.d, list[tuple[Mapping[int, Scalar], _Slope]]()
     for line in d.lines(d.v):
         pull = line.along(0.0)
         found.append((pull.arms, here.rising(Effect(by_s=pull.by_e, by_v=pull.by_rate))))
     for own in d.deviating:
-        found.append((own.arms, here.rising(own.resists(d.v, d.functions))))
+        if own.has_force:
+            found.append((own.arms, here.rising(own.resists(d.v, d.functions))))
+    for touch in d.cut_touches(d.v):
+        pairs = zip(touch.directions(here.c, here.square), touch.directions(0.0, here.c), strict=True)
+        found += [(arms, _Slope(whole, by_shift)) for (arms, whole), (_, by_shift) in pairs]
     return found
 
 

@@ -65,6 +65,10 @@ def _at_home(model: Model) -> tuple[Array, Array]:
         k = stiffness_of(given, curves.get(name, ()))
         for i, arm in own.arms.items():
             stiff[i] = stiff[i] + k * (arm * arm)
+    for cut in d.cut_touches(d.still):
+        for arms in cut.arms():
+            for i, arm in arms.items():
+                stiff[i] = stiff[i] + cut.touch.journal.numbers["stiffness"] * (arm * arm)
     for touch in d.touches(d.still):
         for i, (x, y) in touch.place.first.items():
             stiff[i] = stiff[i] + touch.journal.numbers["stiffness"] * (x * x + y * y)

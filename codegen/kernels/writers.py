@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from ..forces.cuts import Deviating
 from ..forces.rows import effects, gravity_rows, resisting_slopes, stretches
 from ..forces.springs import add_derivatives
 from ..joint.zeros import zero_map
@@ -81,19 +80,26 @@ def _residual_jacobian(d: Derivation) -> Outputs:
         add_derivatives(line, d.v, found.by_q, found.by_v)
     for touch in d.touches(d.v):
         touch.add_derivatives(found.by_q, found.by_v)
+    for damper in d.dampers:
+        damper.add_derivatives(d.v, found.by_q, found.by_v)
     for own in d.deviating:
-        _add_derivatives(d, own, found.by_q, found.by_v)
+        if own.has_force:
+            force = own.resists(d.v, d.functions).force
+            rows = {i: force * arm for i, arm in own.arms.items()}
+            _add_derivatives(d, rows, own.moved_by(), found.by_q, found.by_v)
+    for cut in d.cut_touches(d.v):
+        _add_derivatives(d, cut.rows(), cut.moved_by(), found.by_q, found.by_v)
     return d.matrices(found.by_q, found.by_v, found.by_a)
 
 
-def _add_derivatives(d: Derivation, own: Deviating, by_q: Rows, by_v: Rows) -> None:
-    """Derivatives of what a coordinate of a cut joint is resisted with, in all rows that it has."""
-    force = own.resists(d.v, d.functions).force
-    moving = [i for i in own.moved_by() if i in d.own]
-    rows = [force * own.arms[i] for i in own.arms]
+def _add_derivatives(
+    d: Derivation, rows: Mapping[int, Scalar], moved_by: Sequence[int], by_q: Rows, by_v: Rows
+) -> None:
+    """Derivatives of the resisting forces of a cut joint, which depend on these coordinates, in all rows."""
+    moving = [i for i in moved_by if i in d.own]
     for x, into in ((d.q, by_q), (d.v, by_v)):
-        found = gradients(d.graph, rows, [x[j] for j in moving])
-        for i, row in zip(own.arms, found, strict=True):
+        found = gradients(d.graph, list(rows.values()), [x[j] for j in moving])
+        for i, row in zip(rows, found, strict=True):
             for j, slope in zip(moving, row, strict=True):
                 into[i, j] = into.get((i, j), 0.0) + slope
 
@@ -155,6 +161,8 @@ def _energy(d: Derivation) -> Outputs:
         potential = potential + touch.normal.energy
     for own in d.deviating:
         potential = potential + own.resists(d.still, d.functions).energy
+    for cut in d.cut_touches(d.still):
+        potential = potential + cut.touch.normal.energy
     return vector([kinetic, potential])
 
 
@@ -165,6 +173,9 @@ def _reactions(d: Derivation) -> Outputs:
             total[k] = total[k] + held
     for own in d.deviating:
         for k, held in own.wrenches(own.resists(d.v, d.functions).force):
+            total[k] = total[k] + held
+    for cut in d.cut_touches(d.v):
+        for k, held in cut.wrenches():
             total[k] = total[k] + held
     return vector([x for wrench in total for x in (*wrench.force, *wrench.moment)])
 

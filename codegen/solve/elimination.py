@@ -97,7 +97,9 @@ class Elimination:
         self.together: dict[int, Coupled] = {}
         self.accelerations: list[Scalar] = [0.0] * n
         self.pivots: list[tuple[Scalar, Scalar]] = [(1.0, 1.0)] * n
-        self.bodies = FreeBodies(model, bound, joints, v, drives, self.accelerations, self.pivots, alone=coupled)
+        beside = {i for pair in slopes for i in pair}
+        found, pivots = self.accelerations, self.pivots
+        self.bodies = FreeBodies(model, bound, joints, v, drives, found, pivots, alone=coupled, coupled=beside)
         self.free = self.bodies.free
         self.sizes = self._sizes()
         self.speeds = self._speeds()
@@ -306,16 +308,15 @@ class Elimination:
             first = joint.translations[0][0]
             self.accelerations[first : first + 3] = moved
             a = add(a, moved)
-        else:
-            last = self.together[k].indices if k in self.together else ()
-            for index, axis in joint.translations:
-                if index not in self.given and index not in last:
-                    a = add(a, unit(axis, released(index, a, d)))
-            together = self.together[k].accelerations(a, d) if last else {}
-            for index, axis in joint.translations:
-                a = add(a, unit(axis, together.get(index, 0.0)))
-            for index, value in together.items():
-                self.accelerations[index] = value
+        last = self.together[k].indices if k in self.together else ()
+        for index, axis in joint.translations:
+            if index in steps:
+                a = add(a, unit(axis, released(index, a, d)))
+        together = self.together[k].accelerations(a, d) if last else {}
+        for index, axis in joint.translations:
+            a = add(a, unit(axis, together.get(index, 0.0)))
+        for index, value in together.items():
+            self.accelerations[index] = value
         a = add(a, self._known(k))
         for turn, w in zip(joint.rotations, speeds.behind[1:], strict=True):
             back = transpose(turn.matrix)

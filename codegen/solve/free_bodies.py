@@ -16,7 +16,7 @@ which is eliminated body by body from the tips.  A body's own inertia stays a nu
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
 
 from eomgen.robot.model import FIXED_BODY, Model
@@ -98,11 +98,17 @@ class FreeBodies:
         pivots: list[tuple[Scalar, Scalar]],
         *,
         alone: bool = False,
+        coupled: Container[int] = (),
     ) -> None:
-        """Find the free bodies; ``alone``: those alone that no armature couples to others."""
+        """Find the free bodies.
+
+        Args:
+            alone: take those alone that no armature couples to others.
+            coupled: indices of coordinates that slopes couple, whose bodies are none.
+        """
         self.model, self.bound, self.joints, self.v, self.drives = model, bound, joints, v, drives
         self.accelerations, self.pivots = accelerations, pivots
-        self.free = _free_bodies(model, bound, alone)
+        self.free = _free_bodies(model, bound, alone, coupled)
         self.solved: dict[int, _Solved] = {}
         self.own: list[list[_Psi]] = [[] for _ in model.bodies]
         self.rows: list[list[_Row]] = [[] for _ in model.bodies]  # eliminated when this body was reached
@@ -326,7 +332,7 @@ def about_com(H: PseudoInertia) -> tuple[Vec, Mat]:
     return com, symmetric(less(H.second, com, H.first))
 
 
-def _free_bodies(model: Model, bound: Bound, alone: bool) -> list[bool]:
+def _free_bodies(model: Model, bound: Bound, alone: bool, coupled: Container[int]) -> list[bool]:
     """Bodies behind six coordinates whose children, all of that kind too, hand on no mass."""
     free, given = [False] * len(model.bodies), frozenset(model.prescribed)
     for k in range(len(model.bodies) - 1, -1, -1):
@@ -334,7 +340,8 @@ def _free_bodies(model: Model, bound: Bound, alone: bool) -> list[bool]:
         armature = bound.armature[body.first : body.first + len(body.active)]
         light = body.active == COORDINATES and given.isdisjoint(body.indices) and all(is_zero(c) for c in armature[:3])
         bare = all(is_zero(c) for c in armature[3:]) or not (alone or _flat(bound.bodies[k].inertia))
-        free[k] = light and bare and all(free[child] for child in model.children(k))
+        apart = not any(i in coupled for i in body.indices)
+        free[k] = light and bare and apart and all(free[child] for child in model.children(k))
     return free
 
 

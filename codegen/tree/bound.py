@@ -15,7 +15,7 @@ from typing import Any
 from eomgen.errors import InputError
 from eomgen.names import component_name, joint_of
 from eomgen.robot.geometry import IDENTITY, snap
-from eomgen.robot.laws import RADIAL, given_laws
+from eomgen.robot.laws import JOINT_DAMPING, RADIAL, given_laws
 from eomgen.robot.model import FIXED_BODY, Model, turned_name
 from eomgen.robot.value import ANGULAR, COORDINATES, INERTIA_KEYS, LINEAR, MOTOR, Coordinate, Joint, Placement, loaded
 
@@ -87,7 +87,19 @@ class BoundLaw:
 
 @dataclass(frozen=True)
 class BoundJournal:
-    """A journal in a bearing: the joint's name, indices of its coordinates by their names, and ``Radial.law``."""
+    """A journal in a bearing: the joint's name, indices of its coordinates by their names, and ``Radial.law``.
+
+    Of a cut joint ``index`` are places among those of its coordinates that it feels.
+    """
+
+    joint: str
+    index: Mapping[str, int]
+    numbers: Mapping[str, Scalar]
+
+
+@dataclass(frozen=True)
+class BoundDamping:
+    """Damping of a joint's own motion: its name, indices of its coordinates by their names, ``JointDamping.law``."""
 
     joint: str
     index: Mapping[str, int]
@@ -122,8 +134,10 @@ class Bound:
     armature.
     ``springs`` are those between points of two bodies.
     ``cut_offsets`` holds per loop what its six coordinates keep to, ``cut_laws`` the forces of some of them by the
-    loop's number and the coordinate's name; ``couplings`` are those of coordinates; ``journals`` stand in bearings.
+    loop's number and the coordinate's name; ``couplings`` are those of coordinates; ``journals`` stand in bearings,
+    ``cut_journals`` in those of cut joints, by the loop's number.
     ``cut_carriers`` are what presses on cut joints' coordinates, by the names of ``cut_laws``.
+    ``joint_damping`` is that of joints whatever their coordinates.
     """
 
     gravity: Vec
@@ -144,8 +158,10 @@ class Bound:
     cut_laws: Mapping[tuple[int, str], BoundLaw] = field(default_factory=dict)
     couplings: tuple[BoundCoupling, ...] = ()
     journals: tuple[BoundJournal, ...] = ()
+    cut_journals: Mapping[int, BoundJournal] = field(default_factory=dict)
     carriers: Mapping[int, tuple[int, ...]] = field(default_factory=dict)
     cut_carriers: Mapping[tuple[int, str], tuple[str, ...]] = field(default_factory=dict)
+    joint_damping: tuple[BoundDamping, ...] = ()
 
 
 def bind(
@@ -205,8 +221,10 @@ def bind(
         cut_laws=binder.cut_laws(),
         couplings=binder.couplings(),
         journals=binder.journals(),
+        cut_journals=binder.cut_journals(),
         carriers=binder.carriers(),
         cut_carriers=binder.cut_carriers(),
+        joint_damping=binder.joint_damping(),
     )
 
 
@@ -391,6 +409,28 @@ class _Binder:
                 prefix = f"joints.{body.joint}.{RADIAL}"
                 numbers = {key: self.value(f"{prefix}.{key}", number) for key, number in given.law().items()}
                 found.append(BoundJournal(body.joint, dict(zip(body.active, body.indices, strict=True)), numbers))
+        return tuple(found)
+
+    def cut_journals(self) -> dict[int, BoundJournal]:
+        """Journals in bearings of cut joints."""
+        found = {}
+        for number, loop in enumerate(self.model.robot.loops):
+            if loop.radial is not None:
+                prefix = f"loops.{loop.name}.{RADIAL}"
+                numbers = {key: self.value(f"{prefix}.{key}", x) for key, x in loop.radial.law().items()}
+                index = {name: place for place, name in enumerate(loop.radial.felt)}
+                found[number] = BoundJournal(loop.name, index, numbers)
+        return found
+
+    def joint_damping(self) -> tuple[BoundDamping, ...]:
+        """Damping of joints' own motions, in the order of the joints."""
+        found = []
+        for body in self.model.bodies:
+            given = self.model.robot.joint(body.joint).damping
+            if given is not None:
+                prefix = f"joints.{body.joint}.{JOINT_DAMPING}"
+                numbers = {key: self.value(f"{prefix}.{key}", number) for key, number in given.law().items()}
+                found.append(BoundDamping(body.joint, dict(zip(body.active, body.indices, strict=True)), numbers))
         return tuple(found)
 
     def _bound_law(self, prefix: str, given: Coordinate) -> BoundLaw:

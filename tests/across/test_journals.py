@@ -85,10 +85,12 @@ def test_robots_of_python_are_looked_at_too() -> None:
         build_model(replace(robot, joints=(joint,)))
 
 
-def test_loops_have_none() -> None:
-    """The message says what they have; a loop can be cut at another joint."""
+def test_cut_joints_have_them_where_they_move() -> None:
+    """The message says what they need."""
     text = (ROOT / "examples" / "slider_crank.toml").read_text(encoding="utf-8")
-    with pytest.raises(DescriptionError, match=r"loops\.crankpin: unknown key 'radial'"):
+    with pytest.raises(
+        DescriptionError, match=r"loops\.crankpin\.radial: x does not move; allowed: where x, y have tables"
+    ):
         robot_from_toml(text + "radial = { clearance = 1e-4, stiffness = 1e7 }\n")
 
 

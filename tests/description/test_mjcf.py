@@ -13,6 +13,9 @@ from eomgen.cli.entry import main
 from eomgen.description.load import load_robot, robot_from_mjcf
 from eomgen.description.mjcf.read import root_tag
 from eomgen.errors import DescriptionError
+from eomgen.export.mujoco import mjcf
+from eomgen.robot.joint_damping import JointDamping
+from eomgen.robot.model import build_model
 from eomgen.robot.value import COORDINATES
 from tests.oracles.mjcf import MjcfOracle
 from tests.support.builds import Build
@@ -149,6 +152,12 @@ REFUSED = [  # what is replaced, by what, and what the message says
     ('ref="5"', 'springdamper="1 1"', "joint 'hip' (line 20)", "springdamper"),
     ('ref="5"', 'stiffness="1 2 3"', "joint 'hip' (line 20)", "a linear and a cubic term"),
     ('ref="5"', 'type="ball"', "joint 'hip' (line 20)", "stiffness is '5', which acts otherwise"),
+    (
+        'ref="5"',
+        'type="ball" stiffness="0" damping="1 2"',
+        "joint 'hip' (line 20)",
+        "damping is '1 2'; allowed: a linear",
+    ),
     ('ref="5"', 'type="screw"', "joint 'hip' (line 20)", "hinge, slide, ball, free"),
     ('ref="5"', 'damping="-1"', "joint 'hip' (line 20)", "at least 0"),
     ('name="twist"', 'name="hip"', "joint 'hip' (line 21)", "unique names"),
@@ -184,6 +193,39 @@ REFUSED = [  # what is replaced, by what, and what the message says
 ]
 
 
+DAMPED = """<mujoco><worldbody><body pos="0.1 0.2 0.3" euler="20 30 40"><joint name="root" {}/>
+<inertial mass="1.5" pos="0.05 0.1 -0.02" diaginertia="0.02 0.03 0.04"/>
+<body pos="0.2 0 0" quat="1 0.2 0.3 0.4"><joint name="arm" type="ball" damping="0.3" pos="0.02 0.03 0.01"/>
+<inertial mass="0.5" pos="0.05 0.1 -0.02" diaginertia="0.02 0.03 0.04"/></body></body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("kind", ["free", "ball"])
+def test_damped_balls_move_as_mujocos(kind: str, built: Build, figures: Figures) -> None:
+    """Alike in all directions, and so they turn freely; the way there and back."""
+    text = DAMPED.format(f'type="{kind}" damping="0.7"')
+    robot = robot_from_mjcf(text)
+    root, arm, *_ = robot.joints
+    assert (root.damping, arm.damping) == (
+        JointDamping(0.7 if kind == "free" else None, 0.7),
+        JointDamping(None, 0.3),
+    )
+    model = build_model(robot)
+    assert [model.bodies[k].joint for k in model.turning] == ["root", "arm"]
+    written = mjcf(robot, 1e-3, actuators=True)
+    again = robot_from_mjcf(written)
+    assert [(joint.name, joint.type, joint.damping) for joint in again.joints[:2]] == [
+        ("root", root.type, root.damping),
+        ("arm", "fixed", arm.damping),
+    ]
+    for worst, _ in (deviations(text, built), deviations(written, built)):
+        for key, value in worst.items():
+            figures.at_most(key, value, 1e-10)
+    off = DAMPED.format(f'type="{kind}" damping="0.7"').replace(
+        "<worldbody>", '<option><flag damper="disable"/></option><worldbody>', 1
+    )
+    assert all(joint.damping is None for joint in robot_from_mjcf(off).joints)
+
+
 @pytest.mark.parametrize(("old", "new", "place", "reason"), REFUSED, ids=[f"{new[:30]}" for _, new, _, _ in REFUSED])
 def test_refusals_name_the_place(old: str, new: str, place: str, reason: str) -> None:
     assert MJCF.count(old) >= 1
@@ -205,7 +247,7 @@ def own_model() -> str:
     changes = (
         (' density="1.225" viscosity="1.8e-5"', "", "forces of a fluid"),
         (' gravcomp="0.5"', "", "gravcomp"),
-        ('damping=".1" armature=".1"', 'damping="0" armature="0"', "acts otherwise"),
+        ('damping=".1" armature=".1"', 'damping=".1" armature="0"', "acts otherwise"),
         (
             '<geom type="mesh" mesh="icosahedron" size=".1" rgba="0 0 1 1"/>',
             '<geom type="box" size="0.05 0.06 0.07"/>',

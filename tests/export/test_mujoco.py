@@ -14,14 +14,18 @@ from eomgen.cli.entry import main
 from eomgen.description.load import robot_from_mjcf
 from eomgen.errors import EomgenWarning, InputError
 from eomgen.export.mujoco import LEAST, left_out, mjcf
-from eomgen.robot.value import COORDINATES, LINEAR, Coordinate, Coupling, Friction, Robot
+from eomgen.export.mujoco_balls import positions
+from eomgen.robot.joint_damping import JointDamping
+from eomgen.robot.value import ANGULAR, COORDINATES, LINEAR, Coordinate, Coupling, Friction, Placement, Robot
 from eomgen.runtime.kernel import Kernel
+from tests.oracles.mjcf import MjcfOracle
 from tests.oracles.mujoco_models import MujocoRobot
 from tests.support.builds import Build
 from tests.support.figures import Figures
 from tests.support.random_motors import with_motors
 from tests.support.random_robots import random_robot, seeds
 from tests.support.random_springs import with_springs
+from tests.support.small_robots import free_body
 
 KERNELS = ("mass_matrix", "inverse_dynamics", "energy")
 
@@ -69,6 +73,48 @@ def test_random_robots_move_as_written(seed: int, built: Build, figures: Figures
         first = first or (ours, theirs)
         found = np.abs((ours - first[0]) - (theirs - first[1])).max() / max(1.0, np.abs(theirs).max())
         figures.at_most("energy", float(found), 1e-10)
+
+
+def hung(names: tuple[str, ...], damping: JointDamping, **changes: object) -> Robot:
+    """A body on a joint of these coordinates."""
+    body = free_body()
+    table = {name: Coordinate() for name in names}
+    joint = replace(body.joints[0], type="fixed", coordinates=table, damping=damping)
+    return replace(body, name="hung", joints=(replace(joint, **changes),))
+
+
+@pytest.mark.parametrize("names", [ANGULAR, COORDINATES], ids=["ball", "slides and ball"])
+def test_damping_of_a_joint_becomes_a_balls(names: tuple[str, ...], built: Build) -> None:
+    """Slides before it where the body moves, too, with a damping of their own; poses in turned axes."""
+    robot = hung(names, JointDamping(0.5 if len(names) > 3 else None, 0.3))
+    assert left_out(robot) == []
+    kernel, oracle = built(robot, "inverse_dynamics"), MjcfOracle(mjcf(robot, 1e-3, actuators=True), robot)
+    q, v, a = np.random.default_rng(3).uniform(-1, 1, (3, kernel.n))
+    force = oracle.inverse_dynamics(q, v, a)
+    assert np.abs(kernel.inverse_dynamics(q, v, a) - force).max() < 1e-10 * np.abs(force).max()
+    assert oracle.model.nu == len(names) - 3
+    turn = Placement.from_rpy((0.0, 0.0, 0.0), (0.4, -0.3, 0.2)).rotation
+    robot = replace(robot, joints=(replace(robot.joints[0], axis_turn=turn),))
+    kernel, model = built(robot, "kinematics"), mujoco.MjModel.from_xml_string(mjcf(robot, 1e-3))
+    data = mujoco.MjData(model)
+    data.qpos[:] = positions(robot, q)
+    mujoco.mj_forward(model, data)
+    pose, body = kernel.frame_pose(q, "body"), model.body("body").id
+    assert np.abs(pose[:3, :3] - data.xmat[body].reshape(3, 3)).max() < 1e-12
+    assert np.abs(pose[:3, 3] - data.xpos[body]).max() < 1e-12
+
+
+def test_what_a_balls_damping_cannot_be_is_said() -> None:
+    """Something else acts on an angle; two angles whose axes stay as they are need no ball."""
+    whole = JointDamping(angular=0.3)
+    held = {**dict.fromkeys(ANGULAR, Coordinate()), "beta": Coordinate(stiffness=1.0)}
+    note = "joints.free.damping.angular: on each angle by itself"
+    assert left_out(hung(ANGULAR, whole, coordinates=held)) == [note]
+    assert left_out(hung(ANGULAR, whole, offset=(None,) * 5 + (0.1,))) == [note]
+    assert left_out(hung(("alpha", "beta"), whole)) == []
+    with pytest.raises(InputError, match="on each angle by itself"):
+        mjcf(hung(ANGULAR, whole, coordinates=held), 1e-3)
+    assert 'damping="0.3"' in mjcf(hung(ANGULAR, whole, coordinates=held), 1e-3, approximate=True)
 
 
 def expressed(name: str) -> Robot:

@@ -14,6 +14,8 @@ from scipy.spatial.transform import Rotation
 from eomgen.errors import InputError, IntegrationStopped, UnknownNameError
 from eomgen.integration import integrate
 from eomgen.robot import build_model
+from eomgen.robot.joint_damping import JointDamping
+from eomgen.robot.journals import Radial
 from eomgen.robot.value import Coordinate, Joint, Link, Placement, Robot
 from tests.support.builds import Build
 from tests.support.small_robots import free_body, held_body
@@ -186,6 +188,62 @@ def test_single_precision(built: Build) -> None:
     assert apart(found[-1:, 3:].astype(np.float64), expected[-1:, 3:]) < 2e-3
 
 
+def damped_by_quaternions(robot: Robot, q: Array, v: Array, times: Array) -> tuple[Rotation, Array]:
+    """Rotations and origins of a free body whose joint is damped, integrated in quaternions."""
+    (link,), (joint,) = robot.links, robot.joints
+    tensor, com, w, R = inertia(link), np.array(link.com), spin(q[3:], v[3:]), turned(q[3:])
+    assert joint.damping is not None
+    linear, angular = joint.damping.linear, joint.damping.angular
+    assert linear is not None
+    assert angular is not None
+
+    def slopes(_: float, y: Array) -> Array:
+        x, w, rate = y[:4], y[4:7], y[10:]
+        here = Rotation.from_quat(x)
+        push = -linear * (rate - here.apply(np.cross(w, com)))  # at the origin
+        moment = -angular * w - np.cross(com, here.inv().apply(push))
+        product = np.array([*(x[3] * w + np.cross(x[:3], w)), -x[:3] @ w])
+        turning = np.linalg.solve(tensor, moment - np.cross(w, tensor @ w))
+        return np.concatenate([0.5 * product, turning, rate, push / link.mass])
+
+    begin = np.concatenate([R.as_quat(), w, q[:3] + R.apply(com), v[:3] + R.apply(np.cross(w, com))])
+    found = solve_ivp(slopes, (0.0, times[-1]), begin, "DOP853", times, rtol=1e-12, atol=1e-13).y.T
+    rotations = Rotation.from_quat(found[:, :4])
+    return rotations, found[:, 7:10] - rotations.apply(com)
+
+
+def test_a_damped_body_turns_freely(built: Build) -> None:
+    """Damping of the joint's motion knows no angles: every method passes the pole, with an own integration's poses."""
+    body = tumbler()
+    joint = replace(body.joints[0], damping=JointDamping(0.3, 0.02))
+    robot = replace(body, name="damped_tumbler", joints=(joint,))
+    assert build_model(robot).turning == (0,)
+    kernel = built(robot, *INTEGRATED, "adaptive_rollout")
+    times = np.linspace(0.0, 2.0, 21)
+    R, x = damped_by_quaternions(robot, Q0, V0, times)
+
+    def compare(q: Array, limit: float) -> None:
+        assert float(np.max((turned(q[:, 3:]) * R.inv()).magnitude())) < limit
+        assert np.abs(q[:, :3] - x).max() < limit
+
+    drives = np.zeros(6)
+    compare(kernel.rollout(Q0, V0, drives, 1e-3, 2000, every=100)[0], 1e-8)
+    errors = []
+    for dt, limit in ((1e-3, 2e-2), (5e-4, 1e-2)):
+        q = kernel.rollout(Q0, V0, drives, dt, round(2.0 / dt), method="implicit", every=round(0.1 / dt))[0]
+        compare(q, limit)
+        errors.append(float((turned(q[-1, 3:]) * R[-1].inv()).magnitude()))
+    assert errors[0] / errors[1] == pytest.approx(2.0, abs=0.2)  # of first order
+    for method, limit in (("rosenbrock", 1e-5), ("tsit5", 1e-6)):
+        compare(kernel.rollout(Q0, V0, drives, method=method, duration=2.0, samples=20, rtol=1e-8, atol=1e-9)[0], limit)
+    several = kernel.rollout(np.array([Q0, 0.5 * Q0]), np.array([V0, V0]), np.zeros((2, 6)), 1e-3, 2000, every=100)[0]
+    compare(several[0], 1e-8)
+    found = integrate(kernel, Q0, V0, 2.0, rtol=1e-9, output_step=0.1)
+    compare(found.q, 1e-7)
+    lost = found.energy.sum(axis=1)
+    assert np.all(np.diff(lost) < 0.0)
+
+
 def pair_and_ball() -> Robot:
     """Two free bodies, one on the other, and a ball joint in the middle of a branch, its frame turned and shifted."""
     rng = np.random.default_rng(3)
@@ -252,6 +310,8 @@ def test_what_stays_as_it_is_described() -> None:
 
     (free,) = free_body().joints
     assert turning(free)
+    assert turning(replace(free, damping=JointDamping(1.0, 2.0)))
+    assert not turning(replace(free, radial=Radial(1e-3, 1e6)))
     assert not build_model(held_body()).turning
     for given in (
         Coordinate(stiffness=1.0),

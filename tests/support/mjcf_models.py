@@ -124,7 +124,8 @@ class RandomModel:
 
     def some_joints(self, body: Element) -> None:
         if self.chance(0.15):
-            self.joint(body, type="ball", stiffness="0", damping="0", armature="0", pos="0.1 0 0.2")
+            damping = self.text(self.rng.uniform(0.0, 2.0))
+            self.joint(body, type="ball", stiffness="0", damping=damping, armature="0", pos="0.1 0 0.2")
             return
         count = int(self.rng.integers(1, 4))
         triad, anchor = random_rotation(self.rng), self.text(self.rng.uniform(-0.2, 0.2, 3))

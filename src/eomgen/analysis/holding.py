@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from ..errors import ArrayError, DescriptionError, InputError, UnknownNameError
 from ..motion.ends import default_motion
 from ..names import joint_of, show
-from ..robot.laws import LAWS
+from ..robot.laws import LAWS, has_springs
 from ..robot.model import build_model
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
-from ..state.journals import journal_contacts
+from ..state.journals import cut_contacts, cut_deviations, journal_contacts
 from ..state.motors import deflections, turn_motors
 from ..state.springs import clearances, cut_numbers, journals_in_play, law_numbers
 
@@ -163,10 +163,17 @@ def floating_cuts(kernel: Kernel, q: Array) -> list[str]:
     """Names of the cut joints' coordinates and couplings that touch no end of their clearance at q, (n,)."""
     gaps = {name: given["clearance"] for name, given in cut_numbers(kernel).items() if given.get("clearance")}
     known = {"cut_forces", "cut_jacobian"} <= set(kernel.raw.functions)  # a kernel that the caller built may lack them
-    if not gaps or not known:
+    contacts = cut_contacts(kernel)
+    if not (gaps or contacts) or not known:
         return []
-    deviations = kernel.cut_forces(q, np.zeros(kernel.n))[:, 0].tolist()
-    return [name for name, x in zip(kernel.cut_laws, deviations, strict=True) if abs(x) <= gaps.get(name, -1.0)]
+    deviations = cut_deviations(kernel, q)
+    inside = {name for name, x in zip(kernel.cut_laws, deviations, strict=True) if abs(x) <= gaps.get(name, -1.0)}
+    touching = {i for contact in contacts if contact.gap(deviations) > 0.0 for i in contact.index}
+    for i in {i for contact in contacts for i in contact.index} - touching:
+        name = kernel.cut_laws[i]
+        if not has_springs(cut_numbers(kernel)[name], kernel.knots.get(name, ())):
+            inside.add(name)
+    return [name for name in kernel.cut_laws if name in inside]
 
 
 def notes_of_play(kernel: Kernel, q: Array) -> list[str]:

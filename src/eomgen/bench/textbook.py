@@ -82,6 +82,9 @@ def newton_euler(model: Model) -> str:
     if bound.journals:
         names = ", ".join(journal.joint for journal in bound.journals)
         raise InputError(f"bench: {names}: the textbook's algorithms know no journals in bearings")
+    if bound.joint_damping:
+        names = ", ".join(damping.joint for damping in bound.joint_damping)
+        raise InputError(f"bench: {names}: the textbook's algorithms know damping of coordinates, none of joints")
     if bound.springs:
         names = ", ".join(spring.name for spring in model.robot.springs)
         raise InputError(f"bench: {names}: the textbook's algorithms know no springs between points")

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from ..forms.keys import Number
 from ..forms.tables import Sub, Table
 from ..names import show
-from ..robot.journals import Radial, SlidingFriction
+from ..robot.journals import Radial, SlidingFriction, radial_conflict
+from ..robot.laws import RADIAL
 from ..robot.rules import ROTORS, conflict
 from ..robot.value import Coordinate, Curve, Motor
 from .keys import COORDINATE
@@ -65,8 +66,24 @@ def read_motor(table: Table, read_text: ReadText) -> Motor:
     return Motor(inertia, ratio, transmission, rotor.friction, table.text("role") == "prescribed", rotor.further)
 
 
-def read_radial(table: Table) -> Radial:
-    """The journal of a table of the keys ``RADIAL_FORM``; DescriptionError if a number is missing or out of range."""
+def journal(entry: Table, coordinates: Mapping[str, Coordinate]) -> Radial | None:
+    """The journal in the bearing of a joint, or of a cut one, that has these coordinates; None if there is none.
+
+    Raises:
+        DescriptionError: a number is missing or out of range, or the coordinates do not go with it.
+    """
+    table = entry.table(RADIAL)
+    if table is None:
+        return None
+    radial = _read_radial(table)
+    found = radial_conflict(radial, coordinates)
+    if found is not None:
+        table.fail(found[1], found[0])
+    return radial
+
+
+def _read_radial(table: Table) -> Radial:
+    """The journal of a table of the keys ``RADIAL_FORM``."""
     numbers = {key: table.number(key) for key, kind in table.keys.items() if isinstance(kind, Number)}
     rubbing = table.table("friction")
     sliding = {} if rubbing is None else {key: rubbing.number(key) for key in rubbing.keys}

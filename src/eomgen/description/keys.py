@@ -182,6 +182,10 @@ JOINT = Form(
         laws.RADIAL: Sub(
             "contact of a journal, which moves along x and y, in a round bearing", "m, N/m", inner=RADIAL_FORM
         ),
+        laws.JOINT_DAMPING: Sub(
+            "damping of the joint's own motion, alike in all directions, beside that of its coordinates",
+            inner=Form({key: _number(given) for key, given in laws.IN_MOTION.items()}),
+        ),
         "limits": Numbers("lower and upper limit of the principal coordinate", "m or rad", count=2),
         "stops": Sub("contacts at the limits: stiffness, damping, restitution_damping, smoothing", inner=STOPS),
         "prescribed": Strings("coordinates whose motion is given", words=(*COORDINATES, MOTOR)),
@@ -211,6 +215,11 @@ LOOP = Form(
             )
             for key, axis in _AXES.items()
         },
+        laws.RADIAL: Sub(
+            "contact of the second link's journal, whose x and y have tables, in a round bearing of the first one",
+            "m, N/m",
+            inner=RADIAL_FORM,
+        ),
         "offset": _OFFSET,
     }
 )

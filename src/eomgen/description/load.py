@@ -19,8 +19,8 @@ from ..forms.toml_text import parse_toml, read_text
 from ..names import listed, nearest, show, show_path
 from ..robot.geometry import ZERO
 from ..robot.inertia_policy import POLICIES, Judged, apply_inertia_policy, link_sizes
-from ..robot.journals import Radial, radial_conflict
-from ..robot.laws import RADIAL
+from ..robot.joint_damping import JointDamping, damping_conflict
+from ..robot.laws import JOINT_DAMPING
 from ..robot.mechanism import mechanism_conflict
 from ..robot.parameter_names import expand_tunable
 from ..robot.rules import motor_conflict
@@ -42,7 +42,7 @@ from .builtin import BUILTIN, builtin_robots
 from .couplings import read_coupling
 from .draft import Draft, ordered_joints
 from .floating import float_base
-from .forces import read_coordinate, read_motor, read_radial
+from .forces import journal, read_coordinate, read_motor
 from .keys import ROBOT
 from .loops import check_loops, read_loop, read_placement
 from .springs import check_springs, read_spring
@@ -339,8 +339,9 @@ def _joint(name: str, entry: Table, draft: Draft, folder: Path | None) -> Joint:
     limits, offset = _limits(entry, kind, old), _offset(entry, old)
     if "stops" in entry:
         coordinates[PRINCIPAL.get(kind, "")] = joint_stops(entry, kind, coordinates, limits)
-    radial = _radial(entry, coordinates)
-    return Joint(name, parent, child, kind, placement, old.axis_turn, coordinates, limits, offset, motor, radial)
+    radial, damping = journal(entry, coordinates), _damping(entry, coordinates)
+    turn = old.axis_turn
+    return Joint(name, parent, child, kind, placement, turn, coordinates, limits, offset, motor, radial, damping)
 
 
 def _motor(entry: Table, kind: str, coordinates: dict[str, Coordinate], folder: Path | None) -> Motor | None:
@@ -355,16 +356,16 @@ def _motor(entry: Table, kind: str, coordinates: dict[str, Coordinate], folder: 
     return motor
 
 
-def _radial(entry: Table, coordinates: dict[str, Coordinate]) -> Radial | None:
-    """The journal in the joint's bearing."""
-    table = entry.table(RADIAL)
+def _damping(entry: Table, coordinates: dict[str, Coordinate]) -> JointDamping | None:
+    """The damping of the joint's own motion."""
+    table = entry.table(JOINT_DAMPING)
     if table is None:
         return None
-    radial = read_radial(table)
-    found = radial_conflict(radial, coordinates)
+    damping = JointDamping(**{key: table.number(key) for key in table.keys})
+    found = damping_conflict(damping, coordinates)
     if found is not None:
         table.fail(found[1], found[0])
-    return radial
+    return damping
 
 
 def _offset(entry: Table, old: Joint) -> tuple[float | None, ...]:

@@ -9,7 +9,7 @@ from ..names import show
 from ..robot.geometry import ZERO
 from ..robot.value import COORDINATES, Coordinate, Loop, Placement
 from .draft import Draft
-from .forces import ReadText, read_coordinate
+from .forces import ReadText, journal, read_coordinate
 
 
 def read_loop(name: str, entry: Table, beside: Callable[[Table], ReadText]) -> Loop:
@@ -30,7 +30,8 @@ def read_loop(name: str, entry: Table, beside: Callable[[Table], ReadText]) -> L
     assert kind is not None
     tables = {key: table for key in COORDINATES if (table := entry.table(key)) is not None}
     coordinates = {key: read_coordinate(table, Coordinate(), beside(table)) for key, table in tables.items()}
-    return Loop(name, (links[0], links[1]), kind, _placements(entry), coordinates, _offset(entry))
+    offset, radial = _offset(entry), journal(entry, coordinates)
+    return Loop(name, (links[0], links[1]), kind, _placements(entry), coordinates, offset, radial)
 
 
 def _offset(entry: Table) -> tuple[float | None, ...]:

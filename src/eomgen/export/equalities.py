@@ -37,6 +37,8 @@ def held_softly(robot: Robot) -> Iterator[str]:
             continue
         yield f"{where}: {_SOFT}"
         blocked = {part.name for part in CUTS[loop.type]}
+        if loop.radial is not None:
+            yield f"{where}.radial: without play"
         for name in loop.coordinates:
             yield f"{where}.{name}: {'without play or spring' if name in blocked else 'without force'}"
     for coupling in robot.couplings:

@@ -3,12 +3,14 @@
 MuJoCo applies the joints of one body in their order, each about the axes that the ones before it have turned: three
 slides along x, y, z and three hinges about x, y, z are eq. (3).  A motor behind a gear is a rotor of its own on its
 joint's link, of which its armature alone counts, and a tendon whose length is the transmission's deflection.
+Angles that are damped alike in all directions are a ball (``mujoco_balls``).
 """
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -19,7 +21,7 @@ from ..description import RobotLike, as_robot
 from ..description.mjcf.values import about, matrix, triple
 from ..errors import EomgenWarning, InputError
 from ..files import write_atomically
-from ..names import component_name, show
+from ..names import component_name, joint_of, kind_of, show
 from ..pipeline.closing import closed_home
 from ..robot.coordinates import coordinate_names
 from ..robot.geometry import IDENTITY
@@ -39,6 +41,7 @@ from ..robot.value import (
     Spring,
 )
 from .equalities import add_equalities, held_softly
+from .mujoco_balls import ball_values, balls, damped_otherwise, hinge_damping, positions
 
 Array = NDArray[np.float64]
 Bodies = Mapping[str, ElementTree.Element]
@@ -56,6 +59,7 @@ def export_mjcf(
     Drives are motors of the coordinates' names, frames are sites, and loops and couplings equality constraints, which
     are soft; the keyframe "home" is the closed pose near the description's home.  Contacts are off; limits are written,
     but switched off where nothing stops at them here.  Links without mass and thin rods get ``LEAST`` in its place.
+    Angles with a damping of their joint become a ball or free joint of its name, without motors.
 
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description.
@@ -99,16 +103,20 @@ def mjcf(
     ElementTree.SubElement(option, "flag", contact="disable")
     bodies = {robot.base: ElementTree.SubElement(root, "worldbody")}
     sizes = link_sizes({link.name: link for link in robot.links}, robot.joints)
+    whole = balls(robot)
     for joint in robot.joints:
-        bodies[joint.child] = _add_body(bodies[joint.parent], joint, robot.link(joint.child), sizes[joint.child])
+        link, as_one = robot.link(joint.child), whole.get(joint.name, ())
+        bodies[joint.child] = _add_body(bodies[joint.parent], joint, link, sizes[joint.child], as_one)
     for frame in robot.frames:
         ElementTree.SubElement(bodies[frame.link], "site", {"name": frame.name, **_place(frame.placement)})
     _add_tendons(root, robot, bodies)
     if robot.loops or robot.couplings:
-        add_equalities(root, robot, bodies, closed_home(robot), step)
+        add_equalities(root, robot, bodies, positions(robot, closed_home(robot)), step)
     if actuators:
         part = ElementTree.SubElement(root, "actuator")
         for name in coordinate_names(robot):
+            if kind_of(name) in whole.get(joint_of(name), ()):
+                continue  # no motor of MuJoCo acts on an angle of these
             ElementTree.SubElement(part, "motor", name=name, joint=name)
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode") + "\n"
@@ -129,7 +137,7 @@ def _check(robot: Robot, integrator: str, approximate: bool) -> None:
 
 def left_out(robot: Robot) -> list[str]:
     """Notes on all that MuJoCo has no equal for: its name, and what becomes of it."""
-    found = list(held_softly(robot))
+    found = [*held_softly(robot), *damped_otherwise(robot)]
     for joint in robot.joints:
         for name, given in joint.coordinates.items():
             found += [f"joints.{joint.name}.{name}.{what}" for what in _unknown(given)]
@@ -162,8 +170,10 @@ def _unknown(given: Coordinate) -> Iterator[str]:
             yield f"{law.name}: {note}"
 
 
-def _add_body(parent: ElementTree.Element, joint: Joint, link: Link, size: float) -> ElementTree.Element:
-    """The link, which is so large (m), as a body in its own axes, with its joints.
+def _add_body(
+    parent: ElementTree.Element, joint: Joint, link: Link, size: float, as_one: Sequence[str]
+) -> ElementTree.Element:
+    """The link, which is so large (m), as a body in its own axes, with its joints; ``as_one`` as of ``balls``.
 
     Offsets of angles that do not move are moved to the front, past the motions before them, whose axes they turn.
     """
@@ -186,7 +196,11 @@ def _add_body(parent: ElementTree.Element, joint: Joint, link: Link, size: float
     if joint.coordinates or link.mass > 0.0:
         ElementTree.SubElement(body, "inertial", _inertial(link, size))
     for name, axis in reversed(motions):
-        _add_joint(body, joint, name, axis, offset[name])
+        if name not in as_one:
+            _add_joint(body, joint, name, axis, offset[name])
+    if as_one:
+        kind = "free" if len(as_one) == len(COORDINATES) else "ball"
+        ElementTree.SubElement(body, "joint", {**ball_values(joint), "type": kind})
     if joint.motor is not None:
         rotor = ElementTree.SubElement(body, "body", name=component_name(joint.name, MOTOR), pos=_text(link.com))
         least = {"mass": repr(LEAST), "pos": "0 0 0", "diaginertia": _text([LEAST] * 3)}
@@ -200,7 +214,9 @@ def _add_body(parent: ElementTree.Element, joint: Joint, link: Link, size: float
 
 
 def _add_joint(body: ElementTree.Element, joint: Joint, name: str, axis: Array, offset: float) -> None:
-    given = joint.coordinates[name]
+    given, more = joint.coordinates[name], hinge_damping(joint, name)
+    if more:
+        given = replace(given, damping=(given.damping or 0.0) + more)
     values = {
         "name": component_name(joint.name, name),
         "type": "hinge" if name in ANGULAR else "slide",

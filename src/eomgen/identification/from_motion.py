@@ -30,6 +30,7 @@ from ..robot.model import build_model
 from ..robot.value import ANGULAR, Robot
 from ..runtime.kernel import Kernel
 from ..shown import Shown
+from ..state.joint_damping import damping_forces
 from ..state.motors import deflections
 from ..state.springs import coordinate_numbers
 from ..state.turning import quaternion_columns
@@ -261,6 +262,7 @@ def forces(
     rows = deflections(kernel)
     numbers = (coordinate_numbers(kernel, key) for key in KEYS)
     spring, damper = (-(x @ rows.T * k) @ rows for x, k in zip((q, v), numbers, strict=True))
+    damper = damper - damping_forces(kernel, q, v)
     line, pairs = np.zeros_like(q), np.zeros((len(q), 0, 2))
     if kernel.springs:
         pairs = np.asarray(kernel.spring_forces(q, v))

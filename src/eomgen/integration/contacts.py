@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..runtime.kernel import Kernel
-from ..state.journals import journal_contacts
+from ..state.journals import JournalContact, cut_contacts, cut_deviations, journal_contacts
 from ..state.motors import deflections
 from ..state.springs import clearances, cut_clearances, cut_stops, stops
 
@@ -146,11 +146,37 @@ class Bearings:
 
     def contact(self, end: int, t: float, q: Array, v: Array, closes: bool) -> Contact:
         """The contact at one of the ends, in the state at its time."""
-        journal = self._journals[end]
-        x, y = journal.centre(q)
-        angle = float(np.arctan2(y, x))
-        rate = np.array([np.cos(angle), np.sin(angle)]) @ journal.arms(q) @ v[list(journal.index)]
-        return Contact(t, journal.name, journal.end, closes, float(rate), angle=angle)
+        return _touched(self._journals[end], t, q, v, closes)
+
+
+class CutBearings:
+    """Where journals of cut joints touch."""
+
+    def __init__(self, kernel: Kernel) -> None:
+        self._kernel, self._journals = kernel, cut_contacts(kernel)
+
+    def __len__(self) -> int:
+        """Number of ends."""
+        return len(self._journals)
+
+    def gaps(self, q: Array, v: Array) -> Array:
+        """Distances beyond each of the ends, m or rad, below 0 inside."""
+        s = cut_deviations(self._kernel, q)
+        return np.array([journal.gap(s) for journal in self._journals])
+
+    def contact(self, end: int, t: float, q: Array, v: Array, closes: bool) -> Contact:
+        """The contact at one of the ends, in the state at its time."""
+        return _touched(
+            self._journals[end], t, cut_deviations(self._kernel, q), self._kernel.cut_jacobian(q) @ v, closes
+        )
+
+
+def _touched(journal: JournalContact, t: float, q: Array, v: Array, closes: bool) -> Contact:
+    """A journal's contact, in coordinates and rates as of ``JournalContact``."""
+    x, y = journal.centre(q)
+    angle = float(np.arctan2(y, x))
+    rate = np.array([np.cos(angle), np.sin(angle)]) @ journal.arms(q) @ v[list(journal.index)]
+    return Contact(t, journal.name, journal.end, closes, float(rate), angle=angle)
 
 
 class ContactWatch:
@@ -161,7 +187,7 @@ class ContactWatch:
 
     def __init__(self, kernel: Kernel) -> None:
         self._n = kernel.n
-        groups: Sequence[Ends] = (CoordinateEnds(kernel), CutEnds(kernel), Bearings(kernel))
+        groups: Sequence[Ends] = (CoordinateEnds(kernel), CutEnds(kernel), Bearings(kernel), CutBearings(kernel))
         self._groups = [group for group in groups if len(group)]
         self.found: list[Contact] = []
 

@@ -16,7 +16,7 @@ from ..names import component_name
 from ..pipeline.costs import RobotInfo, robot_info
 from ..progress import Progress, no_progress
 from ..robot.coordinates import UNITS
-from ..robot.laws import RADIAL, number_texts
+from ..robot.laws import JOINT_DAMPING, RADIAL, number_texts
 from ..robot.model import build_model
 from ..robot.value import MOTOR, PRINCIPAL, Coordinate, Robot
 from ..simulation.balance import TERMS
@@ -162,6 +162,11 @@ def _coordinate_table(robot: Robot) -> Table:
         if joint.radial is not None:
             law = ", ".join(number_texts(joint.radial.law()))
             rows.append((component_name(joint.name, RADIAL), joint.type, ends, "m", "", "", "journal", law))
+        if joint.damping is not None:
+            law = ", ".join(number_texts(joint.damping.law()))
+            rows.append(
+                (component_name(joint.name, JOINT_DAMPING), joint.type, ends, "", "", "", "joint's damping", law)
+            )
     head = ("coordinate", "joint", "links", "unit", "stiffness", "damping", "role", "further")
     return Table("Joints and coordinates", head, tuple(rows))
 

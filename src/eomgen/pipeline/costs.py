@@ -10,7 +10,7 @@ from ..description import RobotLike, as_robot
 from ..names import component_name
 from ..progress import StageReport, no_report
 from ..robot.coordinates import UNITS, unit_of
-from ..robot.laws import RADIAL, number_texts
+from ..robot.laws import JOINT_DAMPING, RADIAL, number_texts
 from ..robot.model import Model, build_model
 from ..robot.value import CUT_NUMBERS, MOTOR, PRINCIPAL, Coordinate, Coupling
 from .mobility import Mobility
@@ -58,8 +58,12 @@ class RobotInfo:
             "mobility": None if self.mobility is None else self.mobility.as_dict(),
             "mass": self._mass(),
             "journals": {
-                component_name(joint.name, RADIAL): joint.radial.law() for joint in model.robot.joints if joint.radial
+                component_name(name, RADIAL): radial.law()
+                for name, radial in [(x.name, x.radial) for x in model.robot.joints]
+                + [(x.name, x.radial) for x in model.robot.loops]
+                if radial
             },
+            "joint_damping": {joint.name: joint.damping.law() for joint in model.robot.joints if joint.damping},
             "springs": [
                 {"name": x.name, "links": list(x.links), "tension_only": x.tension_only, **x.law()}
                 for x in model.robot.springs
@@ -114,6 +118,10 @@ class RobotInfo:
                 lines += [f"  {', '.join(further)}"] if further else []
             if joint.radial is not None:
                 lines.append(f"{component_name(joint.name, RADIAL)}: {', '.join(number_texts(joint.radial.law()))}")
+            if joint.damping is not None:
+                lines.append(
+                    f"{component_name(joint.name, JOINT_DAMPING)}: {', '.join(number_texts(joint.damping.law()))}"
+                )
         return lines
 
     def _loop_lines(self) -> list[str]:
@@ -123,6 +131,7 @@ class RobotInfo:
         for loop in loops:
             lines.append(f"loop {loop.name}: {loop.type} joint between {loop.links[0]} and {loop.links[1]}, cut")
             lines += [f"  {name} [{UNITS[name]}]: {_law_text(given)}" for name, given in loop.coordinates.items()]
+            lines += [f"  {RADIAL}: {', '.join(number_texts(loop.radial.law()))}"] if loop.radial else []
         lines += [_coupling_line(coupling) for coupling in self.model.robot.couplings]
         return [*lines, f"{count} constraints; all else is that of the open tree", ""] if lines else []
 

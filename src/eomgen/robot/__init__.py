@@ -4,6 +4,7 @@ Uses forms; it knows neither files nor kernels.
 """
 
 from .geometry import IDENTITY, ZERO, Matrix, Vector, rotation_from_rpy, snap
+from .joint_damping import JointDamping
 from .journals import Radial, SlidingFriction
 from .model import Model, build_model
 from .record import record_of, robot_hash, robot_of
@@ -45,6 +46,7 @@ __all__ = [
     "Frame",
     "Friction",
     "Joint",
+    "JointDamping",
     "Link",
     "Loop",
     "Matrix",

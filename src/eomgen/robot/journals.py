@@ -57,6 +57,12 @@ class Radial:
         """The joint's coordinates that move the places of contact."""
         return CROSSWISE if self.length is None else (*CROSSWISE, *TILTING)
 
+    @property
+    def felt(self) -> tuple[str, ...]:
+        """The joint's coordinates that the contacts feel: with a sliding radius its turning, too."""
+        slides = self.friction is not None and self.friction.radius is not None
+        return (*self.coordinates, TURNING) if slides else self.coordinates
+
     def law(self) -> dict[str, float]:
         """The numbers that are given, by their names: "clearance", "friction.coefficient"."""
         found = {key: value for key, value in vars(self).items() if key != "friction" and value is not None}
@@ -87,5 +93,8 @@ def radial_conflict(given: Radial, active: Mapping[str, Any]) -> tuple[str, str]
     if given.smoothing is None:
         return "clearance", f"got 0 and no smoothing; allowed: 0 with a smoothing of at least {SMALLEST:g}"
     if given.friction is not None and given.friction.radius is not None and TURNING not in active:
-        return "friction.radius", f"{TURNING} does not move; allowed: where it is a coordinate of the joint"
+        return (
+            "friction.radius",
+            f"{TURNING} does not move; allowed: where it is a coordinate (of a cut joint: with a table)",
+        )
     return None

@@ -410,6 +410,17 @@ IN_BEARINGS: Mapping[str, Number] = MappingProxyType(  # of a journal in a round
     }
 )
 
+JOINT_DAMPING = "damping"  # a joint's table of the damping of its own motion
+IN_MOTION: Mapping[str, Number] = MappingProxyType(  # of a joint, whatever its coordinates
+    {
+        number.key: number
+        for number in (
+            Number("linear", "times the velocity of the joint's origin", ("N s/m",)),
+            Number("angular", "times the joint's angular velocity", ("N m s/rad",)),
+        )
+    }
+)
+
 
 def given_laws(numbers: Values) -> Iterator[Law]:
     """The laws that numbers belong to, in the order of the table."""
@@ -498,8 +509,10 @@ def number_of(parameter: str) -> Number | None:
     kind, *path = parameter_path(parameter)
     if kind not in ("joints", "loops", "couplings", "springs"):
         return None
-    if kind == "joints" and path[1] == RADIAL:
+    if kind in ("joints", "loops") and path[1] == RADIAL:
         return IN_BEARINGS.get(parameter_name(*path[2:]))
+    if kind == "joints" and path[1] == JOINT_DAMPING:
+        return IN_MOTION.get(parameter_name(*path[2:]))
     key = parameter_name(*path[2 if kind in ("joints", "loops") else 1 :])
     table = BETWEEN_POINTS if kind == "springs" else _OF_COORDINATES
     return table.get(key) or table.get(key.partition(".")[0])

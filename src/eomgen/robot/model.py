@@ -26,8 +26,9 @@ from ..names import (
     show,
 )
 from .cuts import CUTS, rigid_parts
+from .joint_damping import damping_conflict
 from .journals import radial_conflict
-from .laws import RADIAL
+from .laws import JOINT_DAMPING, RADIAL
 from .mechanism import drive_of, mechanism_conflict
 from .rules import conflict, cut_conflict, motor_conflict, spring_conflict
 from .value import (
@@ -119,9 +120,11 @@ class Model:
         """Forces on what is no coordinate of the tree: (owner, coordinate, properties), in their order.
 
         Coordinates of cut joints, by the loop's name and the coordinate's; then elastic couplings, by their names and
-        "".  One that no number is given of, and none is tunable, has no force and is not among them.
+        "".  One that no number is given of, and none is tunable, has no force and is not among them, unless a journal
+        is there that feels it.
         """
         known = {parameter_path(name)[:3] for name in self.parameters}
+        known |= {("loops", x.name, name) for x in self.robot.loops if x.radial for name in x.radial.felt}
         cut = [(loop.name, name, given) for loop in self.robot.loops for name, given in loop.coordinates.items()]
         coupled = [
             (coupling.name, "", coupling.law)
@@ -186,10 +189,10 @@ class Model:
     def turning(self) -> tuple[int, ...]:
         """Indices of the bodies whose joints turn freely: free joints and balls, with nothing on their coordinates.
 
-        Which angles describe them is of no matter to such a joint, so that integrations turn its placement where its
-        own are singular.  Whatever acts on a coordinate, moves it or goes with an angle of its own keeps the joint as
-        it is described: laws, armatures, motors, prescribed motions, couplings, offsets of angles.  So does a loop
-        anywhere.
+        Which angles describe them is of no matter to such a joint and to its own damping, so that integrations turn
+        its placement where its own are singular.  Whatever acts on a coordinate, moves it or goes with an angle of its
+        own keeps the joint as it is described: laws, armatures, motors, journals, prescribed motions, couplings,
+        offsets of angles.  So does a loop anywhere.
         """
         if self.constraints:
             return ()
@@ -198,7 +201,9 @@ class Model:
 
     def _turns(self, body: Body, coupled: set[str]) -> bool:
         joint, plain = self.robot.joint(body.joint), Coordinate()
-        if body.active != (COORDINATES if joint.type == "free" else ANGULAR) or joint.motor is not None:
+        if body.active != (COORDINATES if joint.type == "free" else ANGULAR):
+            return False
+        if joint.motor is not None or joint.radial is not None:
             return False
         if any(given != plain for given in joint.coordinates.values()) or any(joint.offset[3:]):
             return False
@@ -306,8 +311,10 @@ def _check_loops(robot: Robot, body_of: Mapping[str, int]) -> None:
                 source=robot.source or robot.name,
             )
         _check_pair(robot, body_of, loop.links, f"loops.{loop.name}.links")
-        for name, given in loop.coordinates.items():
-            found = cut_conflict(given)
+        conflicts = {name: cut_conflict(given) for name, given in loop.coordinates.items()}
+        if loop.radial is not None:
+            conflicts[RADIAL] = radial_conflict(loop.radial, loop.coordinates)
+        for name, found in conflicts.items():
             if found is not None:
                 where = ".".join(filter(None, ("loops", loop.name, name, found[0])))
                 raise DescriptionError(found[1], where=where, source=robot.source or robot.name)
@@ -357,6 +364,8 @@ def _check_forces(robot: Robot) -> None:
             found[MOTOR] = motor_conflict(joint.motor, joint.type, joint.coordinates)
         if joint.radial is not None:
             found[RADIAL] = radial_conflict(joint.radial, joint.coordinates)
+        if joint.damping is not None:
+            found[JOINT_DAMPING] = damping_conflict(joint.damping, joint.coordinates)
         for name, refused in found.items():
             if refused is not None:
                 where = ".".join(filter(None, ("joints", joint.name, name, refused[0])))
@@ -383,9 +392,13 @@ def _parameters(robot: Robot) -> dict[str, float]:
             chosen.update(f"joints.{joint.name}.{MOTOR}.{key}" for key in laws)
         if joint.radial is not None:
             chosen.update(f"joints.{joint.name}.{RADIAL}.{key}" for key in joint.radial.law())
+        if joint.damping is not None:
+            chosen.update(f"joints.{joint.name}.{JOINT_DAMPING}.{key}" for key in joint.damping.law())
     for loop in robot.loops:
         for name, given in loop.coordinates.items():
             chosen.update(f"loops.{loop.name}.{name}.{key}" for key in given.law())
+        if loop.radial is not None:
+            chosen.update(f"loops.{loop.name}.{RADIAL}.{key}" for key in loop.radial.law())
     for coupling in robot.couplings:
         chosen.update(f"couplings.{coupling.name}.{key}" for key in (coupling.law.law() if coupling.law else ()))
     for spring in robot.springs:
@@ -430,6 +443,9 @@ def _joint_values(joint: Joint) -> Iterator[tuple[str, float | None]]:
     if joint.radial is not None:
         for key, number in joint.radial.law().items():
             yield f"joints.{joint.name}.{RADIAL}.{key}", number
+    if joint.damping is not None:
+        for key, number in joint.damping.law().items():
+            yield f"joints.{joint.name}.{JOINT_DAMPING}.{key}", number
     for name, offset in zip(COORDINATES, joint.offset, strict=True):
         yield f"joints.{joint.name}.offset.{name}", offset
     yield from _placement_values(f"joints.{joint.name}", joint.placement)
@@ -446,6 +462,9 @@ def _loop_values(loop: Loop) -> Iterator[tuple[str, float | None]]:
             yield f"loops.{loop.name}.{name}.{key}", getattr(coordinate, key)
         for key, value in coordinate.law().items():
             yield f"loops.{loop.name}.{name}.{key}", value
+    if loop.radial is not None:
+        for key, number in loop.radial.law().items():
+            yield f"loops.{loop.name}.{RADIAL}.{key}", number
     for name, offset in zip(COORDINATES, loop.offset, strict=True):
         yield f"loops.{loop.name}.offset.{name}", offset
     for place, placement in enumerate(loop.placements):

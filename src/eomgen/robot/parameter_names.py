@@ -8,7 +8,7 @@ from typing import NoReturn
 
 from ..errors import DescriptionError
 from ..names import nearest, parameter_name, parameter_path, show
-from .laws import RADIAL
+from .laws import JOINT_DAMPING, RADIAL
 from .value import (
     COORDINATE_NUMBERS,
     COORDINATES,
@@ -24,7 +24,7 @@ from .value import (
 FORMS = (
     "gravity[.x], links.LINK.mass, links.LINK.com[.x], links.LINK.inertia[.xx], "
     "joints.JOINT.COORDINATE.stiffness (or damping, armature), joints.JOINT.offset[.x], "
-    "joints.JOINT.motor.inertia (or ratio), "
+    "joints.JOINT.damping.linear (or angular), joints.JOINT.motor.inertia (or ratio), "
     "joints.JOINT.placement.xyz[.0] (or rpy), frames.FRAME.placement.xyz[.0] (or rpy), "
     "loops.LOOP.COORDINATE.stiffness (or damping), loops.LOOP.offset[.x], "
     "loops.LOOP.placements[.0.xyz.0] (or rpy), couplings.COUPLING.ratio[.JOINT.COORDINATE], "
@@ -65,6 +65,8 @@ def parameters(robot: Robot) -> Iterator[Parameter]:
             yield Parameter(("joints", joint.name, MOTOR, *parameter_path(key)), value is not None)
         for key in joint.radial.law() if joint.radial else ():
             yield Parameter(("joints", joint.name, RADIAL, *parameter_path(key)))
+        for key in joint.damping.law() if joint.damping else ():
+            yield Parameter(("joints", joint.name, JOINT_DAMPING, key))
     for frame in robot.frames:
         yield from _placement(("frames", frame.name, "placement"), frame.placement)
     for loop in robot.loops:
@@ -87,6 +89,8 @@ def _of_loop(loop: Loop) -> Iterator[Parameter]:
             yield Parameter(("loops", loop.name, name, key), getattr(coordinate, key) is not None)
         for key in coordinate.law():
             yield Parameter(("loops", loop.name, name, *parameter_path(key)))
+    for key in loop.radial.law() if loop.radial else ():
+        yield Parameter(("loops", loop.name, RADIAL, *parameter_path(key)))
     for name, value in zip(COORDINATES, loop.offset, strict=True):
         yield Parameter(("loops", loop.name, "offset", name), value is not None)
     for place, placement in enumerate(loop.placements):

@@ -18,8 +18,9 @@ from typing import Any
 from ..names import NAME_LENGTH, html_table
 from .cuts import CUTS
 from .geometry import IDENTITY, ZERO, Matrix, Vector, rotation_from_rpy, snap
+from .joint_damping import JointDamping
 from .journals import Radial
-from .laws import BASIC, BETWEEN_POINTS, NUMBERS, RADIAL, SMALLEST, defaults, given_laws
+from .laws import BASIC, BETWEEN_POINTS, JOINT_DAMPING, NUMBERS, RADIAL, SMALLEST, defaults, given_laws
 
 LINEAR = ("x", "y", "z")
 ANGULAR = ("alpha", "beta", "gamma")
@@ -266,6 +267,7 @@ class Joint:
     they move anything: what manufacturing, wear or warmth leave; None where the description gives none.
     motor: what drives the principal coordinate through an elastic transmission; None where the drive acts on it itself.
     radial: contact of the child's journal in the parent's round bearing; None where there is none.
+    damping: of its own motion, whatever its coordinates, beside theirs; None where there is none.
     """
 
     name: str
@@ -279,6 +281,7 @@ class Joint:
     offset: tuple[float | None, ...] = (None,) * 6
     motor: Motor | None = None
     radial: Radial | None = field(default=None, metadata=LATER)
+    damping: JointDamping | None = field(default=None, metadata=LATER)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "coordinates", _in_order(self.coordinates))
@@ -309,7 +312,8 @@ class Joint:
             armature = (given.armature or 0.0) + self.motor.inertia * self.motor.ratio**2
             kept[name] = replace(given, armature=armature, prescribed=given.prescribed or self.motor.prescribed)
         radial = self.radial if all(name in kept for name in touching) else None
-        return replace(self, coordinates=_unloaded(kept), motor=None, radial=radial)
+        damping = self.damping.left_with(kept) if self.damping else None
+        return replace(self, coordinates=_unloaded(kept), motor=None, radial=radial, damping=damping)
 
 
 @dataclass(frozen=True)
@@ -329,6 +333,7 @@ class Loop:
     Rz(gamma).  One with properties in ``coordinates`` (without armature and role) has that force; of the others those
     that the type leaves free are free, the rest are rigid.  offset: as that of a joint: a rigid coordinate keeps to it,
     and forces act on what it deviates from it.
+    radial: contact of the second link's journal in the first one's round bearing; None where there is none.
     """
 
     name: str
@@ -337,6 +342,7 @@ class Loop:
     placements: tuple[Placement, Placement] = (Placement(), Placement())
     coordinates: Mapping[str, Coordinate] = field(default_factory=dict, hash=False, metadata=LATER)
     offset: tuple[float | None, ...] = field(default=(None,) * 6, metadata=LATER)
+    radial: Radial | None = field(default=None, metadata=LATER)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "coordinates", _in_order(self.coordinates))
@@ -349,7 +355,8 @@ class Loop:
         """The loop with every coordinate that its type blocks rigid."""
         blocked = [part.name for part in CUTS[self.type]]
         kept = {name: given for name, given in self.coordinates.items() if name not in blocked}
-        return replace(self, coordinates=_unloaded(kept))
+        radial = self.radial if self.radial and all(name in kept for name in self.radial.felt) else None
+        return replace(self, coordinates=_unloaded(kept), radial=radial)
 
 
 @dataclass(frozen=True)
@@ -551,12 +558,15 @@ class Robot:
         springs = tuple(s for s in self.springs if carrier[s.links[0]] != carrier[s.links[1]])
         active = {f"joints.{j.name}.{c}." for j in joints for c in j.coordinates}
         active |= {f"loops.{loop.name}.{c}." for loop in loops for c in loop.coordinates}
+        active |= {f"loops.{loop.name}.{RADIAL}." for loop in loops if loop.radial is not None}
         active |= {f"springs.{spring.name}." for spring in springs}
         active |= {f"joints.{j.name}.{RADIAL}." for j in joints if j.radial is not None}
+        active |= {f"joints.{j.name}.{JOINT_DAMPING}.{key}" for j in joints if j.damping for key in j.damping.law()}
+        own = (*COORDINATES, MOTOR, RADIAL, JOINT_DAMPING)
         gone = tuple(
             name
             for name in self.tunable
-            if (name.startswith("springs.") or name.split(".")[2:3] in [[key] for key in (*COORDINATES, MOTOR, RADIAL)])
+            if (name.startswith("springs.") or name.split(".")[2:3] in [[key] for key in own])
             and not any(name.startswith(prefix) for prefix in active)
         )
         lost = _lost_numbers("joints", self.joints, joints) | _lost_numbers("loops", self.loops, loops)

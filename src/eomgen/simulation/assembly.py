@@ -218,13 +218,13 @@ def with_kernel(assembly: Assembly, robot: Robot, scenario: Scenario, kernel: Ke
 def _may_be_stiff(robot: Robot) -> bool:
     """Whether the description gives a spring, damper or friction to anything.
 
-    That is to a coordinate, a motor, two points, a journal, a cut joint, or a coupling.
+    That is to a coordinate, a motor, two points, a journal, a joint as a whole, a cut joint, or a coupling.
     """
     tables = [c for joint in robot.joints for c in joint.all_coordinates.values()]
     motors = any(joint.motor for joint in robot.joints)
     beside = bool(robot.springs or build_model(robot).cut_laws)
-    journals = any(joint.radial for joint in robot.joints)
-    return beside or motors or journals or any(c.stiffness or c.damping or c.law() for c in tables)
+    whole = any(joint.radial or joint.damping for joint in robot.joints)
+    return beside or motors or whole or any(c.stiffness or c.damping or c.law() for c in tables)
 
 
 def by_coordinate(robot: Robot, scenario: Scenario, key: str, given: Mapping[str, float]) -> dict[str, float]:

@@ -220,7 +220,8 @@ def _check_coordinates(meta: Meta, found: Mapping[str, Any], where: str) -> None
     if found.get("rotating", rotating) != rotating:
         got = listed(found["rotating"])
         raise InputError(f"{where}: array rotating: got {got}; allowed: {listed(rotating) or 'no joint'}")
-    journals = {component_name(joint_of(name), RADIAL) for name in coordinates}
+    cuts = (name for name in _cut_names(meta.description) if "." in name)
+    journals = {component_name(joint_of(name), RADIAL) for name in (*coordinates, *cuts)}
     contacts = dict.fromkeys(contact.coordinate for contact in meta.contacts if contact.coordinate not in journals)
     known = (*coordinates, *_cut_names(meta.description))
     for key, names, allowed in (

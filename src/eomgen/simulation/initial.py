@@ -12,9 +12,11 @@ from ..errors import IntegrationError
 from ..loops.equilibrium import closed_equilibrium
 from ..names import nearest, parameter_name, parameter_path, show
 from ..robot.coordinates import index_of
+from ..robot.laws import RADIAL
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..scenario.value import Scenario
+from ..state.journals import journal_numbers
 from ..state.motors import shafts, turn_motors
 from ..state.springs import clearances, cut_numbers, journals_in_play, stiffnesses
 from .assembly import Assembly, by_coordinate, names_in_scenarios
@@ -137,8 +139,9 @@ def _balanced(robot: Robot, scenario: Scenario, assembly: Assembly, q: Array, he
 def _taut(kernel: Kernel) -> Kernel | None:
     """The kernel without play in cut joints and couplings, which no coordinate of its own can be held in; or None."""
     play = [name for name, given in cut_numbers(kernel).items() if given.get("clearance")]
-    if not play:
-        return None
     kinds = {name: "loops" if "." in name else "couplings" for name in play}
     paths = [parameter_name(kinds[name], *parameter_path(name), "clearance") for name in play]
+    paths += [parameter_name("loops", name, RADIAL, "clearance") for name in journal_numbers(kernel, "loops")]
+    if not paths:
+        return None
     return kernel.with_parameters(dict.fromkeys(paths, 0.0))

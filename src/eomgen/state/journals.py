@@ -21,8 +21,10 @@ Numbers = Mapping[str, Mapping[str, float]]  # by joints, then by their names in
 class JournalContact:
     """A place where a journal may touch its bearing.
 
+    Arguments q are coordinates of the kernel, of a cut joint's journal deviations by the order of ``cut_laws``.
+
     Attributes:
-        name: "JOINT.radial".
+        name: "JOINT.radial", "LOOP.radial".
         end: 1 or -1, the end of the bearing towards positive or negative z; 0 of one without a length.
         clearance: m.
         stiffness: N/m.
@@ -60,7 +62,7 @@ class JournalContact:
 
 
 def journal_contacts(kernel: Kernel) -> list[JournalContact]:
-    """The contacts of all journals with the numbers that the kernel has now."""
+    """The contacts of all journals of joints with the numbers that the kernel has now."""
     return contacts_of(journal_numbers(kernel), kernel.coordinates)
 
 
@@ -78,12 +80,34 @@ def contacts_of(journals: Numbers, coordinates: Sequence[str]) -> list[JournalCo
     return found
 
 
-def journal_numbers(kernel: Kernel) -> Numbers:
-    """The numbers of every journal as the kernel has them now."""
+def cut_contacts(kernel: Kernel) -> list[JournalContact]:
+    """The contacts of the journals of cut joints, in deviations as of ``Kernel.cut_forces``."""
+    return contacts_of(journal_numbers(kernel, "loops"), kernel.cut_laws)
+
+
+def cut_deviations(kernel: Kernel, q: Array) -> Array:
+    """Deviations of what is in ``cut_laws`` at q, (n,)."""
+    found: Array = kernel.cut_forces(q, np.zeros(kernel.n))[:, 0]
+    return found
+
+
+def cut_stiffness(kernel: Kernel, q: Array) -> Array:
+    """Stiffness matrix of the journals of cut joints at q where all touch along x and along y, (n, n)."""
+    total, contacts = np.zeros((kernel.n, kernel.n)), cut_contacts(kernel)
+    if contacts:
+        s, J = cut_deviations(kernel, q), np.asarray(kernel.cut_jacobian(q))
+        for contact in contacts:
+            rows = contact.arms(s) @ J[list(contact.index)]
+            total += contact.stiffness * (rows.T @ rows)
+    return total
+
+
+def journal_numbers(kernel: Kernel, owners: str = "joints") -> Numbers:
+    """The numbers of every journal of joints, or of "loops", as the kernel has them now."""
     found: dict[str, dict[str, float]] = {}
     for name, value in kernel.parameters.items():
         kind, *path = parameter_path(name)
-        if kind == "joints" and path[1] == RADIAL:
+        if kind == owners and path[1] == RADIAL:
             found.setdefault(path[0], {})[parameter_name(*path[2:])] = value
     return found
 

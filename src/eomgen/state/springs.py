@@ -9,7 +9,8 @@ from ..names import parameter_name
 from ..robot import sizes
 from ..robot.laws import contact_stiffness_of, has_springs, rate_slope_of, stiffness_of
 from ..runtime.kernel import Kernel
-from .journals import journal_contacts, journal_stiffness
+from .joint_damping import damping_diagonal
+from .journals import cut_contacts, cut_stiffness, journal_contacts, journal_stiffness
 from .motors import deflections
 from .vectors import V_STEP, prescribed_mask
 
@@ -43,12 +44,13 @@ def _contact_stiffnesses(kernel: Kernel) -> Array:
 def damping_matrix(kernel: Kernel, least: float = 0.0) -> Array:
     """Largest slopes of the coordinates' forces by their rates, (n, n), N s/m or N m s/rad: dampers, friction, stops.
 
-    A damper between motor and joint acts on the deflection, friction and stops of a motor on its shaft;
-    ``least`` as of ``rate_slope_of``.
+    A damper between motor and joint acts on the deflection, friction and stops of a motor on its shaft; damping of a
+    joint's own motion counts on the diagonal alone.  ``least`` as of ``rate_slope_of``.
     """
     rows, numbers = deflections(kernel), law_numbers(kernel).values()
     damping = np.array([given.get("damping", 0.0) for given in numbers])
-    return np.asarray(rows.T @ (damping[:, None] * rows) + np.diag([rate_slope_of(x, least) for x in numbers]))
+    diagonal = [rate_slope_of(x, least) for x in numbers] + damping_diagonal(kernel)
+    return np.asarray(rows.T @ (damping[:, None] * rows) + np.diag(diagonal))
 
 
 def any_spring(kernel: Kernel) -> bool:
@@ -62,7 +64,7 @@ def any_spring(kernel: Kernel) -> bool:
         return True
     if any(has_springs(given, kernel.knots.get(name, ())) for name, given in cut_numbers(kernel).items()):
         return True
-    if any(contact.stiffness for contact in journal_contacts(kernel)):
+    if any(contact.stiffness for contact in (*journal_contacts(kernel), *cut_contacts(kernel))):
         return True
     names = (parameter_name("springs", name, "stiffness") for name in kernel.springs)
     return any(name in kernel.knots for name in kernel.springs) or any(map(kernel.parameters.get, names))
@@ -162,8 +164,8 @@ def journals_in_play(kernel: Kernel) -> set[str]:
 def line_rates(kernel: Kernel, q: Array, least: float = 0.0, *, touching: bool = False) -> tuple[Array, Array]:
     """Stiffness and damping by springs between points, in cut joints and couplings at q, (n, n) each.
 
-    Cables count as taut; the largest slopes count.  touching: stops count, too, as if they were touched.
-    ``least`` as of ``rate_slope_of``.
+    Cables count as taut, journals of cut joints as touching; the largest slopes count.
+    touching: stops count, too, as if they were touched.  ``least`` as of ``rate_slope_of``.
     """
     stiffness, slowing = np.zeros((kernel.n, kernel.n)), np.zeros((kernel.n, kernel.n))
     if kernel.springs:
@@ -176,7 +178,7 @@ def line_rates(kernel: Kernel, q: Array, least: float = 0.0, *, touching: bool =
         k = np.array([stiffness_of(numbers[name], kernel.knots.get(name, ())) for name in kernel.cut_laws])
         c = np.array([given.get("damping", 0.0) + rate_slope_of(given, least) for given in numbers.values()])
         k = k + [contact_stiffness_of(given) for given in numbers.values()] if touching else k
-        stiffness = stiffness + rows.T @ (k[:, None] * rows)
+        stiffness = stiffness + rows.T @ (k[:, None] * rows) + cut_stiffness(kernel, q)
         slowing = slowing + rows.T @ (c[:, None] * rows)
     return np.asarray(stiffness), np.asarray(slowing)
 

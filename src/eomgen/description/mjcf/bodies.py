@@ -319,7 +319,8 @@ def _joint(name: str, parent: str, child: str, group: Group, place: Pose) -> Joi
     principal = PRINCIPAL.get(group.type)
     limits = moving[principal].limits if principal is not None else None
     turn = triple(a), triple(b), triple(c)
-    return Joint(name, parent, child, group.type, place.placement(), turn, given, limits, offset)
+    damping = group.joints[0].damping
+    return Joint(name, parent, child, group.type, place.placement(), turn, given, limits, offset, damping=damping)
 
 
 def read_bodies(

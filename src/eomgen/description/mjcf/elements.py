@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eomgen.names import show
+from eomgen.robot.joint_damping import JointDamping
 from eomgen.robot.value import Coordinate, Friction
 
 from .defaults import Defaults
@@ -37,7 +38,7 @@ JOINT_KEYS = (
 )
 FREE_KEYS = ("name", "group", "align")
 LIMITED = ("auto", "true", "false")
-_FORCES = ("stiffness", "damping", "armature", "frictionloss")
+_OF_QUATERNIONS = ("stiffness", "armature", "frictionloss")
 
 
 @dataclass(frozen=True)
@@ -78,21 +79,30 @@ class JointReader:
         )
 
     def _quaternion(self, item: Item, name: str, kind: str, anchor: Array) -> Moving:
-        """A ball or free joint: forces on its quaternion are others than those on angles."""
-        for key in _FORCES:
+        """A ball or free joint; but for damping, forces on its quaternion are others than those on angles."""
+        for key in _OF_QUATERNIONS:
             if any(item.numbers(key, 1, 3)):
                 message = f"{key} is {show(item.values[key])}, which acts otherwise on the angles of eomgen"
                 way = "<freejoint/>" if kind == "free" else "three hinges about x, y and z"
                 item.fail(f"{message}; allowed: 0 (or {way})")
-        return Moving(name, kind, np.array([0.0, 0.0, 1.0]), np.zeros(3) if kind == "free" else anchor)
+        value, made = self._damping(item), None
+        if value and self.flags["damper"]:
+            made = JointDamping(linear=value if kind == "free" else None, angular=value)
+        origin = np.zeros(3) if kind == "free" else anchor
+        return Moving(name, kind, np.array([0.0, 0.0, 1.0]), origin, damping=made)
+
+    def _damping(self, item: Item) -> float:
+        """The damping of any joint, which is linear."""
+        first, *others = _polynomial(item, "damping")
+        if any(others):
+            item.fail(f"damping is {show(item.values['damping'])}; allowed: a linear term")
+        return first
 
     def _coordinate(self, item: Item, springref: float, name: str) -> Coordinate:
         stiffness, quadratic, cubic = _polynomial(item, "stiffness")
-        damping, *others = _polynomial(item, "damping")
-        if quadratic or any(others):
-            key = "stiffness" if quadratic else "damping"
-            terms = "a linear and a cubic term" if quadratic else "a linear term"
-            item.fail(f"{key} is {show(item.values[key])}; allowed: {terms}")
+        if quadratic:
+            item.fail(f"stiffness is {show(item.values['stiffness'])}; allowed: a linear and a cubic term")
+        damping = self._damping(item)
         if cubic and springref:
             item.fail(f"springref is {item.values['springref']} beside a cubic stiffness; allowed: springref 0")
         armature, friction = item.number("armature", minimum=0.0), item.number("frictionloss", minimum=0.0)

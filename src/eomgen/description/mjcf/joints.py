@@ -14,6 +14,7 @@ from itertools import combinations
 import numpy as np
 
 from eomgen.robot.geometry import axis_turn
+from eomgen.robot.joint_damping import JointDamping
 from eomgen.robot.value import ANGULAR, COORDINATES, LINEAR, PRINCIPAL, Coordinate
 
 from .values import Array, Pose, about, tidy, triple
@@ -28,6 +29,7 @@ class Moving:
     axis: unit vector in its body's axes; anchor: a point that does not move, m, in its body; both in the reference
     position.  offset: what is added to the coordinate, m or rad.  rest: how far the joint is from the reference
     position where its spring has no force, m or rad.  limited: whether MuJoCo keeps it within its limits.
+    damping: of a ball or free joint.
     """
 
     name: str
@@ -39,6 +41,7 @@ class Moving:
     limits: tuple[float, float] | None = None
     rest: float = 0.0
     limited: bool = False
+    damping: JointDamping | None = None
 
     @property
     def at_rest(self) -> Pose:

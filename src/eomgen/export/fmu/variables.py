@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from eomgen.names import parameter_name, parameter_path
 from eomgen.robot.coordinates import FORCES, force_unit_of, unit_of
-from eomgen.robot.laws import BASIC, NUMBERS, RADIAL, least_of, number_of
+from eomgen.robot.laws import BASIC, JOINT_DAMPING, NUMBERS, RADIAL, least_of, number_of
 from eomgen.robot.model import FIXED_BODY, Model
 from eomgen.robot.rules import ROTORS
 from eomgen.robot.value import LINEAR, MOTOR, PRINCIPAL, Robot
@@ -236,7 +236,7 @@ def parameter_unit(robot: Robot, name: str) -> str:
     if parts[0] == "links":
         return {"mass": "kg", "com": "m", "inertia": "kg.m2"}[parts[2]]
     number = number_of(name)
-    if number is not None and parts[2] == RADIAL:
+    if number is not None and parts[2] in (RADIAL, JOINT_DAMPING):
         return unit_name(number.unit[0])
     if parts[0] == "springs":
         return "m" if number is None else unit_name(number.unit[0])

@@ -1,0 +1,81 @@
+"""Damping of joints' own motions: rows and their derivatives.
+
+The coordinates of eq. (3) move a joint's origin with (x', y', z') in the joint's axes, and turn its child with an
+angular velocity w about the axes of alpha, beta and gamma.  These are unit vectors of which the second is normal to
+both others, and the first and the third enclose the angle whose cosine is sin(beta); so
+
+    |w|^2 = alpha'^2 + beta'^2 + gamma'^2 + 2 sin(beta) alpha' gamma' = v^T G v,
+
+and a damping d of w, which takes the power d |w|^2 whatever the axes, resists the coordinates with r = d G v.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+from eomgen.robot.joint_damping import MOVED
+
+from ..tree.bound import Bound
+from ..tree.composite import Rows
+from ..tree.recursion import Note
+from ..tree.spatial import Scalar
+
+FRONT, MIDDLE, BACK = MOVED["angular"]
+Turn = Callable[[Scalar], tuple[Scalar, Scalar]]
+
+
+@dataclass(frozen=True)
+class Damper:
+    """A joint's damping d of one kind: the indices of what it slows down.
+
+    across: of alpha and gamma where both move, sin(beta), and the index of beta, -1 of one that does not move, with
+    its cosine; None of others.
+    """
+
+    damping: Scalar
+    indices: tuple[int, ...]
+    across: tuple[int, int, Scalar, int, Scalar] | None = None
+
+    def slopes(self, factor: Scalar = 1.0) -> Rows:
+        """factor d G on and above the diagonal, which is never negative: dr/dv, and what implicit steps take."""
+        d = factor * self.damping
+        found: Rows = {(i, i): d for i in self.indices}
+        if self.across is not None:
+            alpha, gamma, sine, _, _ = self.across
+            found[alpha, gamma] = d * sine
+        return found
+
+    def rows(self, v: Sequence[Scalar]) -> dict[int, Scalar]:
+        """r_i."""
+        rates = {i: v[i] for i in self.indices}
+        if self.across is not None:
+            alpha, gamma, sine, _, _ = self.across
+            rates[alpha], rates[gamma] = v[alpha] + sine * v[gamma], v[gamma] + sine * v[alpha]
+        return {i: self.damping * rate for i, rate in rates.items()}
+
+    def add_derivatives(self, v: Sequence[Scalar], by_q: Rows, by_v: Rows) -> None:
+        """Add the shares of dr/dq and dr/dv."""
+        for (i, j), slope in self.slopes().items():
+            for key in {(i, j), (j, i)}:
+                by_v[key] = by_v.get(key, 0.0) + slope
+        if self.across is not None and self.across[3] >= 0:
+            alpha, gamma, _, beta, cosine = self.across
+            bend = self.damping * cosine
+            for i, j in ((alpha, gamma), (gamma, alpha)):
+                by_q[i, beta] = by_q.get((i, beta), 0.0) + bend * v[j]
+
+
+def dampers(bound: Bound, q: Sequence[Scalar], sincos: Turn, note: Note) -> Iterator[Damper]:
+    """The dampings of all joints where q is, each joint with a comment in front of its values."""
+    for joint in bound.joint_damping:
+        note(f"{joint.joint}: damping of its motion")
+        for key, damping in joint.numbers.items():
+            moved = {name: joint.index[name] for name in MOVED[key] if name in joint.index}
+            if FRONT not in moved or BACK not in moved:
+                yield Damper(damping, tuple(moved.values()))
+                continue
+            beta, sine, cosine = moved.get(MIDDLE, -1), 0.0, 1.0
+            if beta >= 0:
+                sine, cosine = sincos(q[beta] + bound.angle_offsets[beta])
+            yield Damper(damping, tuple(moved.values()), (moved[FRONT], moved[BACK], sine, beta, cosine))

@@ -1,0 +1,49 @@
+"""Damping of joints' own motions as a kernel has it now."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..names import component_name, joint_of, kind_of, parameter_name
+from ..robot.joint_damping import MOVED
+from ..robot.laws import JOINT_DAMPING
+from ..runtime.kernel import Kernel
+
+Array = NDArray[np.float64]
+
+
+def damping_diagonal(kernel: Kernel) -> Array:
+    """Share of joints' own damping in that of every coordinate, (n,), N s/m or N m s/rad."""
+    found = np.zeros(kernel.n)
+    for _, damping, index in _dampers(kernel):
+        found[list(index.values())] += damping
+    return found
+
+
+def damping_forces(kernel: Kernel, q: Array, v: Array) -> Array:
+    """The forces, (T, n), that damping of joints' own motions takes from the drives in states, (T, n) each."""
+    found = np.zeros_like(v)
+    for joint, damping, index in _dampers(kernel):
+        places = list(index.values())
+        found[:, places] += damping * v[:, places]
+        if {"alpha", "gamma"} <= index.keys():
+            beta = kernel.parameters.get(parameter_name("joints", joint, "offset", "beta"), 0.0)
+            sine = np.sin(beta + (q[:, index["beta"]] if "beta" in index else 0.0))
+            alpha, gamma = index["alpha"], index["gamma"]
+            found[:, alpha] += damping * sine * v[:, gamma]
+            found[:, gamma] += damping * sine * v[:, alpha]
+    return found
+
+
+def _dampers(kernel: Kernel) -> Iterator[tuple[str, float, dict[str, int]]]:
+    """Joints with such a damping, its number, and the indices of what it slows down, by their short names."""
+    for joint in dict.fromkeys(joint_of(name) for name in kernel.coordinates):
+        for key, moved in MOVED.items():
+            damping = kernel.parameters.get(parameter_name("joints", joint, JOINT_DAMPING, key))
+            if damping is not None:
+                names = (component_name(joint, name) for name in moved)
+                places = {name: kernel.coordinates.index(name) for name in names if name in kernel.coordinates}
+                yield joint, damping, {kind_of(name): i for name, i in places.items()}

@@ -1,0 +1,299 @@
+"""Damping of joints' own motions: against rotations, complex steps, linear systems, and through all rooms."""
+
+from __future__ import annotations
+
+import json
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import eomgen
+from eomgen.bench.textbook import newton_euler
+from eomgen.codegen.closed_form.readable import readable_closed_form
+from eomgen.codegen.closed_form.trace import closed_form
+from eomgen.codegen.kernels.equations import derive, derive_equations
+from eomgen.codegen.kernels.operation_counts import operations
+from eomgen.codegen.program.ir import evaluate
+from eomgen.description.load import robot_from_toml
+from eomgen.errors import DescriptionError, InputError
+from eomgen.export.fmu.variables import UNITS, parameter_unit
+from eomgen.integration.solve import choose_method
+from eomgen.pictures import report_of
+from eomgen.pipeline.costs import RobotInfo
+from eomgen.robot.joint_damping import JointDamping
+from eomgen.robot.laws import IN_MOTION, least_of, number_of
+from eomgen.robot.model import build_model
+from eomgen.robot.record import record_of, robot_of
+from eomgen.robot.value import ANGULAR, COORDINATES, LINEAR, Coordinate, Robot
+from eomgen.scenario.load import scenario_from_toml
+from eomgen.state.joint_damping import damping_diagonal, damping_forces
+from tests.oracles.complex_step import complex_steps
+from tests.support.builds import Build
+from tests.support.closeness import close
+from tests.support.random_robots import Array, State, random_robot, random_state, seeds, some_prescribed
+from tests.support.random_springs import with_springs
+from tests.support.small_robots import free_body
+
+NAMES = ("inverse_dynamics", "generalized_force", "forward_dynamics", "energy", "residual_jacobian")
+STEP = 1e-30
+
+
+def damped(seed: int, joints: tuple[int, int] = (1, 3), **given: object) -> Robot:
+    """A random robot whose joints have damping and offsets of angles; every third one moves in all directions."""
+    rng, found = np.random.default_rng(seed), []
+    robot = random_robot(seed, joints=joints, types=("revolute", "fixed", "free"), max_coordinates=3, **given)  # type: ignore[arg-type]
+    for number, joint in enumerate(robot.joints):
+        table = dict(joint.coordinates)
+        if number % 3 == 0 and table:
+            table |= {name: table.get(name, Coordinate()) for name in ANGULAR}
+        linear, angular = rng.uniform(0.5, 3.0, 2).tolist()
+        made = JointDamping(linear, angular).left_with(table)
+        offset = tuple(float(rng.uniform(-0.5, 0.5)) if rng.random() < 0.3 else None for _ in COORDINATES)
+        found.append(replace(joint, coordinates=table, damping=made, offset=offset))
+    return replace(robot, joints=tuple(found))
+
+
+def without(robot: Robot) -> Robot:
+    return replace(robot, joints=tuple(replace(joint, damping=None) for joint in robot.joints))
+
+
+def metrics(robot: Robot, q: Array) -> Array:
+    """D of forces -D v, (n, n): of every joint the squares of both velocities, by complex steps of its pose."""
+    names = build_model(robot).coordinates
+    total = np.zeros((len(names),) * 2)
+    for joint in robot.joints:
+        own = [i for i, name in enumerate(names) if name.rpartition(".")[0] == joint.name]
+        if joint.damping is None or not own:
+            continue
+
+        def pose(x: Array, joint: eomgen.robot.Joint = joint, own: list[int] = own) -> tuple[Array, Array]:
+            given = dict(zip(joint.coordinates, x[own], strict=True))
+            values = [given.get(k, 0.0) + (o or 0.0) for k, o in zip(COORDINATES, joint.offset, strict=True)]
+            turn = np.eye(3)
+            for axis, angle in enumerate(values[3:]):
+                turn = turn @ about(axis, angle)
+            return np.array(values[:3]), turn
+
+        still = pose(q.astype(complex))[1].real
+        for i in own:
+            for j in own:
+                (x, R), (y, S) = (pose(q + STEP * 1j * np.eye(len(q))[k]) for k in (i, j))
+                moved = x.imag @ y.imag / STEP**2 if i in own else 0.0
+                turned = 0.5 * np.trace((still.T @ R.imag).T @ (still.T @ S.imag)) / STEP**2
+                total[i, j] += (joint.damping.linear or 0.0) * moved + (joint.damping.angular or 0.0) * turned
+    return total
+
+
+def about(axis: int, angle: complex) -> Array:
+    c, s = np.cos(angle), np.sin(angle)
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    found = np.eye(3, dtype=complex)
+    found[i, i], found[i, j], found[j, i], found[j, j] = c, -s, s, c
+    return found
+
+
+@pytest.mark.parametrize("seed", seeds(2300, 2, 12))
+def test_forces_take_the_power_of_both_velocities(seed: int, built: Build) -> None:
+    """What they add to a robot without them, one state at a time, several on vectors, and in single precision."""
+    robot = damped(seed)
+    kernel, bare = built(robot, *NAMES), built(without(robot), *NAMES)
+    single = built(robot, "generalized_force", dtype="float32")
+    states = [random_state(robot, seed + i) for i in range(9)]
+    forces = [-metrics(robot, s.q) @ s.v for s in states]
+    assert np.abs(forces).max() > 0.1
+    for s, force in zip(states, forces, strict=True):
+        assert close(kernel.inverse_dynamics(s.q, s.v, s.a), bare.inverse_dynamics(s.q, s.v, s.a) - force)
+        assert close(kernel.forward_dynamics(s.q, s.v, s.u), bare.forward_dynamics(s.q, s.v, s.u + force), 1e-8)
+        assert close(kernel.energy(s.q, s.v), bare.energy(s.q, s.v))
+    q, v = (np.array([getattr(s, x) for s in states]) for x in "qv")
+    assert close(kernel.generalized_force(q, v), bare.generalized_force(q, v) + forces)
+    assert close(damping_forces(kernel, q, v), -np.array(forces))
+    assert close(damping_diagonal(kernel), np.diagonal(metrics(robot, q[0])))
+    few = (q.astype(np.float32), v.astype(np.float32))
+    assert close(single.generalized_force(*few), kernel.generalized_force(*(x.astype(float) for x in few)), 1e-4)
+
+
+def inputs_of(robot: Robot, s: State) -> dict[str, object]:
+    parameters = list(build_model(robot).parameters.values())
+    return {"q": s.q, "v": s.v, "a": s.a, "u": s.u, "p": parameters}
+
+
+@pytest.mark.parametrize("seed", seeds(2320, 3, 15))
+def test_slopes_are_those_of_the_forces(seed: int) -> None:
+    robot = damped(seed, (1, 2))
+    model = build_model(robot)
+    s = random_state(robot, seed)
+    found = evaluate(derive(model, "residual_jacobian"), inputs_of(robot, s))
+    blocks = np.array(list(found.values())).reshape(3, model.size, model.size)
+    for block, name in zip(blocks, "qva", strict=True):
+        assert close(block, complex_steps(robot, s, name), 1e-10)
+
+
+def test_closed_form_has_it() -> None:
+    robot = random_robot(2331, joints=(1, 1), types=("fixed",), counts=(0,))
+    joint = replace(
+        robot.joints[0],
+        coordinates=dict.fromkeys(("x", *ANGULAR), Coordinate()),
+        damping=JointDamping(0.5, 0.7),
+    )
+    robot = replace(robot, joints=(joint,), links=robot.links[:1])
+    model, s = build_model(robot), random_state(robot, 1)
+    residual = closed_form(model).function("residual")(s.q, s.v, s.a, s.u)
+    assert close(np.array(list(evaluate(derive(model, "residual"), inputs_of(robot, s)).values())), residual)
+    texts = {str(letter.symbol): letter.unit for letter in readable_closed_form(model).letters}
+    assert texts[f"b_angular_{joint.name}"] == "N m s/rad"
+    assert texts[f"b_linear_{joint.name}"] == "N s/m"
+
+
+@pytest.mark.parametrize("kind", ["alone", "prescribed", "springs"])
+@pytest.mark.parametrize("seed", seeds(2340, 2, 12))
+def test_an_implicit_step_is_the_linear_system(seed: int, kind: str) -> None:
+    """(M + dt D) a = u - D v - bias, with what the robot without damping of joints has beside them."""
+    robot, dt = damped(seed, (1, 2) if kind == "alone" else (2, 2)), 0.05
+    robot = {"prescribed": some_prescribed, "springs": with_springs}.get(kind, lambda robot, _: robot)(robot, seed)
+    model, s = build_model(robot), random_state(robot, seed)
+    base = {**inputs_of(robot, s), "added": np.zeros(model.size), "dt": [dt, dt * dt]}
+    found = evaluate(derive(model, "implicit_step"), base)
+    a = np.array([found["out", i] for i in range(model.size)])
+    D, bare = metrics(robot, s.q), build_model(without(robot))
+    u = np.where(np.isin(np.arange(model.size), model.prescribed), s.u, s.u - D @ (s.v + dt * a))
+    wanted = evaluate(derive(bare, "implicit_step"), {**base, "u": u, "p": list(bare.parameters.values())})
+    assert close(a, np.array([wanted["out", i] for i in range(model.size)]), 1e-6)
+
+
+def ball(damping: JointDamping | None, *names: str, **changes: object) -> Robot:
+    """A body that hangs on a joint of these coordinates."""
+    body = free_body()
+    joint = replace(
+        body.joints[0],
+        name="ball",
+        type="fixed",
+        coordinates=dict.fromkeys(names or ANGULAR, Coordinate()),
+        damping=damping,
+    )
+    return replace(body, joints=(replace(joint, **changes),))
+
+
+@pytest.mark.parametrize("method", ["implicit", "rosenbrock"])
+def test_a_damping_without_end_holds_still(method: str, built: Build) -> None:
+    """1e9 N m s/rad: the matrix has the damping, off its diagonal, too."""
+    kernel = built(ball(JointDamping(angular=1e9)), *NAMES, "rollout", "adaptive_rollout", "mass_matrix")
+    q0, v0 = np.array([0.3, 0.8, -0.4]), np.array([1.0, -2.0, 3.0])
+    steps = {"dt": 0.01, "steps": 100} if method == "implicit" else {"duration": 1.0, "samples": 1, "rtol": 1e-4}
+    q, v = kernel.rollout(q0, v0, np.zeros(3), method=method, **steps)
+    assert np.abs(q[-1] - q0).max() < 1e-6
+    assert np.abs(v[-1]).max() < 1e-6
+    assert choose_method(kernel) == "Radau"
+
+
+def test_what_does_not_turn_another_axis_is_a_hinges_damping(built: Build) -> None:
+    """Two angles one behind the other; and the free ends of the damping's numbers."""
+    hinges = {"alpha": Coordinate(damping=0.3), "beta": Coordinate(damping=0.3)}
+    one = built(ball(JointDamping(angular=0.3), "alpha", "beta"), *NAMES)
+    other = built(ball(None, coordinates=hinges), *NAMES)
+    s = random_state(ball(None, "alpha", "beta"), 3)
+    assert close(one.inverse_dynamics(s.q, s.v, s.a), other.inverse_dynamics(s.q, s.v, s.a))
+
+
+def test_numbers_are_parameters(built: Build) -> None:
+    robot = ball(JointDamping(2.0, 0.5), *COORDINATES)
+    kernel, s = built(robot, "generalized_force"), random_state(robot, 4)
+    assert [name for name in kernel.parameters if "damping" in name] == [
+        "joints.ball.damping.linear",
+        "joints.ball.damping.angular",
+    ]
+    kernel.parameters["joints.ball.damping.angular"] = 0.0
+    kernel.parameters["joints.ball.damping.linear"] = 4.0
+    still = kernel.generalized_force(s.q, 0.0 * s.v)
+    assert close(kernel.generalized_force(s.q, s.v) - still, [*(-4.0 * s.v[:3]), 0.0, 0.0, 0.0])
+    with pytest.raises(eomgen.EomgenError, match=r"joints\.ball\.damping\.linear.*at least 0"):
+        kernel.parameters["joints.ball.damping.linear"] = -1.0
+
+
+def test_what_it_costs() -> None:
+    """A few products, and nothing where it is not."""
+
+    def products(robot: Robot) -> int:
+        return operations(derive_equations(build_model(robot), ("inverse_dynamics",)))["inverse_dynamics"]["mul"]
+
+    assert 0 < products(ball(JointDamping(angular=0.5))) - products(ball(None)) <= 6
+
+
+TEXT = """
+name = "tumbler"
+[[links]]
+name = "body"
+mass = 1.0
+inertia = { xx = 0.01, yy = 0.02, zz = 0.03 }
+[[joints]]
+name = "root"
+parent = "base"
+child = "body"
+type = "free"
+damping = { linear = 2.0, angular = 0.1 }
+"""
+REFUSED = {
+    "linear = 2.0": ("linear = -2.0", ["joints.root.damping.linear", "-2.0", "at least 0"]),
+    "{ linear = 2.0, angular = 0.1 }": ("{}", ["joints.root.damping", "no number", "linear, angular"]),
+    "damping = { linear = 2.0, angular = 0.1 }": ("damping = 0.1", ["joints.root.damping", "0.1", "table"]),
+    "angular": ("angulr", ["joints.root.damping", "'angulr'", "did you mean 'angular'"]),
+    'type = "free"': ('type = "revolute"', ["joints.root.damping.linear", "nothing moves so", "x, y, z"]),
+}
+
+
+@pytest.mark.parametrize("old", REFUSED)
+def test_what_is_wrong_is_refused(old: str) -> None:
+    new, said = REFUSED[old]
+    with pytest.raises(DescriptionError) as caught:
+        robot_from_toml(TEXT.replace(old, new), source="my.toml")
+    assert all(word in str(caught.value) for word in said), caught.value
+
+
+def test_it_is_read_kept_and_named() -> None:
+    robot = robot_from_toml(TEXT)
+    assert robot.joints[0].damping == JointDamping(2.0, 0.1)
+    assert robot_of(json.loads(json.dumps(record_of(robot)))) == robot == pickle.loads(pickle.dumps(robot))
+    assert "damping" not in record_of(without(robot))["joints"][0]
+    assert build_model(robot).turning == (0,)
+    assert robot.rigid().joints[0].damping == JointDamping(2.0, 0.1)
+    assert ball(JointDamping(angular=0.5)).rigid().joints[0].damping is None
+    wrong = replace(robot, joints=(replace(robot.joints[0], damping=JointDamping(angular=np.nan)),))
+    with pytest.raises(DescriptionError, match=r"joints\.root\.damping\.angular: got nan"):
+        build_model(wrong)
+    for key, number in IN_MOTION.items():
+        name = f"joints.root.damping.{key}"
+        assert number_of(name) is number
+        assert least_of(name) == 0.0
+        assert parameter_unit(robot, name) in UNITS
+    assert parameter_unit(robot, "joints.root.damping.angular") == "N.m.s/rad"
+    info = RobotInfo(build_model(robot), {}, (), {}, {})
+    assert info.as_dict()["joint_damping"] == {"root": {"linear": 2.0, "angular": 0.1}}
+    assert any(line == "root.damping: linear 2, angular 0.1" for line in info.lines())
+    with pytest.raises(InputError, match=r"bench: root: .* none of joints"):
+        newton_euler(build_model(robot))
+
+
+def test_tunable_goes_with_what_moves() -> None:
+    text = TEXT.replace('name = "tumbler"', 'name = "tumbler"\ntunable = ["joints.root.damping.*"]')
+    robot = robot_from_toml(text)
+    assert robot.tunable == tuple(f"joints.root.damping.{key}" for key in ("linear", "angular"))
+    assert robot.rigid().tunable == robot.tunable
+    held = replace(robot.joints[0], type="fixed", coordinates=dict.fromkeys(LINEAR, Coordinate()), damping=None)
+    assert replace(robot, joints=(held,)).rigid().tunable == ()
+
+
+@pytest.mark.usefixtures("unoptimised")
+def test_a_simulation_balances_its_energy() -> None:
+    """Through the pole of its angles; what is lost was taken by the damping."""
+    scenario = scenario_from_toml(
+        "duration = 1.0\n[integrator]\nrtol = 1e-9\n"
+        "[initial.v]\n'root.beta' = 20.0\n'root.x' = 1.0\n'root.gamma' = 1.0\n"
+    )
+    robot = robot_from_toml(TEXT)
+    result = eomgen.run_scenario(robot, scenario)
+    assert np.abs(np.cos(result.trajectory.q[:, 4])).min() < 0.4  # where other angles are taken
+    assert result.balance.relative_residue < 1e-6
+    assert result.balance.of("dissipated")[-1] > 0.1
+    assert "root.damping" in report_of(result, modes=False).html()
