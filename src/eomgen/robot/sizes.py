@@ -40,7 +40,7 @@ def _numbers(parameters: Mapping[str, float], owners: Sequence[str], *kinds: str
 
 
 @lru_cache(maxsize=64)
-def _places(names: tuple[str, ...], owners: tuple[str, ...], kinds: tuple[str, ...]) -> tuple[tuple[str, str, str], ...]:
+def _places(names: tuple[str, ...], owners: tuple[str, ...], kinds: tuple[str, ...]) -> list[tuple[str, str, str]]:
     """Of parameters that are numbers of owners the parameter, its owner, and its name in the table of laws."""
     found, known = list[tuple[str, str, str]](), frozenset(owners)
     for name in names:
@@ -50,7 +50,7 @@ def _places(names: tuple[str, ...], owners: tuple[str, ...], kinds: tuple[str, .
             owner = parameter_name(*path[:length])
             if owner in known:
                 found.append((name, owner, parameter_name(*path[length:])))
-    return tuple(found)
+    return found
 
 
 def table_stiffnesses(

@@ -191,7 +191,7 @@ def _refuse_undriven(robot: Robot, moved: tuple[str, ...]) -> None:
 
 def kernels_of(robot: Robot, scenario: Scenario) -> tuple[str, ...]:
     """Names of the kernels that the scenario's integrator calls."""
-    method = method_of(scenario.integrator.method, _may_be_stiff(robot), in_c=_may_run_in_c(robot, scenario))
+    method = method_of(scenario.integrator.method, _may_be_stiff(robot), in_c=may_run_in_c(robot, scenario))
     own = ("adaptive_rollout",) if method in (*IN_C, "auto") else ()
     closing = mechanism_kernels(robot)
     if closing:
@@ -199,7 +199,7 @@ def kernels_of(robot: Robot, scenario: Scenario) -> tuple[str, ...]:
     return (*KERNELS, *own) if method in EXPLICIT or own else IMPLICIT_KERNELS
 
 
-def _may_run_in_c(robot: Robot, scenario: Scenario) -> bool:
+def may_run_in_c(robot: Robot, scenario: Scenario) -> bool:
     """Whether the kernel's own C can integrate the scenario, see ``integration.compiled.why_not``."""
     if build_model(robot).turning or (scenario.motion is not None and scenario.motion.type == "program"):
         return False

@@ -20,6 +20,7 @@ TERMS = ("drives", "prescribed", "wrenches", "payloads", "dissipated")
 # Lobatto's rule on [0, 1]: exact for polynomials of degree 7, and its ends are samples
 NODES = np.array([0.0, (1.0 - np.sqrt(3.0 / 7.0)) / 2.0, 0.5, (1.0 + np.sqrt(3.0 / 7.0)) / 2.0, 1.0])
 WEIGHTS = np.array([9.0, 49.0, 64.0, 49.0, 9.0]) / 180.0
+PARTS = NODES.size - 1  # of an interval between two edges
 
 
 @dataclass(frozen=True)

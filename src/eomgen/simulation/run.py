@@ -135,8 +135,10 @@ def run_assembly(
     tool: str,
     report: Progress,
     stream: Path | str | None = None,
+    *,
+    balance: bool = True,
 ) -> SimulationResult:
-    """``run_scenario`` once kernels are built, names found, drives and motions made."""
+    """``run_scenario`` once kernels are built, names found, drives and motions made; without ``balance`` faster."""
     kernel = assembly.kernel
     report(0.0, "static equilibrium at the start")
     q0, v0, loose = initial_state(robot, scenario, assembly)
@@ -154,7 +156,7 @@ def run_assembly(
     asked = scenario.integrator.method
     slow = why_not(kernel, loads.drive, loads.wrench, loads.prescribed)
     method, reason = explained_method(kernel, asked, q0, scenario.duration, slow)
-    found = run_segments(kernel, robot, scenario, loads, q0, v0, report, opened, method=method)
+    found = run_segments(kernel, robot, scenario, loads, q0, v0, report, opened, method=method, balance=balance)
     t, q = found.trajectory.t, found.trajectory.q
     driven = index_of(kernel.coordinates, assembly.driven)
     program_q = q[:, driven] if assembly.program is None else assembly.program.at(t)[0]
@@ -170,7 +172,7 @@ def run_assembly(
         *_method_note(found.trajectory, reason, asked),
         *_assumptions(robot, loose, scenario, assembly),
         *_beyond_stops(kernel, q0),
-        found.balance.note(),
+        None if found.balance is None else found.balance.note(),
     ]
     result = SimulationResult(
         robot=robot.name,

@@ -26,7 +26,7 @@ from ..robot.value import Robot
 from ..runtime.kernel import Kernel
 from ..scenario.value import Scenario
 from ..state.vectors import MotionFunction
-from .balance import TERMS, EnergyBalance, with_nodes, works
+from .balance import PARTS, TERMS, EnergyBalance, with_nodes, works
 from .contents import ARRAYS
 from .loads import loaded_parameters
 from .stream import MotionStream
@@ -60,7 +60,7 @@ class SegmentedMotion:
     """
 
     trajectory: Trajectory
-    balance: EnergyBalance
+    balance: EnergyBalance | None
     wrench: Array | None
     stop: IntegrationStopped | None = None
 
@@ -97,10 +97,11 @@ def run_segments(
     stream: MotionStream | None = None,
     *,
     method: str,
+    balance: bool = True,
 ) -> SegmentedMotion:
     """Integrate from q and v at t = 0 to the scenario's duration, samples into the stream; errors as ``integrate``.
 
-    All pieces are integrated by the one method.
+    All pieces are integrated by the one method.  Without ``balance`` nothing is sampled for it.
 
     A motion that cannot go on is returned as far as whole output steps were reached; it is raised where there are none.
     """
@@ -117,7 +118,8 @@ def run_segments(
     for begin, end in pairwise(_bounds(scenario, loads, grid)):
         kernel.parameters.update(loaded_parameters(robot, scenario, begin))
         try:
-            piece, part, stop = _piece(kernel, scenario, loads, (q, v), (begin, end), grid, progress, record, method)
+            span, how = (begin, end), (method, balance)
+            piece, part, stop = _piece(kernel, scenario, loads, (q, v), span, grid, progress, record, *how)
         except EomgenError as error:
             if stream is not None:
                 stream.flush()  # nothing is lost
@@ -147,7 +149,7 @@ def run_segments(
     taken = leading(method, info, float(whole["t"][-1]))
     about: dict[str, Any] = {"method": taken, "info": info, "contacts": tuple(contacts), "rests": held}
     trajectory = Trajectory(**whole, coordinates=kernel.coordinates, **about)
-    return SegmentedMotion(trajectory, EnergyBalance(work, trajectory.energy), wrench, stop)
+    return SegmentedMotion(trajectory, EnergyBalance(work, trajectory.energy) if balance else None, wrench, stop)
 
 
 def joined_info(before: Mapping[str, float], part: Mapping[str, float]) -> dict[str, float]:
@@ -200,6 +202,7 @@ def _piece(
     progress: Progress,
     record: Record | None,
     method: str,
+    balance: bool,
 ) -> tuple[dict[str, Array], Trajectory, IntegrationStopped | None]:
     """Samples at the ends of a piece and on the grid in between, work from each to the next, and what stopped it.
 
@@ -208,7 +211,7 @@ def _piece(
     """
     begin, end = span
     edges = np.concatenate([[begin], grid[(grid > begin) & (grid < end)], [end]])
-    times = with_nodes(edges)
+    times, apart = (with_nodes(edges), PARTS) if balance else (edges, 1)
     sharp = SHARPNESS * scenario.duration
     bounds = (begin + sharp if begin > 0.0 else begin, end - sharp if end < scenario.duration else end)
     drive = _Between(loads.drive, *bounds, batched=True)
@@ -236,18 +239,20 @@ def _piece(
             raise
         stop, found = error, error.trajectory
         reached = int((found.t == times[: found.t.size]).sum())  # the last good state comes behind them
-        edges = edges[: (reached - 1) // 4 + 1]
-        times = times[: 4 * (edges.size - 1) + 1]
+        edges = edges[: (reached - 1) // apart + 1]
+        times = times[: apart * (edges.size - 1) + 1]
         rows = {name: getattr(found, name)[: times.size] for name in ("t", "q", "v", "u", "energy")}
         part = replace(found, **rows)
     wrenches = None
     if wrench is not None:
         wrenches = np.array([wrench(t, x, y) for t, x, y in zip(times.tolist(), part.q, part.v, strict=True)])
-    samples = {name: getattr(part, name)[::4] for name in ("t", "q", "v", "u", "energy")}
+    samples = {name: getattr(part, name)[::apart] for name in ("t", "q", "v", "u", "energy")}
     samples["t"] = edges
     if wrenches is not None:
-        samples["wrench"] = wrenches[::4]
-    samples["work"] = works(kernel, times, part.q, part.v, part.u, wrenches)
+        samples["wrench"] = wrenches[::apart]
+    samples["work"] = np.zeros((edges.size - 1, len(TERMS)))
+    if balance:
+        samples["work"] = works(kernel, times, part.q, part.v, part.u, wrenches)
     return samples, part, stop
 
 

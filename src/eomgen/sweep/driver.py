@@ -32,13 +32,14 @@ from ..robot.parameter_names import expand_each, expand_tunable
 from ..robot.value import Robot
 from ..scenario.load import read_scenario, scenario_from_values
 from ..scenario.value import Scenario
+from ..simulation.assembly import may_run_in_c
 from ..simulation.initial import initial_state
 from .contents import SampleRow, manifest_of, row_check
 from .design import Design
 from .job import Dimension, Job, SampleRunner, get_path
 from .measures import check_record
 from .pace import PERIOD, choose_pace, why_not
-from .plan import Distribution, Plan
+from .plan import Distribution, Engine, Plan
 from .result import SweepResult
 from .shipping import Builds, Content, builds_of, check_same, lacks_sources, pack, source_keys, unpack
 from .store import FORMAT, SweepStore, opened
@@ -111,7 +112,8 @@ def prepare(
     reason = why_not(robot)
     if reason and plan.engine.type == "rollout":
         plan.fail("engine.type", f'"rollout": {reason}; allowed: "auto", "integrate"')
-    rolls = plan.engine.type != "integrate" and not reason
+    in_c = plan.engine == Engine() and may_run_in_c(swept, base)  # exact to its tolerances, and as fast
+    rolls = plan.engine.type != "integrate" and not reason and not in_c
     dimensions = tuple(dimension for dimension, _ in pairs)
     pace = (plan.engine.method, PERIOD, PERIOD) if rolls else None
     job = Job(

@@ -238,20 +238,20 @@ class SampleRunner:
         self, scenario: Scenario, nominal: Assembly, assemblies: list[Assembly], finer: int
     ) -> list[SimulationResult | EomgenError]:
         job = self.job
+        balance = "energy_residue" in job.plan.record
         found: list[SimulationResult | EomgenError] = []
         if job.pace is not None and assemblies:
             method, step, period = job.pace
             periods = max(1, int(np.ceil(scenario.duration / period - 1e-9)))
             steps = max(1, int(np.ceil(scenario.duration / periods / step - 1e-9)))
             pace = Pace(method, finer * periods, steps, scenario.duration)
-            balance = "energy_residue" in job.plan.record
             rolled = roll(job.robot, scenario, assemblies, pace, balance=balance)
             for assembly, motion in zip(assemblies, rolled, strict=True):
                 found.append(motion if isinstance(motion, EomgenError) else _result(job, assembly, nominal, motion))
             return found
         for assembly in assemblies:
             try:
-                result = run_assembly(job.robot, scenario, assembly, job.tool, no_progress)
+                result = run_assembly(job.robot, scenario, assembly, job.tool, no_progress, balance=balance)
                 found.append(replace(result, program_pose=rigid_pose(nominal.kernel, result)))
             except EomgenError as error:
                 found.append(error)
