@@ -74,7 +74,7 @@ def _without_round_off(d: Derivation, found: Sequence[Gap]) -> list[Gap]:
     """The components without arms that are round-off wherever the mechanism is: of one in a tilted plane, say.
 
     Where an arm is round-off for the description's numbers alone, and not for others that may be tuned, its row keeps
-    it, and is weighed against the rows of all loops.
+    it, and is weighed against the rows of all loops.  Joints that turn freely count as tuned.
     """
     if not any(isinstance(arm, Node) for gap in found for arm in gap.arms.values()):
         return list(found)
@@ -85,7 +85,9 @@ def _without_round_off(d: Derivation, found: Sequence[Gap]) -> list[Gap]:
         sizes = np.zeros((len(found), d.model.size))
         for _ in range(_SAMPLES):
             p = numbers * (1.0 + tuned * rng.normal(size=numbers.size)) + tuned * rng.normal(size=numbers.size)
-            sizes = np.maximum(sizes, np.abs(arms.at(rng.uniform(-1.5, 1.5, d.model.size).tolist(), p.tolist())))
+            turned = rng.uniform(size=d.turns) if tuned else np.zeros(d.turns)
+            q, p = rng.uniform(-1.5, 1.5, d.model.size), np.concatenate([p, turned])
+            sizes = np.maximum(sizes, np.abs(arms.at(q.tolist(), p.tolist())))
         largest.append(sizes > ROUND_OFF)
     kept = []
     for gap, now, ever in zip(found, *largest, strict=True):
