@@ -34,7 +34,7 @@ from .steps import (
 )
 from .system import System
 from .trajectory import FiniteMotion, Trajectory, trajectory_of
-from .turning import TurningSystem
+from .turning import ClosedTurningSystem, TurningSystem
 
 Array = NDArray[np.float64]
 
@@ -107,7 +107,8 @@ def integrate(
             coordinate and time and has the last good state and the trajectory up to it.
         InputError: an argument is wrong, a prescribed coordinate has no motion, or SciPy is not installed.
     """
-    kind = ClosedSystem if kernel.constraints else TurningSystem if kernel.raw.turning else System
+    plain, turning = (ClosedSystem, ClosedTurningSystem) if kernel.constraints else (System, TurningSystem)
+    kind = turning if kernel.raw.turning else plain
     system = kind(kernel, drive, wrench, prescribed)
     q0, v0 = (state_vector(label, x, kernel.coordinates) for label, x in (("q0", q0), ("v0", v0)))
     times = output_times(duration, output_step) if times is None else checked_times(times, duration, output_step)
