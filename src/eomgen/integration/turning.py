@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..runtime.kernel import Kernel
-from ..state.turning import BACK, ON, SINGULAR, other_forces, seen, singular_joints
+from ..runtime.turning import BACK, ON, SINGULAR, seen, singular_joints
+from ..state.turning import other_forces
 from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction
 from .closed import ClosedSystem
 from .system import System
