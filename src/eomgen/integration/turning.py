@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..runtime.kernel import Kernel
-from ..runtime.turning import BACK, ON, SINGULAR, seen, singular_joints
-from ..state.turning import other_forces
+from ..runtime.turning import ON, SINGULAR, singular_joints
+from ..state.turning import Turns
 from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction
 from .closed import ClosedSystem
 from .system import System
@@ -35,16 +35,14 @@ class TurningSystem(System):
         prescribed: MotionFunction | None = None,
     ) -> None:
         super().__init__(kernel, drive, wrench, prescribed)
-        self._joints = kernel.raw.turning
-        self._kernels = {frozenset[str](): kernel}
-        self._turned = frozenset[str]()
+        self._turns = Turns(kernel)
         self._told = np.zeros(kernel.n)  # q of the state that was reached, as described
 
     @property
     def index(self) -> NDArray[np.intp]:
         """Places of y in (q, v) as described: where origins are turned, those of the axes that they have."""
         places = np.arange(2 * self.n)
-        for _, origin in self._turned_places():
+        for _, origin in self._turns.places:
             for first in () if origin < 0 else (origin, self.n + origin):
                 places[first : first + 3] = np.roll(places[first : first + 3], -ON)
         return np.asarray(places[super().index])
@@ -52,7 +50,7 @@ class TurningSystem(System):
     def begin(self, t: float, q: Array, v: Array) -> Array:
         """y of the state at the first time, (n,) each; what has to be put right is put into its arrays."""
         self._told = q.copy()
-        whole = self._turn(singular_joints(q, self._joints), np.concatenate([q, v]))
+        whole = self._turn(singular_joints(q, self._turns.joints), np.concatenate([q, v]))
         given = whole.copy()
         y = super().begin(t, *np.split(whole, 2))
         if not np.array_equal(whole, given):
@@ -65,52 +63,43 @@ class TurningSystem(System):
 
     def described(self, whole: Array) -> Array:
         """q and v as described, (N, 2n), of those in the coordinates of ``here``."""
-        return seen(whole, self._turned_places(), BACK, self._told) if self._turned else whole
+        return self._turns.back(whole, self._told)
 
     def arrived(self, t: float, y: Array) -> tuple[Array, Array, bool]:
         """y to go on with from t, where a step has led, q and v there, and whether y begins anew."""
         y, reached, anew = super().arrived(t, y)
         whole = self.described(reached[np.newaxis])[0]
         self._told = whole[: self.n].copy()
-        singular = singular_joints(reached, self._joints)
+        singular = singular_joints(reached, self._turns.joints)
         if not singular:
             return y, whole, anew
-        return self.resume(self._turn(self._turned ^ singular, whole)), whole, True
+        return self.resume(self._turn(self._turns.turned ^ singular, whole)), whole, True
 
     def edges(self, y: Array) -> Array:
         """Numbers of which none changes its sign between two times at which y begins anew."""
-        return np.array([abs(np.cos(y[first + 1])) - LATE for first, _ in self._joints.values()])
+        return np.array([abs(np.cos(y[first + 1])) - LATE for first, _ in self._turns.joints.values()])
 
     def forces(self, t: float, q: Array, v: Array) -> Array:
         """u in a described state: the drives, and what the motion of prescribed coordinates needs."""
         u = np.array(super().drives(t, q, v))
         if self._given:
             self._told = q.copy()
-            y = self._turn(singular_joints(q, self._joints), np.concatenate([q, v]))
+            y = self._turn(singular_joints(q, self._turns.joints), np.concatenate([q, v]))
             u[self._given] = super().forces(t, y[: self.n], y[self.n :])[self._given]
         return u
 
     def drives(self, t: float, q: Array, v: Array) -> Array:
         """u of one state, (n,), or of a batch, (N, n), on the coordinates that y has."""
-        if not self._turned or self._drive is None:
+        if not self._turns.turned or self._drive is None:
             return super().drives(t, q, v)
         told = self._told_beside(q, v)
-        u = np.array(super().drives(t, *told))
-        for first, origin in self._turned_places():
-            angles, along = slice(first, first + 3), slice(origin, origin + 3)
-            u[..., angles] = other_forces(told[0][..., angles], q[..., angles], u[..., angles])
-            if origin >= 0:
-                u[..., along] = np.roll(u[..., along], -ON, axis=-1)
-        return u
+        return self._turns.forces(super().drives(t, *told), told[0], q)
 
     def wrench(self, t: float, q: Array, v: Array) -> ArrayLike | None:
         """External wrenches in one state, (links, 6)."""
-        if not self._turned or not callable(self._wrench):
+        if not self._turns.turned or not callable(self._wrench):
             return super().wrench(t, q, v)
         return super().wrench(t, *self._told_beside(q, v))
-
-    def _turned_places(self) -> list[tuple[int, int]]:
-        return [self._joints[name] for name in self._joints if name in self._turned]
 
     def _told_beside(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Described q and v of one state, or of a batch whose states lie about one."""
@@ -120,15 +109,9 @@ class TurningSystem(System):
 
     def _turn(self, turned: frozenset[str], whole: Array) -> Array:
         """q and v of a described state with these joints turned, which are so from now on."""
-        self._take(turned)
-        return np.asarray(seen(whole[np.newaxis], self._turned_places(), ON, np.zeros(self.n))[0])
-
-    def _take(self, turned: frozenset[str]) -> None:
-        """Let these joints be turned from now on."""
-        self._turned = turned
-        if turned not in self._kernels:
-            self._kernels[turned] = self.kernel.with_turned(turned)
-        self.here = self._kernels[turned]
+        self._turns.take(turned)
+        self.here = self._turns.here
+        return np.asarray(self._turns.on(whole[np.newaxis])[0]).copy()
 
 
 class ClosedTurningSystem(TurningSystem, ClosedSystem):
@@ -151,10 +134,7 @@ class ClosedTurningSystem(TurningSystem, ClosedSystem):
 
     def _regular(self, q: Array, v: Array) -> Iterator[tuple[NDArray[np.intp], Array, Array]]:
         """Samples in angles that are not singular, where ``here`` is of these: their rows, and q and v of them."""
-        names, betas = list(self._joints), [first + 1 for first, _ in self._joints.values()]
-        ways, which = np.unique(np.abs(np.cos(q[:, betas])) < SINGULAR, axis=0, return_inverse=True)
-        for number, way in enumerate(ways):
-            rows = np.flatnonzero(which.ravel() == number)
-            self._take(frozenset(name for name, is_turned in zip(names, way, strict=True) if is_turned))
-            part = seen(np.hstack([q[rows], v[rows]]), self._turned_places(), ON, np.zeros(self.n))
+        for rows in self._turns.regular(q):
+            self.here = self._turns.here
+            part = self._turns.on(np.hstack([q[rows], v[rows]]))
             yield rows, np.ascontiguousarray(part[:, : self.n]), np.ascontiguousarray(part[:, self.n :])

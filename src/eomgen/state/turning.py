@@ -1,13 +1,14 @@
-"""Rotations of joints as quaternions, and forces and states in other angles than those of the description."""
+"""Rotations of joints as quaternions; kernels, states and forces in angles that are not singular."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..runtime.turning import BACK, ON, away_from_zero, seen, singular_joints
+from ..runtime.kernel import Kernel
+from ..runtime.turning import BACK, ON, SINGULAR, away_from_zero, seen, singular_joints
 
 Array = NDArray[np.float64]
 
@@ -53,3 +54,89 @@ def extrapolated(coarse: Array, fine: Array, joints: Mapping[str, tuple[int, int
         return np.asarray(2.0 * fine - coarse)
     ends = seen(np.stack([fine, coarse]), turned, ON, np.zeros_like(near))
     return np.asarray(seen((2.0 * ends[0] - ends[1])[np.newaxis], turned, BACK, near)[0])
+
+
+class Turns:
+    """A kernel in angles that are not singular, and states and forces in these and in those of the description.
+
+    Attributes:
+        kernel: as described.
+        joints: places of alpha and of x of those that may be turned, as of ``RawKernel.turning``.
+        turned: names of those that are turned.
+        here: the kernel of these.
+    """
+
+    def __init__(self, kernel: Kernel, held: NDArray[np.bool_] | None = None) -> None:
+        """The kernel as described.
+
+        Args:
+            kernel: whose joints are turned.
+            held: coordinates, (n,), whose joints stay as described; none if not given.
+        """
+        self.kernel = self.here = kernel
+        self.joints = {
+            name: (first, origin)
+            for name, (first, origin) in kernel.raw.turning.items()
+            if held is None or not held[first if origin < 0 else origin : first + 3].any()
+        }
+        self.turned = frozenset[str]()
+        self._kernels = {self.turned: kernel}
+
+    @property
+    def places(self) -> list[tuple[int, int]]:
+        """Places of alpha and of x of the joints that are turned."""
+        return [self.joints[name] for name in self.joints if name in self.turned]
+
+    def take(self, turned: frozenset[str]) -> None:
+        """Let these joints be turned from now on."""
+        self.turned = turned
+        if turned not in self._kernels:
+            self._kernels[turned] = self.kernel.with_turned(turned)
+        self.here = self._kernels[turned]
+
+    def on(self, states: Array) -> Array:
+        """Described q and v, (T, 2n), in the coordinates of ``here``."""
+        return seen(states, self.places, ON, np.zeros(self.kernel.n)) if self.turned else states
+
+    def back(self, states: Array, near: Array) -> Array:
+        """q and v as described, (T, 2n), of those in the coordinates of ``here``; near: q before the first, (n,)."""
+        return seen(states, self.places, BACK, near) if self.turned else states
+
+    def q_on(self, q: Array) -> Array:
+        """Described q, (n,) or (T, n), in the coordinates of ``here``."""
+        return self._alone(q, None)
+
+    def q_back(self, q: Array, near: Array) -> Array:
+        """q as described, (n,) or (T, n), of those in the coordinates of ``here``; near as of ``back``."""
+        return self._alone(q, near)
+
+    def _alone(self, q: Array, near: Array | None) -> Array:
+        states = np.hstack([np.atleast_2d(q), np.zeros_like(np.atleast_2d(q))])
+        found = self.on(states) if near is None else self.back(states, near)
+        return np.ascontiguousarray(found[:, : self.kernel.n]).reshape(q.shape)
+
+    def forces(self, u: Array, told: Array, q: Array) -> Array:
+        """Forces of the same power on the coordinates of ``here``, (n,) or (T, n).
+
+        Args:
+            u: on the described ones.
+            told, q: described q, and in the coordinates of ``here``, of the same shape.
+        """
+        found = np.array(u)
+        for first, origin in self.places:
+            angles, along = slice(first, first + 3), slice(origin, origin + 3)
+            found[..., angles] = other_forces(told[..., angles], q[..., angles], u[..., angles])
+            if origin >= 0:
+                found[..., along] = np.roll(u[..., along], -ON, axis=-1)
+        return found
+
+    def regular(self, q: Array) -> Iterator[NDArray[np.intp]]:
+        """Rows of described states, (T, n), that have the same singular angles, which ``here`` then has turned."""
+        names, betas = list(self.joints), [first + 1 for first, _ in self.joints.values()]
+        if not names:
+            yield np.arange(len(q))
+            return
+        ways, which = np.unique(np.abs(np.cos(q[:, betas])) < SINGULAR, axis=0, return_inverse=True)
+        for number, way in enumerate(ways):
+            self.take(frozenset(name for name, is_turned in zip(names, way, strict=True) if is_turned))
+            yield np.flatnonzero(which.ravel() == number)
