@@ -64,6 +64,33 @@ def triangle(turned: bool = False) -> Robot:
     return Robot(name, (0.0, 0.0, -9.81), links, joints, loops=(cut,))
 
 
+def random_ring(seed: int, turned: bool = False) -> Robot:
+    """Two or three links in a row on free, ball and hinge joints, the last one held by a cut joint.
+
+    turned: as of the triangle.
+    """
+    rng = np.random.default_rng(seed)
+    links, joints, parent = [], [], "base"
+    for i in range(int(rng.integers(2, 4))):
+        x, y, z = rng.uniform(-0.2, 0.2, 3).tolist()
+        child, kind = f"link{i}", ("free", "ball", "hinge", "ball")[int(rng.integers(0, 4))]
+        links.append(Link(child, float(rng.uniform(0.5, 2.0)), (x, y, z), BODY.inertia))
+        place, axes = (tuple(rng.uniform(-k, k, 3).tolist()) for k in (0.4, 3.0))
+        other = tuple(rng.uniform(-3.0, 3.0, 3).tolist())
+        if kind == "hinge":
+            at = Placement.from_rpy(place, axes)
+            joints.append(Joint(f"joint{i}", parent, child, "revolute", at, coordinates={"gamma": Coordinate()}))
+        else:
+            at = Placement.from_rpy(place, other if turned else axes)
+            joints.append((free if kind == "free" else ball)(f"joint{i}", parent, child, at))
+        parent = child
+    ends = [Placement.from_rpy(*rng.uniform(-0.3, 0.3, (2, 3)).tolist()) for _ in range(2)]
+    kind = str(rng.choice(["spherical", "universal", "planar"]))
+    cut = Loop("ring", ("base", parent), kind, (ends[0], ends[1]))
+    name = f"ring_{seed}{'_turned' if turned else ''}"
+    return Robot(name, (0.0, 0.0, -9.81), tuple(links), tuple(joints), loops=(cut,))
+
+
 def cranked_plate(angle: float = 0.0) -> Robot:
     """A free plate that is welded to a driven crank, by a cut, and so turns about y; home is at an angle of both."""
     crank = Link("crank", 1.0, (0.1, 0.0, 0.0), (0.01, 0.02, 0.03, 0.0, 0.0, 0.0))
