@@ -8,6 +8,7 @@ import numpy as np
 
 from eomgen.robot.value import ANGULAR, COORDINATES, Coordinate, Joint, Link, Loop, Placement, Robot
 from tests.support.random_robots import Array
+from tests.support.recuts import placed, pose
 
 INTEGRATED = (
     *("constrained_dynamics", "constraint", "constraint_jacobian", "mass_matrix", "residual", "energy", "kinematics"),
@@ -65,30 +66,38 @@ def triangle(turned: bool = False) -> Robot:
 
 
 def random_ring(seed: int, turned: bool = False) -> Robot:
-    """Two or three links in a row on free, ball and hinge joints, the last one held by a cut joint.
+    """Two or three links in a row on free, ball and hinge joints, the last one held by a cut joint; closed at home.
 
-    turned: as of the triangle.
+    turned: as of the triangle; home is where the cut joint is closed that has other axes.
     """
     rng = np.random.default_rng(seed)
-    links, joints, parent = [], [], "base"
+    links, joints, home, last, parent = [], [], dict[str, float](), np.eye(4), "base"
     for i in range(int(rng.integers(2, 4))):
         x, y, z = rng.uniform(-0.2, 0.2, 3).tolist()
-        child, kind = f"link{i}", ("free", "ball", "hinge", "ball")[int(rng.integers(0, 4))]
+        name, child, kind = f"joint{i}", f"link{i}", ("free", "ball", "hinge", "ball")[int(rng.integers(0, 4))]
         links.append(Link(child, float(rng.uniform(0.5, 2.0)), (x, y, z), BODY.inertia))
-        place, axes = (tuple(rng.uniform(-k, k, 3).tolist()) for k in (0.4, 3.0))
-        other = tuple(rng.uniform(-3.0, 3.0, 3).tolist())
+        place = rng.uniform(-0.4, 0.4, 3).tolist()
+        axes, others, q = rng.uniform(-3.0, 3.0, 3).tolist(), rng.uniform(-3.0, 3.0, 3).tolist(), rng.normal(size=6)
+        at, moved = Placement.from_rpy(place, axes), np.eye(4)
         if kind == "hinge":
-            at = Placement.from_rpy(place, axes)
-            joints.append(Joint(f"joint{i}", parent, child, "revolute", at, coordinates={"gamma": Coordinate()}))
+            joint = Joint(name, parent, child, "revolute", at, coordinates={"gamma": Coordinate()})
+            q[:5] = 0.0
         else:
-            at = Placement.from_rpy(place, other if turned else axes)
-            joints.append((free if kind == "free" else ball)(f"joint{i}", parent, child, at))
+            joint = (free if kind == "free" else ball)(name, parent, child, at)
+            q[:3] *= kind == "free"
+        moved[:3, 3], moved[:3, :3] = q[:3], rotation(q[3:])
+        last = last @ pose(at) @ moved
+        home |= {f"{name}.{x}": float(q[COORDINATES.index(x)]) for x in joint.coordinates}
+        if turned and kind != "hinge":
+            joint = replace(joint, placement=Placement.from_rpy(place, others))
+        joints.append(joint)
         parent = child
-    ends = [Placement.from_rpy(*rng.uniform(-0.3, 0.3, (2, 3)).tolist()) for _ in range(2)]
-    kind = str(rng.choice(["spherical", "universal", "planar"]))
-    cut = Loop("ring", ("base", parent), kind, (ends[0], ends[1]))
+    end = Placement.from_rpy(*rng.uniform(-0.3, 0.3, (2, 3)).tolist())
+    cut = Loop(
+        "ring", ("base", parent), str(rng.choice(["spherical", "universal", "planar"])), (placed(last @ pose(end)), end)
+    )
     name = f"ring_{seed}{'_turned' if turned else ''}"
-    return Robot(name, (0.0, 0.0, -9.81), tuple(links), tuple(joints), loops=(cut,))
+    return Robot(name, (0.0, 0.0, -9.81), tuple(links), tuple(joints), loops=(cut,), home=home)
 
 
 def cranked_plate(angle: float = 0.0) -> Robot:
