@@ -147,27 +147,27 @@ def rank_at_home(model: Model) -> Rank | None:
     return Rank(J.shape[1] - rank, tuple(name for r, (name, _) in enumerate(found) if r not in independent))
 
 
-def _regular(model: Model, q: NDArray[np.float64]) -> tuple[NDArray[np.float64], list[float]]:
-    """A state, (n,), in angles that are not singular, and numbers of the parameters and of the joints that have them."""
+def _regular(model: Model, q: NDArray[np.float64]) -> tuple[list[float], list[float]]:
+    """A state, (n,), in angles that are not singular; numbers of the parameters and of joints that are turned."""
     joints = {name: (at["angles"], at["origin"]) for name, at in turning_joints(model)["joints"].items()}
     turned = singular_joints(q, joints)
     places = [joints[name] for name in joints if name in turned]
     here = seen(np.concatenate([q, np.zeros_like(q)])[np.newaxis], places, ON, np.zeros_like(q))[0, : q.size]
-    return here, [*model.parameters.values(), *(float(name in turned) for name in joints)]
+    return here.tolist(), [*model.parameters.values(), *(float(name in turned) for name in joints)]
 
 
 def _closed_jacobian(
-    d: Derivation, found: Sequence[Gap], q: NDArray[np.float64], numbers: Sequence[float]
+    d: Derivation, found: Sequence[Gap], begin: Sequence[float], numbers: Sequence[float]
 ) -> NDArray[np.float64] | None:
-    """The arms by what is not prescribed, (rows, moving), where Gauss's and Newton's method closes a state from q.
+    """The arms by what is not prescribed, (rows, moving), where Gauss's and Newton's method closes a state.
 
     None where it closes none.
 
     Args:
-        q: where it begins, (n,).
+        begin: coordinates where it begins, n.
         numbers: of the parameters, and of joints that turn freely.
     """
-    arms, q = _Arms(d, found), q.copy()
+    arms, q = _Arms(d, found), np.array(begin)
     values = finish(d.graph, "gaps", vector([gap.value for gap in found]))
     moving = [i for i in range(d.model.size) if i not in d.model.prescribed]
     for _ in range(_ROUNDS):
@@ -187,7 +187,7 @@ class _Arms:
         self._shape = (len(found), d.model.size)
         self._program = finish(d.graph, "arms", vector([arm for gap in found for arm in gap.arms.values()]))
 
-    def at(self, q: Sequence[float] | NDArray[np.float64], p: Sequence[float]) -> NDArray[np.float64]:
+    def at(self, q: Sequence[float], p: Sequence[float]) -> NDArray[np.float64]:
         """All of them at coordinates and parameters, (components, n)."""
         J = np.zeros(self._shape)
         for place, value in zip(self._places, evaluate(self._program, {"q": q, "p": p}).values(), strict=True):

@@ -174,10 +174,14 @@ def in_other_axes(
     def poses(of: Kernel, x: Array) -> Array:
         return np.concatenate([of.frame_pose(x, name)[:3].ravel() for name in links])
 
-    for _ in range(300):
+    rng = np.random.default_rng(0)
+    for step in range(600):
         missing = poses(kernel, q) - poses(other, found)
         if np.abs(missing).max() < 1e-14:
             break
+        if step % 60 == 59:  # it leads nowhere from there
+            found = rng.uniform(-1.5, 1.5, other.n)
+            missing = poses(kernel, q) - poses(other, found)
         slopes = np.array([(poses(other, found + h) - poses(other, found - h)) / 2e-6 for h in 1e-6 * np.eye(other.n)])
         found = found + np.clip(np.linalg.lstsq(slopes.T, missing, rcond=None)[0], -0.3, 0.3)
     assert np.abs(poses(kernel, q) - poses(other, found)).max() < 1e-12

@@ -111,7 +111,7 @@ class TurningSystem(System):
         """q and v of a described state with these joints turned, which are so from now on."""
         self._turns.take(turned)
         self.here = self._turns.here
-        return np.asarray(self._turns.on(whole[np.newaxis])[0]).copy()
+        return np.array(self._turns.on(whole[np.newaxis])[0])
 
 
 class ClosedTurningSystem(TurningSystem, ClosedSystem):

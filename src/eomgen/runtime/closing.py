@@ -55,7 +55,7 @@ def closed_rates(calls: Calls, q: ArrayLike, v: ArrayLike, held: Iterable[str]) 
         turned, guess = part.turned(states[part.rows], moving[part.rows])
         found = _closed_rates(part.calls, turned, guess, free, place)
         moving[part.rows] = part.described(turned, found, states[part.rows], place)[1]
-    return moving.reshape(*lead, n)
+    return np.asarray(moving.reshape(*lead, n))
 
 
 def _closed_rates(calls: Calls, states: Array, moving: Array, free: Mask, place: Place) -> Array:
