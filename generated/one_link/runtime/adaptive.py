@@ -58,6 +58,7 @@ class _Motion:
     stored: q and v, (states, samples + 1, n).
     progress: of every state, in C.
     allowed: rtol, and atol of every number, (2n,).
+    turned: how joints that turn freely are turned, a row per state.
     how: time from a sample to the next, s, their number, and the method.
     """
 
@@ -68,6 +69,7 @@ class _Motion:
     progress: Any
     given: Given
     allowed: tuple[float, Array]
+    turned: Array
     how: tuple[float, int, str]
 
     @property
@@ -89,6 +91,8 @@ class _Motion:
                 here = view(array.reshape(-1)[begin * of_state :])
                 fields |= {name: here, f"{name}_state": of_state, f"{name}_step": of_step}
             fields |= zip(("kp", "kd"), map(view, self.given.gains), strict=False)
+            if self.turned.size:
+                fields["turned"] = view(self.turned[begin:end].reshape(-1))
             drive = library.drive(**fields)
             most = max(OPERATIONS // (operations * (end - begin)), 1)
             allowed = library.new("tolerance", rtol=rtol, atol=view(atol), most=most)
@@ -148,6 +152,7 @@ def adaptive_rollout(
         progress,
         given,
         allowed,
+        np.zeros((states, calls.raw.turning_room), calls.dtype),
         (interval, samples, method),
     )
     shared(motion.pieces, states, min(calls.threads, states // SHARE))
