@@ -1,5 +1,5 @@
 """Closed-form equations of small robots as traces of matrices, as the paper writes them.
 
 To be read, and to compare programs with.
-Uses robot, program, joint, tree and forces.
+Uses robot, program, joint, tree, forces and kernels.
 """
