@@ -1,5 +1,5 @@
 """Model -> Equations: the table of all kernels, and the program that each of them is.
 
 A new kernel is an entry of ``signatures`` and a function of ``writers``.
-Uses robot, program, joint, tree, forces and solve.
+Uses robot, runtime, program, joint, tree, forces and solve.
 """

@@ -10,11 +10,13 @@ from numpy.typing import NDArray
 
 from eomgen.ranks import independent_columns, rank_of
 from eomgen.robot.model import Model
+from eomgen.runtime.turning import ON, seen, singular_joints
 
 from ..program.ir import Node, evaluate, finish
 from ..solve.rows import Row
 from ..tree.spatial import Scalar, along, is_zero
 from .derivation import Derivation, vector
+from .interface import turning_joints
 
 REDUNDANT = 1e-6  # of the largest singular value: below it rows follow from others
 ROUND_OFF = 1e-12  # m, or a number: arms below it at random poses are zero
@@ -74,7 +76,7 @@ def _without_round_off(d: Derivation, found: Sequence[Gap]) -> list[Gap]:
     """The components without arms that are round-off wherever the mechanism is: of one in a tilted plane, say.
 
     Where an arm is round-off for the description's numbers alone, and not for others that may be tuned, its row keeps
-    it, and is weighed against the rows of all loops.
+    it, and is weighed against the rows of all loops.  Joints that turn freely count as tuned.
     """
     if not any(isinstance(arm, Node) for gap in found for arm in gap.arms.values()):
         return list(found)
@@ -85,7 +87,9 @@ def _without_round_off(d: Derivation, found: Sequence[Gap]) -> list[Gap]:
         sizes = np.zeros((len(found), d.model.size))
         for _ in range(_SAMPLES):
             p = numbers * (1.0 + tuned * rng.normal(size=numbers.size)) + tuned * rng.normal(size=numbers.size)
-            sizes = np.maximum(sizes, np.abs(arms.at(rng.uniform(-1.5, 1.5, d.model.size).tolist(), p.tolist())))
+            turned = rng.uniform(size=d.turns) if tuned else np.zeros(d.turns)
+            q, p = rng.uniform(-1.5, 1.5, d.model.size), np.concatenate([p, turned])
+            sizes = np.maximum(sizes, np.abs(arms.at(q.tolist(), p.tolist())))
         largest.append(sizes > ROUND_OFF)
     kept = []
     for gap, now, ever in zip(found, *largest, strict=True):
@@ -96,12 +100,12 @@ def _without_round_off(d: Derivation, found: Sequence[Gap]) -> list[Gap]:
 
 def is_redundant(model: Model) -> bool:
     """Whether some rows of the constraint follow from others at home, as far as home is closed."""
-    d = Derivation(model)
+    d = Derivation(model, turned=True)
     found = [gap for gap in gaps(d, d.still) if gap.arms]
     if not found:
         return False
     moving = [i for i in range(d.model.size) if i not in d.model.prescribed]
-    J = _Arms(d, found).at(model.home, list(model.parameters.values()))[:, moving]
+    J = _Arms(d, found).at(*_regular(model, np.array(model.home)))[:, moving]
     return rank_of(J, REDUNDANT) < len(found)
 
 
@@ -110,13 +114,13 @@ def are_independent(model: Model) -> bool:
 
     False where none is found: then nothing is known of what is redundant.
     """
-    d = Derivation(model)
+    d = Derivation(model, turned=True)
     found = [gap for gap in gaps(d, d.still) if gap.arms]
     if not found:
         return True
     rng, home = np.random.default_rng(0), np.array(model.home)
     away = [np.zeros(home.size), *rng.normal(size=(_SAMPLES, home.size))]
-    closed = (_closed_jacobian(d, found, home + _AWAY * step) for step in away)
+    closed = (_closed_jacobian(d, found, *_regular(model, home + _AWAY * step)) for step in away)
     return any(J is not None and rank_of(J, REDUNDANT) == len(found) for J in closed)
 
 
@@ -133,9 +137,9 @@ def rank_at_home(model: Model) -> Rank | None:
 
     Components that nothing changes are not among those that follow from others.
     """
-    d = Derivation(model)
+    d = Derivation(model, turned=True)
     found = [(name, gap) for name, gap in zip(model.constraints, gaps(d, d.still), strict=True) if gap.arms]
-    J = _closed_jacobian(d, [gap for _, gap in found], np.array(model.home))
+    J = _closed_jacobian(d, [gap for _, gap in found], *_regular(model, np.array(model.home)))
     if J is None:
         return None
     rank = rank_of(J, REDUNDANT)
@@ -143,12 +147,27 @@ def rank_at_home(model: Model) -> Rank | None:
     return Rank(J.shape[1] - rank, tuple(name for r, (name, _) in enumerate(found) if r not in independent))
 
 
-def _closed_jacobian(d: Derivation, found: Sequence[Gap], q: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """The arms by what is not prescribed, (rows, moving), where Gauss's and Newton's method closes a state from q.
+def _regular(model: Model, q: NDArray[np.float64]) -> tuple[list[float], list[float]]:
+    """A state, (n,), in angles that are not singular; numbers of the parameters and of joints that are turned."""
+    joints = {name: (at["angles"], at["origin"]) for name, at in turning_joints(model)["joints"].items()}
+    turned = singular_joints(q, joints)
+    places = [joints[name] for name in joints if name in turned]
+    here = seen(np.concatenate([q, np.zeros_like(q)])[np.newaxis], places, ON, np.zeros_like(q))[0, : q.size]
+    return here.tolist(), [*model.parameters.values(), *(float(name in turned) for name in joints)]
+
+
+def _closed_jacobian(
+    d: Derivation, found: Sequence[Gap], begin: Sequence[float], numbers: Sequence[float]
+) -> NDArray[np.float64] | None:
+    """The arms by what is not prescribed, (rows, moving), where Gauss's and Newton's method closes a state.
 
     None where it closes none.
+
+    Args:
+        begin: coordinates where it begins, n.
+        numbers: of the parameters, and of joints that turn freely.
     """
-    arms, numbers, q = _Arms(d, found), list(d.model.parameters.values()), q.copy()
+    arms, q = _Arms(d, found), np.array(begin)
     values = finish(d.graph, "gaps", vector([gap.value for gap in found]))
     moving = [i for i in range(d.model.size) if i not in d.model.prescribed]
     for _ in range(_ROUNDS):

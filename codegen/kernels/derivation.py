@@ -36,7 +36,8 @@ class Derivation:
 
     ``dtype``: of the numbers that the C computes with.
 
-    ``turned``: joints that turn freely read how they are turned, behind the parameters (``Model.turning``).
+    ``turned``: joints that turn freely read how they are turned, behind the parameters (``Model.turning``); ``turns``
+    is how many of them there are.
 
     An angle that is not active but has an offset is a coordinate here whose q, v and a are zero; ``own`` are the places
     of the coordinates that kernels know, and what is written leaves the others out.
@@ -46,6 +47,7 @@ class Derivation:
         self.graph, self.dtype = Graph(), dtype
         self.model, self.own = with_offset_angles(model)
         turns = [turned_name(model.bodies[k].joint) for k in model.turning] if turned else []
+        self.turns = len(turns)
         slots = {name: slot for slot, name in enumerate((*model.parameters, *turns))}
 
         def value(name: str, number: float) -> Scalar:

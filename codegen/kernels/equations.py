@@ -15,7 +15,7 @@ from ..program.passes import hoist_parameters, run_passes
 from ..program.shares import Shares
 from .bodies import share_among_bodies
 from .derivation import Derivation
-from .signatures import KERNELS, RATES, SIGNATURES, TURNED, available
+from .signatures import KERNELS, RATES, SIGNATURES, available, knows_turns
 from .stages import STAGES, derive_stage
 from .writers import DESCRIPTION_FRAMES, WAYS, WRITERS
 
@@ -87,7 +87,7 @@ def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "fl
             if program in raw:
                 continue
             if program in STAGES:
-                raw |= derive_stage(Derivation(model, dtype=dtype))
+                raw |= derive_stage(Derivation(model, dtype=dtype, turned=True))
             elif program in WAYS:
                 raw[program], choices[program] = derive_cheapest(model, program, dtype=dtype)
             else:
@@ -110,10 +110,10 @@ def derive(model: Model, kernel: str, dtype: str = "float64") -> Program:
     if kernel in WAYS:
         return derive_cheapest(model, kernel, dtype=dtype)[0]
     if kernel in STAGES:
-        return derive_stage(Derivation(model, dtype=dtype))[kernel]
+        return derive_stage(Derivation(model, dtype=dtype, turned=True))[kernel]
     if SIGNATURES[kernel].tangent_of:
         return run_passes(tangent(derive(model, SIGNATURES[kernel].tangent_of), RATES, kernel))
-    regrouped, turned = kernel not in DESCRIPTION_FRAMES, kernel in TURNED
+    regrouped, turned = kernel not in DESCRIPTION_FRAMES, knows_turns(kernel, model)
     derivation = Derivation(model, regrouped=regrouped, dtype=dtype, turned=turned)
     return run_passes(finish(derivation.graph, kernel, WRITERS[kernel](derivation)))
 
@@ -130,7 +130,7 @@ def derive_cheapest(model: Model, kernel: str, chosen: str = "", dtype: str = "f
         is_long = way.most is not None and model.size > way.most
         if name != chosen and (chosen or is_long):
             continue
-        derivation = Derivation(model, dtype=dtype, turned=kernel in TURNED)
+        derivation = Derivation(model, dtype=dtype, turned=knows_turns(kernel, model))
         if way.prescribes or not derivation.model.prescribed:
             program = run_passes(finish(derivation.graph, kernel, way.write(derivation)))
             candidates.append((program, name))

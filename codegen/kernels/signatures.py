@@ -348,11 +348,27 @@ SIGNATURES: Mapping[str, Signature] = {**KERNELS, **PARTS}
 TURNED = (  # programs that know how joints are turned, which integrations call
     "forward_dynamics",
     "implicit_step",
+    "stage_factors",
+    "stage_solution",
     "inverse_dynamics",
     "mass_matrix",
     "residual_jacobian",
     "external_force",
 )
+CLOSED_TURNED = (  # more of them where there are constraints
+    "constrained_dynamics",
+    "settling",
+    "residual",
+    "constraint",
+    "constraint_jacobian",
+    "constraint_bias",
+    "closing_derivatives",
+)
+
+
+def knows_turns(program: str, model: Model) -> bool:
+    """Whether a program reads how the joints of ``Model.turning`` are turned."""
+    return program in TURNED or (bool(model.constraints) and program in CLOSED_TURNED)
 
 
 def available(model: Model) -> tuple[str, ...]:

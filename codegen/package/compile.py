@@ -38,7 +38,13 @@ from .levels import fuses_unasked, level_flags
 OPTIMISED, QUICK = "-O2", "-O1"
 FLAGS = (OPTIMISED, "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off")
 NATIVE = ("-march=native", "-ffp-contract=fast")
-CARRIED = ("errors.py", "names.py", "runtime/*.py", "runtime/*.[ch]")  # of eomgen, copied to its places in a package
+CARRIED = (
+    "errors.py",
+    "names.py",
+    "runtime/*.py",
+    "runtime/stepping/*.py",
+    "runtime/*.[ch]",
+)  # of eomgen, copied to its places in a package
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic")
 
 

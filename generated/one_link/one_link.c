@@ -1274,8 +1274,9 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
             int where = 0;
             const double excess = one_link_excess(allowed, l, q, v, q_end, v_end, error, &where);
             double factor = 0.9 * pow(excess, -order);
-            factor = factor > 5.0 ? 5.0 : (factor < 0.2 ? 0.2 : factor);
             taken[l] = (excess <= 1.0) ? 1 : 0;
+            if ((taken[l] != 0) && (excess > 0.0)) { factor *= pow(excess, 0.06) * pow(p->excess > 0.0 ? p->excess : 1e-4, 0.08); } /* proportional-integral control */
+            factor = factor > 5.0 ? 5.0 : (factor < 0.2 ? 0.2 : factor);
             if (taken[l] == 0) {
                 p->rejected += 1;
                 p->refused = 1;
@@ -1284,6 +1285,7 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
             } else {
                 if ((p->refused != 0) && (factor > 1.0)) { factor = 1.0; }
                 p->refused = 0;
+                p->excess = excess > 1e-4 ? excess : 1e-4;
                 if (p->next < step[l] * factor || !(step[l] < p->next)) { p->next = step[l] * factor; }
             }
             if (p->steps + p->rejected >= p->counted + 2000) { /* work that leads nowhere is no motion */
@@ -3097,8 +3099,9 @@ static void one_link_adapt_lanes(const double *restrict h, const one_link_drive 
             int where = 0;
             const double excess = one_link_excess_lanes(allowed, l, q, v, q_end, v_end, error, &where);
             double factor = 0.9 * pow(excess, -order);
-            factor = factor > 5.0 ? 5.0 : (factor < 0.2 ? 0.2 : factor);
             taken[l] = (excess <= 1.0) ? 1 : 0;
+            if ((taken[l] != 0) && (excess > 0.0)) { factor *= pow(excess, 0.06) * pow(p->excess > 0.0 ? p->excess : 1e-4, 0.08); } /* proportional-integral control */
+            factor = factor > 5.0 ? 5.0 : (factor < 0.2 ? 0.2 : factor);
             if (taken[l] == 0) {
                 p->rejected += 1;
                 p->refused = 1;
@@ -3107,6 +3110,7 @@ static void one_link_adapt_lanes(const double *restrict h, const one_link_drive 
             } else {
                 if ((p->refused != 0) && (factor > 1.0)) { factor = 1.0; }
                 p->refused = 0;
+                p->excess = excess > 1e-4 ? excess : 1e-4;
                 if (p->next < step[l] * factor || !(step[l] < p->next)) { p->next = step[l] * factor; }
             }
             if (p->steps + p->rejected >= p->counted + 2000) { /* work that leads nowhere is no motion */

@@ -146,6 +146,7 @@ typedef struct {
     double largest;
     double smallest;
     double looked;
+    double excess;
     long long steps;
     long long rejected;
     long long counted;

@@ -15,9 +15,11 @@ from scipy.integrate import solve_ivp
 
 import eomgen
 from eomgen.export.fmu.pack import export_fmu
+from eomgen.integration import integrate
 from eomgen.runtime.kernel import Array, Kernel
 from tests.support.builds import Build
 from tests.support.fmu_host import Host
+from tests.support.turning_loops import INTEGRATED, held_at, held_pendulum
 
 KERNELS = (
     *("forward_dynamics", "constraint_forces", "constraint", "constraint_jacobian", "constrained_dynamics"),
@@ -185,3 +187,21 @@ def test_directional_derivatives_are_exact_where_loops_are_open_too(version: int
         near, far = (at(x + k * h * d) - at(x - k * h * d) for k in (1.0, 2.0))
         wanted = (8.0 * near - far) / (12.0 * h)
         np.testing.assert_allclose(host.derivative(unknown, names, d), wanted, atol=1e-7 * np.abs(wanted).max())
+
+
+@pytest.mark.parametrize("method", ["rk4", "implicit"])
+def test_steps_turn_free_joints(method: str, tmp_path: Path, built: Build) -> None:
+    """A pendulum that a cut holds swings over the poles of its free joint's angles; a wrench acts."""
+    path = export_fmu(held_pendulum(), tmp_path / "a.fmu", 3, method=method, flags=("-O0", "-Werror"))
+    fmpy.extract(str(path), str(tmp_path / "unpacked"))
+    kernel = built(held_pendulum(), *INTEGRATED)
+    q, v = held_at(np.array([0.3, 1.2, 0.1]), np.array([2.0, 3.0, 1.0]))
+    names = [f"{label}.{name}" for label in "qv" for name in kernel.coordinates]
+    host = Host(tmp_path / "unpacked", stepping=True).start([*names, "wrench.body.mz"], [*q, *v, 0.02])
+    for step in range(20):
+        host.step(0.05 * step, 0.05)
+    found, wrench = np.array(host.get(names)), np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 0.02]])
+    expected = integrate(kernel, q, v, 1.0, wrench=wrench, rtol=1e-9, output_step=0.01)
+    assert np.abs(np.cos(expected.q[:, 4])).min() < 0.3
+    assert np.abs(found[:6] - expected.q[-1]).max() < (1e-7 if method == "rk4" else 5e-2)
+    assert np.abs(kernel.constraint(found[:6])).max() < 1e-11

@@ -18,8 +18,8 @@ from eomgen.motion.splines import Columns, Spline, Standstill, signal_of
 from eomgen.motion.timetable import TimeTable
 from eomgen.progress import no_progress
 from eomgen.robot.model import tool_of
-from eomgen.runtime.loaded import Loaded
-from eomgen.runtime.loads import Signal
+from eomgen.runtime.stepping.loaded import Loaded
+from eomgen.runtime.stepping.loads import Signal
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.assembly import Assembly, assemble
 from eomgen.simulation.run import run_scenario

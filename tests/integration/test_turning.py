@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -178,6 +179,31 @@ def test_states_of_a_batch_turn_apart(built: Build) -> None:
         for i in (0, 4, 5, 6, 36):
             alone = kernel.rollout(q[i], v[i], u[i], 1e-3, 2000, method=method, every=50)
             assert all(np.array_equal(x, y[i]) for x, y in zip(alone, found, strict=True))
+
+
+@pytest.mark.parametrize("method", ["tsit5", "rosenbrock"])
+def test_steps_that_the_error_chooses(method: str, built: Build) -> None:
+    """Over the poles, between samples, in a batch, over several calls of C; tolerances are of described coordinates."""
+    kernel = built(tumbler(), *INTEGRATED, "adaptive_rollout")
+    rng = np.random.default_rng(1)
+    q, v = rng.normal(size=(19, 6)), 2.0 * rng.normal(size=(19, 6))
+    q[0], v[0], q[5, 4] = Q0, V0, np.pi / 2
+    how: dict[str, Any] = {"method": method, "duration": 3.0, "samples": 60, "rtol": 1e-6}
+    found = kernel.rollout(q, v, np.zeros(6), **how)
+    shared = kernel.with_threads(2).rollout(q, v, np.zeros(6), **how)
+    assert all(np.array_equal(x, y) for x, y in zip(found, shared, strict=True))
+    for i in (0, 4, 5, 18):
+        alone = kernel.rollout(q[i], v[i], np.zeros(6), **how)
+        assert all(np.array_equal(x, y[i]) for x, y in zip(alone, found, strict=True))
+    exact, _ = kernel.rollout(q, v, np.zeros(6), 1e-4, 30_000, every=500)
+    limit = 1e-3 if method == "tsit5" else 1e-2
+    assert apart(found[0][..., 3:].reshape(-1, 3), exact[..., 3:].reshape(-1, 3)) < limit
+    assert np.abs(found[0][..., :3] - exact[..., :3]).max() < limit
+    assert np.abs(np.diff(found[0][0, :, 3:], axis=0)).max() < 2.0  # angles follow each other
+    assert (np.abs(np.cos(exact[..., 4])).min(axis=1) < 0.2).sum() > 5
+    atol = np.array([1e-7, 1e-5, 1e3, 1e-7, 1e-7, 1e-7] * 2)  # of z any
+    fine, coarse = kernel.rollout(Q0, V0, np.zeros(6), **how), kernel.rollout(Q0, V0, np.zeros(6), atol=atol, **how)
+    assert np.abs(fine[0] - coarse[0])[:, :2].max() < limit
 
 
 def test_single_precision(built: Build) -> None:

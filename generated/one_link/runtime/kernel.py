@@ -14,18 +14,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError, UnknownNameError
 from ..names import html_table, nearest_or_all, show
-from .adaptive import adaptive_rollout, takes_samples
 from .arrays import Arrays, joint_lead
 from .by_name import Blocks, make_blocks
 from .calls import Calls
 from .closing import closed_positions, closed_rates
 from .closing import roots as found_roots
 from .direct import Face, functions
-from .many_steps import rollout
 from .opened import LOADED
 from .parameters import Parameters
 from .raw import Libraries, Operations, RawKernel
-from .rollouts import Rollout
+from .stepping.adaptive import adaptive_rollout, takes_samples
+from .stepping.many_steps import rollout
+from .stepping.rollouts import Rollout
 
 Array = NDArray[Any]
 
@@ -195,8 +195,10 @@ class Kernel:
 
         The axes y, z and x of the joint's frame stand in the place of x, y and z, so that its angles are not singular
         where those of the description are.  That is so for forward_dynamics, forward_dynamics_jacobian,
-        inverse_dynamics, mass_matrix, residual_jacobian and external_force; all else stays as it is described.  It is
-        for integrations, which choose by ``raw.turning``; ``rollout`` does it by itself.
+        inverse_dynamics, mass_matrix, residual_jacobian and external_force; with loops not for inverse_dynamics, but
+        for residual, the constraint, its Jacobian and bias, constrained_dynamics, settling and following.  All else
+        stays as it is described.  It is for integrations, which choose by ``raw.turning``; ``rollout`` does it by
+        itself.
 
         Args:
             joints: names of those that are turned; the others are as described.
@@ -696,7 +698,7 @@ class Kernel:
 
         Raises:
             LoopError: the loops are open at q, or the rates that are held open one; names it and what remains.
-            SingularError: M is not positive definite.
+            SingularError: M is not positive definite, or angles at +-pi/2 have no such rates.
             UnknownNameError, InputError: as of ``close``.
         """
         return closed_rates(self.calls, q, v, held)
@@ -770,8 +772,7 @@ class Kernel:
         Two methods choose their steps so that the error of each stays within tolerances, and give ``samples`` at equal
         times of a ``duration``; each of many states has steps of its own, and the same bits as alone.  "tsit5" is
         explicit, of fifth order.  "rosenbrock" is linearly implicit, of third order, and stable whatever springs and
-        dampers there are; steps end at samples.  Neither takes other angles where those of a joint that turns freely
-        are singular.  Theory section "Steps that the error chooses".
+        dampers there are; steps end at samples.  Theory section "Steps that the error chooses".
 
         Joints that turn freely (``raw.turning``) pass beta = +-pi/2 in other angles; what comes back is as described,
         each angle next to its value before.  A joint with gains on its coordinates stays in its own angles.

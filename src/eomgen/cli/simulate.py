@@ -16,7 +16,9 @@ def _add_simulate(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scenario", metavar="FILE", help="a scenario: path of a .toml file, or a built-in name")
     parser.add_argument("--stream", metavar="FOLDER", help="write states there while they are integrated (Zarr)")
     parser.add_argument("--duration", type=float, metavar="S", help="duration in seconds (2)")
-    parser.add_argument("--method", help="auto, rosenbrock, tsit5, Radau, BDF, LSODA, CVODE, IDA, DOP853, RK45 or rk4 (auto)")
+    parser.add_argument(
+        "--method", help="auto, tsit5, rosenbrock, Radau, BDF, LSODA, CVODE, IDA, DOP853, RK45, rk4 (auto)"
+    )
     parser.add_argument(
         "--goal", type=float, nargs="+", metavar="Q", help="goal of the principal coordinates, rad or m, joint by joint"
     )

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..motion.smoothing import local_polynomials
-from ..state.turning import angle_accelerations, angle_rates, body_rates, nearest_angles, quaternions
+from ..runtime.turning import angle_rates, body_rates
+from ..state.turning import angle_accelerations, nearest_angles, quaternions
 
 Array = NDArray[np.float64]
 

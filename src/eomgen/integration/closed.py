@@ -56,20 +56,22 @@ class ClosedSystem(System):
     @property
     def index(self) -> NDArray[np.intp]:
         """Places of y in (q, v)."""
+        return self._places
+
+    @property
+    def _places(self) -> NDArray[np.intp]:
         return np.concatenate([self.chart.free, self.n + self.chart.free])
 
     def begin(self, t: float, q: Array, v: Array) -> Array:
         """y of the state at the first time, closed to the last digit; LoopError if it is open, or opening."""
         self.prescribe(t, q, v)
-        kernel = self.kernel
+        kernel = self.here
         gaps, rates = kernel.constraint(q), kernel.constraint_jacobian(q) @ v
         if np.abs(gaps).max() > OPEN:
             raise left_open(kernel.raw, gaps, "is open", "q of kernel.close")
         if np.abs(rates).max() > OPEN * max(1.0, float(np.abs(v).max())):
             raise left_open(kernel.raw, rates, "is opening", "v of kernel.close_rates", "/s")
-        self._chart = Chart(kernel, q)
-        self._last = np.concatenate([q, v])
-        y, self._last, _ = self.arrived(t, self._anew())
+        y, self._last, _ = ClosedSystem.arrived(self, t, self.resume(np.concatenate([q, v])))
         q[:], v[:] = self._last[: self.n], self._last[self.n :]
         return y
 
@@ -88,6 +90,12 @@ class ClosedSystem(System):
             return y, self._last, False
         self._chart = other or self._chart
         return self._anew(), self._last, True
+
+    def resume(self, whole: Array) -> Array:
+        """y that goes on from q and v, (2n,), closed, in the coordinates of ``here``."""
+        self._last = whole
+        self._chart = Chart(self.here, whole[: self.n])
+        return self._anew()
 
     def _anew(self) -> Array:
         """y of the state that was reached, which becomes the origin."""
@@ -115,7 +123,7 @@ class ClosedSystem(System):
     def jacobian(self, t: float, y: Array) -> Array:
         """dy'/dy: the kernel's exact one, and where it has none by finite differences, all at once."""
         self.counts["jacobians"] += 1
-        if "forward_dynamics_jacobian" in self.kernel.operations:
+        if "forward_dynamics_jacobian" in self.here.operations:
             return self._exact_jacobian(t, y)
         steps = self._differences(y)
         found = self._derivatives(t, np.vstack([y, y + np.diag(steps)]))
@@ -130,7 +138,7 @@ class ClosedSystem(System):
         u, f = self._loads(t, q, v), y.size // 2
         if self._given:
             u[self._given] = self._given_at(t)
-        by_q, by_v, by_u = self.kernel.forward_dynamics_jacobian(q, v, u)
+        by_q, by_v, by_u = self.here.forward_dynamics_jacobian(q, v, u)
         ways, free = self.chart.ways(slopes), self.chart.free
         turning = self._turning(q, v, ways)
         result = np.zeros((2 * f, 2 * f))
@@ -155,7 +163,7 @@ class ClosedSystem(System):
 
     def _loads_along(self, t: float, y: Array, state: tuple[Array, Array], ways: Array, turning: Array) -> Array:
         """Derivatives of drives and wrenches by y, (n, 2f), about its state."""
-        exact, result = getattr(self._drive, "slopes", None), np.zeros((self.n, y.size))
+        exact, result = self._exact_slopes(), np.zeros((self.n, y.size))
         if exact is not None:
             by_q, by_v = exact(t, *state)
             result = np.hstack([by_q @ ways + by_v @ turning, by_v @ ways])
@@ -179,8 +187,8 @@ class ClosedSystem(System):
         given, n = self.prescribe(t, q, v), self.n
         found = self._constrained(t, q[np.newaxis], v[np.newaxis], given)[0]
         a, multipliers = found[:n], found[n : n + len(self.kernel.constraints)]
-        needed = self.kernel.residual(q, v, a, np.zeros(n), wrench=self.wrench(t, q, v))
-        needed -= self.kernel.constraint_jacobian(q).T @ multipliers
+        needed = self.here.residual(q, v, a, np.zeros(n), wrench=self.wrench(t, q, v))
+        needed -= self.here.constraint_jacobian(q).T @ multipliers
         return np.where(self._free, u, needed)
 
     def margins(self, q: Array) -> Array | None:
@@ -191,17 +199,17 @@ class ClosedSystem(System):
         moving = np.flatnonzero(self._free)
         if len(self.kernel.constraints) * moving.size > LARGE or not self.chart.rank:
             return None
-        inertia = np.diagonal(self.kernel.mass_matrix(q), axis1=1, axis2=2)[:, np.newaxis, moving]
-        scaled = self.kernel.constraint_jacobian(q)[:, :, moving] / np.sqrt(np.maximum(inertia, 1e-12))
+        inertia = np.diagonal(self.here.mass_matrix(q), axis1=1, axis2=2)[:, np.newaxis, moving]
+        scaled = self.here.constraint_jacobian(q)[:, :, moving] / np.sqrt(np.maximum(inertia, 1e-12))
         sizes = np.linalg.svd(scaled, compute_uv=False)
         return np.asarray(sizes[:, self.chart.rank - 1] / np.maximum(sizes[:, 0], 1e-300))
 
     def about(self, q: Array, v: Array) -> dict[str, float]:
         """Counts, the greatest |g| and |J v| over all samples, (T, n), and the constraints that are redundant."""
-        rates = np.einsum("tmn,tn->tm", self.kernel.constraint_jacobian(q), v)
+        rates = np.einsum("tmn,tn->tm", self.here.constraint_jacobian(q), v)
         return {
             **super().about(q, v),
-            "gap": float(np.abs(self.kernel.constraint(q)).max()),
+            "gap": float(np.abs(self.here.constraint(q)).max()),
             "gap_rate": float(np.abs(rates).max()),
             "redundant": float(len(self.kernel.constraints) - self.chart.rank),
         }
@@ -212,7 +220,7 @@ class ClosedSystem(System):
         whole = None
         if seen is not None:
             whole = self._last.copy()
-            whole[self.index] = seen
+            whole[self._places] = seen
             whole[self.chart.free] += self._origin[self.chart.free]
         self._stuck = None
         if self._opened is not None:
@@ -263,7 +271,7 @@ class ClosedSystem(System):
         u = self._loads(t, q, v)
         if given is not None:
             u[self._given] = given
-        calls, found = self.kernel.calls, np.empty(self._size)
+        calls, found = self.here.calls, np.empty(self._size)
         if calls.call(self._function, (q, v, u), (), (), None, found) >= 0:
             return calls.run("constrained_dynamics", None, (q, v, u))[: self.n]  # which says what is wrong
         a = found[: self.n]
@@ -275,14 +283,14 @@ class ClosedSystem(System):
         u = self._loads(t, q, v)
         if given is not None:
             u[:, self._given] = given
-        return self.kernel.calls.run("constrained_dynamics", None, (q, v, u))
+        return self.here.calls.run("constrained_dynamics", None, (q, v, u))
 
     def _loads(self, t: float, q: Array, v: Array, *, drives: bool = True) -> Array:
         """Drives and what wrenches do, (n,) or (N, n), N or N m; of wrenches alone where drives do not count."""
         u = np.array(self.drives(t, q, v)) if drives else np.zeros(q.shape)
         wrench = self._wrenches(t, q, v)
         if wrench is not None:
-            u += self.kernel.external_force(q, wrench)
+            u += self.here.external_force(q, wrench)
         return u
 
     def _wrenches(self, t: float, q: Array, v: Array) -> ArrayLike | None:

@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import EomgenError, IntegrationStopped
 from ..progress import Progress
-from ..runtime.adaptive import DONE, STAGES, why_ended
 from ..runtime.kernel import Kernel
-from ..runtime.loaded import AUTO, Loaded
-from ..runtime.loads import DriveData, LinkWrench, LoadData, Signal
+from ..runtime.stepping.adaptive import DONE, STAGES, why_ended
+from ..runtime.stepping.loaded import AUTO, Loaded
+from ..runtime.stepping.loads import DriveData, LinkWrench, LoadData, Signal
 from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction
 from .contacts import ContactWatch
 from .steps import Samples

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..runtime.kernel import Kernel
-from ..runtime.loads import DriveData, Signal, Track
+from ..runtime.stepping.loads import DriveData, Signal, Track
 from ..state.vectors import DriveFunction, state_vector
 
 Array = NDArray[np.float64]

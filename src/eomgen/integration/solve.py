@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
 from ..progress import Progress
+from ..robot.sizes import sticking
 from ..runtime.kernel import Kernel
 from ..state.springs import any_spring, fastest_rates
 from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction, state_vector
@@ -35,7 +36,7 @@ from .steps import (
 )
 from .system import System
 from .trajectory import FiniteMotion, Trajectory, trajectory_of
-from .turning import TurningSystem
+from .turning import ClosedTurningSystem, TurningSystem
 
 Array = NDArray[np.float64]
 
@@ -76,7 +77,7 @@ def integrate(
         q0, v0: the state at t = 0, (n,).
         duration: s.
         drive, wrench, prescribed: functions, as below.  They are data where they have a method ``data`` that gives
-            what ``eomgen.runtime.loads`` calls so, as those of scenarios, ``Harmonic`` and wrenches that stay.
+            what ``eomgen.runtime.stepping.loads`` calls so, as those of scenarios, ``Harmonic`` and wrenches that stay.
         drive: (t, q, v) -> u, (n,), N or N m, or that u where it stays; none if not given.  With an attribute
             ``batched`` that is true it is called with q and v of shape (N, n), too, and returns (N, n).  With a method
             ``slopes``, (t, q, v) -> (du/dq, du/dv), (n, n) each, implicit methods take these instead of finite
@@ -115,7 +116,8 @@ def integrate(
         InputError: an argument is wrong, a prescribed coordinate has no motion, or SciPy is not installed.
     """
     drive = drive_of(kernel, drive)
-    kind = ClosedSystem if kernel.constraints else TurningSystem if kernel.raw.turning else System
+    plain, turning = (ClosedSystem, ClosedTurningSystem) if kernel.constraints else (System, TurningSystem)
+    kind = turning if kernel.raw.turning else plain
     system = kind(kernel, drive, wrench, prescribed)
     q0, v0 = (state_vector(label, x, kernel.coordinates) for label, x in (("q0", q0), ("v0", v0)))
     times = output_times(duration, output_step) if times is None else checked_times(times, duration, output_step)
@@ -181,6 +183,9 @@ def explained_method(
         InputError: the method is unknown, or does not keep loops closed, or is the kernel's own where that cannot be.
     """
     slow = compiled.why_not(kernel) if in_c is None else in_c
+    stuck = sticking(kernel.parameters)
+    if method == "auto" and not slow and stuck:
+        slow = f"friction holds and lets go ({stuck[0]}), which Radau follows"
     if kernel.constraints and method in sundials.METHODS:
         allowed = ", ".join(name for name in METHODS if name not in sundials.METHODS)
         raise InputError(

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ArrayError, InputError, IntegrationError, IntegrationStopped
 from ..runtime.kernel import Kernel
-from ..runtime.loaded import Loaded
+from ..runtime.stepping.loaded import Loaded
 from ..state.springs import coordinate_sizes, rate_step, smoothings
 from ..state.vectors import Q_STEP, DriveFunction, MotionFunction, WrenchFunction, prescribed_mask
 from .advance import Advance
@@ -67,6 +69,14 @@ class System:
     def index(self) -> NDArray[np.intp]:
         """Places of y in (q, v)."""
         return np.arange(2 * self.n)
+
+    def resume(self, whole: Array) -> Array:
+        """y that goes on from q and v, (2n,), in the coordinates of ``here``."""
+        return whole
+
+    def described(self, whole: Array) -> Array:
+        """q and v as described, (N, 2n), of those in the coordinates of ``here``."""
+        return whole
 
     def whole(self, times: Array, ys: Array) -> Array:
         """q and v, (N, 2n), of y, (N, size), at the times."""
@@ -288,10 +298,14 @@ class System:
             result -= self._drive_slopes(t, qs, vs, steps)
         return result[:, :n], result[:, n:], M
 
+    def _exact_slopes(self) -> Any:
+        """The drive's own slopes, which are in described coordinates; None where there are none, or y has others."""
+        return getattr(self._drive, "slopes", None) if self.here is self.kernel else None
+
     def _drive_slopes(self, t: float, qs: Array, vs: Array, steps: Array) -> Array:
         """Derivatives of the drives by (q, v), (n, 2n), about the first of the states, which differ by the steps."""
-        exact = getattr(self._drive, "slopes", None)
-        if exact is not None and self.here is self.kernel:
+        exact = self._exact_slopes()
+        if exact is not None:
             return np.hstack(exact(t, qs[0], vs[0]))
         drives = self.drives(t, qs, vs)
         slopes: Array = (drives[1:] - drives[0]).T / steps
@@ -299,8 +313,12 @@ class System:
 
     def stopped(self, reason: str, t: float, y: Array, blame: Array | None = None) -> IntegrationStopped:
         """The error that says where a motion could not go on; ``blame`` is the state that shows it, if not y."""
-        q, v = y[: self.n].copy(), y[self.n :].copy()
         seen = blame if blame is not None else self._stuck if self._stuck is not None else y
+        return self.ended(reason, t, self.described(y[np.newaxis])[0], seen)
+
+    def ended(self, reason: str, t: float, whole: Array, seen: Array) -> IntegrationStopped:
+        """The error of a motion that ends with q and v as described, (2n,); ``seen`` is the state that shows it."""
+        q, v = np.split(whole.copy(), 2)
         bad = np.flatnonzero(~np.isfinite(seen))
         name, where = getattr(self.trouble, "coordinate", ""), f"{self.kernel.name}, t = {t:.6g} s"
         if bad.size:

@@ -139,7 +139,8 @@ def trajectory_of(
         if last < 0:
             raise trouble
         system.trouble = trouble
-        stop = system.stopped("the forces cannot be evaluated at the next sample", float(times[last]), states[last])
+        reason = "the forces cannot be evaluated at the next sample"
+        stop = system.ended(reason, float(times[last]), states[last], states[last])
     trajectory = None
     if last >= 0:
         about, kernel = info(motion), system.kernel

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import IntegrationStopped
 from ..runtime.kernel import Kernel
-from ..state.turning import BACK, ON, SINGULAR, other_forces, seen, singular_joints
+from ..runtime.turning import ON, SINGULAR, singular_joints
+from ..state.turning import Turns
 from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction
+from .closed import ClosedSystem
 from .system import System
 
 Array = NDArray[np.float64]
@@ -32,82 +35,106 @@ class TurningSystem(System):
         prescribed: MotionFunction | None = None,
     ) -> None:
         super().__init__(kernel, drive, wrench, prescribed)
-        self._joints = kernel.raw.turning
-        self._kernels = {frozenset[str](): kernel}
-        self._turned = frozenset[str]()
+        self._turns = Turns(kernel)
         self._told = np.zeros(kernel.n)  # q of the state that was reached, as described
+
+    @property
+    def index(self) -> NDArray[np.intp]:
+        """Places of y in (q, v) as described: where origins are turned, those of the axes that they have."""
+        places = np.arange(2 * self.n)
+        for _, origin in self._turns.places:
+            for first in () if origin < 0 else (origin, self.n + origin):
+                places[first : first + 3] = np.roll(places[first : first + 3], -ON)
+        return np.asarray(places[super().index])
 
     def begin(self, t: float, q: Array, v: Array) -> Array:
         """y of the state at the first time, (n,) each; what has to be put right is put into its arrays."""
-        return self.arrived(t, super().begin(t, q, v))[0]
+        self._told = q.copy()
+        whole = self._turn(singular_joints(q, self._turns.joints), np.concatenate([q, v]))
+        given = whole.copy()
+        y = super().begin(t, *np.split(whole, 2))
+        if not np.array_equal(whole, given):
+            q[:], v[:] = np.split(self.described(whole[np.newaxis])[0], 2)
+        return y
 
     def whole(self, times: Array, ys: Array) -> Array:
         """q and v as described, (N, 2n), of y, (N, size), at the times; angles follow those of the last state."""
-        return self._described(ys)
+        return self.described(super().whole(times, ys))
+
+    def described(self, whole: Array) -> Array:
+        """q and v as described, (N, 2n), of those in the coordinates of ``here``."""
+        return self._turns.back(whole, self._told)
 
     def arrived(self, t: float, y: Array) -> tuple[Array, Array, bool]:
         """y to go on with from t, where a step has led, q and v there, and whether y begins anew."""
-        whole = self._described(y[np.newaxis])[0]
+        y, reached, anew = super().arrived(t, y)
+        whole = self.described(reached[np.newaxis])[0]
         self._told = whole[: self.n].copy()
-        singular = singular_joints(y, self._joints)
+        singular = singular_joints(reached, self._turns.joints)
         if not singular:
-            return y, whole, False
-        return self._turn(self._turned ^ singular, whole), whole, True
+            return y, whole, anew
+        return self.resume(self._turn(self._turns.turned ^ singular, whole)), whole, True
 
     def edges(self, y: Array) -> Array:
         """Numbers of which none changes its sign between two times at which y begins anew."""
-        return np.array([abs(np.cos(y[first + 1])) - LATE for first, _ in self._joints.values()])
+        return np.array([abs(np.cos(y[first + 1])) - LATE for first, _ in self._turns.joints.values()])
 
     def forces(self, t: float, q: Array, v: Array) -> Array:
         """u in a described state: the drives, and what the motion of prescribed coordinates needs."""
         u = np.array(super().drives(t, q, v))
         if self._given:
             self._told = q.copy()
-            y = self._turn(singular_joints(q, self._joints), np.concatenate([q, v]))
+            y = self._turn(singular_joints(q, self._turns.joints), np.concatenate([q, v]))
             u[self._given] = super().forces(t, y[: self.n], y[self.n :])[self._given]
         return u
 
     def drives(self, t: float, q: Array, v: Array) -> Array:
         """u of one state, (n,), or of a batch, (N, n), on the coordinates that y has."""
-        if not self._turned or self._drive is None:
+        if not self._turns.turned or self._drive is None:
             return super().drives(t, q, v)
         told = self._told_beside(q, v)
-        u = np.array(super().drives(t, *told))
-        for first, origin in self._turned_places():
-            angles, along = slice(first, first + 3), slice(origin, origin + 3)
-            u[..., angles] = other_forces(told[0][..., angles], q[..., angles], u[..., angles])
-            if origin >= 0:
-                u[..., along] = np.roll(u[..., along], -ON, axis=-1)
-        return u
+        return self._turns.forces(super().drives(t, *told), told[0], q)
 
     def wrench(self, t: float, q: Array, v: Array) -> ArrayLike | None:
         """External wrenches in one state, (links, 6)."""
-        if not self._turned or not callable(self._wrench):
+        if not self._turns.turned or not callable(self._wrench):
             return super().wrench(t, q, v)
         return super().wrench(t, *self._told_beside(q, v))
-
-    def stopped(self, reason: str, t: float, y: Array, blame: Array | None = None) -> IntegrationStopped:
-        """The error that says where a motion could not go on, with the last good state as described."""
-        blame = y if blame is None and self._stuck is None else blame
-        return super().stopped(reason, t, self._described(y[np.newaxis])[0], blame)
-
-    def _turned_places(self) -> list[tuple[int, int]]:
-        return [self._joints[name] for name in self._joints if name in self._turned]
 
     def _told_beside(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Described q and v of one state, or of a batch whose states lie about one."""
         ys = np.atleast_2d(np.concatenate([q, v], axis=-1))
-        found = self._described(ys).reshape(*q.shape[:-1], 2 * self.n)
+        found = self.described(ys).reshape(*q.shape[:-1], 2 * self.n)
         return found[..., : self.n], found[..., self.n :]
 
-    def _described(self, ys: Array) -> Array:
-        """q and v as described, (N, 2n), of y, (N, 2n)."""
-        return seen(ys, self._turned_places(), BACK, self._told) if self._turned else ys
-
     def _turn(self, turned: frozenset[str], whole: Array) -> Array:
-        """y of a described state with these joints turned, which are so from now on."""
-        self._turned = turned
-        if turned not in self._kernels:
-            self._kernels[turned] = self.kernel.with_turned(turned)
-        self.here = self._kernels[turned]
-        return np.asarray(seen(whole[np.newaxis], self._turned_places(), ON, np.zeros(self.n))[0])
+        """q and v of a described state with these joints turned, which are so from now on."""
+        self._turns.take(turned)
+        self.here = self._turns.here
+        return np.array(self._turns.on(whole[np.newaxis])[0])
+
+
+class ClosedTurningSystem(TurningSystem, ClosedSystem):
+    """The same of mechanisms with closed loops: y has the independent ones of the coordinates that are taken."""
+
+    def margins(self, q: Array) -> Array | None:
+        """How far samples, (T, n), are from singular poses, (T,); None where that would take long."""
+        found = np.empty(len(q))
+        for rows, part, _ in self._regular(q, np.zeros_like(q)):
+            margins = super().margins(part)
+            if margins is None:
+                return None
+            found[rows] = margins
+        return found
+
+    def about(self, q: Array, v: Array) -> dict[str, float]:
+        """Counts of calls, and more that is said of the motion with samples q and v, (T, n)."""
+        found = [super(ClosedTurningSystem, self).about(*part) for _, *part in self._regular(q, v)]
+        return {key: max(part[key] for part in found) for key in found[0]}
+
+    def _regular(self, q: Array, v: Array) -> Iterator[tuple[NDArray[np.intp], Array, Array]]:
+        """Samples in angles that are not singular, where ``here`` is of these: their rows, and q and v of them."""
+        for rows in self._turns.regular(q):
+            self.here = self._turns.here
+            part = self._turns.on(np.hstack([q[rows], v[rows]]))
+            yield rows, np.ascontiguousarray(part[:, : self.n]), np.ascontiguousarray(part[:, self.n :])

@@ -10,8 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import IntegrationError
 from ..robot.sizes import REFERENCE_ACCELERATION
 from ..runtime.kernel import Kernel
+from ..runtime.turning import singular_joints
 from ..state.equilibrium import given_forces, known_coordinates, refuse_singular, static_equilibrium
 from ..state.springs import coordinate_sizes, line_rates, stiffnesses
+from ..state.turning import Turns
 from ..state.vectors import Q_STEP, state_vector
 from .chart import Chart
 
@@ -49,19 +51,23 @@ def closed_equilibrium(
     kept = known_coordinates(held, kernel) | set(kernel.prescribed)
     given = np.array([name in kept for name in kernel.coordinates])
     q = kernel.close(state_vector("q_guess", q_guess, kernel.coordinates), kept)
-    forces = given_forces(kernel, u)
+    forces, turns = given_forces(kernel, u), Turns(kernel, given)
 
     def imbalance(qs: Array) -> Array:
-        zero = np.zeros_like(qs)
-        return np.asarray(kernel.residual(qs, zero, zero, forces(qs), wrench=wrench))
+        zero, told = np.zeros_like(qs), turns.q_back(qs, q)
+        u_here = turns.forces(forces(told), told, qs)
+        return np.asarray(turns.here.residual(qs, zero, zero, u_here, wrench=wrench))
 
     for _ in range(ROUNDS):
-        chart = Chart(kernel, q, given=given)
+        turns.take(singular_joints(q, turns.joints))
+        here = turns.q_on(q)
+        chart = Chart(turns.here, here, given=given)
         if not chart.free.size:
             return q
-        change, size = _newton_step(chart, q, imbalance)
-        q, done = _taken(chart, q, change, imbalance)
-        if done or (np.abs(change) <= SMALL * size + 1e-13 * np.abs(q[chart.free])).all():
+        change, size = _newton_step(chart, here, imbalance)
+        here, done = _taken(chart, here, change, imbalance)
+        q = turns.q_back(here, q)
+        if done or (np.abs(change) <= SMALL * size + 1e-13 * np.abs(here[chart.free])).all():
             return q
     worst = kernel.coordinates[chart.free[int(np.argmax(np.abs(change) / size))]]
     raise IntegrationError(f"{kernel.name}: no static equilibrium near the guess; {worst} stays out of balance")

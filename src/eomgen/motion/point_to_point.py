@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ArrayError, InputError
-from ..runtime.loads import Signal, Waves
+from ..runtime.stepping.loads import Signal, Waves
 from ..shown import Shown
 
 Array = NDArray[np.float64]

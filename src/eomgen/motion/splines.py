@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..optional import optional_import
-from ..runtime.loads import Signal
+from ..runtime.stepping.loads import Signal
 from ..shown import Shown
 from .point_to_point import Program
 

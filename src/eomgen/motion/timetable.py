@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..forms.tables import Table
 from ..names import listed, show
-from ..runtime.loads import Signal
+from ..runtime.stepping.loads import Signal
 from ..shown import Shown
 from .files import read_columns
 

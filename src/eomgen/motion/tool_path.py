@@ -13,7 +13,7 @@ from ..errors import ArrayError, InputError, ReachError
 from ..names import show
 from ..optional import optional_import
 from ..runtime.kernel import Kernel
-from ..runtime.loads import Signal
+from ..runtime.stepping.loads import Signal
 from .point_to_point import PointToPoint
 from .reaching import Reached, Target, binding, point_text, reach, search, within_limits
 from .splines import Spline, spline_signal

@@ -192,10 +192,8 @@ class Model:
         Which angles describe them is of no matter to such a joint and to its own damping, so that integrations turn
         its placement where its own are singular.  Whatever acts on a coordinate, moves it or goes with an angle of its
         own keeps the joint as it is described: laws, armatures, motors, journals, prescribed motions, couplings,
-        offsets of angles.  So does a loop anywhere.
+        offsets of angles.
         """
-        if self.constraints:
-            return ()
         coupled = {x for coupling in self.robot.couplings for x in (coupling.of, *coupling.to)}
         return tuple(k for k, body in enumerate(self.bodies) if self._turns(body, coupled))
 

@@ -5,7 +5,8 @@ A generated package carries a copy of this file.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,9 +16,11 @@ from ..names import show
 from .arrays import joint_lead, place_of
 from .calls import Calls
 from .opened import left_open
+from .turning import BACK, ON, Places, seen, singular_joints
 
 Array = NDArray[np.floating]
 Mask = NDArray[np.bool_]
+Place = Callable[[int], str]  # names the state of that number
 
 CLOSED = {8: 1e-12, 4: 2e-6}  # m, or sine of an angle, by the bytes of a number: a constraint that is met
 OPEN = {8: 1e-9, 4: 1e-5}  # m or rad per second and the largest rate: more is not round-off
@@ -40,16 +43,27 @@ def closed_positions(calls: Calls, q: ArrayLike, held: Iterable[str]) -> Array:
 
 def closed_rates(calls: Calls, q: ArrayLike, v: ArrayLike, held: Iterable[str]) -> Array:
     """Rates near guesses that keep the loops closed; see ``Kernel.close_rates``."""
-    n, bits, free = calls.n, calls.dtype.itemsize, _free(calls, held)
+    n, free = calls.n, _free(calls, held)
     states, of_q = calls.array("q", q, (n,))
     guesses, of_v = calls.array("v", v, (n,))
     lead = joint_lead("v", of_v, of_q)
     states, moving = (np.broadcast_to(x, (*lead, n)).reshape(-1, n).copy() for x in (states, guesses))
     gaps = calls.run("constraint", None, (states,))
-    _refuse(calls, gaps, OPEN[bits], "is open", "q of kernel.close", lead)
+    _refuse(calls, gaps, OPEN[calls.dtype.itemsize], "is open", "q of kernel.close", lambda i: _place(i, lead))
+    for part in _parts(calls, states, free):
+        place = part.place(lead)
+        turned, guess = part.turned(states[part.rows], moving[part.rows])
+        found = _closed_rates(part.calls, turned, guess, free, place)
+        moving[part.rows] = part.described(turned, found, states[part.rows], place)[1]
+    return np.asarray(moving.reshape(*lead, n))
+
+
+def _closed_rates(calls: Calls, states: Array, moving: Array, free: Mask, place: Place) -> Array:
+    """Rates near guesses, (N, n), that keep the loops closed; both in the coordinates that these calls know."""
+    bits, moving = calls.dtype.itemsize, moving.copy()
     J = calls.run("constraint_jacobian", None, (states,))
     if free.any():
-        back, scaled = _scaled(calls, states, J, free, lead)
+        back, scaled = _scaled(calls, states, J, free, place)
         pseudo = np.linalg.pinv(scaled, rcond=RANK[bits])
         for _ in range(2):  # the second time for round-off
             rates = np.einsum("kmn,kn->km", J, moving)
@@ -57,8 +71,72 @@ def closed_rates(calls: Calls, q: ArrayLike, v: ArrayLike, held: Iterable[str]) 
     rates = np.einsum("kmn,kn->km", J, moving)
     size = np.maximum(1.0, np.abs(J).max(axis=(1, 2)) * np.abs(moving).max(axis=1))
     what, allowed = "opens at the rates that are held", "fewer held rates, or others"
-    _refuse(calls, rates / size[:, np.newaxis], OPEN[bits], what, allowed, lead, rates=rates)
-    return np.asarray(moving.reshape(*lead, n))
+    _refuse(calls, rates / size[:, np.newaxis], OPEN[bits], what, allowed, place, rates=rates)
+    return moving
+
+
+@dataclass(frozen=True)
+class _Part:
+    """States of one kind: their rows, the joints that are turned in them, and calls that know of that.
+
+    Joints that turn freely have other angles where their own are singular, and nothing of them is held.
+    """
+
+    rows: NDArray[np.intp]
+    joints: Places
+    calls: Calls
+
+    def place(self, lead: tuple[int, ...]) -> Place:
+        """Names of states among all that there are."""
+        return lambda i: _place(int(self.rows[i]), lead)
+
+    def turned(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """Described q and v, (N, n) each, in these coordinates."""
+        return self._seen(q, v, ON, np.zeros_like(q))
+
+    def described(self, q: Array, v: Array, near: Array, place: Place) -> tuple[Array, Array]:
+        """q and v as described, each angle next to that of a state near it, (N, n).
+
+        Raises:
+            SingularError: angles are at +-pi/2 as described, where they have no such rates.
+        """
+        told = self._seen(q, v, BACK, near)
+        if self.joints:
+            lost = np.abs(self.turned(*told)[1] - v).max(axis=1)
+            bad = ~(lost <= OPEN[self.calls.dtype.itemsize] * np.maximum(1.0, np.abs(v).max(axis=1)))
+            if bad.any():
+                state = int(bad.argmax())
+                raise self.calls.singular("close_rates", self.joints[0][0], place(state), told[0][state])
+        return told
+
+    def _seen(self, q: Array, v: Array, places: int, near: Array) -> tuple[Array, Array]:
+        if not self.joints:
+            return q, v
+        states = np.hstack([q, v]).astype(np.float64)[:, np.newaxis]
+        found = np.array([seen(one, self.joints, places, x)[0] for one, x in zip(states, near, strict=True)])
+        first, second = np.split(found.astype(self.calls.dtype), 2, axis=1)
+        return np.ascontiguousarray(first), np.ascontiguousarray(second)
+
+
+def _parts(calls: Calls, q: Array, free: Mask) -> Iterator[_Part]:
+    """States, (N, n), by the joints whose angles are nearly singular in them."""
+    joints = {
+        name: (first, origin)
+        for name, (first, origin) in calls.raw.turning.items()
+        if free[first if origin < 0 else origin : first + 3].all()
+    }
+    rows: dict[frozenset[str], list[int]] = {frozenset(): list(range(len(q)))}
+    if joints:
+        rows = {}
+        for i, state in enumerate(q):
+            rows.setdefault(singular_joints(state, joints), []).append(i)
+    for names, numbers in rows.items():
+        own = calls
+        if names:
+            parameters = calls.parameters.copy()
+            parameters.turn(names)
+            own = calls.with_parameters(parameters)
+        yield _Part(np.array(numbers, dtype=np.intp), [joints[name] for name in joints if name in names], own)
 
 
 def roots(calls: Calls, q: ArrayLike, held: Iterable[str], number: int) -> Array:
@@ -95,6 +173,16 @@ def roots(calls: Calls, q: ArrayLike, held: Iterable[str], number: int) -> Array
 
 def _closed(calls: Calls, guesses: Array, free: Mask) -> tuple[Array, Array]:
     """States, (N, n), as near to closed as Levenberg and Marquardt's method brings them, and their gaps, (N, m)."""
+    q, gaps = guesses.copy(), calls.run("constraint", None, (guesses,))
+    for part in _parts(calls, guesses, free):
+        still = np.zeros_like(guesses[part.rows])
+        found, gaps[part.rows] = _by_steps(part.calls, part.turned(guesses[part.rows], still)[0], free)
+        q[part.rows] = part.described(found, still, guesses[part.rows], str)[0]
+    return q, gaps
+
+
+def _by_steps(calls: Calls, guesses: Array, free: Mask) -> tuple[Array, Array]:
+    """The same of guesses in the coordinates that these calls know."""
     q, enough = guesses.copy(), CLOSED[calls.dtype.itemsize]
     g = calls.run("constraint", None, (q,))
     damping = np.full(len(q), 1e-3)
@@ -122,14 +210,14 @@ def _damped_step(J: Array, g: Array, damping: Array) -> Array:
     return np.asarray(step * np.minimum(1.0, STEP / longest))
 
 
-def _scaled(calls: Calls, q: Array, J: Array, free: Mask, lead: tuple[int, ...]) -> tuple[Array, Array]:
+def _scaled(calls: Calls, q: Array, J: Array, free: Mask, place: Place) -> tuple[Array, Array]:
     """L^-T and J L^-T of the free coordinates of states, M = L L^T."""
     M = calls.run("mass_matrix", None, (q,))[:, free][:, :, free]
     try:
         L = np.linalg.cholesky(M)
     except np.linalg.LinAlgError:
         worst = int(np.argmin([np.linalg.eigvalsh(one)[0] for one in M]))
-        raise calls.singular("close_rates", int(np.flatnonzero(free)[0]), _place(worst, lead), q[worst]) from None
+        raise calls.singular("close_rates", int(np.flatnonzero(free)[0]), place(worst), q[worst]) from None
     back = np.linalg.inv(L).transpose(0, 2, 1)
     return back, J[:, :, free] @ back
 
@@ -183,18 +271,18 @@ def _refuse_turned_over(calls: Calls, q: Array, lead: tuple[int, ...]) -> None:
 def _refuse_gaps(calls: Calls, gaps: Array, lead: tuple[int, ...]) -> None:
     enough = CLOSED[calls.dtype.itemsize]
     allowed = "a guess nearer to closure, or fewer held coordinates"
-    _refuse(calls, gaps, enough, "does not close near the guess", allowed, lead)
+    _refuse(calls, gaps, enough, "does not close near the guess", allowed, lambda i: _place(i, lead))
 
 
 def _refuse(
-    calls: Calls, sizes: Array, limit: float, what: str, allowed: str, lead: tuple[int, ...], rates: Array | None = None
+    calls: Calls, sizes: Array, limit: float, what: str, allowed: str, place: Place, rates: Array | None = None
 ) -> None:
     """Refuse the first state in which something is too large, naming its worst loop.
 
     Args:
         sizes: what is compared to the limit, (N, m).
         what, allowed: of the message.
-        lead: leading axes of the states.
+        place: names of the states.
         rates: what the message says in its place, per second.
     """
     bad = ~(np.abs(sizes).max(axis=1) <= limit)
@@ -202,7 +290,7 @@ def _refuse(
         state = int(bad.argmax())
         said = sizes[state] if rates is None else rates[state]
         per = "" if rates is None else "/s"
-        raise left_open(calls.raw, said, f"{what}{_place(state, lead)}", allowed, per)
+        raise left_open(calls.raw, said, f"{what}{place(state)}", allowed, per)
 
 
 def _place(state: int, lead: tuple[int, ...]) -> str:

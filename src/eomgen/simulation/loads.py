@@ -11,7 +11,7 @@ from ..names import nearest, parameter_name, show
 from ..robot.model import build_model
 from ..robot.value import INERTIA_KEYS, Link, Robot
 from ..runtime.kernel import Kernel
-from ..runtime.loads import LinkWrench
+from ..runtime.stepping.loads import LinkWrench
 from ..scenario.value import Scenario, Wrench
 
 Array = NDArray[np.float64]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LoopError
-from ..loops.chart import Chart
+from ..loops.turning import TurningChart
 from ..motion.point_to_point import Program
 from ..names import joint_of
 from ..robot.coordinates import index_of
@@ -36,17 +36,12 @@ class Mechanism:
 
     rigid: Kernel
     driven: NDArray[np.intp]
-    chart: Chart
+    chart: TurningChart
 
     @cached_property
     def mask(self) -> NDArray[np.bool_]:
         """Which coordinates are driven, (n,)."""
         return np.isin(np.arange(self.rigid.n), self.driven)
-
-    @cached_property
-    def _drives_are_free(self) -> bool:
-        """Whether the independent coordinates are all of the driven ones."""
-        return bool(np.array_equal(np.sort(self.driven), self.chart.free))
 
     def forces(self, q: Array, v: Array, a: Array) -> Array:
         """Drives that accelerate the mechanism so, (n,) or (N, n); 0 at coordinates without one.
@@ -59,18 +54,20 @@ class Mechanism:
         Raises:
             LoopError: it does not close there.
         """
-        chart = self.chart
-        found = chart.follow(q, v, a, near=True)
-        q_closed, v_closed, a_closed = (np.ascontiguousarray(x) for x in found[:3])
-        r = self.rigid.residual(q_closed, v_closed, a_closed, np.zeros_like(q))
-        r_bound = r[..., np.newaxis, chart.bound]
-        needed = r[..., chart.free] + (r_bound @ found.slopes[..., chart.free])[..., 0, :]  # the loops do no work
-        u = np.zeros_like(q)
-        if self._drives_are_free:
-            u[..., chart.free] = needed
-        else:
-            ways = chart.ways(found.slopes)[..., self.driven, :]
-            u[..., self.driven] = (needed[..., np.newaxis, :] @ np.linalg.pinv(ways))[..., 0, :]
+        u, index = np.zeros_like(q), np.sort(self.driven)
+        for part in self.chart.follow(q, v, a):
+            chart, found = part.chart, part.found
+            q_closed, v_closed, a_closed = (np.ascontiguousarray(x) for x in found[:3])
+            r = part.kernel.residual(q_closed, v_closed, a_closed, np.zeros_like(q_closed))
+            r_bound = r[..., np.newaxis, chart.bound]
+            needed = r[..., chart.free] + (r_bound @ found.slopes[..., chart.free])[..., 0, :]  # the loops do no work
+            forces = np.zeros_like(q_closed)
+            if np.array_equal(index, chart.free):  # the independent coordinates are all of the driven ones
+                forces[..., chart.free] = needed
+            else:
+                ways = chart.ways(found.slopes)[..., self.driven, :]
+                forces[..., self.driven] = (needed[..., np.newaxis, :] @ np.linalg.pinv(ways))[..., 0, :]
+            u[part.rows] = forces
         return u
 
     def path(self, program: Program, prescribed: MotionFunction | None, duration: float) -> Path:
@@ -96,7 +93,7 @@ class Mechanism:
         if prescribed is not None:
             q[prescribed_mask(self.rigid)] = np.asarray(prescribed(t)[0])
         try:
-            closed, slopes = self.chart.close(q, near=guess is not None)
+            closed = self.chart.go_on(q, near=guess is not None)
         except LoopError as error:
             raise LoopError(
                 f"{error}; the program leads there at t = {t:.4g} s", loop=error.loop, gap=error.gap
@@ -112,7 +109,6 @@ class Mechanism:
                 loop=loop,
                 gap=off,
             )
-        self.chart.use(closed, slopes)
         return closed
 
 
@@ -159,4 +155,4 @@ def mechanism_of(rigid: Kernel, driven: Sequence[str], start: Mapping[str, float
     q = np.array([start.get(name, 0.0) for name in rigid.coordinates])
     q = rigid.close(q, driven)
     index = index_of(rigid.coordinates, driven)
-    return Mechanism(rigid, np.asarray(index, dtype=np.intp), Chart(rigid, q, free=list(index)))
+    return Mechanism(rigid, np.asarray(index, dtype=np.intp), TurningChart(rigid, q, list(index)))

@@ -20,7 +20,7 @@ from ..robot.coordinates import coordinate_names
 from ..robot.geometry import Vector, rotation_from_rpy
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
-from ..runtime.loads import Track, Waves
+from ..runtime.stepping.loads import Track, Waves
 from ..scenario.value import Scenario, Section
 
 Array = NDArray[np.float64]

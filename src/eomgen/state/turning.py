@@ -1,13 +1,8 @@
-"""Other angles of a rotation: those about axes that are one or two places on, where a joint's own are singular.
-
-A joint that turns freely has the rotation Rx(alpha) Ry(beta) Rz(gamma) after its translations.  Seen from axes that
-are so many places on, y, z and x (1) or z, x and y (2) in the place of x, y and z, the same rotation has other angles,
-whose beta is far from +-90 degrees where the first one's is near.  Both have one angular velocity in the body's axes.
-"""
+"""Rotations of joints as quaternions; kernels, states and forces in angles that are not singular."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,26 +10,18 @@ from numpy.typing import NDArray
 from ..names import component_name
 from ..robot.coordinates import QUATERNION, index_of, rotating_joints
 from ..robot.value import ANGULAR
+from ..runtime.kernel import Kernel
+from ..runtime.turning import (
+    BACK,
+    ON,
+    SINGULAR,
+    away_from_zero,
+    both_ways,
+    seen,
+    singular_joints,
+)
 
 Array = NDArray[np.float64]
-
-ON, BACK = 1, 2  # places that axes move on by, to the turned ones and from there
-ROUND_OFF = float(np.finfo(np.float64).eps)
-SINGULAR = 0.5  # of |cos beta|, below which other angles are taken
-
-Places = Iterable[tuple[int, int]]  # of alpha and of x among the coordinates, -1 where x does not move: a joint each
-
-
-def rotation(angles: Array) -> Array:
-    """Rx(alpha) Ry(beta) Rz(gamma), (..., 3, 3), of angles (..., 3)."""
-    sa, sb, sg = np.moveaxis(np.sin(angles), -1, 0)
-    ca, cb, cg = np.moveaxis(np.cos(angles), -1, 0)
-    rows = (
-        (cb * cg, -cb * sg, sb),
-        (ca * sg + sa * sb * cg, ca * cg - sa * sb * sg, -sa * cb),
-        (sa * sg - ca * sb * cg, sa * cg + ca * sb * sg, ca * cb),
-    )
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
 def quaternions(angles: Array) -> Array:
@@ -84,21 +71,6 @@ def quaternion_columns(coordinates: Sequence[str], q: Array) -> dict[str, Array]
     }
 
 
-def other_angles(places: int, angles: Array, near: Array) -> Array:
-    """The angles of the same rotations seen from axes so many places on, (T, 3), each next to the ones before it.
-
-    Args:
-        places: 1 or 2.
-        angles: (T, 3).
-        near: the ones before the first, (3,).
-    """
-    both, found = _both_ways(rotation(angles), places), np.empty_like(angles)
-    for i, ways in enumerate(both):
-        ways += 2.0 * np.pi * np.round((near - ways) / (2.0 * np.pi))
-        near = found[i] = ways[np.abs(near - ways).sum(axis=1).argmin()]
-    return found
-
-
 def nearest_angles(quaternion: Array, near: Array) -> Array:
     """Angles of rotations, (T, 3), each next to the given ones.
 
@@ -112,36 +84,10 @@ def nearest_angles(quaternion: Array, near: Array) -> Array:
         (2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)),
         (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)),
     )
-    ways = _both_ways(np.stack([np.stack(row, axis=-1) for row in rows], axis=-2), 0)
+    ways = both_ways(np.stack([np.stack(row, axis=-1) for row in rows], axis=-2), 0)
     ways += 2.0 * np.pi * np.round((near[:, np.newaxis] - ways) / (2.0 * np.pi))
     chosen = np.abs(near[:, np.newaxis] - ways).sum(axis=2).argmin(axis=1)
     return np.asarray(ways[np.arange(len(ways)), chosen])
-
-
-def _both_ways(R: Array, places: int) -> Array:
-    """Both triples of angles of rotations (T, 3, 3) seen from axes so many places on, (T, 2, 3)."""
-    x, y, z = (R[:, (i + places) % 3] for i in range(3))
-    alpha = np.arctan2(-y[:, 2], z[:, 2])
-    s, c = np.sin(alpha), np.cos(alpha)
-    beta = np.arctan2(x[:, 2], c * z[:, 2] - s * y[:, 2])
-    gamma = np.arctan2(c * y[:, 0] + s * z[:, 0], c * y[:, 1] + s * z[:, 1])
-    both = [[alpha, beta, gamma], [alpha + np.pi, np.pi - beta, gamma + np.pi]]
-    return np.moveaxis(np.array(both), -1, 0)
-
-
-def body_rates(angles: Array, rates: Array) -> Array:
-    """Angular velocity in the body's axes, (..., 3), of angles and their rates."""
-    a, b, g = np.moveaxis(rates, -1, 0)
-    cb, sg, cg = np.cos(angles[..., 1]), np.sin(angles[..., 2]), np.cos(angles[..., 2])
-    return np.stack([cb * cg * a + sg * b, cg * b - cb * sg * a, np.sin(angles[..., 1]) * a + g], axis=-1)
-
-
-def angle_rates(angles: Array, spin: Array) -> Array:
-    """Rates of angles, (..., 3), of an angular velocity in the body's axes."""
-    x, y, z = np.moveaxis(spin, -1, 0)
-    s, c = np.sin(angles[..., 2]), np.cos(angles[..., 2])
-    first = (c * x - s * y) / _away_from_zero(np.cos(angles[..., 1]))
-    return np.stack([first, s * x + c * y, z - np.sin(angles[..., 1]) * first], axis=-1)
 
 
 def angle_accelerations(angles: Array, rates: Array, slope: Array) -> Array:
@@ -149,53 +95,19 @@ def angle_accelerations(angles: Array, rates: Array, slope: Array) -> Array:
     (a, b, g), (x, y, z) = np.moveaxis(rates, -1, 0), np.moveaxis(slope, -1, 0)
     sb, cb = np.sin(angles[..., 1]), np.cos(angles[..., 1])
     s, c = np.sin(angles[..., 2]), np.cos(angles[..., 2])
-    first = (c * x - s * y - g * b + a * b * sb) / _away_from_zero(cb)
+    first = (c * x - s * y - g * b + a * b * sb) / away_from_zero(cb)
     return np.stack([first, s * x + c * y + g * a * cb, z - sb * first - cb * a * b], axis=-1)
-
-
-def other_rates(angles: Array, other: Array, rates: Array) -> Array:
-    """Rates of the other angles of the same rotations, (..., 3).
-
-    Args:
-        angles, other: of the same rotations, (..., 3).
-        rates: of ``angles``, (..., 3).
-    """
-    return angle_rates(other, body_rates(angles, rates))
 
 
 def other_forces(angles: Array, other: Array, forces: Array) -> Array:
     """Forces on the other angles of the same rotations, of the same power, (..., 3); arguments as of the rates."""
     a, b, g = np.moveaxis(forces, -1, 0)
     s, c = np.sin(angles[..., 2]), np.cos(angles[..., 2])
-    across = (a - np.sin(angles[..., 1]) * g) / _away_from_zero(np.cos(angles[..., 1]))
+    across = (a - np.sin(angles[..., 1]) * g) / away_from_zero(np.cos(angles[..., 1]))
     x, y = c * across + s * b, c * b - s * across
     sg, cg = np.sin(other[..., 2]), np.cos(other[..., 2])
     first = np.cos(other[..., 1]) * (cg * x - sg * y) + np.sin(other[..., 1]) * g
     return np.stack([first, sg * x + cg * y, g], axis=-1)
-
-
-def seen(states: Array, joints: Places, places: int, near: Array) -> Array:
-    """States with the axes of joints so many places on; angles next to those of the state before.
-
-    Args:
-        states: q and v, (T, 2n).
-        joints: which.
-        places: ON or BACK.
-        near: q before the first, (n,).
-    """
-    n, found = near.size, np.array(states)
-    for first, origin in joints:
-        angles, rates = slice(first, first + 3), slice(n + first, n + first + 3)
-        found[:, angles] = other_angles(places, states[:, angles], near[angles])
-        found[:, rates] = other_rates(states[:, angles], found[:, angles], states[:, rates])
-        for begin in () if origin < 0 else (origin, n + origin):
-            found[:, begin : begin + 3] = np.roll(states[:, begin : begin + 3], -places, axis=-1)
-    return found
-
-
-def singular_joints(q: Array, joints: Mapping[str, tuple[int, int]]) -> frozenset[str]:
-    """Names of the joints whose angles are nearly singular in a state, (n,)."""
-    return frozenset(name for name, (first, _) in joints.items() if abs(np.cos(q[first + 1])) < SINGULAR)
 
 
 def extrapolated(coarse: Array, fine: Array, joints: Mapping[str, tuple[int, int]]) -> Array:
@@ -208,5 +120,87 @@ def extrapolated(coarse: Array, fine: Array, joints: Mapping[str, tuple[int, int
     return np.asarray(seen((2.0 * ends[0] - ends[1])[np.newaxis], turned, BACK, near)[0])
 
 
-def _away_from_zero(x: Array) -> Array:
-    return np.where(np.abs(x) < ROUND_OFF, ROUND_OFF, x)
+class Turns:
+    """A kernel in angles that are not singular, and states and forces in these and in those of the description.
+
+    Attributes:
+        kernel: as described.
+        joints: places of alpha and of x of those that may be turned, as of ``RawKernel.turning``.
+        turned: names of those that are turned.
+        here: the kernel of these.
+    """
+
+    def __init__(self, kernel: Kernel, held: NDArray[np.bool_] | None = None) -> None:
+        """The kernel as described.
+
+        Args:
+            kernel: whose joints are turned.
+            held: coordinates, (n,), whose joints stay as described; none if not given.
+        """
+        self.kernel = self.here = kernel
+        self.joints = {
+            name: (first, origin)
+            for name, (first, origin) in kernel.raw.turning.items()
+            if held is None or not held[first if origin < 0 else origin : first + 3].any()
+        }
+        self.turned = frozenset[str]()
+        self._kernels = {self.turned: kernel}
+
+    @property
+    def places(self) -> list[tuple[int, int]]:
+        """Places of alpha and of x of the joints that are turned."""
+        return [self.joints[name] for name in self.joints if name in self.turned]
+
+    def take(self, turned: frozenset[str]) -> None:
+        """Let these joints be turned from now on."""
+        self.turned = turned
+        if turned not in self._kernels:
+            self._kernels[turned] = self.kernel.with_turned(turned)
+        self.here = self._kernels[turned]
+
+    def on(self, states: Array) -> Array:
+        """Described q and v, (T, 2n), in the coordinates of ``here``."""
+        return seen(states, self.places, ON, np.zeros(self.kernel.n)) if self.turned else states
+
+    def back(self, states: Array, near: Array) -> Array:
+        """q and v as described, (T, 2n), of those in the coordinates of ``here``; near: q before the first, (n,)."""
+        return seen(states, self.places, BACK, near) if self.turned else states
+
+    def q_on(self, q: Array) -> Array:
+        """Described q, (n,) or (T, n), in the coordinates of ``here``."""
+        return self._alone(q, None)
+
+    def q_back(self, q: Array, near: Array) -> Array:
+        """q as described, (n,) or (T, n), of those in the coordinates of ``here``; near as of ``back``."""
+        return self._alone(q, near)
+
+    def _alone(self, q: Array, near: Array | None) -> Array:
+        states = np.hstack([np.atleast_2d(q), np.zeros_like(np.atleast_2d(q))])
+        found = self.on(states) if near is None else self.back(states, near)
+        return np.ascontiguousarray(found[:, : self.kernel.n]).reshape(q.shape)
+
+    def forces(self, u: Array, told: Array, q: Array) -> Array:
+        """Forces of the same power on the coordinates of ``here``, (n,) or (T, n).
+
+        Args:
+            u: on the described ones.
+            told, q: described q, and in the coordinates of ``here``, of the same shape.
+        """
+        found = np.array(u)
+        for first, origin in self.places:
+            angles, along = slice(first, first + 3), slice(origin, origin + 3)
+            found[..., angles] = other_forces(told[..., angles], q[..., angles], u[..., angles])
+            if origin >= 0:
+                found[..., along] = np.roll(u[..., along], -ON, axis=-1)
+        return found
+
+    def regular(self, q: Array) -> Iterator[NDArray[np.intp]]:
+        """Rows of described states, (T, n), that have the same singular angles, which ``here`` then has turned."""
+        names, betas = list(self.joints), [first + 1 for first, _ in self.joints.values()]
+        if not names:
+            yield np.arange(len(q))
+            return
+        ways, which = np.unique(np.abs(np.cos(q[:, betas])) < SINGULAR, axis=0, return_inverse=True)
+        for number, way in enumerate(ways):
+            self.take(frozenset(name for name, is_turned in zip(names, way, strict=True) if is_turned))
+            yield np.flatnonzero(which.ravel() == number)

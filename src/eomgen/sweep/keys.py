@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..forms.keys import Choice, Flag, Key, Listed, Number, Strings, Text, Whole
 from ..forms.tables import Entries, Form, Sub
-from ..runtime.many_steps import METHODS
+from ..runtime.stepping.many_steps import METHODS
 from ..scenario.keys import time
 
 DESIGNS = ("random", "latin_hypercube")

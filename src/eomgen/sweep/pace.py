@@ -22,7 +22,7 @@ from ..integration.trajectory import Trajectory
 from ..robot.model import build_model
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
-from ..runtime.many_steps import FAR, METHODS
+from ..runtime.stepping.many_steps import FAR, METHODS
 from ..scenario.value import Scenario
 from ..simulation.assembly import Assembly
 from ..simulation.balance import TERMS, EnergyBalance

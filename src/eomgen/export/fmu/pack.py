@@ -155,6 +155,7 @@ def _closing(model: Model) -> dict[str, object]:
         "m": len(model.constraints),
         "real": "double",
         "scalar": "double",
+        "shared": "double",
         "suffix": "",
         "literal_suffix": "",
         "open_gap": repr(OPEN_GAPS[dtype]),

@@ -13,14 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import ArrayError, InputError, IntegrationStopped, LoopError
-from ..names import show
-from .calls import Calls
-from .loads import LoadData, Packed
+from ...errors import ArrayError, InputError, IntegrationStopped, LoopError
+from ...names import show
+from ..calls import Calls
+from ..opened import stays_open
+from ..pieces import OPERATIONS, ROUND, shared
+from ..raw import FFI, RawFunction
 from .many_steps import METHODS as FIXED
-from .opened import stays_open
-from .pieces import OPERATIONS, ROUND, shared
-from .raw import FFI, RawFunction
 from .rollouts import NUMBERS, SHARE, Given, Rollout, count_states, is_number, read_given, room_for, whole_number
 
 Array = NDArray[Any]
@@ -59,6 +58,7 @@ class _Motion:
     stored: q and v, (states, samples + 1, n).
     progress: of every state, in C.
     allowed: rtol, and atol of every number, (2n,).
+    turned: how joints that turn freely are turned, a row per state.
     times: of the samples, s, (samples + 1,).
     method: its name.
     """
@@ -70,6 +70,7 @@ class _Motion:
     progress: Any
     given: Given
     allowed: tuple[float, Array]
+    turned: Array
     times: Array
     method: str
 
@@ -92,6 +93,8 @@ class _Motion:
                 here = view(array.reshape(-1)[begin * of_state :])
                 fields |= {name: here, f"{name}_state": of_state, f"{name}_step": of_step}
             fields |= zip(("kp", "kd"), map(view, self.given.gains), strict=False)
+            if self.turned.size:
+                fields["turned"] = view(self.turned[begin:end].reshape(-1))
             drive = library.drive(**fields)
             most = max(OPERATIONS // (operations * (end - begin)), 1)
             allowed = library.new("tolerance", rtol=rtol, atol=view(atol), most=most)
@@ -152,6 +155,7 @@ def adaptive_rollout(
         progress,
         given,
         allowed,
+        np.zeros((states, calls.raw.turning_room), calls.dtype),
         times,
         method,
     )
@@ -226,90 +230,6 @@ def why_ended(calls: Calls, progress: Any) -> tuple[str, str]:
     name = calls.coordinates[where % n]
     what = f"{name}{' is' if where < n else chr(39) + 's rate is'}"
     return f"the error of {what} too great in steps of any length that leads on", name
-
-
-class Loaded:
-    """One state on its way under loads that are data: each call of ``go`` leads on, to the end or until it cannot.
-
-    Args:
-        calls: of the kernel, with "adaptive_rollout" and what the loads ask for.
-        loads: the data.
-        times: of the samples, s, (T,).
-        q, v: the state at the first time, (n,).
-        method: of METHODS.
-        rtol, atol: tolerances; atol of q, then of v, (2n,).
-        steps_kept: how many steps a call takes at most, whose ends it keeps; none are kept without.
-
-    Attributes:
-        samples: q and v, (2, T, n), as far as ``done`` says.
-        progress: t, steps, rejected, largest, smallest, and the reason why it ended, 0 before.
-        state: q and v that were reached, (2, n).
-    """
-
-    def __init__(
-        self,
-        calls: Calls,
-        loads: LoadData,
-        times: Array,
-        q: Array,
-        v: Array,
-        method: str,
-        rtol: float,
-        atol: Array,
-        steps_kept: int = 0,
-    ) -> None:
-        function = calls.raw.adaptive
-        if function is None:
-            raise calls.raw.missing("adaptive_rollout")
-        library, view = function.library, calls.raw.view
-        self._function, self._setup = function, calls.parameters.setup
-        self._loads = Packed(library, calls, loads)
-        self._times = np.array(times, dtype=np.float64)
-        self.state = np.array([q, v], dtype=calls.dtype)
-        self.samples = np.full((2, self._times.size, calls.n), np.nan, calls.dtype)
-        self._atol, self._nothing = np.array(atol, dtype=calls.dtype), np.zeros(calls.n, calls.dtype)
-        most = max(OPERATIONS // (function.operations * STAGES[method]), 1)
-        self._allowed = library.new("tolerance", rtol=rtol, atol=view(self._atol), most=most)
-        self._drive = library.drive(u=view(self._nothing))
-        self.progress = library.new("progress")
-        self._view, self._record = view, library.ffi.NULL
-        self._kept = [np.zeros(steps_kept), *(np.zeros((steps_kept, calls.n), calls.dtype) for _ in range(2))]
-        if steps_kept:
-            t, q_kept, v_kept = self._kept
-            fields = {"t": FFI.from_buffer("double[]", t), "q": view(q_kept), "v": view(v_kept)}
-            self._record = library.new("record", **fields, room=steps_kept)
-        self._arguments = (
-            self._setup.pointer(library),
-            self._drive,
-            self._loads.pointer,
-            self._allowed,
-            FFI.from_buffer("double[]", self._times),
-            self._times.size - 1,
-            METHODS[method],
-            *map(view, (*self.state, *self.samples)),
-            self.progress,
-            self._record,
-        )
-
-    @property
-    def done(self) -> int:
-        """How many samples are there."""
-        return min(max(int(self.progress.sample), 1), self._times.size)
-
-    def go(self) -> tuple[Array, Array, Array]:
-        """Go on for one call; times, s, (k,), and q and v, (k, n), at the ends of its steps, if they are kept."""
-        if self._record:
-            self._record.count = 0
-        self._function.code(*self._arguments)
-        count = int(self._record.count) if self._record else 0
-        t, q, v = (x[:count].copy() for x in self._kept)
-        return t, q, v
-
-    def drives(self, times: Array, q: Array, v: Array) -> Array:
-        """u at times in states, (T, n); prescribed coordinates have their accelerations there, and are put in place."""
-        function, u = self._function.library.function("loaded"), np.zeros_like(q)
-        function(len(times), self._loads.pointer, FFI.from_buffer("double[]", times), *map(self._view, (q, v, u)))
-        return u
 
 
 def _refuse_singular(calls: Calls, q: Array) -> None:

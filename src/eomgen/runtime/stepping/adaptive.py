@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import ArrayError, InputError, IntegrationStopped, LoopError
-from ..names import show
-from .calls import Calls
+from ...errors import ArrayError, InputError, IntegrationStopped, LoopError
+from ...names import show
+from ..calls import Calls
+from ..opened import stays_open
+from ..pieces import OPERATIONS, ROUND, shared
+from ..raw import FFI, RawFunction
 from .many_steps import METHODS as FIXED
-from .opened import stays_open
-from .pieces import OPERATIONS, ROUND, shared
-from .raw import FFI, RawFunction
 from .rollouts import NUMBERS, SHARE, Given, Rollout, count_states, is_number, read_given, room_for, whole_number
 
 Array = NDArray[Any]
@@ -58,6 +58,7 @@ class _Motion:
     stored: q and v, (states, samples + 1, n).
     progress: of every state, in C.
     allowed: rtol, and atol of every number, (2n,).
+    turned: how joints that turn freely are turned, a row per state.
     times: of the samples, s, (samples + 1,).
     method: its name.
     """
@@ -69,6 +70,7 @@ class _Motion:
     progress: Any
     given: Given
     allowed: tuple[float, Array]
+    turned: Array
     times: Array
     method: str
 
@@ -91,6 +93,8 @@ class _Motion:
                 here = view(array.reshape(-1)[begin * of_state :])
                 fields |= {name: here, f"{name}_state": of_state, f"{name}_step": of_step}
             fields |= zip(("kp", "kd"), map(view, self.given.gains), strict=False)
+            if self.turned.size:
+                fields["turned"] = view(self.turned[begin:end].reshape(-1))
             drive = library.drive(**fields)
             most = max(OPERATIONS // (operations * (end - begin)), 1)
             allowed = library.new("tolerance", rtol=rtol, atol=view(atol), most=most)
@@ -151,6 +155,7 @@ def adaptive_rollout(
         progress,
         given,
         allowed,
+        np.zeros((states, calls.raw.turning_room), calls.dtype),
         times,
         method,
     )

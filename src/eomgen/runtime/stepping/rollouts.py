@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import ArrayError, InputError
-from ..names import show
-from .calls import Calls
+from ...errors import ArrayError, InputError
+from ...names import show
+from ..calls import Calls
 
 Array = NDArray[Any]
 

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .calls import Calls
-from .raw import FFI, Library
+from ..calls import Calls
+from ..raw import FFI, Library
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import ArrayError, InputError, IntegrationStopped
-from ..names import show
-from .calls import Calls
-from .opened import stays_open
-from .pieces import OPERATIONS, ROUND, shared
-from .raw import RawFunction
+from ...errors import ArrayError, InputError, IntegrationStopped
+from ...names import show
+from ..calls import Calls
+from ..opened import stays_open
+from ..pieces import OPERATIONS, ROUND, shared
+from ..raw import RawFunction
 from .rollouts import NUMBERS, SHARE, Rollout, count_states, is_number, read_given, room_for, whole_number
 
 Array = NDArray[Any]

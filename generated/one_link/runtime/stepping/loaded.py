@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..calls import Calls
+from ..pieces import OPERATIONS
+from ..raw import FFI
 from .adaptive import METHODS, STAGES
-from .calls import Calls
 from .loads import LoadData, Packed
-from .pieces import OPERATIONS
-from .raw import FFI
 
 Array = NDArray[Any]
 

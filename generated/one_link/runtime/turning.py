@@ -1,0 +1,115 @@
+"""Other angles of a rotation: those about axes that are one or two places on, where a joint's own are singular.
+
+A joint that turns freely has the rotation Rx(alpha) Ry(beta) Rz(gamma) after its translations.  Seen from axes that
+are so many places on, y, z and x (1) or z, x and y (2) in the place of x, y and z, the same rotation has other angles,
+whose beta is far from +-90 degrees where the first one's is near.  Both have one angular velocity in the body's axes.
+
+A generated package carries a copy of this file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+ON, BACK = 1, 2  # places that axes move on by, to the turned ones and from there
+ROUND_OFF = float(np.finfo(np.float64).eps)
+SINGULAR = 0.5  # of |cos beta|, below which other angles are taken
+
+Places = Sequence[tuple[int, int]]  # of alpha and of x among the coordinates, -1 where x does not move: a joint each
+
+
+def rotation(angles: Array) -> Array:
+    """Rx(alpha) Ry(beta) Rz(gamma), (..., 3, 3), of angles (..., 3)."""
+    sa, sb, sg = np.moveaxis(np.sin(angles), -1, 0)
+    ca, cb, cg = np.moveaxis(np.cos(angles), -1, 0)
+    rows = (
+        (cb * cg, -cb * sg, sb),
+        (ca * sg + sa * sb * cg, ca * cg - sa * sb * sg, -sa * cb),
+        (sa * sg - ca * sb * cg, sa * cg + ca * sb * sg, ca * cb),
+    )
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def other_angles(places: int, angles: Array, near: Array) -> Array:
+    """The angles of the same rotations seen from axes so many places on, (T, 3), each next to the ones before it.
+
+    Args:
+        places: 1 or 2.
+        angles: (T, 3).
+        near: the ones before the first, (3,).
+    """
+    both, found = both_ways(rotation(angles), places), np.empty_like(angles)
+    for i, ways in enumerate(both):
+        ways += 2.0 * np.pi * np.round((near - ways) / (2.0 * np.pi))
+        near = found[i] = ways[np.abs(near - ways).sum(axis=1).argmin()]
+    return found
+
+
+def both_ways(R: Array, places: int) -> Array:
+    """Both triples of angles of rotations (T, 3, 3) seen from axes so many places on, (T, 2, 3)."""
+    x, y, z = (R[:, (i + places) % 3] for i in range(3))
+    alpha = np.arctan2(-y[:, 2], z[:, 2])
+    s, c = np.sin(alpha), np.cos(alpha)
+    beta = np.arctan2(x[:, 2], c * z[:, 2] - s * y[:, 2])
+    gamma = np.arctan2(c * y[:, 0] + s * z[:, 0], c * y[:, 1] + s * z[:, 1])
+    both = [[alpha, beta, gamma], [alpha + np.pi, np.pi - beta, gamma + np.pi]]
+    return np.moveaxis(np.array(both), -1, 0)
+
+
+def body_rates(angles: Array, rates: Array) -> Array:
+    """Angular velocity in the body's axes, (..., 3), of angles and their rates."""
+    a, b, g = np.moveaxis(rates, -1, 0)
+    cb, sg, cg = np.cos(angles[..., 1]), np.sin(angles[..., 2]), np.cos(angles[..., 2])
+    return np.stack([cb * cg * a + sg * b, cg * b - cb * sg * a, np.sin(angles[..., 1]) * a + g], axis=-1)
+
+
+def angle_rates(angles: Array, spin: Array) -> Array:
+    """Rates of angles, (..., 3), of an angular velocity in the body's axes."""
+    x, y, z = np.moveaxis(spin, -1, 0)
+    s, c = np.sin(angles[..., 2]), np.cos(angles[..., 2])
+    first = (c * x - s * y) / away_from_zero(np.cos(angles[..., 1]))
+    return np.stack([first, s * x + c * y, z - np.sin(angles[..., 1]) * first], axis=-1)
+
+
+def other_rates(angles: Array, other: Array, rates: Array) -> Array:
+    """Rates of the other angles of the same rotations, (..., 3).
+
+    Args:
+        angles, other: of the same rotations, (..., 3).
+        rates: of ``angles``, (..., 3).
+    """
+    return angle_rates(other, body_rates(angles, rates))
+
+
+def seen(states: Array, joints: Places, places: int, near: Array) -> Array:
+    """States with the axes of joints so many places on; angles next to those of the state before.
+
+    Args:
+        states: q and v, (T, 2n).
+        joints: which.
+        places: ON or BACK.
+        near: q before the first, (n,).
+    """
+    n, found = near.size, np.array(states)
+    for first, origin in joints:
+        angles, rates = slice(first, first + 3), slice(n + first, n + first + 3)
+        found[:, angles] = other_angles(places, states[:, angles], near[angles])
+        found[:, rates] = other_rates(states[:, angles], found[:, angles], states[:, rates])
+        for begin in () if origin < 0 else (origin, n + origin):
+            found[:, begin : begin + 3] = np.roll(states[:, begin : begin + 3], -places, axis=-1)
+    return found
+
+
+def singular_joints(q: Array, joints: Mapping[str, tuple[int, int]]) -> frozenset[str]:
+    """Names of the joints whose angles are nearly singular in a state, (n,)."""
+    return frozenset(name for name, (first, _) in joints.items() if abs(np.cos(q[first + 1])) < SINGULAR)
+
+
+def away_from_zero(x: Array) -> Array:
+    """Numbers that may be divided by: of those that are round-off, round-off."""
+    return np.where(np.abs(x) < ROUND_OFF, ROUND_OFF, x)

@@ -1,0 +1,108 @@
+"""A chart of a closed mechanism that its joints' singular angles do not end."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from types import EllipsisType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..runtime.kernel import Kernel
+from ..runtime.turning import singular_joints
+from ..state.turning import Turns
+from .chart import Chart, Followed
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Part:
+    """States of which the same angles are singular: their rows, the kernel and the chart that know them otherwise."""
+
+    rows: NDArray[np.intp] | EllipsisType
+    kernel: Kernel
+    chart: Chart
+    found: Followed
+
+
+class TurningChart:
+    """Charts of one mechanism, each with other joints turned; states as described.
+
+    Independent coordinates are of joints that stay as they are.
+
+    Attributes:
+        kernel: as described.
+        free: indices of the independent coordinates where it began, (f,).
+    """
+
+    def __init__(self, kernel: Kernel, q: Array, free: Sequence[int]) -> None:
+        """The best chart about a closed state.
+
+        Args:
+            kernel: of a robot with loops.
+            q: a closed state, (n,).
+            free: indices of the coordinates out of which the independent ones are to be.
+
+        Raises:
+            LoopError: these do not hold all the others.
+        """
+        self.kernel, self._among = kernel, list(free)
+        self._turns = Turns(kernel, np.isin(np.arange(kernel.n), self._among))
+        self._charts: dict[frozenset[str], Chart] = {}
+        self._turned, self._told = frozenset[str](), q
+        self.free = self._begin(q).free
+
+    def go_on(self, q: Array, *, near: bool = False) -> Array:
+        """The closed state, (n,), about which it is used next.
+
+        Args:
+            q: (n,); what is not dependent stays.
+            near: whether the dependent coordinates are a guess; otherwise they follow from the state used last.
+
+        Raises:
+            LoopError: it does not close there.
+        """
+        if near:
+            self._begin(q)
+        self._turns.take(self._turned)
+        chart = self._here(q)
+        here, slopes = chart.close(self._turns.q_on(q) if near else q, near=near)
+        self._told = self._turns.q_back(here, self._told)
+        chart.use(here, slopes)
+        if singular_joints(here, self._turns.joints):
+            self._begin(self._told)
+        return self._told
+
+    def follow(self, q: Array, v: Array, a: Array) -> Iterator[Part]:
+        """States near closure, (n,) or (T, n), whose dependent coordinates, rates and accelerations follow.
+
+        Raises:
+            LoopError: one does not close near there.
+        """
+        if q.ndim == 1:
+            self._turns.take(singular_joints(q, self._turns.joints))
+            here = self._turns.q_on(q)
+            chart = self._here(here)
+            yield Part(..., self._turns.here, chart, chart.follow(here, v, a, near=True))
+            return
+        for rows in self._turns.regular(q):
+            here = self._turns.q_on(q[rows])
+            chart = self._here(here[0])
+            yield Part(rows, self._turns.here, chart, chart.follow(here, v[rows], a[rows], near=True))
+
+    def _begin(self, q: Array) -> Chart:
+        """The chart that is good about a described state near closure, about which it is used next."""
+        self._turns.take(singular_joints(q, self._turns.joints))
+        self._turned, self._told, here = self._turns.turned, q, self._turns.q_on(q)
+        chart = self._here(here)
+        chart.use(*chart.close(here, near=True))
+        return chart
+
+    def _here(self, q: Array) -> Chart:
+        """The chart of the joints that are turned now; where there is none, made about a state in their coordinates."""
+        turned = self._turns.turned
+        if turned not in self._charts:
+            self._charts[turned] = Chart(self._turns.here, q, free=self._among)
+        return self._charts[turned]

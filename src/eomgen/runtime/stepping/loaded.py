@@ -1,0 +1,150 @@
+"""One state on its way in C under loads that are data, by one method or by two in turn.
+
+A generated package carries a copy of this file.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..calls import Calls
+from ..pieces import OPERATIONS
+from ..raw import FFI
+from .adaptive import METHODS, STAGES
+from .loads import LoadData, Packed
+
+Array = NDArray[Any]
+
+AUTO = "auto"  # both methods in turn
+COST = {"rosenbrock": 13, "tsit5": 6}  # of a step, in evaluations: the former factors and solves besides
+TRIAL = 24  # steps by which a method shows what it is worth
+FEW, MANY = 8, 64  # trials' lengths that the better one then goes on for, longer and longer
+
+
+class Turns:
+    """Which of the two methods takes the next steps: the one that leads on further for its cost, tried now and then.
+
+    What stiffness costs an explicit method, and accuracy an implicit one of low order, shows on the way alone; both are
+    counted in steps, so that a motion is the same on every machine.
+
+    Attributes:
+        method: that takes the next steps.
+        steps: how many of them.
+    """
+
+    def __init__(self) -> None:
+        self.method, self.steps = "tsit5", TRIAL
+        self._worth: dict[str, float] = {}
+        self._better, self._length = "", FEW
+
+    def took(self, steps: int, time: float) -> None:
+        """Note that the method led on by a time, s, in so many steps, rejected ones too, and choose the next one."""
+        if steps:
+            self._worth[self.method] = time / (steps * COST[self.method])
+        other = "rosenbrock" if self.method == "tsit5" else "tsit5"
+        if other not in self._worth or (self.method == self._better and self.steps > TRIAL):
+            self.method, self.steps = other, TRIAL
+            return
+        better = max(self._worth, key=lambda name: self._worth[name])
+        self._length = min(2 * self._length, MANY) if better == self._better else FEW
+        self._better = self.method = better
+        self.steps = TRIAL * self._length
+
+
+class Loaded:
+    """One state on its way: each call of ``go`` leads on, to the end or until it cannot.
+
+    Args:
+        calls: of the kernel, with "adaptive_rollout" and what the loads ask for.
+        loads: the data.
+        times: of the samples, s, (T,).
+        q, v: the state at the first time, (n,).
+        method: of METHODS, or AUTO.
+        rtol, atol: tolerances; atol of q, then of v, (2n,).
+        steps_kept: how many steps a call takes at most, whose ends it keeps; none are kept without.
+
+    Attributes:
+        samples: q and v, (2, T, n), as far as ``done`` says.
+        progress: t, steps, rejected, largest, smallest, and the reason why it ended, 0 before.
+        state: q and v that were reached, (2, n).
+        evaluations: of accelerations.
+        spans: how much time each method led on by, s.
+    """
+
+    def __init__(
+        self,
+        calls: Calls,
+        loads: LoadData,
+        times: Array,
+        q: Array,
+        v: Array,
+        method: str,
+        rtol: float,
+        atol: Array,
+        steps_kept: int = 0,
+    ) -> None:
+        function = calls.raw.adaptive
+        if function is None:
+            raise calls.raw.missing("adaptive_rollout")
+        library, view = function.library, calls.raw.view
+        self._function, self._setup = function, calls.parameters.setup
+        self._loads = Packed(library, calls, loads)
+        self._times = np.array(times, dtype=np.float64)
+        self.state = np.array([q, v], dtype=calls.dtype)
+        self.samples = np.full((2, self._times.size, calls.n), np.nan, calls.dtype)
+        self._atol, self._nothing = np.array(atol, dtype=calls.dtype), np.zeros(calls.n, calls.dtype)
+        self._turns, self._method = Turns() if method == AUTO else None, method
+        self._most = max(OPERATIONS // (function.operations * max(STAGES.values())), 1)
+        self._allowed = library.new("tolerance", rtol=rtol, atol=view(self._atol), most=self._most)
+        self._drive = library.drive(u=view(self._nothing))
+        self.progress = library.new("progress")
+        self.evaluations, self.spans = 0, dict.fromkeys(METHODS, 0.0)
+        self._view, self._record = view, library.ffi.NULL
+        self._kept = [np.zeros(steps_kept), *(np.zeros((steps_kept, calls.n), calls.dtype) for _ in range(2))]
+        if steps_kept:
+            t, q_kept, v_kept = self._kept
+            fields = {"t": FFI.from_buffer("double[]", t), "q": view(q_kept), "v": view(v_kept)}
+            self._record = library.new("record", **fields, room=steps_kept)
+        pointers = FFI.from_buffer("double[]", self._times), self._times.size - 1
+        self._first = (self._setup.pointer(library), self._drive, self._loads.pointer, self._allowed, *pointers)
+        self._last = (*map(view, (*self.state, *self.samples)), self.progress, self._record)
+
+    @property
+    def done(self) -> int:
+        """How many samples are there."""
+        return min(max(int(self.progress.sample), 1), self._times.size)
+
+    def go(self) -> tuple[Array, Array, Array]:
+        """Go on for one call; times, s, (k,), and q and v, (k, n), at the ends of its steps, if they are kept."""
+        if self._record:
+            self._record.count = 0
+        left = self._most
+        while left > 0 and not self.progress.reason and not (self._record and self._record.count == self._record.room):
+            left -= max(self._steps(left), 1)
+        count = int(self._record.count) if self._record else 0
+        t, q, v = (x[:count].copy() for x in self._kept)
+        return t, q, v
+
+    def _steps(self, most: int) -> int:
+        """Take steps, so many at most, and count them with those that were rejected."""
+        method, turns, progress = self._method, self._turns, self.progress
+        if turns is not None:
+            method, most = turns.method, turns.steps
+        self._allowed.most = most
+        before, t = progress.steps + progress.rejected, progress.t if progress.sample else self._times[0]
+        self._function.code(*self._first, METHODS[method], *self._last)
+        steps = int(progress.steps + progress.rejected - before)
+        self.evaluations += STAGES[method] * steps
+        self.spans[method] += float(progress.t - t)
+        if turns is not None:
+            turns.took(steps, float(progress.t - t))
+        return steps
+
+    def drives(self, times: Array, q: Array, v: Array) -> Array:
+        """u at times in states, (T, n); prescribed coordinates have their accelerations there, and are put in place."""
+        function, u = self._function.library.function("loaded"), np.zeros_like(q)
+        function(len(times), self._loads.pointer, FFI.from_buffer("double[]", times), *map(self._view, (q, v, u)))
+        return u
