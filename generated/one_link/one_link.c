@@ -976,8 +976,12 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
         }
     }
     for (long long pass = 0; left > 0 && pass < allowed->most; ++pass) {
-        if (stale != 0) { one_link_accelerated(h, drive, u, target, q, v, a); }
-        stale = (method == 0) ? 1 : 0;
+        int first = 0;
+        for (int l = 0; l < here; ++l) {
+            if ((going[l] != 0) && !(progress[l].next > 0.0)) { first = 1; }
+        }
+        if ((method == 1) ? (stale != 0) : (first != 0)) { one_link_accelerated(h, drive, u, target, q, v, a); }
+        stale = 0;
         for (int l = 0; l < 1; ++l) {
             one_link_progress *const p = &progress[l < here ? l : 0];
             if (going[l] == 0) { continue; }
@@ -1000,8 +1004,11 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
             int where = 0;
             const double excess = one_link_excess(allowed, l, q, v, q_end, v_end, error, &where);
             double factor = 0.9 * pow(excess, -order);
-            factor = factor > 5.0 ? 5.0 : (factor < 0.2 ? 0.2 : factor);
             taken[l] = (excess <= 1.0) ? 1 : 0;
+            if ((taken[l] != 0) && (excess > 0.0)) { /* by the error before, too, or lengths at the edge of stability hunt */
+                factor *= pow(excess, 0.06) * pow(p->excess > 0.0 ? p->excess : 1e-4, 0.08);
+            }
+            factor = factor > 5.0 ? 5.0 : (factor < 0.2 ? 0.2 : factor);
             if (taken[l] == 0) {
                 p->rejected += 1;
                 p->refused = 1;
@@ -1014,6 +1021,7 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
             } else {
                 if ((p->refused != 0) && (factor > 1.0)) { factor = 1.0; }
                 p->refused = 0;
+                p->excess = excess > 1e-4 ? excess : 1e-4;
                 if (p->next < step[l] * factor || !(step[l] < p->next)) { p->next = step[l] * factor; }
             }
         }
@@ -2488,8 +2496,12 @@ static void one_link_adapt_lanes(const double *restrict h, const one_link_drive 
         }
     }
     for (long long pass = 0; left > 0 && pass < allowed->most; ++pass) {
-        if (stale != 0) { one_link_accelerated_lanes(h, drive, u, target, q, v, a); }
-        stale = (method == 0) ? 1 : 0;
+        int first = 0;
+        for (int l = 0; l < here; ++l) {
+            if ((going[l] != 0) && !(progress[l].next > 0.0)) { first = 1; }
+        }
+        if ((method == 1) ? (stale != 0) : (first != 0)) { one_link_accelerated_lanes(h, drive, u, target, q, v, a); }
+        stale = 0;
         for (int l = 0; l < LANES; ++l) {
             one_link_progress *const p = &progress[l < here ? l : 0];
             if (going[l] == 0) { continue; }
@@ -2512,8 +2524,11 @@ static void one_link_adapt_lanes(const double *restrict h, const one_link_drive 
             int where = 0;
             const double excess = one_link_excess_lanes(allowed, l, q, v, q_end, v_end, error, &where);
             double factor = 0.9 * pow(excess, -order);
-            factor = factor > 5.0 ? 5.0 : (factor < 0.2 ? 0.2 : factor);
             taken[l] = (excess <= 1.0) ? 1 : 0;
+            if ((taken[l] != 0) && (excess > 0.0)) { /* by the error before, too, or lengths at the edge of stability hunt */
+                factor *= pow(excess, 0.06) * pow(p->excess > 0.0 ? p->excess : 1e-4, 0.08);
+            }
+            factor = factor > 5.0 ? 5.0 : (factor < 0.2 ? 0.2 : factor);
             if (taken[l] == 0) {
                 p->rejected += 1;
                 p->refused = 1;
@@ -2526,6 +2541,7 @@ static void one_link_adapt_lanes(const double *restrict h, const one_link_drive 
             } else {
                 if ((p->refused != 0) && (factor > 1.0)) { factor = 1.0; }
                 p->refused = 0;
+                p->excess = excess > 1e-4 ? excess : 1e-4;
                 if (p->next < step[l] * factor || !(step[l] < p->next)) { p->next = step[l] * factor; }
             }
         }

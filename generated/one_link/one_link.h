@@ -131,6 +131,7 @@ typedef struct {
     double next;
     double largest;
     double smallest;
+    double excess;
     long long steps;
     long long rejected;
     size_t sample;
