@@ -8,7 +8,7 @@ from typing import Any
 
 from eomgen.pictures.style import FULL_WIDTH, canvas
 
-from .precision_cases import ERRORS, OTHERS, OURS, PROBLEMS
+from .precision_cases import ERRORS, ONE, OTHERS, OURS, PROBLEMS
 from .precision_report import Found, Point, Report
 
 STYLES = {  # colour and marker; Okabe and Ito: told apart by colour-blind readers
@@ -24,7 +24,7 @@ STYLES = {  # colour and marker; Okabe and Ito: told apart by colour-blind reade
     "MuJoCo implicitfast": ("#aaaaaa", "h"),
     "MuJoCo RK4": ("#444444", "^"),
 }
-NAMED = ("puma560_elastic", 1e-6)  # the problem and tolerance of ratios at one tolerance
+NAMED = ("puma560_elastic", ONE)  # the problem and tolerance of ratios at one tolerance
 AT_ONE = (("Radau", 30.0, False), ("CVODE", 10.0, True))  # peer, required ratio, at the same error
 NONE = "-"
 
@@ -207,7 +207,7 @@ def draw(report: Report, path: Path) -> None:
         order = [name for name in STYLES if name in seen]
         figure.legend([seen[name] for name in order], order, loc="lower center", ncols=4)
         figure.subplots_adjust(
-            left=0.09, right=0.99, top=0.96, bottom=0.24 if rows == 1 else 0.16, hspace=0.36, wspace=0.24
+            left=0.09, right=0.99, top=0.96, bottom=0.26 if rows == 1 else 0.17, hspace=0.36, wspace=0.24
         )
 
 
