@@ -3,7 +3,7 @@
 #   make demo     derive, compile, simulate and plot the 36-DOF elastic PUMA 560; results in out/demo
 #   make test     lint, then the whole test suite
 #   make lint     ruff (lint and format), mypy --strict, and which room may import which
-#   make bench    counts and times beside Newton-Euler, Pinocchio, MuJoCo, CasADi; of batches, builds, processors; in docs/
+#   make bench    counts, times, precision beside Newton-Euler, Pinocchio, MuJoCo, CasADi, SciPy; of batches, builds, processors
 #   make soak     the long tests
 #   make docs     build the documentation into out/site: open index.html there; warnings are errors
 #   make mutation mutation testing of the derivation, ten minutes of one core; writes docs/mutation.md
@@ -48,6 +48,7 @@ bench: $(VENV)/.bench-$(STAMP)
 	$(BIN)/python -m benchmarks.closed
 	$(BIN)/python -m benchmarks.levels
 	$(BIN)/python -m benchmarks.peers
+	$(BIN)/python -m benchmarks.precision
 	$(BIN)/python docs/tables.py
 
 soak: $(VENV)/.test-$(STAMP)

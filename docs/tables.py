@@ -53,8 +53,16 @@ def peers() -> str:
     return readme(read(ROOT / "docs" / "peers.json"))
 
 
+def precision() -> str:
+    """Times to several errors, of the last run of ``make bench``."""
+    from benchmarks.precision_page import readme
+    from benchmarks.precision_report import read
+
+    return readme(read(ROOT / "docs" / "precision.json"))
+
+
 PARTS = {
-    "README.md": {"operations": operations, "peers": peers, "sample": sample},
+    "README.md": {"operations": operations, "peers": peers, "precision": precision, "sample": sample},
     "docs/architecture.md": {
         "rooms": partial(rooms.floors, "rooms"),
         "generator": partial(rooms.floors, "generator"),

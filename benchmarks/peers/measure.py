@@ -31,7 +31,6 @@ SIZES: Mapping[str, Callable[[int], int]] = {  # of results that are no vector
     "derivatives": lambda n: 3 * n * n,
     "step": lambda n: 2 * n,
 }
-NOT_COMPARED = ("step",)  # methods differ: they agree in the accelerations, which are compared, as the step vanishes
 
 
 class Disagreement(Exception):
@@ -149,11 +148,6 @@ def measure(
     if condition is not None:
         eps = float(np.finfo(np.float64).eps)
         tolerance = np.array([max(TOLERANCE, CONDITION * eps * condition(q)) for q in arrays[0]])
-    difference = 0.0
-    if kernel in NOT_COMPARED:
-        for contender in contenders:
-            contender.results(arrays, size)  # none fails
-    else:
-        both = 2 * n * n if kernel == "derivatives" else None  # the third, by a, is the mass matrix
-        difference = compare(contenders, arrays, size, tolerance, f"{robot.name}: {kernel}", both)
+    both = 2 * n * n if kernel == "derivatives" else None  # the third, by a, is the mass matrix
+    difference = compare(contenders, arrays, size, tolerance, f"{robot.name}: {kernel}", both)
     return Timing(time(stopwatch, contenders, arrays, size, rounds), difference)

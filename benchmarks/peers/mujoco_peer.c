@@ -64,3 +64,31 @@ int mujoco_step(const double *h, const double *q, const double *v, const double 
     mj_step(p->model, p->data);
     return done(p, p->data->qpos, p->data->qvel, out);
 }
+
+static void quiet(const char *said)
+{
+    (void)said; /* MuJoCo would write a file about steps that are too long */
+}
+
+/* Steps of dt under the drives u from a state of rest of everything else; q of every one of so many, the beginning first,
+ * into q_out.  The number of steps, or of those before what is not finite. */
+long long mujoco_rollout(const double *h, double dt, long long steps, long long every, const double *q, const double *v, const double *u, double *q_out)
+{
+    const Peer *p = (const Peer *)(const void *)h;
+    const size_t n = (size_t)p->model->nv, size = n * sizeof(double);
+    p->model->opt.timestep = dt;
+    p->model->opt.disableflags |= mjDSBL_AUTORESET; /* what diverges is seen, and not begun again */
+    mju_user_warning = quiet;
+    mj_resetData(p->model, p->data);
+    set(h, q, v);
+    memcpy(p->data->qfrc_applied, u, size);
+    memcpy(q_out, q, size);
+    for (long long step = 1; step <= steps; ++step) {
+        mj_step(p->model, p->data);
+        for (size_t i = 0; i < n; ++i) {
+            if (!(p->data->qpos[i] > -1e10 && p->data->qpos[i] < 1e10)) return step - 1;
+        }
+        if (step % every == 0) memcpy(q_out + (size_t)(step / every) * n, p->data->qpos, size);
+    }
+    return steps;
+}

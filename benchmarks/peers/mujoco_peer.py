@@ -8,12 +8,17 @@ from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from eomgen.codegen.package.compile import find_compiler
 from eomgen.errors import BuildError, InputError
 from eomgen.export.mujoco import mjcf
+from eomgen.robot.value import Robot
 
-from .cases import Case
 from .contender import FFI, Contender, MissingPeer, address, build_library
+
+Array = NDArray[np.float64]
 
 NAME = "MuJoCo"
 SOURCE = Path(__file__).with_suffix(".c")
@@ -21,11 +26,16 @@ TIME_STEP = 1e-3  # s
 CODE: Mapping[str, tuple[str, str]] = {  # kernel -> function, what it is in MuJoCo
     "inverse_dynamics": ("mujoco_inverse_dynamics", "mj_inverse"),
     "forward_dynamics": ("mujoco_forward_dynamics", "mj_forward"),
-    "step": ("mujoco_step", "mj_step, implicitfast"),
+    "step": ("mujoco_step", "mj_step, discrete"),
 }
+STEP = "discrete"  # the integrator of steps: implicit in position, as ours
 FFI.cdef("void *mujoco_peer_load(const char *path, char *error);")
 for _name, _ in CODE.values():
     FFI.cdef(f"void {_name}(void);")  # an address is all that is used
+FFI.cdef(
+    "long long mujoco_rollout(const double *h, double dt, long long steps, long long every,"
+    " const double *q, const double *v, const double *u, double *q_out);"
+)
 
 
 def version() -> str:
@@ -69,10 +79,10 @@ class MujocoPeer:
         MissingPeer: MuJoCo has no equal for something of the robot, or refuses it.
     """
 
-    def __init__(self, case: Case) -> None:
+    def __init__(self, robot: Robot, integrator: str = STEP) -> None:
         self._library = FFI.dlopen(str(library()))
         try:
-            text = mjcf(case.robot, TIME_STEP, "implicitfast")
+            text = mjcf(robot, TIME_STEP, integrator)
         except InputError as error:
             raise MissingPeer(f"refuses the robot: {error}") from None
         said = FFI.new("char[1000]")
@@ -88,3 +98,17 @@ class MujocoPeer:
         """MuJoCo's function for a kernel: a key of ``CODE``."""
         code = address(FFI, FFI.addressof(self._library, CODE[kernel][0]))
         return Contender(NAME, code, address(FFI, self._model), keeps_result=True, kept=self)
+
+    def rollout(self, q: Array, v: Array, u: Array, dt: float, steps: int, every: int) -> Array:
+        """Coordinates after every so many steps of dt, s, (steps // every + 1, n), the beginning first.
+
+        Raises:
+            ArithmeticError: they are not finite any more.
+        """
+        out = np.empty((steps // every + 1, len(q)))
+        arrays = [*(np.ascontiguousarray(x) for x in (q, v, u)), out]
+        given = [FFI.cast("double *", x.ctypes.data) for x in arrays]
+        done = self._library.mujoco_rollout(FFI.cast("double *", self._model), dt, steps, every, *given)
+        if done < steps:
+            raise ArithmeticError(f"{NAME} diverges after {done} steps of {dt:g} s")
+        return out

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import numpy as np
+
 import eomgen
 from eomgen.bench.textbook import Yardstick, compile_yardstick
 from eomgen.codegen.package.compile import FLAGS, NATIVE
@@ -18,7 +20,11 @@ USED = (*FLAGS, *NATIVE)
 NAMES = {"derivatives": "residual_jacobian", "step": "rollout"}  # of kernels that are called otherwise here
 STEP = Path(__file__).with_name("ours_step.c")
 LARGEST = 64  # coordinates that its arrays hold
-FFI.cdef("typedef struct { void *rollout; const double *h; double dt; size_t n; } OurStep; void ours_step(void);")
+FFI.cdef(
+    "typedef struct { void *rollout; const double *h; double dt; size_t n; void *batch; double *q_out, *v_out; }"
+    " OurStep;"
+    "void ours_step(void); void ours_step_batch(void);"
+)
 
 
 class Ours:
@@ -35,8 +41,8 @@ class Ours:
         address = setup.address(function.where(batch=batch))
         return Contender(BATCH if batch else NAME, code, address, batch=batch, kept=(self, setup))
 
-    def step(self, dt: float) -> Contender:
-        """One linearly implicit step of so many seconds, q and v after it.
+    def step(self, dt: float, states: int = 0) -> Contender:
+        """One linearly implicit step of so many seconds, q and v after it; with ``states`` that of so many in one call.
 
         Raises:
             MissingPeer: the robot is too large.
@@ -47,11 +53,17 @@ class Ours:
         text = STEP.read_text(encoding="ascii")
         path = build_library("ours_step", "cc", [("-std=c99", "-O2", STEP.name)], (), {STEP.name: text})
         library = FFI.dlopen(str(path))
-        rollout, setup = kernel.raw.address("rollout"), kernel.parameters.setup
-        h = setup.address(kernel.raw.function("rollout").library)
-        given = FFI.new("OurStep *", (FFI.cast("void *", rollout), FFI.cast("double *", h), dt, kernel.n))
-        code = address(FFI, FFI.addressof(library, "ours_step"))
-        return Contender(NAME, code, address(FFI, given), kept=(self, setup, library, given))
+        batch = states > 0
+        code, setup = kernel.raw.address("rollout", batch=batch), kernel.parameters.setup
+        h = setup.address(kernel.raw.function("rollout").where(batch=batch))
+        room = np.zeros((2, max(states, 1), 2, kernel.n))
+        parts = [FFI.cast("double *", part.ctypes.data) for part in room]
+        both = (FFI.NULL, FFI.cast("void *", code))[:: -1 if not batch else 1]
+        given = FFI.new("OurStep *", (both[0], FFI.cast("double *", h), dt, kernel.n, both[1], *parts))
+        called = address(FFI, FFI.addressof(library, "ours_step_batch" if batch else "ours_step"))
+        kept = (self, setup, library, given, room)
+        label = BATCH if batch else NAME
+        return Contender(label, called, address(FFI, given), batch=batch, keeps_result=True, kept=kept)
 
 
 class Textbook:

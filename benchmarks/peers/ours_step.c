@@ -1,4 +1,5 @@
-/* One linearly implicit step of a rollout behind a kernel's arguments: (h, q, v, u, out), out being q and v after it. */
+/* One linearly implicit step of a rollout behind a kernel's arguments: (h, q, v, u, out), out being q and v after it; and
+ * of many states, likewise.  A null out copies no result. */
 #include <stddef.h>
 #include <string.h>
 
@@ -11,6 +12,8 @@ typedef struct { /* as every generated header declares it for its robot */
 
 typedef long long (*Rollout)(const double *h, const double *q, const double *v, const Drive *drive, double dt, size_t steps, size_t every, int method, double *q_out, double *v_out);
 
+typedef long long (*Batch)(size_t count, const double *h, const double *q, size_t q_step, const double *v, size_t v_step, const Drive *drive, double dt, size_t steps, size_t every, int method, double *q_out, double *v_out);
+
 enum { LARGEST = 64 };
 
 typedef struct {
@@ -18,6 +21,8 @@ typedef struct {
     const double *h;
     double dt;
     size_t n; /* at most LARGEST */
+    Batch batch;
+    double *q_out, *v_out; /* of all states of a batch, the beginning and the end of each */
 } Peer;
 
 int ours_step(const double *handle, const double *q, const double *v, const double *u, double *out)
@@ -26,7 +31,19 @@ int ours_step(const double *handle, const double *q, const double *v, const doub
     const Drive drive = { u, 0, 0, NULL, NULL, NULL, 0, 0 };
     double q_out[2 * LARGEST], v_out[2 * LARGEST]; /* the beginning, the end */
     const long long failed = p->rollout(p->h, q, v, &drive, p->dt, 1, 1, 1, q_out, v_out);
-    memcpy(out, q_out + p->n, p->n * sizeof(double));
-    memcpy(out + p->n, v_out + p->n, p->n * sizeof(double));
+    if (out) memcpy(out, q_out + p->n, p->n * sizeof(double));
+    if (out) memcpy(out + p->n, v_out + p->n, p->n * sizeof(double));
     return failed >= 0;
+}
+
+long long ours_step_batch(size_t count, const double *handle, const double *q, size_t q_step, const double *v, size_t v_step, const double *u, size_t u_step, double *out)
+{
+    const Peer *p = (const Peer *)(const void *)handle;
+    const Drive drive = { u, u_step, 0, NULL, NULL, NULL, 0, 0 };
+    const long long failed = p->batch(count, p->h, q, q_step, v, v_step, &drive, p->dt, 1, 1, 1, p->q_out, p->v_out);
+    for (size_t i = 0; out && i < count; ++i) {
+        memcpy(out + 2 * i * p->n, p->q_out + (2 * i + 1) * p->n, p->n * sizeof(double));
+        memcpy(out + (2 * i + 1) * p->n, p->v_out + (2 * i + 1) * p->n, p->n * sizeof(double));
+    }
+    return failed;
 }

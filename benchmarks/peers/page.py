@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from .cases import CHAIN, ELASTIC, TITLES
+from .mujoco_peer import STEP
 from .report import Entry, Quartiles, Report
 
 KERNELS: Mapping[str, str] = {
@@ -46,8 +47,12 @@ def summary(report: Report) -> list[str]:
         lines.append(f"| {title(kernel, batch, report.batch_states)} | {' | '.join(cells)} |")
     step = report.entry(ELASTIC, "step")
     if step is not None:
-        cell = _cell(step, "MuJoCo")
-        lines += ["", f"One linearly implicit step of the {step.title} beside MuJoCo's `implicitfast`: {cell}."]
+        alone, many = (_cell(report.entry(ELASTIC, "step", batch), "MuJoCo") for batch in (False, True))
+        lines += [
+            "",
+            f"One linearly implicit step of the {step.title} beside MuJoCo's `discrete`, which is the same scheme with"
+            f" the same results: {alone}; per state of {report.batch_states}: {many}.",
+        ]
     return lines
 
 
@@ -127,9 +132,10 @@ def page(report: Report) -> str:
         " the upper triangle. It reads an URDF itself; a 6-DOF joint is six joints of one coordinate with no bodies"
         " in between.",
         "- MuJoCo: `mj_inverse`, `mj_forward` and `mj_step` on the same robot as MJCF, without geometries. They compute"
-        " more than the row's name says (poses of all bodies, the mass matrix and its factors). `implicitfast` is"
-        " implicit in velocity alone (MuJoCo's documentation, Computation, Numerical integration), so that steps are"
-        " timed and not compared; the accelerations are.",
+        " more than the row's name says (poses of all bodies, the mass matrix and its factors). Steps are those of"
+        f" `{STEP}`, 1 ms long, which like ours are implicit in position and rate (MuJoCo's documentation, Computation,"
+        " Numerical integration); in a batch `mj_step` goes through the states one by one, as every thread of"
+        " `mujoco.batch` does. [Speed per error](precision.md) has MuJoCo's other integrators.",
         "- CasADi: Pinocchio's algorithms traced with CasADi's `SX` for this robot, the C that CasADi generates"
         " compiled with eomgen's compiler and flags.",
         "",

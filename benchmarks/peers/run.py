@@ -65,7 +65,7 @@ class Run:
         for name, make in (
             (pinocchio_peer.NAME, lambda: PinocchioPeer(given)),
             (casadi_peer.NAME, lambda: CasadiPeer(given, USED)),
-            (mujoco_peer.NAME, lambda: MujocoPeer(given)),
+            (mujoco_peer.NAME, lambda: MujocoPeer(given.robot)),
         ):
             if name in self.missing:
                 continue
@@ -132,8 +132,12 @@ class Run:
                 continue
             contenders = _contenders({name: peers[name]}, kernel)
             made = Ours(given.robot, (kernel,), self.progress)
-            contenders.insert(0, made.step(mujoco_peer.TIME_STEP) if kernel == "step" else made.contender(kernel))
-            yield self.entry(given, kernel, contenders, stopwatch, missing)
+            if kernel == "step":
+                single, many = (made.step(mujoco_peer.TIME_STEP, states) for states in (0, BATCH_STATES))
+                yield self.entry(given, kernel, [single, *contenders], stopwatch, missing)
+                yield self.entry(given, kernel, [many, single, *contenders], stopwatch, missing, batch=True)
+                continue
+            yield self.entry(given, kernel, [made.contender(kernel), *contenders], stopwatch, missing)
 
     def growing(self, given: Case) -> Iterator[Entry]:
         """The kernels of the plot: one state beside the textbook and Pinocchio, and a batch."""

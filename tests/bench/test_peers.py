@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import eomgen
 from benchmarks.peers import contender, page, plot, python_calls
 from benchmarks.peers.cases import CHAIN, ELASTIC, TITLES, case, chain
 from benchmarks.peers.contender import Contender, MissingPeer, build_library
-from benchmarks.peers.measure import Disagreement, compare, states
+from benchmarks.peers.measure import READS, Disagreement, compare, states
+from benchmarks.peers.ours import Ours
 from benchmarks.peers.report import Call, Entry, Report, read
 from benchmarks.peers.required import AGAINST_MUJOCO, AGAINST_PINOCCHIO, bar
 from tests.support.builds import Build
@@ -123,6 +125,17 @@ def test_contenders_that_differ_are_refused(built: Build) -> None:
         compare(found, arrays, 6, 1e-12, "")
     with pytest.raises(Disagreement, match="differs"):
         compare([found[0], many], arrays, 6, 1e-12, "")
+
+
+def test_steps_alone_and_in_a_batch() -> None:
+    """What is timed is one linearly implicit step of every state."""
+    robot = eomgen.load_robot("one_link")
+    ours = Ours(robot, ("step",), lambda line: None)
+    q, v, u = (states(robot, 5)[name] for name in READS["step"])
+    end = ours.kernel.rollout(q, v, u, 1e-3, 1, method="implicit")
+    expected = np.hstack([x[:, -1] for x in end])
+    for each in (ours.step(1e-3), ours.step(1e-3, 5)):
+        assert np.array_equal(each.results([q, v, u], 4), expected), each.label
 
 
 def test_a_chain_repeats_its_joints(built: Build) -> None:

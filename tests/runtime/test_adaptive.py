@@ -80,6 +80,23 @@ def test_a_stiff_joint_costs_the_implicit_method_nothing(method: str, built: Bui
     assert (found.steps <= 100) == (method == "rosenbrock")
 
 
+def test_lengths_at_the_edge_of_stability_do_not_hunt(built: Build) -> None:
+    """A damper that is stiff: the error says nothing until a step is too long for it, and few are refused."""
+    kernel = built(slider(stiffness=1e6, damping=3e3), *NAMES)
+    found = kernel.rollout([0.0], [0.0], [5.0], method="tsit5", duration=2.0, samples=1, rtol=1e-3)
+    assert found.steps >= 100
+    assert found.rejected <= 0.02 * found.steps
+
+
+def test_a_step_without_any_error(built: Build) -> None:
+    """At rest nothing is wrong, and a step is as long as it may be."""
+    kernel = built(slider(stiffness=1e6), *NAMES)
+    for method in METHODS:
+        found = kernel.rollout([0.0], [0.0], [0.0], method=method, duration=1.0, samples=1)
+        assert np.abs(found[0]).max() == 0.0
+        assert found.steps <= 20
+
+
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 @pytest.mark.parametrize("method", METHODS)
 def test_every_state_has_steps_of_its_own(method: str, dtype: str) -> None:

@@ -45,7 +45,7 @@ from .mujoco_balls import ball_values, balls, damped_otherwise, hinge_damping, p
 
 Array = NDArray[np.float64]
 Bodies = Mapping[str, ElementTree.Element]
-INTEGRATORS = ("RK4", "Euler", "implicit", "implicitfast")
+INTEGRATORS = ("RK4", "Euler", "implicit", "implicitfast", "discrete")
 LEAST = 1e-14  # mass (kg) and principal moments (kg m^2) of what has none: MuJoCo takes no less than 1e-15
 _FAR = 1e9  # m or rad, of the end of a range at which nothing stops
 _GROUND = "world"  # MuJoCo's name of the base
@@ -65,7 +65,8 @@ def export_mjcf(
         robot: a Robot, the name of a built-in one, or the path of a description.
         path: file to write, usually with the suffix .xml.
         step: of MuJoCo's integrator, s; by default 1e-3, or what "RK4" needs if that is less.
-        integrator: "RK4", "Euler", "implicit" or "implicitfast".
+        integrator: "RK4", "Euler", "implicit", "implicitfast", or "discrete" of MuJoCo 3.13 and later, implicit in
+            position, too.
         approximate: write the robot without what MuJoCo has no equal for, with an ``EomgenWarning`` for each.
 
     Returns:

@@ -1,0 +1,90 @@
+"""What a run of ``benchmarks.precision`` found, as plain values: docs/precision.json."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from .precision_cases import OTHERS, OURS
+
+
+@dataclass(frozen=True)
+class Point:
+    """One run.
+
+    Attributes:
+        setting: relative tolerance, or length of a step, s.
+        error: of coordinates, the greatest at all samples, m or rad.
+        end: of coordinates at the end, likewise.
+        seconds: the least time.
+        steps: taken and refused.
+    """
+
+    contender: str
+    setting: float
+    error: float
+    end: float
+    seconds: float
+    steps: int
+
+
+@dataclass(frozen=True)
+class Found:
+    """One problem: how far the two references are apart, the points, and why there are none of a contender."""
+
+    problem: str
+    difference: float
+    points: tuple[Point, ...]
+    missing: Mapping[str, str]
+
+    def cheapest(self, contenders: Sequence[str], error: float) -> Point | None:
+        """The fastest run of these contenders that is as exact, or None."""
+        fit = [p for p in self.points if p.contender in contenders and p.error <= error]
+        return min(fit, key=lambda p: p.seconds, default=None)
+
+    def ratio(self, error: float) -> float | None:
+        """The best of the others' time by the best of ours; None where one of both is not as exact."""
+        ours, others = self.cheapest(OURS, error), self.cheapest(OTHERS, error)
+        return others.seconds / ours.seconds if ours and others else None
+
+    def at(self, contender: str, setting: float) -> Point | None:
+        """The run of a contender with this tolerance or step."""
+        return next((p for p in self.points if (p.contender, p.setting) == (contender, setting)), None)
+
+
+@dataclass(frozen=True)
+class Report:
+    """A run: where, how often, and what was found."""
+
+    machine: Mapping[str, str]
+    rounds: int
+    found: tuple[Found, ...]
+
+    def of(self, problem: str) -> Found | None:
+        """What was found of a problem."""
+        return next((each for each in self.found if each.problem == problem), None)
+
+    def write(self, path: Path) -> None:
+        """As JSON, four digits of every measured number."""
+        values = asdict(self)
+        for found in values["found"]:
+            found["difference"] = _short(found["difference"])
+            for point in found["points"]:
+                point |= {name: _short(point[name]) for name in ("error", "end", "seconds")}
+        text = json.dumps(values, indent=1)
+        path.write_text(text + "\n", encoding="ascii")
+
+
+def read(path: Path) -> Report:
+    """The report of a JSON file."""
+    values = json.loads(path.read_text(encoding="ascii"))
+    found = tuple(
+        Found(**{**each, "points": tuple(Point(**point) for point in each["points"])}) for each in values["found"]
+    )
+    return Report(values["machine"], values["rounds"], found)
+
+
+def _short(value: float) -> float:
+    return float(f"{value:.4g}")
