@@ -83,8 +83,8 @@ def test_energies_of_payloads_are_not_taken_for_residues() -> None:
     scenario = {**RELEASE, "payloads": [{"link": "mass", "mass": 1.0, "point": [0, 0, 0], "t0": 0.1}]}
     text = f"record = ['energy_residue']\n{STIFF}{GRID}"
     with pytest.raises(DescriptionError, match=r"record: energy_residue.*integrate"):
-        prepare(slider(), scenario, plan_from_toml(text))
-    prepare(slider(), scenario, plan_from_toml("engine = { type = 'integrate' }\n" + text))
+        prepare(slider(), scenario, plan_from_toml("engine = { type = 'rollout' }\n" + text))
+    prepare(slider(), scenario, plan_from_toml(text))
 
 
 # Samples

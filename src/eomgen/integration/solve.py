@@ -126,7 +126,12 @@ def integrate(
     method, _ = explained_method(kernel, method, q0, float(times[-1] - times[0]), in_c)
     began = time.perf_counter()
     report = reporter(progress, float(times[-1]))
-    y0 = system.begin(float(times[0]), q0, v0)
+    begins = q0.copy(), v0.copy()
+    y0 = system.begin(float(times[0]), *begins)
+    if method not in (*IN_C, "auto"):
+        q0, v0 = begins
+    else:  # C closes what it comes to, so that a motion goes on where another one ended to the bit
+        system.prescribe(float(times[0]), q0, v0)
     system.advance = Advance(float(times[0]), float(times[-1]))
     watch = ContactWatch(kernel)
     samples = Samples(times, np.concatenate([q0, v0]), record)
