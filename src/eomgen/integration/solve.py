@@ -119,28 +119,27 @@ def integrate(
     plain, turning = (ClosedSystem, ClosedTurningSystem) if kernel.constraints else (System, TurningSystem)
     kind = turning if kernel.raw.turning else plain
     system = kind(kernel, drive, wrench, prescribed)
-    q0, v0 = (state_vector(label, x, kernel.coordinates) for label, x in (("q0", q0), ("v0", v0)))
+    q, v = (state_vector(label, x, kernel.coordinates) for label, x in (("q0", q0), ("v0", v0)))
     times = output_times(duration, output_step) if times is None else checked_times(times, duration, output_step)
     loads = (drive, wrench, prescribed)
     in_c = compiled.why_not(kernel, *loads)
-    method, _ = explained_method(kernel, method, q0, float(times[-1] - times[0]), in_c)
+    method, _ = explained_method(kernel, method, q, float(times[-1] - times[0]), in_c)
     began = time.perf_counter()
     report = reporter(progress, float(times[-1]))
-    begins = q0.copy(), v0.copy()
-    y0 = system.begin(float(times[0]), *begins)
-    if method not in (*IN_C, "auto"):
-        q0, v0 = begins
-    else:  # C closes what it comes to, so that a motion goes on where another one ended to the bit
-        system.prescribe(float(times[0]), q0, v0)
+    closed = q.copy(), v.copy()
+    y0 = system.begin(float(times[0]), *closed)
+    system.prescribe(float(times[0]), q, v)
+    if method not in (*IN_C, "auto"):  # C closes what it comes to, and goes on where it ended, to the bit
+        q[:], v[:] = closed
     system.advance = Advance(float(times[0]), float(times[-1]))
     watch = ContactWatch(kernel)
-    samples = Samples(times, np.concatenate([q0, v0]), record)
+    samples = Samples(times, np.concatenate([q, v]), record)
 
     def run() -> None:
         if method == "rk4" or not y0.size:  # nothing is free to be integrated
-            rk4(system, y0, samples, fixed_step(kernel, q0, step, times), report, watch)
+            rk4(system, y0, samples, fixed_step(kernel, q, step, times), report, watch)
             return
-        absolute = tolerances(system, q0, rtol, atol)
+        absolute = tolerances(system, q, rtol, atol)
         if method in (*IN_C, "auto"):
             data = compiled.data_of(kernel, *loads)
             system.loaded = compiled.compiled_states(system, data, samples, method, rtol, absolute, report, watch)
