@@ -13,6 +13,7 @@ import eomgen
 from eomgen import InputError, SingularError
 from eomgen.integration.compiled import METHODS, data_of, why_not
 from eomgen.integration.solve import integrate
+from eomgen.integration.until import Until
 from eomgen.motion.point_to_point import Harmonic, PointToPoint
 from eomgen.motion.splines import Columns, Spline, Standstill, signal_of
 from eomgen.motion.timetable import TimeTable
@@ -24,7 +25,7 @@ from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.assembly import Assembly, assemble
 from eomgen.simulation.run import run_scenario
 from tests.support.builds import Build
-from tests.support.swinging import NEEDED, oscillator
+from tests.support.swinging import MASS, NEEDED, STIFFNESS, oscillator
 
 DRIVES = {
     "computed_torque": "",
@@ -237,3 +238,54 @@ def test_steps_land_on_what_changes(tmp_path: Path) -> None:
     found = run_scenario("puma560", scenario_from_toml(text))
     assert found.balance is not None
     assert found.balance.of("drives")[-1] > 1e-3
+
+
+@pytest.mark.parametrize("method", [*METHODS, "auto", "Radau", "DOP853", "rk4"])
+def test_a_motion_ends_where_a_coordinate_reaches_a_value(method: str, built: Build) -> None:
+    """The oscillator passes a place at a time that its closed form knows; samples end there."""
+    kernel = built(oscillator(damping=0.0), *NEEDED, "adaptive_rollout")
+    rate = np.sqrt(STIFFNESS / MASS)
+    until = Until.coordinate(kernel, "slide.z", 0.02)
+    wanted = np.arccos(0.2) / rate
+    options = {"rtol": 1e-9, "output_step": 1e-3, "step": 1e-5 if method == "rk4" else None}
+    motion = integrate(kernel, [0.1], [0.0], 1.0, method=method, until=until, **options)  # type: ignore[arg-type]
+    assert motion.info["ended_at"] == motion.t[-1] == pytest.approx(wanted, abs=1e-7)
+    assert motion.q[-1, 0] == pytest.approx(0.02, abs=1e-8)
+    assert motion.t[:-1] == pytest.approx(1e-3 * np.arange(motion.t.size - 1))
+    assert np.abs(motion.q[:, 0] - 0.1 * np.cos(rate * motion.t)).max() <= 1e-6
+    whole = integrate(kernel, [0.1], [0.0], 0.01, method=method, until=until, **options)  # type: ignore[arg-type]
+    assert "ended_at" not in whole.info
+
+
+@pytest.mark.parametrize("method", ["auto", "Radau"])
+def test_a_scenario_ends_where_its_tool_is_at_a_distance(method: str) -> None:
+    text = (
+        "duration = 0.5\n[until]\nframe = 'tcp'\npoint = [0.0, 0.0, 0.0]\ndistance = {}\n[integrator]\nmethod = '{}'\n"
+    )
+    robot = eomgen.load_robot("ur5")
+    whole = run_scenario(robot, scenario_from_toml("duration = 0.5\n"))
+    lengths = np.linalg.norm(whole.pose[:, :3, 3], axis=1)
+    wanted = float(lengths[lengths.size // 2])
+    found = run_scenario(robot, scenario_from_toml(text.format(wanted, method)))
+    first = int(np.flatnonzero((lengths[1:] >= wanted) != (lengths[:-1] >= wanted))[0]) + 1
+    assert found.trajectory.t[-1] == pytest.approx(whole.trajectory.t[first], abs=6e-4)
+    assert np.linalg.norm(found.pose[-1, :3, 3]) == pytest.approx(wanted, abs=1e-8)
+    assert found.balance is not None
+    assert found.balance.relative_residue <= 1e-4
+    assert any("reached at" in note for note in found.notes)
+    assert np.abs(found.trajectory.q[:-1] - whole.trajectory.q[: found.trajectory.t.size - 1]).max() <= 1e-5
+
+
+@pytest.mark.parametrize(
+    ("table", "says"),
+    [
+        ("coordinate = 'nose'\nvalue = 1.0", "until: 'nose' is no coordinate; allowed: 'joint1.x'"),
+        ("frame = 'nose'\npoint = [0, 0, 0]\ndistance = 1.0", "until: 'nose' is no frame; allowed: "),
+        ("coordinate = 'joint1'", "until: .*allowed: coordinate and value, or frame, point and distance"),
+        ("coordinate = 'joint1'\nvalue = 1.0\nframe = 'tcp'", "allowed: coordinate and value, or frame"),
+        ("frame = 'tcp'\npoint = [0, 0, 0]\ndistance = 0.0", "until.distance"),
+    ],
+)
+def test_ends_that_make_no_sense_are_refused(table: str, says: str) -> None:
+    with pytest.raises(InputError, match=says):
+        run_scenario("one_link", scenario_from_toml(f"duration = 0.1\n[until]\n{table}\n"))

@@ -14,14 +14,16 @@ if TYPE_CHECKING:
     from .resting import Rest, rests
     from .solve import METHODS, choose_method, integrate
     from .trajectory import Trajectory
+    from .until import Until
 
-__all__ = ["METHODS", "Contact", "Rest", "Trajectory", "choose_method", "integrate", "rests"]
+__all__ = ["METHODS", "Contact", "Rest", "Trajectory", "Until", "choose_method", "integrate", "rests"]
 
 _MODULES = {
     "Contact": "contacts",
     "METHODS": "solve",
     "Rest": "resting",
     "Trajectory": "trajectory",
+    "Until": "until",
     "choose_method": "solve",
     "integrate": "solve",
     "rests": "resting",

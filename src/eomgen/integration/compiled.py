@@ -18,6 +18,7 @@ from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction
 from .contacts import ContactWatch
 from .steps import Samples
 from .system import System
+from .until import Reached
 
 Array = NDArray[np.float64]
 
@@ -88,24 +89,30 @@ def compiled_states(
     atol: Array,
     report: Progress,
     watch: ContactWatch,
-) -> Loaded:
-    """Fill the samples from the first of them, and return what integrated them, which knows the drives at each.
+) -> None:
+    """Fill the samples from the first of them; ``system.loaded`` is what integrates them, and knows the drives at each.
 
     Raises:
         IntegrationStopped: the motion ends early.
+        Reached: what it goes on to is there.
     """
     kernel, n = system.kernel, system.n
     q, v = samples.states[0, :n], samples.states[0, n:]
-    kept = KEPT if len(watch) else 0
+    kept = KEPT if watch.is_needed else 0
     motion = Loaded(kernel.calls, loads, samples.times, q, v, method, rtol, np.maximum(atol, 1e-30), kept)
     at, before, progress = float(samples.times[0]), samples.states[0], motion.progress
     while progress.reason == 0:
         times, q_steps, v_steps = motion.go()
+        done, reached = motion.done, None
         if times.size:
-            watch.find_all(np.append(at, times), np.vstack([before, np.hstack([q_steps, v_steps])]))
+            try:
+                watch.find_all(np.append(at, times), np.vstack([before, np.hstack([q_steps, v_steps])]))
+            except Reached as error:
+                reached, done = error, int(np.searchsorted(samples.times, error.t))
             at, before = float(times[-1]), np.concatenate([q_steps[-1], v_steps[-1]])
-        if motion.done > samples.done:
-            samples.take(np.hstack(list(motion.samples[:, samples.done : motion.done])))
+        if done > samples.done:
+            samples.take(np.hstack(list(motion.samples[:, samples.done : done])))
+        system.loaded = motion
         system.counts |= {
             "steps": int(progress.steps),
             "evaluations": motion.evaluations,
@@ -113,10 +120,22 @@ def compiled_states(
         }
         if method == AUTO:
             system.counts["implicit_s"] = motion.spans["rosenbrock"]
+        if reached is not None:
+            raise reached.exactly(lambda t0, y, t: _moved(kernel, loads, (t0, t), y, method, rtol, atol))
         report(float(progress.t), f"t = {progress.t:.3f} s, {method}, {progress.steps} steps")
     if progress.reason != DONE:
         raise _stopped(system, motion, method)
-    return motion
+
+
+def _moved(
+    kernel: Kernel, loads: LoadData, span: tuple[float, float], y: Array, method: str, rtol: float, atol: Array
+) -> Array:
+    """The state, (2n,), at the end of a span, s, from one at its begin."""
+    n = kernel.n
+    motion = Loaded(kernel.calls, loads, np.array(span), y[:n], y[n:], method, rtol, np.maximum(atol, 1e-30))
+    while not motion.progress.reason:
+        motion.go()
+    return np.concatenate(list(motion.state))
 
 
 def _stopped(system: System, motion: Loaded, method: str) -> IntegrationStopped:

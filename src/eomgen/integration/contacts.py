@@ -13,6 +13,7 @@ from ..runtime.kernel import Kernel
 from ..state.journals import JournalContact, cut_contacts, cut_deviations, journal_contacts
 from ..state.motors import deflections
 from ..state.springs import clearances, cut_clearances, cut_stops, stops
+from .until import Until
 
 Array = NDArray[np.float64]
 
@@ -180,16 +181,22 @@ def _touched(journal: JournalContact, t: float, q: Array, v: Array, closes: bool
 
 
 class ContactWatch:
-    """Finds contacts between two states of a motion; ``found`` grows.
+    """Finds contacts between two states of a motion, and what it goes on to; ``found`` grows.
 
     A contact that closes and opens again within one step is not seen: the solver has not seen it either.
     """
 
-    def __init__(self, kernel: Kernel) -> None:
+    def __init__(self, kernel: Kernel, until: Until | None = None) -> None:
+        self._until = until
         self._n = kernel.n
         groups: Sequence[Ends] = (CoordinateEnds(kernel), CutEnds(kernel), Bearings(kernel), CutBearings(kernel))
         self._groups = [group for group in groups if len(group)]
         self.found: list[Contact] = []
+
+    @property
+    def is_needed(self) -> bool:
+        """Whether there is anything to watch."""
+        return self._until is not None or len(self) > 0
 
     def __len__(self) -> int:
         """Number of ends that are watched."""
@@ -201,10 +208,16 @@ class ContactWatch:
         return np.concatenate(found, axis=-1) if found else np.zeros((*y.shape[:-1], 0))
 
     def find_all(self, times: Array, states: Array) -> None:
-        """Find the contacts between states, (k, 2n), that follow each other at times, (k,), s, and note them."""
+        """Find the contacts between states, (k, 2n), that follow each other at times, (k,), s, and note them.
+
+        Raises:
+            Reached: what the motion goes on to is there.
+        """
+        if self._until is not None:
+            self._until.look(times, states, lambda t: _on_cubics(t, times, states))
         beyond = self.gaps(states) > 0.0
         for k in np.flatnonzero((beyond[1:] != beyond[:-1]).any(axis=1)).tolist():
-            self.find(float(times[k]), states[k], float(times[k + 1]), states[k + 1])
+            self._find(float(times[k]), states[k], float(times[k + 1]), states[k + 1])
 
     def find(self, t0: float, y0: Array, t1: float, y1: Array, at: Callable[[float], Array] | None = None) -> None:
         """Find the contacts between two states of a motion, and note them.
@@ -213,7 +226,17 @@ class ContactWatch:
             t0, t1: s.
             y0, y1: states (q, v) there, (2n,).
             at: t -> state between; a cubic through both ends' q and v if not given.
+
+        Raises:
+            Reached: what the motion goes on to is there.
         """
+        if self._until is not None:
+            between = at or (lambda t: hermite(t, t0, y0, t1, y1))
+            self._until.look(np.array([t0, t1]), np.stack([y0, y1]), between)
+        self._find(t0, y0, t1, y1, at)
+
+    def _find(self, t0: float, y0: Array, t1: float, y1: Array, at: Callable[[float], Array] | None = None) -> None:
+        """``find`` of contacts alone."""
         if not len(self):
             return
         crossed = np.flatnonzero((self.gaps(y0) > 0.0) != (self.gaps(y1) > 0.0))
@@ -237,6 +260,12 @@ class ContactWatch:
                 self.found.append(group.contact(end, float(t), y[: self._n], y[self._n :], closes))
                 return
             end -= len(group)
+
+
+def _on_cubics(t: float, times: Array, states: Array) -> Array:
+    """The state at t on the cubics between states, (k, 2n), at times, (k,), s."""
+    k = min(max(int(np.searchsorted(times, t, side="right")) - 1, 0), times.size - 2)
+    return hermite(t, float(times[k]), states[k], float(times[k + 1]), states[k + 1])
 
 
 def hermite(t: float, t0: float, y0: Array, t1: float, y1: Array) -> Array:

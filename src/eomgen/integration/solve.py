@@ -37,6 +37,7 @@ from .steps import (
 from .system import System
 from .trajectory import FiniteMotion, Trajectory, trajectory_of
 from .turning import ClosedTurningSystem, TurningSystem
+from .until import Reached, Until
 
 Array = NDArray[np.float64]
 
@@ -63,6 +64,7 @@ def integrate(
     times: ArrayLike | None = None,
     progress: Progress | None = None,
     record: Record | None = None,
+    until: Until | None = None,
 ) -> Trajectory:
     """Integrate M(q) a + bias = generalized force + u from a state; loops are closed to 1e-12 throughout.
 
@@ -100,6 +102,8 @@ def integrate(
         times: of the samples, s, (T,), increasing; instead of ``output_step``.  The state given is that at the first,
             which need not be 0; the last must be the duration.
         progress: called with a fraction from 0 to 1 and a line of text.
+        until: where the motion ends before the duration does: its last sample is there, and ``info`` has its time as
+            ended_at.  Not with SUNDIALS' methods.
         record: called with times of samples (k,) and states (k, 2n) as they are reached, the first one not among them.
 
     Returns:
@@ -132,7 +136,9 @@ def integrate(
     if method not in (*IN_C, "auto"):  # C closes what it comes to, and goes on where it ended, to the bit
         q[:], v[:] = closed
     system.advance = Advance(float(times[0]), float(times[-1]))
-    watch = ContactWatch(kernel)
+    if until is not None and method in sundials.METHODS:
+        raise InputError(f"until: {method} goes on to the duration; allowed: other methods")
+    watch = ContactWatch(kernel, until)
     samples = Samples(times, np.concatenate([q, v]), record)
 
     def run() -> None:
@@ -142,12 +148,19 @@ def integrate(
         absolute = tolerances(system, q, rtol, atol)
         if method in (*IN_C, "auto"):
             data = compiled.data_of(kernel, *loads)
-            system.loaded = compiled.compiled_states(system, data, samples, method, rtol, absolute, report, watch)
+            compiled.compiled_states(system, data, samples, method, rtol, absolute, report, watch)
             return
         if method in sundials.METHODS:
             sundials.sundials_states(system, y0, samples, method, rtol, absolute, report, watch)
         else:
             sampled(Steps(method, rtol, absolute, float(times[-1])), system, y0, samples, report, watch)
+
+    def run_until() -> None:
+        try:
+            run()
+        except Reached as reached:
+            samples.end(reached)
+            system.counts["ended_at"] = reached.t
 
     def info(motion: FiniteMotion) -> dict[str, float]:
         margins = system.margins(motion.q)
@@ -159,7 +172,7 @@ def integrate(
     def name() -> str:
         return compiled.leading(method, system.counts, float(times[-1] - times[0]))
 
-    return trajectory_of(system, samples, run, name, watch, info)
+    return trajectory_of(system, samples, run_until, name, watch, info)
 
 
 def choose_method(kernel: Kernel, method: str = "auto", q: Array | None = None, duration: float = 1.0) -> str:

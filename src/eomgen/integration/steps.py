@@ -18,6 +18,7 @@ from ..runtime.kernel import Kernel
 from ..state.springs import coordinate_sizes, fastest_rates, rubbing_rates
 from .contacts import ContactWatch
 from .system import System
+from .until import Reached
 
 Array = NDArray[np.float64]
 Record = Callable[[Array, Array], None]
@@ -106,6 +107,17 @@ class Samples:
         self.done = rows.stop
         if self._record is not None:
             self._record(self.times[rows], self.states[rows])
+
+    def end(self, reached: Reached) -> None:
+        """End with the state that was to be reached; samples before it that are not there yet are taken."""
+        missing = self.times[self.done : int(np.searchsorted(self.times, reached.t))]
+        if reached.at is not None and missing.size:
+            self.take(np.array([reached.at(t) for t in missing.tolist()]))
+        self.times = np.append(self.times[: self.done], reached.t)
+        self.states = np.vstack([self.states[: self.done], reached.state])
+        self.done = self.times.size
+        if self._record is not None:
+            self._record(self.times[-1:], self.states[-1:])
 
     def until(self, stop: IntegrationStopped) -> tuple[Array, Array]:
         """Times and states of what is there, and the last good state behind them."""
@@ -224,14 +236,14 @@ def sampled(steps: Steps, system: System, y: Array, samples: Samples, report: Pr
 
 def _between(solver: Any, system: System, times: Array, begin: tuple[float, Array], watch: ContactWatch) -> Array:
     """q and v, (k, 2n), at times within the last step, which began at ``begin``; the watch is told of contacts."""
-    if not (times.size or len(watch)):
+    if not (times.size or watch.is_needed):
         return np.empty((0, 2 * system.n))
     between = solver.dense_output()
 
     def at(t: float) -> Array:
         return np.asarray(system.whole(np.array([t]), between(t)[np.newaxis])[0])
 
-    if len(watch):
+    if watch.is_needed:
         watch.find(*begin, solver.t, system.whole(np.array([solver.t]), solver.y[np.newaxis])[0], at)
     return system.whole(times, between(times).T) if times.size else np.empty((0, 2 * system.n))
 

@@ -196,6 +196,15 @@ INTEGRATOR = Form(
         "step": time("of rk4; default by the fastest spring"),
     }
 )
+UNTIL = Form(
+    {
+        "coordinate": Text("a coordinate that reaches the value"),
+        "value": Number("of the coordinate", "m or rad"),
+        "frame": Text("frame or link that comes to the distance from the point"),
+        "point": vector("base axes", "m"),
+        "distance": Number("of the frame's origin from the point", "m", above=0.0),
+    }
+)
 SCENARIO = Form(
     {
         "duration": time("of the simulation", "a time in s that is greater than 0"),
@@ -209,6 +218,7 @@ SCENARIO = Form(
         ),
         "wrenches": Entries("forces and moments on links", inner=WRENCH),
         "payloads": Entries("bodies that links pick up", inner=PAYLOAD),
+        "until": Sub("where it ends before the duration does", inner=UNTIL),
         "integrator": Sub("how it is integrated", inner=INTEGRATOR),
     }
 )

@@ -79,6 +79,7 @@ def scenario_from_values(
         prescribed=tuple(_prescribed(entry, folder) for _, entry in top.entries("prescribed")),
         wrenches=tuple(_wrench(entry, folder) for _, entry in top.entries("wrenches")),
         payloads=tuple(_payload(entry) for _, entry in top.entries("payloads")),
+        until=_until(top.table("until")),
         integrator=_integrator(top.table("integrator")),
         source=source,
         folder=folder,
@@ -151,6 +152,20 @@ def _payload(entry: Table) -> Payload:
         rule = "each principal moment of inertia is at most the sum of the others, none is below zero"
         entry.fail(f"got {show(list(inertia))}, which no body can have; allowed: {rule}", "inertia")
     return Payload(entry.text("link") or "", mass, point, inertia, *_times(entry))
+
+
+def _until(table: Table | None) -> Section | None:
+    """The section of what a motion goes on to: of the type "coordinate" or "distance"."""
+    if table is None:
+        return None
+    kinds = {"coordinate": ("coordinate", "value"), "distance": ("frame", "point", "distance")}
+    given = [kind for kind, keys in kinds.items() if all(key in table for key in keys)]
+    if len(given) != 1 or any(key in table for kind, keys in kinds.items() if kind != given[0] for key in keys):
+        table.fail("allowed: coordinate and value, or frame, point and distance")
+    if given == ["coordinate"]:
+        return Section("coordinate", {"coordinate": table.text("coordinate"), "value": table.number("value")})
+    values = {"frame": table.text("frame"), "point": table.vector("point"), "distance": table.number("distance")}
+    return Section("distance", values)
 
 
 def _integrator(table: Table | None) -> Integrator:

@@ -100,8 +100,9 @@ class Integrator:
 class Scenario:
     """A simulation as a value: duration, motion, control, loads; times in s.
 
-    ``motion`` and ``control`` are None where nothing is programmed or driven.  ``source`` is the file, ``folder`` where
-    it and the files that it names stand; ``text`` is what the file says, for the lines of messages.
+    ``motion`` and ``control`` are None where nothing is programmed or driven, ``until`` where the duration ends it.
+    ``source`` is the file, ``folder`` where it and the files that it names stand; ``text`` is what the file says, for
+    the lines of messages.
     """
 
     duration: float
@@ -114,6 +115,7 @@ class Scenario:
     prescribed: tuple[Section, ...] = ()
     wrenches: tuple[Wrench, ...] = ()
     payloads: tuple[Payload, ...] = ()
+    until: Section | None = None
     integrator: Integrator = Integrator()
     source: str = ""
     folder: Path | None = None

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..integration.solve import EXPLICIT, IN_C, method_of
+from ..integration.until import Until
 from ..motion.point_to_point import Program
 from ..motion.splines import Standstill
 from ..motion.timetable import TimeTable
@@ -51,7 +52,8 @@ class Assembly:
     """A scenario for one robot: kernel, names of the driven coordinates, program, drives, wrenches, prescribed motion.
 
     given: initial positions by coordinate, as the scenario has them.  path: of the rigid mechanism along the program,
-    where there are loops.  about: the robot's record and hash, the scenario's values, and whether the robot is_rigid.
+    where there are loops.  until: what the motion goes on to, if not to the duration.  about: the robot's record and
+    hash, the scenario's values, and whether the robot is_rigid.
     """
 
     kernel: Kernel
@@ -62,6 +64,7 @@ class Assembly:
     wrenches: Wrenches | None
     prescribed: PrescribedMotion | None
     path: Path | None = None
+    until: Until | None = None
     about: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -138,7 +141,9 @@ def assemble(
         "scenario": scenario.as_dict(),
         "is_rigid": is_rigid(robot),
     }
-    return Assembly(kernel, driven, given, program, drive, wrenches, prescribed, path, about)
+    return Assembly(
+        kernel, driven, given, program, drive, wrenches, prescribed, path, _until(scenario, robot, kernel), about
+    )
 
 
 def is_rigid(robot: Robot) -> bool:
@@ -216,7 +221,22 @@ def may_run_in_c(robot: Robot, scenario: Scenario) -> bool:
 def with_kernel(assembly: Assembly, robot: Robot, scenario: Scenario, kernel: Kernel) -> Assembly:
     """The same assembly for a kernel of other parameters; program and drives stay, with the model that they know."""
     wrenches = Wrenches(scenario, robot, kernel) if scenario.wrenches else None
-    return replace(assembly, kernel=kernel, wrenches=wrenches)
+    return replace(assembly, kernel=kernel, wrenches=wrenches, until=_until(scenario, robot, kernel))
+
+
+def _until(scenario: Scenario, robot: Robot, kernel: Kernel) -> Until | None:
+    """What the scenario goes on to; DescriptionError where the robot has no such coordinate or frame."""
+    section = scenario.until
+    if section is None:
+        return None
+    places = names_in_scenarios(robot)
+    try:
+        if section.type == "coordinate":
+            name = section.get("coordinate")
+            return Until.coordinate(kernel, places.get(name, name), section.get("value"))
+        return Until.distance(kernel, *(section.get(key) for key in ("frame", "point", "distance")))
+    except InputError as error:
+        scenario.fail("until", str(error).removeprefix("until: "))
 
 
 def _may_be_stiff(robot: Robot) -> bool:

@@ -25,6 +25,7 @@ from ..integration.compiled import why_not
 from ..integration.solve import EXPLICIT, explained_method, method_of
 from ..integration.steps import output_times
 from ..integration.trajectory import Trajectory
+from ..integration.until import Until
 from ..motion.ends import Point
 from ..motion.point_to_point import Program
 from ..motion.splines import Spline
@@ -156,7 +157,9 @@ def run_assembly(
     asked = scenario.integrator.method
     slow = why_not(kernel, loads.drive, loads.wrench, loads.prescribed)
     method, reason = explained_method(kernel, asked, q0, scenario.duration, slow)
-    found = run_segments(kernel, robot, scenario, loads, q0, v0, report, opened, method=method, balance=balance)
+    found = run_segments(
+        kernel, robot, scenario, loads, q0, v0, report, opened, method=method, balance=balance, until=assembly.until
+    )
     t, q = found.trajectory.t, found.trajectory.q
     driven = index_of(kernel.coordinates, assembly.driven)
     program_q = q[:, driven] if assembly.program is None else assembly.program.at(t)[0]
@@ -173,6 +176,7 @@ def run_assembly(
         *_assumptions(robot, loose, scenario, assembly),
         *_beyond_stops(kernel, q0),
         None if found.balance is None else found.balance.note(),
+        *_end_note(assembly.until, found.trajectory),
     ]
     result = SimulationResult(
         robot=robot.name,
@@ -213,6 +217,15 @@ def _stop_record(stop: IntegrationStopped) -> dict[str, Any]:
     """Record of why a result ends too early, in values that JSON holds."""
     state = {name: getattr(stop, name).tolist() for name in ("q", "v")}
     return {"reason": str(stop), "t": stop.t, "coordinate": stop.coordinate, **state}
+
+
+def _end_note(until: Until | None, motion: Trajectory) -> tuple[str, ...]:
+    """A line about what the motion went on to."""
+    if until is None:
+        return ()
+    if "ended_at" not in motion.info:
+        return (f"{until.text} was not reached",)
+    return (f"{until.text} reached at {motion.info['ended_at']:.6g} s, where the motion ends",)
 
 
 def _method_note(motion: Trajectory, reason: str, asked: str) -> tuple[str, ...]:

@@ -21,6 +21,7 @@ from ..integration.resting import rests
 from ..integration.solve import integrate
 from ..integration.steps import Record, output_times
 from ..integration.trajectory import Trajectory
+from ..integration.until import Until
 from ..progress import Progress
 from ..robot.value import Robot
 from ..runtime.kernel import Kernel
@@ -98,10 +99,12 @@ def run_segments(
     *,
     method: str,
     balance: bool = True,
+    until: Until | None = None,
 ) -> SegmentedMotion:
     """Integrate from q and v at t = 0 to the scenario's duration, samples into the stream; errors as ``integrate``.
 
-    All pieces are integrated by the one method.  Without ``balance`` nothing is sampled for it.
+    All pieces are integrated by the one method.  Without ``balance`` nothing is sampled for it; with
+    ``until`` the motion ends where that is reached.
 
     A motion that cannot go on is returned as far as whole output steps were reached; it is raised where there are none.
     """
@@ -118,7 +121,7 @@ def run_segments(
     for begin, end in pairwise(_bounds(scenario, loads, grid)):
         kernel.parameters.update(loaded_parameters(robot, scenario, begin))
         try:
-            span, how = (begin, end), (method, balance)
+            span, how = (begin, end), (method, balance, until)
             piece, part, stop = _piece(kernel, scenario, loads, (q, v), span, grid, progress, record, *how)
         except EomgenError as error:
             if stream is not None:
@@ -133,11 +136,13 @@ def run_segments(
         done = piece["work"][-1].copy()
         q, v, energy = part.q[-1].copy(), part.v[-1].copy(), float(part.energy[-1].sum())
         keep = np.isin(piece["t"], grid)
-        keep[-1] &= end == scenario.duration or stop is not None  # else it is the first sample of the next piece
+        ended = "ended_at" in part.info
+        last = end == scenario.duration or stop is not None or ended  # else the next piece begins with this sample
+        keep[-1] = last and (keep[-1] or ended)
         pieces.append({name: values[keep] for name, values in piece.items()})
         info = joined_info(info, part.info)
         contacts += part.contacts
-        if stop is not None:
+        if stop is not None or ended:
             break
     if stream is not None:
         stream.flush()
@@ -203,6 +208,7 @@ def _piece(
     record: Record | None,
     method: str,
     balance: bool,
+    until: Until | None,
 ) -> tuple[dict[str, Array], Trajectory, IntegrationStopped | None]:
     """Samples at the ends of a piece and on the grid in between, work from each to the next, and what stopped it.
 
@@ -218,22 +224,14 @@ def _piece(
     wrench = None if loads.wrench is None else _Between(loads.wrench, *bounds)
     how = scenario.integrator
     stop: IntegrationStopped | None = None
+    options: dict[str, Any] = {"rtol": how.rtol, "atol": how.atol, "step": how.step}
+    options |= {"drive": drive, "wrench": wrench, "prescribed": loads.prescribed, "method": method}
+    options["progress"] = lambda fraction, text: progress(fraction * end / scenario.duration, text)
     try:
-        part = integrate(
-            kernel,
-            *state,
-            end,
-            drive=drive,
-            wrench=wrench,
-            prescribed=loads.prescribed,
-            method=method,
-            rtol=how.rtol,
-            atol=how.atol,
-            step=how.step,
-            times=times,
-            progress=lambda fraction, text: progress(fraction * end / scenario.duration, text),
-            record=record,
-        )
+        part = integrate(kernel, *state, end, times=times, record=record, until=until, **options)
+        if "ended_at" in part.info:
+            part, edges = _to_the_end(kernel, part, edges, apart, options)
+            times = part.t
     except IntegrationStopped as error:
         if error.trajectory is None:
             raise
@@ -254,6 +252,21 @@ def _piece(
     if balance:
         samples["work"] = works(kernel, times, part.q, part.v, part.u, wrenches)
     return samples, part, stop
+
+
+def _to_the_end(
+    kernel: Kernel, part: Trajectory, edges: Array, apart: int, options: Mapping[str, Any]
+) -> tuple[Trajectory, Array]:
+    """A piece that has ended between two edges with samples for its balance up to there, and its edges."""
+    at = float(part.info["ended_at"])
+    whole = int(np.searchsorted(edges, at))  # edges before the end, the first one at least
+    first = apart * (whole - 1)
+    edges = np.append(edges[:whole], at)
+    times = with_nodes(edges[-2:]) if apart > 1 else edges[-2:]
+    last = integrate(kernel, part.q[first], part.v[first], at, times=times, **options)
+    names = ("t", "q", "v", "u", "energy")
+    rows: dict[str, Any] = {name: np.concatenate([getattr(part, name)[:first], getattr(last, name)]) for name in names}
+    return replace(part, **rows), edges
 
 
 def _bounds(scenario: Scenario, loads: Loads, grid: Array) -> list[float]:

@@ -1,0 +1,146 @@
+"""Motions that end where a number of theirs reaches a value: a coordinate, or the distance of a frame from a point."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InputError
+from ..names import listed, nearest, show
+from ..robot.coordinates import unit_of
+from ..runtime.kernel import Kernel
+
+Array = NDArray[np.float64]
+
+HALVINGS = 52  # of a step, to the last bit of a time
+CORRECTIONS = 6  # of a time, by secants
+
+
+class Reached(Exception):
+    """What a motion was to go on to is reached.
+
+    Attributes:
+        t: s.
+        state: there, (2n,).
+        at: t -> the state before, (2n,); None where samples before are taken.
+        begins: time and state at the begin of the step.
+        until: what is reached.
+    """
+
+    def __init__(
+        self,
+        t: float,
+        state: Array,
+        at: Callable[[float], Array] | None,
+        begins: tuple[float, Array],
+        until: Until,
+    ) -> None:
+        super().__init__(t)
+        self.t, self.state, self.at, self.begins, self.until = t, state, at, begins, until
+
+    def exactly(self, move: Callable[[float, Array, float], Array]) -> Reached:
+        """The same with a time and state that steps lead to, instead of a polynomial between two steps' ends.
+
+        Args:
+            move: t, state there, and a later time -> the state then, (2n,).
+        """
+        (t0, y0), t = self.begins, self.t
+        before, gap0, state = t0, float(self.until.of(y0[np.newaxis])[0]), self.state
+        for _ in range(CORRECTIONS):
+            state = move(t0, y0, t)
+            gap = float(self.until.of(state[np.newaxis])[0])
+            change = -gap * (t - before) / (gap - gap0) if gap != gap0 else 0.0
+            if abs(change) <= 4.0 * np.spacing(t) or not t0 < t + change:
+                break
+            before, gap0, t = t, gap, t + change
+        else:
+            state = move(t0, y0, t)
+        return Reached(t, state, None, self.begins, self.until)
+
+
+@dataclass(frozen=True, eq=False)
+class Until:
+    """A motion goes on until a number of its states reaches a value, from either side.
+
+    Attributes:
+        text: what is reached, for notes.
+        beyond: (q, v), (N, n) each -> how far the number is beyond the value, (N,).
+    """
+
+    text: str
+    beyond: Callable[[Array, Array], Array]
+
+    @classmethod
+    def coordinate(cls, kernel: Kernel, name: str, value: float) -> Until:
+        """A coordinate reaches a value, m or rad.
+
+        Raises:
+            InputError: there is no coordinate of that name, or the value is not finite.
+        """
+        if name not in kernel.coordinates:
+            known = listed(kernel.coordinates)
+            raise InputError(
+                f"until: {show(name)}{nearest(name, kernel.coordinates)} is no coordinate; allowed: {known}"
+            )
+        _refuse_not_finite("value", value)
+        i = kernel.coordinates.index(name)
+        return cls(f"{name} = {value:g} {unit_of(name)}", lambda q, v: q[:, i] - value)
+
+    @classmethod
+    def distance(cls, kernel: Kernel, frame: str, point: ArrayLike, distance: float) -> Until:
+        """A frame's or link's origin is so far from a point, (3,), m, base axes.
+
+        Raises:
+            InputError: there is no such frame, a number is not finite, or the distance is not greater than 0.
+        """
+        if frame not in kernel.frames:
+            raise InputError(
+                f"until: {show(frame)}{nearest(frame, kernel.frames)} is no frame; allowed: {listed(kernel.frames)}"
+            )
+        place = np.array(point, dtype=np.float64)
+        if place.shape != (3,):
+            raise InputError(f"until: point: got {show(point)}; allowed: three numbers, m")
+        for number in (*place.tolist(), distance):
+            _refuse_not_finite("point or distance", number)
+        if not distance > 0.0:
+            raise InputError(f"until: distance: got {distance!r}; allowed: a distance in m greater than 0")
+
+        def beyond(q: Array, v: Array) -> Array:
+            origin = np.asarray(kernel.frame_pose(np.ascontiguousarray(q), frame))[:, :3, 3]
+            return np.asarray(np.linalg.norm(origin - place, axis=1) - distance)
+
+        return cls(f"{frame} at {distance:g} m from {place.tolist()}", beyond)
+
+    def look(self, times: Array, states: Array, at: Callable[[float], Array]) -> None:
+        """Look for the value between states, (k, 2n), that follow each other at times, (k,), s.
+
+        Args:
+            times, states: of the ends of steps.
+            at: t -> the state between, (2n,).
+
+        Raises:
+            Reached: it is there.
+        """
+        side = self.of(states) >= 0.0
+        for k in np.flatnonzero(side[1:] != side[:-1])[:1].tolist():
+            low, high = float(times[k]), float(times[k + 1])
+            for _ in range(HALVINGS):
+                middle = 0.5 * (low + high)
+                if bool(self.of(at(middle)[np.newaxis])[0] >= 0.0) == bool(side[k]):
+                    low = middle
+                else:
+                    high = middle
+            raise Reached(high, at(high), at, (float(times[k]), states[k]), self)
+
+    def of(self, states: Array) -> Array:
+        """How far the number is beyond the value in states, (N, 2n)."""
+        n = states.shape[1] // 2
+        return self.beyond(states[:, :n], states[:, n:])
+
+
+def _refuse_not_finite(label: str, number: float) -> None:
+    if not np.isfinite(number):
+        raise InputError(f"until: {label}: got {number!r}; allowed: finite numbers")
