@@ -173,6 +173,7 @@ def _methods(equations: Equations, scalar: Scalar) -> dict[str, Any]:
     ahead, back, weight, wrong = ROS34PW2.transformed()
     return {
         "kept_size": size,
+        "rubs": any(name.endswith("friction.smoothing") for name in equations.model.parameters),
         "look": LOOK,
         "least_part": LEAST_PART,
         "rosenbrock": {

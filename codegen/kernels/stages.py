@@ -12,8 +12,8 @@ that is u_v = c (r + w) and u_q = c (u_v + s) with
 nothing is multiplied by M, and the matrix is that of a linearly implicit step, whose elimination does not depend on r
 and s.  Of a W-method (T. Steihaug, A. Wolfbrandt, "An Attempt to Avoid Exact Jacobian and Nonlinear Equations in the
 Numerical Solution of Stiff Differential Equations", Mathematics of Computation 33, 1979) the order does not depend on
-A; so falling slopes and those of friction by its load are left out, and directions of loops and springs are those of
-the step's beginning.
+A; so falling slopes, friction's too, and those of friction by its load are left out, and directions of loops and
+springs are those of the step's beginning.
 """
 
 from __future__ import annotations
@@ -68,10 +68,10 @@ class _Stage:
         return _Slope(self.c * damping + self.square * stiffness, self.c * stiffness)
 
     def rising(self, law: Effect) -> _Slope:
-        """Share of a law; none where it falls, so that the matrix stays positive definite; of friction the secant."""
+        """Share of a law; none where it falls, so that the matrix stays positive definite."""
         found, f = self.linear(law.by_s, law.by_v), self.d.functions
         rises = f.step(found.whole)
-        return _Slope(f.max(found.whole, 0.0) + self.c * law.drag, rises * found.by_shift)
+        return _Slope(f.max(found.whole, 0.0) + self.c * f.max(law.rubs, 0.0), rises * found.by_shift)
 
 
 def stage(d: Derivation) -> Outputs:

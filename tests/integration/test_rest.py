@@ -14,6 +14,7 @@ from eomgen.integration import Rest, Trajectory, integrate, rests
 from eomgen.integration.system import System
 from eomgen.motion.timetable import TimeTable
 from eomgen.robot.value import Coordinate, Coupling, Friction, Joint, Link, Robot, Spring
+from eomgen.runtime.stepping.loads import Signal, Track, Waves
 from eomgen.scenario.value import Scenario, Section
 from tests.support.builds import Build
 from tests.support.random_robots import Array
@@ -66,6 +67,19 @@ def test_drives_that_know_of_friction(built: Build) -> None:
     found = integrate(kernel, [0.1], [0.0], 4.0, drive=drive, method="Radau", output_step=0.5)
     np.testing.assert_allclose(found.q[:, 0], 0.1 * (1.0 + 5.0 * found.t) * np.exp(-5.0 * found.t), atol=1e-6)
     assert found.info["evaluations"] < 2500
+
+
+@pytest.mark.parametrize("method", ["rosenbrock", "auto"])
+@pytest.mark.parametrize("start", [0.0, 0.37, -1.0])
+def test_what_friction_holds_takes_few_steps_in_c(start: float, method: str, built: Build) -> None:
+    kernel = built(on_a_rail(Friction(LIMIT)), *NEEDED, "adaptive_rollout")
+    way = 0.5 * start * abs(start) / (LIMIT - np.sign(start) * LOAD[0])  # to rest, m
+    found = integrate(kernel, [0.0], [start], 12.0, drive=LOAD, output_step=0.5, method=method)
+    assert found.info["steps"] < 400
+    assert found.q[-1, 0] == pytest.approx(way, abs=2e-6)
+    assert np.ptp(found.q[4:, 0]) < 1e-6
+    (rest,) = found.rests
+    assert (rest.coordinate, rest.ends) == ("rail.z", 12.0)
 
 
 @pytest.mark.parametrize("start", [0.0, 0.37, -1.0])
@@ -209,18 +223,25 @@ def cycle_of(motion: Trajectory) -> Cycle:
     return Cycle(float(np.diff(begins).mean()), float(np.ptp(x)), sticks)
 
 
-@pytest.mark.parametrize("stribeck", [0.02, 0.2])
-def test_stick_slip_on_a_belt(stribeck: float, built: Build) -> None:
-    """Period and travel against motions from event to event."""
-    friction = Friction(3.0, 5.0, stribeck)
-    kernel, wanted = built(on_a_belt(friction), *NEEDED), by_events(friction)
+class Belt:
+    """A belt that moves evenly, as a function and as data."""
 
-    def belt(t: float) -> tuple[list[float], list[float], list[float]]:
+    def __call__(self, t: float) -> tuple[list[float], list[float], list[float]]:
         return [SPEED * t], [SPEED], [0.0]
 
-    motion = integrate(kernel, [0.0, 0.0], [SPEED, -SPEED], 8.0, prescribed=belt, output_step=1e-3)
-    assert motion.method == "Radau"
-    assert motion.info["steps"] < 1500
+    def data(self) -> Waves:
+        signal = Signal(np.array([-1.0, 100.0]), np.array([[[-SPEED], [SPEED]]]))
+        return Waves(np.zeros((1, 4)), [Track(signal, np.zeros(1, np.intp))])
+
+
+@pytest.mark.parametrize("method", ["Radau", "rosenbrock", "auto"])
+@pytest.mark.parametrize("stribeck", [0.02, 0.2])
+def test_stick_slip_on_a_belt(stribeck: float, method: str, built: Build) -> None:
+    """Period and travel against motions from event to event."""
+    friction = Friction(3.0, 5.0, stribeck)
+    kernel, wanted = built(on_a_belt(friction), *NEEDED, "adaptive_rollout"), by_events(friction)
+    motion = integrate(kernel, [0.0, 0.0], [SPEED, -SPEED], 8.0, prescribed=Belt(), output_step=1e-3, method=method)
+    assert motion.info["steps"] < (1500 if method == "Radau" else 5000)
     found = cycle_of(motion)
     assert found.period == pytest.approx(wanted.period, rel=2e-3)
     assert found.travel == pytest.approx(wanted.travel, rel=2e-3)

@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
 from ..progress import Progress
-from ..robot.sizes import sticking
 from ..runtime.kernel import Kernel
 from ..state.springs import any_spring, fastest_rates
 from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction, state_vector
@@ -200,9 +199,6 @@ def explained_method(
         InputError: the method is unknown, or does not keep loops closed, or is the kernel's own where that cannot be.
     """
     slow = compiled.why_not(kernel) if in_c is None else in_c
-    stuck = sticking(kernel.parameters)
-    if method == "auto" and not slow and stuck:
-        slow = f"friction holds and lets go ({stuck[0]}), which Radau follows"
     if kernel.constraints and method in sundials.METHODS:
         allowed = ", ".join(name for name in METHODS if name not in sundials.METHODS)
         raise InputError(

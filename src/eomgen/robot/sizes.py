@@ -13,7 +13,6 @@ from .laws import stiffness_of
 
 Array = NDArray[np.float64]
 
-STICKS = 1e-5  # m/s or rad/s: a default smoothing is 4e-8, one that somebody gives for easy integration 1e-3
 REFERENCE_ACCELERATION = 10.0  # m/s^2, rad/s^2: about 1 g; what it does to a spring is the size of its deviation
 
 
@@ -52,11 +51,6 @@ def _places(names: tuple[str, ...], owners: tuple[str, ...], kinds: tuple[str, .
             if owner in known:
                 found.append((name, owner, parameter_name(*path[length:])))
     return found
-
-
-def sticking(parameters: Mapping[str, float]) -> list[str]:
-    """Names of the smoothings of frictions that hold what rests: those that turn round within STICKS."""
-    return [name for name, value in parameters.items() if name.endswith("friction.smoothing") and value < STICKS]
 
 
 def table_stiffnesses(

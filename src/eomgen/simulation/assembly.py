@@ -25,7 +25,6 @@ from ..robot.coordinates import coordinate_names, index_of
 from ..robot.mechanism import drive_of
 from ..robot.model import build_model, program_coordinates
 from ..robot.record import record_of, robot_hash
-from ..robot.sizes import sticking
 from ..robot.value import PRINCIPAL, Robot
 from ..runtime.kernel import Kernel
 from ..scenario.value import Scenario, Section
@@ -207,10 +206,7 @@ def kernels_of(robot: Robot, scenario: Scenario) -> tuple[str, ...]:
 
 def may_run_in_c(robot: Robot, scenario: Scenario) -> bool:
     """Whether the kernel's own C can integrate the scenario, see ``integration.compiled.why_not``."""
-    model, by_name = build_model(robot), scenario.integrator.method != "auto"
-    if model.turning or (scenario.motion is not None and scenario.motion.type == "program"):
-        return False
-    if not by_name and sticking(model.parameters):
+    if build_model(robot).turning or (scenario.motion is not None and scenario.motion.type == "program"):
         return False
     if not robot.is_closed:
         return True
