@@ -167,7 +167,7 @@ def result_mutants(raw: Raw) -> Iterator[tuple[str, Any, dict[str, Any]]]:
         yield f"without {name}", meta, {key: x for key, x in arrays.items() if key != name}
         for what, array in array_mutants(arrays[name]):
             yield f"{name} {what}", meta, {**arrays, name: array}
-    for item in ARRAYS:  # as a newer eomgen may add
+    for item in (item for item in ARRAYS if item.name in arrays):  # as a newer eomgen may add
         yield f"with more {item.name}", {**meta, "more": 1}, {**arrays, "more": arrays[item.name]}
 
 

@@ -162,6 +162,8 @@ class CutBearings:
 
     def gaps(self, q: Array, v: Array) -> Array:
         """Distances beyond each of the ends, m or rad, below 0 inside."""
+        if q.ndim == 2:
+            return np.array([self.gaps(*state) for state in zip(q, v, strict=True)])
         s = cut_deviations(self._kernel, q)
         return np.array([journal.gap(s) for journal in self._journals])
 

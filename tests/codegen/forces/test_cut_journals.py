@@ -20,7 +20,7 @@ from eomgen.errors import DescriptionError, InputError
 from eomgen.export.fmu.variables import parameter_unit
 from eomgen.export.mujoco import left_out
 from eomgen.integration import integrate
-from eomgen.integration.solve import choose_method
+from eomgen.integration.solve import why_stiff
 from eomgen.pipeline.costs import RobotInfo
 from eomgen.robot.journals import Radial, SlidingFriction
 from eomgen.robot.laws import least_of
@@ -125,7 +125,7 @@ def test_motions_are_those_of_a_joint(built: Build) -> None:
         theirs, ours = (kernel.rollout(q0, v0, u, **way)[0] for kernel in kernels)
         assert np.abs(theirs[:, 0]).max() > 0.03
         assert np.abs(ours - theirs).max() < 1e-5
-    assert choose_method(kernels[1]) == choose_method(kernels[0]) == "Radau"
+    assert why_stiff(kernels[1]) == why_stiff(kernels[0]) != ""
     fast = [fastest_rates(kernel, q0)[0] for kernel in kernels]
     assert fast[1] == pytest.approx(fast[0], rel=0.2)
     theirs, ours = (integrate(kernel, q0, v0, 0.2, rtol=1e-8, output_step=0.01) for kernel in kernels)

@@ -272,5 +272,7 @@ def test_bias_without_it(built: Build) -> None:
 
 
 def test_scenarios_build_what_its_method_asks_for() -> None:
-    scenario = scenario_from_toml("duration = 1.0")
-    assert set(kernels_of(slider(further=GIVEN), scenario)) > set(kernels_of(slider(), scenario))
+    implicit, explicit = (scenario_from_toml(f"duration = 1.0\n[integrator]\nmethod = '{x}'") for x in ("Radau", "rk4"))
+    robot = slider(further=GIVEN)
+    assert "adaptive_rollout" in kernels_of(robot, scenario_from_toml("duration = 1.0"))
+    assert set(kernels_of(robot, implicit)) > set(kernels_of(robot, explicit))
