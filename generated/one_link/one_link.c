@@ -889,7 +889,8 @@ static void one_link_driven(const one_link_loads *restrict loads, double t, doub
     const double between = (t < loads->first) ? loads->first : ((t > loads->last) ? loads->last : t);
     double x[2];
     double dx[2];
-    double ddx[2] = { 0.0 };
+    double ddx[2];
+    (void)memset(ddx, 0, sizeof ddx);
     if (loads->given != NULL) {
         one_link_given_at(loads->given, t, x, dx, ddx);
         for (int i = 0; i < loads->given->size; ++i) {
@@ -921,9 +922,10 @@ static void one_link_wrenched(const one_link_loads *restrict loads, double t, co
     (void)memset(total, 0, sizeof total);
     for (size_t k = 0; k < loads->wrenches; ++k) {
         const one_link_wrench *const wrench = &loads->wrench[k];
-        double row[6] = { 0.0 };
+        double row[6];
         double rate[6];
         double second[6];
+        (void)memset(row, 0, sizeof row);
         if ((wrench->t0 <= between) && (between < wrench->t1)) { one_link_signal_at(wrench->signal, between, row, rate, second); }
         if (wrench->frame >= 0) {
             double pose[16];
@@ -931,7 +933,7 @@ static void one_link_wrenched(const one_link_loads *restrict loads, double t, co
             double turned[6];
             (void)loads->frame_pose(loads->frame_h, own, wrench->frame, pose);
             for (int i = 0; i < 3; ++i) {
-                const double along[3] = { pose[4 * i + 0], pose[4 * i + 1], pose[4 * i + 2] };
+                const double along[3] = { pose[4 * i], pose[4 * i + 1], pose[4 * i + 2] };
                 arm[i] = along[0] * wrench->arm[0] + along[1] * wrench->arm[1] + along[2] * wrench->arm[2];
                 turned[i] = (wrench->turns != 0) ? (along[0] * row[0] + along[1] * row[1] + along[2] * row[2]) : row[i];
                 turned[3 + i] = (wrench->turns != 0) ? (along[0] * row[3] + along[1] * row[4] + along[2] * row[5]) : row[3 + i];
@@ -1193,8 +1195,10 @@ static void one_link_between(double share, double step, int l, int method, const
             c4 = -15.0 * d + 8.0 * v0 + 7.0 * v1 + 3.0 * a0 - 2.0 * a1;
             c5 = 6.0 * d - 3.0 * (v0 + v1) - a0 + a1;
         }
-        q_out[i] = (q0 + s * (v0 + s * (c2 + s * (c3 + s * (c4 + s * c5)))));
-        v_out[i] = ((v0 + s * (2.0 * c2 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))) / step);
+        const double place = q0 + s * (v0 + s * (c2 + s * (c3 + s * (c4 + s * c5))));
+        const double rate = (v0 + s * (2.0 * c2 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))) / step;
+        q_out[i] = place;
+        v_out[i] = rate;
     }
 }
 
@@ -2714,7 +2718,8 @@ static void one_link_driven(const one_link_loads *restrict loads, double t, doub
     const double between = (t < loads->first) ? loads->first : ((t > loads->last) ? loads->last : t);
     double x[2];
     double dx[2];
-    double ddx[2] = { 0.0 };
+    double ddx[2];
+    (void)memset(ddx, 0, sizeof ddx);
     if (loads->given != NULL) {
         one_link_given_at(loads->given, t, x, dx, ddx);
         for (int i = 0; i < loads->given->size; ++i) {
@@ -2746,9 +2751,10 @@ static void one_link_wrenched(const one_link_loads *restrict loads, double t, co
     (void)memset(total, 0, sizeof total);
     for (size_t k = 0; k < loads->wrenches; ++k) {
         const one_link_wrench *const wrench = &loads->wrench[k];
-        double row[6] = { 0.0 };
+        double row[6];
         double rate[6];
         double second[6];
+        (void)memset(row, 0, sizeof row);
         if ((wrench->t0 <= between) && (between < wrench->t1)) { one_link_signal_at(wrench->signal, between, row, rate, second); }
         if (wrench->frame >= 0) {
             double pose[16];
@@ -2756,7 +2762,7 @@ static void one_link_wrenched(const one_link_loads *restrict loads, double t, co
             double turned[6];
             (void)loads->frame_pose(loads->frame_h, own, wrench->frame, pose);
             for (int i = 0; i < 3; ++i) {
-                const double along[3] = { pose[4 * i + 0], pose[4 * i + 1], pose[4 * i + 2] };
+                const double along[3] = { pose[4 * i], pose[4 * i + 1], pose[4 * i + 2] };
                 arm[i] = along[0] * wrench->arm[0] + along[1] * wrench->arm[1] + along[2] * wrench->arm[2];
                 turned[i] = (wrench->turns != 0) ? (along[0] * row[0] + along[1] * row[1] + along[2] * row[2]) : row[i];
                 turned[3 + i] = (wrench->turns != 0) ? (along[0] * row[3] + along[1] * row[4] + along[2] * row[5]) : row[3 + i];
@@ -3018,8 +3024,10 @@ static void one_link_between_lanes(double share, double step, int l, int method,
             c4 = -15.0 * d + 8.0 * v0 + 7.0 * v1 + 3.0 * a0 - 2.0 * a1;
             c5 = 6.0 * d - 3.0 * (v0 + v1) - a0 + a1;
         }
-        q_out[i] = (q0 + s * (v0 + s * (c2 + s * (c3 + s * (c4 + s * c5)))));
-        v_out[i] = ((v0 + s * (2.0 * c2 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))) / step);
+        const double place = q0 + s * (v0 + s * (c2 + s * (c3 + s * (c4 + s * c5))));
+        const double rate = (v0 + s * (2.0 * c2 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))) / step;
+        q_out[i] = place;
+        v_out[i] = rate;
     }
 }
 
