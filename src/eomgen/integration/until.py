@@ -20,7 +20,7 @@ CORRECTIONS = 6  # of a time, by secants
 
 
 class Reached(Exception):
-    """What a motion was to go on to is reached.
+    """The end of a motion that has reached what it was to go on to.
 
     Attributes:
         t: s.
