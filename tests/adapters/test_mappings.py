@@ -130,7 +130,7 @@ def test_accelerations_with_loops(built: Build) -> None:
     assert set(kernels_for("constraint")) <= set(FUNCTIONS["constraint"].kernels)
 
 
-@pytest.mark.parametrize("name", ["four_bar", "gough"])
+@pytest.mark.parametrize("name", ["four_bar", pytest.param("gough", marks=pytest.mark.soak)])
 def test_drives_with_loops(name: str, built: Build) -> None:
     """Drives of the kernel on a motion, with derivatives there and beside it."""
     robot = eomgen.load_robot(name)

@@ -54,7 +54,7 @@ def distance(found: Array, expected: Array) -> Array:
     return np.asarray(difference / np.maximum(np.abs(expected).reshape(len(found), -1).max(axis=1), 1e-300))
 
 
-@pytest.mark.parametrize("seed", seeds(700, 2, 8))
+@pytest.mark.parametrize("seed", seeds(700, 1, 8))
 @pytest.mark.parametrize("native", [False, True])
 def test_a_batch_agrees_with_single_states(seed: int, native: bool) -> None:
     robot = random_robot(seed, joints=(1, 4), tree=seed % 2 == 0, types=TYPES)

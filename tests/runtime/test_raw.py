@@ -25,7 +25,7 @@ def kernel(built: Build) -> Kernel:
     return built(eomgen.load_robot("one_link"))
 
 
-@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("dtype", ["float64", pytest.param("float32", marks=pytest.mark.soak)])
 def test_every_function_does_what_its_call_does(dtype: str, built: Build) -> None:
     """One state and a batch, beside a checked call of the same name."""
     robot = with_random_loops(random_robot(901, joints=(3, 3), tree=True), 901, ("revolute",))

@@ -82,11 +82,12 @@ CORPUS: dict[str, Callable[[], Robot]] = {
     "free_tree": free_tree,
 }
 QUICK = (("one_link", "float64"), ("small_arm", "float32"))
+SHORT = (QUICK[0], pytest.param(*QUICK[1], marks=pytest.mark.soak))
 LARGE = ("puma560_elastic", "two_arms")
 SINGLE = ("small_tree", "four_bar", "puma560", "worn_arm")  # in float, too
 SOAK = [(name, "float64") for name in CORPUS if name != "one_link"] + [(name, "float32") for name in SINGLE]
 corpus = pytest.mark.parametrize(
-    ("name", "dtype"), [*QUICK, *(pytest.param(*case, marks=pytest.mark.soak) for case in SOAK)]
+    ("name", "dtype"), [*SHORT, *(pytest.param(*case, marks=pytest.mark.soak) for case in SOAK)]
 )
 
 
@@ -210,7 +211,7 @@ def condition(source: Source, found: Array) -> float:
     return worst
 
 
-@pytest.mark.parametrize(("name", "dtype"), QUICK)
+@pytest.mark.parametrize(("name", "dtype"), SHORT)
 def test_the_driver_finds_what_the_kernel_finds(name: str, dtype: str, tmp_path: Path) -> None:
     """To the bit: singles, batches and rollouts of the C program against those through NumPy."""
     source, robot = prepared(name, dtype, tmp_path), CORPUS[name]()
