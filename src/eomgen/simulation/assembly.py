@@ -221,7 +221,7 @@ def with_kernel(assembly: Assembly, robot: Robot, scenario: Scenario, kernel: Ke
 
 
 def _until(scenario: Scenario, robot: Robot, kernel: Kernel) -> Until | None:
-    """What the scenario goes on to; DescriptionError where the robot has no such coordinate or frame."""
+    """The end that the scenario goes on to; DescriptionError where the robot has no such coordinate or frame."""
     section = scenario.until
     if section is None:
         return None
