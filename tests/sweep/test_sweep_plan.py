@@ -73,6 +73,17 @@ def test_what_rollouts_cannot_do_is_integrated_or_refused() -> None:
     assert "rollouts cannot" in notes[0]
 
 
+def test_motions_that_end_early_are_integrated(tmp_path: Path) -> None:
+    """Each sample ends where its coordinate passes the value; rollouts would go on to the duration."""
+    scenario = {**RELEASE, "until": {"coordinate": "rail", "value": 0.099}}
+    text = f"record = ['coordinate_end']\n{STIFF}{GRID}"
+    with pytest.raises(DescriptionError, match=r"engine.type.*until: motions that end before"):
+        prepare(slider(), scenario, plan_from_toml("engine = { type = 'rollout' }\n" + text))
+    for engine in ("", "engine = { method = 'rk4', step = 1e-4 }\n"):
+        found = run(slider(), scenario, plan_from_toml(engine + text), tmp_path / f"out{len(engine)}")
+        assert found.of("coordinate_end.rail.z") == pytest.approx([0.099, 0.099], abs=1e-9)
+
+
 def test_a_payload_and_its_link_do_not_change_both() -> None:
     plan = plan_from_toml(f"[[vary]]\nparameter = 'links.mass.mass'\n{GRID}")
     with pytest.raises(DescriptionError, match=r"payload.*payloads\.0\.mass"):

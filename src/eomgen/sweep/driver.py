@@ -109,7 +109,7 @@ def prepare(
     names = tuple(dimension.name for dimension, _ in pairs if dimension.kind == "parameter")
     swept = replace(robot, tunable=tuple(dict.fromkeys((*robot.tunable, *names))))
     tool = tool_of(robot, base.frame, base.label("frame"))
-    reason = why_not(robot)
+    reason = why_not(robot, base)
     if reason and plan.engine.type == "rollout":
         plan.fail("engine.type", f'"rollout": {reason}; allowed: "auto", "integrate"')
     in_c = plan.engine == Engine() and may_run_in_c(swept, base)  # exact to its tolerances, and as fast
