@@ -407,7 +407,7 @@ class _Binder:
             given = self.model.robot.joint(body.joint).radial
             if given is not None:
                 prefix = f"joints.{body.joint}.{RADIAL}"
-                numbers = {key: self.value(f"{prefix}.{key}", number) for key, number in given.law().items()}
+                numbers = self._values(prefix, given.law())
                 found.append(BoundJournal(body.joint, dict(zip(body.active, body.indices, strict=True)), numbers))
         return tuple(found)
 
@@ -417,7 +417,7 @@ class _Binder:
         for number, loop in enumerate(self.model.robot.loops):
             if loop.radial is not None:
                 prefix = f"loops.{loop.name}.{RADIAL}"
-                numbers = {key: self.value(f"{prefix}.{key}", x) for key, x in loop.radial.law().items()}
+                numbers = self._values(prefix, loop.radial.law())
                 index = {name: place for place, name in enumerate(loop.radial.felt)}
                 found[number] = BoundJournal(loop.name, index, numbers)
         return found
@@ -429,9 +429,13 @@ class _Binder:
             given = self.model.robot.joint(body.joint).damping
             if given is not None:
                 prefix = f"joints.{body.joint}.{JOINT_DAMPING}"
-                numbers = {key: self.value(f"{prefix}.{key}", number) for key, number in given.law().items()}
+                numbers = self._values(prefix, given.law())
                 found.append(BoundDamping(body.joint, dict(zip(body.active, body.indices, strict=True)), numbers))
         return tuple(found)
+
+    def _values(self, prefix: str, law: Mapping[str, float]) -> dict[str, Scalar]:
+        """Numbers of a law, where they stand among the parameters."""
+        return {key: self.value(f"{prefix}.{key}", number) for key, number in law.items()}
 
     def _bound_law(self, prefix: str, given: Coordinate) -> BoundLaw:
         stiffness = 0.0 if _is_bent(given) else self.value(f"{prefix}.stiffness", given.stiffness or 0.0)

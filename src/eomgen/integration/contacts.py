@@ -141,9 +141,7 @@ class Bearings:
 
     def gaps(self, q: Array, v: Array) -> Array:
         """Distances beyond each of the ends, m or rad, below 0 inside."""
-        if q.ndim == 2:
-            return np.array([self.gaps(*state) for state in zip(q, v, strict=True)])
-        return np.array([journal.gap(q) for journal in self._journals])
+        return np.stack([journal.gap(q) for journal in self._journals], axis=-1)
 
     def contact(self, end: int, t: float, q: Array, v: Array, closes: bool) -> Contact:
         """The contact at one of the ends, in the state at its time."""
@@ -162,10 +160,8 @@ class CutBearings:
 
     def gaps(self, q: Array, v: Array) -> Array:
         """Distances beyond each of the ends, m or rad, below 0 inside."""
-        if q.ndim == 2:
-            return np.array([self.gaps(*state) for state in zip(q, v, strict=True)])
         s = cut_deviations(self._kernel, q)
-        return np.array([journal.gap(s) for journal in self._journals])
+        return np.stack([journal.gap(s) for journal in self._journals], axis=-1)
 
     def contact(self, end: int, t: float, q: Array, v: Array, closes: bool) -> Contact:
         """The contact at one of the ends, in the state at its time."""

@@ -86,8 +86,8 @@ def cut_contacts(kernel: Kernel) -> list[JournalContact]:
 
 
 def cut_deviations(kernel: Kernel, q: Array) -> Array:
-    """Deviations of what is in ``cut_laws`` at q, (n,)."""
-    found: Array = kernel.cut_forces(q, np.zeros(kernel.n))[:, 0]
+    """Deviations of what is in ``cut_laws`` at q, (..., n)."""
+    found: Array = kernel.cut_forces(q, np.zeros_like(q))[..., 0]
     return found
 
 
