@@ -19,8 +19,9 @@ from eomgen.motion.splines import Columns, Spline, Standstill, signal_of
 from eomgen.motion.timetable import TimeTable
 from eomgen.progress import no_progress
 from eomgen.robot.model import tool_of
+from eomgen.runtime.stepping.adaptive import METHODS as NUMBERS
 from eomgen.runtime.stepping.loaded import Loaded
-from eomgen.runtime.stepping.loads import Signal
+from eomgen.runtime.stepping.loads import Packed, Signal
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.assembly import Assembly, assemble
 from eomgen.simulation.run import run_scenario
@@ -78,7 +79,7 @@ def test_programs_are_polynomials(program: Any) -> None:
 def test_tables_are_polynomials(hold: bool) -> None:
     table = TimeTable(("a", "b"), np.array([0.1, 0.4, 0.5]), np.array([[1.0, 2.0], [3.0, -1.0], [0.0, 5.0]]), hold)
     for t in np.linspace(0.0, 0.7, 50):
-        assert polynomial(table.signal(), t)[0] == pytest.approx(table.at(t), abs=1e-13)
+        assert polynomial(table.as_signal(), t)[0] == pytest.approx(table.at(t), abs=1e-13)
 
 
 def assembled(name: str, text: str) -> Assembly:
@@ -211,7 +212,7 @@ def test_what_c_cannot_do_is_said(built: Build) -> None:
 
 def test_harmonic_motions_are_data() -> None:
     shake = Harmonic([0.1, 0.2], [2.0, 3.0], [0.1, 0.0])
-    wave = shake.data().wave
+    wave = shake.load_data().wave
     for t in (0.0, 0.3):
         amplitude, rate, phase, offset = wave.T
         assert offset + amplitude * np.sin(rate * t + phase) == pytest.approx(shake(t)[0], abs=1e-15)
@@ -289,3 +290,61 @@ def test_a_scenario_ends_where_its_tool_is_at_a_distance(method: str) -> None:
 def test_ends_that_make_no_sense_are_refused(table: str, says: str) -> None:
     with pytest.raises(InputError, match=says):
         run_scenario("one_link", scenario_from_toml(f"duration = 0.1\n[until]\n{table}\n"))
+
+
+def test_a_batch_under_loads_has_the_bits_of_its_states() -> None:
+    """Lanes have times of their own: each state of a batch moves as it does alone, on a platform that shakes."""
+    assembly = assembled("shaken_arm", "duration = 0.1\n" + SHAKEN)
+    kernel, rng, n = assembly.kernel, np.random.default_rng(3), assembly.kernel.n
+    data = data_of(kernel, assembly.drive, assembly.wrenches, assembly.prescribed)
+    times, atol = np.linspace(0.0, 0.1, 6), np.full(2 * n, 1e-9)
+    q, v = 0.1 * rng.normal(size=(2, 5, n))
+    given = [kernel.coordinates.index(name) for name in kernel.prescribed]
+    assert assembly.prescribed is not None
+    q[:, given], v[:, given] = assembly.prescribed(0.0)[:2]
+    for method, number in NUMBERS.items():
+        function, view = kernel.raw.adaptive, kernel.raw.view
+        assert function is not None
+        library = function.where(batch=True)
+        packed, at = Packed(library, kernel.calls, data), [q.copy(), v.copy()]
+        stored, progress = np.empty((2, 5, times.size, n)), library.new_array("progress", 5)
+        allowed = library.new("tolerance", rtol=1e-7, atol=view(atol), most=10**6)
+        function.batch(
+            5,
+            kernel.parameters.setup.pointer(library),
+            library.drive(u=view(np.zeros(n))),
+            packed.pointer,
+            allowed,
+            kernel.raw.ffi.from_buffer("double[]", times),
+            times.size - 1,
+            number,
+            *map(view, (*at, *stored)),
+            progress,
+        )
+        for state in range(5):
+            alone = Loaded(kernel.calls, data, times, q[state], v[state], method, 1e-7, atol)
+            while not alone.progress.reason:
+                alone.go()
+            assert progress[state].reason == alone.progress.reason == 1
+            assert progress[state].steps == alone.progress.steps
+            assert np.array_equal(stored[:, state], alone.samples)
+
+
+def test_a_drive_with_data_of_its_own_is_a_function(built: Build) -> None:
+    """An attribute that somebody else's object has by chance is not taken for loads."""
+
+    class Logging:
+        data = np.zeros(3)
+        signal = data
+
+        def __call__(self, _t: float, q: np.ndarray, _v: np.ndarray) -> np.ndarray:
+            return 0.0 * q
+
+    kernel = built(oscillator(), *NEEDED, "adaptive_rollout")
+    assert integrate(kernel, [0.1], [0.0], 0.1, drive=Logging()).method == "Radau"
+
+
+def test_sundials_goes_on_to_the_duration(built: Build) -> None:
+    kernel = built(oscillator(), *NEEDED)
+    with pytest.raises(InputError, match="until: CVODE goes on to the duration; allowed: other methods"):
+        integrate(kernel, [0.1], [0.0], 0.1, method="CVODE", until=Until.coordinate(kernel, "slide.z", 0.0))

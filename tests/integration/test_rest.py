@@ -229,7 +229,7 @@ class Belt:
     def __call__(self, t: float) -> tuple[list[float], list[float], list[float]]:
         return [SPEED * t], [SPEED], [0.0]
 
-    def data(self) -> Waves:
+    def load_data(self) -> Waves:
         signal = Signal(np.array([-1.0, 100.0]), np.array([[[-SPEED], [SPEED]]]))
         return Waves(np.zeros((1, 4)), [Track(signal, np.zeros(1, np.intp))])
 

@@ -23,6 +23,7 @@ from .until import Reached
 Array = NDArray[np.float64]
 
 METHODS = tuple(STAGES)
+PART = 0.5  # of tolerances, for each step: errors of many add up
 KEPT = 1024  # steps of a call in which contacts are looked for
 
 
@@ -68,7 +69,7 @@ def data_of(
 
 def _data(function: Any) -> Any:
     """The data of a function that has some, else None."""
-    found: Callable[[], Any] | None = getattr(function, "data", None)
+    found: Callable[[], Any] | None = getattr(function, "load_data", None)
     return None if found is None else found()
 
 
@@ -99,7 +100,8 @@ def compiled_states(
     kernel, n = system.kernel, system.n
     q, v = samples.states[0, :n], samples.states[0, n:]
     kept = KEPT if watch.is_needed else 0
-    motion = Loaded(kernel.calls, loads, samples.times, q, v, method, rtol, np.maximum(atol, 1e-30), kept)
+    allowed = PART * rtol, PART * np.maximum(atol, 1e-30)
+    motion = Loaded(kernel.calls, loads, samples.times, q, v, method, *allowed, kept)
     at, before, progress = float(samples.times[0]), samples.states[0], motion.progress
     while progress.reason == 0:
         times, q_steps, v_steps = motion.go()
@@ -121,7 +123,7 @@ def compiled_states(
         if method == AUTO:
             system.counts["implicit_s"] = motion.spans["rosenbrock"]
         if reached is not None:
-            raise reached.exactly(lambda t0, y, t: _moved(kernel, loads, (t0, t), y, method, rtol, atol))
+            raise reached.exactly(lambda t0, y, t: _moved(kernel, loads, (t0, t), y, method, *allowed))
         report(float(progress.t), f"t = {progress.t:.3f} s, {method}, {progress.steps} steps")
     if progress.reason != DONE:
         raise _stopped(system, motion, method)
@@ -132,7 +134,7 @@ def _moved(
 ) -> Array:
     """The state, (2n,), at the end of a span, s, from one at its begin."""
     n = kernel.n
-    motion = Loaded(kernel.calls, loads, np.array(span), y[:n], y[n:], method, rtol, np.maximum(atol, 1e-30))
+    motion = Loaded(kernel.calls, loads, np.array(span), y[:n], y[n:], method, rtol, atol)
     while not motion.progress.reason:
         motion.go()
     return np.concatenate(list(motion.state))

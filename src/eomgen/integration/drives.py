@@ -29,7 +29,7 @@ class Held:
         nothing = np.zeros((q.size, q.size))
         return nothing, nothing
 
-    def data(self) -> DriveData:
+    def load_data(self) -> DriveData:
         """The same for integrations in C."""
         return DriveData(torque=Track(Signal.constant(self.u), np.arange(self.u.size)))
 

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InputError
 from ..progress import Progress
 from ..runtime.kernel import Kernel
+from ..runtime.stepping.loaded import AUTO
 from ..state.springs import any_spring, fastest_rates
 from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction, state_vector
 from . import compiled, sundials
@@ -40,10 +41,11 @@ from .until import Reached, Until
 
 Array = NDArray[np.float64]
 
-EXPLICIT = ("tsit5", "DOP853", "RK45", "rk4")
 IN_C = compiled.METHODS
+EXPLICIT_IN_PYTHON = ("DOP853", "RK45", "rk4")
+EXPLICIT = ("tsit5", *EXPLICIT_IN_PYTHON)
 STIFF = 1000.0  # time constants in a motion: an explicit method takes 2000 evaluations, and an implicit one not more
-METHODS = ("auto", *IN_C, *SCIPY_IMPLICIT, *sundials.METHODS, *(name for name in EXPLICIT if name not in IN_C))
+METHODS = (AUTO, *IN_C, *SCIPY_IMPLICIT, *sundials.METHODS, *EXPLICIT_IN_PYTHON)
 
 
 def integrate(
@@ -77,8 +79,9 @@ def integrate(
             forward_dynamics_jacobian there, and finite differences without it.
         q0, v0: the state at t = 0, (n,).
         duration: s.
-        drive, wrench, prescribed: functions, as below.  They are data where they have a method ``data`` that gives
-            what ``eomgen.runtime.stepping.loads`` calls so, as those of scenarios, ``Harmonic`` and wrenches that stay.
+        drive, wrench, prescribed: what acts, and what moves by itself; each is described below.  C follows forces and
+            wrenches that stay, and objects with a method ``load_data``, as those of scenarios and ``Harmonic`` have it:
+            it gives a DriveData, a list of LinkWrench, or Waves of ``eomgen.runtime.stepping.loads``.
         drive: (t, q, v) -> u, (n,), N or N m, or that u where it stays; none if not given.  With an attribute
             ``batched`` that is true it is called with q and v of shape (N, n), too, and returns (N, n).  With a method
             ``slopes``, (t, q, v) -> (du/dq, du/dv), (n, n) each, implicit methods take these instead of finite
@@ -88,8 +91,8 @@ def integrate(
             (``eomgen.motion.Harmonic``, say); v and a must be the derivatives of q.  What q0, v0 and drive say of them
             does not count.  The trajectory's u is there the force that the motion needs, so that the kernel must have
             inverse_dynamics.
-        method: "rosenbrock" or "tsit5": the kernel's own C (adaptive_rollout), where drives, wrenches and prescribed
-            motions are data (see below) and no joint turns freely; "Radau", "BDF", "LSODA", "DOP853", "RK45" (all
+        method: "rosenbrock" or "tsit5": the kernel's own C (adaptive_rollout), where it can follow drive, wrench and
+            prescribed, and no joint turns freely; "Radau", "BDF", "LSODA", "DOP853", "RK45" (all
             SciPy's), "CVODE", "IDA" (SUNDIALS', not for loops), or "rk4" with a fixed step.  "auto" is both in C
             in turn, whichever leads on further for its cost; where C cannot do it, Radau if there are springs, stiff
             dampers or friction (see ``why_stiff``), else DOP853.
@@ -101,8 +104,8 @@ def integrate(
         times: of the samples, s, (T,), increasing; instead of ``output_step``.  The state given is that at the first,
             which need not be 0; the last must be the duration.
         progress: called with a fraction from 0 to 1 and a line of text.
-        until: where the motion ends before the duration does: its last sample is there, and ``info`` has its time as
-            ended_at.  Not with SUNDIALS' methods.
+        until: what the motion ends at, if that comes before the duration does: its last sample is there, and ``info``
+            has the time as ended_at.  Not with SUNDIALS' methods.
         record: called with times of samples (k,) and states (k, 2n) as they are reached, the first one not among them.
 
     Returns:
@@ -127,16 +130,17 @@ def integrate(
     loads = (drive, wrench, prescribed)
     in_c = compiled.why_not(kernel, *loads)
     method, _ = explained_method(kernel, method, q, float(times[-1] - times[0]), in_c)
+    if until is not None and method in sundials.METHODS:
+        raise InputError(f"until: {method} goes on to the duration; allowed: other methods")
+    runs_in_c = method in (*IN_C, AUTO)
     began = time.perf_counter()
     report = reporter(progress, float(times[-1]))
     closed = q.copy(), v.copy()
     y0 = system.begin(float(times[0]), *closed)
     system.prescribe(float(times[0]), q, v)
-    if method not in (*IN_C, "auto"):  # C closes what it comes to, and goes on where it ended, to the bit
+    if not runs_in_c:  # C closes what it comes to, and goes on where it ended, to the bit
         q[:], v[:] = closed
     system.advance = Advance(float(times[0]), float(times[-1]))
-    if until is not None and method in sundials.METHODS:
-        raise InputError(f"until: {method} goes on to the duration; allowed: other methods")
     watch = ContactWatch(kernel, until)
     samples = Samples(times, np.concatenate([q, v]), record)
 
@@ -145,7 +149,7 @@ def integrate(
             rk4(system, y0, samples, fixed_step(kernel, q, step, times), report, watch)
             return
         absolute = tolerances(system, q, rtol, atol)
-        if method in (*IN_C, "auto"):
+        if runs_in_c:
             data = compiled.data_of(kernel, *loads)
             compiled.compiled_states(system, data, samples, method, rtol, absolute, report, watch)
             return

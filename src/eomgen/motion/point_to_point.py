@@ -61,7 +61,7 @@ class Harmonic(Shown):
         q = amplitude * np.sin(angle)
         return q, amplitude * rate * np.cos(angle), -(rate**2) * q
 
-    def data(self) -> Waves:
+    def load_data(self) -> Waves:
         """The same for integrations in C."""
         amplitude = np.asarray(self.amplitude)
         columns = (amplitude, 2.0 * np.pi * np.asarray(self.frequency), self.phase, 0.0)
@@ -132,7 +132,7 @@ class PointToPoint(Shown):
         dds = 60.0 * r * (1.0 - r) * (1.0 - 2.0 * r) * rate**2
         return self.start + s * span, ds * span, dds * span
 
-    def signal(self) -> Signal:
+    def as_signal(self) -> Signal:
         """The same for integrations in C."""
         powers = np.zeros((6, self.start.size))
         powers[0] = self.start

@@ -31,7 +31,7 @@ class Standstill(Shown):
         q = np.broadcast_to(self.start, (*np.shape(t), self.start.size)).copy()
         return q, np.zeros_like(q), np.zeros_like(q)
 
-    def signal(self) -> Signal:
+    def as_signal(self) -> Signal:
         """The same for integrations in C."""
         return Signal.constant(self.start)
 
@@ -74,7 +74,7 @@ class Spline:
         q, v, *a = (spline(times) for spline in self._splines)
         return q, np.where(inside, v, 0.0), np.where(inside, a[0], 0.0) if a else np.zeros_like(q)
 
-    def signal(self) -> Signal:
+    def as_signal(self) -> Signal:
         """The same for integrations in C."""
         return spline_signal(self._splines[0])
 
@@ -96,7 +96,7 @@ class Columns:
         q, v, a = (x[..., self.index] for x in self.program.at(t))
         return q, v, a
 
-    def signal(self) -> Signal | None:
+    def as_signal(self) -> Signal | None:
         """The same for integrations in C; None where the program has none."""
         whole = signal_of(self.program)
         return None if whole is None else replace(whole, coefficients=whole.coefficients[..., self.index])
@@ -104,7 +104,7 @@ class Columns:
 
 def signal_of(program: Program) -> Signal | None:
     """A program as data that C follows; None of one that only Python can ask."""
-    found: Callable[[], Signal | None] | None = getattr(program, "signal", None)
+    found: Callable[[], Signal | None] | None = getattr(program, "as_signal", None)
     return None if found is None else found()
 
 

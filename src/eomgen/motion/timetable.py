@@ -48,7 +48,7 @@ class TimeTable(Shown):
         between: Array = self.values[i] + part * (self.values[i + 1] - self.values[i])
         return between
 
-    def signal(self) -> Signal:
+    def as_signal(self) -> Signal:
         """The same for integrations in C."""
         if self.hold or self.t.size == 1:
             return Signal(np.append(self.t, self.t[-1] + 1.0), self.values[:, np.newaxis])

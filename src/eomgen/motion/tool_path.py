@@ -126,9 +126,9 @@ class ToolPath:
         q, by_s, by_ss = (spline(s[..., 0]) for spline in self._splines)
         return q, by_s * ds, by_ss * ds**2 + by_s * dds
 
-    def signal(self) -> Signal:
+    def as_signal(self) -> Signal:
         """The same for integrations in C."""
-        return spline_signal(self._splines[0], self.profile.signal())
+        return spline_signal(self._splines[0], self.profile.as_signal())
 
 
 class ToolLine(ToolPath):

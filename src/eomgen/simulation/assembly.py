@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
@@ -14,7 +14,7 @@ from ..errors import InputError
 from ..integration.solve import EXPLICIT, IN_C, method_of
 from ..integration.until import Until
 from ..motion.point_to_point import Program
-from ..motion.splines import Standstill
+from ..motion.splines import Standstill, signal_of
 from ..motion.timetable import TimeTable
 from ..names import joint_of, listed, nearest, show, split_component
 from ..pipeline.ahead import Ahead
@@ -47,12 +47,24 @@ BANDWIDTH = 30.0  # rad/s, of drives by computed torque
 
 
 @dataclass(frozen=True)
+class Facts:
+    """Record of a robot and its scenario for the results of all its motions, made once.
+
+    description: the robot's record.  scenario: its values.  is_rigid: whether no joint deviates.
+    """
+
+    description: Mapping[str, Any]
+    robot_hash: str
+    scenario: Mapping[str, Any]
+    is_rigid: bool
+
+
+@dataclass(frozen=True)
 class Assembly:
     """A scenario for one robot: kernel, names of the driven coordinates, program, drives, wrenches, prescribed motion.
 
     given: initial positions by coordinate, as the scenario has them.  path: of the rigid mechanism along the program,
-    where there are loops.  until: what the motion goes on to, if not to the duration.  about: the robot's record and
-    hash, the scenario's values, and whether the robot is_rigid.
+    where there are loops.  until: what the motion goes on to, if not to the duration.
     """
 
     kernel: Kernel
@@ -62,9 +74,9 @@ class Assembly:
     drive: Control
     wrenches: Wrenches | None
     prescribed: PrescribedMotion | None
-    path: Path | None = None
-    until: Until | None = None
-    about: Mapping[str, Any] = field(default_factory=dict)
+    path: Path | None
+    until: Until | None
+    facts: Facts
 
 
 def assemble(
@@ -134,15 +146,9 @@ def assemble(
     mechanism = None if path is None else path.mechanism
     drive = _drive(robot, scenario, control, kernel, driven, program, rigid, prescribed, mechanism)
     wrenches = Wrenches(scenario, robot, kernel) if scenario.wrenches else None
-    about = {
-        "description": record_of(robot),
-        "robot_hash": robot_hash(robot),
-        "scenario": scenario.as_dict(),
-        "is_rigid": is_rigid(robot),
-    }
-    return Assembly(
-        kernel, driven, given, program, drive, wrenches, prescribed, path, _until(scenario, robot, kernel), about
-    )
+    facts = Facts(record_of(robot), robot_hash(robot), scenario.as_dict(), is_rigid(robot))
+    until = _until(scenario, robot, kernel)
+    return Assembly(kernel, driven, given, program, drive, wrenches, prescribed, path, until, facts)
 
 
 def is_rigid(robot: Robot) -> bool:
@@ -206,7 +212,9 @@ def kernels_of(robot: Robot, scenario: Scenario) -> tuple[str, ...]:
 
 def may_run_in_c(robot: Robot, scenario: Scenario) -> bool:
     """Whether the kernel's own C can integrate the scenario, see ``integration.compiled.why_not``."""
-    if build_model(robot).turning or (scenario.motion is not None and scenario.motion.type == "program"):
+    motion = scenario.motion
+    by_python = motion is not None and motion.type == "program" and signal_of(motion.get("program")) is None
+    if build_model(robot).turning or by_python:
         return False
     if not robot.is_closed:
         return True

@@ -36,7 +36,7 @@ class Control(Protocol):
     def resting(self) -> Control:
         """The drives whose program stays where it begins: those of the equilibrium at the start."""
 
-    def data(self) -> DriveData | None:
+    def load_data(self) -> DriveData | None:
         """The same for integrations in C; None where only Python knows it."""
 
 
@@ -52,7 +52,7 @@ class NoControl:
     def resting(self) -> Control:
         return self
 
-    def data(self) -> DriveData:
+    def load_data(self) -> DriveData:
         return DriveData()
 
 
@@ -72,8 +72,8 @@ class TableTorque:
     def resting(self) -> Control:
         return self
 
-    def data(self) -> DriveData:
-        return DriveData(torque=Track(self.table.signal(), self.index))
+    def load_data(self) -> DriveData:
+        return DriveData(torque=Track(self.table.as_signal(), self.index))
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +155,7 @@ class ComputedTorque:
         forces = self.rigid.inverse_dynamics if self.mechanism is None else self.mechanism.forces
         return self.actuators.torques(np.where(driven, forces(q_m, v_m, a), 0.0), q)
 
-    def data(self) -> DriveData | None:
+    def load_data(self) -> DriveData | None:
         """The same for integrations in C; None of a mechanism with loops, or a program that only Python can ask."""
         signal = signal_of(self.motion)
         if signal is None or self.mechanism is not None or not isinstance(self.prescribed, AtJoints | None):
@@ -236,7 +236,7 @@ class JointPD:
             u += self.rigid_actuators.torques(held, q)
         return u
 
-    def data(self) -> DriveData | None:
+    def load_data(self) -> DriveData | None:
         """The same for integrations in C; None of a mechanism with loops, or a program that only Python can ask."""
         signal = signal_of(self.motion)
         if signal is None or self.mechanism is not None:

@@ -50,14 +50,14 @@ class Wrenches:
                 total[self._kernel.links.index(wrench.link)] += self._of(wrench, t, q)
         return total
 
-    def data(self) -> list[LinkWrench]:
+    def load_data(self) -> list[LinkWrench]:
         """The same for integrations in C, about centres of mass as they are with the parameters of now."""
         return [self._data_of(wrench) for wrench in self._wrenches]
 
     def _data_of(self, wrench: Wrench) -> LinkWrench:
         arm = np.zeros(3) if wrench.point is None else np.array(wrench.point) - self._center(wrench.link)
         link, until = self._kernel.links.index(wrench.link), np.inf if wrench.t1 is None else wrench.t1
-        return LinkWrench(link, wrench.table.signal(), arm, wrench.t0, until, wrench.axes == "link")
+        return LinkWrench(link, wrench.table.as_signal(), arm, wrench.t0, until, wrench.axes == "link")
 
     def _of(self, wrench: Wrench, t: float, q: Array) -> Array:
         row = wrench.table.at(t)

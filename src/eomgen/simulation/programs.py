@@ -73,11 +73,11 @@ class PrescribedMotion:
             q[here], v[here], a[here] = spline.at(t)
         return q, v, a
 
-    def data(self) -> Waves:
+    def load_data(self) -> Waves:
         """The same for integrations in C."""
         amplitude, frequency, phase, offset = self._numbers
         wave = np.stack([amplitude, 2.0 * np.pi * frequency, phase, offset], axis=1)
-        return Waves(wave, [Track(spline.signal(), np.array(here)) for spline, here, _ in self._splines])
+        return Waves(wave, [Track(spline.as_signal(), np.array(here)) for spline, here, _ in self._splines])
 
 
 def _check_covers(scenario: Scenario, key: str, motion: MeasuredMotion) -> None:

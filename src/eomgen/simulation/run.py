@@ -148,8 +148,8 @@ def run_assembly(
     versions = {"eomgen": __version__, "numpy": np.__version__, "python": platform.python_version()}
     about: dict[str, Any] = {
         "robot": robot.name,
-        "robot_hash": assembly.about["robot_hash"],
-        "scenario": assembly.about["scenario"],
+        "robot_hash": assembly.facts.robot_hash,
+        "scenario": assembly.facts.scenario,
         "versions": versions,
     }
     samples = output_times(scenario.duration, scenario.output_step).size
@@ -196,7 +196,7 @@ def run_assembly(
         links=kernel.links,
         wrench=found.wrench,
         balance=found.balance,
-        description=MappingProxyType(assembly.about["description"]),
+        description=MappingProxyType(dict(assembly.facts.description)),
         stopped=MappingProxyType({} if found.stop is None else _stop_record(found.stop)),
     )
     if found.stop is not None:
@@ -242,7 +242,7 @@ def _method_note(motion: Trajectory, reason: str, asked: str) -> tuple[str, ...]
 def _assumptions(robot: Robot, loose: tuple[str, ...], scenario: Scenario, assembly: Assembly) -> tuple[str, ...]:
     notes, programmed = [], assembly.program is not None
     undisturbed = programmed and not scenario.wrenches and not scenario.payloads and _computed(scenario)
-    if undisturbed and assembly.about["is_rigid"]:
+    if undisturbed and assembly.facts.is_rigid:
         notes.append("no joint has a deviation: what the tool is off by is the integration's error")
     free = [joint.name for joint in robot.joints if joint.type == "free"]
     if free and programmed and not robot.is_closed:

@@ -81,9 +81,9 @@ class _Between:
     def __call__(self, t: float, q: Array, v: Array) -> Array:
         return self.function(min(max(t, self.first), self.last), q, v)
 
-    def data(self) -> Any:
+    def load_data(self) -> Any:
         """The function's data for integrations in C; None where only Python knows it."""
-        found: Callable[[], Any] | None = getattr(self.function, "data", None)
+        found: Callable[[], Any] | None = getattr(self.function, "load_data", None)
         return None if found is None else found()
 
 

@@ -20,11 +20,12 @@ Array = NDArray[Any]
 
 AUTO = "auto"  # both methods in turn
 COST = {"rosenbrock": 13, "tsit5": 6}  # of a step, in evaluations: the former factors and solves besides
+CALLS = 8  # in the time of a piece of many states: a single one is asked for its progress more often
 TRIAL = 24  # steps by which a method shows what it is worth
 FEW, MANY = 8, 64  # trials' lengths that the better one then goes on for, longer and longer
 
 
-class Turns:
+class Alternation:
     """Which of the two methods takes the next steps: the one that leads on further for its cost, tried now and then.
 
     What stiffness costs an explicit method, and accuracy an implicit one of low order, shows on the way alone; both are
@@ -38,14 +39,18 @@ class Turns:
     def __init__(self) -> None:
         self.method, self.steps = "tsit5", TRIAL
         self._worth: dict[str, float] = {}
+        self._taken, self._led = 0, 0.0
         self._better, self._length = "", FEW
 
     def took(self, steps: int, time: float) -> None:
-        """Note that the method led on by a time, s, in so many steps, rejected ones too, and choose the next one."""
-        if steps:
-            self._worth[self.method] = time / (steps * COST[self.method])
+        """Note that the method led on by a time, s, in so many steps, rejected too; choose anew at its end."""
+        self._taken, self._led, self.steps = self._taken + steps, self._led + time, self.steps - steps
+        if self.steps > 0:
+            return
+        self._worth[self.method] = self._led / (self._taken * COST[self.method])
+        is_trial, self._taken, self._led = self._taken <= TRIAL, 0, 0.0
         other = "rosenbrock" if self.method == "tsit5" else "tsit5"
-        if other not in self._worth or (self.method == self._better and self.steps > TRIAL):
+        if other not in self._worth or (self.method == self._better and not is_trial):
             self.method, self.steps = other, TRIAL
             return
         better = max(self._worth, key=lambda name: self._worth[name])
@@ -96,8 +101,8 @@ class Loaded:
         self.state = np.array([q, v], dtype=calls.dtype)
         self.samples = np.full((2, self._times.size, calls.n), np.nan, calls.dtype)
         self._atol, self._nothing = np.array(atol, dtype=calls.dtype), np.zeros(calls.n, calls.dtype)
-        self._turns, self._method = Turns() if method == AUTO else None, method
-        self._most = max(OPERATIONS // (function.operations * max(STAGES.values())), 1)
+        self._alternation, self._method = Alternation() if method == AUTO else None, method
+        self._most = max(OPERATIONS // CALLS // (function.operations * max(STAGES.values())), 1)
         self._allowed = library.new("tolerance", rtol=rtol, atol=view(self._atol), most=self._most)
         self._drive = library.drive(u=view(self._nothing))
         self.progress = library.new("progress")
@@ -130,17 +135,17 @@ class Loaded:
 
     def _steps(self, most: int) -> int:
         """Take steps, so many at most, and count them with those that were rejected."""
-        method, turns, progress = self._method, self._turns, self.progress
-        if turns is not None:
-            method, most = turns.method, turns.steps
+        method, alternation, progress = self._method, self._alternation, self.progress
+        if alternation is not None:
+            method, most = alternation.method, min(alternation.steps, most)
         self._allowed.most = most
         before, t = progress.steps + progress.rejected, progress.t if progress.sample else self._times[0]
         self._function.code(*self._first, METHODS[method], *self._last)
         steps = int(progress.steps + progress.rejected - before)
         self.evaluations += STAGES[method] * steps
         self.spans[method] += float(progress.t - t)
-        if turns is not None:
-            turns.took(steps, float(progress.t - t))
+        if alternation is not None:
+            alternation.took(steps, float(progress.t - t))
         return steps
 
     def drives(self, times: Array, q: Array, v: Array) -> Array:
