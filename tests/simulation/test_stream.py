@@ -69,6 +69,18 @@ def test_a_stream_of_a_closed_mechanism(tmp_path: Path) -> None:
     assert np.abs(np.einsum("tmn,tn->tm", kernel.constraint_jacobian(found.q), found.v)).max() <= 1e-11
 
 
+def test_a_stream_of_a_motion_that_ends_early(tmp_path: Path) -> None:
+    """As far as whole output steps; it says that the duration was not reached."""
+    text = "duration = 0.2\noutput_step = 0.01\n[initial]\nv = { joint1 = -1.0 }\n[control]\ntype = 'none'\n"
+    text += "[until]\ncoordinate = 'joint1'\nvalue = -0.055\n"
+    result = run_scenario(eomgen.load_robot("one_link"), scenario_from_toml(text), stream=tmp_path / "run.zarr")
+    found = eomgen.load_stream(tmp_path / "run.zarr")
+    assert not found.complete
+    assert 3 < found.t.size == result.trajectory.t.size - 1
+    for name in ("t", "q", "v"):
+        assert np.array_equal(getattr(found, name), getattr(result.trajectory, name)[:-1]), name
+
+
 HOW = "output_step = 0.01\n[initial]\nv = { joint1 = 1.0 }\n[integrator]\nmethod = 'rk4'\nstep = 1e-3\n"
 LONG = """
 import sys, eomgen
