@@ -28,9 +28,22 @@ def rubbing_rates(model: Model) -> Array:
 
     What rubs in cut joints and couplings counts for all coordinates of the robot.
     """
-    own, cut = law_numbers(model.parameters, model.coordinates), cut_numbers(model.parameters, cut_names(model))
-    least = min((x["friction.smoothing"] for x in cut.values() if "friction.smoothing" in x), default=np.inf)
-    return np.array([min(own[name].get("friction.smoothing", np.inf), least) for name in model.coordinates])
+    found, values = np.full(model.size, np.inf), list(model.parameters.values())
+    for i, place in rubbing_parameters(model):
+        found[i] = min(found[i], values[place])
+    return found
+
+
+def rubbing_parameters(model: Model) -> list[tuple[int, int]]:
+    """Coordinates that friction acts on, and places of the parameters that say in which rates it turns round.
+
+    What rubs in cut joints and couplings counts for all coordinates of the robot.
+    """
+    places = {name: float(place) for place, name in enumerate(model.parameters)}
+    own, cut = law_numbers(places, model.coordinates), cut_numbers(places, cut_names(model))
+    everywhere = [x["friction.smoothing"] for x in cut.values() if "friction.smoothing" in x]
+    given = [[x["friction.smoothing"]] if "friction.smoothing" in x else [] for x in (own[name] for name in model.coordinates)]
+    return [(i, int(place)) for i, mine in enumerate(given) for place in (*mine, *everywhere)]
 
 
 def cut_names(model: Model) -> list[str]:
