@@ -23,27 +23,16 @@ def coordinate_sizes(model: Model) -> tuple[Array, Array]:
     return deviation_sizes(_own_stiffness(model) + beside, inertia)
 
 
-def rubbing_rates(model: Model) -> Array:
-    """The rates to which those of coordinates matter, (n,), because friction turns round there; inf without any.
+def rubbing_parameters(model: Model) -> list[tuple[int, str]]:
+    """Places of coordinates that friction acts on, each with a parameter that is a rate in which it turns round.
 
     What rubs in cut joints and couplings counts for all coordinates of the robot.
     """
-    found, values = np.full(model.size, np.inf), list(model.parameters.values())
-    for i, place in rubbing_parameters(model):
-        found[i] = min(found[i], values[place])
-    return found
-
-
-def rubbing_parameters(model: Model) -> list[tuple[int, int]]:
-    """Coordinates that friction acts on, and places of the parameters that say in which rates it turns round.
-
-    What rubs in cut joints and couplings counts for all coordinates of the robot.
-    """
-    places = {name: float(place) for place, name in enumerate(model.parameters)}
+    names = list(model.parameters)
+    places = {name: float(place) for place, name in enumerate(names)}
     own, cut = law_numbers(places, model.coordinates), cut_numbers(places, cut_names(model))
-    everywhere = [x["friction.smoothing"] for x in cut.values() if "friction.smoothing" in x]
-    given = [[x["friction.smoothing"]] if "friction.smoothing" in x else [] for x in (own[name] for name in model.coordinates)]
-    return [(i, int(place)) for i, mine in enumerate(given) for place in (*mine, *everywhere)]
+    acting = [(i, x) for i, name in enumerate(model.coordinates) for x in (own[name], *cut.values())]
+    return [(i, names[int(x["friction.smoothing"])]) for i, x in acting if "friction.smoothing" in x]
 
 
 def cut_names(model: Model) -> list[str]:

@@ -190,7 +190,7 @@ def _stepping(model: Model, method: str, meta: Mapping[str, Any]) -> dict[str, o
     return {
         "adaptive": True,
         "sizes": [repr(float(size)) for size in meta["sizes"]],
-        "rubbing": rubbing_parameters(model),
+        "rubbing": [(i, list(model.parameters).index(name)) for i, name in rubbing_parameters(model)],
         "links": len(model.links),
         "turned_size": turning_joints(model)["room"],
         "cost": [repr(float(COST[name])) for name in sorted(STEPPERS, key=STEPPERS.__getitem__)],
