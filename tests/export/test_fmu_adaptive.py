@@ -73,7 +73,13 @@ def test_the_description_says_it(version: int, exported: Exported) -> None:
     folder = exported(eomgen.load_robot("one_link"), version)
     assert validate_fmu(str(folder.parent / "a.fmu")) == []
     (found,) = [x for x in Host(folder).description.modelVariables if x.name.startswith("solver.")]
-    said = (found.name, found.causality, found.variability, found.unit, *map(float, (found.start, found.min, found.max)))
+    said = (
+        found.name,
+        found.causality,
+        found.variability,
+        found.unit,
+        *map(float, (found.start, found.min, found.max)),
+    )
     assert said == ("solver.tolerance", "parameter", "tunable", "1", 1e-6, 1e-13, 0.1)
     root = ElementTree.parse(folder / "modelDescription.xml").getroot()
     assert float(root.find("DefaultExperiment").attrib["tolerance"]) == 1e-6  # type: ignore[union-attr]
@@ -162,7 +168,7 @@ def test_closed_mechanisms(name: str, rate: float, exported: Exported, built: Bu
 
 @pytest.mark.parametrize("method", ADAPTIVE)
 def test_free_joints_turn(method: str, exported: Exported, built: Build) -> None:
-    """Over the poles of their angles, under a wrench and a force; a state that is kept there goes on to the same bits."""
+    """Over the poles of their angles, under a wrench and a force; a state kept there goes on to the same bits."""
     folder = exported(free_body(), method=method)
     names = [f"{label}.free.{axis}" for label in "qv" for axis in ("x", "y", "z", "alpha", "beta", "gamma")]
     begin = np.array([0.0, 0.0, 0.0, 0.3, 1.2, 0.1, 0.1, 0.2, 0.3, 2.0, 3.0, 1.0])

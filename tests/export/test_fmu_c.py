@@ -147,7 +147,8 @@ static void logger(void *x, const char *name, fmi2Status status, const char *cat
 #define X(name) name
 """,
     "body": """
-    CHECK(fmi2SetupExperiment(a, 0, 0.0, 0.0, 0, 0.0));
+    FAILS(fmi2SetupExperiment(a, 1, -1.0, 0.0, 0, 0.0));
+    CHECK(fmi2SetupExperiment(a, 1, 1e-4, 0.0, 0, 0.0));
     CHECK(fmi2EnterInitializationMode(a));
     CHECK(fmi2SetReal(a, inputs, INPUTS, seed));
     FAILS(fmi2SetReal(a, all, UNIT_END, values));
@@ -309,7 +310,9 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     ):
         assert main([*one, *options]) == 0
         description = fmpy.read_model_description(str(written[1]))
-        assert {x.name: float(x.start) for x in description.modelVariables if x.name.startswith("solver.")} == {name: start}
+        assert {x.name: float(x.start) for x in description.modelVariables if x.name.startswith("solver.")} == {
+            name: start
+        }
     capsys.readouterr()
     for options, message in (
         (["--method", "rk4", "--step", "0"], "step: 0.0 is no length of a step"),

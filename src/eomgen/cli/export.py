@@ -63,7 +63,12 @@ def _add_export(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o", "--output", type=Path, default=Path("out"), help="folder to write to (out); of MJCF, or a .xml file"
     )
-    parser.add_argument("--step", type=float, metavar="S", help="(greatest) step of integration, s (what rk4 needs); of units with the methods rk4 and implicit")
+    parser.add_argument(
+        "--step",
+        type=float,
+        metavar="S",
+        help="(greatest) step of integration, s (what rk4 needs); of units with the methods rk4 and implicit",
+    )
     units = parser.add_argument_group("functional mock-up units")
     units.add_argument("--fmi", type=int, choices=VERSIONS, help="version of the interface (both)")
     units.add_argument("--method", choices=METHODS, default=AUTO, help=f"of co-simulation ({AUTO})")

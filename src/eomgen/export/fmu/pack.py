@@ -112,12 +112,16 @@ def _check(version: int, method: str, rtol: float | None, step: float | None) ->
         raise InputError(f"step: {show(step)} is given with method {show(method)}; allowed: with the methods {fixed}")
     if rtol is not None and method not in ADAPTIVE:
         adaptive = ", ".join(ADAPTIVE)
-        raise InputError(f"rtol: {show(rtol)} is given with method {show(method)}; allowed: with the methods {adaptive}")
+        raise InputError(
+            f"rtol: {show(rtol)} is given with method {show(method)}; allowed: with the methods {adaptive}"
+        )
     if step is not None and not (_is_number(step) and 1e-9 <= step < math.inf):
         raise InputError(f"step: {show(step)} is no length of a step; allowed: a finite number of at least 1e-9 s")
     least = LEAST["float64"]
     if rtol is not None and not (_is_number(rtol) and least <= rtol <= LOOSEST):
-        raise InputError(f"rtol: {show(rtol)} is no relative tolerance; allowed: a number from {least:g} to {LOOSEST:g}")
+        raise InputError(
+            f"rtol: {show(rtol)} is no relative tolerance; allowed: a number from {least:g} to {LOOSEST:g}"
+        )
 
 
 def _is_number(x: object) -> bool:

@@ -138,7 +138,7 @@ def _common(root: Element, variables: Sequence[Variable]) -> None:
     category, text = LOG_CATEGORY
     SubElement(SubElement(root, "LogCategories"), "Category", name=category, description=text)
     experiment = {"startTime": "0.0", "stopTime": "1.0", "stepSize": repr(COMMUNICATION_STEP)}
-    experiment |= {"tolerance": repr(x.start) for x in variables if x.name == TOLERANCE}
+    experiment |= [("tolerance", repr(x.start)) for x in variables if x.name == TOLERANCE]
     SubElement(root, "DefaultExperiment", experiment)
 
 
