@@ -101,7 +101,7 @@ def export_fmu(
 
 
 def _check(version: int, method: str, rtol: float | None, step: float | None) -> None:
-    from .variables import LEAST, LOOSEST
+    from .variables import LOOSEST, TIGHTEST
 
     if version not in VERSIONS or isinstance(version, bool):
         raise InputError(f"fmi: version {show(version)} is unknown; allowed: {', '.join(map(str, VERSIONS))}")
@@ -117,10 +117,9 @@ def _check(version: int, method: str, rtol: float | None, step: float | None) ->
         )
     if step is not None and not (_is_number(step) and 1e-9 <= step < math.inf):
         raise InputError(f"step: {show(step)} is no length of a step; allowed: a finite number of at least 1e-9 s")
-    least = LEAST["float64"]
-    if rtol is not None and not (_is_number(rtol) and least <= rtol <= LOOSEST):
+    if rtol is not None and not (_is_number(rtol) and TIGHTEST <= rtol <= LOOSEST):
         raise InputError(
-            f"rtol: {show(rtol)} is no relative tolerance; allowed: a number from {least:g} to {LOOSEST:g}"
+            f"rtol: {show(rtol)} is no relative tolerance; allowed: a number from {TIGHTEST:g} to {LOOSEST:g}"
         )
 
 

@@ -53,7 +53,7 @@ TOLERANCE = "solver.tolerance"
 CLOSING = "solver.closing"
 CLOSING_TIME = 0.01  # s, in which gaps of model exchange fall to a third
 SHORTEST = 1e-9  # s, of a step
-LOOSEST = 0.1  # relative tolerance
+TIGHTEST, LOOSEST = LEAST["float64"], 0.1  # relative tolerances
 SMALL = 1e-3  # m or rad, the usual size of a deviation
 
 
@@ -99,7 +99,7 @@ def step_variable(step: float) -> Variable:
 
 def tolerance_variable(rtol: float) -> Variable:
     """The parameter of steps that the error controls."""
-    return Variable(TOLERANCE, "parameter", "1", "Relative tolerance of co-simulation", rtol, LEAST["float64"], LOOSEST)
+    return Variable(TOLERANCE, "parameter", "1", "Relative tolerance of co-simulation", rtol, TIGHTEST, LOOSEST)
 
 
 def make_layout(model: Model, solver: Variable, home: Sequence[float]) -> Layout:
