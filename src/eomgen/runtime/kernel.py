@@ -5,7 +5,7 @@ A generated package carries a copy of this file, which imports NumPy and its nei
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from types import FunctionType, ModuleType
 from typing import Any
 
@@ -19,6 +19,7 @@ from .by_name import Blocks, make_blocks
 from .calls import Calls
 from .closing import closed_positions, closed_rates
 from .closing import roots as found_roots
+from .derivatives import Differentiated, hessian, jvp, parameter_jacobian, vjp
 from .direct import Face, functions
 from .opened import LOADED
 from .parameters import Parameters
@@ -631,6 +632,87 @@ class Kernel:
         if len(arrays) != len(function.reads):
             raise InputError(f"tangent: {name} got {len(arrays)} arrays; allowed: {', '.join(function.reads)}")
         return self.calls.run(function.name, out, arrays)
+
+    def jvp(
+        self,
+        name: str,
+        args: Sequence[Any],
+        tangents: Sequence[ArrayLike],
+        *,
+        parameters: Mapping[str, float] | None = None,
+    ) -> Array:
+        """What a method's result changes by along rates of its arguments: its Jacobian times them, exact.
+
+        Args:
+            name: the method, such as "inverse_dynamics", "reactions", "energy", "frame_pose".
+            args: its arguments in their order, such as (q, v, a) or (q, "tool"); without ``wrench``.
+            tangents: a rate for each array among them, of its shape.
+            parameters: rates of run-time parameters by their names.
+
+        Returns:
+            Of the result's shape.
+
+        Raises:
+            UnknownNameError: no such method, parameter or frame, or the kernel was built without its derivatives.
+            InputError: another number of arguments or rates.
+        """
+        return jvp(self._differentiated(name), args, tangents, parameters)
+
+    def vjp(
+        self, name: str, args: Sequence[Any], cotangent: ArrayLike, parameters: Sequence[str] = ()
+    ) -> tuple[Array, ...]:
+        """The gradient of the sum of a method's weighted results: weights times its Jacobian, exact.
+
+        It comes from one reverse sweep, which takes about as long as two or three calls of the method whatever the
+        number of coordinates is.
+
+        Args:
+            name, args: as of ``jvp``.
+            cotangent: the weights, of the result's shape.
+            parameters: names of run-time parameters that the gradient is taken by as well.
+
+        Returns:
+            An array of each array among the arguments, of its shape; where there are names of parameters, one more,
+            (parameters,).
+
+        Raises:
+            UnknownNameError, InputError: as of ``jvp``.
+        """
+        return vjp(self._differentiated(name), args, cotangent, parameters)
+
+    def hessian(self, name: str, args: Sequence[Any], cotangent: ArrayLike) -> Array:
+        """Second derivatives of the sum of a method's weighted results by its arguments, exact and symmetric.
+
+        Args:
+            name, args: as of ``jvp``.
+            cotangent: the weights, of the result's shape.
+
+        Returns:
+            A matrix whose rows and columns are the numbers of all arguments one behind the other: (3 n, 3 n) of
+            "inverse_dynamics" and "forward_dynamics".
+
+        Raises:
+            UnknownNameError, InputError: as of ``jvp``.
+        """
+        return hessian(self._differentiated(name), args, cotangent)
+
+    def parameter_jacobian(self, name: str, args: Sequence[Any], parameters: Sequence[str] | None = None) -> Array:
+        """Derivatives of a method's results by run-time parameters, exact.
+
+        Args:
+            name, args: as of ``jvp``.
+            parameters: names of the parameters; all if None.
+
+        Returns:
+            Of the result's shape with one more axis, (..., parameters).
+
+        Raises:
+            UnknownNameError, InputError: as of ``jvp``.
+        """
+        return parameter_jacobian(self._differentiated(name), args, parameters)
+
+    def _differentiated(self, name: str) -> Differentiated:
+        return Differentiated.of(self.calls, name, self.frame_index)
 
     def constraint(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """g(q), (constraints,): zero where the loops are closed.

@@ -13,9 +13,10 @@ import pytest
 import eomgen
 from eomgen.codegen.c import lanes
 from eomgen.codegen.c.sources import render
+from eomgen.codegen.kernels.entries import KINDS, Signature
 from eomgen.codegen.kernels.equations import derive_equations
 from eomgen.codegen.kernels.operation_counts import OWN
-from eomgen.codegen.kernels.signatures import KERNELS, KINDS, SIGNATURES, Signature, by_kind, functions, shapes
+from eomgen.codegen.kernels.signatures import KERNELS, SIGNATURES, by_kind, functions, shapes
 from eomgen.codegen.kernels.stages import STAGES
 from eomgen.codegen.kernels.writers import WAYS, WRITERS
 from eomgen.robot.model import build_model
@@ -24,7 +25,9 @@ from tests.support.builds import Build
 TEMPLATES = Path(eomgen.__path__[0], "templates", "composed")
 OF_A_KIND: dict[str, Callable[[str, Signature], bool]] = {
     "program": lambda name, _: name in {**WRITERS, **WAYS} or name in STAGES,
-    "tangent": lambda name, entry: entry.tangent_of in KERNELS and name not in WRITERS,
+    "tangent": lambda name, entry: is_derivative(name, entry),
+    "adjoint": lambda name, entry: is_derivative(name, entry),
+    "hessian": lambda name, entry: is_derivative(name, entry),
     "frames": lambda name, entry: name in WRITERS and bool(entry.functions) and is_written(name),
     "composed": lambda name, entry: set(entry.calls) >= set(entry.counts) != set() and is_written(name),
     "rollout": lambda name, entry: set(entry.calls) >= set(entry.counts) != set() and is_written(name),
@@ -36,12 +39,17 @@ def is_written(name: str) -> bool:
     return (TEMPLATES / f"{name}.c.jinja").is_file()
 
 
+def is_derivative(name: str, entry: Signature) -> bool:
+    functions = {*KERNELS, *KERNELS["kinematics"].functions}
+    return entry.derivative_of in functions and name not in WRITERS and name.startswith(f"{entry.derivative_of}_")
+
+
 @pytest.mark.parametrize("name", SIGNATURES)
 def test_an_entry_has_what_its_kind_needs(name: str) -> None:
     entry = SIGNATURES[name]
     assert entry.kind in KINDS
     assert OF_A_KIND[entry.kind](name, entry)
-    assert (entry.tangent_of != "") == (entry.kind == "tangent")
+    assert (entry.derivative_of != "") == (entry.kind in ("tangent", "adjoint", "hessian"))
     assert (entry.functions != {}) == (entry.kind == "frames")
     assert (entry.calls != ()) == (entry.kind in ("composed", "rollout", "adaptive"))
     assert set(entry.calls) <= {*WRITERS, *WAYS, *STAGES}
