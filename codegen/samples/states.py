@@ -10,8 +10,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..kernels.equations import Equations
 from ..kernels.derivatives import is_direction
+from ..kernels.equations import Equations
 from ..kernels.signatures import SIGNATURES, shapes
 from ..program.ir import Instruction, Program
 from .arithmetic import Arithmetic, Array, polynomials

@@ -82,9 +82,8 @@ class Options:
     def __post_init__(self) -> None:
         for name in self.kernels:
             if name not in OWNERS:
-                raise InputError(
-                    f"kernels: {show(name)} is unknown; allowed: {', '.join(_NAMED)}, and derivatives such as energy_adjoint"
-                )
+                known = f"{', '.join(_NAMED)}, and their derivatives, such as energy_adjoint"
+                raise InputError(f"kernels: {show(name)} is unknown; allowed: {known}")
         object.__setattr__(self, "kernels", tuple(dict.fromkeys(OWNERS[name] for name in self.kernels)))
         if self.dtype not in DTYPES:
             raise InputError(f"dtype: {self.dtype!r} is unknown; allowed: {', '.join(DTYPES)}")
