@@ -62,6 +62,60 @@ def _of(name: str, kernel: Signature) -> dict[str, Signature]:
     }
 
 
+def _gradient(method: str, of: str, *programs: str) -> Signature:
+    """Steps of a method backwards: the programs, and those that they go back by."""
+    calls = ("forward_dynamics", *programs) if "implicit_step" not in programs else programs
+    backwards = tuple(f"{name}_parameter_adjoint" for name in calls)
+    return Signature(
+        ("q", "v", "u"),
+        "vector",
+        f"Derivatives of a sum over the states of steps by {method}.",
+        "gradient",
+        calls=(*calls, *backwards),
+        counts=backwards,
+        closed=tuple("constrained_dynamics" if name == "forward_dynamics" else name for name in calls)
+        + backwards
+        + ("settling", "settling_parameter_adjoint"),
+        derivative_of=of,
+        solves=True,
+        vectors=False,
+    )
+
+
+GRADIENTS: Mapping[str, Signature] = {
+    "explicit_gradient": _gradient("explicit methods", "rollout"),
+    "implicit_gradient": _gradient("the linearly implicit method", "rollout", "implicit_step"),
+    "rosenbrock_gradient": _gradient("the Rosenbrock method", "adaptive_rollout", "stage_factors", "stage_solution"),
+}
+TIMES = ("dt", "times")  # arrays that steps are not differentiated by
+BACKWARDS: Mapping[str, Signature] = {  # programs that only gradients call
+    "implicit_step_parameter_adjoint": Signature(
+        ("q", "v", "u", "added", "dt", "cotangent_vector"),
+        "gradient_of_step",
+        "Gradient by q, v, u, added and the parameters of implicit_step along weights.",
+        "adjoint",
+        derivative_of="implicit_step",
+        by_parameters=True,
+    ),
+    "stage_factors_parameter_adjoint": Signature(
+        ("q", "v", "kp", "kd", "times", "cotangent_kept"),
+        "gradient_of_factors",
+        "Gradient by q, v, kp, kd and the parameters of stage_factors along weights.",
+        "adjoint",
+        derivative_of="stage_factors",
+        by_parameters=True,
+    ),
+    "stage_solution_parameter_adjoint": Signature(
+        ("kept", "rates", "shifts", "cotangent_vector"),
+        "gradient_of_solution",
+        "Gradient by kept, rates, shifts and the parameters of stage_solution along weights.",
+        "adjoint",
+        derivative_of="stage_solution",
+        by_parameters=True,
+    ),
+}
+
+
 def derivative_shapes(
     kernels: Mapping[str, Signature], shapes: Mapping[str, Shape], parameters: int
 ) -> dict[str, Shape]:

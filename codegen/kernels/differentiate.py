@@ -11,8 +11,8 @@ from ..program.ir import Program
 from ..program.passes import PARAMETERS, run_passes
 from ..program.reverse_mode import adjoint
 from ..program.second_order import hessian
-from .derivatives import PARAMETER_RATES, RATES
-from .signatures import KERNELS, shapes
+from .derivatives import PARAMETER_RATES, RATES, TIMES
+from .signatures import SIGNATURES, shapes
 from .whole import Derive, whole_program
 
 
@@ -23,13 +23,15 @@ def derive_derivative(model: Model, kernel: str, derive: Derive) -> Program:
         kernel: its name.
         derive: gives the program of one entry of the tables by its name.
     """
-    signature, size = KERNELS[kernel], shapes(model)
+    signature, size = SIGNATURES[kernel], shapes(model)
     program = whole_program(model, signature.derivative_of, derive)
     if signature.kind == "tangent":
         rates = {PARAMETERS: PARAMETER_RATES} if signature.by_parameters else RATES
         return run_passes(tangent(program, rates, kernel))
     *reads, weights = signature.reads
-    wanted = {array: math.prod(size[array]) for array in reads}
+    if "kept" in reads:
+        size["kept"] = (sum(key[0] == "out" for key in derive("stage_factors").outputs),)
+    wanted = {array: math.prod(size[array]) for array in reads if array not in TIMES}
     if signature.by_parameters:
         wanted[PARAMETERS] = len(model.parameters)
     return run_passes((adjoint if signature.kind == "adjoint" else hessian)(program, weights, wanted, kernel))

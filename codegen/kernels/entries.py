@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-Kind = Literal["program", "tangent", "adjoint", "hessian", "frames", "composed", "rollout", "adaptive"]
+Kind = Literal["program", "tangent", "adjoint", "hessian", "frames", "composed", "rollout", "adaptive", "gradient"]
 KINDS: Mapping[Kind, str] = {  # in the order in which C and packages have them
     "program": "straight-line code of one writer",
     "tangent": "straight-line code, differentiated from another kernel's; there only if it is asked for",
@@ -16,6 +16,7 @@ KINDS: Mapping[Kind, str] = {  # in the order in which C and packages have them
     "composed": "a template of its own, which calls programs: ``templates/composed``",
     "rollout": "the same, with a call of its own: many steps at once",
     "adaptive": "the same, with steps whose length the error controls",
+    "gradient": "the same, and back through the steps; there only if it is asked for",
 }
 Need = Literal["", "loops", "springs", "constraints", "cuts", "laws"]
 
@@ -25,10 +26,10 @@ class Signature:
     """Arrays that a kernel reads and the one that it writes, by their names in ``shapes``, and what it computes.
 
     kind: where its C comes from and how it is called, one of KINDS.
-    calls: the programs that its C calls, where the kind is "composed", "rollout" or "adaptive".
+    calls: the programs that its C calls, where the kind is "composed", "rollout", "adaptive" or "gradient".
     counts: of these the ones whose operations count as the kernel's.
     closed: the programs that its C calls where the robot has loops; they count, too.
-    derivative_of: the function that it differentiates, where the kind is "tangent", "adjoint" or "hessian".
+    derivative_of: the function that it differentiates, where the kind is "tangent", "adjoint", "hessian" or "gradient".
     by_parameters: whether that is by run-time parameters, too, which a robot must have for it.
     functions: what users call instead of it, where the kind is "frames".
     columns_of: the program that a template of its own calls once for every coordinate, where its own program would be

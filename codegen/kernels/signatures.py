@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from eomgen.robot.model import Model
 
 from .blocks import row_blocks
-from .derivatives import derivative_shapes, differentiated
+from .derivatives import BACKWARDS, GRADIENTS, derivative_shapes, differentiated
 from .entries import KINDS, Kind, Signature
 
 DTYPES = ("float64", "float32")  # types of kernels' numbers
@@ -247,7 +247,7 @@ OWN_KERNELS: Mapping[str, Signature] = {
 }
 
 DERIVATIVES: Mapping[str, Signature] = differentiated(OWN_KERNELS)  # there only if they are asked for
-KERNELS: Mapping[str, Signature] = {**OWN_KERNELS, **DERIVATIVES}
+KERNELS: Mapping[str, Signature] = {**OWN_KERNELS, **DERIVATIVES, **GRADIENTS}
 CLOSURE_KERNELS = ("constraint", "constraint_jacobian", "constraint_bias", "cut_poses")  # of the constraint itself
 LOOP_KERNELS = tuple(
     name for name, signature in OWN_KERNELS.items() if signature.needs in ("loops", "constraints", "cuts")
@@ -280,7 +280,7 @@ PARTS: Mapping[str, Signature] = {  # programs that only other kernels call
     ),
 }
 
-SIGNATURES: Mapping[str, Signature] = {**KERNELS, **PARTS}
+SIGNATURES: Mapping[str, Signature] = {**KERNELS, **PARTS, **BACKWARDS}
 
 TURNED = (  # programs that know how joints are turned, which integrations call
     "forward_dynamics",
@@ -359,7 +359,7 @@ class Function:
     @property
     def is_rollout(self) -> bool:
         """True if one call does many steps."""
-        return self.kind in ("rollout", "adaptive")
+        return self.kind in ("rollout", "adaptive", "gradient")
 
 
 def functions(names: Iterable[str]) -> list[Function]:

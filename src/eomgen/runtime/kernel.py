@@ -25,6 +25,7 @@ from .opened import LOADED
 from .parameters import Parameters
 from .raw import Libraries, Operations, RawKernel
 from .stepping.adaptive import adaptive_rollout, takes_samples
+from .stepping.gradients import Loss, rollout_gradient
 from .stepping.many_steps import rollout
 from .stepping.rollouts import Rollout
 
@@ -895,6 +896,68 @@ class Kernel:
             how: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol}
             return adaptive_rollout(self.calls, self._driven, q0, v0, u, duration, samples, **how, **controlled)
         return rollout(self.calls, self._driven, q0, v0, u, dt, steps, method=method, every=every, **controlled)
+
+    def rollout_gradient(
+        self,
+        q0: ArrayLike,
+        v0: ArrayLike,
+        u: ArrayLike,
+        dt: float | None = None,
+        steps: int | None = None,
+        *,
+        loss: Loss,
+        parameters: Sequence[str] = (),
+        method: str = "rk4",
+        every: int = 1,
+        kp: ArrayLike | None = None,
+        kd: ArrayLike | None = None,
+        target: ArrayLike | None = None,
+        duration: float | None = None,
+        samples: int | None = None,
+        rtol: float = 1e-6,
+        atol: ArrayLike | None = None,
+    ) -> tuple[Any, dict[str, Any]]:
+        """The gradient of a function of a rollout's states, exact for its steps: they are taken once more, backwards.
+
+        Steps that the error chooses count as given: how their lengths change is left out.  Contacts, friction and stops
+        are as smooth as their laws are.  Loops are closed after every step, and differentiated with that.  What is kept
+        on the way grows with the square root of the number of steps where they are many.
+
+        Args:
+            q0, v0, u, dt, steps, method, every, kp, kd, target, duration, samples, rtol, atol: as of ``rollout``.
+            loss: ``loss(t, q, v)`` returns a value and its derivatives by q and v, of their shapes; t, (samples,), q and
+                v are times, s, and states as of ``rollout``.
+            parameters: names of run-time parameters that the gradient is taken by as well.
+
+        Returns:
+            The value, and derivatives by name: "q" and "v" by the states at the beginning, "u", and with a controller
+            "target", "kp" and "kd", in the shapes of what was given (gains: (n,)); a number for each parameter.
+
+        Raises:
+            UnknownNameError: no such parameter, or the kernel was built without the method's gradient.
+            InputError: as of ``rollout``; a loss that returns something else; joints that turn freely.
+            SingularError, IntegrationStopped: as of ``rollout``.
+        """
+        return rollout_gradient(
+            self.calls,
+            self._driven,
+            q0,
+            v0,
+            u,
+            dt,
+            steps,
+            loss=loss,
+            parameters=parameters,
+            method=method,
+            every=every,
+            duration=duration,
+            samples=samples,
+            rtol=rtol,
+            atol=atol,
+            kp=kp,
+            kd=kd,
+            target=target,
+        )
 
     def frame_index(self, name: str) -> int:
         """The number of a frame or link in ``frames``, by which functions of C take it.

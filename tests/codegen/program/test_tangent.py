@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import eomgen
+from eomgen.codegen.kernels.derivatives import RATES
 from eomgen.codegen.kernels.equations import derive
-from eomgen.codegen.kernels.signatures import KERNELS, RATES
+from eomgen.codegen.kernels.signatures import KERNELS
 from eomgen.codegen.program.forward_mode import tangent
 from eomgen.codegen.program.ir import Graph, evaluate, finish
 from eomgen.codegen.program.operations import CALLS, OPERATIONS
