@@ -925,8 +925,8 @@ class Kernel:
 
         Args:
             q0, v0, u, dt, steps, method, every, kp, kd, target, duration, samples, rtol, atol: as of ``rollout``.
-            loss: ``loss(t, q, v)`` returns a value and its derivatives by q and v, of their shapes; t, (samples,), q and
-                v are times, s, and states as of ``rollout``.
+            loss: ``loss(t, q, v)`` returns a value and its derivatives by q and v, of their shapes; t are times, s,
+                (samples,), q and v states as of ``rollout``.
             parameters: names of run-time parameters that the gradient is taken by as well.
 
         Returns:

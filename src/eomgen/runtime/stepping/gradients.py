@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...errors import ArrayError, EomgenError, InputError, IntegrationStopped
+from ...errors import ArrayError, InputError
 from ...names import show
 from ..calls import Calls
 from ..derivatives import parameter_slots
@@ -166,61 +166,64 @@ def rollout_gradient(
         q0, v0, u, dt, steps, loss, parameters, method, every, duration, samples, rtol, atol, kp, kd, target: as there.
     """
     chooses = takes_samples(method, dt=dt, steps=steps, every=every, duration=duration, samples=samples, atol=atol)
-    kernel = f"{WAYS[method][0]}_gradient"
-    if kernel not in calls.raw.gradients:
-        raise calls.raw.missing(kernel)
-    if calls.raw.turning:
-        raise InputError(
-            f"rollout_gradient: {', '.join(calls.raw.turning)} turn freely, and change their angles on the way; allowed:"
-            " robots without such joints"
-        )
+    function = _function(calls, method)
     slots, count = parameter_slots(calls.parameters, parameters), count_states(q0=q0, v0=v0, u=u, target=target)
     controlled: dict[str, Any] = {"kp": kp, "kd": kd, "target": target}
+    most = NUMBERS // (calls.n * max(count or 1, 1))
+    rows = whole_number("samples", 1 if samples is None else samples, most) if chooses else 0
+    rows = rows or whole_number("steps", steps, most)
+    motion = Motion(calls, function, read_given(calls, driven, rows, count, q0=q0, v0=v0, u=u, **controlled))
     if chooses:
-        told = whole_number("samples", 1 if samples is None else samples, NUMBERS // (calls.n * max(count or 1, 1)))
-        times, rows = np.linspace(0.0, length_of_time(duration), told + 1), told
+        times: Array = np.linspace(0.0, length_of_time(duration), rows + 1)
+        allowed = tolerances(calls, rtol, atol, _adaptive(calls).library.meta)
+        taken = [_chosen_steps(motion, state, times, method, allowed) for state in range(motion.states)]
     else:
-        rows = whole_number("steps", steps, NUMBERS // (calls.n * max(count or 1, 1)))
-        every = whole_number("every", every, NUMBERS // (calls.n * max(count or 1, 1)))
-        length = step_length(calls, dt)
+        length, every = step_length(calls, dt), whole_number("every", every, most)
         times = float(length) * every * np.arange(rows // every + 1)
-    given = read_given(calls, driven, rows, count, q0=q0, v0=v0, u=u, **controlled)
-    if (trouble := given.trouble(calls)) is not None:
-        raise trouble
-
-    def again() -> None:
-        """Let the rollout say why it ends."""
+        same = Steps(np.full(rows, length, calls.dtype), np.arange(rows), np.arange(0, rows + 1, every))
+        taken = [same] * motion.states
+    ways = [motion.way(method, state, steps) for state, steps in enumerate(taken) if steps is not None]
+    found = _there(motion, ways, times.size)
+    if found is None:  # the rollout says why
         if chooses:
             how: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol}
             adaptive_rollout(calls, driven, q0, v0, u, duration, samples, **how, **controlled)
-        else:
-            rollout(calls, driven, q0, v0, u, dt, steps, method=method, every=every, **controlled)
-        raise IntegrationStopped(f"rollout_gradient: {calls.raw.name} has no finite state at the end of a step", 0.0)
-
-    motion = Motion(calls, calls.raw.gradients[kernel], given)
-    if chooses:
-        allowed = tolerances(calls, rtol, atol, _adaptive(calls).library.meta)
-        found = [_chosen_steps(motion, state, times, method, allowed) for state in range(motion.states)]
-        if None in found:
-            again()
-        taken = [x for x in found if x is not None]
-    else:
-        taken = [Steps(np.full(rows, length), np.arange(rows), np.arange(0, rows + 1, every))]
-    ways = [
-        Way(calls, motion.function, method, *motion.of(state), taken[min(state, len(taken) - 1)], ROOM // motion.states)
-        for state in range(motion.states)
-    ]
-    q, v = (room_for(calls, (motion.states, times.size, calls.n), "fewer samples") for _ in range(2))
-    for state, way in enumerate(ways):
-        told_there = way.there(*motion.start(state))
-        if told_there is None:
-            again()
-        else:
-            q[state], v[state] = told_there
-    value, by_q, by_v = _asked(calls, loss, times, q, v, single=count is None)
+        rollout(calls, driven, q0, v0, u, dt, steps, method=method, every=every, **controlled)
+        raise InputError(f"rollout_gradient: {method} comes to an end that is not finite; allowed: shorter steps")
+    value, by_q, by_v = _asked(calls, loss, times, *found, single=count is None)
     for state, way in enumerate(ways):
         motion.add_start(state, way.back(by_q[state], by_v[state]))
     return value, motion.gradients(parameters, slots)
+
+
+def _function(calls: Calls, method: str) -> RawFunction:
+    """The function that goes back by a method.
+
+    Raises:
+        UnknownNameError: the kernel was built without it.
+        InputError: joints turn freely.
+    """
+    name = f"{WAYS[method][0]}_gradient"
+    if name not in calls.raw.gradients:
+        raise calls.raw.missing(name)
+    if calls.raw.turning:
+        joints = ", ".join(calls.raw.turning)
+        raise InputError(f"rollout_gradient: {joints} turn freely; allowed: robots without such joints")
+    return calls.raw.gradients[name]
+
+
+def _there(motion: Motion, ways: Sequence[Way], samples: int) -> tuple[Array, Array] | None:
+    """Samples of all states, (states, samples, n) each; None where one does not get to its end."""
+    calls = motion.calls
+    q, v = (room_for(calls, (motion.states, samples, calls.n), "fewer samples") for _ in range(2))
+    if len(ways) < motion.states:
+        return None
+    for state, way in enumerate(ways):
+        found = way.there(*motion.start(state))
+        if found is None:
+            return None
+        q[state], v[state] = found
+    return q, v
 
 
 class Motion:
@@ -233,6 +236,9 @@ class Motion:
         self._by_drives = [np.zeros_like(array) for array, _, _ in given.drives]
         self._by_gains = [np.zeros_like(array) for array in given.gains]
         self._by_parameters = np.zeros(max(len(calls.parameters), 1), calls.dtype)
+        self._pointers: list[dict[str, Any]] = []  # which C reads by, and so are kept alive
+        if (trouble := given.trouble(calls)) is not None:
+            raise trouble
 
     def start(self, state: int) -> tuple[Array, Array]:
         """Where a state begins."""
@@ -244,24 +250,27 @@ class Motion:
         for whole, own, (_, apart) in zip(self._by_starts, by, self._given.starts, strict=True):
             whole.reshape(-1, self.calls.n)[state if apart else 0] += own
 
-    def fields(self, state: int, arrays: Sequence[Array], gains: Sequence[Array]) -> dict[str, Any]:
+    def drive(self, library: Library, state: int) -> Any:
+        """The drives of a state, for a library."""
+        steps = {f"{x}_step": row for x, (_, _, row) in zip(("u", "target"), self._given.drives, strict=False)}
+        return library.drive(**self._fields(state, [x for x, _, _ in self._given.drives], self._given.gains), **steps)
+
+    def way(self, method: str, state: int, steps: Steps) -> Way:
+        """The way of a state by a method of WAYS."""
+        fields = self._fields(state, self._by_drives, self._by_gains)
+        by_parameters = self.calls.raw.view(self._by_parameters)
+        slopes = self.function.library.new("slopes", parameters=by_parameters, **fields)
+        drive = self.drive(self.function.library, state)
+        return Way(self.calls, self.function, method, drive, slopes, steps, ROOM // self.states)
+
+    def _fields(self, state: int, arrays: Sequence[Array], gains: Sequence[Array]) -> dict[str, Any]:
         """Pointers to what a state reads of drives, or adds to."""
         view, found = self.calls.raw.view, dict[str, Any]()
         for name, array, (_, of_state, _) in zip(("u", "target"), arrays, self._given.drives, strict=False):
             found[name] = view(array.reshape(-1)[state * of_state :])
-        return found | dict(zip(("kp", "kd"), map(view, gains), strict=False))
-
-    def drive(self, library: Library, state: int) -> Any:
-        """The drives of a state, for a library."""
-        steps = {f"{x}_step": row for x, (_, _, row) in zip(("u", "target"), self._given.drives, strict=False)}
-        return library.drive(**self.fields(state, [x for x, _, _ in self._given.drives], self._given.gains), **steps)
-
-    def of(self, state: int) -> tuple[Any, Any]:
-        """The drives of a state, and the slopes that it adds to."""
-        fields = self.fields(state, self._by_drives, self._by_gains)
-        slopes = self.function.library.new("slopes", parameters=self.calls.raw.view(self._by_parameters), **fields)
-        self._alive = (*getattr(self, "_alive", ()), fields)
-        return self.drive(self.function.library, state), slopes
+        found |= zip(("kp", "kd"), map(view, gains), strict=False)
+        self._pointers.append(found)
+        return found
 
     def gradients(self, parameters: Sequence[str], slots: Sequence[int]) -> dict[str, Any]:
         """Derivatives by name, in the shapes of what was given."""
@@ -277,9 +286,7 @@ def _adaptive(calls: Calls) -> RawFunction:
     return calls.raw.adaptive
 
 
-def _chosen_steps(
-    motion: Motion, state: int, times: Array, method: str, allowed: tuple[float, Array]
-) -> Steps | None:
+def _chosen_steps(motion: Motion, state: int, times: Array, method: str, allowed: tuple[float, Array]) -> Steps | None:
     """The steps that the error chooses for a state; None where it does not get to its end."""
     calls, function = motion.calls, _adaptive(motion.calls)
     library, view = function.library, calls.raw.view
@@ -315,9 +322,7 @@ def _chosen_steps(
     return Steps(np.diff(t).astype(calls.dtype), rows, told)
 
 
-def _asked(
-    calls: Calls, loss: Loss, times: Array, q: Array, v: Array, *, single: bool
-) -> tuple[Any, Array, Array]:
+def _asked(calls: Calls, loss: Loss, times: Array, q: Array, v: Array, *, single: bool) -> tuple[Any, Array, Array]:
     """The value of a loss, and its derivatives by all samples, (states, samples, n).
 
     Raises:
