@@ -15,11 +15,11 @@ from ..joint.zeros import zero_map
 from ..kernels.blocks import row_blocks
 from ..kernels.bodies import first_frame, frame_bodies
 from ..kernels.closed_motion import CLOSING, row_kinds
-from ..kernels.derivatives import GRADIENTS
+from ..kernels.derived import GRADIENTS
 from ..kernels.equations import Equations
 from ..kernels.interface import turning_joints
-from ..kernels.methods import LEAST_PART, LOOK, RK4, ROS34PW2, TSIT5, Array
 from ..kernels.signatures import KERNELS, SIGNATURES, SINGLES, Function, by_kind, functions, shapes
+from ..kernels.steps.methods import LEAST_PART, LOOK, RK4, ROS34PW2, TSIT5, Array
 from ..program.operations import CALLS
 from ..solve.factorised import coordinate_parents
 from ..solve.rows import DERIVING

@@ -1,4 +1,4 @@
-"""What the table of kernels says of each: arrays that it reads and writes, where its C comes from; without SymPy."""
+"""Entries of the table of kernels: arrays that it reads and writes, where its C comes from; without SymPy."""
 
 from __future__ import annotations
 

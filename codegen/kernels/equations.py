@@ -14,7 +14,7 @@ from ..program.passes import hoist_parameters, run_passes
 from ..program.shares import Shares
 from .bodies import share_among_bodies
 from .derivation import Derivation
-from .differentiate import derive_derivative
+from .derivatives.programs import derive_derivative
 from .signatures import KERNELS, SIGNATURES, available, knows_turns
 from .stages import STAGES, derive_stage
 from .writers import DESCRIPTION_FRAMES, WAYS, WRITERS

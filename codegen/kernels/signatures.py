@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from eomgen.robot.model import Model
 
 from .blocks import row_blocks
-from .derivatives import BACKWARDS, GRADIENTS, derivative_shapes, differentiated
+from .derived import BACKWARDS, GRADIENTS, derivative_shapes, differentiated
 from .entries import KINDS, Kind, Signature
 
 DTYPES = ("float64", "float32")  # types of kernels' numbers

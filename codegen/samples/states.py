@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..kernels.derivatives import is_direction
+from ..kernels.derived import is_direction
 from ..kernels.equations import Equations
 from ..kernels.signatures import SIGNATURES, shapes
 from ..program.ir import Instruction, Program

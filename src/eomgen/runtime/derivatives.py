@@ -148,7 +148,7 @@ class Differentiated:
 def jvp(
     f: Differentiated, args: Sequence[Any], tangents: Sequence[ArrayLike], rates: Mapping[str, float] | None
 ) -> Array:
-    """What a function's result changes by; arguments as of ``Kernel.jvp``."""
+    """Give what a function's result changes by; arguments as of ``Kernel.jvp``."""
     arrays, frame = f.state(args)
     if not isinstance(tangents, (tuple, list)) or len(tangents) != len(f.reads):
         raise InputError(f"tangents: got {_number(tangents)}; allowed: one for each of {', '.join(f.reads)}")

@@ -642,7 +642,7 @@ class Kernel:
         *,
         parameters: Mapping[str, float] | None = None,
     ) -> Array:
-        """What a method's result changes by along rates of its arguments: its Jacobian times them, exact.
+        """Give what a method's result changes by along rates of its arguments: its Jacobian times them, exact.
 
         Args:
             name: the method, such as "inverse_dynamics", "reactions", "energy", "frame_pose".

@@ -13,7 +13,7 @@ import pytest
 import eomgen
 from eomgen.codegen.c import lanes
 from eomgen.codegen.c.sources import render
-from eomgen.codegen.kernels.derivatives import BACKWARDS, GRADIENTS
+from eomgen.codegen.kernels.derived import BACKWARDS, GRADIENTS
 from eomgen.codegen.kernels.entries import KINDS, Signature
 from eomgen.codegen.kernels.equations import derive_equations
 from eomgen.codegen.kernels.operation_counts import OWN

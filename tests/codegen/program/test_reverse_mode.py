@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import eomgen
-from eomgen.codegen.kernels.derivatives import FRAMED
+from eomgen.codegen.kernels.derived import FRAMED
 from eomgen.codegen.kernels.equations import derive
 from eomgen.codegen.kernels.signatures import DERIVATIVES, KERNELS, available, shapes
 from eomgen.codegen.program.ir import Graph, Program, evaluate, finish

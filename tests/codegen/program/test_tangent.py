@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import eomgen
-from eomgen.codegen.kernels.derivatives import RATES
+from eomgen.codegen.kernels.derived import RATES
 from eomgen.codegen.kernels.equations import derive
 from eomgen.codegen.kernels.signatures import KERNELS
 from eomgen.codegen.program.forward_mode import tangent

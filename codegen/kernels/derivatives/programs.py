@@ -6,13 +6,13 @@ import math
 
 from eomgen.robot.model import Model
 
-from ..program.forward_mode import tangent
-from ..program.ir import Program
-from ..program.passes import PARAMETERS, run_passes
-from ..program.reverse_mode import adjoint
-from ..program.second_order import hessian
-from .derivatives import PARAMETER_RATES, RATES, TIMES
-from .signatures import SIGNATURES, shapes
+from ...program.forward_mode import tangent
+from ...program.ir import Program
+from ...program.passes import PARAMETERS, run_passes
+from ...program.reverse_mode import adjoint
+from ...program.second_order import hessian
+from ..derived import PARAMETER_RATES, RATES, TIMES
+from ..signatures import SIGNATURES, shapes
 from .whole import Derive, whole_program
 
 

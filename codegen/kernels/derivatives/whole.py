@@ -1,4 +1,4 @@
-"""What the C of a kernel computes as one program, from the programs that its template calls: to be differentiated."""
+"""Programs of all that the C of a kernel computes, from those that its template calls: to be differentiated."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import Any
 from eomgen.robot.model import Model
 from eomgen.robot.value import ANGULAR
 
-from ..program.ir import Graph, Program, Value, evaluate, finish
-from ..program.operations import CALLS
-from .derivation import vector
+from ...program.ir import Graph, Program, Value, evaluate, finish
+from ...program.operations import CALLS
+from ..derivation import vector
 
 Derive = Callable[[str], Program]
 
@@ -42,13 +42,13 @@ class _Whole:
         return self.run("constrained_drives", **({} if loaded else {"u": [0.0] * self.n}))
 
     def reactions(self, *, loaded: bool) -> list[Value]:
-        """What joints bear of the tree and of the cuts."""
+        """Forces and moments in joints, of the tree and of the cuts."""
         multipliers = self.drives(loaded=loaded)[self.n : self.n + self.m]
         pairs = zip(self.run("tree_reactions"), self.run("closing_reactions", multipliers=multipliers), strict=True)
         return [one + other for one, other in pairs]
 
     def loop_reactions(self, *, loaded: bool) -> list[Value]:
-        """What cut joints bear."""
+        """Forces and moments in cut joints."""
         multipliers = self.drives(loaded=loaded)[self.n : self.n + self.m]
         return self.run("loop_wrenches", multipliers=multipliers)
 
