@@ -62,7 +62,7 @@ def _swept(
 
 
 def _parts(graph: Graph, instruction: Instruction, values: Sequence[Node], index: int, here: Value) -> list[Value]:
-    """What a value hands on to each of its arguments: the transpose of its rate, which is linear."""
+    """Hand on what a value has to each of its arguments, by the transpose of its rate, which is linear."""
     x, rate = [values[arg] for arg in instruction.args], OPERATIONS[instruction.op].rate
     if rate is None:
         return [0.0] * len(x)
