@@ -69,7 +69,8 @@ def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "fl
                 f"kernels: {name!r} is for robots with {NEEDS[KERNELS[name].needs]}, and {model.name} has none"
             )
     wanted = kernels or [name for name in known if not KERNELS[name].derivative_of]
-    public = tuple(name for name in known if name in wanted or KERNELS[name].needs in ("springs", "laws"))
+    small = {name for name in known if KERNELS[name].needs in ("springs", "laws") and not KERNELS[name].derivative_of}
+    public = tuple(name for name in known if name in wanted or name in small)
     raw: dict[str, Program] = {}
     calls: dict[str, tuple[str, ...]] = {}
     choices: dict[str, str] = {}

@@ -22,6 +22,7 @@ __all__ = ["Libraries", "Library", "OneLibrary", "Operations", "RawFunction", "R
 
 FFI = _cffi_backend.FFI()  # knows C's own types; pointers of all libraries are of these
 POINTERS = {"float64": "double[]", "float32": "float[]"}
+DERIVED = ("tangent", "adjoint", "hessian", "gradient")  # kinds of functions that differentiate others
 SETUP = "parameters"  # among operations: of what depends on parameters alone
 FRAMES, ROLLOUT, ADAPTIVE, GRADIENT = (
     "frames",
@@ -208,10 +209,13 @@ class Operations(Mapping[str, Mapping[str, int]]):
         return kernel == SETUP or kernel in self._libraries.meta["kernels"]
 
     def __iter__(self) -> Iterator[str]:
-        return iter((*self._libraries.meta["kernels"], SETUP))
+        """Iterate over all but derivatives, of which there are many, and which would have to be derived."""
+        functions = self._libraries.meta["functions"]
+        derived = {name for name, entry in functions.items() if entry["kind"] in DERIVED}
+        return iter((*(name for name in self._libraries.meta["kernels"] if name not in derived), SETUP))
 
     def __len__(self) -> int:
-        return len(self._libraries.meta["kernels"]) + 1
+        return sum(1 for _ in self)
 
     def __repr__(self) -> str:
         return f"<operations of {', '.join(self)}>"
