@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..kernels.methods import ROS34PW2, TSIT5
+from ..kernels.steps.methods import ROS34PW2, TSIT5
 from .arithmetic import Array
 from .composed import Run
 

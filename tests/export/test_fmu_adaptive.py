@@ -15,7 +15,7 @@ from fmpy.validation import validate_fmu
 from scipy.spatial.transform import Rotation
 
 import eomgen
-from eomgen.codegen.kernels.tolerances import rubbing_parameters
+from eomgen.codegen.kernels.steps.tolerances import rubbing_parameters
 from eomgen.export.fmu.choices import ADAPTIVE
 from eomgen.export.fmu.pack import export_fmu
 from eomgen.integration import integrate

@@ -7,8 +7,8 @@ import pytest
 
 import eomgen
 from eomgen.codegen.kernels.equations import derive
-from eomgen.codegen.kernels.methods import ROS34PW2, TSIT5, Array
 from eomgen.codegen.kernels.stages import STAGES
+from eomgen.codegen.kernels.steps.methods import ROS34PW2, TSIT5, Array
 from eomgen.codegen.program.ir import evaluate
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot

@@ -188,7 +188,7 @@ def _stepping(model: Model, method: str, meta: Mapping[str, Any]) -> dict[str, o
     if method not in ADAPTIVE:
         return {"adaptive": False}
     from eomgen.codegen.kernels.interface import turning_joints
-    from eomgen.codegen.kernels.tolerances import rubbing_parameters
+    from eomgen.codegen.kernels.steps.tolerances import rubbing_parameters
 
     return {
         "adaptive": True,

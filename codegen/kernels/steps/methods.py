@@ -51,7 +51,10 @@ class Rosenbrock:
 
 @dataclass(frozen=True)
 class RungeKutta:
-    """An explicit method whose last stage is the first one of the next step; ``error``: weights of its error."""
+    """An explicit method; ``error``: weights of its error, 0 where it has none.
+
+    The last stage of one with error control is the first one of the next step.
+    """
 
     a: Array
     b: Array
@@ -102,6 +105,11 @@ ROS34PW2 = Rosenbrock(
     ),
     b=np.array([2.4212380706095346e-01, -1.2232505839045147e00, 1.5452602553351020e00, 4.3586652150845900e-01]),
     embedded=np.array([3.7810903145819369e-01, -9.6042292212423178e-02, 5.0e-01, 2.1793326075422950e-01]),
+)
+RK4 = RungeKutta(
+    a=_triangle([[], [0.5], [0.0, 0.5], [0.0, 0.0, 1.0]]),
+    b=np.array([1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0]),
+    error=np.zeros(4),
 )
 _TSIT5_B = [
     0.09646076681806523,
