@@ -912,7 +912,7 @@ static void one_link_driven(const one_link_loads *restrict loads, double t, doub
 }
 
 /* What wrenches do at t, added to u, but for what is an acceleration there; ``here`` is h in which joints are as they are in q. */
-static void one_link_wrenched(const one_link_loads *restrict loads, const double *restrict here, double t, const double *restrict q, double *restrict u)
+static void one_link_wrenched(const one_link_loads *restrict loads, const double *here, double t, const double *restrict q, double *restrict u)
 {
     const double between = (t < loads->first) ? loads->first : ((t > loads->last) ? loads->last : t);
     double own[2];
@@ -961,7 +961,7 @@ typedef struct {
 } one_link_clock;
 
 /* Add what loads do at a part of lanes' steps to the forces, and put given motions into q and v. */
-static void one_link_timed(const double *restrict here, const one_link_clock *restrict clock, double share, double *restrict q, double *restrict v, double *restrict force)
+static void one_link_timed(const double *here, const one_link_clock *restrict clock, double share, double *restrict q, double *restrict v, double *restrict force)
 {
     for (int l = 0; l < clock->here; ++l) {
         const double t = clock->begin[l] + share * clock->step[l];
@@ -2746,7 +2746,7 @@ static void one_link_driven(const one_link_loads *restrict loads, double t, doub
 }
 
 /* What wrenches do at t, added to u, but for what is an acceleration there; ``here`` is h in which joints are as they are in q. */
-static void one_link_wrenched(const one_link_loads *restrict loads, const double *restrict here, double t, const double *restrict q, double *restrict u)
+static void one_link_wrenched(const one_link_loads *restrict loads, const double *here, double t, const double *restrict q, double *restrict u)
 {
     const double between = (t < loads->first) ? loads->first : ((t > loads->last) ? loads->last : t);
     double own[2];
@@ -2795,7 +2795,7 @@ typedef struct {
 } one_link_clock_lanes;
 
 /* Add what loads do at a part of lanes' steps to the forces, and put given motions into q and v. */
-static void one_link_timed_lanes(const double *restrict here, const one_link_clock_lanes *restrict clock, double share, lanes *restrict q, lanes *restrict v, lanes *restrict force)
+static void one_link_timed_lanes(const double *here, const one_link_clock_lanes *restrict clock, double share, lanes *restrict q, lanes *restrict v, lanes *restrict force)
 {
     for (int l = 0; l < clock->here; ++l) {
         const double t = clock->begin[l] + share * clock->step[l];
