@@ -17,7 +17,7 @@ from ..kernels.bodies import first_frame, frame_bodies
 from ..kernels.closed_motion import CLOSING, row_kinds
 from ..kernels.equations import Equations
 from ..kernels.interface import turning_joints
-from ..kernels.methods import LEAST_PART, LOOK, ROS34PW2, TSIT5, Array
+from ..kernels.methods import LEAST_PART, LOOK, TSIT5, W643, Array
 from ..kernels.signatures import KERNELS, SIGNATURES, SINGLES, Function, by_kind, functions, shapes
 from ..program.operations import CALLS
 from ..solve.factorised import coordinate_parents
@@ -170,7 +170,7 @@ def _methods(equations: Equations, scalar: Scalar) -> dict[str, Any]:
     def times(matrix: Array) -> str:
         return ", ".join(repr(math.fsum(row)) for row in matrix.tolist())
 
-    ahead, back, weight, wrong = ROS34PW2.transformed()
+    ahead, back, weight, wrong = W643.transformed()
     return {
         "kept_size": size,
         "rubs": any(name.endswith("friction.smoothing") for name in equations.model.parameters),
@@ -178,12 +178,12 @@ def _methods(equations: Equations, scalar: Scalar) -> dict[str, Any]:
         "least_part": LEAST_PART,
         "rosenbrock": {
             "stages": len(weight),
-            "diagonal": scalar.literal(ROS34PW2.diagonal),
+            "diagonal": scalar.literal(W643.diagonal),
             "ahead": rows(ahead),
             "back": rows(back),
             "weight": numbers(weight),
             "wrong": numbers(wrong),
-            "share": times(ROS34PW2.alpha),
+            "share": times(W643.alpha),
         },
         "tsit5": {
             "stages": len(TSIT5.b),
