@@ -19,7 +19,7 @@ from ..kernels.derived import GRADIENTS
 from ..kernels.equations import Equations
 from ..kernels.interface import turning_joints
 from ..kernels.signatures import KERNELS, SIGNATURES, SINGLES, Function, by_kind, functions, shapes
-from ..kernels.steps.methods import LEAST_PART, LOOK, RK4, ROS34PW2, TSIT5, Array
+from ..kernels.steps.methods import LEAST_PART, LOOK, RK4, TSIT5, W643, Array
 from ..program.operations import CALLS
 from ..solve.factorised import coordinate_parents
 from ..solve.rows import DERIVING
@@ -173,7 +173,7 @@ def _methods(equations: Equations, scalar: Scalar) -> dict[str, Any]:
     def times(matrix: Array) -> str:
         return ", ".join(repr(math.fsum(row)) for row in matrix.tolist())
 
-    ahead, back, weight, wrong = ROS34PW2.transformed()
+    ahead, back, weight, wrong = W643.transformed()
     return {
         "kept_size": size,
         "rubs": any(name.endswith("friction.smoothing") for name in equations.model.parameters),
@@ -181,12 +181,12 @@ def _methods(equations: Equations, scalar: Scalar) -> dict[str, Any]:
         "least_part": LEAST_PART,
         "rosenbrock": {
             "stages": len(weight),
-            "diagonal": scalar.literal(ROS34PW2.diagonal),
+            "diagonal": scalar.literal(W643.diagonal),
             "ahead": rows(ahead),
             "back": rows(back),
             "weight": numbers(weight),
             "wrong": numbers(wrong),
-            "share": times(ROS34PW2.alpha),
+            "share": times(W643.alpha),
         },
         "tsit5": {
             "stages": len(TSIT5.b),
@@ -206,7 +206,7 @@ def _gradients(equations: Equations, scalar: Scalar) -> dict[str, Any]:
         rows[: len(b), : len(b)], rows[len(b), : len(b)] = a, b
         numbers = (", ".join(map(scalar.literal, row)) for row in rows.tolist())
         tables.append(f"{{ {', '.join(f'{{ {row} }}' for row in numbers)} }}")
-    kept = {"explicit": 3 * n * most, "implicit": n, "rosenbrock": 6 * n * len(ROS34PW2.b)}
+    kept = {"explicit": 3 * n * most, "implicit": n, "rosenbrock": 6 * n * len(W643.b)}
     return {
         "explicit": {"stages": most, "tables": ", ".join(tables), "counts": f"{len(RK4.b)}, {len(TSIT5.b) - 1}"},
         "kept_numbers": {name: kept[name.removesuffix("_gradient")] for name in GRADIENTS},

@@ -854,7 +854,7 @@ class Kernel:
 
         Two methods choose their steps so that the error of each stays within tolerances, and give ``samples`` at equal
         times of a ``duration``; each of many states has steps of its own, and the same bits as alone.  "tsit5" is
-        explicit, of fifth order.  "rosenbrock" is linearly implicit, of third order, and stable whatever springs and
+        explicit, of fifth order.  "rosenbrock" is linearly implicit, of fourth order, and stable whatever springs and
         dampers there are; steps end at samples.  Theory section "Steps that the error chooses".
 
         Joints that turn freely (``raw.turning``) pass beta = +-pi/2 in other angles; what comes back is as described,

@@ -27,7 +27,7 @@ Array = NDArray[Any]
 Loss = Callable[[Array, Array, Array], tuple[Any, ArrayLike, ArrayLike]]
 
 WAYS = {"rk4": ("explicit", 0), "tsit5": ("explicit", 1), "implicit": ("implicit", 0), "rosenbrock": ("rosenbrock", 0)}
-KEPT = {"explicit": 18, "implicit": 1, "rosenbrock": 24}  # numbers of a step for each coordinate, which spare work
+KEPT = {"explicit": 18, "implicit": 1, "rosenbrock": 36}  # numbers of a step for each coordinate, which spare work
 ROOM = 2**22  # numbers that are kept of all steps; of longer motions parts are stepped through once more
 RECORDED = 512  # ends of steps that a call tells
 

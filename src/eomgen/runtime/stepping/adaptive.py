@@ -25,7 +25,7 @@ from .rollouts import NUMBERS, SHARE, Given, Rollout, count_states, is_number, r
 Array = NDArray[Any]
 
 METHODS = {"rosenbrock": 0, "tsit5": 1}
-STAGES = {"rosenbrock": 4, "tsit5": 6}  # evaluations of a step
+STAGES = {"rosenbrock": 5, "tsit5": 6}  # evaluations of a step
 DONE = 1  # reason to stop: all samples are there; above are the places of what stopped it
 LEAST = {"float64": 1e-13, "float32": 1e-5}  # relative tolerances that round-off lets steps reach
 
