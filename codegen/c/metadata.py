@@ -14,7 +14,7 @@ from ..kernels.equations import Equations
 from ..kernels.interface import describe_kernels
 from ..kernels.operation_counts import operations
 from ..kernels.signatures import KERNELS
-from ..kernels.steps.tolerances import coordinate_sizes, rubbing_rates
+from ..kernels.steps.tolerances import coordinate_sizes, rubbing_parameters
 from .contexts import statuses
 from .lanes import halves
 
@@ -36,8 +36,7 @@ def kernel_metadata(equations: Equations, dtype: str, *, batches: bool = True) -
 
 def _sizes(model: Model) -> dict[str, Any]:
     """Give what tolerances refer to: sizes of coordinates, then of rates; and rates that frictions turn round in."""
-    rubbing = {i: rate for i, rate in enumerate(rubbing_rates(model).tolist()) if rate < np.inf}
-    return {"sizes": np.concatenate(coordinate_sizes(model)).tolist(), "rubbing": list(rubbing.items())}
+    return {"sizes": np.concatenate(coordinate_sizes(model)).tolist(), "rubbing": rubbing_parameters(model)}
 
 
 def survivors(model: Model) -> dict[str, list[str]]:

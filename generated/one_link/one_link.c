@@ -911,8 +911,8 @@ static void one_link_driven(const one_link_loads *restrict loads, double t, doub
     }
 }
 
-/* What wrenches do at t, added to u. */
-static void one_link_wrenched(const one_link_loads *restrict loads, double t, const double *restrict q, double *restrict u)
+/* What wrenches do at t, added to u, but for what is an acceleration there; ``here`` is h in which joints are as they are in q. */
+static void one_link_wrenched(const one_link_loads *restrict loads, const double *here, double t, const double *restrict q, double *restrict u)
 {
     const double between = (t < loads->first) ? loads->first : ((t > loads->last) ? loads->last : t);
     double own[2];
@@ -945,8 +945,10 @@ static void one_link_wrenched(const one_link_loads *restrict loads, double t, co
         }
         for (int i = 0; i < 6; ++i) { total[6 * wrench->link + i] += row[i]; }
     }
-    (void)loads->external_force(loads->force_h, own, total, found);
-    for (int i = 0; i < 2; ++i) { u[i] += found[i]; }
+    (void)loads->external_force((loads->force_h == NULL) ? here : loads->force_h, own, total, found);
+    for (int i = 0; i < 2; ++i) {
+        u[i] += found[i];
+    }
 }
 #endif /* EOMGEN_LOADS */
 
@@ -959,7 +961,7 @@ typedef struct {
 } one_link_clock;
 
 /* Add what loads do at a part of lanes' steps to the forces, and put given motions into q and v. */
-static void one_link_timed(const one_link_clock *restrict clock, double share, double *restrict q, double *restrict v, double *restrict force)
+static void one_link_timed(const double *here, const one_link_clock *restrict clock, double share, double *restrict q, double *restrict v, double *restrict force)
 {
     for (int l = 0; l < clock->here; ++l) {
         const double t = clock->begin[l] + share * clock->step[l];
@@ -972,7 +974,7 @@ static void one_link_timed(const one_link_clock *restrict clock, double share, d
             u[i] = force[i];
         }
         one_link_driven(clock->loads, t, own, rate, u);
-        if (clock->loads->wrenches > 0U) { one_link_wrenched(clock->loads, t, own, u); }
+        if (clock->loads->wrenches > 0U) { one_link_wrenched(clock->loads, here, t, own, u); }
         for (int i = 0; i < 2; ++i) {
             q[i] = own[i];
             v[i] = rate[i];
@@ -1008,7 +1010,7 @@ static void one_link_accelerated(const double *restrict h, const one_link_drive 
         force[i] = u[i];
         if (drive->kp != NULL) { force[i] += drive->kp[i] * (target[i] - q[i]) - drive->kd[i] * v[i]; }
     }
-    if (clock->loads != NULL) { one_link_timed(clock, share, q, v, force); }
+    if (clock->loads != NULL) { one_link_timed(h, clock, share, q, v, force); }
     (void)one_link_forward_dynamics(h, q, v, force, a);
 }
 
@@ -1150,7 +1152,10 @@ static double one_link_excess(const one_link_tolerance *restrict allowed, int l,
     for (int i = 0; i < 4; ++i) {
         const double begin = fabs((i < 2 ? q[i] : v[i - 2]));
         const double end = fabs((i < 2 ? q_end[i] : v_end[i - 2]));
-        if (!(end < HUGE_VAL)) { return HUGE_VAL; }
+        if (!(end < HUGE_VAL)) {
+            *where = i;
+            return HUGE_VAL;
+        }
         const double size = (double)allowed->atol[i] + allowed->rtol * (begin > end ? begin : end);
         const double ratio = fabs(error[i]) / size;
         if (!(ratio <= worst)) {
@@ -2746,8 +2751,8 @@ static void one_link_driven(const one_link_loads *restrict loads, double t, doub
     }
 }
 
-/* What wrenches do at t, added to u. */
-static void one_link_wrenched(const one_link_loads *restrict loads, double t, const double *restrict q, double *restrict u)
+/* What wrenches do at t, added to u, but for what is an acceleration there; ``here`` is h in which joints are as they are in q. */
+static void one_link_wrenched(const one_link_loads *restrict loads, const double *here, double t, const double *restrict q, double *restrict u)
 {
     const double between = (t < loads->first) ? loads->first : ((t > loads->last) ? loads->last : t);
     double own[2];
@@ -2780,8 +2785,10 @@ static void one_link_wrenched(const one_link_loads *restrict loads, double t, co
         }
         for (int i = 0; i < 6; ++i) { total[6 * wrench->link + i] += row[i]; }
     }
-    (void)loads->external_force(loads->force_h, own, total, found);
-    for (int i = 0; i < 2; ++i) { u[i] += found[i]; }
+    (void)loads->external_force((loads->force_h == NULL) ? here : loads->force_h, own, total, found);
+    for (int i = 0; i < 2; ++i) {
+        u[i] += found[i];
+    }
 }
 #endif /* EOMGEN_LOADS */
 
@@ -2794,7 +2801,7 @@ typedef struct {
 } one_link_clock_lanes;
 
 /* Add what loads do at a part of lanes' steps to the forces, and put given motions into q and v. */
-static void one_link_timed_lanes(const one_link_clock_lanes *restrict clock, double share, lanes *restrict q, lanes *restrict v, lanes *restrict force)
+static void one_link_timed_lanes(const double *here, const one_link_clock_lanes *restrict clock, double share, lanes *restrict q, lanes *restrict v, lanes *restrict force)
 {
     for (int l = 0; l < clock->here; ++l) {
         const double t = clock->begin[l] + share * clock->step[l];
@@ -2807,7 +2814,7 @@ static void one_link_timed_lanes(const one_link_clock_lanes *restrict clock, dou
             u[i] = LANE(force[i], l);
         }
         one_link_driven(clock->loads, t, own, rate, u);
-        if (clock->loads->wrenches > 0U) { one_link_wrenched(clock->loads, t, own, u); }
+        if (clock->loads->wrenches > 0U) { one_link_wrenched(clock->loads, here, t, own, u); }
         for (int i = 0; i < 2; ++i) {
             LANE(q[i], l) = own[i];
             LANE(v[i], l) = rate[i];
@@ -2843,7 +2850,7 @@ static void one_link_accelerated_lanes(const double *restrict h, const one_link_
         force[i] = u[i];
         if (drive->kp != NULL) { force[i] += drive->kp[i] * (target[i] - q[i]) - drive->kd[i] * v[i]; }
     }
-    if (clock->loads != NULL) { one_link_timed_lanes(clock, share, q, v, force); }
+    if (clock->loads != NULL) { one_link_timed_lanes(h, clock, share, q, v, force); }
     (void)one_link_forward_dynamics_lanes(h, q, v, force, a);
 }
 
@@ -2985,7 +2992,10 @@ static double one_link_excess_lanes(const one_link_tolerance *restrict allowed, 
     for (int i = 0; i < 4; ++i) {
         const double begin = fabs(LANE((i < 2 ? q[i] : v[i - 2]), l));
         const double end = fabs(LANE((i < 2 ? q_end[i] : v_end[i - 2]), l));
-        if (!(end < HUGE_VAL)) { return HUGE_VAL; }
+        if (!(end < HUGE_VAL)) {
+            *where = i;
+            return HUGE_VAL;
+        }
         const double size = (double)allowed->atol[i] + allowed->rtol * (begin > end ? begin : end);
         const double ratio = fabs(LANE(error[i], l)) / size;
         if (!(ratio <= worst)) {

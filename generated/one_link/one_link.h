@@ -85,7 +85,8 @@ extern "C" {
  * - given: motions of prescribed coordinates, whose q and v are put in place, and whose accelerations are u: waves (size, 4),
  *   amplitude, angular frequency, phase and offset, and the signals of ``count`` tracks, whose places are among them.
  * - wrench: on the centre of mass of a link, force and moment from t0 on until t1, in the base's axes, or those of a frame if
- *   it turns, and the arm of the force in that frame's axes if that is not zero (then frame counts).
+ *   it turns, and the arm of the force in that frame's axes if that is not zero (then frame counts).  external_force takes
+ *   force_h, or if that is NULL the h of the rollout.
  * one_link_loaded gives drives (and accelerations that are given) at times, and puts given motions into q and v. */
 
 void one_link_setup(const double *p, double *h);

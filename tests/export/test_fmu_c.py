@@ -31,8 +31,8 @@ def unpacked(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
     """The folder of an unpacked unit, named by its version."""
     folder = tmp_path_factory.mktemp("unit")
     robot = eomgen.load_robot("worn_arm")
-    method = "implicit" if request.param == 3 else "rk4"
-    path = export_fmu(robot, folder / "a.fmu", request.param, method=method, step=1e-4, flags=("-O0",))
+    options = {"method": "implicit", "step": 1e-4} if request.param == 3 else {"method": "auto"}
+    path = export_fmu(robot, folder / "a.fmu", request.param, flags=("-O0",), **options)  # type: ignore[arg-type]
     fmpy.extract(str(path), str(folder / f"fmi{request.param}"))
     return folder / f"fmi{request.param}"
 
@@ -147,7 +147,8 @@ static void logger(void *x, const char *name, fmi2Status status, const char *cat
 #define X(name) name
 """,
     "body": """
-    CHECK(fmi2SetupExperiment(a, 0, 0.0, 0.0, 0, 0.0));
+    FAILS(fmi2SetupExperiment(a, 1, -1.0, 0.0, 0, 0.0));
+    CHECK(fmi2SetupExperiment(a, 1, 1e-4, 0.0, 0, 0.0));
     CHECK(fmi2EnterInitializationMode(a));
     CHECK(fmi2SetReal(a, inputs, INPUTS, seed));
     FAILS(fmi2SetReal(a, all, UNIT_END, values));
@@ -301,9 +302,24 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     for path, version in zip(written, ("2.0", "3.0"), strict=True):
         description = fmpy.read_model_description(str(path))
         assert description.fmiVersion == version
-        (step,) = [x.start for x in description.modelVariables if x.name == "solver.step"]
-        assert float(step) == default_step(eomgen.load_robot("one_link"), "rk4")
-    assert main(["export", "one_link", "--fmu", "--fmi", "3", "--step", "0", "-o", str(tmp_path)]) == 1
-    assert "step: 0.0 is no length of a step" in capsys.readouterr().err
+        assert [float(x.start) for x in description.modelVariables if x.name.startswith("solver.")] == [1e-6]
+    one = ["export", "one_link", "--fmu", "--fmi", "3", "-o", str(tmp_path)]
+    for options, name, start in (
+        (["--method", "tsit5", "--rtol", "1e-8"], "solver.tolerance", 1e-8),
+        (["--method", "rk4"], "solver.step", default_step(eomgen.load_robot("one_link"), "rk4")),
+    ):
+        assert main([*one, *options]) == 0
+        description = fmpy.read_model_description(str(written[1]))
+        assert {x.name: float(x.start) for x in description.modelVariables if x.name.startswith("solver.")} == {
+            name: start
+        }
+    capsys.readouterr()
+    for options, message in (
+        (["--method", "rk4", "--step", "0"], "step: 0.0 is no length of a step"),
+        (["--step", "1e-3"], "step: 0.001 is given with method 'auto'; allowed: with the methods rk4, implicit"),
+        (["--rtol", "2"], "rtol: 2.0 is no relative tolerance; allowed: a number from 1e-13 to 0.1"),
+    ):
+        assert main([*one, *options]) == 1
+        assert message in capsys.readouterr().err
     assert main(["export", "one_link", "-o", str(tmp_path)]) == 1
     assert "no format is given; allowed: --fmu" in capsys.readouterr().err

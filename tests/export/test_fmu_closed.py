@@ -142,6 +142,20 @@ def test_co_simulation_stays_closed_and_is_the_rollout(version: int, method: str
     np.testing.assert_allclose(found, np.concatenate([wanted[0][-1], wanted[1][-1]]), rtol=1e-9, atol=1e-9)
 
 
+def test_stages_of_redundant_loops_are_closed(tmp_path: Path) -> None:
+    """Bennett's linkage keeps its energy, and moves, in equal steps of 1 ms."""
+    path = export_fmu("bennett", tmp_path / "a.fmu", 3, method="rk4", step=1e-3, flags=("-O0", "-Werror"))
+    fmpy.extract(str(path), str(tmp_path / "unpacked"))
+    host = Host(tmp_path / "unpacked", stepping=True).start(["v.joint1.gamma"], [2.0])
+    energies = [host.get(host.names("energy."))]
+    for k in range(100):
+        host.step(0.02 * k, 0.02)
+        energies.append(host.get(host.names("energy.")))
+    kinetic = np.array(energies)[:, 0]
+    assert np.ptp(kinetic) > 5.0
+    assert np.ptp(np.sum(energies, axis=1)) < 1e-8 * np.ptp(kinetic)
+
+
 @pytest.mark.parametrize("version", VERSIONS)
 def test_model_exchange_keeps_gaps_small(version: int, unit: Unit, kernel: Kernel) -> None:
     """And gaps that are there go away: the states of an integrator that is not told of any constraint."""

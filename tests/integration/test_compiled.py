@@ -122,14 +122,15 @@ def test_drives_of_c_are_those_of_python(robot: str, drive: str) -> None:
         assert u[free] == pytest.approx(wanted[free], rel=1e-11, abs=1e-10 * np.abs(wanted).max())
 
 
-@pytest.mark.parametrize("axes", ["base", "link"])
-def test_wrenches_of_c_are_those_of_python(axes: str) -> None:
-    """Forces besides the centre of mass that come, change and go, on both integrators."""
+@pytest.mark.parametrize(("robot", "axes"), [("one_link", "base"), ("one_link", "link"), ("shaken_arm", "base")])
+def test_wrenches_of_c_are_those_of_python(robot: str, axes: str) -> None:
+    """Forces besides the centre of mass that come, change and go, on both integrators, also where motions are given."""
     text = "duration = 0.1\noutput_step = 0.005\n[control]\ntype = 'none'\n" + PUSH.format(link="link1", axes=axes)
+    text += SHAKEN if robot == "shaken_arm" else ""
     results = {}
     for method in (*METHODS, "DOP853"):
         scenario = scenario_from_toml(text + f"[integrator]\nmethod = '{method}'\nrtol = 1e-9\n")
-        results[method] = run_scenario("one_link", scenario)
+        results[method] = run_scenario(robot, scenario)
     wanted = results["DOP853"]
     for method in METHODS:
         found = results[method]

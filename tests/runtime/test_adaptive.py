@@ -11,7 +11,7 @@ import pytest
 import eomgen
 from eomgen.errors import ArrayError, InputError, IntegrationStopped, SingularError
 from eomgen.integration.solve import integrate
-from eomgen.robot.value import Coordinate
+from eomgen.robot.value import Coordinate, Friction
 from eomgen.runtime.stepping.adaptive import METHODS
 from tests.codegen.forces.test_laws import slider, worn
 from tests.support.builds import Build
@@ -78,6 +78,19 @@ def test_a_stiff_joint_costs_the_implicit_method_nothing(method: str, built: Bui
     found = kernel.rollout([1e-9], [0.0], [5.0], method=method, duration=0.5, samples=1, rtol=1e-4, atol=1e-8)
     assert found[0][-1] == pytest.approx(5e-9, abs=1e-8)
     assert (found.steps <= 100) == (method == "rosenbrock")
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_tolerances_know_frictions_as_they_are_set(method: str, built: Build) -> None:
+    """A block slides to rest, by a friction that turns round faster than the description's."""
+    kernel = built(replace(slider(friction=Friction(coulomb=4.0, smoothing=1e-2)), name="sledge"), *NAMES)
+    tuned = kernel.with_parameters({"joints.rail.z.friction.smoothing": 1e-4})
+    wanted = integrate(
+        tuned, [0.0], [0.1], 0.5, drive=lambda t, q, v: np.ones(1), method="Radau", rtol=1e-9, output_step=0.5
+    )
+    q, v = tuned.rollout([0.0], [0.1], [1.0], method=method, duration=0.5, samples=1, rtol=1e-3)
+    assert q[-1] == pytest.approx(wanted.q[-1], rel=2e-2)
+    assert v[-1] == pytest.approx(wanted.v[-1], rel=2e-2, abs=1e-5)
 
 
 def test_lengths_at_the_edge_of_stability_do_not_hunt(built: Build) -> None:

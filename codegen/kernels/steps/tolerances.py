@@ -23,14 +23,16 @@ def coordinate_sizes(model: Model) -> tuple[Array, Array]:
     return deviation_sizes(_own_stiffness(model) + beside, inertia)
 
 
-def rubbing_rates(model: Model) -> Array:
-    """The rates to which those of coordinates matter, (n,), because friction turns round there; inf without any.
+def rubbing_parameters(model: Model) -> list[tuple[int, str]]:
+    """Places of coordinates that friction acts on, each with a parameter that is a rate in which it turns round.
 
     What rubs in cut joints and couplings counts for all coordinates of the robot.
     """
-    own, cut = law_numbers(model.parameters, model.coordinates), cut_numbers(model.parameters, cut_names(model))
-    least = min((x["friction.smoothing"] for x in cut.values() if "friction.smoothing" in x), default=np.inf)
-    return np.array([min(own[name].get("friction.smoothing", np.inf), least) for name in model.coordinates])
+    names = list(model.parameters)
+    places = {name: float(place) for place, name in enumerate(names)}
+    own, cut = law_numbers(places, model.coordinates), cut_numbers(places, cut_names(model))
+    acting = [(i, x) for i, name in enumerate(model.coordinates) for x in (own[name], *cut.values())]
+    return [(i, names[int(x["friction.smoothing"])]) for i, x in acting if "friction.smoothing" in x]
 
 
 def cut_names(model: Model) -> list[str]:

@@ -28,6 +28,7 @@ def _export_fmu(robot: Robot, options: argparse.Namespace, report: StageReport) 
             options.output / f"{robot.name}.fmi{version}.fmu",
             version,
             method=options.method,
+            rtol=options.rtol,
             step=options.step,
             progress=report,
         )
@@ -54,7 +55,7 @@ FORMATS: Mapping[str, tuple[str, Export]] = {  # an option's name, what it says,
 
 
 def _add_export(parser: argparse.ArgumentParser) -> None:
-    from ..export.fmu.choices import METHODS, VERSIONS
+    from ..export.fmu.choices import AUTO, METHODS, VERSIONS
 
     add_robot(parser)
     for name, (text, _) in FORMATS.items():
@@ -62,10 +63,16 @@ def _add_export(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o", "--output", type=Path, default=Path("out"), help="folder to write to (out); of MJCF, or a .xml file"
     )
-    parser.add_argument("--step", type=float, metavar="S", help="(greatest) step of integration, s (what rk4 needs)")
+    parser.add_argument(
+        "--step",
+        type=float,
+        metavar="S",
+        help="(greatest) step of integration, s (what rk4 needs); of units with the methods rk4 and implicit",
+    )
     units = parser.add_argument_group("functional mock-up units")
     units.add_argument("--fmi", type=int, choices=VERSIONS, help="version of the interface (both)")
-    units.add_argument("--method", choices=METHODS, default="rk4", help="of co-simulation (rk4)")
+    units.add_argument("--method", choices=METHODS, default=AUTO, help=f"of co-simulation ({AUTO})")
+    units.add_argument("--rtol", type=float, metavar="R", help="relative tolerance of co-simulation at first (1e-6)")
     models = parser.add_argument_group("models of MuJoCo")
     models.add_argument("--approximate", action="store_true", help="leave out what MuJoCo has no equal for, with notes")
 

@@ -1,6 +1,6 @@
 """Robots for other tools: functional mock-up units, models of MuJoCo.
 
-Uses runtime, robot, description, state, codegen (c, package), templates and pipeline.
+Uses runtime, robot, description, state, codegen (c, kernels, package), templates and pipeline.
 """
 
 from __future__ import annotations

@@ -192,8 +192,8 @@ def tolerances(calls: Calls, rtol: float, atol: ArrayLike | None, meta: Mapping[
         raise InputError(f"rollout: rtol = {show(rtol)} is not allowed; a number from {least:g} to below 1 is")
     if atol is None:
         found = float(rtol) * np.array(meta["sizes"])
-        for i, rate in meta["rubbing"]:
-            found[calls.n + i] = min(found[calls.n + i], rate)
+        for i, name in meta["rubbing"]:
+            found[calls.n + i] = min(found[calls.n + i], calls.parameters[name])
         return float(rtol), found.astype(calls.dtype)
     try:
         found = np.broadcast_to(np.asarray(atol, dtype=np.float64), (2 * calls.n,)).astype(calls.dtype)

@@ -15,7 +15,7 @@ import uuid
 import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import IO, TYPE_CHECKING
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,17 +23,20 @@ from eomgen._version import __version__
 from eomgen.description import RobotLike, as_robot
 from eomgen.errors import InputError
 from eomgen.files import write_atomically
+from eomgen.names import show
 from eomgen.pipeline.stages import Options, make_source
 from eomgen.progress import StageReport, no_report
 from eomgen.robot.model import Model, build_model
 from eomgen.robot.value import Robot
+from eomgen.runtime.stepping.adaptive import METHODS as STEPPERS
+from eomgen.runtime.stepping.loaded import COST, FEW, MANY, TRIAL
 
 from ...pipeline.closing import closed_home
 from ..step import default_step
-from .choices import METHODS, VERSIONS
+from .choices import ADAPTIVE, AUTO, METHODS, VERSIONS
 
 if TYPE_CHECKING:
-    from .variables import Layout
+    from .variables import Layout, Variable
 
 TANGENTS = ("external_force_tangent", "energy_tangent", "reactions_tangent", "external_reactions_tangent")
 KERNELS = (
@@ -44,6 +47,7 @@ CLOSED_KERNELS = (  # of robots with a constraint
     *("constrained_dynamics", "settling", "external_force", "kinematics", "energy"),
     *("constrained_dynamics_tangent", "settling_tangent", "external_force_tangent", "energy_tangent"),
 )
+RTOL = 1e-6  # relative tolerance of co-simulation at first
 
 
 def export_fmu(
@@ -51,7 +55,8 @@ def export_fmu(
     path: Path | str,
     version: int = 3,
     *,
-    method: str = "rk4",
+    method: str = AUTO,
+    rtol: float | None = None,
     step: float | None = None,
     flags: Sequence[str] = (),
     progress: StageReport = no_report,
@@ -65,8 +70,12 @@ def export_fmu(
         robot: a Robot, the name of a built-in one, or the path of a description.
         path: file to write, usually with the suffix .fmu.
         version: of the Functional Mock-up Interface, 2 or 3.
-        method: of co-simulation, "rk4" or "implicit", as of ``Kernel.rollout``.
-        step: the greatest step of co-simulation at first, s; by default 1e-3, or what "rk4" needs if that is less.
+        method: of co-simulation, as of ``Kernel.rollout``: "rosenbrock" or "tsit5", by steps that the error controls,
+            "rk4" or "implicit"; or "auto", of the first two the one that leads on further for its cost.
+        rtol: the relative tolerance of co-simulation at first, 1e-6 by default; of methods whose steps the error
+            controls.
+        step: the greatest step of co-simulation at first, s; by default 1e-3, or what "rk4" needs if that is less; of
+            "rk4" and "implicit".
         flags: further flags of the compiler, behind those of $CFLAGS; none that give up IEEE arithmetic.
         progress: called with a line of text when a stage begins.
 
@@ -76,12 +85,13 @@ def export_fmu(
         BuildError: no compiler, or a compiler that fails.
     """
     robot = as_robot(robot)
-    _check(version, method, step)
+    _check(version, method, rtol, step)
     home = closed_home(robot, progress)
-    made = default_step(robot, method, progress) if step is None else float(step)
+    solver = _solver(robot, method, rtol, step, progress)
     kernels = CLOSED_KERNELS if build_model(robot).constraints else KERNELS
-    options = Options((*kernels, *(("rollout",) if method == "implicit" else ())), batches=False)
-    files = _files(robot, options, version, method, (made, home), progress)
+    stepping = {"implicit": ("rollout",), "rk4": ()}.get(method, ("adaptive_rollout",))
+    options = Options((*kernels, *stepping), batches=False)
+    files = _files(robot, options, version, method, (solver, home), progress)
     with tempfile.TemporaryDirectory() as work:
         progress("compiling the unit")
         binary, content = _compiled(robot.name, files, version, Path(work), flags)
@@ -90,14 +100,40 @@ def export_fmu(
     return write_atomically(target, lambda stream: _pack(packed, stream))
 
 
-def _check(version: int, method: str, step: float | None) -> None:
+def _check(version: int, method: str, rtol: float | None, step: float | None) -> None:
+    from .variables import LOOSEST, TIGHTEST
+
     if version not in VERSIONS or isinstance(version, bool):
-        raise InputError(f"fmi: version {version!r} is unknown; allowed: {', '.join(map(str, VERSIONS))}")
+        raise InputError(f"fmi: version {show(version)} is unknown; allowed: {', '.join(map(str, VERSIONS))}")
     if method not in METHODS:
-        raise InputError(f"method: {method!r} is unknown; allowed: {', '.join(METHODS)}")
-    number = isinstance(step, (int, float, np.number)) and not isinstance(step, bool)
-    if step is not None and not (number and 1e-9 <= step < math.inf):
-        raise InputError(f"step: {step!r} is no length of a step; allowed: a finite number of at least 1e-9 s")
+        raise InputError(f"method: {show(method)} is unknown; allowed: {', '.join(METHODS)}")
+    fixed = ", ".join(name for name in METHODS if name not in ADAPTIVE)
+    if step is not None and method in ADAPTIVE:
+        raise InputError(f"step: {show(step)} is given with method {show(method)}; allowed: with the methods {fixed}")
+    if rtol is not None and method not in ADAPTIVE:
+        adaptive = ", ".join(ADAPTIVE)
+        raise InputError(
+            f"rtol: {show(rtol)} is given with method {show(method)}; allowed: with the methods {adaptive}"
+        )
+    if step is not None and not (_is_number(step) and 1e-9 <= step < math.inf):
+        raise InputError(f"step: {show(step)} is no length of a step; allowed: a finite number of at least 1e-9 s")
+    if rtol is not None and not (_is_number(rtol) and TIGHTEST <= rtol <= LOOSEST):
+        raise InputError(
+            f"rtol: {show(rtol)} is no relative tolerance; allowed: a number from {TIGHTEST:g} to {LOOSEST:g}"
+        )
+
+
+def _is_number(x: object) -> bool:
+    return isinstance(x, (int, float, np.number)) and not isinstance(x, bool)
+
+
+def _solver(robot: Robot, method: str, rtol: float | None, step: float | None, progress: StageReport) -> Variable:
+    """The parameter of co-simulation."""
+    from .variables import step_variable, tolerance_variable
+
+    if method in ADAPTIVE:
+        return tolerance_variable(RTOL if rtol is None else float(rtol))
+    return step_variable(default_step(robot, method, progress) if step is None else float(step))
 
 
 def _files(
@@ -105,10 +141,10 @@ def _files(
     options: Options,
     version: int,
     method: str,
-    begin: tuple[float, Sequence[float]],
+    begin: tuple[Variable, Sequence[float]],
     progress: StageReport,
 ) -> dict[str, bytes]:
-    """Files of the unit but its binary, by their paths; ``begin``: its step and its coordinates at first."""
+    """Files of the unit but its binary, by their paths; ``begin``: its solver's parameter and its home."""
     from eomgen.codegen.c.contexts import turned_context
 
     from .variables import make_layout
@@ -126,6 +162,7 @@ def _files(
         "hoisted": meta["hoisted"],
         "prescribed": model.prescribed,
         "method": method,
+        **_stepping(model, method, meta),
         **_closing(model),
         **turned_context(model),
         "redundant": meta.get("redundant", False),
@@ -144,6 +181,27 @@ def _files(
     if version == 3:
         files["sources/buildDescription.xml"] = build_description(unit)
     return files
+
+
+def _stepping(model: Model, method: str, meta: Mapping[str, Any]) -> dict[str, object]:
+    """Names that ``fmu/adaptive.c.jinja`` uses; ``meta`` is that of the source."""
+    if method not in ADAPTIVE:
+        return {"adaptive": False}
+    from eomgen.codegen.kernels.interface import turning_joints
+    from eomgen.codegen.kernels.steps.tolerances import rubbing_parameters
+
+    return {
+        "adaptive": True,
+        "sizes": [repr(float(size)) for size in meta["sizes"]],
+        "rubbing": [(i, list(model.parameters).index(name)) for i, name in rubbing_parameters(model)],
+        "links": len(model.links),
+        "turned_size": turning_joints(model)["room"],
+        "cost": [repr(float(COST[name])) for name in sorted(STEPPERS, key=STEPPERS.__getitem__)],
+        "trial": TRIAL,
+        "few": FEW,
+        "many": MANY,
+        "most": 2**62,
+    }
 
 
 def _closing(model: Model) -> dict[str, object]:

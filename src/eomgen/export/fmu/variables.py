@@ -17,6 +17,7 @@ from eomgen.robot.laws import BASIC, JOINT_DAMPING, NUMBERS, RADIAL, least_of, n
 from eomgen.robot.model import FIXED_BODY, Model
 from eomgen.robot.rules import ROTORS
 from eomgen.robot.value import LINEAR, MOTOR, PRINCIPAL, Robot
+from eomgen.runtime.stepping.adaptive import LEAST
 
 BASE = {  # exponents of SI base units, and of rad
     "N": {"kg": 1, "m": 1, "s": -2},
@@ -48,9 +49,11 @@ UNITS: Mapping[str, Mapping[str, int]] = {
     )
 }
 STEP = "solver.step"
+TOLERANCE = "solver.tolerance"
 CLOSING = "solver.closing"
 CLOSING_TIME = 0.01  # s, in which gaps of model exchange fall to a third
 SHORTEST = 1e-9  # s, of a step
+TIGHTEST, LOOSEST = LEAST["float64"], 0.1  # relative tolerances
 SMALL = 1e-3  # m or rad, the usual size of a deviation
 
 
@@ -58,9 +61,10 @@ SMALL = 1e-3  # m or rad, the usual size of a deviation
 class Variable:
     """A variable of the unit.
 
-    start: its value at first, of what can be set and of states.  nominal: the size of a state.  derivative: the
-    value reference of the state that it is the derivative of.  depends: value references of the states and inputs that
-    it depends on; None for all.  is_guess: whether initialization looks for its value from ``start`` on.
+    start: its value at first, of what can be set and of states.  minimum, maximum: the least and the most that a
+    parameter may be.  nominal: the size of a state.  derivative: the value reference of the state that it is the
+    derivative of.  depends: value references of the states and inputs that it depends on; None for all.  is_guess:
+    whether initialization looks for its value from ``start`` on.
     """
 
     name: str
@@ -69,6 +73,7 @@ class Variable:
     text: str
     start: float | None = None
     minimum: float | None = None
+    maximum: float | None = None
     nominal: float | None = None
     derivative: int | None = None
     depends: tuple[int, ...] | None = None
@@ -87,11 +92,21 @@ class Layout:
     frames: tuple[int, ...]
 
 
-def make_layout(model: Model, step: float, home: Sequence[float]) -> Layout:
+def step_variable(step: float) -> Variable:
+    """The parameter of steps of one length, s."""
+    return Variable(STEP, "parameter", "s", "Greatest step of co-simulation", step, SHORTEST)
+
+
+def tolerance_variable(rtol: float) -> Variable:
+    """The parameter of steps that the error controls."""
+    return Variable(TOLERANCE, "parameter", "1", "Relative tolerance of co-simulation", rtol, TIGHTEST, LOOSEST)
+
+
+def make_layout(model: Model, solver: Variable, home: Sequence[float]) -> Layout:
     """The variables of a robot's unit.
 
     Args:
-        step: the greatest one of co-simulation, s.
+        solver: the parameter of its co-simulation.
         home: coordinates at the start, (n,), m or rad.
     """
     found: list[Variable] = [Variable("time", "independent", "s", "Time")]
@@ -103,7 +118,7 @@ def make_layout(model: Model, step: float, home: Sequence[float]) -> Layout:
         found.extend(variables)
 
     add("parameters", _parameters(model))
-    add("step", iter([Variable(STEP, "parameter", "s", "Greatest step of co-simulation", step, SHORTEST)]))
+    add("solver", iter([solver]))
     if model.constraints:
         add("closing", iter([Variable(CLOSING, "parameter", "s", _CLOSING_TEXT, CLOSING_TIME, SHORTEST)]))
     add("q", _states(model, "q", "Coordinate", "", len(found), home))

@@ -13,7 +13,7 @@ from xml.etree.ElementTree import Element, SubElement
 
 from eomgen._version import __version__
 
-from .variables import UNITS, Layout, Variable
+from .variables import TOLERANCE, UNITS, Layout, Variable
 
 COMMUNICATION_STEP = 0.01  # s, proposed to who simulates
 CLOSED = (
@@ -137,7 +137,9 @@ def _common(root: Element, variables: Sequence[Variable]) -> None:
             SubElement(SubElement(units, "Unit", name=name), "BaseUnit", {k: str(n) for k, n in exponents.items()})
     category, text = LOG_CATEGORY
     SubElement(SubElement(root, "LogCategories"), "Category", name=category, description=text)
-    SubElement(root, "DefaultExperiment", startTime="0.0", stopTime="1.0", stepSize=repr(COMMUNICATION_STEP))
+    experiment = {"startTime": "0.0", "stopTime": "1.0", "stepSize": repr(COMMUNICATION_STEP)}
+    experiment |= [("tolerance", repr(x.start)) for x in variables if x.name == TOLERANCE]
+    SubElement(root, "DefaultExperiment", experiment)
 
 
 def _attributes(reference: int, variable: Variable) -> tuple[dict[str, str], dict[str, str]]:
@@ -154,7 +156,7 @@ def _attributes(reference: int, variable: Variable) -> tuple[dict[str, str], dic
         about["initial"] = "calculated" if variable.start is None else with_start
     elif variable.causality == "parameter":
         about["initial"] = "exact"
-    given = {"start": variable.start, "min": variable.minimum, "nominal": variable.nominal}
+    given = {"start": variable.start, "min": variable.minimum, "max": variable.maximum, "nominal": variable.nominal}
     numbers = {key: repr(float(value)) for key, value in given.items() if value is not None}
     return about, {"unit": variable.unit, **numbers}
 

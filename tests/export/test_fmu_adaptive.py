@@ -1,0 +1,363 @@
+"""Co-simulation of functional mock-up units by steps that the error controls, run by fmpy, against the kernel."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+import fmpy
+import numpy as np
+import pytest
+from fmpy.validation import validate_fmu
+from scipy.spatial.transform import Rotation
+
+import eomgen
+from eomgen.codegen.kernels.steps.tolerances import rubbing_parameters
+from eomgen.export.fmu.choices import ADAPTIVE
+from eomgen.export.fmu.pack import export_fmu
+from eomgen.integration import integrate
+from eomgen.robot.model import build_model
+from eomgen.robot.record import robot_hash
+from eomgen.robot.value import Friction, Robot
+from eomgen.runtime.kernel import Array
+from tests.codegen.forces.test_laws import slider
+from tests.support.builds import Build
+from tests.support.fmu_host import Host
+from tests.support.small_robots import free_body, held_body
+from tests.support.turning_loops import INTEGRATED, held_at, held_pendulum
+
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
+VERSIONS = (2, 3)
+NAMES = ("adaptive_rollout", "forward_dynamics", "mass_matrix", "inverse_dynamics", "energy", "external_force")
+CLOSED = (*NAMES, "constraint", "constraint_jacobian", "constrained_dynamics", "kinematics", "cut_poses")
+
+Exported = Callable[..., Path]
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory: pytest.TempPathFactory) -> Exported:
+    """``exported(robot, version, options)``: the folder of an unpacked unit that is compiled once."""
+    known: dict[object, Path] = {}
+
+    def export(robot: Robot, version: int = 3, **options: object) -> Path:
+        key = (robot_hash(robot), version, *sorted(options.items()))
+        if key not in known:
+            folder = tmp_path_factory.mktemp("unit")
+            path = export_fmu(robot, folder / "a.fmu", version, flags=("-O0", "-Werror"), **options)  # type: ignore[arg-type]
+            fmpy.extract(str(path), str(folder / "unpacked"))
+            known[key] = folder / "unpacked"
+        return known[key]
+
+    return export
+
+
+def states(host: Host) -> list[str]:
+    return [*host.names("q."), *host.names("v.")]
+
+
+def run(host: Host, steps: int, length: float, drives: Callable[[float], Array] | None = None, first: int = 0) -> Array:
+    """The state after so many communication steps; drives are set at each."""
+    for k in range(first, first + steps):
+        if drives is not None:
+            host.set(host.names("u."), drives(k * length))
+        host.step(k * length, length)
+    return host.get(states(host))
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_the_description_says_it(version: int, exported: Exported) -> None:
+    folder = exported(eomgen.load_robot("one_link"), version)
+    assert validate_fmu(str(folder.parent / "a.fmu")) == []
+    (found,) = [x for x in Host(folder).description.modelVariables if x.name.startswith("solver.")]
+    said = (
+        found.name,
+        found.causality,
+        found.variability,
+        found.unit,
+        *map(float, (found.start, found.min, found.max)),
+    )
+    assert said == ("solver.tolerance", "parameter", "tunable", "1", 1e-6, 1e-13, 0.1)
+    root = ElementTree.parse(folder / "modelDescription.xml").getroot()
+    assert float(root.find("DefaultExperiment").attrib["tolerance"]) == 1e-6  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize(("version", "method"), [(2, "rosenbrock"), (3, "tsit5")])
+def test_a_first_step_is_the_rollouts(version: int, method: str, exported: Exported, built: Build) -> None:
+    """Bit by bit, where all of it is one communication step."""
+    robot = eomgen.load_robot("one_link")
+    host, kernel = Host(exported(robot, version, method=method), stepping=True), built(robot, *NAMES)
+    q, v, u = np.array([1e-3, 0.3]), np.array([0.0, 0.5]), np.array([0.0, 0.4])
+    host.start([*states(host), *host.names("u."), "solver.tolerance"], [*q, *v, *u, 1e-5])
+    wanted = kernel.rollout(q, v, u, method=method, duration=0.05, samples=1, rtol=1e-5)
+    np.testing.assert_array_equal(run(host, 1, 0.05), np.concatenate([wanted[0][-1], wanted[1][-1]]))
+
+
+@pytest.mark.parametrize("method", ADAPTIVE)
+def test_a_stiff_robot_against_tight_tolerances(method: str, exported: Exported, built: Build) -> None:
+    """Gears of 1e4 N m/rad with friction and backlash; drives change between steps, a wrench acts.  Smaller errors of
+    smaller tolerances."""
+    robot = eomgen.load_robot("geared_arm")
+    kernel = built(robot, *NAMES)
+    n, steps, length = kernel.n, 10, 5e-3
+    motors = np.array([name.endswith("motor") for name in kernel.coordinates])
+    drives = lambda t: 0.5 * motors * np.cos(40.0 * t)  # noqa: E731
+    wrench = np.zeros((len(kernel.links), 6))
+    wrench[-1] = [3.0, -2.0, 5.0, 0.1, 0.2, -0.1]
+    wanted = np.zeros(2 * n)
+    for k in range(steps):
+        u = drives(k * length)
+        options = {"drive": lambda t, q, v, u=u: u, "wrench": wrench, "method": "Radau", "rtol": 1e-11}
+        found = integrate(kernel, wanted[:n], wanted[n:], length, output_step=length, **options)  # type: ignore[arg-type]
+        wanted = np.concatenate([found.q[-1], found.v[-1]])
+    errors = []
+    for tolerance in (1e-3, 1e-5, 1e-7):
+        host = Host(exported(robot, method=method), stepping=True)
+        names = [f"wrench.{kernel.links[-1]}.{part}" for part in ("fx", "fy", "fz", "mx", "my", "mz")]
+        host.start([*names, "solver.tolerance"], [*wrench[-1], tolerance])
+        errors.append(float(np.abs(run(host, steps, length, drives) - wanted).max() / np.abs(wanted).max()))
+    print(f"{method}: errors {errors}")
+    assert np.abs(wanted[n:]).max() > 10.0
+    assert errors[0] < 2e-2
+    assert errors[1] < 0.1 * errors[0]
+    assert errors[2] < min(0.1 * errors[1], 1e-6)
+
+
+def test_prescribed_coordinates_and_wrenches(exported: Exported, built: Build) -> None:
+    """A wrench on a shaken platform does not change how that is shaken."""
+    robot = eomgen.load_robot("shaken_arm")
+    kernel, host = built(robot, *NAMES), Host(exported(robot), stepping=True)
+    rng = np.random.default_rng(1)
+    u, wrench = rng.uniform(-1.0, 1.0, kernel.n), rng.uniform(-3.0, 3.0, (len(kernel.links), 6))
+    host.start([*host.names("u."), *host.names("wrench."), "solver.tolerance"], [*u, *wrench.ravel(), 1e-9])
+    given = [i for i, name in enumerate(kernel.coordinates) if name in kernel.prescribed]
+    motion = lambda t: (0.5 * u[given] * t**2, u[given] * t, u[given])  # noqa: E731
+    zero = np.zeros(kernel.n)
+    options = {"drive": lambda t, q, v: u, "wrench": wrench, "prescribed": motion, "method": "DOP853", "rtol": 1e-11}
+    wanted = integrate(kernel, zero, zero, 0.1, output_step=0.1, **options)  # type: ignore[arg-type]
+    found = run(host, 10, 0.01)
+    np.testing.assert_allclose(found, np.concatenate([wanted.q[-1], wanted.v[-1]]), atol=1e-7)
+
+
+@pytest.mark.parametrize(("name", "rate"), [("four_bar", 3.0), ("bennett", 2.0)])
+def test_closed_mechanisms(name: str, rate: float, exported: Exported, built: Build) -> None:
+    """They stay closed, keep their energy, and move as an integration with tight tolerances says."""
+    robot = eomgen.load_robot(name)
+    kernel, folder = built(robot, *CLOSED), exported(robot)
+    home = kernel.close([robot.home[x] for x in kernel.coordinates])
+    v = kernel.close_rates(home, [rate, 0.0, 0.0], [kernel.coordinates[0]])
+    wanted = integrate(kernel, home, v, 0.5, method="tsit5", rtol=1e-11, output_step=0.5)
+    errors = []
+    for tolerance in (1e-5, 1e-8):
+        host = Host(folder, stepping=True)
+        host.start([*states(host), "solver.tolerance"], [*home, *v, tolerance])
+        begin = host.get(host.names("energy."))
+        found = run(host, 50, 0.01)
+        errors.append(float(np.abs(found - np.concatenate([wanted.q[-1], wanted.v[-1]])).max()))
+        energy = host.get(host.names("energy."))
+        assert abs(energy.sum() - begin.sum()) <= 100.0 * tolerance * max(energy[0], begin[0])
+        assert np.abs(kernel.constraint(found[:3])).max() <= 1e-10
+        assert np.abs(kernel.constraint_jacobian(found[:3]) @ found[3:]).max() <= 1e-9
+    print(f"{name}: errors {errors}")
+    assert np.abs(wanted.q[-1] - home).max() > 0.3
+    assert errors[1] <= min(0.1 * errors[0], 1e-6)
+
+
+@pytest.mark.parametrize("method", ADAPTIVE)
+def test_free_joints_turn(method: str, exported: Exported, built: Build) -> None:
+    """Over the poles of their angles, under a wrench and a force; a state kept there goes on to the same bits."""
+    folder = exported(free_body(), method=method)
+    names = [f"{label}.free.{axis}" for label in "qv" for axis in ("x", "y", "z", "alpha", "beta", "gamma")]
+    begin = np.array([0.0, 0.0, 0.0, 0.3, 1.2, 0.1, 0.1, 0.2, 0.3, 2.0, 3.0, 1.0])
+    host = Host(folder, stepping=True)
+    host.start([*names, "u.free.x", "wrench.body.mz", "solver.tolerance"], [*begin, 0.5, 0.02, 1e-8])
+    betas = []
+    for k in range(20):
+        if k == 4:
+            kept = host.unit.getFMUState()
+        host.step(0.05 * k, 0.05)
+        betas.append(host.get(["q.free.beta"])[0])
+    found = host.get(names)
+    kernel = built(free_body(), *NAMES)
+    u, wrench = np.array([0.5, *np.zeros(5)]), np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 0.02]])
+    expected = integrate(kernel, begin[:6], begin[6:], 1.0, drive=lambda t, q, v: u, wrench=wrench, rtol=1e-11)
+    assert np.abs(np.cos(betas[3])) < 0.5  # kept in other angles
+    turned = [Rotation.from_euler("XYZ", q[3:6]) for q in (found, expected.q[-1])]
+    assert (turned[0] * turned[1].inv()).magnitude() < 1e-6
+    assert np.abs(found[:3] - expected.q[-1, :3]).max() < 1e-6
+    host.unit.setFMUState(kept)
+    np.testing.assert_array_equal(run(host, 16, 0.05, first=4), found)
+
+
+def test_a_cut_holds_a_body_that_turns(exported: Exported, built: Build) -> None:
+    """A pendulum on a cut swings over the poles of its free joint's angles; a wrench acts."""
+    kernel = built(held_pendulum(), *INTEGRATED)
+    q, v = held_at(np.array([0.3, 1.2, 0.1]), np.array([2.0, 3.0, 1.0]))
+    host = Host(exported(held_pendulum()), stepping=True)
+    names = [f"{label}.{name}" for label in "qv" for name in kernel.coordinates]
+    host.start([*names, "wrench.body.mz", "solver.tolerance"], [*q, *v, 0.02, 1e-9])
+    found, wrench = run(host, 20, 0.05), np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 0.02]])
+    expected = integrate(kernel, q, v, 1.0, wrench=wrench, rtol=1e-9, output_step=0.01)
+    assert np.abs(np.cos(expected.q[:, 4])).min() < 0.3
+    assert np.abs(host.get(names)[:6] - expected.q[-1]).max() < 1e-6
+    assert np.abs(kernel.constraint(found[:6])).max() < 1e-11
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_kept_states_go_on_to_the_same_bits(version: int, exported: Exported) -> None:
+    """Restored in the same instance and, from bytes, in another one, in the midst of what the methods are tried for."""
+    folder = exported(eomgen.load_robot("one_link"), version)
+    host, other = Host(folder, stepping=True), Host(folder, stepping=True).start()
+    drives = lambda t: np.array([3.0 * np.sin(300.0 * t), 0.4])  # noqa: E731
+    host.start([*states(host)], [1e-3, 0.3, 0.0, 0.5])
+    reached = run(host, 7, 2e-3, drives)
+    kept = host.unit.getFMUState()
+    saved = host.unit.serializeFMUState(kept)
+    wanted = run(host, 30, 2e-3, drives, first=7)
+    host.unit.setFMUState(kept)
+    np.testing.assert_array_equal(run(host, 30, 2e-3, drives, first=7), wanted)
+    read = getattr(other.unit, "deSerializeFMUstate" if version == 2 else "deserializeFMUState")
+    other.unit.setFMUState(read(saved))
+    np.testing.assert_array_equal(run(other, 30, 2e-3, drives, first=7), wanted)
+    anew = Host(folder, stepping=True).start(states(host), reached, begin=7 * 2e-3)  # of the values alone
+    found = run(anew, 30, 2e-3, drives, first=7)
+    assert not np.array_equal(found, wanted)
+    np.testing.assert_allclose(found, wanted, atol=1e-4)
+
+
+def begun(host: Host, tolerance: float | None, own: float | None = None) -> Host:
+    """Through initialization with an experiment's tolerance, and that of the parameter set before."""
+    if own is not None:
+        host.set(["solver.tolerance"], [own])
+    if host.version == 2:
+        host.unit.setupExperiment(tolerance=tolerance, startTime=0.0)
+        host.unit.enterInitializationMode()
+    else:
+        host.unit.enterInitializationMode(tolerance=tolerance, startTime=0.0)
+    host.set(["v.joint1.gamma"], [2.0])
+    host.unit.exitInitializationMode()
+    return host
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_the_experiments_tolerance(version: int, exported: Exported) -> None:
+    """It takes the place of the parameter's start value, up to what round-off allows, and of no other one."""
+    folder = exported(eomgen.load_robot("one_link"), version)
+
+    def end(tolerance: float | None, own: float | None = None) -> Array:
+        return run(begun(Host(folder, stepping=True), tolerance, own), 5, 0.01)
+
+    tight, loose = end(None, 1e-9), end(None, 1e-3)
+    assert 1e-9 < np.abs(tight - loose).max() < 1e-2
+    np.testing.assert_array_equal(end(1e-9), tight)
+    np.testing.assert_array_equal(end(1e-9, 1e-3), loose)
+    np.testing.assert_array_equal(end(1e-30), end(None, 1e-13))
+    np.testing.assert_array_equal(end(7.0), end(None, 0.1))
+    for bad in (-1.0, np.nan):
+        host = Host(folder, stepping=True)
+        with pytest.raises(Exception, match="fmi"):
+            begun(host, bad)
+        assert f"the tolerance of the experiment is {bad:g}; allowed: a finite number above 0" in host.messages[-1]
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_ends_are_honest(version: int, exported: Exported) -> None:
+    """A step that leads nowhere is an error with the coordinate, and changes nothing: what follows is as without it."""
+    folder = exported(slider(), version)
+    host, other = Host(folder, stepping=True).start(), Host(folder, stepping=True).start()
+    for one in (host, other):
+        one.set(["u.rail.z"], [3.0])
+        one.step(0.0, 0.01)
+    host.set(["u.rail.z"], [1e300])
+    before = host.get(list(host.references))
+    with pytest.raises(Exception, match="fmi"):
+        host.step(0.01, 1e9)
+    assert "the error of q.rail.z is too great in steps of any length that leads on after time" in host.messages[-1]
+    np.testing.assert_array_equal(host.get(list(host.references)), before)
+    for one in (host, other):
+        one.set(["u.rail.z"], [-1.0])
+        one.step(0.01, 0.02)
+    np.testing.assert_array_equal(host.get(states(host)), other.get(states(other)))
+    for value, message in ((0.2, "is too large; at most 0.1 is allowed"), (0.0, "is too small; at least 1e-13")):
+        with pytest.raises(Exception, match="fmi"):
+            host.set(["solver.tolerance"], [value])
+        assert message in host.messages[-1]
+
+
+def test_singular_states_are_named(exported: Exported) -> None:
+    host = Host(exported(held_body()), stepping=True).start(["q.free.beta"], [np.pi / 2])
+    with pytest.raises(Exception, match="fmi"):
+        host.step(0.0, 1e-3)
+    assert "the mass matrix cannot be inverted at free." in host.messages[-1]
+
+
+def test_frictions_that_turn_round_fast(exported: Exported, built: Build) -> None:
+    """A block slides to rest; tolerances know the rates in which its friction turns round, also after these are set."""
+    friction = Friction(coulomb=4.0, smoothing=1e-2)
+    robot = replace(slider(friction=friction), name="sledge")
+    assert rubbing_parameters(build_model(robot)) == [(0, "joints.rail.z.friction.smoothing")]
+    host, kernel = Host(exported(robot), stepping=True), built(robot, *NAMES)
+    for smoothing in (1e-2, 1e-4):
+        host.unit.reset()
+        names = ["v.rail.z", "u.rail.z", "joints.rail.z.friction.smoothing", "solver.tolerance"]
+        host.start(names, [0.1, 1.0, smoothing, 1e-3])
+        tuned = kernel.with_parameters({"joints.rail.z.friction.smoothing": smoothing})
+        drive = lambda t, q, v: np.array([1.0])  # noqa: E731
+        wanted = integrate(tuned, [0.0], [0.1], 0.5, drive=drive, method="Radau", rtol=1e-9, output_step=0.5)
+        found = run(host, 50, 0.01)
+        assert found == pytest.approx([wanted.q[-1, 0], wanted.v[-1, 0]], rel=2e-2, abs=1e-5)
+
+
+COUNT = r"""
+#include <stdio.h>
+#include "slider_unit.h"
+int main(void)
+{
+    static slider_unit x;
+    long long taken = 0;
+    slider_unit_reset(&x);
+    x.now.mode = UNIT_STEPPING;
+    x.now.value[UNIT_U] = 5.0;
+    for (int k = 0; k < 100; ++k) {
+        if (slider_unit_step(&x, x.now.value[0], 5e-3)) return 1;
+        taken += x.now.progress.steps + x.now.progress.rejected;
+    }
+    printf("%lld %.17g\n", taken, x.now.value[UNIT_Q]);
+    return 0;
+}
+"""
+
+
+def test_the_choice_between_both_is_the_implicit_one_where_it_is_stiff(exported: Exported, tmp_path: Path) -> None:
+    """A damped spring of 1e9 N/m, in steps: what each method takes, and both in turn."""
+    taken = {}
+    for method in ADAPTIVE:
+        sources = exported(slider(stiffness=1e9, damping=1e5), method=method) / "sources"
+        code = tmp_path / f"{method}.c"
+        code.write_text(COUNT, encoding="ascii")
+        parts = [str(sources / name) for name in ("slider.c", "slider_unit.c")]
+        binary = str(tmp_path / method)
+        subprocess.run(["cc", "-std=c99", "-iquote", str(sources), str(code), *parts, "-o", binary, "-lm"], check=True)
+        steps, place = subprocess.run([binary], capture_output=True, text=True, check=True).stdout.split()
+        assert float(place) == pytest.approx(5e-9, rel=1e-3)
+        taken[method] = int(steps)
+    print(taken)
+    assert taken["rosenbrock"] < 400
+    assert taken["tsit5"] > 5000
+    assert taken["auto"] < 1500
+
+
+def test_options_go_with_their_methods(tmp_path: Path) -> None:
+    for options, message in (
+        ({"step": 1e-3}, "step: 0.001 is given with method 'auto'; allowed: with the methods rk4, implicit"),
+        ({"method": "rk4", "rtol": 1e-3}, "rtol: 0.001 is given with method 'rk4'; allowed: with the methods auto, "),
+        ({"rtol": 1e-15}, "rtol: 1e-15 is no relative tolerance; allowed: a number from 1e-13 to 0.1"),
+        ({"rtol": float("nan")}, "rtol: nan is no relative tolerance"),
+        ({"rtol": True}, "rtol: true is no relative tolerance"),
+        ({"method": "euler"}, "method: 'euler' is unknown; allowed: auto, rosenbrock, tsit5, rk4, implicit"),
+    ):
+        with pytest.raises(eomgen.InputError, match=message):
+            export_fmu(slider(), tmp_path / "x.fmu", **options)  # type: ignore[arg-type]
