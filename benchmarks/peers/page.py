@@ -129,8 +129,8 @@ def page(report: Report) -> str:
         "- eomgen: one kernel per robot, the description's numbers folded in, gravity and parameters at run time.",
         "- textbook: recursive Newton-Euler, composite bodies and articulated bodies as loops over a table of links"
         " (`templates/bench/newton_euler.c.jinja`), with eomgen's compiler and flags.",
-        "- Pinocchio: `rnea`, `crba`, `aba`, `computeRNEADerivatives`, `computeABADerivatives`; results stay in its `Data`, the mass matrix is"
-        " the upper triangle. It reads an URDF itself; a 6-DOF joint is six joints of one coordinate with no bodies"
+        "- Pinocchio: `rnea`, `crba`, `aba`, `computeRNEADerivatives`, `computeABADerivatives`; results"
+        " stay in its `Data`, the mass matrix is the upper triangle. It reads an URDF itself; a 6-DOF joint is six joints of one coordinate with no bodies"
         " in between.",
         "- MuJoCo: `mj_inverse`, `mj_forward` and `mj_step` on the same robot as MJCF, without geometries. They compute"
         " more than the row's name says (poses of all bodies, the mass matrix and its factors). Steps are those of"

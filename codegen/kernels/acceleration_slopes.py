@@ -135,7 +135,10 @@ def _turned_round(d: Derivation, i: int, by_q: Rows, by_v: Rows) -> dict[Hashabl
 
 
 def _written(
-    d: Derivation, accelerations: Sequence[Hashable], given: Mapping[Hashable, Mapping[Hashable, Scalar]], pivots: Pivots
+    d: Derivation,
+    accelerations: Sequence[Hashable],
+    given: Mapping[Hashable, Mapping[Hashable, Scalar]],
+    pivots: Pivots,
 ) -> Outputs:
     """Three matrices, column by column; that by u is symmetric, but where an acceleration is given."""
     own, size = d.own, len(d.own)

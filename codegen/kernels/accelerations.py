@@ -48,9 +48,7 @@ def _eliminated(d: Derivation) -> Outputs:
     return _solved(d, tree.free, pivots)
 
 
-def eliminated_tree(
-    d: Derivation, drives: list[Scalar], *, coupled: bool = False
-) -> tuple[EliminatedTree, Pivots]:
+def eliminated_tree(d: Derivation, drives: list[Scalar], *, coupled: bool = False) -> tuple[EliminatedTree, Pivots]:
     """The tree with its joints eliminated, in forward dynamics."""
     return eliminated(d, d.bound.armature, drives, d.v, coupled=coupled)
 

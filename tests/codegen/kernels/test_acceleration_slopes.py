@@ -100,8 +100,8 @@ def test_what_free_bodies_do_not_know_of_each_other() -> None:
     """Drives reach the joints next to theirs, and deviations upstream only those that turn what follows."""
     model = build_model(equal_links(5))
     program, n = derive_equations(model, (NAME,)).programs[NAME], model.size
-    written = {key[1] for key, at in program.outputs.items() if program.instructions[at].op != "const"}
-    found = np.array([i in written for i in range(3 * n * n)]).reshape(3, 5, 6, 5, 6)
+    at = [program.outputs["out", i] for i in range(3 * n * n)]
+    found = np.array([program.instructions[i].op != "const" for i in at]).reshape(3, 5, 6, 5, 6)
     far = [(k, j) for k in range(5) for j in range(5) if abs(k - j) > 1]
     assert not any(found[2, k, :, j].any() for k, j in far)
     assert not any(found[0, k, :, j, :3].any() for k, j in far)
