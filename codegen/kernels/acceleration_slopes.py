@@ -101,11 +101,10 @@ def _by_factors(d: Derivation) -> Outputs:
     slopes = residual_slopes(d, a)
     given: dict[Hashable, dict[Hashable, Scalar]] = {}
     for i in range(n):
-        own: dict[Hashable, Scalar] = {_key(d.u[i]): 1.0}
+        own = {i: 1.0} if i in known else {i: 1.0} | {j: -1.0 * entry for j, entry in held[i].items()}
+        given["row", i] = {_key(d.u[j]): entry for j, entry in own.items() if j in d.own}
         if i not in known:
-            own |= {_key(d.u[j]): -1.0 * entry for j, entry in held[i].items()}
-            own |= _turned_round(d, i, slopes.by_q, slopes.by_v)
-        given["row", i] = own
+            given["row", i] |= _turned_round(d, i, slopes.by_q, slopes.by_v)
     front = _in_front(d.model)
     for i in range(n):
         given["back", i] = {("row", i): 1.0}

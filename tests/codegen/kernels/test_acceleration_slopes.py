@@ -20,7 +20,7 @@ from tests.oracles.complex_step import COMPLEX
 from tests.oracles.force_laws import with_laws
 from tests.support.builds import Build
 from tests.support.random_motors import geared_robot, motor_state
-from tests.support.random_robots import Array, State, random_robot, random_state, seeds, some_prescribed
+from tests.support.random_robots import Array, State, random_robot, random_state, seeds, some_prescribed, with_offsets
 from tests.support.random_springs import with_springs
 
 NAME = "forward_dynamics_jacobian"
@@ -53,13 +53,15 @@ def by_program(robot: Robot, s: State, way: str) -> Array:
 
 
 def robot_of(seed: int) -> Robot:
-    """In turns a plain tree, one with laws and springs between points, one with motors, and one with given motions."""
+    """In turns a tree with offsets, with laws and springs between points, with motors, and with given motions."""
     if seed % 4 == 2:
         return geared_robot(seed, joints=(2, 3))
     robot = random_robot(seed, joints=(2, 3), max_size=9, tree=True, rods=False)
     if seed % 4 == 3:
         return some_prescribed(robot, seed)
-    return with_springs(with_laws(robot, seed), seed) if seed % 4 else robot
+    if seed % 4 == 0:
+        return with_offsets(robot, seed)
+    return with_springs(with_laws(robot, seed), seed)
 
 
 def free_bodies_of(seed: int) -> Robot:
