@@ -24,11 +24,13 @@ READS: Mapping[str, tuple[str, ...]] = {
     "mass_matrix": ("q",),
     "forward_dynamics": ("q", "v", "u"),
     "derivatives": ("q", "v", "a"),
+    "forward_derivatives": ("q", "v", "u"),
     "step": ("q", "v", "u"),
 }
 SIZES: Mapping[str, Callable[[int], int]] = {  # of results that are no vector
     "mass_matrix": lambda n: n * n,
     "derivatives": lambda n: 3 * n * n,
+    "forward_derivatives": lambda n: 3 * n * n,
     "step": lambda n: 2 * n,
 }
 

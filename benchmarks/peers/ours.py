@@ -17,7 +17,11 @@ from .contender import FFI, Contender, MissingPeer, address, build_library
 
 NAME, BATCH, TEXTBOOK = "eomgen", "eomgen, batch", "textbook"
 USED = (*FLAGS, *NATIVE)
-NAMES = {"derivatives": "residual_jacobian", "step": "rollout"}  # of kernels that are called otherwise here
+NAMES = {  # of kernels that are called otherwise here
+    "derivatives": "residual_jacobian",
+    "forward_derivatives": "forward_dynamics_jacobian",
+    "step": "rollout",
+}
 STEP = Path(__file__).with_name("ours_step.c")
 LARGEST = 64  # coordinates that its arrays hold
 FFI.cdef(

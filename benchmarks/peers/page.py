@@ -13,6 +13,7 @@ KERNELS: Mapping[str, str] = {
     "mass_matrix": "mass matrix",
     "forward_dynamics": "forward dynamics",
     "derivatives": "derivatives of inverse dynamics",
+    "forward_derivatives": "derivatives of forward dynamics",
     "step": "one linearly implicit step",
 }
 CALLED: Mapping[str, str] = {
@@ -128,9 +129,9 @@ def page(report: Report) -> str:
         "- eomgen: one kernel per robot, the description's numbers folded in, gravity and parameters at run time.",
         "- textbook: recursive Newton-Euler, composite bodies and articulated bodies as loops over a table of links"
         " (`templates/bench/newton_euler.c.jinja`), with eomgen's compiler and flags.",
-        "- Pinocchio: `rnea`, `crba`, `aba`, `computeRNEADerivatives`; results stay in its `Data`, the mass matrix is"
-        " the upper triangle. It reads an URDF itself; a 6-DOF joint is six joints of one coordinate with no bodies"
-        " in between.",
+        "- Pinocchio: `rnea`, `crba`, `aba`, `computeRNEADerivatives`, `computeABADerivatives`; results"
+        " stay in its `Data`, the mass matrix is the upper triangle. It reads an URDF itself; a 6-DOF joint"
+        " is six joints of one coordinate with no bodies in between.",
         "- MuJoCo: `mj_inverse`, `mj_forward` and `mj_step` on the same robot as MJCF, without geometries. They compute"
         " more than the row's name says (poses of all bodies, the mass matrix and its factors). Steps are those of"
         f" `{STEP}`, 1 ms long, which like ours are implicit in position and rate (MuJoCo's documentation, Computation,"

@@ -13,6 +13,7 @@
 #include "pinocchio/algorithm/aba.hpp"
 #include "pinocchio/algorithm/crba.hpp"
 #else
+#include "pinocchio/algorithm/aba-derivatives.hpp"
 #include "pinocchio/algorithm/rnea-derivatives.hpp"
 #endif
 
@@ -85,6 +86,18 @@ extern "C" int pinocchio_derivatives(const double *h, const double *q, const dou
   Rows(out, n, n) = p.data->dtau_dq;
   Rows(out + n * n, n, n) = p.data->dtau_dv;
   Rows(out + 2 * n * n, n, n) = p.data->M.selfadjointView<Eigen::Upper>();
+  return 0;
+}
+
+// Of the accelerations by q, by v and by u (the inverse mass matrix).
+extern "C" int pinocchio_forward_derivatives(const double *h, const double *q, const double *v, const double *u, double *out) {
+  Peer &p = peer(h);
+  const int n = p.model.nv;
+  computeABADerivatives(p.model, *p.data, Vector(q, n), Vector(v, n), Vector(u, n));
+  if (!out) return 0;
+  Rows(out, n, n) = p.data->ddq_dq;
+  Rows(out + n * n, n, n) = p.data->ddq_dv;
+  Rows(out + 2 * n * n, n, n) = p.data->Minv.selfadjointView<Eigen::Upper>();
   return 0;
 }
 #endif

@@ -36,6 +36,7 @@ CODE: Mapping[str, Mapping[str, str]] = {  # kernel -> label -> function
     "mass_matrix": {LOCAL: "pinocchio_mass_matrix", WORLD: "pinocchio_mass_matrix_world"},
     "forward_dynamics": {LOCAL: "pinocchio_forward_dynamics", WORLD: "pinocchio_forward_dynamics_world"},
     "derivatives": {NAME: "pinocchio_derivatives"},
+    "forward_derivatives": {NAME: "pinocchio_forward_derivatives"},
 }
 
 FFI.cdef("void *pinocchio_load(const char *text);")

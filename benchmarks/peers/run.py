@@ -127,7 +127,8 @@ class Run:
             contenders = [ours.contender(kernel, batch=True), ours.contender(kernel), *pinocchio]
             condition = _condition(peers[TEXTBOOK], given.coordinates) if kernel == "forward_dynamics" else None
             yield self.entry(given, kernel, contenders, stopwatch, missing, batch=True, condition=condition)
-        for kernel, name in (("derivatives", pinocchio_peer.NAME), ("step", mujoco_peer.NAME)):
+        slopes = ("derivatives", "forward_derivatives")
+        for kernel, name in (*((slope, pinocchio_peer.NAME) for slope in slopes), ("step", mujoco_peer.NAME)):
             if name not in peers or (kernel == "step") != (given.key == ELASTIC):
                 continue
             contenders = _contenders({name: peers[name]}, kernel)
@@ -137,7 +138,11 @@ class Run:
                 yield self.entry(given, kernel, [single, *contenders], stopwatch, missing)
                 yield self.entry(given, kernel, [many, single, *contenders], stopwatch, missing, batch=True)
                 continue
-            yield self.entry(given, kernel, [made.contender(kernel), *contenders], stopwatch, missing)
+            inverted = kernel == "forward_derivatives"
+            condition = _condition(peers[TEXTBOOK], given.coordinates) if inverted else None
+            yield self.entry(
+                given, kernel, [made.contender(kernel), *contenders], stopwatch, missing, condition=condition
+            )
 
     def growing(self, given: Case) -> Iterator[Entry]:
         """The kernels of the plot: one state beside the textbook and Pinocchio, and a batch."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
-from typing import Any
 
 from ..forces.cuts import Deviating
 from ..forces.rows import effects, stretches
@@ -37,7 +36,7 @@ def _factorised(d: Derivation) -> Outputs:
     return _solved(d, acceleration, [(pivot, matrix[i, i]) for i, pivot in enumerate(pivots)])
 
 
-def _drives(d: Derivation, springs: list[Scalar]) -> list[Scalar]:
+def drives_left(d: Derivation, springs: list[Scalar]) -> list[Scalar]:
     """Drives less springs and dampers; of a prescribed coordinate its acceleration, which stands in u."""
     given = d.model.prescribed
     return [u if i in given else u - spring for i, (u, spring) in enumerate(zip(d.u, springs, strict=True))]
@@ -45,17 +44,17 @@ def _drives(d: Derivation, springs: list[Scalar]) -> list[Scalar]:
 
 def _eliminated(d: Derivation) -> Outputs:
     """Joint by joint from the tips, without a mass matrix."""
-    tree, pivots = _tree(d, _drives(d, d.forces(d.v)), d.v)
+    tree, pivots = eliminated_tree(d, drives_left(d, d.forces(d.v)))
     return _solved(d, tree.free, pivots)
 
 
-def _tree(d: Derivation, drives: list[Scalar], v: list[Any], *, coupled: bool = False) -> tuple[EliminatedTree, Pivots]:
+def eliminated_tree(d: Derivation, drives: list[Scalar], *, coupled: bool = False) -> tuple[EliminatedTree, Pivots]:
     """The tree with its joints eliminated, in forward dynamics."""
-    return eliminated(d, d.bound.armature, drives, v, coupled=coupled)
+    return eliminated(d, d.bound.armature, drives, d.v, coupled=coupled)
 
 
 def _constrained_by_elimination(d: Derivation) -> Outputs:
-    return constrained(d, *_tree(d, _drives(d, d.forces(d.v)), d.v, coupled=True))
+    return constrained(d, *eliminated_tree(d, drives_left(d, d.forces(d.v)), coupled=True))
 
 
 def _constrained_by_factors(d: Derivation) -> Outputs:
@@ -135,7 +134,7 @@ def implicit_step(d: Derivation) -> Outputs:
         for i, force in there.rows().items():
             springs[i] = springs[i] + force
         rows += [elastic_row(arms, d.functions.sqrt(slope)) for arms, slope in there.directions(dt, square)]
-    tree, pivots = eliminated(d, armature, _drives(d, springs), d.v, slopes, coupled=bool(rows), beside=beside)
+    tree, pivots = eliminated(d, armature, drives_left(d, springs), d.v, slopes, coupled=bool(rows), beside=beside)
     return _solved(d, with_rows(d, tree, rows)[0] if rows else tree.free, pivots)
 
 
@@ -166,11 +165,15 @@ class Way:
 
     most: coordinates up to which it is tried beside the others, because its program would be long; None for any number.
     prescribes: whether it can do with coordinates whose motion is given.
+    suits: whether it is tried for this robot at all.
+    on_demand: whether values are put where outputs need them, because there are many of them.
     """
 
     write: Callable[[Derivation], Outputs]
     most: int | None = None
     prescribes: bool = True
+    suits: Callable[[Derivation], bool] = lambda d: True
+    on_demand: bool = False
 
 
 CONSTRAINED: Mapping[str, Way] = {

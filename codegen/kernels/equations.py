@@ -10,7 +10,7 @@ from eomgen.memory import without_collection
 from eomgen.robot.model import Model
 
 from ..program.ir import Program, finish
-from ..program.passes import hoist_parameters, run_passes
+from ..program.passes import hoist_parameters, on_demand, run_passes
 from ..program.shares import Shares
 from .bodies import share_among_bodies
 from .derivation import Derivation
@@ -78,6 +78,11 @@ def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "fl
         signature = KERNELS[name]
         if signature.closed and model.constraints:
             calls[name] = signature.closed
+        elif name in WAYS and signature.calls:
+            if candidates := _candidates(model, name, dtype=dtype):
+                raw[name], choices[name] = min(candidates, key=lambda candidate: _cost(candidate[0]))
+                continue
+            calls[name] = signature.calls
         elif signature.calls:
             calls[name] = signature.calls
         elif signature.columns_of and _columns_cost(model, signature.columns_of, raw) > STRAIGHT_COLUMNS:
@@ -126,16 +131,21 @@ def derive_cheapest(model: Model, kernel: str, chosen: str = "", dtype: str = "f
         kernel: one of WAYS.
         chosen: the way; the one that costs least if empty.
     """
+    return min(_candidates(model, kernel, chosen, dtype), key=lambda candidate: _cost(candidate[0]))
+
+
+def _candidates(model: Model, kernel: str, chosen: str = "", dtype: str = "float64") -> list[tuple[Program, str]]:
+    """Programs of all ways that suit the model, or of the chosen one."""
     candidates = []
     for name, way in WAYS[kernel].items():
         is_long = way.most is not None and model.size > way.most
         if name != chosen and (chosen or is_long):
             continue
         derivation = Derivation(model, dtype=dtype, turned=knows_turns(kernel, model))
-        if way.prescribes or not derivation.model.prescribed:
+        if (way.prescribes or not derivation.model.prescribed) and (chosen or way.suits(derivation)):
             program = run_passes(finish(derivation.graph, kernel, way.write(derivation)))
-            candidates.append((program, name))
-    return min(candidates, key=lambda candidate: _cost(candidate[0]))
+            candidates.append((on_demand(program) if way.on_demand else program, name))
+    return candidates
 
 
 def _cost(program: Program) -> int:

@@ -284,6 +284,7 @@ SIGNATURES: Mapping[str, Signature] = {**KERNELS, **PARTS, **BACKWARDS}
 
 TURNED = (  # programs that know how joints are turned, which integrations call
     "forward_dynamics",
+    "forward_dynamics_jacobian",
     "implicit_step",
     "stage_factors",
     "stage_solution",

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from ..forces.rows import effects, gravity_rows, resisting_slopes, stretches
-from ..forces.springs import add_derivatives
+from ..forces.rows import effects, gravity_rows, stretches
 from ..joint.zeros import zero_map
-from ..program.forward_mode import gradients
 from ..tree.composite import Rows, coriolis_matrix
-from ..tree.derivatives import residual_derivatives
 from ..tree.kinematics import body_poses, external_rows, frame_poses, potential_energy
 from ..tree.recursion import Wrench, inertial_rows, kinetic_energy
 from ..tree.spatial import Scalar
+from .acceleration_slopes import SLOPES, residual_slopes
 from .accelerations import CONSTRAINED, SETTLING, SOLVERS, Way, implicit_step
 from .closed_motion import closing_derivatives, closing_reactions, drives, loop_reactions, loop_wrenches
 from .constraint_rows import gaps
@@ -71,37 +69,8 @@ def _inverse_dynamics(d: Derivation) -> Outputs:
 
 
 def _residual_jacobian(d: Derivation) -> Outputs:
-    found = residual_derivatives(d.model, d.bound, d.joints, d.v, d.a, d.graph.note)
-    by_q, by_v = resisting_slopes(d.bound, d.q, d.v, d.functions)
-    for key, slope in by_q.items():  # the same keys in both
-        found.by_q[key] = found.by_q.get(key, 0.0) + slope
-        found.by_v[key] = found.by_v.get(key, 0.0) + by_v[key]
-    for line in d.lines(d.v):
-        add_derivatives(line, d.v, found.by_q, found.by_v)
-    for touch in d.touches(d.v):
-        touch.add_derivatives(found.by_q, found.by_v)
-    for damper in d.dampers:
-        damper.add_derivatives(d.v, found.by_q, found.by_v)
-    for own in d.deviating:
-        if own.has_force:
-            force = own.resists(d.v, d.functions).force
-            rows = {i: force * arm for i, arm in own.arms.items()}
-            _add_derivatives(d, rows, own.moved_by(), found.by_q, found.by_v)
-    for cut in d.cut_touches(d.v):
-        _add_derivatives(d, cut.rows(), cut.moved_by(), found.by_q, found.by_v)
+    found = residual_slopes(d, d.a)
     return d.matrices(found.by_q, found.by_v, found.by_a)
-
-
-def _add_derivatives(
-    d: Derivation, rows: Mapping[int, Scalar], moved_by: Sequence[int], by_q: Rows, by_v: Rows
-) -> None:
-    """Derivatives of the resisting forces of a cut joint, which depend on these coordinates, in all rows."""
-    moving = [i for i in moved_by if i in d.own]
-    for x, into in ((d.q, by_q), (d.v, by_v)):
-        found = gradients(d.graph, list(rows.values()), [x[j] for j in moving])
-        for i, row in zip(rows, found, strict=True):
-            for j, slope in zip(moving, row, strict=True):
-                into[i, j] = into.get((i, j), 0.0) + slope
 
 
 def _euler_cosines(d: Derivation) -> Outputs:
@@ -265,4 +234,6 @@ WAYS: Mapping[str, Mapping[str, Way]] = {  # kernels that can be written in seve
     "tree_forward_dynamics": SOLVERS,
     "constrained_dynamics": CONSTRAINED,
     "settling": SETTLING,
+    "forward_dynamics_jacobian": SLOPES,
+    "tree_forward_dynamics_jacobian": SLOPES,
 }

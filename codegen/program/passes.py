@@ -200,6 +200,31 @@ def run_passes(program: Program) -> Program:
     return program
 
 
+def on_demand(program: Program) -> Program:
+    """The program with every value right before the first output that needs it, in the order of its outputs.
+
+    Where thousands of values stay for others that come much later, it is the memory between them that takes time.
+    Steps that notes speak of are torn apart, so that notes are left out.
+    """
+    order: list[int] = []
+    is_placed = [False] * len(program.instructions)
+    for output in program.outputs.values():
+        waiting = [(output, False)]
+        while waiting:
+            value, is_ready = waiting.pop()
+            if is_ready:
+                order.append(value)
+            elif not is_placed[value]:
+                is_placed[value] = True
+                waiting.append((value, True))
+                args = program.instructions[value].args
+                waiting += [(arg, False) for arg in reversed(args) if not is_placed[arg]]
+    number = {value: place for place, value in enumerate(order)}
+    found = (program.instructions[value] for value in order)
+    instructions = tuple(Instruction(x.op, tuple([number[arg] for arg in x.args]), x.leaf) for x in found)
+    return verify(Program(program.name, instructions, {key: number[x] for key, x in program.outputs.items()}))
+
+
 def hoist_parameters(programs: Sequence[Program], parameters: int) -> tuple[Program, list[Program]]:
     """Split off what depends on parameters alone.
 

@@ -264,6 +264,56 @@ int one_link_residual_jacobian(const double *restrict h, const double *restrict 
     return 0;
 }
 
+/* Derivatives of the accelerations by q, v and u: three matrices. */
+int one_link_forward_dynamics_jacobian(const double *restrict h, const double *restrict q, const double *restrict v, const double *restrict u, double *restrict out)
+{
+    double pivot[4];
+    const double angle[PADDED(1)] = { q[1] };
+    double sine[PADDED(1)];
+    double cosine[PADDED(1)];
+    turn(angle, PADDED(1), sine, cosine);
+
+    pivot[1] = 1.0;
+    pivot[2] = 0.3333333333333333;
+    pivot[3] = 0.3333333333333333;
+    out[4] = 0.0;
+    out[6] = 0.0;
+    const double t4 = 0.5*sine[0];
+    const double t6 = 1.5*sine[0];
+    const double t8 = 1.0 - t4*t6;
+    pivot[0] = t8;
+    const double t11 = 1.0/t8;
+    out[8] = t11;
+    out[0] = -(h[3]*t11);
+    const double t14 = t6*t11;
+    out[10] = t14;
+    out[9] = t14;
+    out[2] = -(h[3]*t14);
+    const double t25 = h[1]*sine[0];
+    const double t29 = 0.5*(v[1]*v[1]);
+    const double t33 = h[1]*cosine[0];
+    const double t34 = h[0]*sine[0] - t33;
+    const double t38 = u[0] - (q[0]*h[3] - (cosine[0]*(h[0]*cosine[0] + t25 + t29) + sine[0]*t34));
+    const double t41 = u[1] - 0.5*t34;
+    const double t44 = t11*(t38 + t41*t6);
+    const double t45 = t44 - h[0];
+    const double t59 = sine[0]*(cosine[0]*t45 - t25 - t29) + cosine[0]*(0.5*(3.0*t41 + t6*t44) - (t33 + sine[0]*t45));
+    const double t60 = h[1] + t59;
+    const double t63 = 0.5*cosine[0];
+    const double t65 = h[1]*t4 - t63*t45;
+    out[1] = t11*t60 - t65*t14;
+    const double t70 = 3.0 + t6*t14;
+    out[11] = t70;
+    out[3] = t60*t14 - t65*t70;
+    const double t75 = v[0]*cosine[0];
+    const double t82 = sine[0]*(2.0*t75) + cosine[0]*(v[1] - 2.0*(v[0]*sine[0]));
+    const double t86 = t75 - t63*(2.0*v[0]);
+    out[5] = t11*t82 - t86*t14;
+    out[7] = t82*t14 - t86*t70;
+
+    return one_link_failed(pivot);
+}
+
 /* Coriolis matrix C(q, v) with C v = bias and M_dot = C + C^T. */
 int one_link_coriolis_matrix(const double *restrict h, const double *restrict q, const double *restrict v, double *restrict out)
 {
@@ -600,50 +650,6 @@ int one_link_frame_jacobian(const double *restrict h, const double *restrict q, 
         }
     }
     return 0;
-}
-
-/* Derivatives of the accelerations by q, v and u: three matrices.
- * They are -M^-1 dr/dq, -M^-1 dr/dv and M^-1 at the acceleration under u, with M = L^T D L along the branches. */
-int one_link_forward_dynamics_jacobian(const double *restrict h, const double *restrict q, const double *restrict v, const double *restrict u, double *restrict out)
-{
-    static const int front[2] = { -1, 0 };
-    double M[4];
-    double pivot[4];
-
-    double a[2];
-    const int status = one_link_forward_dynamics(h, q, v, u, a);
-    if (status != 0) { return status; }
-    (void)one_link_residual_jacobian(h, q, v, a, out);
-    for (int i = 0; i < 4; ++i) { M[i] = out[8 + i]; }
-    for (int i = 0; i < 2; ++i) { pivot[2 * i + 1] = M[3 * i]; }
-    for (int k = 1; k >= 0; --k) {
-        pivot[2 * k] = M[3 * k];
-        for (int i = front[k]; i >= 0; i = front[i]) {
-            const double factor = M[2 * k + i] / pivot[2 * k];
-            for (int j = i; j >= 0; j = front[j]) { M[2 * i + j] -= factor * M[2 * k + j]; }
-            M[2 * k + i] = factor;
-        }
-    }
-    for (int i = 0; i < 8; ++i) { out[i] = -out[i]; }
-    for (int i = 0; i < 4; ++i) { out[8 + i] = 0.0; }
-    for (int i = 0; i < 2; ++i) { out[8 + 3 * i] = 1.0; }
-
-    for (int matrix = 0; matrix < 3; ++matrix) {
-        double *const x = &out[4 * matrix];
-        for (int k = 1; k >= 0; --k) {
-            for (int i = front[k]; i >= 0; i = front[i]) {
-                for (int j = 0; j < 2; ++j) { x[2 * i + j] -= M[2 * k + i] * x[2 * k + j]; }
-            }
-        }
-        for (int k = 0; k < 2; ++k) {
-            for (int j = 0; j < 2; ++j) { x[2 * k + j] /= pivot[2 * k]; }
-            for (int i = front[k]; i >= 0; i = front[i]) {
-                for (int j = 0; j < 2; ++j) { x[2 * k + j] -= M[2 * k + i] * x[2 * i + j]; }
-            }
-        }
-    }
-
-    return one_link_failed(pivot);
 }
 
 static void one_link_load(const double *restrict x, size_t step, size_t here, double *restrict y)
@@ -1852,6 +1858,55 @@ static int one_link_residual_jacobian_lanes(const double *restrict h, const lane
     return 0;
 }
 
+/* Derivatives of the accelerations by q, v and u: three matrices. */
+static int one_link_forward_dynamics_jacobian_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict u, lanes *restrict out)
+{
+    lanes pivot[4];
+    lanes sine[1];
+    lanes cosine[1];
+    turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
+
+    pivot[1] = ALL(1.0);
+    pivot[2] = ALL(0.3333333333333333);
+    pivot[3] = pivot[2];
+    out[4] = ALL(0.0);
+    out[6] = out[4];
+    const lanes t4 = 0.5*sine[0];
+    const lanes t6 = 1.5*sine[0];
+    const lanes t8 = 1.0 - t4*t6;
+    pivot[0] = t8;
+    const lanes t11 = 1.0/t8;
+    out[8] = t11;
+    out[0] = -(h[3]*t11);
+    const lanes t14 = t6*t11;
+    out[10] = t14;
+    out[9] = t14;
+    out[2] = -(h[3]*t14);
+    const lanes t25 = h[1]*sine[0];
+    const lanes t29 = 0.5*(v[1]*v[1]);
+    const lanes t33 = h[1]*cosine[0];
+    const lanes t34 = h[0]*sine[0] - t33;
+    const lanes t38 = u[0] - (q[0]*h[3] - (cosine[0]*(h[0]*cosine[0] + t25 + t29) + sine[0]*t34));
+    const lanes t41 = u[1] - 0.5*t34;
+    const lanes t44 = t11*(t38 + t41*t6);
+    const lanes t45 = t44 - h[0];
+    const lanes t59 = sine[0]*(cosine[0]*t45 - t25 - t29) + cosine[0]*(0.5*(3.0*t41 + t6*t44) - (t33 + sine[0]*t45));
+    const lanes t60 = h[1] + t59;
+    const lanes t63 = 0.5*cosine[0];
+    const lanes t65 = h[1]*t4 - t63*t45;
+    out[1] = t11*t60 - t65*t14;
+    const lanes t70 = 3.0 + t6*t14;
+    out[11] = t70;
+    out[3] = t60*t14 - t65*t70;
+    const lanes t75 = v[0]*cosine[0];
+    const lanes t82 = sine[0]*(2.0*t75) + cosine[0]*(v[1] - 2.0*(v[0]*sine[0]));
+    const lanes t86 = t75 - t63*(2.0*v[0]);
+    out[5] = t11*t82 - t86*t14;
+    out[7] = t82*t14 - t86*t70;
+
+    return one_link_failed_lanes(pivot);
+}
+
 /* Coriolis matrix C(q, v) with C v = bias and M_dot = C + C^T. */
 static int one_link_coriolis_matrix_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, lanes *restrict out)
 {
@@ -2029,50 +2084,6 @@ static int one_link_stage_solution_lanes(const double *restrict h, const lanes *
     out[1] = -(t16 + kept[6]*(kept[0]*t23));
 
     return 0;
-}
-
-/* Derivatives of the accelerations by q, v and u: three matrices.
- * They are -M^-1 dr/dq, -M^-1 dr/dv and M^-1 at the acceleration under u, with M = L^T D L along the branches. */
-static int one_link_forward_dynamics_jacobian_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict u, lanes *restrict out)
-{
-    static const int front[2] = { -1, 0 };
-    lanes M[4];
-    lanes pivot[4];
-
-    lanes a[2];
-    const int status = one_link_forward_dynamics_lanes(h, q, v, u, a);
-    if (status != 0) { return status; }
-    (void)one_link_residual_jacobian_lanes(h, q, v, a, out);
-    for (int i = 0; i < 4; ++i) { M[i] = out[8 + i]; }
-    for (int i = 0; i < 2; ++i) { pivot[2 * i + 1] = M[3 * i]; }
-    for (int k = 1; k >= 0; --k) {
-        pivot[2 * k] = M[3 * k];
-        for (int i = front[k]; i >= 0; i = front[i]) {
-            const lanes factor = M[2 * k + i] / pivot[2 * k];
-            for (int j = i; j >= 0; j = front[j]) { M[2 * i + j] -= factor * M[2 * k + j]; }
-            M[2 * k + i] = factor;
-        }
-    }
-    for (int i = 0; i < 8; ++i) { out[i] = -out[i]; }
-    for (int i = 0; i < 4; ++i) { out[8 + i] = ALL(0.0); }
-    for (int i = 0; i < 2; ++i) { out[8 + 3 * i] = ALL(1.0); }
-
-    for (int matrix = 0; matrix < 3; ++matrix) {
-        lanes *const x = &out[4 * matrix];
-        for (int k = 1; k >= 0; --k) {
-            for (int i = front[k]; i >= 0; i = front[i]) {
-                for (int j = 0; j < 2; ++j) { x[2 * i + j] -= M[2 * k + i] * x[2 * k + j]; }
-            }
-        }
-        for (int k = 0; k < 2; ++k) {
-            for (int j = 0; j < 2; ++j) { x[2 * k + j] /= pivot[2 * k]; }
-            for (int i = front[k]; i >= 0; i = front[i]) {
-                for (int j = 0; j < 2; ++j) { x[2 * k + j] -= M[2 * k + i] * x[2 * i + j]; }
-            }
-        }
-    }
-
-    return one_link_failed_lanes(pivot);
 }
 
 long long one_link_mass_matrix_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, double *restrict out)

@@ -30,7 +30,7 @@
  *   inverse_dynamics     12      8      0      1
  *   forward_dynamics     17     10      1      1
  *   residual_jacobian    21     12      0      1
- *   forward_dynamics_jacobian    51     43     14      2
+ *   forward_dynamics_jacobian    45     28      1      1
  *   coriolis_matrix       8      3      0      1
  *   christoffel           1      0      0      1
  *   kinematics            0      2      0      1

@@ -167,9 +167,14 @@ def check_parameters() -> None:
     equations = codegen("kernels.equations")
     found = equations.derive_equations(case.model, ("mass_matrix", "inverse_dynamics", "forward_dynamics_jacobian"))
     assert found.kernels == ("mass_matrix", "inverse_dynamics", "forward_dynamics_jacobian")
-    assert set(found.programs) == {"mass_matrix", "inverse_dynamics", "forward_dynamics", "residual_jacobian"}
-    assert set(found.calls) == {"forward_dynamics_jacobian"}
-    assert found.choices == {"forward_dynamics": equations.derive_cheapest(case.model, "forward_dynamics")[1]}
+    assert set(found.programs) == set(found.kernels)
+    assert not found.calls
+    name = "forward_dynamics_jacobian"
+    assert found.choices == {name: equations.derive_cheapest(case.model, name)[1]}
+    rolls = equations.derive_equations(case.model, ("rollout",))
+    assert set(rolls.programs) == {"forward_dynamics", "implicit_step"}
+    assert set(rolls.calls) == {"rollout"}
+    assert rolls.choices == {"forward_dynamics": equations.derive_cheapest(case.model, "forward_dynamics")[1]}
     prepared = codegen("program.ir").evaluate(found.setup, case.inputs)
     inputs = {**case.inputs, "h": [prepared["h", i] for i in range(len(prepared))]}
     for kernel, program in found.programs.items():

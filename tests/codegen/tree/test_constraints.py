@@ -184,7 +184,7 @@ def test_loops_do_not_change_the_tree(built: Build) -> None:
         p, q = one.programs[name], other.programs[same]
         assert (p.instructions, p.outputs) == (q.instructions, q.outputs), name
     assert {name for name, same in of_tree.items() if same != name} == {
-        *("inverse_dynamics", "forward_dynamics", "reactions"),
+        *("inverse_dynamics", "forward_dynamics", "forward_dynamics_jacobian", "reactions"),
     }
     assert built(robot, "mass_matrix").constraints == ()
 

@@ -1,0 +1,195 @@
+"""Derivatives of the residual and of the accelerations by coordinates, rates and drives.
+
+Of trees, where no matrix is inverted by dense columns: either the derivatives of the residual at the motion that the
+drives make pass through the factors of M = L^T D L, or those of the elimination's own values are accumulated.  Behind
+joints with all six coordinates the latter finds what little a body knows of those before and behind it: forces from its
+neighbours, and the angular velocity that it is carried with.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping, Sequence
+
+from eomgen.robot.model import Model
+
+from ..forces.rows import resisting_slopes
+from ..forces.springs import add_derivatives
+from ..program.accumulation import jacobian
+from ..program.forward_mode import gradients
+from ..program.ir import Node
+from ..solve.factorised import Factors, coordinate_parents
+from ..solve.free_bodies import free_bodies
+from ..tree.composite import Rows
+from ..tree.derivatives import Derivatives, residual_derivatives
+from ..tree.spatial import Scalar
+from .accelerations import Way, drives_left, eliminated_tree
+from .closed import Pivots, pivot_outputs
+from .derivation import Derivation, Outputs
+
+BY_FACTORS = "derivatives of the residual through M = L^T D L"
+BY_VALUES = "values of the elimination accumulated"
+MOST_PRODUCTS = 20000  # of the solution with M's factors, beyond which it is a loop in C
+MOST_COORDINATES = 80  # of an elimination whose values are accumulated
+
+
+def residual_slopes(d: Derivation, a: Sequence[Scalar]) -> Derivatives:
+    """Derivatives of the residual by q, v and a, at accelerations a."""
+    found = residual_derivatives(d.model, d.bound, d.joints, d.v, a, d.graph.note)
+    _add_forces(d, found.by_q, found.by_v)
+    return found
+
+
+def _add_forces(d: Derivation, by_q: Rows, by_v: Rows) -> None:
+    """Add derivatives of what resists the drives, but those of linear springs and dampers of single coordinates."""
+    slopes = resisting_slopes(d.bound, d.q, d.v, d.functions)
+    for key, slope in slopes[0].items():  # the same keys in both
+        by_q[key] = by_q.get(key, 0.0) + slope
+        by_v[key] = by_v.get(key, 0.0) + slopes[1][key]
+    for line in d.lines(d.v):
+        add_derivatives(line, d.v, by_q, by_v)
+    for touch in d.touches(d.v):
+        touch.add_derivatives(by_q, by_v)
+    for damper in d.dampers:
+        damper.add_derivatives(d.v, by_q, by_v)
+    for own in d.deviating:
+        if own.has_force:
+            force = own.resists(d.v, d.functions).force
+            rows = {i: force * arm for i, arm in own.arms.items()}
+            _add_gradients(d, rows, own.moved_by(), by_q, by_v)
+    for cut in d.cut_touches(d.v):
+        _add_gradients(d, cut.rows(), cut.moved_by(), by_q, by_v)
+
+
+def _add_gradients(d: Derivation, rows: Mapping[int, Scalar], moved_by: Sequence[int], by_q: Rows, by_v: Rows) -> None:
+    """Derivatives of the resisting forces of a cut joint, which depend on these coordinates, in all rows."""
+    moving = [i for i in moved_by if i in d.own]
+    for x, into in ((d.q, by_q), (d.v, by_v)):
+        found = gradients(d.graph, list(rows.values()), [x[j] for j in moving])
+        for i, row in zip(rows, found, strict=True):
+            for j, slope in zip(moving, row, strict=True):
+                into[i, j] = into.get((i, j), 0.0) + slope
+
+
+def _by_values(d: Derivation) -> Outputs:
+    """Differentiate the elimination's program; what resists the drives by its own derivatives."""
+    n = d.model.size
+    drives = drives_left(d, d.forces(d.v))
+    tree, pivots = eliminated_tree(d, drives)
+    by_q: Rows = {(i, i): d.bound.stiffness[i] for i in range(n)}
+    by_v: Rows = {(i, i): d.bound.damping[i] for i in range(n)}
+    _add_forces(d, by_q, by_v)
+    given: dict[Hashable, dict[Hashable, Scalar]] = {}
+    for i, drive in enumerate(drives):
+        if i not in d.model.prescribed and isinstance(drive, Node) and _key(drive) != _key(d.u[i]):
+            given[drive.index] = _turned_round(d, i, by_q, by_v) | {_key(d.u[i]): 1.0}
+    return _written(d, [_key(a) for a in tree.free], given, pivots)
+
+
+def _by_factors(d: Derivation) -> Outputs:
+    """Differentiate M a = u - h at its solution, and solve with the factors of M.
+
+    Rows of prescribed coordinates: their accelerations are u; in the other rows they stand on the right.
+    """
+    n, known = d.model.size, frozenset(d.model.prescribed)
+    bias = d.dynamics(d.v, d.still)
+    whole = d.matrix()
+    matrix = {pair: entry for pair, entry in whole.items() if known.isdisjoint(pair)} | {(i, i): 1.0 for i in known}
+    held = {i: {j: whole.get((min(i, j), max(i, j)), 0.0) for j in known} for i in range(n) if i not in known}
+    right = [d.u[i] if i in known else _right(d.u, bias[i], i, held[i]) for i in range(n)]
+    factors = Factors(d.model, matrix)
+    a = factors.forward([x * y for x, y in zip(factors.back(right), factors.inverse, strict=True)])
+    slopes = residual_slopes(d, a)
+    given: dict[Hashable, dict[Hashable, Scalar]] = {}
+    for i in range(n):
+        own = {i: 1.0} if i in known else {i: 1.0} | {j: -1.0 * entry for j, entry in held[i].items()}
+        given["row", i] = {_key(d.u[j]): entry for j, entry in own.items() if j in d.own}
+        if i not in known:
+            given["row", i] |= _turned_round(d, i, slopes.by_q, slopes.by_v)
+    front = _in_front(d.model)
+    for i in range(n):
+        given["back", i] = {("row", i): 1.0}
+        given["solution", i] = {("back", i): factors.inverse[i]}
+        given["solution", i] |= {("solution", j): -1.0 * factors.factors[i, j] for j in front[i]}
+    for i in range(n):
+        for j in front[i]:
+            given["back", j]["back", i] = -1.0 * factors.factors[i, j]
+    pivots = [(pivot, matrix[i, i]) for i, pivot in enumerate(factors.pivots)]
+    return _written(d, [("solution", i) for i in range(n)], given, pivots)
+
+
+def _right(u: Sequence[Scalar], bias: Scalar, i: int, held: Mapping[int, Scalar]) -> Scalar:
+    """What is left of a drive beside the bias and the accelerations that are known."""
+    value = u[i] - bias
+    for j, entry in held.items():
+        value = value - entry * u[j]
+    return value
+
+
+def _turned_round(d: Derivation, i: int, by_q: Rows, by_v: Rows) -> dict[Hashable, Scalar]:
+    """Row i of the derivatives by q and v, on the other side of the equation."""
+    found: dict[Hashable, Scalar] = {}
+    for x, rows in ((d.q, by_q), (d.v, by_v)):
+        found |= {_key(x[j]): -1.0 * rows[i, j] for j in d.own if (i, j) in rows}
+    return found
+
+
+def _written(
+    d: Derivation,
+    accelerations: Sequence[Hashable],
+    given: Mapping[Hashable, Mapping[Hashable, Scalar]],
+    pivots: Pivots,
+) -> Outputs:
+    """Three matrices, column by column; that by u is symmetric, but where an acceleration is given."""
+    own, size = d.own, len(d.own)
+    inputs = [_key(x[i]) for x in (d.q, d.v, d.u) for i in own]
+    rows = jacobian(d.graph, [accelerations[i] for i in own], inputs, given)
+    for place, i in enumerate(own):
+        for other in range(place):
+            if not {i, own[other]} & set(d.model.prescribed):
+                rows[other][2 * size + place] = rows[place][2 * size + other]
+    outputs = pivot_outputs(d, pivots)
+    for column in range(size):
+        for matrix in range(3):
+            for place, row in enumerate(rows):
+                outputs["out", (matrix * size + place) * size + column] = row[matrix * size + column]
+    return outputs
+
+
+def _key(x: Scalar) -> Hashable:
+    """A value's index; a number stands for nothing that moves."""
+    return x.index if isinstance(x, Node) else ("number", x)
+
+
+def _in_front(model: Model) -> list[list[int]]:
+    """Coordinates in front of each one, the nearest first."""
+    found: list[list[int]] = []
+    for parent in coordinate_parents(model):
+        found.append([parent, *found[parent]] if parent >= 0 else [])
+    return found
+
+
+def _is_short(d: Derivation) -> bool:
+    """Whether the solution with M's factors takes few products: those of 2 n columns in both directions."""
+    front = _in_front(d.model)
+    behind = [0] * d.model.size
+    for before in front:
+        for i in before:
+            behind[i] += 1
+    total = 0
+    for i, before in enumerate(front):
+        whole = 1 + behind[before[-1] if before else i]
+        total += 2 * len(before) * (whole + len(before) + 1 + behind[i])
+    return total <= MOST_PRODUCTS
+
+
+def _is_of_free_bodies(d: Derivation) -> bool:
+    """Whether half of the coordinates and more are those of free bodies."""
+    free = free_bodies(d.model, d.bound)
+    moving = sum(len(body.active) for body, is_free in zip(d.model.bodies, free, strict=True) if is_free)
+    return d.model.size <= min(2 * moving, MOST_COORDINATES)
+
+
+SLOPES: Mapping[str, Way] = {
+    BY_FACTORS: Way(_by_factors, suits=_is_short, on_demand=True),
+    BY_VALUES: Way(_by_values, suits=_is_of_free_bodies, on_demand=True),
+}
