@@ -29,7 +29,7 @@ def kernel(built: Build) -> Kernel:
 def test_every_function_does_what_its_call_does(dtype: str, built: Build) -> None:
     """One state and a batch, beside a checked call of the same name."""
     robot = with_random_loops(random_robot(901, joints=(3, 3), tree=True), 901, ("revolute",))
-    kernel = built(robot, dtype=dtype)
+    kernel = built(robot, *available(build_model(robot)), dtype=dtype)
     raw, rng, seen = kernel.raw, np.random.default_rng(1), set()
     for name, function in raw.functions.items():
         arrays = [rng.uniform(-0.5, 0.5, (3, *raw.shapes[label])).astype(dtype) for label in function.reads]
