@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 import eomgen
+from eomgen.codegen.kernels.signatures import available
 from eomgen.errors import ArrayError, InputError, LoopError, UnknownNameError
+from eomgen.robot.model import build_model
 from eomgen.runtime import Kernel
 from tests.support.builds import Build
 from tests.support.random_robots import random_robot, with_random_loops
