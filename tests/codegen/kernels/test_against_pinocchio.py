@@ -32,6 +32,7 @@ EVERY = (
     "energy",
     "reactions",
     "external_reactions",
+    "kinematics",
 )
 RIGID = (
     "ur5_robot",
