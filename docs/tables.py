@@ -12,7 +12,9 @@ from pathlib import Path
 
 import eomgen
 from eomgen.codegen.joint.freezing import derived_facts, text_of
+from eomgen.codegen.kernels.equations import derive
 from eomgen.pipeline.costs import robot_info
+from eomgen.robot.model import build_model
 
 ROOT = Path(__file__).parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "docs")]  # for benchmarks and generators
@@ -21,6 +23,7 @@ from generators import rooms  # noqa: E402
 
 KEPT = "codegen/joint/kept.py"
 ROBOTS = ("one_link", "puma560", "ur5", "puma560_elastic")
+DIFFERENTIATED = ("inverse_dynamics", "forward_dynamics")
 KERNELS = ("inverse_dynamics", "mass_matrix", "forward_dynamics", "bias_force", "generalized_force")
 
 
@@ -33,6 +36,20 @@ def operations() -> str:
         counts = [info.operations[kernel] for kernel in KERNELS]
         cells = [f"{c['mul']}/{c['add']}" + (f" + {c['div']} div" if c["div"] else "") for c in counts]
         rows.append(f"| {name} | {info.model.size} | " + " | ".join(cells) + " |")
+    return "\n".join(rows)
+
+
+def derivatives() -> str:
+    """Operations of kernels, of their gradients and of their second derivatives."""
+    header = [f"{name}, {what}" for name in DIFFERENTIATED for what in ("once", "gradient", "second derivatives")]
+    rows = ["| robot | coordinates | " + " | ".join(x.replace("_", " ") for x in header) + " |"]
+    rows.append("|---" * (len(header) + 2) + "|")
+    for name in ROBOTS:
+        model = build_model(eomgen.load_robot(name))
+        kernels = [f"{name}{ending}" for name in DIFFERENTIATED for ending in ("", "_adjoint", "_hessian")]
+        counts = [derive(model, kernel).count() for kernel in kernels]
+        cells = [f"{count['mul'] + count['add']}" for count in counts]
+        rows.append(f"| {name} | {model.size} | " + " | ".join(cells) + " |")
     return "\n".join(rows)
 
 
@@ -63,6 +80,7 @@ def precision() -> str:
 
 PARTS = {
     "README.md": {"operations": operations, "peers": peers, "precision": precision, "sample": sample},
+    "docs/derivatives.md": {"derivatives": derivatives},
     "docs/architecture.md": {
         "rooms": partial(rooms.floors, "rooms"),
         "generator": partial(rooms.floors, "generator"),

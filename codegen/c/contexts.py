@@ -15,10 +15,11 @@ from ..joint.zeros import zero_map
 from ..kernels.blocks import row_blocks
 from ..kernels.bodies import first_frame, frame_bodies
 from ..kernels.closed_motion import CLOSING, row_kinds
+from ..kernels.derived import GRADIENTS
 from ..kernels.equations import Equations
 from ..kernels.interface import turning_joints
-from ..kernels.methods import LEAST_PART, LOOK, ROS34PW2, TSIT5, Array
 from ..kernels.signatures import KERNELS, SIGNATURES, SINGLES, Function, by_kind, functions, shapes
+from ..kernels.steps.methods import LEAST_PART, LOOK, RK4, TSIT5, W643, Array
 from ..program.operations import CALLS
 from ..solve.factorised import coordinate_parents
 from ..solve.rows import DERIVING
@@ -99,6 +100,7 @@ def _functions(public: list[Function]) -> dict[str, Any]:
         "frame_functions": [function for function in public if function.is_framed],
         "rolls": any(function.kind == "rollout" for function in public),
         "adapts": any(function.kind == "adaptive" for function in public),
+        "gradients": [function.name for function in public if function.kind == "gradient"],
     }
 
 
@@ -152,6 +154,7 @@ def number_context(equations: Equations, dtype: str, meta: Mapping[str, Any]) ->
         **_tables(model),
         **_closing_tables(equations, dtype),
         **_methods(equations, scalar),
+        **_gradients(equations, scalar),
     }
 
 
@@ -170,7 +173,7 @@ def _methods(equations: Equations, scalar: Scalar) -> dict[str, Any]:
     def times(matrix: Array) -> str:
         return ", ".join(repr(math.fsum(row)) for row in matrix.tolist())
 
-    ahead, back, weight, wrong = ROS34PW2.transformed()
+    ahead, back, weight, wrong = W643.transformed()
     return {
         "kept_size": size,
         "rubs": any(name.endswith("friction.smoothing") for name in equations.model.parameters),
@@ -178,12 +181,12 @@ def _methods(equations: Equations, scalar: Scalar) -> dict[str, Any]:
         "least_part": LEAST_PART,
         "rosenbrock": {
             "stages": len(weight),
-            "diagonal": scalar.literal(ROS34PW2.diagonal),
+            "diagonal": scalar.literal(W643.diagonal),
             "ahead": rows(ahead),
             "back": rows(back),
             "weight": numbers(weight),
             "wrong": numbers(wrong),
-            "share": times(ROS34PW2.alpha),
+            "share": times(W643.alpha),
         },
         "tsit5": {
             "stages": len(TSIT5.b),
@@ -191,6 +194,23 @@ def _methods(equations: Equations, scalar: Scalar) -> dict[str, Any]:
             "wrong": numbers(TSIT5.error),
             "share": times(TSIT5.a),
         },
+    }
+
+
+def _gradients(equations: Equations, scalar: Scalar) -> dict[str, Any]:
+    """Tables of the templates of gradients, and how many numbers of a step they keep."""
+    n, most = equations.model.size, max(len(RK4.b), len(TSIT5.b) - 1)
+    tables = []
+    for a, b in ((RK4.a, RK4.b), (TSIT5.a[:-1, :-1], TSIT5.b[:-1])):
+        rows = np.zeros((most + 1, most))
+        rows[: len(b), : len(b)], rows[len(b), : len(b)] = a, b
+        numbers = (", ".join(map(scalar.literal, row)) for row in rows.tolist())
+        tables.append(f"{{ {', '.join(f'{{ {row} }}' for row in numbers)} }}")
+    kept = {"explicit": 3 * n * most, "implicit": n, "rosenbrock": 6 * n * len(W643.b)}
+    return {
+        "explicit": {"stages": most, "tables": ", ".join(tables), "counts": f"{len(RK4.b)}, {len(TSIT5.b) - 1}"},
+        "kept_numbers": {name: kept[name.removesuffix("_gradient")] for name in GRADIENTS},
+        "texts": {name: KERNELS[name].text for name in GRADIENTS},
     }
 
 
@@ -255,7 +275,7 @@ def _checks(equations: Equations, composed: Iterable[str]) -> set[str]:
 
 
 def _rolls(kernel: str) -> bool:
-    return KERNELS[kernel].kind in ("rollout", "adaptive")
+    return KERNELS[kernel].kind in ("rollout", "adaptive", "gradient")
 
 
 def _templates(kernels: Iterable[str]) -> list[dict[str, str]]:

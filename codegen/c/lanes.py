@@ -69,7 +69,8 @@ def halves(equations: Equations, *, batches: bool = True) -> dict[str, tuple[str
     if not batches:
         return {SINGLES: ("setup", *singles)}
     vectors = [f"{function.name}_batch" for function in functions(batched(equations))]
-    looped = [f"{name}_batch" for name in singles if f"{name}_batch" not in vectors]
+    alone = {function.name for function in functions(equations.kernels) if function.kind == "gradient"}
+    looped = [f"{name}_batch" for name in singles if f"{name}_batch" not in vectors and name not in alone]
     return {SINGLES: ("setup", *singles, *looped), BATCHES: ("setup", *vectors)}
 
 

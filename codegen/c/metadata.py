@@ -14,7 +14,7 @@ from ..kernels.equations import Equations
 from ..kernels.interface import describe_kernels
 from ..kernels.operation_counts import operations
 from ..kernels.signatures import KERNELS
-from ..kernels.tolerances import coordinate_sizes, rubbing_rates
+from ..kernels.steps.tolerances import coordinate_sizes, rubbing_rates
 from .contexts import statuses
 from .lanes import halves
 

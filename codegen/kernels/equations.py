@@ -9,13 +9,13 @@ from eomgen.errors import InputError
 from eomgen.memory import without_collection
 from eomgen.robot.model import Model
 
-from ..program.forward_mode import tangent
 from ..program.ir import Program, finish
 from ..program.passes import hoist_parameters, run_passes
 from ..program.shares import Shares
 from .bodies import share_among_bodies
 from .derivation import Derivation
-from .signatures import KERNELS, RATES, SIGNATURES, available, knows_turns
+from .derivatives.programs import derive_derivative
+from .signatures import KERNELS, SIGNATURES, available, knows_turns
 from .stages import STAGES, derive_stage
 from .writers import DESCRIPTION_FRAMES, WAYS, WRITERS
 
@@ -55,7 +55,7 @@ def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "fl
 
     Args:
         dtype: of the numbers that the C computes with; loops are solved for its precision.
-        kernels: names of KERNELS; all that there are for the model but tangents if empty.  Those of springs between
+        kernels: names of KERNELS; all that there are for the model but derivatives if empty.  Those of springs between
             points and of forces in cut joints come with any: they are small, and integrations choose method and step
             by them.
 
@@ -68,8 +68,9 @@ def derive_equations(model: Model, kernels: Sequence[str] = (), dtype: str = "fl
             raise InputError(
                 f"kernels: {name!r} is for robots with {NEEDS[KERNELS[name].needs]}, and {model.name} has none"
             )
-    wanted = kernels or [name for name in known if not KERNELS[name].tangent_of]
-    public = tuple(name for name in known if name in wanted or KERNELS[name].needs in ("springs", "laws"))
+    wanted = kernels or [name for name in known if not KERNELS[name].derivative_of]
+    small = {name for name in known if KERNELS[name].needs in ("springs", "laws") and not KERNELS[name].derivative_of}
+    public = tuple(name for name in known if name in wanted or name in small)
     raw: dict[str, Program] = {}
     calls: dict[str, tuple[str, ...]] = {}
     choices: dict[str, str] = {}
@@ -106,13 +107,13 @@ def _columns_cost(model: Model, kernel: str, known: Mapping[str, Program]) -> in
 
 @without_collection()
 def derive(model: Model, kernel: str, dtype: str = "float64") -> Program:
-    """The program of one entry of WRITERS or WAYS, or of a tangent."""
+    """The program of one entry of WRITERS or WAYS, or of a derivative."""
     if kernel in WAYS:
         return derive_cheapest(model, kernel, dtype=dtype)[0]
     if kernel in STAGES:
         return derive_stage(Derivation(model, dtype=dtype, turned=True))[kernel]
-    if SIGNATURES[kernel].tangent_of:
-        return run_passes(tangent(derive(model, SIGNATURES[kernel].tangent_of), RATES, kernel))
+    if SIGNATURES[kernel].derivative_of:
+        return derive_derivative(model, kernel, lambda name: derive(model, name, dtype))
     regrouped, turned = kernel not in DESCRIPTION_FRAMES, knows_turns(kernel, model)
     derivation = Derivation(model, regrouped=regrouped, dtype=dtype, turned=turned)
     return run_passes(finish(derivation.graph, kernel, WRITERS[kernel](derivation)))

@@ -2,78 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from eomgen.robot.model import Model
 
 from .blocks import row_blocks
+from .derived import BACKWARDS, GRADIENTS, derivative_shapes, differentiated
+from .entries import KINDS, Kind, Signature
 
 DTYPES = ("float64", "float32")  # types of kernels' numbers
-Kind = Literal["program", "tangent", "frames", "composed", "rollout", "adaptive"]
-KINDS: Mapping[Kind, str] = {  # in the order in which C and packages have them
-    "program": "straight-line code of one writer",
-    "tangent": "straight-line code, differentiated from another kernel's; there only if it is asked for",
-    "frames": "straight-line code in shares of bodies and frames, which functions of a frame's number call",
-    "composed": "a template of its own, which calls programs: ``templates/composed``",
-    "rollout": "the same, with a call of its own: many steps at once",
-    "adaptive": "the same, with steps whose length the error controls",
-}
 SINGLES, BATCHES = "singles", "batches"  # halves of the C of all kernels: for one state, and on vectors for several
 
 
-@dataclass(frozen=True)
-class Signature:
-    """Arrays that a kernel reads and the one that it writes, by their names in ``shapes``, and what it computes.
-
-    kind: where its C comes from and how it is called, one of KINDS.
-    calls: the programs that its C calls, where the kind is "composed", "rollout" or "adaptive".
-    counts: of these the ones whose operations count as the kernel's.
-    closed: the programs that its C calls where the robot has loops; they count, too.
-    tangent_of: the kernel that it differentiates, where the kind is "tangent".
-    functions: what users call instead of it, where the kind is "frames".
-    columns_of: the program that a template of its own calls once for every coordinate, where its own program would be
-        too long.
-    solves: whether it inverts the mass matrix, and so fails where that is singular; the others always return 0.
-    symmetric: whether it writes a matrix that is symmetric to the bit.
-    needs: what a robot must have for it: "loops", "springs", "constraints" (loops or couplings that are rigid in some
-        direction), "cuts" (loops that are), "laws" (forces in cut joints, elastic couplings) or nothing.
-    beside: kernels that come with it where the robot has constraints: those of the open tree, of wrenches, of charts.
-    mapped: whether packages say which of its entries vanish identically.
-    vectors: whether its template is written for several states at a time, too; otherwise batches call it one by one.
-    """
-
-    reads: tuple[str, ...]
-    writes: str
-    text: str
-    kind: Kind = "program"
-    calls: tuple[str, ...] = ()
-    counts: tuple[str, ...] = ()
-    closed: tuple[str, ...] = ()
-    tangent_of: str = ""
-    functions: Mapping[str, Signature] = field(default_factory=dict)
-    columns_of: str = ""
-    solves: bool = False
-    symmetric: bool = False
-    needs: Literal["", "loops", "springs", "constraints", "cuts", "laws"] = ""
-    beside: tuple[str, ...] = ()
-    mapped: bool = False
-    vectors: bool = True
-
-
 TOLD = ("constraint", "constraint_jacobian", "constraint_bias", "constrained_drives")  # what errors of loops tell
-RATES = {"q": "dq", "v": "dv", "a": "da", "u": "du", "wrench": "dwrench"}  # of what tangents move
 
-
-def _tangent(kernel: str, *reads: str, writes: str, needs: Literal["", "constraints"] = "") -> dict[str, Signature]:
-    rates = tuple(RATES[array] for array in reads)
-    text = f"What {kernel} changes by along {', '.join(rates)}."
-    return {f"{kernel}_tangent": Signature((*reads, *rates), writes, text, "tangent", tangent_of=kernel, needs=needs)}
-
-
-KERNELS: Mapping[str, Signature] = {
+OWN_KERNELS: Mapping[str, Signature] = {
     "mass_matrix": Signature(("q",), "matrix", "Mass matrix M(q), eq. (11).", symmetric=True),
     "bias_force": Signature(("q", "v"), "vector", "Coriolis and centrifugal terms, eq. (12) contracted."),
     "generalized_force": Signature(("q", "v"), "vector", "Springs, dampers, gravity: Q_P + Q_G, eqs. (13), (14)."),
@@ -245,14 +191,6 @@ KERNELS: Mapping[str, Signature] = {
     "external_reactions": Signature(
         ("q", "wrench"), "reactions", "What external wrenches add to the reactions, moved joint's axes."
     ),
-    **_tangent("external_force", "q", "wrench", writes="vector"),
-    **_tangent("energy", "q", "v", writes="pair"),
-    **_tangent("reactions", "q", "v", "a", writes="reactions"),
-    **_tangent("external_reactions", "q", "wrench", writes="reactions"),
-    **_tangent("constrained_dynamics", "q", "v", "u", writes="constrained", needs="constraints"),
-    **_tangent("constrained_drives", "q", "v", "a", "u", writes="driving", needs="constraints"),
-    **_tangent("settling", "q", "v", writes="settling", needs="constraints"),
-    **_tangent("constraint_jacobian", "q", writes="constraint_rows", needs="constraints"),
     "euler_cosines": Signature(("q",), "joints", "Cosine of beta of every joint with three angles, 1 for the others."),
     "constraint": Signature(
         ("q",), "constraints", "Constraint g(q) of the cut joints; zero where loops are closed.", needs="constraints"
@@ -261,7 +199,6 @@ KERNELS: Mapping[str, Signature] = {
         ("q",), "constraint_rows", "Jacobian J = dg/dq of the constraint.", needs="constraints"
     ),
     "constraint_bias": Signature(("q", "v"), "constraints", "J_dot v: g_ddot = J a + J_dot v.", needs="constraints"),
-    **_tangent("constraint_bias", "q", "v", writes="constraints", needs="constraints"),
     "cut_poses": Signature(
         ("q",), "cut_poses", "Per loop the cut frame on its second link seen from that on its first.", needs="loops"
     ),
@@ -309,11 +246,11 @@ KERNELS: Mapping[str, Signature] = {
     ),
 }
 
+DERIVATIVES: Mapping[str, Signature] = differentiated(OWN_KERNELS)  # there only if they are asked for
+KERNELS: Mapping[str, Signature] = {**OWN_KERNELS, **DERIVATIVES, **GRADIENTS}
 CLOSURE_KERNELS = ("constraint", "constraint_jacobian", "constraint_bias", "cut_poses")  # of the constraint itself
 LOOP_KERNELS = tuple(
-    name
-    for name, signature in KERNELS.items()
-    if signature.needs in ("loops", "constraints", "cuts") and not signature.tangent_of
+    name for name, signature in OWN_KERNELS.items() if signature.needs in ("loops", "constraints", "cuts")
 )
 
 PARTS: Mapping[str, Signature] = {  # programs that only other kernels call
@@ -343,7 +280,7 @@ PARTS: Mapping[str, Signature] = {  # programs that only other kernels call
     ),
 }
 
-SIGNATURES: Mapping[str, Signature] = {**KERNELS, **PARTS}
+SIGNATURES: Mapping[str, Signature] = {**KERNELS, **PARTS, **BACKWARDS}
 
 TURNED = (  # programs that know how joints are turned, which integrations call
     "forward_dynamics",
@@ -381,7 +318,11 @@ def available(model: Model) -> tuple[str, ...]:
         "cuts": bool(model.robot.loops and model.constraints),
         "laws": bool(model.cut_laws),
     }
-    return tuple(name for name, signature in KERNELS.items() if has[signature.needs])
+    return tuple(
+        name
+        for name, signature in KERNELS.items()
+        if has[signature.needs] and (model.parameters or not signature.by_parameters)
+    )
 
 
 def with_beside(names: Sequence[str], model: Model) -> tuple[str, ...]:
@@ -418,7 +359,7 @@ class Function:
     @property
     def is_rollout(self) -> bool:
         """True if one call does many steps."""
-        return self.kind in ("rollout", "adaptive")
+        return self.kind in ("rollout", "adaptive", "gradient")
 
 
 def functions(names: Iterable[str]) -> list[Function]:
@@ -436,12 +377,11 @@ def functions(names: Iterable[str]) -> list[Function]:
     return sorted(found, key=lambda function: (function.is_rollout, function.is_framed))
 
 
-def shapes(model: Model) -> dict[str, tuple[int, ...]]:
-    """Shape of every array that kernels read and write."""
+def shapes(model: Model, kernels: Collection[str] | None = None) -> dict[str, tuple[int, ...]]:
+    """Shape of every array that kernels read and write; with their names, derivatives' arrays of these alone."""
     n = model.size
     vectors: dict[str, tuple[int, ...]] = dict.fromkeys(("q", "v", "a", "u", "added", "vector"), (n,))
     vectors |= dict.fromkeys(("kp", "kd", "rates", "shifts"), (n,))
-    vectors |= dict.fromkeys(("dq", "dv", "da", "du"), (n,))
     m, loops = len(model.constraints), len(model.robot.loops)
     closing: dict[str, tuple[int, ...]] = {
         "constraints": (m,),
@@ -455,14 +395,13 @@ def shapes(model: Model) -> dict[str, tuple[int, ...]]:
         "closing": (sum(3 * block.size + len(block.columns) ** 2 for block in row_blocks(model)),),
     }
     springs, laws = len(model.robot.springs), len(model.cut_laws)
-    return {
+    found: dict[str, tuple[int, ...]] = {
         **vectors,
         **(closing if m else {}),
         **({"cut_poses": (loops, 4, 4), "loop_reactions": (loops, 6)} if loops else {}),
         **({"law_pairs": (laws, 2), "law_rows": (laws, n)} if laws else {}),
         **({"spring_pairs": (springs, 2), "spring_rows": (springs, n)} if springs else {}),
         "wrench": (len(model.links), 6),
-        "dwrench": (len(model.links), 6),
         "matrix": (n, n),
         "tensor": (n, n, n),
         "derivatives": (3, n, n),
@@ -473,5 +412,9 @@ def shapes(model: Model) -> dict[str, tuple[int, ...]]:
         "reactions": (len(model.bodies), 6),
         "pose": (4, 4),
         "jacobian": (6, n),
+        "poses": (len(model.frames), 3, 4),
+        "jacobians": (len(model.frames), 6, n),
         "kinematics": (12 * len(model.frames) + 3 * len(model.bodies) + 3 * n,),
     }
+    wanted = {name: x for name, x in DERIVATIVES.items() if kernels is None or name in kernels}
+    return {**found, **derivative_shapes(wanted, found, len(model.parameters))}

@@ -60,9 +60,9 @@ OPERATIONS: Mapping[str, Operation] = MappingProxyType(
         "add": Operation(2, "add", operator.add, lambda g, x, y, dx: dx[0] + dx[1]),
         "sub": Operation(2, "add", operator.sub, lambda g, x, y, dx: dx[0] - dx[1]),
         "mul": Operation(2, "mul", operator.mul, lambda g, x, y, dx: dx[0] * x[1] + x[0] * dx[1]),
-        "div": Operation(2, "div", operator.truediv, lambda g, x, y, dx: (dx[0] - y * dx[1]) / x[1]),
+        "div": Operation(2, "div", operator.truediv, lambda g, x, y, dx: (dx[0] - y * dx[1]) * (1.0 / x[1])),
         "sqrt": Operation(
-            1, "div", math.sqrt, lambda g, x, y, dx: 0.5 * dx[0] / y, "root", lambda sympy, x: sympy.sqrt(x)
+            1, "div", math.sqrt, lambda g, x, y, dx: 0.5 * dx[0] * (1.0 / y), "root", lambda sympy, x: sympy.sqrt(x)
         ),
         "max": Operation(  # where both are equal, the rate is that of the first
             2,

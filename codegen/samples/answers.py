@@ -54,6 +54,8 @@ class _Samples:
         for function in functions(self.equations.kernels):
             name, calls = function.name, self.equations.calls.get(function.kernel, (function.kernel,))
             programs = [self.equations.programs[program] for program in calls]
+            if function.kind == "gradient":
+                continue  # its programs are compared as kernels
             if function.is_rollout and self.model.constraints:
                 continue  # steps of Newton's method close loops: they go far from here, and not by the same bits
             if function.is_rollout:

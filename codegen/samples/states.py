@@ -10,8 +10,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..kernels.derived import is_direction
 from ..kernels.equations import Equations
-from ..kernels.signatures import RATES, SIGNATURES, shapes
+from ..kernels.signatures import SIGNATURES, shapes
 from ..program.ir import Instruction, Program
 from .arithmetic import Arithmetic, Array, polynomials
 from .rounding import telling_lanes
@@ -32,7 +33,7 @@ def sample_inputs(equations: Equations, arithmetic: Arithmetic) -> tuple[dict[st
     tiny = _TINY[str(dtype)]
     q, exact = _coordinates(equations, arithmetic, rng)
     found, many = {"q": q}, {"q": _other_coordinates(equations, q, rng)}
-    for name in sorted(wanted & {"v", "a", "u", "wrench", *RATES.values()}):
+    for name in sorted(x for x in wanted if x in size and (x in ("v", "a", "u", "wrench") or is_direction(x))):
         x = _numbers(rng, int(np.prod(size[name])), 1)[:, 0]
         columns = (x, _numbers(rng, x.size, 1)[:, 0] * _SMALL, x * tiny, np.copysign(np.inf, x), x * np.nan)
         found[name] = np.stack(columns, axis=1).astype(dtype)

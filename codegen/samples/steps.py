@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..kernels.methods import ROS34PW2, TSIT5
+from ..kernels.steps.methods import TSIT5, W643
 from .arithmetic import Array
 from .composed import Run
 
@@ -44,8 +44,8 @@ def one_adapted_step(method: int, run: Run, q: Array, u: Array, dt: Any) -> tupl
 
 def _rosenbrock(run: Run, q: Array, u: Array, dt: Any) -> Array:
     one, nothing = q.dtype.type, np.zeros_like(q)
-    ahead, back, weight, _ = (x.astype(q.dtype) for x in ROS34PW2.transformed())
-    inverse, c = one(1.0) / dt, one(ROS34PW2.diagonal) * dt
+    ahead, back, weight, _ = (x.astype(q.dtype) for x in W643.transformed())
+    inverse, c = one(1.0) / dt, one(W643.diagonal) * dt
     times = np.stack([np.broadcast_to(t, q.shape[1:]) for t in (c, c * c)])
     kept = run("stage_factors", q=q, v=nothing, kp=nothing, kd=nothing, times=times)[0]
     parts: list[tuple[Array, Array]] = []

@@ -1015,22 +1015,23 @@ static void one_link_accelerated(const double *restrict h, const one_link_drive 
 /* One step of the Rosenbrock method, with the factors of its matrix; the end, and the error, first of q, then of v. */
 static void one_link_rosenbrock(const double *restrict h, const one_link_drive *restrict drive, const one_link_clock *restrict clock, const double *restrict u, const double *restrict target, double dt, const double *restrict q, const double *restrict v, double *restrict q_end, double *restrict v_end, double *restrict error)
 {
-    static const double ahead[4][4] = { { 0.0, 0.0, 0.0, 0.0 }, { 2.0, 0.0, 0.0, 0.0 }, { 1.4192173174557645, -0.2592322116729697, 0.0, 0.0 }, { 4.18476048231916, -0.28519201735549593, 2.294280360279042, 0.0 } };
-    static const double back[4][4] = { { 0.0, 0.0, 0.0, 0.0 }, { -4.588560720558084, 0.0, 0.0, 0.0 }, { -4.18476048231916, 0.28519201735549593, 0.0, 0.0 }, { -6.368179200128357, -6.795620944466836, 2.870098604331056, 0.0 } };
-    static const double share[4] = { 0.0, 0.871733043016918, 0.7315799577888524, 1.0 };
-    static const double weight[4] = { 4.18476048231916, -0.2851920173554959, 2.2942803602790414, 1.0 };
-    static const double wrong[4] = { 0.27774994764796823, -1.403239895175999, 1.772630127667551, 0.5 };
+    static const double ahead[6][6] = { { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { 1.9577095275421397, 0.09624753940753493, 0.0, 0.0, 0.0, 0.0 }, { -12.640540988794982, 11.47406531595545, -2.184901588069644, 0.0, 0.0, 0.0 }, { 45.22669571531797, -34.051994120856214, 9.233342776456102, -2.585735849637662, 0.0, 0.0 }, { 44.59618164199451, -35.304949600239034, 9.10972197560695, -2.286091141567749, 0.18287548796164538, 0.0 } };
+    static const double back[6][6] = { { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { -1.8485366682621636, 0.0, 0.0, 0.0, 0.0, 0.0 }, { -17.631601587128756, 10.558804728186503, 0.0, 0.0, 0.0, 0.0 }, { 43.65182054686954, -40.087802443765035, 10.279818576010475, 0.0, 0.0, 0.0 }, { -105.84058964242176, 89.65494156265976, -24.593504310310063, 8.468103283975356, 0.0, 0.0 }, { -132.02707597161847, 97.96337774644046, -31.303025590584195, 9.868030987977615, -1.7691899740810053, 0.0 } };
+    static const double share[6] = { 0.0, 0.0, 0.6065416442058904, -0.35634633722581177, 1.1568159026419864, 1.0 };
+    static const double weight[6] = { 44.59618164199451, -35.304949600239034, 9.10972197560695, -2.286091141567749, 0.1828754879616454, 1.0 };
+    static const double wrong[6] = { 0.15283044722892764, -0.13147359369631856, 0.028289422458199213, -0.003509701133080983, -0.006154932375863292, 0.01740312587611021 };
     const double inverse = 1.0 / dt;
     double times[2];
     double kept[8];
     double kp[2];
     double kd[2];
     double a[2];
+    double a_begin[2];
     double shifts[2];
     double w[2];
-    double q_part[4][2];
-    double v_part[4][2];
-    times[0] = 0.435866521508459 * dt;
+    double q_part[6][2];
+    double v_part[6][2];
+    times[0] = 0.3032708221029452 * dt;
     times[1] = times[0] * times[0];
     for (int i = 0; i < 2; ++i) {
         kp[i] = (drive->kp == NULL) ? 0.0 : drive->kp[i];
@@ -1045,16 +1046,21 @@ static void one_link_rosenbrock(const double *restrict h, const one_link_drive *
         }
     }
     (void)one_link_stage_factors(h, q, v, kp, kd, times, kept);
-    for (int stage = 0; stage < 4; ++stage) {
-        for (int i = 0; i < 2; ++i) {
-            q_end[i] = q[i];
-            v_end[i] = v[i];
-            for (int j = 0; j < stage; ++j) {
-                q_end[i] += ahead[stage][j] * q_part[j][i];
-                v_end[i] += ahead[stage][j] * v_part[j][i];
+    for (int stage = 0; stage < 6; ++stage) {
+        if (stage == 1) { /* at the beginning, like the first one */
+            (void)memcpy(a, a_begin, sizeof a_begin);
+        } else {
+            for (int i = 0; i < 2; ++i) {
+                q_end[i] = q[i];
+                v_end[i] = v[i];
+                for (int j = 0; j < stage; ++j) {
+                    q_end[i] += ahead[stage][j] * q_part[j][i];
+                    v_end[i] += ahead[stage][j] * v_part[j][i];
+                }
             }
+            one_link_accelerated(h, drive, clock, share[stage], u, target, q_end, v_end, a);
+            if (stage == 0) { (void)memcpy(a_begin, a, sizeof a_begin); }
         }
-        one_link_accelerated(h, drive, clock, share[stage], u, target, q_end, v_end, a);
         for (int i = 0; i < 2; ++i) {
             double q_back = 0.0;
             double v_back = 0.0;
@@ -1076,7 +1082,7 @@ static void one_link_rosenbrock(const double *restrict h, const one_link_drive *
         v_end[i] = v[i];
         error[i] = 0.0;
         error[2 + i] = 0.0;
-        for (int j = 0; j < 4; ++j) {
+        for (int j = 0; j < 6; ++j) {
             q_end[i] += weight[j] * q_part[j][i];
             v_end[i] += weight[j] * v_part[j][i];
             error[i] += wrong[j] * q_part[j][i];
@@ -1211,7 +1217,7 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
     const int held = ((drive->u_step == 0U) && (drive->target_step == 0U)) ? 1 : 0;
     const int dense = held;
     int stale = 1;
-    const double order = method == 1 ? 0.2 : 1.0 / 3.0;
+    const double order = method == 1 ? 0.2 : 0.25;
     double u[2];
     double target[2];
     double a[2];
@@ -2844,22 +2850,23 @@ static void one_link_accelerated_lanes(const double *restrict h, const one_link_
 /* One step of the Rosenbrock method, with the factors of its matrix; the end, and the error, first of q, then of v. */
 static void one_link_rosenbrock_lanes(const double *restrict h, const one_link_drive *restrict drive, const one_link_clock_lanes *restrict clock, const lanes *restrict u, const lanes *restrict target, lanes dt, const lanes *restrict q, const lanes *restrict v, lanes *restrict q_end, lanes *restrict v_end, lanes *restrict error)
 {
-    static const double ahead[4][4] = { { 0.0, 0.0, 0.0, 0.0 }, { 2.0, 0.0, 0.0, 0.0 }, { 1.4192173174557645, -0.2592322116729697, 0.0, 0.0 }, { 4.18476048231916, -0.28519201735549593, 2.294280360279042, 0.0 } };
-    static const double back[4][4] = { { 0.0, 0.0, 0.0, 0.0 }, { -4.588560720558084, 0.0, 0.0, 0.0 }, { -4.18476048231916, 0.28519201735549593, 0.0, 0.0 }, { -6.368179200128357, -6.795620944466836, 2.870098604331056, 0.0 } };
-    static const double share[4] = { 0.0, 0.871733043016918, 0.7315799577888524, 1.0 };
-    static const double weight[4] = { 4.18476048231916, -0.2851920173554959, 2.2942803602790414, 1.0 };
-    static const double wrong[4] = { 0.27774994764796823, -1.403239895175999, 1.772630127667551, 0.5 };
+    static const double ahead[6][6] = { { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { 1.9577095275421397, 0.09624753940753493, 0.0, 0.0, 0.0, 0.0 }, { -12.640540988794982, 11.47406531595545, -2.184901588069644, 0.0, 0.0, 0.0 }, { 45.22669571531797, -34.051994120856214, 9.233342776456102, -2.585735849637662, 0.0, 0.0 }, { 44.59618164199451, -35.304949600239034, 9.10972197560695, -2.286091141567749, 0.18287548796164538, 0.0 } };
+    static const double back[6][6] = { { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { -1.8485366682621636, 0.0, 0.0, 0.0, 0.0, 0.0 }, { -17.631601587128756, 10.558804728186503, 0.0, 0.0, 0.0, 0.0 }, { 43.65182054686954, -40.087802443765035, 10.279818576010475, 0.0, 0.0, 0.0 }, { -105.84058964242176, 89.65494156265976, -24.593504310310063, 8.468103283975356, 0.0, 0.0 }, { -132.02707597161847, 97.96337774644046, -31.303025590584195, 9.868030987977615, -1.7691899740810053, 0.0 } };
+    static const double share[6] = { 0.0, 0.0, 0.6065416442058904, -0.35634633722581177, 1.1568159026419864, 1.0 };
+    static const double weight[6] = { 44.59618164199451, -35.304949600239034, 9.10972197560695, -2.286091141567749, 0.1828754879616454, 1.0 };
+    static const double wrong[6] = { 0.15283044722892764, -0.13147359369631856, 0.028289422458199213, -0.003509701133080983, -0.006154932375863292, 0.01740312587611021 };
     const lanes inverse = ALL(1.0) / dt;
     lanes times[2];
     lanes kept[8];
     lanes kp[2];
     lanes kd[2];
     lanes a[2];
+    lanes a_begin[2];
     lanes shifts[2];
     lanes w[2];
-    lanes q_part[4][2];
-    lanes v_part[4][2];
-    times[0] = 0.435866521508459 * dt;
+    lanes q_part[6][2];
+    lanes v_part[6][2];
+    times[0] = 0.3032708221029452 * dt;
     times[1] = times[0] * times[0];
     for (int i = 0; i < 2; ++i) {
         kp[i] = (drive->kp == NULL) ? ALL(0.0) : ALL(drive->kp[i]);
@@ -2874,16 +2881,21 @@ static void one_link_rosenbrock_lanes(const double *restrict h, const one_link_d
         }
     }
     (void)one_link_stage_factors_lanes(h, q, v, kp, kd, times, kept);
-    for (int stage = 0; stage < 4; ++stage) {
-        for (int i = 0; i < 2; ++i) {
-            q_end[i] = q[i];
-            v_end[i] = v[i];
-            for (int j = 0; j < stage; ++j) {
-                q_end[i] += ahead[stage][j] * q_part[j][i];
-                v_end[i] += ahead[stage][j] * v_part[j][i];
+    for (int stage = 0; stage < 6; ++stage) {
+        if (stage == 1) { /* at the beginning, like the first one */
+            (void)memcpy(a, a_begin, sizeof a_begin);
+        } else {
+            for (int i = 0; i < 2; ++i) {
+                q_end[i] = q[i];
+                v_end[i] = v[i];
+                for (int j = 0; j < stage; ++j) {
+                    q_end[i] += ahead[stage][j] * q_part[j][i];
+                    v_end[i] += ahead[stage][j] * v_part[j][i];
+                }
             }
+            one_link_accelerated_lanes(h, drive, clock, share[stage], u, target, q_end, v_end, a);
+            if (stage == 0) { (void)memcpy(a_begin, a, sizeof a_begin); }
         }
-        one_link_accelerated_lanes(h, drive, clock, share[stage], u, target, q_end, v_end, a);
         for (int i = 0; i < 2; ++i) {
             lanes q_back = ALL(0.0);
             lanes v_back = ALL(0.0);
@@ -2905,7 +2917,7 @@ static void one_link_rosenbrock_lanes(const double *restrict h, const one_link_d
         v_end[i] = v[i];
         error[i] = ALL(0.0);
         error[2 + i] = ALL(0.0);
-        for (int j = 0; j < 4; ++j) {
+        for (int j = 0; j < 6; ++j) {
             q_end[i] += weight[j] * q_part[j][i];
             v_end[i] += weight[j] * v_part[j][i];
             error[i] += wrong[j] * q_part[j][i];
@@ -3040,7 +3052,7 @@ static void one_link_adapt_lanes(const double *restrict h, const one_link_drive 
     const int held = ((drive->u_step == 0U) && (drive->target_step == 0U)) ? 1 : 0;
     const int dense = held;
     int stale = 1;
-    const double order = method == 1 ? 0.2 : 1.0 / 3.0;
+    const double order = method == 1 ? 0.2 : 0.25;
     lanes u[2];
     lanes target[2];
     lanes a[2];

@@ -20,6 +20,7 @@ Array = NDArray[Any]
 Lead = tuple[int, ...]  # axes in front of a state's: () for one state, (N,) for N of them
 
 WRENCHES = ("wrench", "dwrench")  # arguments with rows of links
+WEIGHTS, NUMBERED = "cotangent", ("dp",)  # arguments whose elements have numbers, no names
 WRENCH_PARTS = ("force.x", "force.y", "force.z", "moment.x", "moment.y", "moment.z")
 BY_COORDINATE = {  # how many of the last axes of a result are coordinates
     "vector": 1,
@@ -42,7 +43,7 @@ class Arrays:
     """
 
     def __init__(self, raw: RawKernel, coordinates: tuple[str, ...], links: tuple[str, ...]) -> None:
-        self.dtype, self.coordinates, self.links = raw.dtype, coordinates, links
+        self.dtype, self.coordinates, self.links, self._shapes = raw.dtype, coordinates, links, raw.shapes
         self._bits = np.finfo(raw.dtype).nmant + 1  # of the whole numbers that are all held exactly
 
     def taken(self, label: str, value: ArrayLike, shape: tuple[int, ...], checks: bool) -> tuple[Array, Lead]:
@@ -87,7 +88,7 @@ class Arrays:
         if is_finite(array):
             return
         where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
-        name = "" if label in WRENCHES else self.coordinates[where[-1]]
+        name = self.coordinates[where[-1]] if self._is_by_coordinate(label) else ""
         element = self._element(label, where, shape)
         raise ArrayError(f"{label}: {element} is {array[where]}{place}; numbers must be finite", name)
 
@@ -111,7 +112,7 @@ class Arrays:
         found = f"{' '.join([*entry, *names])}{place_of(lead)} is {result[where]}"
         largest, most = "", -1.0
         for label, array in given:
-            own = array[state] if array.ndim > (2 if label in WRENCHES else 1) else array
+            own = array[state] if array.ndim > len(self._shapes[label]) else array
             at = np.unravel_index(np.abs(own).argmax(), own.shape)
             if abs(own[at]) > most:
                 most = abs(own[at])
@@ -169,10 +170,17 @@ class Arrays:
         comma = "," if len(shape) == 1 else ""
         return f"{self.dtype} of shape ({inner}{comma}) or (..., {inner})"
 
+    @staticmethod
+    def _is_by_coordinate(label: str) -> bool:
+        """Whether an argument has a number for each coordinate; not weights of results, and rates of parameters."""
+        return label not in (*WRENCHES, *NUMBERED) and not label.startswith(WEIGHTS)
+
     def _element(self, label: str, where: tuple[int, ...], shape: tuple[int, ...]) -> str:
         inner = where[-len(shape) :]
         if label in WRENCHES:
             text = f"{WRENCH_PARTS[inner[1]]} of link {self.links[inner[0]]}"
+        elif not self._is_by_coordinate(label):
+            text = f"[{', '.join(map(str, inner))}]"
         else:
             text = self.coordinates[inner[-1]] + (f" in step {inner[0]}" if len(inner) > 1 else "")
         return text + place_of(where[: -len(shape)])

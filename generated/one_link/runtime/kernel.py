@@ -5,7 +5,7 @@ A generated package carries a copy of this file, which imports NumPy and its nei
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from types import FunctionType, ModuleType
 from typing import Any
 
@@ -19,11 +19,13 @@ from .by_name import Blocks, make_blocks
 from .calls import Calls
 from .closing import closed_positions, closed_rates
 from .closing import roots as found_roots
+from .derivatives import Differentiated, hessian, jvp, parameter_jacobian, vjp
 from .direct import Face, functions
 from .opened import LOADED
 from .parameters import Parameters
 from .raw import Libraries, Operations, RawKernel
 from .stepping.adaptive import adaptive_rollout, takes_samples
+from .stepping.gradients import Loss, rollout_gradient
 from .stepping.many_steps import rollout
 from .stepping.rollouts import Rollout
 
@@ -632,6 +634,87 @@ class Kernel:
             raise InputError(f"tangent: {name} got {len(arrays)} arrays; allowed: {', '.join(function.reads)}")
         return self.calls.run(function.name, out, arrays)
 
+    def jvp(
+        self,
+        name: str,
+        args: Sequence[Any],
+        tangents: Sequence[ArrayLike],
+        *,
+        parameters: Mapping[str, float] | None = None,
+    ) -> Array:
+        """Give what a method's result changes by along rates of its arguments: its Jacobian times them, exact.
+
+        Args:
+            name: the method, such as "inverse_dynamics", "reactions", "energy", "frame_pose".
+            args: its arguments in their order, such as (q, v, a) or (q, "tool"); without ``wrench``.
+            tangents: a rate for each array among them, of its shape.
+            parameters: rates of run-time parameters by their names.
+
+        Returns:
+            Of the result's shape.
+
+        Raises:
+            UnknownNameError: no such method, parameter or frame, or the kernel was built without its derivatives.
+            InputError: another number of arguments or rates.
+        """
+        return jvp(self._differentiated(name), args, tangents, parameters)
+
+    def vjp(
+        self, name: str, args: Sequence[Any], cotangent: ArrayLike, parameters: Sequence[str] = ()
+    ) -> tuple[Array, ...]:
+        """The gradient of the sum of a method's weighted results: weights times its Jacobian, exact.
+
+        It comes from one reverse sweep, which takes about as long as two or three calls of the method whatever the
+        number of coordinates is.
+
+        Args:
+            name, args: as of ``jvp``.
+            cotangent: the weights, of the result's shape.
+            parameters: names of run-time parameters that the gradient is taken by as well.
+
+        Returns:
+            An array of each array among the arguments, of its shape; where there are names of parameters, one more,
+            (parameters,).
+
+        Raises:
+            UnknownNameError, InputError: as of ``jvp``.
+        """
+        return vjp(self._differentiated(name), args, cotangent, parameters)
+
+    def hessian(self, name: str, args: Sequence[Any], cotangent: ArrayLike) -> Array:
+        """Second derivatives of the sum of a method's weighted results by its arguments, exact and symmetric.
+
+        Args:
+            name, args: as of ``jvp``.
+            cotangent: the weights, of the result's shape.
+
+        Returns:
+            A matrix whose rows and columns are the numbers of all arguments one behind the other: (3 n, 3 n) of
+            "inverse_dynamics" and "forward_dynamics".
+
+        Raises:
+            UnknownNameError, InputError: as of ``jvp``.
+        """
+        return hessian(self._differentiated(name), args, cotangent)
+
+    def parameter_jacobian(self, name: str, args: Sequence[Any], parameters: Sequence[str] | None = None) -> Array:
+        """Derivatives of a method's results by run-time parameters, exact.
+
+        Args:
+            name, args: as of ``jvp``.
+            parameters: names of the parameters; all if None.
+
+        Returns:
+            Of the result's shape with one more axis, (..., parameters).
+
+        Raises:
+            UnknownNameError, InputError: as of ``jvp``.
+        """
+        return parameter_jacobian(self._differentiated(name), args, parameters)
+
+    def _differentiated(self, name: str) -> Differentiated:
+        return Differentiated.of(self.calls, name, self.frame_index)
+
     def constraint(self, q: ArrayLike, *, out: Array | None = None) -> Array:
         """g(q), (constraints,): zero where the loops are closed.
 
@@ -771,7 +854,7 @@ class Kernel:
 
         Two methods choose their steps so that the error of each stays within tolerances, and give ``samples`` at equal
         times of a ``duration``; each of many states has steps of its own, and the same bits as alone.  "tsit5" is
-        explicit, of fifth order.  "rosenbrock" is linearly implicit, of third order, and stable whatever springs and
+        explicit, of fifth order.  "rosenbrock" is linearly implicit, of fourth order, and stable whatever springs and
         dampers there are; steps end at samples.  Theory section "Steps that the error chooses".
 
         Joints that turn freely (``raw.turning``) pass beta = +-pi/2 in other angles; what comes back is as described,
@@ -813,6 +896,68 @@ class Kernel:
             how: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol}
             return adaptive_rollout(self.calls, self._driven, q0, v0, u, duration, samples, **how, **controlled)
         return rollout(self.calls, self._driven, q0, v0, u, dt, steps, method=method, every=every, **controlled)
+
+    def rollout_gradient(
+        self,
+        q0: ArrayLike,
+        v0: ArrayLike,
+        u: ArrayLike,
+        dt: float | None = None,
+        steps: int | None = None,
+        *,
+        loss: Loss,
+        parameters: Sequence[str] = (),
+        method: str = "rk4",
+        every: int = 1,
+        kp: ArrayLike | None = None,
+        kd: ArrayLike | None = None,
+        target: ArrayLike | None = None,
+        duration: float | None = None,
+        samples: int | None = None,
+        rtol: float = 1e-6,
+        atol: ArrayLike | None = None,
+    ) -> tuple[Any, dict[str, Any]]:
+        """The gradient of a function of a rollout's states, exact for its steps: they are taken once more, backwards.
+
+        Steps that the error chooses count as given: how their lengths change is left out.  Contacts, friction and stops
+        are as smooth as their laws are.  Loops are closed after every step, and differentiated with that.  What is kept
+        on the way grows with the square root of the number of steps where they are many.
+
+        Args:
+            q0, v0, u, dt, steps, method, every, kp, kd, target, duration, samples, rtol, atol: as of ``rollout``.
+            loss: ``loss(t, q, v)`` returns a value and its derivatives by q and v, of their shapes; t are times, s,
+                (samples,), q and v states as of ``rollout``.
+            parameters: names of run-time parameters that the gradient is taken by as well.
+
+        Returns:
+            The value, and derivatives by name: "q" and "v" by the states at the beginning, "u", and with a controller
+            "target", "kp" and "kd", in the shapes of what was given (gains: (n,)); a number for each parameter.
+
+        Raises:
+            UnknownNameError: no such parameter, or the kernel was built without the method's gradient.
+            InputError: as of ``rollout``; a loss that returns something else; joints that turn freely.
+            SingularError, IntegrationStopped: as of ``rollout``.
+        """
+        return rollout_gradient(
+            self.calls,
+            self._driven,
+            q0,
+            v0,
+            u,
+            dt,
+            steps,
+            loss=loss,
+            parameters=parameters,
+            method=method,
+            every=every,
+            duration=duration,
+            samples=samples,
+            rtol=rtol,
+            atol=atol,
+            kp=kp,
+            kd=kd,
+            target=target,
+        )
 
     def frame_index(self, name: str) -> int:
         """The number of a frame or link in ``frames``, by which functions of C take it.

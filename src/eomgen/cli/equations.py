@@ -31,7 +31,7 @@ def _derive(options: argparse.Namespace) -> None:
 
 
 def _add_generate(parser: argparse.ArgumentParser) -> None:
-    from ..codegen.kernels.signatures import DTYPES, KERNELS
+    from ..codegen.kernels.signatures import DTYPES, OWN_KERNELS
     from ..runtime.levels import LEVELS
 
     add_robot(parser)
@@ -47,7 +47,8 @@ def _add_generate(parser: argparse.ArgumentParser) -> None:
         type=_names,
         default=[],
         metavar="NAME[,NAME...]",
-        help=f"only these (all but tangents): {', '.join(KERNELS)}",
+        help=f"only these (all but derivatives): {', '.join(OWN_KERNELS)}; derivatives of them, such as energy_adjoint,"
+        " end in _tangent, _adjoint, _hessian, _parameter_tangent, _parameter_adjoint",
     )
 
 

@@ -113,7 +113,7 @@ class OnDemand:
         return meta
 
     def source(self, file: str) -> str:
-        """Text of NAME.h, NAME.c or NAME.json with all kernels but tangents."""
+        """Text of NAME.h, NAME.c or NAME.json with all kernels but derivatives."""
         source = self.source_of((), self.progress)
         texts = {"h": source.header, "c": source.code, "json": source.meta}
         return texts[file.removeprefix(f"{self._name}.")]

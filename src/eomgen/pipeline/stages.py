@@ -23,7 +23,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal
 
 from .._version import __version__
-from ..codegen.kernels.signatures import DTYPES, KERNELS, available, with_beside
+from ..codegen.kernels.signatures import DTYPES, KERNELS, OWN_KERNELS, available, with_beside
 from ..description import RobotLike, as_robot
 from ..errors import InputError
 from ..files import read_regular
@@ -49,6 +49,7 @@ KERNEL_NAMES = tuple(KERNELS)
 OWNERS = {name: name for name in KERNELS} | {  # the kernel that a name stands for
     function: kernel for kernel, signature in KERNELS.items() for function in signature.functions
 }
+_NAMED = tuple(name for name, kernel in OWNERS.items() if kernel in OWN_KERNELS)
 _SOURCE, _SAMPLES = "source.json", "samples"  # files of an entry
 _LARGEST = 1 << 28  # bytes of a package's metadata
 
@@ -57,7 +58,7 @@ _LARGEST = 1 << 28  # bytes of a package's metadata
 class Options:
     """Options of a build: which kernels are generated, and how they are compiled.
 
-    kernels: names of KERNEL_NAMES, all but tangents if empty; those of springs between points come with any.  A
+    kernels: names of KERNEL_NAMES, all but derivatives if empty; those of springs between points come with any.  A
         function that belongs to a kernel of another name stands for it: frame_pose and frame_jacobian for "kinematics".
     dtype: "float64" or "float32".
     native: compile for this processor alone, with fused multiply-add, which changes the last bits.
@@ -81,7 +82,8 @@ class Options:
     def __post_init__(self) -> None:
         for name in self.kernels:
             if name not in OWNERS:
-                raise InputError(f"kernels: {show(name)} is unknown; allowed: {', '.join(OWNERS)}")
+                known = f"{', '.join(_NAMED)}, and their derivatives, such as energy_adjoint"
+                raise InputError(f"kernels: {show(name)} is unknown; allowed: {known}")
         object.__setattr__(self, "kernels", tuple(dict.fromkeys(OWNERS[name] for name in self.kernels)))
         if self.dtype not in DTYPES:
             raise InputError(f"dtype: {self.dtype!r} is unknown; allowed: {', '.join(DTYPES)}")
@@ -105,7 +107,7 @@ def build(
 
     Args:
         robot: a Robot, the name of a built-in one, or the path of a description.
-        kernels: names of KERNEL_NAMES that are built at once, in one library; "all" for all but tangents.  Without
+        kernels: names of KERNEL_NAMES that are built at once, in one library; "all" for all but derivatives.  Without
             names each kernel is built when it is first called.
         dtype, native, flags, level: see Options.
         progress: called with a line of text when a stage begins, also when that is later; without one a terminal sees

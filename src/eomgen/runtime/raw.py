@@ -22,11 +22,13 @@ __all__ = ["Libraries", "Library", "OneLibrary", "Operations", "RawFunction", "R
 
 FFI = _cffi_backend.FFI()  # knows C's own types; pointers of all libraries are of these
 POINTERS = {"float64": "double[]", "float32": "float[]"}
+DERIVED = ("tangent", "adjoint", "hessian", "gradient")  # kinds of functions that differentiate others
 SETUP = "parameters"  # among operations: of what depends on parameters alone
-FRAMES, ROLLOUT, ADAPTIVE = (
+FRAMES, ROLLOUT, ADAPTIVE, GRADIENT = (
     "frames",
     "rollout",
     "adaptive",
+    "gradient",
 )  # kinds of functions that are called otherwise than all others
 WEIGHTS = {"mul": 1, "add": 1, "div": 5, "sincos": 25}  # times of operations beside each other
 BATCH = "_batch"  # behind the name of what works on several states
@@ -42,8 +44,9 @@ class RawFunction:
     Attributes:
         name: its name, without the robot's in front.
         kernel: the kernel that it belongs to, as in ``Kernel.operations``; frame_pose belongs to "kinematics".
-        kind: "program" (straight-line code), "tangent" (the same, the derivative of another kernel), "composed" (calls
-            programs), "frames" (takes the number of a frame) or "rollout" (many steps in one call).
+        kind: "program" (straight-line code), "tangent", "adjoint" or "hessian" (the same, derivatives of another
+            kernel), "composed" (calls programs), "frames" (takes the number of a frame) or "rollout" (many steps in one
+            call).
         reads: names of the arrays that it reads, in the order of the arguments; ``RawKernel.shapes`` has their shapes.
         writes: name of the array that it writes.
         tangent_of: the function whose directional derivative it is, or nothing.
@@ -206,10 +209,13 @@ class Operations(Mapping[str, Mapping[str, int]]):
         return kernel == SETUP or kernel in self._libraries.meta["kernels"]
 
     def __iter__(self) -> Iterator[str]:
-        return iter((*self._libraries.meta["kernels"], SETUP))
+        """Iterate over all but derivatives, of which there are many, and which would have to be derived."""
+        functions = self._libraries.meta["functions"]
+        derived = {name for name, entry in functions.items() if entry["kind"] in DERIVED}
+        return iter((*(name for name in self._libraries.meta["kernels"] if name not in derived), SETUP))
 
     def __len__(self) -> int:
-        return len(self._libraries.meta["kernels"]) + 1
+        return sum(1 for _ in self)
 
     def __repr__(self) -> str:
         return f"<operations of {', '.join(self)}>"
@@ -272,6 +278,7 @@ class RawKernel:
         rollout: the function of many steps, or None where the kernel was built without one; its arguments are in the
             header.
         adaptive: the function of integrations with error control, or None, likewise.
+        gradients: functions that go back through steps, by name, likewise.
         ffi: cffi's object for pointers and their types.
         view: ``view(array)`` is a pointer to a C-contiguous array of this dtype, for a function of C; it keeps the
             array alive.
@@ -295,7 +302,9 @@ class RawKernel:
         known = [_function(libraries, name, entry) for name, entry in meta["functions"].items()]
         self.rollout: RawFunction | None = next((x for x in known if x.kind == ROLLOUT), None)
         self.adaptive: RawFunction | None = next((x for x in known if x.kind == ADAPTIVE), None)
-        self.functions: Mapping[str, RawFunction] = {x.name: x for x in known if x.kind not in (ROLLOUT, ADAPTIVE)}
+        self.gradients: Mapping[str, RawFunction] = {x.name: x for x in known if x.kind == GRADIENT}
+        apart = (ROLLOUT, ADAPTIVE, GRADIENT)
+        self.functions: Mapping[str, RawFunction] = {x.name: x for x in known if x.kind not in apart}
 
     def missing(self, name: str) -> UnknownNameError:
         """The error that says that the kernel has no such function, and which ones it has."""

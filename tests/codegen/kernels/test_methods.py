@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 
 import eomgen
 from eomgen.codegen.kernels.equations import derive
-from eomgen.codegen.kernels.methods import ROS34PW2, TSIT5, Array
 from eomgen.codegen.kernels.stages import STAGES
+from eomgen.codegen.kernels.steps.methods import TSIT5, W643, Array, Rosenbrock
 from eomgen.codegen.program.ir import evaluate
 from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
@@ -39,31 +41,56 @@ def rooted_trees(b: Array, a: Array, order: int) -> list[float]:
     return [float(x) for x in found]
 
 
-def w_conditions(b: Array, order: int) -> list[float]:
-    """Conditions in which the matrix stands beside the function's own derivative: all of them vanish."""
-    a, g = ROS34PW2.alpha, ROS34PW2.gamma
-    c, d = a.sum(axis=1), g.sum(axis=1)
-    return [float(b @ d)] if order < 3 else [float(x) for x in (b @ d, b @ a @ d, b @ g @ c, b @ g @ d)]
+def w_conditions(method: Rosenbrock, b: Array, order: int) -> list[float]:
+    """What b sums over trees of up to so many nodes, less what the solution has there (E. Hairer, G. Wanner, IV.7).
+
+    A node is the function, with any number of branches, or the matrix, with one; the latter is nowhere in the solution.
+    """
+    trees: list[list[tuple[Array, float]]] = [[], [(np.ones(len(b)), 1.0)]]
+    for nodes in range(2, order + 1):
+        smaller = [(k, tree) for k in range(1, nodes) for tree in trees[k]]
+        functions = [(value, density / nodes) for value, density in bushes(method.alpha, smaller, nodes - 1)]
+        trees.append([*functions, *((method.gamma @ value, 0.0) for value, _ in trees[nodes - 1])])
+    return [float(b @ value) - density for kind in trees for value, density in kind]
 
 
-def test_the_rosenbrock_method_is_of_order_3_with_any_matrix() -> None:
-    method = ROS34PW2
-    assert np.abs(rooted_trees(method.b, method.alpha, 3)).max() <= ROUND_OFF
-    assert np.abs(w_conditions(method.b, 3)).max() <= ROUND_OFF
-    assert np.abs(rooted_trees(method.embedded, method.alpha, 2)).max() <= ROUND_OFF
-    assert np.abs(w_conditions(method.embedded, 2)).max() <= ROUND_OFF
-    assert np.abs(rooted_trees(method.embedded, method.alpha, 3)).max() > 1e-2
+def bushes(alpha: Array, trees: list[tuple[int, tuple[Array, float]]], nodes: int) -> Iterator[tuple[Array, float]]:
+    """Products of all choices of trees, taken once or more, that have so many nodes together."""
+    if nodes == 0:
+        yield np.ones(len(alpha)), 1.0
+    for place, (size, (value, density)) in enumerate(trees):
+        if size <= nodes:
+            for others, rest in bushes(alpha, trees[place:], nodes - size):
+                yield (alpha @ value) * others, density * rest
+
+
+def test_trees_with_a_matrix_are_as_many_as_are_known() -> None:
+    method, before = W643, 0
+    for order, count in enumerate((1, 2, 5, 13, 37), 1):
+        found = len(w_conditions(method, method.b, order))
+        assert found - before == count
+        before = found
+
+
+def test_the_rosenbrock_method_is_of_orders_4_and_3_with_any_matrix() -> None:
+    method = W643
+    assert np.abs(w_conditions(method, method.b, 4)).max() <= ROUND_OFF
+    assert np.abs(w_conditions(method, method.embedded, 3)).max() <= ROUND_OFF
+    assert np.abs(rooted_trees(method.b, method.alpha, 4)).max() <= ROUND_OFF
+    assert np.abs(w_conditions(method, method.b, 5)).max() > 1e-4
+    assert np.abs(w_conditions(method, method.embedded, 4)).max() > 1e-4
 
 
 def test_the_rosenbrock_method_is_stiffly_accurate_and_damps() -> None:
-    whole = ROS34PW2.alpha + ROS34PW2.gamma
-    assert np.abs(whole[-1] - ROS34PW2.b).max() <= ROUND_OFF
-    assert (np.diagonal(ROS34PW2.gamma) == ROS34PW2.diagonal).all()
-    one = np.ones(4)
-    for z in (*(1j * np.logspace(-3, 6, 200)), *np.logspace(-3, 6, 50) * -1.0):
-        growth = 1 + z * ROS34PW2.b @ np.linalg.solve(np.eye(4) - z * whole, one)
+    whole, one = W643.alpha + W643.gamma, np.ones(len(W643.b))
+    assert (whole[-1] == W643.b).all()
+    assert abs(W643.alpha[-1].sum() - 1.0) <= ROUND_OFF  # the last stage is at the end
+    assert (np.diagonal(W643.gamma) == W643.diagonal).all()
+    for z in (*(1j * np.logspace(-3, 6, 400)), *np.logspace(-3, 6, 50) * -1.0):
+        growth = 1 + z * W643.b @ np.linalg.solve(np.eye(len(one)) - z * whole, one)
         assert abs(growth) <= 1.0 + 1e-12
-    assert abs(1 - ROS34PW2.b @ np.linalg.solve(whole, one)) <= 1e-12  # at infinity
+    assert abs(1 - W643.b @ np.linalg.solve(whole, one)) <= 1e-12  # at infinity
+    assert np.abs(1 - W643.alpha @ np.linalg.solve(whole, one)).max() <= 1.5  # nor do stages swing out there
 
 
 def test_the_explicit_pair_is_of_orders_5_and_4() -> None:

@@ -13,9 +13,11 @@ import pytest
 import eomgen
 from eomgen.codegen.c import lanes
 from eomgen.codegen.c.sources import render
+from eomgen.codegen.kernels.derived import BACKWARDS, GRADIENTS
+from eomgen.codegen.kernels.entries import KINDS, Signature
 from eomgen.codegen.kernels.equations import derive_equations
 from eomgen.codegen.kernels.operation_counts import OWN
-from eomgen.codegen.kernels.signatures import KERNELS, KINDS, SIGNATURES, Signature, by_kind, functions, shapes
+from eomgen.codegen.kernels.signatures import DERIVATIVES, KERNELS, SIGNATURES, by_kind, functions, shapes
 from eomgen.codegen.kernels.stages import STAGES
 from eomgen.codegen.kernels.writers import WAYS, WRITERS
 from eomgen.robot.model import build_model
@@ -24,11 +26,14 @@ from tests.support.builds import Build
 TEMPLATES = Path(eomgen.__path__[0], "templates", "composed")
 OF_A_KIND: dict[str, Callable[[str, Signature], bool]] = {
     "program": lambda name, _: name in {**WRITERS, **WAYS} or name in STAGES,
-    "tangent": lambda name, entry: entry.tangent_of in KERNELS and name not in WRITERS,
+    "tangent": lambda name, entry: is_derivative(name, entry),
+    "adjoint": lambda name, entry: is_derivative(name, entry),
+    "hessian": lambda name, entry: is_derivative(name, entry),
     "frames": lambda name, entry: name in WRITERS and bool(entry.functions) and is_written(name),
     "composed": lambda name, entry: set(entry.calls) >= set(entry.counts) != set() and is_written(name),
     "rollout": lambda name, entry: set(entry.calls) >= set(entry.counts) != set() and is_written(name),
     "adaptive": lambda name, entry: set(entry.calls) >= set(entry.counts) != set() and is_written(name),
+    "gradient": lambda name, entry: set(entry.calls) >= set(entry.counts) != set() and is_written(name),
 }
 
 
@@ -36,15 +41,20 @@ def is_written(name: str) -> bool:
     return (TEMPLATES / f"{name}.c.jinja").is_file()
 
 
+def is_derivative(name: str, entry: Signature) -> bool:
+    functions = {*SIGNATURES, *KERNELS["kinematics"].functions}
+    return entry.derivative_of in functions and name not in WRITERS and name.startswith(f"{entry.derivative_of}_")
+
+
 @pytest.mark.parametrize("name", SIGNATURES)
 def test_an_entry_has_what_its_kind_needs(name: str) -> None:
     entry = SIGNATURES[name]
     assert entry.kind in KINDS
     assert OF_A_KIND[entry.kind](name, entry)
-    assert (entry.tangent_of != "") == (entry.kind == "tangent")
+    assert (entry.derivative_of != "") == (entry.kind in ("tangent", "adjoint", "hessian", "gradient"))
     assert (entry.functions != {}) == (entry.kind == "frames")
-    assert (entry.calls != ()) == (entry.kind in ("composed", "rollout", "adaptive"))
-    assert set(entry.calls) <= {*WRITERS, *WAYS, *STAGES}
+    assert (entry.calls != ()) == (entry.kind in ("composed", "rollout", "adaptive", "gradient"))
+    assert set(entry.calls) <= {*WRITERS, *WAYS, *STAGES, *DERIVATIVES, *BACKWARDS}
     assert entry.columns_of == "" or (entry.columns_of in WRITERS and is_written(name))
     assert (name in OWN) <= (entry.kind == "composed")
 
@@ -53,7 +63,8 @@ def test_every_array_has_a_shape() -> None:
     robots = [eomgen.load_robot(name) for name in ("one_link", "four_bar", "balanced_arm", "hexapod_elastic")]
     known = {key for robot in robots for key in shapes(build_model(robot))} | {"kept"}  # which programs are cut by
     parts = [part for entry in KERNELS.values() for part in entry.functions.values()]
-    for entry in (*SIGNATURES.values(), *parts):
+    public = [entry for name, entry in SIGNATURES.items() if name not in BACKWARDS]
+    for entry in (*public, *parts):
         assert {*entry.reads, entry.writes} <= known
 
 
@@ -61,10 +72,10 @@ def test_functions_are_in_the_order_of_packages() -> None:
     """Frames behind all others, rollouts last."""
     found = functions(reversed(KERNELS))
     assert found == functions(iter(KERNELS))
-    last = ("kinematics", "rollout", "adaptive_rollout")
-    assert [function.name for function in found[-4:]] == ["frame_pose", "frame_jacobian", *last[1:]]
-    assert [function.name for function in found[:-4]] == [x for x in KERNELS if x not in last]
-    assert [function.kernel for function in found[-4:]] == ["kinematics", *last]
+    last = ("kinematics", "rollout", "adaptive_rollout", *GRADIENTS)
+    assert [function.name for function in found[-7:]] == ["frame_pose", "frame_jacobian", *last[1:]]
+    assert [function.name for function in found[:-7]] == [x for x in KERNELS if x not in last]
+    assert [function.kernel for function in found[-7:]] == ["kinematics", *last]
     assert functions([]) == []
     assert by_kind(["rollout", "forward_dynamics_jacobian", "kinematics", "mass_matrix"]) == [
         "mass_matrix",

@@ -25,7 +25,7 @@ from .rollouts import NUMBERS, SHARE, Given, Rollout, count_states, is_number, r
 Array = NDArray[Any]
 
 METHODS = {"rosenbrock": 0, "tsit5": 1}
-STAGES = {"rosenbrock": 4, "tsit5": 6}  # evaluations of a step
+STAGES = {"rosenbrock": 5, "tsit5": 6}  # evaluations of a step
 DONE = 1  # reason to stop: all samples are there; above are the places of what stopped it
 LEAST = {"float64": 1e-13, "float32": 1e-5}  # relative tolerances that round-off lets steps reach
 
@@ -137,8 +137,8 @@ def adaptive_rollout(
         raise calls.raw.missing("adaptive_rollout")
     count = count_states(q0=q0, v0=v0, u=u, target=target)
     samples = whole_number("samples", 1 if samples is None else samples, NUMBERS // (calls.n * max(count or 1, 1)))
-    times = np.linspace(0.0, _duration(duration), samples + 1)
-    allowed = _tolerances(calls, rtol, atol, function.where(batch=count is not None).meta)
+    times = np.linspace(0.0, length_of_time(duration), samples + 1)
+    allowed = tolerances(calls, rtol, atol, function.where(batch=count is not None).meta)
     given = read_given(calls, driven, samples, count, q0=q0, v0=v0, u=u, kp=kp, kd=kd, target=target)
     trouble = given.trouble(calls)
     if trouble is not None:
@@ -176,7 +176,7 @@ def _result(motion: _Motion) -> Rollout:
     return Rollout.of(q, v, **figures)
 
 
-def _duration(duration: float | None) -> float:
+def length_of_time(duration: float | None) -> float:
     found = float(duration) if is_number(duration) else 0.0  # type: ignore[arg-type]
     if not 0.0 < found < np.inf:
         raise InputError(
@@ -185,7 +185,7 @@ def _duration(duration: float | None) -> float:
     return found
 
 
-def _tolerances(calls: Calls, rtol: float, atol: ArrayLike | None, meta: Mapping[str, Any]) -> tuple[float, Array]:
+def tolerances(calls: Calls, rtol: float, atol: ArrayLike | None, meta: Mapping[str, Any]) -> tuple[float, Array]:
     """rtol, and atol of every coordinate and rate, (2n,)."""
     least = LEAST[str(calls.dtype)]
     if not (is_number(rtol) and least <= float(rtol) < 1.0):

@@ -55,7 +55,7 @@ def rollout(
     count = count_states(q0=q0, v0=v0, u=u, target=target)
     most = NUMBERS // (calls.n * max(count or 1, 1))
     steps, every = whole_number("steps", steps, most), whole_number("every", every, most)
-    dt = _length(calls, dt)
+    dt = step_length(calls, dt)
     given = read_given(calls, driven, steps, count, q0=q0, v0=v0, u=u, kp=kp, kd=kd, target=target)
     starts, drives, gains = given.starts, given.drives, given.gains
     shape = (() if count is None else (count,)) + (steps // every + 1, calls.n)
@@ -131,7 +131,7 @@ def _stopped(
     return stopped
 
 
-def _length(calls: Calls, dt: float | None) -> float:
+def step_length(calls: Calls, dt: float | None) -> float:
     """The length of a step as the kernel's dtype has it."""
     try:
         found = float(dt) if dt is not None and is_number(dt) else 0.0

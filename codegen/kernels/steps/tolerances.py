@@ -10,9 +10,9 @@ from eomgen.robot.laws import stiffness_of
 from eomgen.robot.model import Model
 from eomgen.robot.sizes import cut_numbers, deviation_sizes, law_numbers, table_stiffnesses
 
-from ..program.ir import evaluate, finish
-from .derivation import Derivation, vector
-from .interface import knots
+from ...program.ir import evaluate, finish
+from ..derivation import Derivation, vector
+from ..interface import knots
 
 Array = NDArray[np.float64]
 

@@ -1,0 +1,1 @@
+"""Programs of derivatives, from those of the functions that they differentiate."""

@@ -1,0 +1,37 @@
+"""Derivatives of kernels: the program of an entry of DERIVATIVES from that of the function that it differentiates."""
+
+from __future__ import annotations
+
+import math
+
+from eomgen.robot.model import Model
+
+from ...program.forward_mode import tangent
+from ...program.ir import Program
+from ...program.passes import PARAMETERS, run_passes
+from ...program.reverse_mode import adjoint
+from ...program.second_order import hessian
+from ..derived import PARAMETER_RATES, RATES, TIMES
+from ..signatures import SIGNATURES, shapes
+from .whole import Derive, whole_program
+
+
+def derive_derivative(model: Model, kernel: str, derive: Derive) -> Program:
+    """The program of one entry of DERIVATIVES.
+
+    Args:
+        kernel: its name.
+        derive: gives the program of one entry of the tables by its name.
+    """
+    signature, size = SIGNATURES[kernel], shapes(model)
+    program = whole_program(model, signature.derivative_of, derive)
+    if signature.kind == "tangent":
+        rates = {PARAMETERS: PARAMETER_RATES} if signature.by_parameters else RATES
+        return run_passes(tangent(program, rates, kernel))
+    *reads, weights = signature.reads
+    if "kept" in reads:
+        size["kept"] = (sum(key[0] == "out" for key in derive("stage_factors").outputs),)
+    wanted = {array: math.prod(size[array]) for array in reads if array not in TIMES}
+    if signature.by_parameters:
+        wanted[PARAMETERS] = len(model.parameters)
+    return run_passes((adjoint if signature.kind == "adjoint" else hessian)(program, weights, wanted, kernel))

@@ -1,0 +1,110 @@
+"""Programs of all that the C of a kernel computes, from those that its template calls: to be differentiated."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Any
+
+from eomgen.robot.model import Model
+from eomgen.robot.value import ANGULAR
+
+from ...program.ir import Graph, Program, Value, evaluate, finish
+from ...program.operations import CALLS
+from ..derivation import vector
+
+Derive = Callable[[str], Program]
+
+
+class _Whole:
+    """A graph in which programs are put together; ``derive`` gives them."""
+
+    def __init__(self, model: Model, derive: Derive) -> None:
+        self.model, self.derive, self.graph = model, derive, Graph()
+        self.n, self.m = model.size, len(model.constraints)
+
+    def array(self, name: str, size: int) -> list[Value]:
+        """An input."""
+        return [self.graph.input(name, i) for i in range(size)]
+
+    def run(self, name: str, **given: Sequence[Value]) -> list[Value]:
+        """Results of a program on inputs of the graph, or on values of it."""
+        program, inputs = self.derive(name), dict[str, Any]()
+        for array in program.inputs():
+            places = [i.leaf[1] for i in program.instructions if i.op == "input" and i.leaf[0] == array]
+            inputs[array] = given[array] if array in given else self.array(array, 1 + max(places))
+        calls = {op: partial(self.graph.call, op) for op in CALLS}
+        found = evaluate(program, inputs, self.graph.sincos, calls)
+        return [found["out", i] for i in range(sum(key[0] == "out" for key in found))]
+
+    def drives(self, *, loaded: bool) -> list[Value]:
+        """Results of constrained_drives, beside forces u or without any."""
+        return self.run("constrained_drives", **({} if loaded else {"u": [0.0] * self.n}))
+
+    def reactions(self, *, loaded: bool) -> list[Value]:
+        """Forces and moments in joints, of the tree and of the cuts."""
+        multipliers = self.drives(loaded=loaded)[self.n : self.n + self.m]
+        pairs = zip(self.run("tree_reactions"), self.run("closing_reactions", multipliers=multipliers), strict=True)
+        return [one + other for one, other in pairs]
+
+    def loop_reactions(self, *, loaded: bool) -> list[Value]:
+        """Forces and moments in cut joints."""
+        multipliers = self.drives(loaded=loaded)[self.n : self.n + self.m]
+        return self.run("loop_wrenches", multipliers=multipliers)
+
+    def poses(self) -> list[Value]:
+        """Rows [R | X] of all frames."""
+        return self.run("kinematics")[: 12 * len(self.model.frames)]
+
+    def jacobians(self) -> list[Value]:
+        """Jacobians of all frames, from origins and axes as the C has it."""
+        model, k, found = self.model, self.run("kinematics"), list[Value]()
+        origins, axes = 12 * len(model.frames), 12 * len(model.frames) + 3 * len(model.bodies)
+        links = {frame.name: frame.link for frame in model.robot.frames}
+        for number, name in enumerate(model.frames):
+            columns: dict[int, list[Value]] = {}
+            body = model.body_of[links.get(name, name)]
+            while body >= 0:
+                arm = [k[12 * number + 3 + 4 * i] - k[origins + 3 * body + i] for i in range(3)]
+                here = model.bodies[body]
+                for s in range(here.first, here.first + len(here.active)):
+                    axis = k[axes + 3 * s : axes + 3 * s + 3]
+                    turns = model.coordinates[s].rpartition(".")[2] in ANGULAR
+                    columns[s] = [*_cross(axis, arm), *axis] if turns else [*axis, 0.0, 0.0, 0.0]
+                body = here.parent
+            found += [columns[s][row] if s in columns else 0.0 for row in range(6) for s in range(self.n)]
+        return found
+
+
+CLOSED: Mapping[str, Callable[[_Whole], list[Value]]] = {  # where there are constraints
+    "inverse_dynamics": lambda w: w.drives(loaded=False)[: w.n],
+    "inverse_dynamics_under_load": lambda w: w.drives(loaded=True)[: w.n],
+    "forward_dynamics": lambda w: w.run("constrained_dynamics")[: w.n],
+    "constraint_forces": lambda w: w.run("constrained_dynamics")[w.n : w.n + w.m],
+    "reactions": lambda w: w.reactions(loaded=False),
+    "reactions_under_load": lambda w: w.reactions(loaded=True),
+    "loop_reactions": lambda w: w.loop_reactions(loaded=False),
+    "loop_reactions_under_load": lambda w: w.loop_reactions(loaded=True),
+}
+OF_FRAMES: Mapping[str, Callable[[_Whole], list[Value]]] = {
+    "frame_pose": lambda w: w.poses(),
+    "frame_jacobian": lambda w: w.jacobians(),
+}
+
+
+def whole_program(model: Model, function: str, derive: Derive) -> Program:
+    """The program of what a function's C computes; of one that takes a frame's number, for all frames.
+
+    Args:
+        function: a kernel, or one of OF_FRAMES.
+        derive: gives the program of one entry of the tables by its name.
+    """
+    ways = {**OF_FRAMES, **(CLOSED if model.constraints else {})}
+    if function not in ways:
+        return derive(function)
+    found = _Whole(model, derive)
+    return finish(found.graph, function, vector(ways[function](found)))
+
+
+def _cross(x: Sequence[Any], y: Sequence[Any]) -> list[Value]:
+    return [x[i] * y[j] - x[j] * y[i] for i, j in ((1, 2), (2, 0), (0, 1))]

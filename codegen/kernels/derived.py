@@ -1,0 +1,145 @@
+"""Derivatives of kernels as kernels of their own: their names, what they read and write; without SymPy.
+
+Of a function f(x) of arrays x, and of the run-time parameters p:
+
+- f_tangent: what f changes by along rates dx; f_parameter_tangent: along dp.
+- f_adjoint: the gradient of w . f by x for weights w, a cotangent; f_parameter_adjoint: by x and p.
+- f_hessian: the second derivatives of w . f by x.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+
+from .entries import Signature
+
+Shape = tuple[int, ...]
+
+RATES: Mapping[str, str] = {"q": "dq", "v": "dv", "a": "da", "u": "du", "wrench": "dwrench"}  # of what tangents move
+PARAMETER_RATES = "dp"
+WEIGHTS, GRADIENT, HESSIAN = "cotangent_", "gradient_", "hessian_"  # begin names of arrays
+WITH_PARAMETERS = "_p"  # ends the name of a gradient that has the parameters behind the arrays
+FRAMED: Mapping[str, str] = {"frame_pose": "poses", "frame_jacobian": "jacobians"}  # results of all frames at once
+EXACT = (  # kernels that are derivatives of others already, and charts, which are not differentiated
+    "christoffel",
+    "following",
+    "forward_dynamics_jacobian",
+    "tree_forward_dynamics_jacobian",
+)
+
+
+def differentiated(kernels: Mapping[str, Signature]) -> dict[str, Signature]:
+    """The derivatives of kernels by their names; of those that are called with a frame's number for all frames."""
+    found: dict[str, Signature] = {}
+    for name, kernel in kernels.items():
+        if kernel.kind == "frames":
+            for function, own in kernel.functions.items():
+                found |= _of(function, replace(own, writes=FRAMED[function]))
+        elif kernel.kind in ("program", "composed") and name not in EXACT:
+            found |= _of(name, kernel)
+    return found
+
+
+def _of(name: str, kernel: Signature) -> dict[str, Signature]:
+    """The derivatives of one function."""
+    x, own = ", ".join(kernel.reads), "_".join(kernel.reads)
+    rates, weighted = tuple(RATES[array] for array in kernel.reads), f"{name} along weights"
+    none = Signature(kernel.reads, kernel.writes, "", derivative_of=name, needs=kernel.needs)
+    tangent = replace(none, kind="tangent", reads=(*none.reads, *rates))
+    along = replace(none, kind="tangent", reads=(*none.reads, PARAMETER_RATES), by_parameters=True)
+    back = replace(none, reads=(*none.reads, f"{WEIGHTS}{kernel.writes}"), solves=kernel.solves)
+    adjoint = replace(back, kind="adjoint", writes=f"{GRADIENT}{own}")
+    whole = replace(adjoint, writes=f"{adjoint.writes}{WITH_PARAMETERS}", by_parameters=True)
+    hessian = replace(back, kind="hessian", writes=f"{HESSIAN}{own}")
+    return {
+        f"{name}_tangent": replace(tangent, text=f"What {name} changes by along {', '.join(rates)}."),
+        f"{name}_parameter_tangent": replace(along, text=f"What {name} changes by along rates of the parameters."),
+        f"{name}_adjoint": replace(adjoint, text=f"Gradient by {x} of {weighted}."),
+        f"{name}_parameter_adjoint": replace(whole, text=f"Gradient by {x} and the parameters of {weighted}."),
+        f"{name}_hessian": replace(hessian, text=f"Second derivatives by {x} of {weighted}."),
+    }
+
+
+def _gradient(method: str, of: str, *programs: str) -> Signature:
+    """Steps of a method backwards: the programs, and those that they go back by."""
+    calls = ("forward_dynamics", *programs) if "implicit_step" not in programs else programs
+    backwards = tuple(f"{name}_parameter_adjoint" for name in calls)
+    return Signature(
+        ("q", "v", "u"),
+        "vector",
+        f"Derivatives of a sum over the states of steps by {method}.",
+        "gradient",
+        calls=(*calls, *backwards),
+        counts=backwards,
+        closed=tuple("constrained_dynamics" if name == "forward_dynamics" else name for name in calls)
+        + backwards
+        + ("settling", "settling_parameter_adjoint"),
+        derivative_of=of,
+        solves=True,
+        vectors=False,
+    )
+
+
+GRADIENTS: Mapping[str, Signature] = {
+    "explicit_gradient": _gradient("explicit methods", "rollout"),
+    "implicit_gradient": _gradient("the linearly implicit method", "rollout", "implicit_step"),
+    "rosenbrock_gradient": _gradient("the Rosenbrock method", "adaptive_rollout", "stage_factors", "stage_solution"),
+}
+TIMES = ("dt", "times")  # arrays that steps are not differentiated by
+BACKWARDS: Mapping[str, Signature] = {  # programs that only gradients call
+    "implicit_step_parameter_adjoint": Signature(
+        ("q", "v", "u", "added", "dt", "cotangent_vector"),
+        "gradient_of_step",
+        "Gradient by q, v, u, added and the parameters of implicit_step along weights.",
+        "adjoint",
+        derivative_of="implicit_step",
+        by_parameters=True,
+    ),
+    "stage_factors_parameter_adjoint": Signature(
+        ("q", "v", "kp", "kd", "times", "cotangent_kept"),
+        "gradient_of_factors",
+        "Gradient by q, v, kp, kd and the parameters of stage_factors along weights.",
+        "adjoint",
+        derivative_of="stage_factors",
+        by_parameters=True,
+    ),
+    "stage_solution_parameter_adjoint": Signature(
+        ("kept", "rates", "shifts", "cotangent_vector"),
+        "gradient_of_solution",
+        "Gradient by kept, rates, shifts and the parameters of stage_solution along weights.",
+        "adjoint",
+        derivative_of="stage_solution",
+        by_parameters=True,
+    ),
+}
+
+
+def derivative_shapes(
+    kernels: Mapping[str, Signature], shapes: Mapping[str, Shape], parameters: int
+) -> dict[str, Shape]:
+    """Shapes of the arrays that derivatives read and write beside those of the kernels.
+
+    Args:
+        kernels: derivatives, as of ``differentiated``.
+        shapes: of the arrays of the kernels that they are of.
+        parameters: number of run-time parameters.
+    """
+    found: dict[str, Shape] = {}
+    known = {RATES[array]: shapes[array] for array in RATES} | {WEIGHTS + array: shapes[array] for array in shapes}
+    if parameters:
+        known[PARAMETER_RATES] = (parameters,)
+    for kernel in kernels.values():
+        found |= {array: known[array] for array in kernel.reads if array in known}
+        if kernel.kind in ("adjoint", "hessian") and all(array in shapes for array in kernel.reads[:-1]):
+            size = sum(math.prod(shapes[array]) for array in kernel.reads[:-1])
+            found[kernel.writes] = (
+                (size, size) if kernel.kind == "hessian" else (size + (parameters if kernel.by_parameters else 0),)
+            )
+    return found
+
+
+def is_direction(array: str) -> bool:
+    """Whether an array holds rates or weights, along which a derivative is taken."""
+    return array.startswith(WEIGHTS) or array == PARAMETER_RATES or array in RATES.values()

@@ -1,0 +1,62 @@
+"""Entries of the table of kernels: arrays that it reads and writes, where its C comes from; without SymPy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+Kind = Literal["program", "tangent", "adjoint", "hessian", "frames", "composed", "rollout", "adaptive", "gradient"]
+KINDS: Mapping[Kind, str] = {  # in the order in which C and packages have them
+    "program": "straight-line code of one writer",
+    "tangent": "straight-line code, differentiated from another kernel's; there only if it is asked for",
+    "adjoint": "the same, its gradient by a reverse sweep",
+    "hessian": "the same, second derivatives",
+    "frames": "straight-line code in shares of bodies and frames, which functions of a frame's number call",
+    "composed": "a template of its own, which calls programs: ``templates/composed``",
+    "rollout": "the same, with a call of its own: many steps at once",
+    "adaptive": "the same, with steps whose length the error controls",
+    "gradient": "the same, and back through the steps; there only if it is asked for",
+}
+Need = Literal["", "loops", "springs", "constraints", "cuts", "laws"]
+
+
+@dataclass(frozen=True)
+class Signature:
+    """Arrays that a kernel reads and the one that it writes, by their names in ``shapes``, and what it computes.
+
+    kind: where its C comes from and how it is called, one of KINDS.
+    calls: the programs that its C calls, where the kind is "composed", "rollout", "adaptive" or "gradient".
+    counts: of these the ones whose operations count as the kernel's.
+    closed: the programs that its C calls where the robot has loops; they count, too.
+    derivative_of: the function that it differentiates, where the kind is "tangent", "adjoint", "hessian" or "gradient".
+    by_parameters: whether that is by run-time parameters, too, which a robot must have for it.
+    functions: what users call instead of it, where the kind is "frames".
+    columns_of: the program that a template of its own calls once for every coordinate, where its own program would be
+        too long.
+    solves: whether it inverts the mass matrix, and so fails where that is singular; the others always return 0.
+    symmetric: whether it writes a matrix that is symmetric to the bit.
+    needs: what a robot must have for it: "loops", "springs", "constraints" (loops or couplings that are rigid in some
+        direction), "cuts" (loops that are), "laws" (forces in cut joints, elastic couplings) or nothing.
+    beside: kernels that come with it where the robot has constraints: those of the open tree, of wrenches, of charts.
+    mapped: whether packages say which of its entries vanish identically.
+    vectors: whether its template is written for several states at a time, too; otherwise batches call it one by one.
+    """
+
+    reads: tuple[str, ...]
+    writes: str
+    text: str
+    kind: Kind = "program"
+    calls: tuple[str, ...] = ()
+    counts: tuple[str, ...] = ()
+    closed: tuple[str, ...] = ()
+    derivative_of: str = ""
+    by_parameters: bool = False
+    functions: Mapping[str, Signature] = field(default_factory=dict)
+    columns_of: str = ""
+    solves: bool = False
+    symmetric: bool = False
+    needs: Need = ""
+    beside: tuple[str, ...] = ()
+    mapped: bool = False
+    vectors: bool = True

@@ -1,0 +1,219 @@
+"""Derivatives of a kernel's functions along directions, of weighted results, and by run-time parameters.
+
+A generated package carries a copy of this file.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InputError, UnknownNameError
+from ..names import nearest_or_all, show
+from .calls import Calls
+from .parameters import Parameters
+
+Array = NDArray[Any]
+
+ADJOINT, TANGENT, HESSIAN = "adjoint", "tangent", "hessian"
+BY_PARAMETERS = "parameter_"
+COTANGENT = "cotangent"
+FRAMED = ("poses", "jacobians")  # results of all frames at once
+CLOSED = (  # functions that refuse states in which loops are open
+    "inverse_dynamics",
+    "inverse_dynamics_under_load",
+    "forward_dynamics",
+    "constraint_forces",
+    "reactions",
+    "reactions_under_load",
+    "loop_reactions",
+    "loop_reactions_under_load",
+)
+
+
+@dataclass(frozen=True)
+class Differentiated:
+    """A function of a kernel with its derivatives.
+
+    Attributes:
+        calls: of the kernel.
+        name: the function's.
+        reads: names of the arrays that it reads.
+        writes: name of what its derivatives take it to write; for a function of a frame that is of all frames.
+        frame_index: gives a frame's number by its name.
+    """
+
+    calls: Calls
+    name: str
+    reads: tuple[str, ...]
+    writes: str
+    frame_index: Callable[[str], int]
+
+    @classmethod
+    def of(cls, calls: Calls, name: str, frame_index: Callable[[str], int]) -> Differentiated:
+        """The function of that name.
+
+        Raises:
+            UnknownNameError: the kernel was built without its derivatives.
+        """
+        known = calls.raw.functions
+        if f"{name}_{TANGENT}" not in known and f"{name}_{ADJOINT}" not in known:
+            given = sorted({x.name.removesuffix(f"_{x.kind}") for x in known.values() if x.kind in (TANGENT, ADJOINT)})
+            raise UnknownNameError(
+                f"{calls.raw.name} was built without derivatives of {name!r}{nearest_or_all(str(name), given)}"
+            )
+        if f"{name}_{ADJOINT}" in known:
+            *reads, weights = known[f"{name}_{ADJOINT}"].reads
+            return cls(calls, name, tuple(reads), weights.removeprefix(f"{COTANGENT}_"), frame_index)
+        found = known[f"{name}_{TANGENT}"]
+        return cls(calls, name, found.reads[: len(found.reads) // 2], found.writes, frame_index)
+
+    @property
+    def is_framed(self) -> bool:
+        """True if it takes a frame's name behind its arrays."""
+        return self.writes in FRAMED
+
+    def shape(self, label: str) -> tuple[int, ...]:
+        """Shape of an array for one state."""
+        return self.calls.raw.shapes[label]
+
+    def state(self, args: Sequence[Any]) -> tuple[list[ArrayLike], int | None]:
+        """The arrays of its arguments, and the number of the frame.
+
+        Raises:
+            InputError: another number of arguments.
+            UnknownNameError: no frame of that name.
+            LoopError: the function refuses such a state, as its loops are open.
+        """
+        wanted = (*self.reads, "frame") if self.is_framed else self.reads
+        if not isinstance(args, (tuple, list)) or len(args) != len(wanted):
+            raise InputError(f"{self.name}: got {_number(args)} arguments; allowed: ({', '.join(wanted)})")
+        arrays, frame = list(args[: len(self.reads)]), None
+        if self.is_framed:
+            frame = self.frame_index(args[-1])
+        if self.name in CLOSED and self.calls.raw.libraries.meta.get("constraints"):
+            self.calls.run(self.name, None, arrays)
+        return arrays, frame
+
+    def run(self, kind: str, arrays: Sequence[ArrayLike]) -> Array:
+        """Call one of its derivatives.
+
+        Raises:
+            UnknownNameError: the kernel was built without it.
+        """
+        if f"{self.name}_{kind}" not in self.calls.raw.functions:
+            raise self.calls.raw.missing(f"{self.name}_{kind}")
+        return self.calls.run(f"{self.name}_{kind}", None, arrays)
+
+    def weights(self, cotangent: ArrayLike, frame: int | None) -> Array:
+        """Weights of the results as derivatives read them.
+
+        Raises:
+            ArrayError: another shape or dtype than the function's result.
+        """
+        if frame is None:
+            return self.calls.array(COTANGENT, cotangent, self.shape(self.writes))[0]
+        frames, *inner = self.shape(self.writes)
+        outer = (4, 4) if self.writes == "poses" else tuple(inner)
+        given, lead = self.calls.array(COTANGENT, cotangent, outer)
+        whole = np.zeros((*lead, frames, *inner), self.calls.dtype)
+        whole[..., frame, :, :] = given[..., : inner[0], :]
+        return whole
+
+    def part(self, result: Array, frame: int | None) -> Array:
+        """The function's own result, of one for all frames; derivatives of a pose's last row are zero."""
+        if frame is None:
+            return result
+        own: Array = result[..., frame, :, :]
+        if self.writes != "poses":
+            return own
+        return np.concatenate([own, np.zeros_like(own[..., :1, :])], axis=-2)
+
+    def rows(self, gradient: Array) -> tuple[Array, ...]:
+        """A gradient's parts by the arguments, in their shapes."""
+        found, begin = list[Array](), 0
+        for label in self.reads:
+            shape = self.shape(label)
+            end = begin + math.prod(shape)
+            found.append(gradient[..., begin:end].reshape(*gradient.shape[:-1], *shape))
+            begin = end
+        return tuple(found)
+
+
+def jvp(
+    f: Differentiated, args: Sequence[Any], tangents: Sequence[ArrayLike], rates: Mapping[str, float] | None
+) -> Array:
+    """Give what a function's result changes by; arguments as of ``Kernel.jvp``."""
+    arrays, frame = f.state(args)
+    if not isinstance(tangents, (tuple, list)) or len(tangents) != len(f.reads):
+        raise InputError(f"tangents: got {_number(tangents)}; allowed: one for each of {', '.join(f.reads)}")
+    found = f.part(f.run(TANGENT, [*arrays, *tangents]), frame)
+    if rates:
+        slots = parameter_slots(f.calls.parameters, tuple(rates))
+        along = np.zeros(len(f.calls.parameters), f.calls.dtype)
+        along[slots] = list(rates.values())
+        found = found + f.part(f.run(f"{BY_PARAMETERS}{TANGENT}", [*arrays, along]), frame)
+    return found
+
+
+def vjp(f: Differentiated, args: Sequence[Any], cotangent: ArrayLike, parameters: Sequence[str]) -> tuple[Array, ...]:
+    """The gradient of a weighted result; arguments as of ``Kernel.vjp``."""
+    arrays, frame = f.state(args)
+    slots = parameter_slots(f.calls.parameters, parameters)
+    given = [*arrays, f.weights(cotangent, frame)]
+    if not slots:
+        return f.rows(f.run(ADJOINT, given))
+    gradient = f.run(f"{BY_PARAMETERS}{ADJOINT}", given)
+    split = gradient.shape[-1] - len(f.calls.parameters)
+    return (*f.rows(gradient[..., :split]), gradient[..., split:][..., slots])
+
+
+def hessian(f: Differentiated, args: Sequence[Any], cotangent: ArrayLike) -> Array:
+    """Second derivatives of a weighted result; arguments as of ``Kernel.hessian``."""
+    arrays, frame = f.state(args)
+    return f.run(HESSIAN, [*arrays, f.weights(cotangent, frame)])
+
+
+def parameter_jacobian(f: Differentiated, args: Sequence[Any], parameters: Sequence[str] | None) -> Array:
+    """Derivatives of a function by parameters; arguments as of ``Kernel.parameter_jacobian``."""
+    calls = f.calls
+    names = tuple(calls.parameters) if parameters is None else parameters
+    slots = parameter_slots(calls.parameters, names)
+    arrays, frame = f.state(args)
+    shaped = [calls.array(label, value, f.shape(label)) for label, value in zip(f.reads, arrays, strict=True)]
+    lead = np.broadcast_shapes(*(own for _, own in shaped))
+    if not slots:
+        result = f.part(np.zeros((*lead, *f.shape(f.writes)), calls.dtype), frame)
+        return np.zeros((*result.shape, 0), calls.dtype)
+    units = np.zeros((len(slots), len(calls.parameters)), calls.dtype)
+    units[range(len(slots)), slots] = 1.0
+    beside = [x.reshape(*own, 1, *f.shape(label)) for label, (x, own) in zip(f.reads, shaped, strict=True)]
+    found = f.part(f.run(f"{BY_PARAMETERS}{TANGENT}", [*beside, units]), frame)
+    return np.moveaxis(found, len(lead), -1)
+
+
+def parameter_slots(parameters: Parameters, names: Sequence[str]) -> list[int]:
+    """Places of parameters by their names.
+
+    Raises:
+        InputError: a text instead of a sequence of names, or a name given twice.
+        UnknownNameError: not a run-time parameter.
+    """
+    if isinstance(names, str):
+        raise InputError(f"parameters: {show(names)} is a text; allowed: a sequence of names")
+    known = {name: slot for slot, name in enumerate(parameters)}
+    for name in names:
+        if name not in known:
+            raise UnknownNameError(f"parameters: {name!r} is unknown{nearest_or_all(str(name), known)}")
+    if len(set(names)) < len(names):
+        raise InputError(f"parameters: {', '.join(names)}; allowed: every name once")
+    return [known[name] for name in names]
+
+
+def _number(values: Any) -> str:
+    return str(len(values)) if isinstance(values, (tuple, list)) else type(values).__name__

@@ -1,0 +1,348 @@
+"""Gradients of sums over the states of a rollout: its steps once more in C, and back through them.
+
+A generated package carries a copy of this file.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...errors import ArrayError, InputError
+from ...names import show
+from ..calls import Calls
+from ..derivatives import parameter_slots
+from ..raw import FFI, Library, RawFunction
+from .adaptive import DONE, adaptive_rollout, length_of_time, takes_samples, tolerances
+from .adaptive import METHODS as ADAPTIVE
+from .many_steps import rollout, step_length
+from .rollouts import NUMBERS, Given, count_states, read_given, room_for, whole_number
+
+Array = NDArray[Any]
+Loss = Callable[[Array, Array, Array], tuple[Any, ArrayLike, ArrayLike]]
+
+WAYS = {"rk4": ("explicit", 0), "tsit5": ("explicit", 1), "implicit": ("implicit", 0), "rosenbrock": ("rosenbrock", 0)}
+KEPT = {"explicit": 18, "implicit": 1, "rosenbrock": 36}  # numbers of a step for each coordinate, which spare work
+ROOM = 2**22  # numbers that are kept of all steps; of longer motions parts are stepped through once more
+RECORDED = 512  # ends of steps that a call tells
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Steps of a motion.
+
+    Attributes:
+        dt: their lengths, s, (steps,).
+        rows: of the drives that act in them, (steps,).
+        told: of each sample the number of steps in front of it, (samples,).
+    """
+
+    dt: Array
+    rows: Array
+    told: Array
+
+
+class Way:
+    """The way of one state there and back.
+
+    Args:
+        calls: of the calls.
+        function: of the kernel that goes back by this method.
+        method: one of WAYS.
+        drive: the drives, for the function's library, and slopes, what derivatives by them are added to.
+        steps: that it takes.
+        room: how many numbers may be kept.
+    """
+
+    def __init__(
+        self, calls: Calls, function: RawFunction, method: str, drive: Any, slopes: Any, steps: Steps, room: int
+    ) -> None:
+        kind, self._number = WAYS[method]
+        self._calls, self._function, self._drive, self._slopes, self.steps = calls, function, drive, slopes, steps
+        self._forwards = function.library.function(f"{kind}_states")
+        self._kept = KEPT[kind] * calls.n
+        size = len(steps.dt)
+        self.is_kept = size * (2 * calls.n + self._kept) <= room
+        self._length = size if self.is_kept else math.isqrt(size - 1) + 1
+        self._parts: list[tuple[Array, Array, Array]] = []
+
+    def _begins(self) -> range:
+        return range(0, len(self.steps.dt), self._length)
+
+    def _of(self, begin: int) -> tuple[slice, Array]:
+        """The part that begins with this step, and which samples are told of its states; the last part has the end."""
+        end = min(begin + self._length, len(self.steps.dt))
+        last = end + (end == len(self.steps.dt))
+        return slice(begin, end), (self.steps.told >= begin) & (self.steps.told < last)
+
+    def there(self, q: Array, v: Array) -> tuple[Array, Array] | None:
+        """The samples, (samples, n) each; None where a state is not finite, or has no accelerations.
+
+        Args:
+            q, v: where it begins, (n,).
+        """
+        told = tuple(np.empty((self.steps.told.size, self._calls.n), self._calls.dtype) for _ in range(2))
+        for begin in self._begins():
+            part, here = self._of(begin)
+            found = self._run(part, q, v, keep=self.is_kept)
+            if found is None or not (np.isfinite(found[0]).all() and np.isfinite(found[1]).all()):
+                return None
+            for samples, states in zip(told, found, strict=False):
+                samples[here] = states[self.steps.told[here] - begin]
+            q, v = found[0][-1], found[1][-1]
+            self._parts.append(found if self.is_kept else (found[0][:1].copy(), found[1][:1].copy(), found[2]))
+        return told[0], told[1]
+
+    def _run(self, part: slice, q: Array, v: Array, *, keep: bool) -> tuple[Array, Array, Array] | None:
+        """States before the steps of a part and behind the last one, and what is kept of them."""
+        view, count = self._calls.raw.view, part.stop - part.start
+        states = [np.empty((count + 1, self._calls.n), self._calls.dtype) for _ in range(2)]
+        states[0][0], states[1][0] = q, v
+        kept = np.empty((count, self._kept) if keep else (0, 0), self._calls.dtype)
+        pointer = view(kept.reshape(-1)) if keep else FFI.NULL
+        status = self._forwards(*self._before(part), *map(view, states), pointer)
+        return (states[0], states[1], kept) if status < 0 else None
+
+    def _before(self, part: slice) -> tuple[Any, ...]:
+        """The first arguments of both functions."""
+        setup, dt, rows = self._calls.parameters.setup, self.steps.dt[part], self.steps.rows[part]
+        pointers = self._calls.raw.view(dt), FFI.from_buffer("long long[]", rows)
+        return setup.pointer(self._function.library), self._drive, len(dt), *pointers, self._number
+
+    def back(self, by_q: Array, by_v: Array) -> tuple[Array, Array]:
+        """Derivatives by the first state, (n,) each; those by drives, gains and parameters are added to the slopes.
+
+        Args:
+            by_q, by_v: derivatives by the samples, (samples, n).
+        """
+        view, to = self._calls.raw.view, np.zeros((2, self._calls.n), self._calls.dtype)
+        for begin in reversed(self._begins()):
+            part, here = self._of(begin)
+            q, v, kept = self._parts.pop()
+            if not self.is_kept:
+                again = self._run(part, q[0], v[0], keep=True)
+                assert again is not None  # as on the way there
+                q, v, kept = again
+            by = np.zeros((2, *q.shape), self._calls.dtype)
+            for own, samples, end in zip(by, (by_q, by_v), to, strict=True):
+                own[-1] = end
+                np.add.at(own, self.steps.told[here] - begin, samples[here])
+            self._function.code(*self._before(part), *map(view, (q, v, kept.reshape(-1), *by)), self._slopes)
+            to = by[:, 0]
+        return to[0], to[1]
+
+
+def rollout_gradient(
+    calls: Calls,
+    driven: Sequence[int],
+    q0: ArrayLike,
+    v0: ArrayLike,
+    u: ArrayLike,
+    dt: float | None,
+    steps: int | None,
+    *,
+    loss: Loss,
+    parameters: Sequence[str],
+    method: str,
+    every: int,
+    duration: float | None,
+    samples: int | None,
+    rtol: float,
+    atol: ArrayLike | None,
+    kp: ArrayLike | None,
+    kd: ArrayLike | None,
+    target: ArrayLike | None,
+) -> tuple[Any, dict[str, Any]]:
+    """The gradient of a rollout, as ``Kernel.rollout_gradient`` describes it.
+
+    Args:
+        calls: of the calls.
+        driven: indices of the coordinates that a controller may act on.
+        q0, v0, u, dt, steps, loss, parameters, method, every, duration, samples, rtol, atol, kp, kd, target: as there.
+    """
+    chooses = takes_samples(method, dt=dt, steps=steps, every=every, duration=duration, samples=samples, atol=atol)
+    function = _function(calls, method)
+    slots, count = parameter_slots(calls.parameters, parameters), count_states(q0=q0, v0=v0, u=u, target=target)
+    controlled: dict[str, Any] = {"kp": kp, "kd": kd, "target": target}
+    most = NUMBERS // (calls.n * max(count or 1, 1))
+    rows = whole_number("samples", 1 if samples is None else samples, most) if chooses else 0
+    rows = rows or whole_number("steps", steps, most)
+    motion = Motion(calls, function, read_given(calls, driven, rows, count, q0=q0, v0=v0, u=u, **controlled))
+    if chooses:
+        times: Array = np.linspace(0.0, length_of_time(duration), rows + 1)
+        allowed = tolerances(calls, rtol, atol, _adaptive(calls).library.meta)
+        taken = [_chosen_steps(motion, state, times, method, allowed) for state in range(motion.states)]
+    else:
+        length, every = step_length(calls, dt), whole_number("every", every, most)
+        times = float(length) * every * np.arange(rows // every + 1)
+        same = Steps(np.full(rows, length, calls.dtype), np.arange(rows), np.arange(0, rows + 1, every))
+        taken = [same] * motion.states
+    ways = [motion.way(method, state, steps) for state, steps in enumerate(taken) if steps is not None]
+    found = _there(motion, ways, times.size)
+    if found is None:  # the rollout says why
+        if chooses:
+            how: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol}
+            adaptive_rollout(calls, driven, q0, v0, u, duration, samples, **how, **controlled)
+        rollout(calls, driven, q0, v0, u, dt, steps, method=method, every=every, **controlled)
+        raise InputError(f"rollout_gradient: {method} comes to an end that is not finite; allowed: shorter steps")
+    value, by_q, by_v = _asked(calls, loss, times, *found, single=count is None)
+    for state, way in enumerate(ways):
+        motion.add_start(state, way.back(by_q[state], by_v[state]))
+    return value, motion.gradients(parameters, slots)
+
+
+def _function(calls: Calls, method: str) -> RawFunction:
+    """The function that goes back by a method.
+
+    Raises:
+        UnknownNameError: the kernel was built without it.
+        InputError: joints turn freely.
+    """
+    name = f"{WAYS[method][0]}_gradient"
+    if name not in calls.raw.gradients:
+        raise calls.raw.missing(name)
+    if calls.raw.turning:
+        joints = ", ".join(calls.raw.turning)
+        raise InputError(f"rollout_gradient: {joints} turn freely; allowed: robots without such joints")
+    return calls.raw.gradients[name]
+
+
+def _there(motion: Motion, ways: Sequence[Way], samples: int) -> tuple[Array, Array] | None:
+    """Samples of all states, (states, samples, n) each; None where one does not get to its end."""
+    calls = motion.calls
+    q, v = (room_for(calls, (motion.states, samples, calls.n), "fewer samples") for _ in range(2))
+    if len(ways) < motion.states:
+        return None
+    for state, way in enumerate(ways):
+        found = way.there(*motion.start(state))
+        if found is None:
+            return None
+        q[state], v[state] = found
+    return q, v
+
+
+class Motion:
+    """States and drives of a rollout, and what derivatives by them add up to."""
+
+    def __init__(self, calls: Calls, function: RawFunction, given: Given) -> None:
+        self.calls, self.function, self._given = calls, function, given
+        self.states = 1 if given.count is None else given.count
+        self._by_starts = [np.zeros_like(array) for array, _ in given.starts]
+        self._by_drives = [np.zeros_like(array) for array, _, _ in given.drives]
+        self._by_gains = [np.zeros_like(array) for array in given.gains]
+        self._by_parameters = np.zeros(max(len(calls.parameters), 1), calls.dtype)
+        self._pointers: list[dict[str, Any]] = []  # which C reads by, and so are kept alive
+        if (trouble := given.trouble(calls)) is not None:
+            raise trouble
+
+    def start(self, state: int) -> tuple[Array, Array]:
+        """Where a state begins."""
+        q, v = (array.reshape(-1, self.calls.n)[state if apart else 0] for array, apart in self._given.starts)
+        return q, v
+
+    def add_start(self, state: int, by: tuple[Array, Array]) -> None:
+        """Add derivatives by where a state begins."""
+        for whole, own, (_, apart) in zip(self._by_starts, by, self._given.starts, strict=True):
+            whole.reshape(-1, self.calls.n)[state if apart else 0] += own
+
+    def drive(self, library: Library, state: int) -> Any:
+        """The drives of a state, for a library."""
+        steps = {f"{x}_step": row for x, (_, _, row) in zip(("u", "target"), self._given.drives, strict=False)}
+        return library.drive(**self._fields(state, [x for x, _, _ in self._given.drives], self._given.gains), **steps)
+
+    def way(self, method: str, state: int, steps: Steps) -> Way:
+        """The way of a state by a method of WAYS."""
+        fields = self._fields(state, self._by_drives, self._by_gains)
+        by_parameters = self.calls.raw.view(self._by_parameters)
+        slopes = self.function.library.new("slopes", parameters=by_parameters, **fields)
+        drive = self.drive(self.function.library, state)
+        return Way(self.calls, self.function, method, drive, slopes, steps, ROOM // self.states)
+
+    def _fields(self, state: int, arrays: Sequence[Array], gains: Sequence[Array]) -> dict[str, Any]:
+        """Pointers to what a state reads of drives, or adds to."""
+        view, found = self.calls.raw.view, dict[str, Any]()
+        for name, array, (_, of_state, _) in zip(("u", "target"), arrays, self._given.drives, strict=False):
+            found[name] = view(array.reshape(-1)[state * of_state :])
+        found |= zip(("kp", "kd"), map(view, gains), strict=False)
+        self._pointers.append(found)
+        return found
+
+    def gradients(self, parameters: Sequence[str], slots: Sequence[int]) -> dict[str, Any]:
+        """Derivatives by name, in the shapes of what was given."""
+        found: dict[str, Any] = dict(zip(("q", "v"), self._by_starts, strict=True))
+        found |= zip(("u", "target"), self._by_drives, strict=False)
+        found |= zip(("kp", "kd"), self._by_gains, strict=False)
+        return found | {name: float(self._by_parameters[slot]) for name, slot in zip(parameters, slots, strict=True)}
+
+
+def _adaptive(calls: Calls) -> RawFunction:
+    if calls.raw.adaptive is None:
+        raise calls.raw.missing("adaptive_rollout")
+    return calls.raw.adaptive
+
+
+def _chosen_steps(motion: Motion, state: int, times: Array, method: str, allowed: tuple[float, Array]) -> Steps | None:
+    """The steps that the error chooses for a state; None where it does not get to its end."""
+    calls, function = motion.calls, _adaptive(motion.calls)
+    library, view = function.library, calls.raw.view
+    at = [x.copy() for x in motion.start(state)]
+    stored = [np.empty((times.size, calls.n), calls.dtype) for _ in at]
+    ends, kept = np.empty(RECORDED), [np.empty((RECORDED, calls.n), calls.dtype) for _ in at]
+    fields = {"t": FFI.from_buffer("double[]", ends), "q": view(kept[0]), "v": view(kept[1])}
+    record, progress = library.new("record", **fields, room=RECORDED), library.new("progress")
+    tolerance = library.new("tolerance", rtol=allowed[0], atol=view(allowed[1]), most=RECORDED)
+    drive = motion.drive(library, state)
+    where = FFI.from_buffer("double[]", times)
+    found: list[Array] = []
+    while not progress.reason:
+        record.count = 0
+        function.code(
+            calls.parameters.setup.pointer(library),
+            drive,
+            library.ffi.NULL,
+            tolerance,
+            where,
+            times.size - 1,
+            ADAPTIVE[method],
+            *map(view, (*at, *stored)),
+            progress,
+            record,
+        )
+        found.append(ends[: record.count].copy())
+    if progress.reason != DONE:
+        return None
+    t = np.concatenate([times[:1], *found])
+    rows = np.searchsorted(times, (t[1:] + t[:-1]) / 2.0, side="right") - 1
+    told = np.searchsorted(t, times - 1e-9 * np.diff(t).min(initial=1.0), side="left")
+    return Steps(np.diff(t).astype(calls.dtype), rows, told)
+
+
+def _asked(calls: Calls, loss: Loss, times: Array, q: Array, v: Array, *, single: bool) -> tuple[Any, Array, Array]:
+    """The value of a loss, and its derivatives by all samples, (states, samples, n).
+
+    Raises:
+        InputError: it does not return three values.
+        ArrayError: derivatives that are no finite numbers, or not as many as there are samples.
+    """
+    own = (q[0], v[0]) if single else (q, v)
+    answer = loss(times.copy(), *(x.copy() for x in own))
+    if not isinstance(answer, tuple) or len(answer) != 3:
+        raise InputError(f"loss: it returned {show(answer)}; allowed: (value, dq, dv)")
+    value, *by = answer
+    found = []
+    for label, x in zip(("dq", "dv"), by, strict=True):
+        try:
+            array = np.asarray(x, dtype=calls.dtype)
+        except (ValueError, TypeError):
+            raise ArrayError(f"loss: {label} is {show(x)}; expected numbers of shape {own[0].shape}") from None
+        if array.shape != own[0].shape:
+            raise ArrayError(f"loss: {label} has shape {array.shape}; expected {own[0].shape}, that of q")
+        if not np.isfinite(array).all():
+            raise ArrayError(f"loss: {label} has numbers that are not finite")
+        found.append(np.ascontiguousarray(array.reshape(q.shape)))
+    return value, found[0], found[1]
