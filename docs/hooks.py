@@ -14,8 +14,9 @@ from mkdocs.structure.files import File
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-import eomgen
 from generators import api, commands, figures, formats, gallery, mathematics
+
+import eomgen
 
 HOWTO, GUIDES = "How to", "Guides"  # sections of the menu
 HOWTO_PAGES = ("fmu.md", "mjcf.md", "embed.md")  # export and embed
