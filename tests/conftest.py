@@ -50,7 +50,7 @@ def without_wrappers() -> Iterator[None]:
     """Builds of a module in this process have no wrapper in C, which takes half of the time of an unoptimised one.
 
     Calls go through the extension module all the same.  Modules that ask for ``built`` or ``unoptimised`` get this;
-    one that tests what users build has a fixture of this name that does nothing.
+    tests of what users build have a fixture of this name that does nothing, see pipeline/conftest.py.
     """
     with pytest.MonkeyPatch.context() as patch:
         without_headers(patch)
