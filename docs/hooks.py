@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -16,6 +16,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from generators import api, commands, figures, formats, gallery, mathematics
 
+import eomgen
+
 HOWTO, GUIDES = "How to", "Guides"  # sections of the menu
 HOWTO_PAGES = ("fmu.md", "mjcf.md", "embed.md")  # export and embed
 _REFERENCE = re.compile(r'\s(href|src)="([^"]*)"')
@@ -23,18 +25,18 @@ _OUTSIDE = re.compile(r"\[([^\]]+)\]\(((?:\.\./)+[^)#]*)(?:#[^)]*)?\)")
 _CODE = re.compile(r"<(code|pre)\b.*?</\1>", re.DOTALL)
 
 
-def generated() -> dict[str, str | bytes]:
-    """Pages and figures that are in no file, by their paths in the site."""
+def generated(robots: Sequence[str]) -> dict[str, str | bytes]:
+    """Pages and figures that are in no file, by their paths in the site; the gallery is one of these robots."""
     found: dict[str, str | bytes] = {
         "reference/description.md": formats.description_page(),
         "reference/scenario.md": formats.scenario_page(),
         "reference/plan.md": formats.plan_page(),
         "reference/cli.md": commands.page(),
         "reference/api.md": api.main_page(),
-        "gallery.md": gallery.page(),
+        "gallery.md": gallery.page(robots),
     }
     found |= {f"reference/{name}.md": text for name, text in api.pages().items()}
-    drawn = {**gallery.figures(), **figures.figures()}
+    drawn = {**gallery.figures(robots), **figures.figures()}
     return found | {f"figures/{name}": content for name, content in drawn.items()}
 
 
@@ -60,8 +62,9 @@ def _pages_of(nav: Any) -> Iterator[str]:
 
 
 def on_files(files: Any, config: Any) -> Any:
-    """Add what is generated."""
-    for path, content in generated().items():
+    """Add what is generated; a draft may ask for a few robots of the gallery, which takes most of the time."""
+    robots = (config.extra.get("gallery") or "").split() or eomgen.builtin_robots()
+    for path, content in generated(robots).items():
         files.append(File.generated(config, path, content=content))
     return files
 

@@ -45,28 +45,37 @@ def _extension() -> None:
     direct_calls.settle()
 
 
-@pytest.fixture(scope="session")
-def built() -> Build:
+@pytest.fixture(scope="module")
+def without_wrappers() -> Iterator[None]:
+    """Builds of a module in this process have no wrapper in C, which takes half of the time of an unoptimised one.
+
+    Calls go through the extension module all the same.  Modules that ask for ``built`` or ``unoptimised`` get this;
+    tests of what users build have a fixture of this name that does nothing, see pipeline/conftest.py.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        without_headers(patch)
+        yield
+
+
+@pytest.fixture(scope="module")
+def built(without_wrappers: None) -> Build:
     """``built(robot, kernel names..., options)``: a kernel of its own, compiled without optimisation.
 
     The C may not contract or reorder anything, so the level changes no result; the optimiser takes most of the time.
-    Without a wrapper in C, too, which takes half of the rest, where kernels are named; without names each kernel is
-    built when it is first called, with one, as users build them.  "all" builds all of them in one library.
+    Without names each kernel is built when it is first called.  "all" builds all of them in one library.
     """
 
     def build(robot: Robot, *kernels: str, **options: object) -> eomgen.Kernel:
         with pytest.MonkeyPatch.context() as patch:
             if "flags" not in options:
                 patch.setenv("CFLAGS", "-O0")  # as ``unoptimised`` does
-            if kernels and kernels != ALL:
-                without_headers(patch)
             return eomgen.build(robot, kernels="all" if kernels == ALL else kernels, **options)  # type: ignore[arg-type]
 
     return build
 
 
 @pytest.fixture(scope="module")
-def unoptimised() -> Iterator[None]:
+def unoptimised(without_wrappers: None) -> Iterator[None]:
     """Builds of a module's fixtures and tests, in other processes too, without the optimiser, for the reason above."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("CFLAGS", "-O0")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 
@@ -44,11 +44,11 @@ def about(name: str) -> str:
     return "\n".join(lines)
 
 
-def figures() -> dict[str, bytes]:
-    """Pictures by the name of their files: every robot, and the zeros of its M and C."""
+def figures(robots: Sequence[str]) -> dict[str, bytes]:
+    """Pictures by the name of their files: every one of these built-in robots, and the zeros of its M and C."""
     found = {}
     with tempfile.TemporaryDirectory() as folder:
-        for name in eomgen.builtin_robots():
+        for name in robots:
             robot = eomgen.load_robot(name)
             for path in (
                 plot_robot(robot, Path(folder) / f"{name}.png", closed_pose(robot)),
@@ -63,8 +63,8 @@ def closed_pose(robot: eomgen.Robot) -> Mapping[str, float]:
     return POSES.get(robot.name, {}) if not robot.is_closed else dict(robot.home)
 
 
-def page() -> str:
-    """All built-in robots."""
+def page(robots: Sequence[str]) -> str:
+    """These built-in robots."""
     lines = [
         "# Gallery",
         "",
@@ -74,7 +74,7 @@ def page() -> str:
         "`eomgen.pictures.plot_zeros`.",
         "",
     ]
-    for name in eomgen.builtin_robots():
+    for name in robots:
         robot = eomgen.load_robot(name)
         model = build_model(robot)
         counted = {

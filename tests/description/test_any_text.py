@@ -20,7 +20,7 @@ from tests.support.fuzzing import check_message, check_robot
 from tests.support.mutations import as_toml
 from tests.support.random_tables import ENTRIES, TOPS
 
-FUZZ = settings(max_examples=300, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+FUZZ = settings(max_examples=200, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 
 
 def outcome(read: Callable[[str], Robot], text: str) -> Robot | DescriptionError:

@@ -49,7 +49,7 @@ class Unit:
 Export = Callable[..., Unit]
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def exported(tmp_path_factory: pytest.TempPathFactory, built: Build) -> Export:
     """``exported(robot, version, options)``: a unit that is compiled once, without optimisation."""
     known: dict[object, Unit] = {}

@@ -74,10 +74,11 @@ def test_nothing_but_entries_is_left(empty_cache: Path) -> None:
     assert {"one_link.c", "one_link.h", "one_link.json", "__init__.py"} <= {path.name for path in package.iterdir()}
 
 
-def test_eight_processes_build_the_same_kernel_at_once(empty_cache: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("count", [4, pytest.param(8, marks=pytest.mark.soak)])
+def test_processes_build_the_same_kernel_at_once(count: int, empty_cache: Path, tmp_path: Path) -> None:
     """All of them get it, and it is compiled once: wrapper, kernel, link; and before it the extension module, link."""
     compiler, log = logging_compiler(tmp_path)
-    processes = [python(BUILD, CC=compiler) for _ in range(8)]
+    processes = [python(BUILD, CC=compiler) for _ in range(count)]
     answers = [answer(process) for process in processes]
     assert all(found == answers[0] for found in answers)
     assert answers[0] == one_link().mass_matrix(Q).tolist()

@@ -112,9 +112,10 @@ def test_loops_over_single_states_are_in_their_half(compiled: Compiled, monkeypa
     assert compiled.new() == ["singles"]
 
 
-def test_both_halves_have_the_same_bits(built: Build) -> None:
+@pytest.mark.parametrize("which", ["one_link", pytest.param("random", marks=pytest.mark.soak)])
+def test_both_halves_have_the_same_bits(which: str, built: Build) -> None:
     """One state alone, in a batch, on threads, in one library of both: of every function."""
-    robot = random_robot(17, joints=(2, 2))
+    robot = random_robot(17, joints=(2, 2)) if which == "random" else eomgen.load_robot(which)
     apart, whole = built(robot), built(robot, "all")
     on_threads, rng = apart.with_threads(2), np.random.default_rng(0)
     for name, function in whole.raw.functions.items():

@@ -45,6 +45,7 @@ VOID = {
     "circle",
     "col",
 }  # elements without an end
+GALLERY = "one_link puma560_elastic four_bar"  # pictures that pages show, and a closed mechanism
 PAGES = sorted(path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md"))
 
 
@@ -115,11 +116,11 @@ def test_a_wrong_block_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of the site, built without a warning: pages that are in no menu, links and anchors that lead nowhere
-    are warnings."""
+    """The folder of the site with a short gallery, built without a warning: pages that are in no menu, links and
+    anchors that lead nowhere are warnings."""
     folder = tmp_path_factory.mktemp("docs") / "site"
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "-d", str(folder)]
-    environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
+    environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1", "EOMGEN_GALLERY": GALLERY}
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, env=environment)
     assert done.returncode == 0, done.stderr
     return folder
@@ -189,9 +190,17 @@ def test_generated_pages_are_complete(hooks: ModuleType) -> None:
         explained = (DOCS / guide).read_text(encoding="utf-8")
         for key in re.findall(r"^\| `(\w+)` \|", pages[name], re.MULTILINE):
             assert re.search(rf"(?<![\w.]){key}(?!\w)", explained), f"{guide} does not mention {key}"
-    gallery = hooks.gallery.page()
+    gallery = hooks.gallery.page(eomgen.builtin_robots())
     for robot in eomgen.builtin_robots():
         assert f"## {robot}\n" in gallery
+
+
+@pytest.mark.soak
+def test_the_whole_gallery_is_drawn(hooks: ModuleType) -> None:
+    """The site of the other tests has the pictures of a few robots alone."""
+    found = hooks.gallery.figures(eomgen.builtin_robots())
+    assert set(found) == {f"{name}{end}" for name in eomgen.builtin_robots() for end in (".png", "_zeros.svg")}
+    assert all(content.startswith((b"\x89PNG", b"<?xml")) for content in found.values())
 
 
 def test_forms_of_links(hooks: ModuleType) -> None:

@@ -30,6 +30,7 @@ READS = {
     "energy": "qv",
     "reactions": "qva",
 }
+KERNELS = (*READS, "kinematics")
 
 
 def random_states(robot: Robot, seed: int) -> dict[str, Array]:
@@ -58,7 +59,7 @@ def distance(found: Array, expected: Array) -> Array:
 @pytest.mark.parametrize("native", [False, True])
 def test_a_batch_agrees_with_single_states(seed: int, native: bool) -> None:
     robot = random_robot(seed, joints=(1, 4), tree=seed % 2 == 0, types=TYPES)
-    kernel = eomgen.build(robot, native=native, flags=("-O1",))
+    kernel = eomgen.build(robot, kernels=KERNELS, native=native, flags=("-O1",))
     states = random_states(robot, seed)
     for name, (call, reads) in calls(kernel).items():
         arrays = [states[x] for x in reads]
@@ -77,7 +78,7 @@ def test_a_batch_agrees_with_single_states(seed: int, native: bool) -> None:
 @pytest.mark.parametrize("flags", [(), ("-DEOMGEN_VECTOR=0",), ("-mavx2",), ("-mavx512f",)])
 def test_without_contraction_no_bit_differs(seed: int, flags: tuple[str, ...]) -> None:
     robot = random_robot(seed, joints=(1, 4), tree=seed % 2 == 0, types=TYPES)
-    kernel, states = eomgen.build(robot, flags=(*flags, "-O1")), random_states(robot, seed)
+    kernel, states = eomgen.build(robot, kernels=KERNELS, flags=(*flags, "-O1")), random_states(robot, seed)
     for name, (call, reads) in calls(kernel).items():
         arrays = [states[x] for x in reads]
         single = [call(*(x[i] for x in arrays)) for i in range(STATES)]
@@ -89,7 +90,7 @@ def test_without_contraction_no_bit_differs(seed: int, flags: tuple[str, ...]) -
 def test_a_state_does_not_know_its_neighbours(seed: int, native: bool) -> None:
     """Any part of a batch, in any order, beside anything: the same bits."""
     robot = random_robot(seed, joints=(1, 4), tree=seed % 2 == 0, types=TYPES)
-    kernel, states = eomgen.build(robot, native=native, flags=("-O1",)), random_states(robot, seed)
+    kernel, states = eomgen.build(robot, kernels=KERNELS, native=native, flags=("-O1",)), random_states(robot, seed)
     states["q"][7] *= 1e6  # sines of large angles go another way
     order = np.random.default_rng(seed).permutation(STATES)
     for name, (call, reads) in calls(kernel).items():
@@ -102,7 +103,7 @@ def test_a_state_does_not_know_its_neighbours(seed: int, native: bool) -> None:
 
 def test_one_state_beside_a_batch_stands_for_all_of_it(built: Build) -> None:
     robot = random_robot(702, joints=(2, 3), types=TYPES)
-    kernel, states = built(robot), random_states(robot, 702)
+    kernel, states = built(robot, *KERNELS), random_states(robot, 702)
     for name, reads in READS.items():
         if len(reads) > 1:
             call, others = getattr(kernel, name), [states[x] for x in reads[1:]]

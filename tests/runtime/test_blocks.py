@@ -13,7 +13,9 @@ import pytest
 import eomgen
 from eomgen.codegen.joint.zeros import zero_map
 from eomgen.errors import UnknownNameError
+from eomgen.pipeline.stages import Options
 from eomgen.robot.model import build_model
+from eomgen.runtime.levels import BASE
 from tests.oracles.pinocchio_models import PinocchioOracle
 from tests.oracles.unpruned import brute_force
 from tests.support.builds import Build
@@ -111,7 +113,7 @@ def test_what_is_asked_wrongly_is_said(built: Build) -> None:
 
 
 def test_a_generated_package_has_them_too(tmp_path: Path) -> None:
-    eomgen.generate(eomgen.load_robot("one_link"), tmp_path)
+    eomgen.generate(eomgen.load_robot("one_link"), tmp_path, Options(flags=("-O0",), level=BASE))
     code = (
         "import sys, one_link; b = one_link.blocks([0.0, 0.3]); assert 'eomgen' not in sys.modules;"
         "one_link.parameters['gravity.y'] = -1.0; one_link.rollout([0.0, 0.0], [0.0, 0.0], [0.0, 0.0], 1e-3, 2);"

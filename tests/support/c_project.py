@@ -13,6 +13,7 @@ import pytest
 
 from eomgen.pipeline.stages import Options, generate
 from eomgen.robot.value import Robot
+from eomgen.runtime.levels import supported
 
 WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror")
 COMPILERS = {"gcc": "g++", "clang": "clang++"}  # of C, and of C++
@@ -92,5 +93,5 @@ def program(compiler: str, code: str, packages: Sequence[Path], folder: Path, *f
 
 
 def package_of(robot: Robot, folder: Path, *kernels: str, dtype: str = "float64") -> Path:
-    """A generated package with its project, for compilers without optimisation."""
-    return generate(robot, folder, Options(kernels, dtype, flags=("-O0",)), cmake=True)
+    """A generated package with its project, compiled without optimisation, for this processor's level alone."""
+    return generate(robot, folder, Options(kernels, dtype, flags=("-O0",), level=supported()[-1]), cmake=True)

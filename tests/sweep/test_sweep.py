@@ -83,6 +83,11 @@ def arm() -> Robot:
 
 
 @pytest.fixture(scope="module")
+def without_wrappers() -> None:
+    """Wrappers are compiled: other processes take what this one built."""
+
+
+@pytest.fixture(scope="module")
 def swept(tmp_path_factory: pytest.TempPathFactory) -> SweepResult:
     return run(arm(), REACH, plan_from_toml(ARM_PLAN), tmp_path_factory.mktemp("sweep") / "one", threads=1)
 

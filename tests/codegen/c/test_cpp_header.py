@@ -109,7 +109,7 @@ def calls(called: RawFunction, writes: Sequence[int], frame: str) -> list[str]:
         (looped, "float64", "clang", False),
         (looped, "float64", "gcc", False),
         (tree, "float32", "clang", True),
-        (tree, "float64", "gcc", False),
+        pytest.param(tree, "float64", "gcc", False, marks=pytest.mark.soak),
     ],
     ids=lambda x: getattr(x, "__name__", str(x)),
 )

@@ -18,11 +18,13 @@ from numpy.typing import NDArray
 import eomgen
 from eomgen.codegen.package.compile import FLAGS, NATIVE
 from eomgen.pipeline.stages import Options, generate
+from eomgen.runtime.levels import BASE
 from tests.support.c_project import COMPILERS, eigen_prefix, need, run, search_path
 
 ROOT = Path(__file__).parents[3]
 EMBED = (ROOT / "docs" / "embed.md").read_text(encoding="utf-8")
 NEEDED = ("forward_dynamics", "inverse_dynamics", "energy", "kinematics", "rollout")
+ALONE = Options(("mass_matrix",), level=BASE)
 START, GOAL = [0.0, -0.5, 0.5, 0.0, 0.0, 0.0], [0.8, -1.0, 1.2, 0.3, -0.4, 0.6]
 DT, STEPS, EVERY = 1e-3, 1000, 50
 
@@ -151,7 +153,7 @@ def test_readmes_of_the_examples_say_what_the_documentation_says() -> None:
 
 def test_blocks_of_the_documentation_compile(tmp_path: Path) -> None:
     need("gcc", "g++")
-    package = generate(eomgen.load_robot("puma560"), tmp_path, Options(NEEDED), cmake=True)
+    package = generate(eomgen.load_robot("puma560"), tmp_path, Options(NEEDED, flags=("-O0",), level=BASE), cmake=True)
     include = tmp_path / "include"
     include.mkdir()
     (include / "eomgen").symlink_to(package)
@@ -206,7 +208,7 @@ def test_two_kernels_in_one_program(kind: str, tmp_path: Path) -> None:
     names = ("one_link", "math")
     for name in names:
         robot = eomgen.load_robot("one_link")
-        generate(replace(robot, name=name), tmp_path / "two", Options(("mass_matrix",)), cmake=True)
+        generate(replace(robot, name=name), tmp_path / "two", ALONE, cmake=True)
     (tmp_path / "two" / "CMakeLists.txt").write_text(TWO, encoding="ascii")
     (tmp_path / "two" / "main.c").write_text(MAIN, encoding="ascii")
     cmake = str(shutil.which("cmake", path=variables["PATH"]))
@@ -237,7 +239,7 @@ def test_two_kernels_in_one_program(kind: str, tmp_path: Path) -> None:
 
 def test_a_version_that_does_not_fit_is_refused(tmp_path: Path) -> None:
     variables = environment("gcc", tmp_path)
-    package = generate(eomgen.load_robot("one_link"), tmp_path, Options(("mass_matrix",)), cmake=True)
+    package = generate(eomgen.load_robot("one_link"), tmp_path, ALONE, cmake=True)
     cmake = str(shutil.which("cmake", path=variables["PATH"]))
     run(cmake, "-S", package, "-B", tmp_path / "build", env=variables)
     script = (
@@ -264,7 +266,7 @@ def test_a_version_that_does_not_fit_is_refused(tmp_path: Path) -> None:
 
 def test_generate_without_cmake_is_as_before(tmp_path: Path) -> None:
     """Neither the cached package nor a plain one holds any of it; the text is the same from one time to the next."""
-    robot, options = eomgen.load_robot("one_link"), Options(("mass_matrix",))
+    robot, options = eomgen.load_robot("one_link"), ALONE
 
     def made(folder: str, cmake: bool) -> dict[str, bytes]:
         files = generate(robot, tmp_path / folder, options, cmake=cmake).iterdir()
@@ -282,7 +284,8 @@ def test_generate_without_cmake_is_as_before(tmp_path: Path) -> None:
 
 def test_the_project_is_compiled_as_the_kernel_is(tmp_path: Path) -> None:
     for native in (False, True):
-        options = Options(("mass_matrix",), native=native, flags=("-fstack-protector",))
+        level = "" if native else BASE
+        options = Options(("mass_matrix",), native=native, flags=("-fstack-protector",), level=level)
         package = generate(eomgen.load_robot("one_link"), tmp_path, options, cmake=True)
         (line,) = re.findall(r'"SHELL:(.*)"', (package / "CMakeLists.txt").read_text(encoding="ascii"))
         flags = (*FLAGS, *(NATIVE if native else ()), *options.flags)
@@ -292,7 +295,7 @@ def test_the_project_is_compiled_as_the_kernel_is(tmp_path: Path) -> None:
 @pytest.mark.parametrize("compiler", COMPILERS)
 def test_fast_arithmetic_of_the_whole_project_stops_before_the_kernel(compiler: str, tmp_path: Path) -> None:
     variables = {**environment(compiler, tmp_path), "CFLAGS": "-O2 -ffast-math"}
-    package = generate(eomgen.load_robot("one_link"), tmp_path, Options(("mass_matrix",)), cmake=True)
+    package = generate(eomgen.load_robot("one_link"), tmp_path, ALONE, cmake=True)
     cmake = str(shutil.which("cmake", path=variables["PATH"]))
     run(cmake, "-S", package, "-B", tmp_path / "build", "-DCMAKE_EXPORT_COMPILE_COMMANDS=ON", env=variables)
     (job,) = json.loads((tmp_path / "build/compile_commands.json").read_text(encoding="utf-8"))

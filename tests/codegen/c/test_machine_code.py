@@ -27,6 +27,7 @@ from eomgen.description.builtin import builtin_robots
 from eomgen.pipeline.stages import Options, generate
 from eomgen.robot.model import build_model
 from eomgen.robot.value import PRINCIPAL, Robot
+from eomgen.runtime.levels import supported
 from tests.oracles.force_laws import with_laws
 from tests.support.c_driver import (
     DT,
@@ -126,6 +127,14 @@ def prepared(name: str, dtype: str, folder: Path) -> Source:
     return source
 
 
+def prepared_alone(folder: Path) -> Source:
+    """The mass matrix of ``one_link`` and nothing else: what a compiler makes of it in a moment."""
+    robot = CORPUS["one_link"]()
+    source = render(derive_equations(build_model(robot), ("mass_matrix",)), "float64")
+    write_driver(source, inputs_of(source, spread_of(robot)), folder)
+    return source
+
+
 def worst_differences(source: Source, found: Array, expected: Array) -> dict[str, float]:
     """By kernel, relative to the largest number of each result (max-norm)."""
     worst: dict[str, float] = {}
@@ -217,7 +226,7 @@ def test_the_driver_finds_what_the_kernel_finds(name: str, dtype: str, tmp_path:
     source, robot = prepared(name, dtype, tmp_path), CORPUS[name]()
     x = inputs_of(source, spread_of(robot))
     found = run_driver(compile_driver(source, tmp_path, compilers()[0], ("-O1", *PLAIN), "program"), source)
-    kernel, seen = eomgen.build(robot, dtype=dtype, flags=("-O0",)), set()
+    kernel, seen = eomgen.build(robot, kernels="all", dtype=dtype, flags=("-O0",)), set()
     for call, status, result in results_by_call(source, found):
         if call.how:
             controlled, method = call.how
@@ -270,7 +279,7 @@ def test_sanitizers_have_nothing_to_say(name: str, dtype: str, sanitizer: str, t
 
 def test_a_sanitizer_sees_what_is_too_short(tmp_path: Path) -> None:
     """The driver's arrays are of the exact sizes: a kernel that writes one number more is caught."""
-    source = prepared("one_link", "float64", tmp_path)
+    source = prepared_alone(tmp_path)
     wrong = source.code.replace("out[3] = 0.3333333333333333;", "out[4] = out[3] = 0.3333333333333333;", 1)
     assert wrong != source.code
     (tmp_path / "one_link.c").write_text(wrong, encoding="ascii")
@@ -302,7 +311,7 @@ def test_no_call_allocates_or_touches_the_environment(name: str, dtype: str, tmp
 
 
 def test_the_driver_sees_an_environment_that_changes(tmp_path: Path) -> None:
-    source = prepared("one_link", "float64", tmp_path)
+    source = prepared_alone(tmp_path)
     code = source.code.replace("#include <math.h>", "#include <fenv.h>\n#include <math.h>")
     code = code.replace("(void)h;", "(void)h;\n    fesetround(FE_UPWARD);", 2)
     assert "fesetround" in code
@@ -376,7 +385,7 @@ def test_import_and_calls_leave_the_environment_as_it_is(native: bool, tmp_path:
     (tmp_path / "control.c").write_text(CONTROL, encoding="ascii")
     library, compiler = tmp_path / "control.so", compilers()[0]
     subprocess.run([compiler, "-shared", "-fPIC", tmp_path / "control.c", "-o", library, "-lm"], check=True)
-    options = Options(native=native, flags=("-O1",))
+    options = Options(native=native, flags=("-O1",), level="" if native else supported()[-1])
     generate(eomgen.load_robot("one_link"), tmp_path, options)
     command = [sys.executable, "-c", IMPORTED, str(library), str(tmp_path)]
     result = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)

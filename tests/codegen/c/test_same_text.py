@@ -1,4 +1,4 @@
-"""The generated text is the same to the byte whatever the hash seed, and in every Python; long forms of test_render."""
+"""The generated text is the same to the byte whatever the hash seed, in every Python, and in the committed sample."""
 
 from __future__ import annotations
 
@@ -12,8 +12,13 @@ from pathlib import Path
 
 import pytest
 
+import eomgen
+from eomgen.codegen.package.compile import carried_files
+from eomgen.pipeline.stages import Options, generate
+from eomgen.runtime.levels import BASE
 from tests.support.pythons import PYTHONS, interpreter
 
+ROOT = Path(__file__).parents[3]
 SEEDS = 100
 LARGE_EVERY = 25  # seeds that also render 36 coordinates
 TEXT = """
@@ -111,3 +116,16 @@ def test_another_hash_seed_and_a_linked_package(tmp_path: Path) -> None:
     here = digests(sys.executable, SMALL[:1], 0)
     assert digests(sys.executable, SMALL[:1], 1, str(link_package(Path(__file__).parents[3], tmp_path))) == here
     assert len(here) == 2
+
+
+def test_the_committed_sample_is_current(tmp_path: Path) -> None:
+    """``make sample`` writes it; the compiled module is not committed."""
+    made = generate(eomgen.load_robot("one_link"), tmp_path, Options(flags=("-O0",), level=BASE))
+    sample = ROOT / "generated" / "one_link"
+
+    def texts(folder: Path) -> dict[str, str]:
+        files = (path for path in folder.rglob("*") if path.suffix in (".py", ".c", ".h", ".json"))
+        return {path.relative_to(folder).as_posix(): path.read_text(encoding="ascii") for path in files}
+
+    assert texts(sample) == texts(made)
+    assert set(texts(sample)) == {*carried_files(), "__init__.py", "one_link.c", "one_link.h", "one_link.json"}

@@ -65,7 +65,7 @@ def test_evaluation_equals_compiled_code(tmp_path: Path) -> None:
 
 def test_split_functions_equal_whole_ones(built: Build, empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Functions of a few statements that hand values on, against one function per kernel: the same to the bit."""
-    robot = random_robot(7, joints=(2, 2), types=("revolute", "free"))
+    robot = random_robot(7, joints=(2, 2), types=("revolute", "prismatic"), max_coordinates=2)
     kernels = []
     for name, size in (("whole", 10**9), ("split", 25)):
         monkeypatch.setattr(statements, "CHUNK", size)

@@ -25,7 +25,7 @@ CTYPES = {"float64": "double", "float32": "float"}
 
 def turn(dtype: str, flags: tuple[str, ...], angles: NDArray[np.floating], folder: Path) -> NDArray[np.floating]:
     """(2, count): sines, cosines."""
-    source = render(derive_equations(build_model(eomgen.load_robot("one_link"))), dtype)
+    source = render(derive_equations(build_model(eomgen.load_robot("one_link")), ("mass_matrix",)), dtype)
     real = CTYPES[dtype]
     head = f"void test_turn(const {real} *angle, size_t count, {real} *sine, {real} *cosine)"
     text = f"{source.code}\n{head};\n{head}\n{{\n    turn(angle, count, sine, cosine);\n}}\n"

@@ -34,7 +34,7 @@ pytestmark = pytest.mark.usefixtures("unoptimised")
 NAMES = ("inverse_dynamics", "residual", "generalized_force", "forward_dynamics", "energy", "reactions")
 
 
-@pytest.mark.parametrize("seed", seeds(2000, 3, 12))
+@pytest.mark.parametrize("seed", seeds(2000, 2, 12))
 def test_forces_are_external_forces_in_pinocchio(seed: int, built: Build) -> None:
     """Rows, accelerations, energy, reactions, lengths and tensions; one state at a time, and several on vectors."""
     robot = sprung(seed)
@@ -77,7 +77,7 @@ def test_frames_that_move_take_points_along(seed: int, built: Build) -> None:
         assert close(kernel.energy(s.q, s.v), oracle.energy(s.q, s.v))
 
 
-@pytest.mark.parametrize("seed", seeds(2020, 2, 8))
+@pytest.mark.parametrize("seed", seeds(2020, 1, 8))
 def test_derivatives_are_exact(seed: int, built: Build) -> None:
     """Complex steps through the program of the residual, and M times the derivatives of forward dynamics."""
     robot = sprung(seed, (1, 3))
