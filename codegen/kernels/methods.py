@@ -2,11 +2,11 @@
 
 W643: a W-method of six stages, of order 4 with any matrix and with an embedded method of order 3, L-stable and stiffly
 accurate.  Its coefficients come of a numerical search among the solutions of the conditions in E. Hairer, G. Wanner,
-Solving Ordinary Differential Equations II, IV.7: those that took the fewest steps to errors of 1e-3 to 1e-7 of motions of
-elastic and worn robots.  Its second stage is where the first one is, at the beginning of a step.
+Solving Ordinary Differential Equations II, IV.7: those that took the fewest steps to errors of 1e-3 to 1e-7 of motions
+of elastic and worn robots.  Its second stage is where the first one is, at the beginning of a step.
 
-Tsit5: Ch. Tsitouras, "Runge-Kutta Pairs of Order 5(4) Satisfying Only the First Column Simplifying Assumption", Computers
-& Mathematics with Applications 62 (2011), pp. 770-775.
+Tsit5: Ch. Tsitouras, "Runge-Kutta Pairs of Order 5(4) Satisfying Only the First Column Simplifying Assumption",
+Computers & Mathematics with Applications 62 (2011), pp. 770-775.
 """
 
 from __future__ import annotations
