@@ -85,6 +85,7 @@ def test_the_rosenbrock_method_is_stiffly_accurate_and_damps() -> None:
     whole, one = W643.alpha + W643.gamma, np.ones(len(W643.b))
     assert (whole[-1] == W643.b).all()
     assert abs(W643.alpha[-1].sum() - 1.0) <= ROUND_OFF  # the last stage is at the end
+    assert not W643.alpha[1].any()  # and the second one at the beginning
     assert (np.diagonal(W643.gamma) == W643.diagonal).all()
     for z in (*(1j * np.logspace(-3, 6, 400)), *np.logspace(-3, 6, 50) * -1.0):
         growth = 1 + z * W643.b @ np.linalg.solve(np.eye(len(one)) - z * whole, one)

@@ -19,7 +19,7 @@ from .loads import LoadData, Packed
 Array = NDArray[Any]
 
 AUTO = "auto"  # both methods in turn
-COST = {"rosenbrock": 17, "tsit5": 6}  # of a step, in evaluations: the former factors and solves besides
+COST = {"rosenbrock": 15, "tsit5": 6}  # of a step, in evaluations: the former factors and solves besides
 CALLS = 8  # in the time of a piece of many states: a single one is asked for its progress more often
 TRIAL = 24  # steps by which a method shows what it is worth
 FEW, MANY = 8, 64  # trials' lengths that the better one then goes on for, longer and longer
