@@ -131,7 +131,8 @@ class System:
             times: s, (T,).
             q, v: states, (T, n).
         """
-        if self.loaded is not None and not (self._given and self.kernel.constraints):
+        turns_or_closes = bool(self.kernel.constraints or self.kernel.raw.turning)
+        if self.loaded is not None and not (self._given and turns_or_closes):
             return self._loaded_forces(times, q, v)
         u = np.empty_like(q)
         for i, t in enumerate(times.tolist()):

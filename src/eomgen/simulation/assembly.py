@@ -214,7 +214,7 @@ def may_run_in_c(robot: Robot, scenario: Scenario) -> bool:
     """Whether the kernel's own C can integrate the scenario, see ``integration.compiled.why_not``."""
     motion = scenario.motion
     by_python = motion is not None and motion.type == "program" and signal_of(motion.get("program")) is None
-    if build_model(robot).turning or by_python:
+    if by_python:
         return False
     if not robot.is_closed:
         return True

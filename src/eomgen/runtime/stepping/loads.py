@@ -253,13 +253,22 @@ class Packed:
             own[k].link, own[k].frame, own[k].turns = wrench.link, frame, wrench.turns
         fields: dict[str, Any] = {"wrench": own, "wrenches": len(wrenches)}
         fields["external_force"], fields["force_h"] = self._function(self._calls, "external_force")
+        if self._calls.raw.turning:
+            fields["force_turned"] = self._function(self._calls, "external_force", turned=True)[1]
         if any(own[k].frame >= 0 for k in range(len(wrenches))):
             fields["frame_pose"], fields["frame_h"] = self._function(self._calls, "frame_pose")
         return fields
 
-    def _function(self, calls: Calls, name: str) -> tuple[Any, Any]:
-        """Code of a kernel's function as C of this library takes it, and what that reads of parameters."""
-        function, setup = calls.raw.function(name), calls.parameters.setup
+    def _function(self, calls: Calls, name: str, *, turned: bool = False) -> tuple[Any, Any]:
+        """Code of a kernel's function as C of this library takes it, and what that reads of parameters.
+
+        Of these with all joints ``turned`` that turn freely, or as the kernel has them.
+        """
+        parameters = calls.parameters
+        if turned:
+            parameters = parameters.copy()
+            parameters.turn(calls.raw.turning)
+        function, setup = calls.raw.function(name), parameters.setup
         self._kept.append(setup)
         ffi, own = self._library.ffi, function.library
         number = {"float64": "double", "float32": "float"}[str(calls.dtype)]
