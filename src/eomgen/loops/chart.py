@@ -123,7 +123,7 @@ class Chart:
     @property
     def choice(self) -> Array:
         """What the kernel's function "following" takes of it where the dependent coordinates are good guesses."""
-        return self._given.copy()
+        return np.array(self._given)
 
     def close(self, q: Array, *, near: bool = False) -> tuple[Array, Array]:
         """States, (n,) or (N, n), closed by their dependent coordinates, and the slopes there; see ``follow``."""
