@@ -911,15 +911,11 @@ static void one_link_driven(const one_link_loads *restrict loads, double t, doub
     }
 }
 
-/* What wrenches do at t, added to u. */
-static void one_link_wrenched(const one_link_loads *restrict loads, double t, const double *restrict q, double *restrict u)
+/* Wrenches at t on all links, in the base's axes. */
+static void one_link_pulling(const one_link_loads *restrict loads, double t, const double *restrict q, double *restrict total)
 {
     const double between = (t < loads->first) ? loads->first : ((t > loads->last) ? loads->last : t);
-    double own[2];
-    double total[6];
-    double found[2];
-    for (int i = 0; i < 2; ++i) { own[i] = q[i]; }
-    (void)memset(total, 0, sizeof total);
+    (void)memset(total, 0, 6U * sizeof *total);
     for (size_t k = 0; k < loads->wrenches; ++k) {
         const one_link_wrench *const wrench = &loads->wrench[k];
         double row[6];
@@ -931,7 +927,7 @@ static void one_link_wrenched(const one_link_loads *restrict loads, double t, co
             double pose[16];
             double arm[3];
             double turned[6];
-            (void)loads->frame_pose(loads->frame_h, own, wrench->frame, pose);
+            (void)loads->frame_pose(loads->frame_h, q, wrench->frame, pose);
             for (int i = 0; i < 3; ++i) {
                 const double along[3] = { pose[4 * i], pose[4 * i + 1], pose[4 * i + 2] };
                 arm[i] = along[0] * wrench->arm[0] + along[1] * wrench->arm[1] + along[2] * wrench->arm[2];
@@ -945,6 +941,16 @@ static void one_link_wrenched(const one_link_loads *restrict loads, double t, co
         }
         for (int i = 0; i < 6; ++i) { total[6 * wrench->link + i] += row[i]; }
     }
+}
+
+/* What wrenches do at t, added to u. */
+static void one_link_wrenched(const one_link_loads *restrict loads, double t, const double *restrict q, double *restrict u)
+{
+    double own[2];
+    double total[6];
+    double found[2];
+    for (int i = 0; i < 2; ++i) { own[i] = q[i]; }
+    one_link_pulling(loads, t, own, total);
     (void)loads->external_force(loads->force_h, own, total, found);
     for (int i = 0; i < 2; ++i) { u[i] += found[i]; }
 }
@@ -2740,15 +2746,11 @@ static void one_link_driven(const one_link_loads *restrict loads, double t, doub
     }
 }
 
-/* What wrenches do at t, added to u. */
-static void one_link_wrenched(const one_link_loads *restrict loads, double t, const double *restrict q, double *restrict u)
+/* Wrenches at t on all links, in the base's axes. */
+static void one_link_pulling(const one_link_loads *restrict loads, double t, const double *restrict q, double *restrict total)
 {
     const double between = (t < loads->first) ? loads->first : ((t > loads->last) ? loads->last : t);
-    double own[2];
-    double total[6];
-    double found[2];
-    for (int i = 0; i < 2; ++i) { own[i] = q[i]; }
-    (void)memset(total, 0, sizeof total);
+    (void)memset(total, 0, 6U * sizeof *total);
     for (size_t k = 0; k < loads->wrenches; ++k) {
         const one_link_wrench *const wrench = &loads->wrench[k];
         double row[6];
@@ -2760,7 +2762,7 @@ static void one_link_wrenched(const one_link_loads *restrict loads, double t, co
             double pose[16];
             double arm[3];
             double turned[6];
-            (void)loads->frame_pose(loads->frame_h, own, wrench->frame, pose);
+            (void)loads->frame_pose(loads->frame_h, q, wrench->frame, pose);
             for (int i = 0; i < 3; ++i) {
                 const double along[3] = { pose[4 * i], pose[4 * i + 1], pose[4 * i + 2] };
                 arm[i] = along[0] * wrench->arm[0] + along[1] * wrench->arm[1] + along[2] * wrench->arm[2];
@@ -2774,6 +2776,16 @@ static void one_link_wrenched(const one_link_loads *restrict loads, double t, co
         }
         for (int i = 0; i < 6; ++i) { total[6 * wrench->link + i] += row[i]; }
     }
+}
+
+/* What wrenches do at t, added to u. */
+static void one_link_wrenched(const one_link_loads *restrict loads, double t, const double *restrict q, double *restrict u)
+{
+    double own[2];
+    double total[6];
+    double found[2];
+    for (int i = 0; i < 2; ++i) { own[i] = q[i]; }
+    one_link_pulling(loads, t, own, total);
     (void)loads->external_force(loads->force_h, own, total, found);
     for (int i = 0; i < 2; ++i) { u[i] += found[i]; }
 }

@@ -122,7 +122,7 @@ class Chart:
 
     @property
     def choice(self) -> Array:
-        """What the kernel's function "following" takes of it where the dependent coordinates are good guesses."""
+        """The choice as the kernel's function "following" reads it where the dependent coordinates are good guesses."""
         return np.array(self._given)
 
     def close(self, q: Array, *, near: bool = False) -> tuple[Array, Array]:

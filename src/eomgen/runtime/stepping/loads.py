@@ -77,7 +77,7 @@ class ChartData:
 
 @dataclass(frozen=True, eq=False)
 class MechanismData:
-    """What moves a rigid robot with loops.
+    """Charts along which drives move a rigid robot with loops.
 
     Attributes:
         charts: one at least; where the angles of the first are singular, that whose are farthest from it counts.
