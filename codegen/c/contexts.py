@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from eomgen._version import __version__
+from eomgen.robot.cuts import CUTS
 from eomgen.robot.model import Model
 
 from ..joint.zeros import zero_map
@@ -74,6 +75,7 @@ def header_context(equations: Equations, dtype: str, meta: Mapping[str, Any], ba
         "operations": meta["operations"],
         **_functions(public),
         "controlled": "driven" if model.motors else "principal",
+        "gaps_at_most": sum(len(CUTS[loop.type]) for loop in model.robot.loops) + len(model.robot.couplings),
     }
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,14 +20,16 @@ from eomgen.motion.splines import Columns, Spline, Standstill, signal_of
 from eomgen.motion.timetable import TimeTable
 from eomgen.progress import no_progress
 from eomgen.robot.model import tool_of
+from eomgen.robot.value import Coordinate, Robot
 from eomgen.runtime.stepping.adaptive import METHODS as NUMBERS
 from eomgen.runtime.stepping.loaded import Loaded
 from eomgen.runtime.stepping.loads import Packed, Signal
 from eomgen.scenario.load import scenario_from_toml
-from eomgen.simulation.assembly import Assembly, assemble
+from eomgen.simulation.assembly import Assembly, assemble, may_run_in_c
 from eomgen.simulation.run import run_scenario
 from tests.support.builds import Build
 from tests.support.swinging import MASS, NEEDED, STIFFNESS, oscillator
+from tests.support.turning_loops import cranked_plate
 
 DRIVES = {
     "computed_torque": "",
@@ -349,3 +352,83 @@ def test_sundials_goes_on_to_the_duration(built: Build) -> None:
     kernel = built(oscillator(), *NEEDED)
     with pytest.raises(InputError, match="until: CVODE goes on to the duration; allowed: other methods"):
         integrate(kernel, [0.1], [0.0], 0.1, method="CVODE", until=Until.coordinate(kernel, "slide.z", 0.0))
+
+
+MOVED = "[motion]\ntype = 'point_to_point'\n"
+HELD = DRIVES["pd_gravity"]
+SWUNG = "[motion]\ntype = 'point_to_point'\ngoal = { hinge = 3.0 }\n"
+SHAKEN_BARS = "[[prescribed]]\ntype = 'harmonic'\ncoordinate = 'joint3.x'\namplitude = 0.02\nfrequency = 4.0\n" + MOVED
+
+
+def bars(label: str) -> Robot:
+    """The four-bar linkage: driven at one joint, at all of them, and with a pivot that shakes."""
+    robot = eomgen.load_robot("four_bar")
+    if label == "plate":
+        return cranked_plate()
+    if label == "shaken":
+        pivot = replace(robot.joints[2], coordinates={"x": Coordinate(prescribed=True), **robot.joints[2].coordinates})
+        return replace(robot, name="shaken_bars", joints=(*robot.joints[:2], pivot))
+    return robot if label == "driven" else replace(robot, driven=None)
+
+
+@pytest.mark.usefixtures("unoptimised")
+@pytest.mark.parametrize(
+    ("label", "text"),
+    [
+        ("driven", MOVED),
+        ("driven", MOVED + HELD),
+        ("more", "[control]\ntype = 'computed_torque'\n"),  # three drives, one freedom
+        ("more", HELD),
+        ("shaken", SHAKEN_BARS),
+        ("shaken", SHAKEN_BARS + HELD),
+        ("plate", SWUNG),  # whose free joint's angles pass a pole
+        ("plate", SWUNG + HELD),
+    ],
+)
+def test_drives_of_closed_mechanisms_are_those_of_python(label: str, text: str) -> None:
+    """In random states near closure along the way."""
+    robot = bars(label)
+    scenario = scenario_from_toml("duration = 0.3\n" + text)
+    assembly = assemble(robot, scenario, tool_of(robot, None, "tool"), no_progress)
+    kernel, rng = assembly.kernel, np.random.default_rng(5)
+    assert may_run_in_c(robot, scenario)
+    assert assembly.path is not None
+    times = np.sort(rng.uniform(0.0, 0.3, 12))
+    q, v = assembly.path.at(times) + 0.02 * rng.normal(size=(12, kernel.n)), rng.normal(size=(12, kernel.n))
+    assert label != "plate" or (np.abs(np.cos(q[:, kernel.coordinates.index("pose.beta")])) < 0.4).any()
+    found = loaded(assembly, times, q, v).drives(times, q, v)
+    free = ~np.isin(kernel.coordinates, kernel.prescribed)
+    wanted = np.array([assembly.drive(*state) for state in zip(times.tolist(), q, v, strict=True)])
+    assert np.count_nonzero(wanted.any(axis=0)) == (3 if label == "more" else 1)
+    assert np.abs(found - wanted)[:, free].max() <= 1e-11 * np.abs(wanted).max()
+
+
+@pytest.mark.usefixtures("unoptimised")
+@pytest.mark.parametrize(
+    ("label", "text"), [("driven", MOVED), ("shaken", SHAKEN_BARS), ("plate", SWUNG), ("plate", SWUNG + HELD)]
+)
+def test_closed_mechanisms_move_as_by_python(label: str, text: str) -> None:
+    """Under computed torque, and PD control with gravity compensation: C by default, Radau on request."""
+    text = "duration = 0.3\noutput_step = 0.01\n" + text
+    found, wanted = (
+        run_scenario(bars(label), scenario_from_toml(text + f"[integrator]\nmethod = '{method}'\nrtol = {rtol}\n"))
+        for method, rtol in (("auto", "1e-9"), ("Radau", "1e-10"))
+    )
+    assert found.trajectory.method in METHODS
+    assert any("tsit5 and rosenbrock (implicit) in turn" in note for note in found.notes)
+    for name, limit in (("q", 1e-8), ("v", 1e-7), ("u", 1e-6)):
+        mine, other = (getattr(x.trajectory, name) for x in (found, wanted))
+        assert np.abs(mine - other).max() <= limit * max(1.0, np.abs(other).max())
+    assert found.balance is not None
+    assert found.balance.relative_residue <= 1e-7
+    assert found.trajectory.info["gap"] <= 1e-11
+
+
+@pytest.mark.usefixtures("unoptimised")
+def test_a_mechanism_that_does_not_close_ends_the_motion() -> None:
+    """The drives of a state that is far from closed are no numbers, and the error says which loop is open."""
+    robot = bars("driven")
+    scenario = scenario_from_toml("duration = 0.3\n" + MOVED)
+    assembly = assemble(robot, scenario, tool_of(robot, None, "tool"), no_progress)
+    q, v = np.array([[1.0, 30.0, -30.0]]), np.zeros((1, 3))
+    assert not np.isfinite(loaded(assembly, np.array([0.0, 1.0]), q, v).drives(np.zeros(1), q, v)[0, 0])

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 import eomgen
 from eomgen import cli
 from eomgen.errors import IntegrationStopped, LoopError
+from eomgen.integration.solve import IN_C
 from eomgen.robot.value import Coordinate, Robot
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.assembly import kernels_of
@@ -155,7 +156,7 @@ def test_elastic_cut_joints(rigid: tuple[str, ...]) -> None:
         replace(robot, name=f"soft_cut{len(rigid)}", loops=(cut,)),
         "duration = 0.1\n[motion]\ntype = 'point_to_point'\n",
     )
-    assert result.trajectory.method == "Radau"
+    assert result.trajectory.method in IN_C
     assert result.balance is not None
     assert result.balance.relative_residue <= 1e-5
     assert 1e-7 < np.abs(result.tool_deviation).max() < 1e-3

@@ -191,6 +191,16 @@ class ClosedSystem(System):
         needed -= self.here.constraint_jacobian(q).T @ multipliers
         return np.where(self._free, u, needed)
 
+    def _needed(self, q: Array, v: Array, u: Array, wrench: ArrayLike | None) -> Array:
+        """Forces that motions which are given need, at their places in (T, n), where u has their accelerations."""
+        kernel, n, loads = self.here.with_checks(False), self.n, u
+        if wrench is not None:
+            loads = np.where(self._free, u + kernel.external_force(q, wrench), u)
+        found = kernel.calls.run("constrained_dynamics", None, (q, v, loads))
+        a, multipliers = np.ascontiguousarray(found[:, :n]), found[:, n : n + len(kernel.constraints)]
+        needed = kernel.residual(q, v, a, np.zeros(n), wrench=wrench)
+        return np.asarray(needed - np.einsum("tmn,tm->tn", kernel.constraint_jacobian(q), multipliers))
+
     def margins(self, q: Array) -> Array | None:
         """The smallest of as many singular values of J as it has rank, by the greatest, at samples, (T,).
 

@@ -45,8 +45,6 @@ def why_not(
         return "the kernel was built without adaptive_rollout"
     if kernel.dtype != np.float64:
         return f"the kernel is {kernel.dtype}"
-    if kernel.raw.turning:
-        return f"{', '.join(kernel.raw.turning)} turns freely"
     for label, function in (("drive", drive), ("wrench", wrench), ("prescribed", prescribed)):
         if callable(function) and _data(function) is None:
             return f"the {label} is a function that only Python can call"
@@ -151,7 +149,7 @@ def _stopped(system: System, motion: Loaded, method: str) -> IntegrationStopped:
     what, name = why_ended(kernel.calls, progress)
     trouble: Exception | None = None
     try:
-        u, wrench = system.drives(t, q, v), system.wrench(t, q, v)
+        u, wrench = System.drives(system, t, q, v), System.wrench(system, t, q, v)  # of described states
         if "forward_dynamics" in kernel.operations:
             kernel.forward_dynamics(q, v, u, wrench=wrench)
     except (EomgenError, ValueError, ArithmeticError) as error:

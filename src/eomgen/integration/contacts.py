@@ -13,6 +13,7 @@ from ..runtime.kernel import Kernel
 from ..state.journals import JournalContact, cut_contacts, cut_deviations, journal_contacts
 from ..state.motors import deflections
 from ..state.springs import clearances, cut_clearances, cut_stops, stops
+from .cubics import Cubics
 from .until import Until
 
 Array = NDArray[np.float64]
@@ -185,7 +186,7 @@ class ContactWatch:
     """
 
     def __init__(self, kernel: Kernel, until: Until | None = None) -> None:
-        self._until = until
+        self._until, self._cubics = until, Cubics(kernel.raw.turning)
         self._n = kernel.n
         groups: Sequence[Ends] = (CoordinateEnds(kernel), CutEnds(kernel), Bearings(kernel), CutBearings(kernel))
         self._groups = [group for group in groups if len(group)]
@@ -212,7 +213,7 @@ class ContactWatch:
             Reached: what the motion goes on to is there.
         """
         if self._until is not None:
-            self._until.look(times, states, lambda t: _on_cubics(t, times, states))
+            self._until.look(times, states, lambda t: self._cubics.among(t, times, states))
         beyond = self.gaps(states) > 0.0
         for k in np.flatnonzero((beyond[1:] != beyond[:-1]).any(axis=1)).tolist():
             self._find(float(times[k]), states[k], float(times[k + 1]), states[k + 1])
@@ -229,7 +230,7 @@ class ContactWatch:
             Reached: what the motion goes on to is there.
         """
         if self._until is not None:
-            between = at or (lambda t: hermite(t, t0, y0, t1, y1))
+            between = at or (lambda t: self._cubics.at(t, t0, y0, t1, y1))
             self._until.look(np.array([t0, t1]), np.stack([y0, y1]), between)
         self._find(t0, y0, t1, y1, at)
 
@@ -239,7 +240,7 @@ class ContactWatch:
             return
         crossed = np.flatnonzero((self.gaps(y0) > 0.0) != (self.gaps(y1) > 0.0))
         for end in crossed:
-            state = at or (lambda t: hermite(t, t0, y0, t1, y1))
+            state = at or (lambda t: self._cubics.at(t, t0, y0, t1, y1))
             closes = bool(self.gaps(y1)[end] > 0.0)
             low, high = t0, t1
             for _ in range(HALVINGS):
@@ -258,20 +259,3 @@ class ContactWatch:
                 self.found.append(group.contact(end, float(t), y[: self._n], y[self._n :], closes))
                 return
             end -= len(group)
-
-
-def _on_cubics(t: float, times: Array, states: Array) -> Array:
-    """The state at t on the cubics between states, (k, 2n), at times, (k,), s."""
-    k = min(max(int(np.searchsorted(times, t, side="right")) - 1, 0), times.size - 2)
-    return hermite(t, float(times[k]), states[k], float(times[k + 1]), states[k + 1])
-
-
-def hermite(t: float, t0: float, y0: Array, t1: float, y1: Array) -> Array:
-    """The state at t on the cubic through q and v at both ends, (2n,)."""
-    n, h = y0.size // 2, t1 - t0
-    x = (t - t0) / h
-    d = y1[:n] - y0[:n]
-    a = h * (y0[n:] + y1[n:]) - 2.0 * d
-    b = 3.0 * d - h * (2.0 * y0[n:] + y1[n:])
-    q = y0[:n] + x * (h * y0[n:] + x * (b + x * a))
-    return np.concatenate([q, y0[n:] + x * (2.0 * b + 3.0 * x * a) / h])

@@ -92,7 +92,7 @@ def integrate(
             does not count.  The trajectory's u is there the force that the motion needs, so that the kernel must have
             inverse_dynamics.
         method: "rosenbrock" or "tsit5": the kernel's own C (adaptive_rollout), where it can follow drive, wrench and
-            prescribed, and no joint turns freely; "Radau", "BDF", "LSODA", "DOP853", "RK45" (all
+            prescribed; "Radau", "BDF", "LSODA", "DOP853", "RK45" (all
             SciPy's), "CVODE", "IDA" (SUNDIALS', not for loops), or "rk4" with a fixed step.  "auto" is both in C
             in turn, whichever leads on further for its cost; where C cannot do it, Radau if there are springs, stiff
             dampers or friction (see ``why_stiff``), else DOP853.

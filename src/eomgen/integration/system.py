@@ -16,6 +16,8 @@ from .advance import Advance
 
 Array = NDArray[np.float64]
 
+MANY = 4096  # states of which forces are looked at together
+
 
 class System:
     """The equations of motion as y' = f(t, y), y = (q, v) or a part of it, with their Jacobian; counts its calls.
@@ -131,7 +133,7 @@ class System:
             times: s, (T,).
             q, v: states, (T, n).
         """
-        if self.loaded is not None and not (self._given and self.kernel.constraints):
+        if self.loaded is not None:
             return self._loaded_forces(times, q, v)
         u = np.empty_like(q)
         for i, t in enumerate(times.tolist()):
@@ -151,15 +153,22 @@ class System:
             if callable(wrench):
                 each = zip(times.tolist(), q, v, strict=True)
                 wrench = np.array([wrench(*state) for state in each])
-            kernel = self.kernel.with_checks(False)
-            a = kernel.forward_dynamics(q, v, u, wrench=wrench)
-            u[:, self._given] = kernel.inverse_dynamics(q, v, a, wrench=wrench, cut=True)[:, self._given]
+            for first in range(0, len(u), MANY):
+                rows = slice(first, first + MANY)
+                pull = wrench if wrench is None or np.ndim(wrench) < 3 else np.asarray(wrench)[rows]
+                u[rows, self._given] = self._needed(q[rows], v[rows], u[rows], pull)[:, self._given]
         for i in np.flatnonzero(~np.isfinite(u).all(axis=1))[:1].tolist():
             try:
                 self._refuse_not_finite("drive", u[i], float(times[i]))
             except ArrayError as error:
                 return u[:i], error
         return u, None
+
+    def _needed(self, q: Array, v: Array, u: Array, wrench: ArrayLike | None) -> Array:
+        """Forces that motions which are given need, at their places in (T, n), where u has their accelerations."""
+        kernel = self.here.with_checks(False)
+        a = kernel.forward_dynamics(q, v, u, wrench=wrench)
+        return np.asarray(kernel.inverse_dynamics(q, v, a, wrench=wrench, cut=True))
 
     def drives(self, t: float, q: Array, v: Array) -> Array:
         """u of one state, (n,), or of a batch, (N, n)."""

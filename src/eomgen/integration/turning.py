@@ -88,6 +88,14 @@ class TurningSystem(System):
             u[self._given] = super().forces(t, y[: self.n], y[self.n :])[self._given]
         return u
 
+    def _needed(self, q: Array, v: Array, u: Array, wrench: ArrayLike | None) -> Array:
+        """Forces that motions which are given need, at their places in (T, n), where u has their accelerations."""
+        found = np.empty_like(q)
+        for rows, x, rate in self._regular(q, v):
+            pull = wrench if wrench is None or np.ndim(wrench) < 3 else np.asarray(wrench)[rows]
+            found[rows] = super()._needed(x, rate, self._turns.forces(u[rows], q[rows], x), pull)
+        return found
+
     def drives(self, t: float, q: Array, v: Array) -> Array:
         """u of one state, (n,), or of a batch, (N, n), on the coordinates that y has."""
         if not self._turns.turned or self._drive is None:
@@ -113,6 +121,13 @@ class TurningSystem(System):
         self.here = self._turns.here
         return np.array(self._turns.on(whole[np.newaxis])[0])
 
+    def _regular(self, q: Array, v: Array) -> Iterator[tuple[NDArray[np.intp], Array, Array]]:
+        """Samples in angles that are not singular, where ``here`` is of these: their rows, and q and v of them."""
+        for rows in self._turns.regular(q):
+            self.here = self._turns.here
+            part = self._turns.on(np.hstack([q[rows], v[rows]]))
+            yield rows, np.ascontiguousarray(part[:, : self.n]), np.ascontiguousarray(part[:, self.n :])
+
 
 class ClosedTurningSystem(TurningSystem, ClosedSystem):
     """The same of mechanisms with closed loops: y has the independent ones of the coordinates that are taken."""
@@ -131,10 +146,3 @@ class ClosedTurningSystem(TurningSystem, ClosedSystem):
         """Counts of calls, and more that is said of the motion with samples q and v, (T, n)."""
         found = [super(ClosedTurningSystem, self).about(*part) for _, *part in self._regular(q, v)]
         return {key: max(part[key] for part in found) for key in found[0]}
-
-    def _regular(self, q: Array, v: Array) -> Iterator[tuple[NDArray[np.intp], Array, Array]]:
-        """Samples in angles that are not singular, where ``here`` is of these: their rows, and q and v of them."""
-        for rows in self._turns.regular(q):
-            self.here = self._turns.here
-            part = self._turns.on(np.hstack([q[rows], v[rows]]))
-            yield rows, np.ascontiguousarray(part[:, : self.n]), np.ascontiguousarray(part[:, self.n :])

@@ -120,6 +120,11 @@ class Chart:
         """The closed state about which it was used last, (n,)."""
         return self._q
 
+    @property
+    def choice(self) -> Array:
+        """The choice as the kernel's function "following" reads it where the dependent coordinates are good guesses."""
+        return np.array(self._given)
+
     def close(self, q: Array, *, near: bool = False) -> tuple[Array, Array]:
         """States, (n,) or (N, n), closed by their dependent coordinates, and the slopes there; see ``follow``."""
         found = self.follow(q, near=near)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import EllipsisType
 
@@ -53,6 +53,16 @@ class TurningChart:
         self._charts: dict[frozenset[str], Chart] = {}
         self._turned, self._told = frozenset[str](), q
         self.free = self._begin(q).free
+
+    @property
+    def joints(self) -> Mapping[str, tuple[int, int]]:
+        """Places of alpha and of x of the joints that may be turned."""
+        return self._turns.joints
+
+    @property
+    def charts(self) -> Mapping[frozenset[str], Chart]:
+        """The charts that were needed so far, by the joints that are turned in them; where it began is the first."""
+        return self._charts
 
     def go_on(self, q: Array, *, near: bool = False) -> Array:
         """The closed state, (n,), about which it is used next.

@@ -214,12 +214,7 @@ def may_run_in_c(robot: Robot, scenario: Scenario) -> bool:
     """Whether the kernel's own C can integrate the scenario, see ``integration.compiled.why_not``."""
     motion = scenario.motion
     by_python = motion is not None and motion.type == "program" and signal_of(motion.get("program")) is None
-    if build_model(robot).turning or by_python:
-        return False
-    if not robot.is_closed:
-        return True
-    control = scenario.control or Section("none" if scenario.motion is None else "computed_torque")
-    return control.type != "computed_torque" and not control.get("gravity", False)
+    return not by_python
 
 
 def with_kernel(assembly: Assembly, robot: Robot, scenario: Scenario, kernel: Kernel) -> Assembly:

@@ -156,16 +156,17 @@ class ComputedTorque:
         return self.actuators.torques(np.where(driven, forces(q_m, v_m, a), 0.0), q)
 
     def load_data(self) -> DriveData | None:
-        """The same for integrations in C; None of a mechanism with loops, or a program that only Python can ask."""
+        """The same for integrations in C; None of a program that only Python can ask."""
         signal = signal_of(self.motion)
-        if signal is None or self.mechanism is not None or not isinstance(self.prescribed, AtJoints | None):
+        if signal is None or not isinstance(self.prescribed, AtJoints | None):
             return None
         driven, place, ratio = self._driven, self.actuators.index, self.actuators.ratios
         column, given = np.full(driven.size, -1), np.full(driven.size, -1)
         column[driven] = np.arange(int(driven.sum()))
         if self.prescribed is not None:
-            given[~driven] = self.prescribed.index
-        model = ModelDrive(self.rigid.calls, place, ratio, column, given, self.bandwidth)
+            given[prescribed_mask(self.rigid)] = self.prescribed.index
+        moved = None if self.mechanism is None else self.mechanism.load_data()
+        model = ModelDrive(self.rigid.calls, place, ratio, column, given, self.bandwidth, moved)
         return DriveData(program=Track(signal, place[driven]), ratio=ratio[driven], model=model)
 
     def resting(self) -> Control:
@@ -237,15 +238,16 @@ class JointPD:
         return u
 
     def load_data(self) -> DriveData | None:
-        """The same for integrations in C; None of a mechanism with loops, or a program that only Python can ask."""
+        """The same for integrations in C; None of a program that only Python can ask."""
         signal = signal_of(self.motion)
-        if signal is None or self.mechanism is not None:
+        if signal is None:
             return None
         program, model = Track(signal, self.actuators.index), None
         if self.rigid is not None and self.rigid_actuators is not None:
             nothing, place = np.full(self.rigid.n, -1), self.rigid_actuators.index
             given = np.where(prescribed_mask(self.rigid), 0, -1)
-            model = ModelDrive(self.rigid.calls, place, self.rigid_actuators.ratios, nothing, given, None)
+            ratios, moved = self.rigid_actuators.ratios, None if self.mechanism is None else self.mechanism.load_data()
+            model = ModelDrive(self.rigid.calls, place, ratios, nothing, given, None, moved)
         return DriveData(None, program, self.actuators.ratios, Gains(self.kp, self.kd), model)
 
     def resting(self) -> Control:

@@ -15,6 +15,7 @@ from ..motion.point_to_point import Program
 from ..names import joint_of
 from ..robot.coordinates import index_of
 from ..runtime.kernel import Kernel
+from ..runtime.stepping.loads import ChartData, MechanismData
 from ..state.vectors import MotionFunction, prescribed_mask
 
 Array = NDArray[np.float64]
@@ -69,6 +70,15 @@ class Mechanism:
                 forces[..., self.driven] = (needed[..., np.newaxis, :] @ np.linalg.pinv(ways))[..., 0, :]
             u[part.rows] = forces
         return u
+
+    def load_data(self) -> MechanismData:
+        """The same for integrations in C, by the charts that were needed so far: those of its path, say."""
+        joints = self.chart.joints
+        charts = [
+            ChartData(chart.kernel.calls, [name in turned for name in joints], chart.choice)
+            for turned, chart in self.chart.charts.items()
+        ]
+        return MechanismData(charts, list(joints.values()), self.mask)
 
     def path(self, program: Program, prescribed: MotionFunction | None, duration: float) -> Path:
         """The closed mechanism along a program, from the chart's state on.

@@ -104,7 +104,9 @@ class Loaded:
         self._alternation, self._method = Alternation() if method == AUTO else None, method
         self._most = max(OPERATIONS // CALLS // (function.operations * max(STAGES.values())), 1)
         self._allowed = library.new("tolerance", rtol=rtol, atol=view(self._atol), most=self._most)
-        self._drive = library.drive(u=view(self._nothing))
+        self._turned = np.zeros(calls.raw.turning_room, calls.dtype)  # by which a call goes on, to the bit
+        fields: dict[str, Any] = {"turned": view(self._turned)} if self._turned.size else {}
+        self._drive = library.drive(u=view(self._nothing), **fields)
         self.progress = library.new("progress")
         self.evaluations, self.spans = 0, dict.fromkeys(METHODS, 0.0)
         self._view, self._record = view, library.ffi.NULL

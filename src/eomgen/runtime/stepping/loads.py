@@ -61,16 +61,47 @@ class Gains:
 
 
 @dataclass(frozen=True, eq=False)
+class ChartData:
+    """A way in which coordinates of a closed mechanism follow those that are driven.
+
+    Attributes:
+        calls: of its kernel, with "following" and "residual", some of whose joints are turned.
+        turned: which of ``MechanismData.joints`` these are, (k,).
+        chart: which coordinates are dependent, as "following" reads it.
+    """
+
+    calls: Calls
+    turned: Sequence[bool]
+    chart: Array
+
+
+@dataclass(frozen=True, eq=False)
+class MechanismData:
+    """Charts along which drives move a rigid robot with loops.
+
+    Attributes:
+        charts: one at least; where the angles of the first are singular, that whose are farthest from it counts.
+        joints: places of alpha and of x, -1 without any, of those that may be turned, k of them.
+        driven: which coordinates have a drive, (size,).
+    """
+
+    charts: Sequence[ChartData]
+    joints: Sequence[tuple[int, int]]
+    driven: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
 class ModelDrive:
     """Drives by the inverse dynamics of a rigid robot, of float64.
 
     Attributes:
-        calls: of its kernel; the model has no loops.
+        calls: of its kernel.
         place: its coordinates among those of the robot, or of the motors in front of them, (size,).
         ratio: of the gears in between, (size,).
         column: of the program that drives each of them, or -1.
         given: which of the prescribed motions each follows, or -1.
         bandwidth: with which errors die out, rad/s; None where it holds against gravity and no more.
+        mechanism: what takes the place of inverse dynamics where it has loops.
     """
 
     calls: Calls
@@ -79,6 +110,7 @@ class ModelDrive:
     column: Index
     given: Index
     bandwidth: float | None
+    mechanism: MechanismData | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,11 +249,14 @@ class Packed:
         return self._new("control", **fields)
 
     def _model(self, model: ModelDrive) -> Any:
-        code, h = self._function(model.calls, "inverse_dynamics")
+        fields: dict[str, Any] = {}
+        if model.mechanism is None:
+            fields["inverse_dynamics"], fields["h"] = self._function(model.calls, "inverse_dynamics")
+        else:
+            fields["mechanism"] = self._mechanism(model.mechanism)
         return self._new(
             "model",
-            inverse_dynamics=code,
-            h=h,
+            **fields,
             place=self._places(model.place),
             ratio=self._numbers(model.ratio),
             column=self._places(model.column),
@@ -229,6 +264,27 @@ class Packed:
             bandwidth=model.bandwidth or 0.0,
             size=len(model.place),
             holds=model.bandwidth is None,
+        )
+
+    def _mechanism(self, mechanism: MechanismData) -> Any:
+        charts = self._library.new_array("chart", len(mechanism.charts))
+        self._kept.append(charts)
+        fields: dict[str, Any] = {}
+        for own, chart in zip(charts, mechanism.charts, strict=True):
+            fields["following"], own.following_h = self._function(chart.calls, "following")
+            fields["residual"], own.residual_h = self._function(chart.calls, "residual")
+            own.chart, own.turned = self._numbers(chart.chart), self._places(chart.turned or [0])
+        angles, origin = zip(*(mechanism.joints or [(0, 0)]), strict=True)
+        return self._new(
+            "mechanism",
+            **fields,
+            charts=charts,
+            driven=self._places(mechanism.driven),
+            angles=self._places(angles),
+            origin=self._places(origin),
+            count=len(mechanism.charts),
+            joints=len(mechanism.joints),
+            gaps=len(mechanism.charts[0].calls.raw.libraries.meta["constraints"]),
         )
 
     def _given(self, given: Waves) -> Any:
@@ -253,13 +309,22 @@ class Packed:
             own[k].link, own[k].frame, own[k].turns = wrench.link, frame, wrench.turns
         fields: dict[str, Any] = {"wrench": own, "wrenches": len(wrenches)}
         fields["external_force"], fields["force_h"] = self._function(self._calls, "external_force")
+        if self._calls.raw.turning:
+            fields["force_turned"] = self._function(self._calls, "external_force", turned=True)[1]
         if any(own[k].frame >= 0 for k in range(len(wrenches))):
             fields["frame_pose"], fields["frame_h"] = self._function(self._calls, "frame_pose")
         return fields
 
-    def _function(self, calls: Calls, name: str) -> tuple[Any, Any]:
-        """Code of a kernel's function as C of this library takes it, and what that reads of parameters."""
-        function, setup = calls.raw.function(name), calls.parameters.setup
+    def _function(self, calls: Calls, name: str, *, turned: bool = False) -> tuple[Any, Any]:
+        """Code of a kernel's function as C of this library takes it, and what that reads of parameters.
+
+        Of these with all joints ``turned`` that turn freely, or as the kernel has them.
+        """
+        parameters = calls.parameters
+        if turned:
+            parameters = parameters.copy()
+            parameters.turn(calls.raw.turning)
+        function, setup = calls.raw.function(name), parameters.setup
         self._kept.append(setup)
         ffi, own = self._library.ffi, function.library
         number = {"float64": "double", "float32": "float"}[str(calls.dtype)]

@@ -1,0 +1,238 @@
+"""Integrations in C of joints that turn freely, by loads that are data, beside the same in Python and SciPy."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from eomgen.integration import Until, integrate
+from eomgen.integration.compiled import METHODS, data_of, why_not
+from eomgen.integration.cubics import Cubics, hermite
+from eomgen.motion.point_to_point import Harmonic
+from eomgen.motion.splines import Standstill
+from eomgen.robot import build_model
+from eomgen.robot.value import ANGULAR, Coordinate, Joint, Link, Placement, Robot
+from eomgen.runtime.kernel import Kernel
+from eomgen.runtime.stepping.adaptive import METHODS as NUMBERS
+from eomgen.runtime.stepping.loaded import Loaded
+from eomgen.runtime.stepping.loads import Gains, LinkWrench, Packed, Signal
+from eomgen.simulation.controls import JointPD, actuators
+from tests.support.builds import Build
+from tests.support.small_robots import free_body
+from tests.support.turning_loops import INTEGRATED, held_at, held_pendulum
+
+pytestmark = pytest.mark.usefixtures("unoptimised")
+
+Array = NDArray[np.float64]
+
+NEEDED = (
+    *("forward_dynamics", "mass_matrix", "inverse_dynamics", "residual_jacobian", "energy", "kinematics"),
+    *("external_force", "adaptive_rollout"),
+)
+Q0, V0 = np.array([0.1, -0.2, 0.3, 0.3, 0.2, 0.1]), np.array([0.1, -0.2, 0.3, 2.0, 3.0, 1.0])
+DRIVE = np.array([0.1, 0.2, -0.1, 0.05, -0.02, 0.03])
+PULL = np.array([[0.1, 0.2, -0.1, 0.05, -0.02, 0.03]])
+LIMIT = {"auto": 1e-8, "tsit5": 1e-8, "rosenbrock": 1e-4}  # the last one is of third order
+
+
+@cache
+def tumbler() -> Robot:
+    return replace(free_body(), name="tumbler", gravity=(0.0, 0.0, 0.0))
+
+
+@cache
+def floating_arm(shaken: bool = False) -> Robot:
+    """A free body, or one on a slide that shakes, with an arm on a ball joint whose frame is turned."""
+    body, tip = (
+        Link(name, 1.0, (0.05, -0.02, 0.1), (0.04, 0.05, 0.06, 0.004, -0.003, 0.002)) for name in ("body", "tip")
+    )
+    place = Placement.from_rpy((0.2, 0.1, -0.1), (0.4, -0.3, 1.0))
+    ball = Joint("ball", "body", "tip", "fixed", place, coordinates=dict.fromkeys(ANGULAR, Coordinate()))
+    root = replace(free_body().joints[0], name="root")
+    if shaken:
+        root = Joint("root", "base", "body", "prismatic", coordinates={"z": Coordinate(prescribed=True)})
+    return Robot("shaken_ball" if shaken else "floating_arm", (0.0, 0.0, -9.81), (body, tip), (root, ball))
+
+
+def agree(kernel: Kernel, q: Array, v: Array, duration: float, method: str, **loads: Any) -> Any:
+    """The motion by a method of C, which is DOP853's; rtol of both is tight.
+
+    Links are compared, not angles: those that pass a pole next to it may go on as either triple of their rotation.
+    """
+    assert not why_not(kernel, *(loads.get(name) for name in ("drive", "wrench", "prescribed")))
+    rtol = 1e-6 if method == "rosenbrock" else 1e-10
+    found = integrate(kernel, q, v, duration, method=method, rtol=rtol, output_step=0.02, **loads)
+    exact = integrate(kernel, q, v, duration, method="DOP853", rtol=1e-12, output_step=0.02, **loads)
+    assert found.method in METHODS
+    for link in kernel.links:
+        mine, other = (np.asarray(kernel.frame_pose(x.q, link)) for x in (found, exact))
+        assert np.abs(mine - other).max() <= LIMIT[method]
+        mine, other = (
+            np.einsum("tij,tj->ti", np.asarray(kernel.frame_jacobian(x.q, link)), x.v) for x in (found, exact)
+        )
+        assert np.abs(mine - other).max() <= 10.0 * LIMIT[method] * np.abs(other).max()
+    assert np.abs(found.u - exact.u).max() <= 10.0 * LIMIT[method] * max(1.0, np.abs(exact.u).max())
+    return found
+
+
+@pytest.mark.parametrize("method", ["auto", *METHODS])
+@pytest.mark.parametrize("loads", [{}, {"drive": DRIVE, "wrench": PULL}])
+def test_a_free_body_over_the_poles(method: str, loads: dict[str, Any], built: Build) -> None:
+    found = agree(built(tumbler(), *NEEDED), Q0, V0, 2.0, method, **loads)
+    assert np.abs(np.cos(found.q[:, 4])).min() < 0.45
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_pendulum_on_a_ball_swings_over_the_pole_itself(method: str, built: Build) -> None:
+    """About y alone, under a moment about it: beta passes 90 degrees, where no other angle has a meaning."""
+    link = Link("bob", 1.0, (0.3, 0.0, 0.0), (0.01, 0.02, 0.02, 0.0, 0.0, 0.0))
+    ball = Joint("ball", "base", "bob", "fixed", coordinates=dict.fromkeys(ANGULAR, Coordinate()))
+    kernel = built(Robot("ball_pendulum", (0.0, 0.0, -9.81), (link,), (ball,)), *NEEDED)
+    moment = np.array([[0.0, 0.0, 0.0, 0.0, 0.5, 0.0]])
+    motion = integrate(
+        kernel, [0.0, 0.1, 0.0], [0.0, 9.0, 0.0], 2.0, wrench=moment, method=method, rtol=1e-9, output_step=0.01
+    )
+    assert np.abs(np.cos(motion.q[:, 1])).min() < 0.05
+    assert np.abs(motion.q[:, [0, 2]]).max() <= 1e-9
+    assert motion.q[-1, 1] > 10.0
+    work = 0.5 * (motion.q[:, 1] - 0.1)
+    gained = motion.energy.sum(axis=1) - motion.energy[0].sum()
+    assert np.abs(gained - work).max() <= (1e-5 if method == "rosenbrock" else 1e-7)
+
+
+class Pull:
+    """A force beside a link's centre of mass, in its axes or the base's, as data and as a function."""
+
+    def __init__(self, kernel: Kernel, link: str, turns: bool) -> None:
+        self._kernel, self._link, self._turns = kernel, link, turns
+        self._place, self._arm = kernel.links.index(link), np.array([0.1, 0.0, -0.2])
+        self._row = np.array([0.5, -0.3, 0.2, 0.01, 0.02, -0.03])
+
+    def __call__(self, t: float, q: Array, v: Array) -> Array:
+        R = np.asarray(self._kernel.frame_pose(q, self._link))[:3, :3]
+        force, moment = ((R if self._turns else np.eye(3)) @ x for x in np.split(self._row, 2))
+        found = np.zeros((len(self._kernel.links), 6))
+        found[self._place] = np.concatenate([force, moment + np.cross(R @ self._arm, force)])
+        return found
+
+    def load_data(self) -> list[LinkWrench]:
+        return [LinkWrench(self._place, Signal.constant(self._row), self._arm, turns=self._turns)]
+
+
+@pytest.mark.parametrize("method", ["auto", "rosenbrock"])
+@pytest.mark.parametrize("turns", [True, False])
+def test_a_floating_arm_under_pd_control_and_a_force(method: str, turns: bool, built: Build) -> None:
+    """Two joints that turn at times of their own; what acts is asked in described states, and acts on all links."""
+    robot = floating_arm()
+    kernel = built(robot, *NEEDED)
+    assert len(build_model(robot).turning) == 2
+    rng = np.random.default_rng(3)
+    q, v = 0.5 * rng.normal(size=kernel.n), 3.0 * rng.normal(size=kernel.n)
+    drive = JointPD(
+        Standstill(np.zeros(2)), actuators(kernel, ["root.x", "root.z"]), np.array([80.0, 50.0]), np.array([5.0, 3.0])
+    )
+    assert isinstance(drive.load_data().gains, Gains)  # type: ignore[union-attr]
+    found = agree(kernel, q, v, 1.0, method, drive=drive, wrench=Pull(kernel, "tip", turns))
+    near = np.abs(np.cos(found.q[:, [4, 7]])) < 0.5
+    assert near.any(axis=0).all()
+    assert (near[:, 0] != near[:, 1]).any()
+
+
+def test_a_ball_on_a_base_that_shakes(built: Build) -> None:
+    """What is prescribed is put in place in described states; the force that it takes is asked there, too."""
+    kernel = built(floating_arm(shaken=True), *NEEDED)
+    shake = Harmonic([0.1], [3.0])
+    q, v = np.array([0.0, 0.3, 0.2, 0.1]), np.array([0.0, 4.0, 3.0, 1.0])
+    found = agree(kernel, q, v, 1.0, "tsit5", prescribed=shake)
+    assert np.abs(np.cos(found.q[:, 2])).min() < 0.4
+    assert np.abs(found.u[:, 0]).max() > 1.0
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_closed_pendulum_under_loads(method: str, built: Build) -> None:
+    """A free body of which a cut joint holds a point: closed in coordinates that are turned."""
+    kernel = built(held_pendulum(), *INTEGRATED)
+    u = np.array([3.0, -2.0, 4.0, 0.3, -0.2, 0.1])
+    q, v = held_at(np.array([0.3, 0.2, 0.1]), np.array([1.0, 1.5, 0.5]))
+    pull = np.array([[0.0, 1.0, 0.0, 0.2, 0.1, -0.3]])
+    found, exact = (
+        integrate(kernel, q, v, 1.0, drive=u, wrench=pull, method=name, rtol=1e-9, output_step=0.02)
+        for name in (method, "DOP853")
+    )
+    assert np.abs(np.cos(found.q[:, 4])).min() < 0.45
+    assert np.abs(found.q - exact.q).max() <= (1e-6 if method == "rosenbrock" else 1e-8)
+    assert found.info["gap"] <= 1e-11
+    assert found.info["margin"] > 0.1
+
+
+@pytest.mark.parametrize("name", ["free.alpha", "free.beta", "free.gamma", "free.x"])
+def test_ends_beside_the_pole(name: str, built: Build) -> None:
+    """A motion ends where a described angle reaches a value, while other angles are integrated."""
+    kernel = built(tumbler(), *NEEDED)
+    whole = integrate(kernel, Q0, V0, 2.0, method="DOP853", rtol=1e-11, output_step=0.01)
+    i, near = kernel.coordinates.index(name), int(np.abs(np.cos(whole.q[:, 4])).argmin()) - 3
+    value = float(whole.q[near, i])
+    assert (np.sign(whole.q[:near, i] - value) == np.sign(whole.q[0, i] - value)).all()
+    until = Until.coordinate(kernel, name, value)
+    seen: list[Array] = []
+    found = integrate(
+        kernel, Q0, V0, 2.0, until=until, rtol=1e-9, output_step=0.05, record=lambda t, states: seen.extend(states)
+    )
+    assert np.abs(np.cos(whole.q[near, 4])) < 0.5
+    assert found.info["ended_at"] == pytest.approx(whole.t[near], abs=1e-7)
+    assert found.q[-1, i] == pytest.approx(value, abs=1e-12)
+    assert np.array_equal(np.array(seen), np.hstack([found.q, found.v])[1:])
+    assert np.abs(found.q[-1] - whole.q[near]).max() <= 1e-6
+
+
+def test_cubics_do_not_cross_the_pole(built: Build) -> None:
+    """Between two states on both sides of a pole described angles turn by half a turn; what lies between is near."""
+    kernel = built(tumbler(), *NEEDED)
+    q = np.array([0.0, 0.0, 0.0, 0.2, np.pi / 2 - 0.1, 0.1])
+    v = np.array([0.1, 0.0, 0.0, 30.0, 3.0, 0.0])
+    motion = integrate(kernel, q, v, 0.04, method="DOP853", rtol=1e-12, output_step=0.02)
+    begin, exact, end = np.hstack([motion.q, motion.v])
+    assert end[3] - begin[3] > 2.0
+    found, plain = Cubics(kernel.raw.turning).at(0.02, 0.0, begin, 0.04, end), hermite(0.02, 0.0, begin, 0.04, end)
+    R, mine, other = (np.asarray(kernel.frame_pose(x[:6].copy(), "body"))[:3, :3] for x in (exact, found, plain))
+    assert np.abs(mine - R).max() <= 1e-3
+    assert np.abs(other - R).max() >= 10.0 * np.abs(mine - R).max()
+
+
+def test_calls_go_on_to_the_bit_and_lanes_turn_apart(built: Build) -> None:
+    """Under loads: a motion of many calls, one whose steps are kept, and each state of a batch have the same bits."""
+    kernel = built(tumbler(), *NEEDED)
+    data, n = data_of(kernel, None, PULL, None), kernel.n
+    rng = np.random.default_rng(1)
+    q, v = rng.normal(size=(5, n)), 3.0 * rng.normal(size=(5, n))
+    q[0], v[0], q[1, 4], v[1] = Q0, V0, np.pi / 2, 0.0
+    times, atol = np.linspace(0.0, 1.0, 6), np.full(2 * n, 1e-8)
+    for method, number in NUMBERS.items():
+        function, view = kernel.raw.adaptive, kernel.raw.view
+        assert function is not None
+        library = function.where(batch=True)
+        packed, at = Packed(library, kernel.calls, data), [q.copy(), v.copy()]
+        stored, progress = np.empty((2, 5, times.size, n)), library.new_array("progress", 5)
+        turned = np.zeros((5, kernel.raw.turning_room))
+        drive = library.drive(u=view(np.zeros(n)), turned=view(turned.reshape(-1)))
+        allowed = library.new("tolerance", rtol=1e-7, atol=view(atol), most=10**6)
+        how = (packed.pointer, allowed, kernel.raw.ffi.from_buffer("double[]", times), times.size - 1, number)
+        arrays = map(view, (*at, *stored))
+        function.batch(5, kernel.parameters.setup.pointer(library), drive, *how, *arrays, progress)
+        for state in range(5):
+            for kept in (0, 7):
+                alone = Loaded(kernel.calls, data, times, q[state], v[state], method, 1e-7, atol, kept)
+                steps = []
+                while not alone.progress.reason:
+                    steps.append(alone.go())
+                assert progress[state].reason == alone.progress.reason == 1
+                assert np.array_equal(stored[:, state], alone.samples)
+                if kept:
+                    ends = np.vstack([np.hstack(part[1:]) for part in steps])
+                    assert np.array_equal(ends[-1], np.hstack(list(alone.state)))
+                    assert np.abs(np.diff(ends[:, 4])).max() < 2.0  # as described, next to each other
