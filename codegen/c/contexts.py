@@ -282,7 +282,8 @@ def _tables(model: Model) -> dict[str, Any]:
 def lane_context(equations: Equations, dtype: str) -> dict[str, Any]:
     """Names that mean something else in C for several states at a time, where a number is a vector of states."""
     model, together = equations.model, batched(equations)
-    lanes = SCALARS[dtype].lanes(apart=bool(model.turning) and any(map(_rolls, together)))
+    apart = any(KERNELS[name].kind == "adaptive" or (bool(model.turning) and _rolls(name)) for name in together)
+    lanes = SCALARS[dtype].lanes(apart=apart)
     wanted = {program for name in together for program in calls_of(equations, name)}
     programs = [
         program for name, program in equations.programs.items() if name in wanted and name not in equations.shares

@@ -311,10 +311,14 @@ def test_a_batch_under_loads_has_the_bits_of_its_states() -> None:
         allowed = library.new("tolerance", rtol=1e-7, atol=view(atol), most=10**6)
         function.batch(
             5,
+            kernel.raw.ffi.NULL,
             kernel.parameters.setup.pointer(library),
+            0,
             library.drive(u=view(np.zeros(n))),
             packed.pointer,
+            0,
             allowed,
+            0,
             kernel.raw.ffi.from_buffer("double[]", times),
             times.size - 1,
             number,
