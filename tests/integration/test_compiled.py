@@ -20,8 +20,9 @@ from eomgen.motion.timetable import TimeTable
 from eomgen.progress import no_progress
 from eomgen.robot.model import tool_of
 from eomgen.runtime.stepping.adaptive import METHODS as NUMBERS
-from eomgen.runtime.stepping.loaded import Loaded
+from eomgen.runtime.stepping.loaded import AUTO, Loaded
 from eomgen.runtime.stepping.loads import Packed, Signal
+from eomgen.runtime.stepping.together import Together
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.assembly import Assembly, assemble
 from eomgen.simulation.run import run_scenario
@@ -352,3 +353,41 @@ def test_sundials_goes_on_to_the_duration(built: Build) -> None:
     kernel = built(oscillator(), *NEEDED)
     with pytest.raises(InputError, match="until: CVODE goes on to the duration; allowed: other methods"):
         integrate(kernel, [0.1], [0.0], 0.1, method="CVODE", until=Until.coordinate(kernel, "slide.z", 0.0))
+
+
+@pytest.mark.parametrize("method", [*METHODS, AUTO])
+def test_states_with_parameters_and_loads_of_their_own_move_as_alone(method: str) -> None:
+    """To the bit: other bearings, other masses that wrenches act on, other tolerances, and fewer and fewer beside it."""
+    text = "duration = 0.1\n" + SHAKEN
+    whole = assembled("shaken_arm", text)
+    rng, n = np.random.default_rng(4), whole.kernel.n
+    names = [name for name in whole.kernel.parameters if name.endswith("stiffness") or name.endswith("mass")]
+    assert names
+    given = [whole.kernel.coordinates.index(name) for name in whole.kernel.prescribed]
+    times, states = np.linspace(0.0, 0.1, 8), 19
+    q, v = 0.02 * rng.normal(size=(2, states, n))
+    assert whole.prescribed is not None
+    q[:, given], v[:, given] = whole.prescribed(0.0)[:2]
+    atol = 10.0 ** rng.uniform(-9.0, -6.0, (states, 2 * n))
+    kernels = [
+        whole.kernel.with_parameters({name: whole.kernel.parameters[name] * rng.uniform(0.3, 2.0) for name in names})
+        for _ in range(states)
+    ]
+    loads = [data_of(kernel, whole.drive, whole.wrenches, whole.prescribed) for kernel in kernels]
+    for chosen in (range(states), range(4, 7)):
+        some = list(chosen)
+        shared = method != AUTO  # loads that are one object
+        data = [loads[0] if shared else loads[i] for i in some]
+        calls = [kernels[i].calls for i in some]
+        motion = Together(calls, data, times, q[some], v[some], method, 1e-7, atol[some])
+        while motion.go():
+            pass
+        for place, i in enumerate(some):
+            alone = Loaded(kernels[i].calls, data[place], times, q[i], v[i], method, 1e-7, atol[i])
+            while not alone.progress.reason:
+                alone.go()
+            assert motion.progress[place].reason == alone.progress.reason == 1
+            assert motion.progress[place].steps == alone.progress.steps
+            assert motion.evaluations[place] == alone.evaluations
+            assert motion.spans[place] == alone.spans
+            assert np.array_equal(motion.samples[:, place], alone.samples)
