@@ -112,7 +112,7 @@ def test_drives_of_c_are_those_of_python(robot: str, drive: str) -> None:
     times = np.sort(rng.uniform(0.0, 0.4, 12))
     q, v = rng.normal(size=(2, 12, kernel.n))
     given = [kernel.coordinates.index(name) for name in kernel.prescribed]
-    found = loaded(assembly, times, q, v).drives(times, q, v)
+    found = loaded(assembly, times, q, v).loads.drives(times, q, v)
     for t, x, rate, u in zip(times.tolist(), q, v, found, strict=True):
         if assembly.prescribed is not None:
             motion = assembly.prescribed(t)

@@ -27,8 +27,9 @@ from ..scenario.value import Scenario
 from ..simulation.assembly import Assembly, assemble, kernels_of, with_kernel
 from ..simulation.result import SimulationResult
 from ..simulation.run import run_assembly
+from ..simulation.together import POSE, go_together, run_together
 from .contents import SampleRow, finite_or_error
-from .measures import NEEDS, Column, measure, rigid_pose
+from .measures import NEEDS, READS, Column, measure, rigid_pose
 from .pace import Pace, Rolled, roll
 from .plan import Plan
 
@@ -249,6 +250,10 @@ class SampleRunner:
             for assembly, motion in zip(assemblies, rolled, strict=True):
                 found.append(motion if isinstance(motion, EomgenError) else _result(job, assembly, nominal, motion))
             return found
+        if assemblies and not balance and go_together(nominal, scenario):
+            parts = {part for name in job.plan.record for part in READS.get(name, ())}
+            together = run_together(job.robot, scenario, assemblies, job.tool, parts)
+            return _with_programs(nominal, together) if POSE in parts else together
         for assembly in assemblies:
             try:
                 result = run_assembly(job.robot, scenario, assembly, job.tool, no_progress, balance=balance)
@@ -256,6 +261,22 @@ class SampleRunner:
             except EomgenError as error:
                 found.append(error)
         return found
+
+
+def _with_programs(
+    nominal: Assembly, motions: Sequence[SimulationResult | EomgenError]
+) -> list[SimulationResult | EomgenError]:
+    """Motions with the poses of the nominal robot on their programs, which are the same where one is programmed."""
+    found: list[SimulationResult | EomgenError] = []
+    shared: Array | None = None
+    for motion in motions:
+        if isinstance(motion, EomgenError):
+            found.append(motion)
+            continue
+        if shared is None or nominal.program is None:
+            shared = rigid_pose(nominal.kernel, motion)
+        found.append(replace(motion, program_pose=shared))
+    return found
 
 
 def _result(job: Job, assembly: Assembly, nominal: Assembly, motion: Rolled) -> SimulationResult:

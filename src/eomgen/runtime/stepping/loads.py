@@ -177,6 +177,12 @@ class Packed:
             fields |= self._wrenches(loads.wrenches)
         self.pointer = self._new("loads", **fields)
 
+    def drives(self, times: Array, q: Array, v: Array) -> Array:
+        """u at times in states, (T, n); prescribed coordinates have their accelerations there, and are put in place."""
+        function, view, u = self._library.function("loaded"), self._calls.raw.view, np.zeros_like(q)
+        function(len(times), self.pointer, FFI.from_buffer("double[]", times), view(q), view(v), view(u))
+        return u
+
     def _new(self, kind: str, **fields: Any) -> Any:
         found = self._library.new(kind, **fields)
         self._kept.append(found)

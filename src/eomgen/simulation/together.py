@@ -1,0 +1,223 @@
+"""One scenario for many kernels of one code, their motions side by side in C: the samples of a sweep."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import ArrayError, EomgenError
+from ..integration.compiled import METHODS, data_of, leading, step_tolerances, why_not
+from ..integration.solve import system_of
+from ..integration.steps import output_times, tolerances
+from ..integration.system import System
+from ..integration.trajectory import Trajectory
+from ..robot.coordinates import index_of
+from ..robot.value import Robot
+from ..runtime.stepping.adaptive import DONE
+from ..runtime.stepping.loaded import AUTO
+from ..runtime.stepping.loads import LoadData, Packed
+from ..runtime.stepping.together import Together
+from ..scenario.value import Scenario
+from .assembly import Assembly
+from .initial import initial_state
+from .loads import loaded_parameters
+from .result import SimulationResult
+from .run import loads_of, run_assembly
+from .segments import Loads, between, bounds, piece_times
+
+Array = NDArray[np.float64]
+Motion = SimulationResult | EomgenError
+
+DRIVES, WRENCHES, POSE = "drives", "wrenches", "pose"  # parts of a result that are left out where nobody asks for them
+NUMBERS = 1 << 24  # of coordinates and rates that motions side by side hold: 128 MB
+
+
+def go_together(assembly: Assembly, scenario: Scenario) -> bool:
+    """Whether the scenario's motions can go side by side: in C, to the duration, and to the bit as alone.
+
+    Of constraints that are redundant the closing of one state may depend on those beside it.
+    """
+    kernel, drive = assembly.kernel, assembly.drive
+    return (
+        assembly.until is None
+        and scenario.integrator.method in (*METHODS, AUTO)
+        and not kernel.raw.libraries.meta.get("redundant", False)
+        and not why_not(kernel, drive, assembly.wrenches, assembly.prescribed)
+    )
+
+
+def run_together(
+    robot: Robot, scenario: Scenario, assemblies: Sequence[Assembly], tool: str, parts: Collection[str]
+) -> list[Motion]:
+    """What ``run_assembly`` gives of each assembly, or the error that it raises, in less time; see ``go_together``.
+
+    Samples are the same to the bit, whatever goes beside them.  Without energies, balance, contacts, rests, notes and
+    the program's poses; a motion that does not come to its end is done by ``run_assembly``.
+
+    Args:
+        robot, scenario, tool: as of ``run_assembly``.
+        assemblies: of kernels of one code, each with parameters of its own.
+        parts: what the results have besides, of DRIVES, WRENCHES and POSE.
+    """
+    grid = output_times(scenario.duration, scenario.output_step)
+    found: list[Motion | None] = [None] * len(assemblies)
+    starts: dict[int, tuple[Array, Array]] = {}
+    for i, assembly in enumerate(assemblies):
+        try:
+            starts[i] = initial_state(robot, scenario, assembly)[:2]
+        except EomgenError as error:
+            found[i] = error
+    size = max(1, NUMBERS // (2 * grid.size * assemblies[0].kernel.n))
+    order = list(starts)
+    for k in range(0, len(order), size):
+        some = order[k : k + size]
+        crowd = _Crowd(robot, scenario, [assemblies[i] for i in some], grid, parts)
+        for i, motion in zip(some, crowd.motions([starts[i] for i in some], tool), strict=True):
+            found[i] = motion
+    return [_alone(robot, scenario, each, tool) if x is None else x for each, x in zip(assemblies, found, strict=True)]
+
+
+def _alone(robot: Robot, scenario: Scenario, assembly: Assembly, tool: str) -> Motion:
+    """A motion by itself, or the error that ends it."""
+    try:
+        return run_assembly(robot, scenario, assembly, tool, lambda _fraction, _text: None, balance=False)
+    except EomgenError as error:
+        return error
+
+
+@dataclass
+class _Way:
+    """One kernel's motion as far as it is there: q, v, u and wrenches of the pieces that are done."""
+
+    assembly: Assembly
+    loads: Loads
+    q: Array
+    v: Array
+    rows: list[dict[str, Array]]
+    spans: dict[str, float]
+    steps: int = 0
+    failed: bool = False
+
+
+class _Crowd:
+    """Motions that go side by side."""
+
+    def __init__(
+        self, robot: Robot, scenario: Scenario, assemblies: Sequence[Assembly], grid: Array, parts: Collection[str]
+    ) -> None:
+        self._robot, self._scenario, self._assemblies = robot, scenario, assemblies
+        self._grid, self._parts = grid, parts
+
+    def motions(self, starts: Sequence[tuple[Array, Array]], tool: str) -> list[SimulationResult | None]:
+        """The motions from these states; None of one that does not come to its end."""
+        ways = [
+            _Way(each, loads_of(each), *start, [], dict.fromkeys(METHODS, 0.0))
+            for each, start in zip(self._assemblies, starts, strict=True)
+        ]
+        times = []
+        for begin, end in pairwise(bounds(self._scenario, ways[0].loads, self._grid)):
+            here = piece_times((begin, end), self._grid)
+            keep = np.isin(here, self._grid)
+            keep[-1] = end == self._scenario.duration  # else the next piece begins with this sample
+            times.append(here[keep])
+            self._piece([way for way in ways if not way.failed], here, keep)
+        t = np.concatenate(times)
+        return [None if way.failed else self._result(way, t, tool) for way in ways]
+
+    def _piece(self, ways: Sequence[_Way], times: Array, keep: NDArray[np.bool_]) -> None:
+        """Go on with motions over a piece, whose samples are at these times, s."""
+        scenario, how = self._scenario, self._scenario.integrator
+        systems: list[tuple[_Way, System, LoadData, Array]] = []
+        shared: LoadData | None = None
+        for way in ways:
+            kernel = way.assembly.kernel
+            kernel.parameters.update(loaded_parameters(self._robot, scenario, float(times[0])))
+            drive, wrench = between(way.loads, scenario, float(times[0]), float(times[-1]))
+            try:
+                system = system_of(kernel, drive, wrench, way.loads.prescribed)
+                movable = system.begin(float(times[0]), way.q.copy(), way.v.copy()).size
+                system.prescribe(float(times[0]), way.q, way.v)
+                _, atol = step_tolerances(how.rtol, tolerances(system, way.q, how.rtol, how.atol))
+            except EomgenError:
+                movable = 0
+            if not movable:
+                way.failed = True
+                continue
+            if shared is None or wrench is not None:
+                shared = data_of(kernel, drive, wrench, way.loads.prescribed)
+            systems.append((way, system, shared, atol))
+        if not systems:
+            return
+        going, owners, loads, atols = zip(*systems, strict=True)
+        q, v = (np.array([getattr(way, name) for way in going]) for name in "qv")
+        rtol, _ = step_tolerances(how.rtol, atols[0])
+        calls = [way.assembly.kernel.calls for way in going]
+        motion = Together(calls, loads, times, q, v, how.method, rtol, np.array(atols))
+        while motion.go():
+            pass
+        for k, (way, system, data, _) in enumerate(systems):
+            way.failed = motion.progress[k].reason != DONE
+            if not way.failed:
+                way.steps += motion.progress[k].steps
+                way.spans = {name: way.spans[name] + span for name, span in motion.spans[k].items()}
+                self._take(way, system, data, times, motion.samples[:, k], keep)
+
+    def _take(
+        self, way: _Way, system: System, data: LoadData, times: Array, samples: Array, keep: NDArray[np.bool_]
+    ) -> None:
+        """Take the samples of a piece, (2, T, n); the last one is where the next piece begins."""
+        kernel, (q, v) = way.assembly.kernel, samples
+        rows = {}
+        if DRIVES in self._parts or kernel.prescribed:  # which are put in place with them
+            function = kernel.raw.adaptive
+            assert function is not None
+            system.loaded = Packed(function.library, kernel.calls, data)
+            rows["u"], trouble = system.forces_over(times, q, v)
+            if trouble is not None:
+                way.failed = True
+                return
+        if WRENCHES in self._parts and way.loads.wrench is not None:
+            _, wrench = between(way.loads, self._scenario, float(times[0]), float(times[-1]))
+            assert wrench is not None
+            each = zip(times.tolist(), q, v, strict=True)
+            try:
+                rows["wrench"] = np.array([wrench(*state) for state in each])
+            except ArrayError:
+                way.failed = True
+                return
+        way.q, way.v = q[-1].copy(), v[-1].copy()
+        way.rows.append({name: values if keep.all() else values[keep] for name, values in (*rows.items(), ("q", q), ("v", v))})
+
+    def _result(self, way: _Way, t: Array, tool: str) -> SimulationResult:
+        assembly, kernel = way.assembly, way.assembly.kernel
+        whole: dict[str, Any] = {
+            name: way.rows[0][name] if len(way.rows) == 1 else np.concatenate([row[name] for row in way.rows])
+            for name in way.rows[0]
+        }
+        q, v, nothing = whole["q"], whole["v"], np.empty((0, kernel.n))
+        info = {"steps": way.steps, "implicit_s": way.spans["rosenbrock"]}
+        method = leading(self._scenario.integrator.method, info, float(t[-1]))
+        driven = index_of(kernel.coordinates, assembly.driven)
+        return SimulationResult(
+            robot=self._robot.name,
+            trajectory=Trajectory(
+                t, q, v, whole.get("u", nothing), np.empty((0, 2)), kernel.coordinates, method, info
+            ),
+            program_coordinates=assembly.driven,
+            program_q=q[:, driven] if assembly.program is None else assembly.program.at(t)[0],
+            tool=tool,
+            pose=np.asarray(kernel.frame_pose(q, tool)) if POSE in self._parts else np.empty((0, 4, 4)),
+            program_pose=np.empty((0, 4, 4)),
+            notes=(),
+            versions=MappingProxyType({}),
+            programmed=assembly.program is not None,
+            prescribed=kernel.prescribed,
+            links=kernel.links,
+            wrench=whole.get("wrench"),
+        )
