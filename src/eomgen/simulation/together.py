@@ -128,7 +128,9 @@ class _Crowd:
             times.append(here[keep])
             self._piece([way for way in ways if not way.failed], here, keep)
         t = np.concatenate(times)
-        return [None if way.failed else self._result(way, t, tool) for way in ways]
+        program = ways[0].assembly.program
+        programmed = None if program is None else program.at(t)[0]
+        return [None if way.failed else self._result(way, t, tool, programmed) for way in ways]
 
     def _piece(self, ways: Sequence[_Way], times: Array, keep: NDArray[np.bool_]) -> None:
         """Go on with motions over a piece, whose samples are at these times, s."""
@@ -194,7 +196,7 @@ class _Crowd:
         way.q, way.v = q[-1].copy(), v[-1].copy()
         way.rows.append({name: values if keep.all() else values[keep] for name, values in (*rows.items(), ("q", q), ("v", v))})
 
-    def _result(self, way: _Way, t: Array, tool: str) -> SimulationResult:
+    def _result(self, way: _Way, t: Array, tool: str, programmed: Array | None) -> SimulationResult:
         assembly, kernel = way.assembly, way.assembly.kernel
         whole: dict[str, Any] = {
             name: way.rows[0][name] if len(way.rows) == 1 else np.concatenate([row[name] for row in way.rows])
@@ -210,13 +212,13 @@ class _Crowd:
                 t, q, v, whole.get("u", nothing), np.empty((0, 2)), kernel.coordinates, method, info
             ),
             program_coordinates=assembly.driven,
-            program_q=q[:, driven] if assembly.program is None else assembly.program.at(t)[0],
+            program_q=q[:, driven] if programmed is None else programmed,
             tool=tool,
             pose=np.asarray(kernel.frame_pose(q, tool)) if POSE in self._parts else np.empty((0, 4, 4)),
             program_pose=np.empty((0, 4, 4)),
             notes=(),
             versions=MappingProxyType({}),
-            programmed=assembly.program is not None,
+            programmed=programmed is not None,
             prescribed=kernel.prescribed,
             links=kernel.links,
             wrench=whole.get("wrench"),

@@ -175,7 +175,7 @@ class SampleRunner:
 
     def nominal(self, sample: Sequence[float]) -> tuple[Scenario, Assembly]:
         """Scenario and assembly of a sample's scenario with the robot's own parameters."""
-        key = json.dumps(self.job.scenario_values(sample), sort_keys=True)
+        key = self._key(sample)
         with self._lock:
             if key in self._assemblies:
                 self._assemblies.move_to_end(key)
@@ -192,7 +192,7 @@ class SampleRunner:
         """The rows of samples, in their order; those of one scenario are done together."""
         groups: dict[str, list[int]] = {}
         for i, sample in enumerate(samples):
-            groups.setdefault(json.dumps(self.job.scenario_values(sample), sort_keys=True), []).append(i)
+            groups.setdefault(self._key(sample), []).append(i)
         found: dict[int, SampleRow] = {}
         for places in groups.values():
             outcomes = self.outcomes([samples[i] for i in places])
@@ -205,6 +205,12 @@ class SampleRunner:
                 error = finite_or_error(outcome[0], record)
                 found[i] = SampleRow(indices[i], sample, () if error else record, error)
         return [found[i] for i in range(len(samples))]
+
+    def _key(self, sample: Sequence[float]) -> str:
+        """Text of a sample's scenario, by which samples are done together."""
+        if not any(dimension.kind == "scenario" for dimension in self.job.dimensions):
+            return ""
+        return json.dumps(self.job.scenario_values(sample), sort_keys=True)
 
     def outcomes(
         self, samples: Sequence[Sequence[float]], finer: int = 1
