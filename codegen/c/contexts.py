@@ -168,7 +168,9 @@ def _methods(equations: Equations, scalar: Scalar) -> dict[str, Any]:
         return ", ".join(f"{{ {numbers(row)} }}" for row in matrix)
 
     def times(matrix: Array) -> str:
-        return ", ".join(repr(math.fsum(row)) for row in matrix.tolist())
+        """Shares of a step at which stages are; the end is exactly 1: what begins there again has the same bits."""
+        shares = [math.fsum(row) for row in matrix.tolist()]
+        return ", ".join(repr(1.0 if math.isclose(share, 1.0, rel_tol=1e-12) else share) for share in shares)
 
     ahead, back, weight, wrong = ROS34PW2.transformed()
     return {

@@ -21,7 +21,7 @@ from eomgen.progress import no_progress
 from eomgen.robot.model import tool_of
 from eomgen.runtime.stepping.adaptive import METHODS as NUMBERS
 from eomgen.runtime.stepping.loaded import AUTO, Loaded
-from eomgen.runtime.stepping.loads import Packed, Signal
+from eomgen.runtime.stepping.loads import DriveData, LoadData, Packed, Signal, Track
 from eomgen.runtime.stepping.together import Together
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.assembly import Assembly, assemble
@@ -391,3 +391,20 @@ def test_states_with_parameters_and_loads_of_their_own_move_as_alone(method: str
             assert motion.evaluations[place] == alone.evaluations
             assert motion.spans[place] == alone.spans
             assert np.array_equal(motion.samples[:, place], alone.samples)
+
+
+@pytest.mark.parametrize("method", [*METHODS, AUTO])
+def test_calls_that_end_sooner_change_no_bit(method: str, built: Build) -> None:
+    """Where a call begins, what the one before ended with is evaluated again: at the same time to the bit."""
+    kernel = built(oscillator(), *NEEDED, "adaptive_rollout")
+    rising = Signal(np.array([0.0, 1.0]), np.array([[[0.0], [3.0]]]))  # a force by which the last bit of time shows
+    loads = LoadData(DriveData(torque=Track(rising, np.array([0]))))
+    times, allowed, found = np.linspace(0.0, 0.4, 41), (1e-10, np.full(2, 1e-12)), []
+    for kept in (0, 1, 7):
+        motion = Loaded(kernel.calls, loads, times, np.zeros(1), np.zeros(1), method, *allowed, kept)
+        while not motion.progress.reason:
+            motion.go()
+        found.append(motion.samples)
+    assert motion.progress.steps >= 50
+    assert np.array_equal(found[0], found[1])
+    assert np.array_equal(found[0], found[2])
