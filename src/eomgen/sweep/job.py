@@ -78,6 +78,8 @@ class Job:
     def kernels(self, scenario: Scenario) -> tuple[str, ...]:
         """Names of the kernels that its robot is built with."""
         further = [name for wanted in self.plan.record for name in NEEDS.get(wanted, ())]
+        if "reactions" in further and scenario.wrenches:
+            further.append("external_reactions")
         if self.pace is not None:
             further.append("rollout")
         return tuple(dict.fromkeys((*kernels_of(self.robot, scenario), *further)))
