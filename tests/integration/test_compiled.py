@@ -357,11 +357,11 @@ def test_sundials_goes_on_to_the_duration(built: Build) -> None:
 
 @pytest.mark.parametrize("method", [*METHODS, AUTO])
 def test_states_with_parameters_and_loads_of_their_own_move_as_alone(method: str) -> None:
-    """To the bit: other bearings, other masses that wrenches act on, other tolerances, and fewer and fewer beside it."""
-    text = "duration = 0.1\n" + SHAKEN
+    """To the bit: other bearings and masses, other centres of mass that wrenches act on, and others beside it."""
+    text = "duration = 0.1\n" + SHAKEN + PUSH.format(link=eomgen.load_robot("shaken_arm").links[-1].name, axes="link")
     whole = assembled("shaken_arm", text)
     rng, n = np.random.default_rng(4), whole.kernel.n
-    names = [name for name in whole.kernel.parameters if name.endswith("stiffness") or name.endswith("mass")]
+    names = [name for name in whole.kernel.parameters if name.endswith(("stiffness", "mass"))]
     assert names
     given = [whole.kernel.coordinates.index(name) for name in whole.kernel.prescribed]
     times, states = np.linspace(0.0, 0.1, 8), 19

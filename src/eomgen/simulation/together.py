@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import ArrayError, EomgenError
+from ..errors import EomgenError
 from ..integration.compiled import METHODS, data_of, leading, step_tolerances, why_not
 from ..integration.solve import system_of
 from ..integration.steps import output_times, tolerances
@@ -29,7 +29,7 @@ from .initial import initial_state
 from .loads import loaded_parameters
 from .result import SimulationResult
 from .run import loads_of, run_assembly
-from .segments import Loads, between, bounds, piece_times
+from .segments import Function, Loads, between, bounds, piece_times
 
 Array = NDArray[np.float64]
 Motion = SimulationResult | EomgenError
@@ -85,6 +85,7 @@ def run_together(
 
 def _alone(robot: Robot, scenario: Scenario, assembly: Assembly, tool: str) -> Motion:
     """A motion by itself, or the error that ends it."""
+    assembly.kernel.parameters.update(loaded_parameters(robot, scenario, -np.inf))  # as before anything was picked up
     try:
         return run_assembly(robot, scenario, assembly, tool, lambda _fraction, _text: None, balance=False)
     except EomgenError as error:
@@ -133,68 +134,71 @@ class _Crowd:
         return [None if way.failed else self._result(way, t, tool, programmed) for way in ways]
 
     def _piece(self, ways: Sequence[_Way], times: Array, keep: NDArray[np.bool_]) -> None:
-        """Go on with motions over a piece, whose samples are at these times, s."""
-        scenario, how = self._scenario, self._scenario.integrator
-        systems: list[tuple[_Way, System, LoadData, Array]] = []
-        shared: LoadData | None = None
+        """Go on with motions over a piece, whose samples are at these times, s; ``keep`` says which ones count."""
+        how, shared = self._scenario.integrator, None
+        systems: list[tuple[_Way, System, LoadData]] = []
+        atols = []
         for way in ways:
-            kernel = way.assembly.kernel
-            kernel.parameters.update(loaded_parameters(self._robot, scenario, float(times[0])))
-            drive, wrench = between(way.loads, scenario, float(times[0]), float(times[-1]))
-            try:
-                system = system_of(kernel, drive, wrench, way.loads.prescribed)
-                movable = system.begin(float(times[0]), way.q.copy(), way.v.copy()).size
-                system.prescribe(float(times[0]), way.q, way.v)
-                _, atol = step_tolerances(how.rtol, tolerances(system, way.q, how.rtol, how.atol))
-            except EomgenError:
-                movable = 0
-            if not movable:
-                way.failed = True
+            begun = self._begin(way, times)
+            way.failed = begun is None
+            if begun is None:
                 continue
-            if shared is None or wrench is not None:
-                shared = data_of(kernel, drive, wrench, way.loads.prescribed)
-            systems.append((way, system, shared, atol))
+            system, atol = begun
+            if shared is None or way.loads.wrench is not None:  # which know the kernel's own centres of mass
+                shared = data_of(system.kernel, *self._between(way, times), way.loads.prescribed)
+            systems.append((way, system, shared))
+            atols.append(step_tolerances(how.rtol, atol)[1])
         if not systems:
             return
-        going, owners, loads, atols = zip(*systems, strict=True)
+        going, _, loads = zip(*systems, strict=True)
         q, v = (np.array([getattr(way, name) for way in going]) for name in "qv")
-        rtol, _ = step_tolerances(how.rtol, atols[0])
         calls = [way.assembly.kernel.calls for way in going]
+        rtol, _ = step_tolerances(how.rtol, atols[0])
         motion = Together(calls, loads, times, q, v, how.method, rtol, np.array(atols))
         while motion.go():
             pass
-        for k, (way, system, data, _) in enumerate(systems):
+        for k, (way, system, data) in enumerate(systems):
             way.failed = motion.progress[k].reason != DONE
             if not way.failed:
                 way.steps += motion.progress[k].steps
                 way.spans = {name: way.spans[name] + span for name, span in motion.spans[k].items()}
                 self._take(way, system, data, times, motion.samples[:, k], keep)
 
+    def _between(self, way: _Way, times: Array) -> tuple[Function, Function | None]:
+        """Drives and wrenches of a piece."""
+        return between(way.loads, self._scenario, float(times[0]), float(times[-1]))
+
+    def _begin(self, way: _Way, times: Array) -> tuple[System, Array] | None:
+        """Begin a piece: its equations, and absolute tolerances; None where that is left to ``run_assembly``."""
+        kernel, how, begin = way.assembly.kernel, self._scenario.integrator, float(times[0])
+        kernel.parameters.update(loaded_parameters(self._robot, self._scenario, begin))
+        try:
+            system = system_of(kernel, *self._between(way, times), way.loads.prescribed)
+            movable = system.begin(begin, way.q.copy(), way.v.copy()).size
+            system.prescribe(begin, way.q, way.v)
+            return (system, tolerances(system, way.q, how.rtol, how.atol)) if movable else None
+        except EomgenError:
+            return None
+
     def _take(
         self, way: _Way, system: System, data: LoadData, times: Array, samples: Array, keep: NDArray[np.bool_]
     ) -> None:
         """Take the samples of a piece, (2, T, n); the last one is where the next piece begins."""
         kernel, (q, v) = way.assembly.kernel, samples
-        rows = {}
+        rows = {"q": q, "v": v}
         if DRIVES in self._parts or kernel.prescribed:  # which are put in place with them
             function = kernel.raw.adaptive
             assert function is not None
             system.loaded = Packed(function.library, kernel.calls, data)
             rows["u"], trouble = system.forces_over(times, q, v)
-            if trouble is not None:
-                way.failed = True
-                return
-        if WRENCHES in self._parts and way.loads.wrench is not None:
-            _, wrench = between(way.loads, self._scenario, float(times[0]), float(times[-1]))
-            assert wrench is not None
-            each = zip(times.tolist(), q, v, strict=True)
-            try:
-                rows["wrench"] = np.array([wrench(*state) for state in each])
-            except ArrayError:
-                way.failed = True
-                return
+            way.failed = trouble is not None
+        wrench = self._between(way, times)[1] if WRENCHES in self._parts else None
+        if wrench is not None:
+            rows["wrench"] = np.array([wrench(*state) for state in zip(times.tolist(), q, v, strict=True)])
+        if way.failed:
+            return
         way.q, way.v = q[-1].copy(), v[-1].copy()
-        way.rows.append({name: values if keep.all() else values[keep] for name, values in (*rows.items(), ("q", q), ("v", v))})
+        way.rows.append(rows if keep.all() else {name: values[keep] for name, values in rows.items()})
 
     def _result(self, way: _Way, t: Array, tool: str, programmed: Array | None) -> SimulationResult:
         assembly, kernel = way.assembly, way.assembly.kernel
@@ -208,9 +212,7 @@ class _Crowd:
         driven = index_of(kernel.coordinates, assembly.driven)
         return SimulationResult(
             robot=self._robot.name,
-            trajectory=Trajectory(
-                t, q, v, whole.get("u", nothing), np.empty((0, 2)), kernel.coordinates, method, info
-            ),
+            trajectory=Trajectory(t, q, v, whole.get("u", nothing), np.empty((0, 2)), kernel.coordinates, method, info),
             program_coordinates=assembly.driven,
             program_q=q[:, driven] if programmed is None else programmed,
             tool=tool,
