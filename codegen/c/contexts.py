@@ -173,7 +173,9 @@ def _methods(equations: Equations, scalar: Scalar) -> dict[str, Any]:
         return ", ".join(f"{{ {numbers(row)} }}" for row in matrix)
 
     def times(matrix: Array) -> str:
-        return ", ".join(repr(math.fsum(row)) for row in matrix.tolist())
+        """Shares of a step at which stages are; the end is exactly 1: what begins there again has the same bits."""
+        shares = [math.fsum(row) for row in matrix.tolist()]
+        return ", ".join(repr(1.0 if math.isclose(share, 1.0, rel_tol=1e-12) else share) for share in shares)
 
     ahead, back, weight, wrong = W643.transformed()
     return {
@@ -304,7 +306,8 @@ def _tables(model: Model) -> dict[str, Any]:
 def lane_context(equations: Equations, dtype: str) -> dict[str, Any]:
     """Names that mean something else in C for several states at a time, where a number is a vector of states."""
     model, together = equations.model, batched(equations)
-    lanes = SCALARS[dtype].lanes(apart=bool(model.turning) and any(map(_rolls, together)))
+    apart = any(KERNELS[name].kind == "adaptive" or (bool(model.turning) and _rolls(name)) for name in together)
+    lanes = SCALARS[dtype].lanes(apart=apart)
     wanted = {program for name in together for program in calls_of(equations, name)}
     programs = [
         program for name, program in equations.programs.items() if name in wanted and name not in equations.shares

@@ -33,7 +33,8 @@ def batched(equations: Equations) -> list[str]:
             program = equations.programs[name]
             apart = trig_values(program)
             return arrays + 3 * len(apart) + len(handed_on(program, split(program, apart)))
-        return arrays + max(values(program) for program in calls_of(equations, name))
+        own = len(equations.setup.outputs) if signature.kind == "adaptive" else 0  # every state's
+        return own + arrays + max(values(program) for program in calls_of(equations, name))
 
     public = [name for name in KERNELS if name in equations.kernels and _has_lanes(equations, name)]
     return [name for name in public if values(name) <= LANE_VALUES]

@@ -846,8 +846,8 @@ static void one_link_given_at(const one_link_given *restrict given, double t, do
     }
 }
 
-/* What drives do by a program and by a model of the robot, added to u. */
-static void one_link_controlled(const one_link_loads *restrict loads, double t, const double *restrict q, const double *restrict v, const double *restrict given, double *restrict u)
+/* What drives do by a program, added to u, and what they ask a model of the robot: q, v and a, 2 numbers each. */
+static void one_link_controlled(const one_link_loads *restrict loads, double t, const double *restrict q, const double *restrict v, const double *restrict given, double *restrict u, double *restrict asked)
 {
     const one_link_control *const control = loads->control;
     const one_link_model *const model = loads->model;
@@ -863,10 +863,9 @@ static void one_link_controlled(const one_link_loads *restrict loads, double t, 
         }
     }
     if (model != NULL) {
-        double q_model[2];
-        double v_model[2];
-        double a_model[2];
-        double force[2];
+        double *const q_model = asked;
+        double *const v_model = &asked[2];
+        double *const a_model = &asked[4];
         for (int i = 0; i < model->size; ++i) {
             const int column = model->column[i];
             q_model[i] = q[model->place[i]] / model->ratio[i];
@@ -882,23 +881,18 @@ static void one_link_controlled(const one_link_loads *restrict loads, double t, 
                 }
             }
         }
-        (void)model->inverse_dynamics(model->h, q_model, v_model, a_model, force);
-        for (int i = 0; i < model->size; ++i) {
-            if (model->given[i] < 0) { u[model->place[i]] += force[i] / model->ratio[i]; }
-        }
     }
 }
 
-/* Drives at t, and accelerations that are given; motions that are given are put into q and v. */
-static void one_link_driven(const one_link_loads *restrict loads, double t, double *restrict q, double *restrict v, double *restrict u)
+/* Drives at t but for a model's, and what that is asked; motions that are given are put into q and v. */
+static void one_link_asked(const one_link_loads *restrict loads, double t, double *restrict q, double *restrict v, double *restrict u, double *restrict given, double *restrict asked)
 {
     const double between = (t < loads->first) ? loads->first : ((t > loads->last) ? loads->last : t);
-    double x[2];
-    double dx[2];
-    double ddx[2];
-    (void)memset(ddx, 0, sizeof ddx);
+    (void)memset(given, 0, 2U * sizeof *given);
     if (loads->given != NULL) {
-        one_link_given_at(loads->given, t, x, dx, ddx);
+        double x[2];
+        double dx[2];
+        one_link_given_at(loads->given, t, x, dx, given);
         for (int i = 0; i < loads->given->size; ++i) {
             q[loads->given->place[i]] = x[i];
             v[loads->given->place[i]] = dx[i];
@@ -911,9 +905,20 @@ static void one_link_driven(const one_link_loads *restrict loads, double t, doub
         one_link_signal_at(loads->torque->signal, between, force, rate, second);
         for (int i = 0; i < loads->torque->signal->columns; ++i) { u[loads->torque->place[i]] += force[i]; }
     }
-    if (loads->control != NULL) { one_link_controlled(loads, between, q, v, ddx, u); }
+    if (loads->control != NULL) { one_link_controlled(loads, between, q, v, given, u, asked); }
+}
+
+/* Drives with what a model answers, and accelerations that are given. */
+static void one_link_answered(const one_link_loads *restrict loads, const double *restrict given, const double *restrict answer, double *restrict u)
+{
+    const one_link_model *const model = (loads->control == NULL) ? NULL : loads->model;
+    if (model != NULL) {
+        for (int i = 0; i < model->size; ++i) {
+            if (model->given[i] < 0) { u[model->place[i]] += answer[i] / model->ratio[i]; }
+        }
+    }
     if (loads->given != NULL) {
-        for (int i = 0; i < loads->given->size; ++i) { u[loads->given->place[i]] = ddx[i]; }
+        for (int i = 0; i < loads->given->size; ++i) { u[loads->given->place[i]] = given[i]; }
     }
 }
 
@@ -964,33 +969,61 @@ static void one_link_wrenched(const one_link_loads *restrict loads, const double
 }
 #endif /* EOMGEN_LOADS */
 
-/* Where lanes are in their steps: from when on, how long, and by which loads. */
+/* Where lanes are in their steps: from when on, how long and to when, and by which loads, NULL for all or for none. */
 typedef struct {
-    const one_link_loads *loads;
+    const one_link_loads *loads[1];
     double begin[1];
     double step[1];
+    double end[1];
     int here;
 } one_link_clock;
+
+/* What a model of the robot, if drives know one, is asked by lanes, each its own: 6 numbers, and what it answers. */
+static void one_link_modelled(const one_link_clock *restrict clock, const double *restrict asked, double *restrict force)
+{
+    for (int l = 0; l < clock->here; ++l) {
+        const one_link_model *const model = (clock->loads[l]->control == NULL) ? NULL : clock->loads[l]->model;
+        const double *const own = &asked[6 * l];
+        if (model == NULL) { continue; }
+        (void)model->inverse_dynamics(model->h, own, &own[2], &own[4], &force[2 * l]);
+    }
+}
 
 /* Add what loads do at a part of lanes' steps to the forces, and put given motions into q and v. */
 static void one_link_timed(const double *here, const one_link_clock *restrict clock, double share, double *restrict q, double *restrict v, double *restrict force)
 {
+    double own[1][2];
+    double rate[1][2];
+    double u[1][2];
+    double given[1][2];
+    double asked[1][6];
+    double answer[1][2];
+    double t[1] = { 0.0 };
     for (int l = 0; l < clock->here; ++l) {
-        const double t = clock->begin[l] + share * clock->step[l];
-        double own[2];
-        double rate[2];
-        double u[2];
         for (int i = 0; i < 2; ++i) {
-            own[i] = q[i];
-            rate[i] = v[i];
-            u[i] = force[i];
+            own[l][i] = q[i];
+            rate[l][i] = v[i];
+            u[l][i] = force[i];
         }
-        one_link_driven(clock->loads, t, own, rate, u);
-        if (clock->loads->wrenches > 0U) { one_link_wrenched(clock->loads, here, t, own, u); }
+    }
+    for (int l = 0; l < clock->here; ++l) {
+        t[l] = (share < 1.0) ? (clock->begin[l] + share * clock->step[l]) : clock->end[l];
+        one_link_asked(clock->loads[l], t[l], own[l], rate[l], u[l], given[l], asked[l]);
+    }
+    one_link_modelled(clock, asked[0], answer[0]);
+    int moved = 0;
+    for (int l = 0; l < clock->here; ++l) {
+        one_link_answered(clock->loads[l], given[l], answer[l], u[l]);
+        if (clock->loads[l]->wrenches > 0U) { one_link_wrenched(clock->loads[l], here, t[l], own[l], u[l]); }
+        if (clock->loads[l]->given != NULL) { moved = 1; }
+    }
+    for (int l = 0; l < clock->here; ++l) {
         for (int i = 0; i < 2; ++i) {
-            q[i] = own[i];
-            v[i] = rate[i];
-            force[i] = u[i];
+            force[i] = u[l][i];
+            if (moved != 0) {
+                q[i] = own[l][i];
+                v[i] = rate[l][i];
+            }
         }
     }
 }
@@ -998,12 +1031,13 @@ static void one_link_timed(const double *here, const one_link_clock *restrict cl
 /* Put given motions at the ends of lanes' steps into q and v, which then have no error. */
 static void one_link_placed(const one_link_clock *restrict clock, double *restrict q, double *restrict v, double *restrict error)
 {
-    const one_link_given *const given = clock->loads->given;
     for (int l = 0; l < clock->here; ++l) {
+        const one_link_given *const given = (clock->loads[l] == NULL) ? NULL : clock->loads[l]->given;
         double x[2];
         double dx[2];
         double ddx[2];
-        one_link_given_at(given, clock->begin[l] + clock->step[l], x, dx, ddx);
+        if (given == NULL) { continue; }
+        one_link_given_at(given, clock->end[l], x, dx, ddx);
         for (int k = 0; k < given->size; ++k) {
             const int i = given->place[k];
             q[i] = x[k];
@@ -1022,7 +1056,7 @@ static void one_link_accelerated(const double *restrict h, const one_link_drive 
         force[i] = u[i];
         if (drive->kp != NULL) { force[i] += drive->kp[i] * (target[i] - q[i]) - drive->kd[i] * v[i]; }
     }
-    if (clock->loads != NULL) { one_link_timed(h, clock, share, q, v, force); }
+    if (clock->loads[0] != NULL) { one_link_timed(h, clock, share, q, v, force); }
     (void)one_link_forward_dynamics(h, q, v, force, a);
 }
 
@@ -1051,12 +1085,14 @@ static void one_link_rosenbrock(const double *restrict h, const one_link_drive *
         kp[i] = (drive->kp == NULL) ? 0.0 : drive->kp[i];
         kd[i] = (drive->kp == NULL) ? 0.0 : drive->kd[i];
     }
-    if ((clock->loads != NULL) && (clock->loads->control != NULL) && (clock->loads->control->kp != NULL)) {
-        const one_link_control *const control = clock->loads->control;
+    for (int l = 0; (l < clock->here) && (clock->loads[0] != NULL); ++l) {
+        const one_link_control *const control = clock->loads[l]->control;
+        if ((control == NULL) || (control->kp == NULL)) { continue; }
         for (int k = 0; k < control->program.signal->columns; ++k) {
             const double ratio = control->ratio[k] * control->ratio[k];
-            kp[control->program.place[k]] += (control->kp[k] / ratio);
-            kd[control->program.place[k]] += (control->kd[k] / ratio);
+            const int i = control->program.place[k];
+            kp[i] += (control->kp[k] / ratio);
+            kd[i] += (control->kd[k] / ratio);
         }
     }
     (void)one_link_stage_factors(h, q, v, kp, kd, times, kept);
@@ -1109,7 +1145,7 @@ static void one_link_rosenbrock(const double *restrict h, const one_link_drive *
 static void one_link_tsit5(const double *restrict h, const one_link_drive *restrict drive, const one_link_clock *restrict clock, const double *restrict u, const double *restrict target, double dt, const double *restrict q, const double *restrict v, const double *restrict a, double *restrict q_end, double *restrict v_end, double *restrict a_end, double *restrict error)
 {
     static const double ahead[7][7] = { { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { 0.161, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { -0.008480655492356989, 0.335480655492357, 0.0, 0.0, 0.0, 0.0, 0.0 }, { 2.8971530571054935, -6.359448489975075, 4.3622954328695815, 0.0, 0.0, 0.0, 0.0 }, { 5.325864828439257, -11.748883564062828, 7.4955393428898365, -0.09249506636175525, 0.0, 0.0, 0.0 }, { 5.86145544294642, -12.92096931784711, 8.159367898576159, -0.071584973281401, -0.028269050394068383, 0.0, 0.0 }, { 0.09646076681806523, 0.01, 0.4798896504144996, 1.379008574103742, -3.290069515436081, 2.324710524099774, 0.0 } };
-    static const double share[7] = { 0.0, 0.161, 0.327, 0.8999999999999999, 0.9800255409045104, 0.9999999999999999, 0.9999999999999998 };
+    static const double share[7] = { 0.0, 0.161, 0.327, 0.8999999999999999, 0.9800255409045104, 1.0, 1.0 };
     static const double wrong[7] = { -0.001780011052225771, -0.0008164344596567469, 0.007880878010261995, -0.1447110071732629, 0.5823571654525552, -0.45808210592918697, 0.015151515151515152 };
     double q_rate[7][2];
     double v_rate[7][2];
@@ -1225,8 +1261,9 @@ static void one_link_between(double share, double step, int l, int method, const
     }
 }
 
-/* Go on with up to 1 states from where their progress is, each by steps of its own; at most so many in this call. */
-static void one_link_adapt(const double *restrict h, const one_link_drive *restrict drive, const one_link_loads *restrict loads, const one_link_tolerance *restrict allowed, size_t state, int here, const double *restrict times, size_t samples, int method, double *restrict q, double *restrict v, double *restrict q_out, double *restrict v_out, one_link_progress *restrict progress, one_link_record *restrict record)
+/* Go on with up to 1 states, those at ``place``, from where their progress is, each by steps of its own; at most so
+ * many in this call.  The numbers at ``place`` behind the ones that are here are those of one of them. */
+static void one_link_adapt(const double *restrict h, const one_link_drive *restrict drive, const one_link_loads *restrict loads, size_t loads_step, const one_link_tolerance *restrict allowed, size_t allowed_step, const size_t *restrict place, int here, const double *restrict times, size_t samples, int method, double *restrict q, double *restrict v, double *restrict q_out, double *restrict v_out, one_link_progress *restrict progress, one_link_record *restrict record)
 {
     const size_t stride = (samples + 1U) * 2U;
     const double end = times[samples];
@@ -1245,47 +1282,56 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
     double dt = 1.0;
     one_link_clock clock;
     double step[1];
+    long long most = 0;
     int going[1];
     int lands[1] = { 0 };
     int taken[1];
     int left = 0;
     for (int l = 0; l < 1; ++l) {
-        one_link_progress *const p = &progress[l < here ? l : 0];
+        one_link_progress *const p = &progress[place[l]];
+        const long long own = allowed[place[l] * allowed_step].most;
+        most = (own > most) ? own : most;
         going[l] = ((l < here) && (p->reason == 0)) ? 1 : 0;
         step[l] = duration;
         left += going[l];
-        one_link_hold(drive, state + (size_t)(l < here ? l : 0), ((p->sample > 0U) && (p->sample <= samples)) ? p->sample - 1U : 0U, l, u, target);
+        clock.loads[l] = (loads == NULL) ? NULL : &loads[place[l] * loads_step];
+        one_link_hold(drive, place[l], ((p->sample > 0U) && (p->sample <= samples)) ? p->sample - 1U : 0U, l, u, target);
         if ((going[l] != 0) && (p->sample == 0U)) {
             for (int i = 0; i < 2; ++i) {
-                q_out[(size_t)l * stride + (size_t)i] = q[i];
-                v_out[(size_t)l * stride + (size_t)i] = v[i];
+                q_out[place[l] * stride + (size_t)i] = q[i];
+                v_out[place[l] * stride + (size_t)i] = v[i];
             }
             p->sample = 1;
             p->t = times[0];
             p->looked = times[0];
         }
     }
-    clock.loads = loads;
     clock.here = 1;
-    for (long long pass = 0; (left > 0) && (pass < allowed->most) && ((record == NULL) || (record->count < record->room)); ++pass) {
+    for (long long pass = 0; (left > 0) && (pass < most) && ((record == NULL) || (record->count < record->room)); ++pass) {
         int fresh = (method == 1) ? stale : 0;
         for (int l = 0; l < 1; ++l) {
-            const one_link_progress *const p = &progress[l < here ? l : 0];
+            const one_link_progress *const p = &progress[place[l]];
+            if ((going[l] != 0) && (pass >= allowed[place[l] * allowed_step].most)) {
+                going[l] = 0;
+                left -= 1;
+            }
             clock.begin[l] = p->t;
             clock.step[l] = 0.0;
+            clock.end[l] = p->t;
             if ((going[l] != 0) && !(p->next > 0.0)) { fresh = 1; }
         }
         if (fresh != 0) { one_link_accelerated(h, drive, &clock, 0.0, u, target, q, v, a); }
         stale = 0;
         for (int l = 0; l < 1; ++l) {
-            one_link_progress *const p = &progress[l < here ? l : 0];
+            one_link_progress *const p = &progress[place[l]];
             if (going[l] == 0) { continue; }
-            if (!(p->next > 0.0)) { p->next = one_link_first(allowed, l, q, v, a); }
+            if (!(p->next > 0.0)) { p->next = one_link_first(&allowed[place[l] * allowed_step], l, q, v, a); }
             const double goal = (dense != 0) ? end : times[p->sample];
             const double rest = goal - p->t;
             lands[l] = (p->next * 1.000001 >= rest) ? 1 : 0;
             step[l] = (lands[l] != 0) ? rest : (2.0 * p->next > rest ? 0.5 * rest : p->next);
             clock.step[l] = step[l];
+            clock.end[l] = (lands[l] != 0) ? goal : (p->t + step[l]);
             dt = step[l];
         }
         if (method == 0) {
@@ -1293,13 +1339,13 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
         } else {
             one_link_tsit5(h, drive, &clock, u, target, dt, q, v, a, q_end, v_end, a_end, error);
         }
-        if ((loads != NULL) && (loads->given != NULL)) { one_link_placed(&clock, q_end, v_end, error); }
+        if (loads != NULL) { one_link_placed(&clock, q_end, v_end, error); }
         for (int l = 0; l < 1; ++l) {
             taken[l] = 0;
             if (going[l] == 0) { continue; }
-            one_link_progress *const p = &progress[l];
+            one_link_progress *const p = &progress[place[l]];
             int where = 0;
-            const double excess = one_link_excess(allowed, l, q, v, q_end, v_end, error, &where);
+            const double excess = one_link_excess(&allowed[place[l] * allowed_step], l, q, v, q_end, v_end, error, &where);
             double factor = 0.9 * pow(excess, -order);
             taken[l] = (excess <= 1.0) ? 1 : 0;
             if ((taken[l] != 0) && (excess > 0.0)) { factor *= pow(excess, 0.06) * pow(p->excess > 0.0 ? p->excess : 1e-4, 0.08); } /* proportional-integral control */
@@ -1328,16 +1374,15 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
         }
         for (int l = 0; l < 1; ++l) {
             if (taken[l] == 0) { continue; }
-            one_link_progress *const p = &progress[l];
-            const double goal = (dense != 0) ? end : times[p->sample];
+            one_link_progress *const p = &progress[place[l]];
             const double before = p->t;
             p->steps += 1;
-            p->t = (lands[l] != 0) ? goal : p->t + step[l];
+            p->t = clock.end[l];
             if (step[l] > p->largest) { p->largest = step[l]; }
             if (p->steps == 1 || step[l] < p->smallest) { p->smallest = step[l]; }
             while ((p->sample <= samples) && (((lands[l] != 0) || (dense != 0)) && (times[p->sample] <= p->t))) {
-                double *const q_row = &q_out[(size_t)l * stride + p->sample * 2U];
-                double *const v_row = &v_out[(size_t)l * stride + p->sample * 2U];
+                double *const q_row = &q_out[place[l] * stride + p->sample * 2U];
+                double *const v_row = &v_out[place[l] * stride + p->sample * 2U];
                 const double time = times[p->sample];
                 if ((dense != 0) && (time < p->t)) {
                     one_link_between((time - before) / step[l], step[l], l, method, q, v, a, q_end, v_end, a_end, q_row, v_row);
@@ -1350,7 +1395,7 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
                 }
                 p->sample += 1U;
                 if ((held == 0) && (p->sample <= samples)) {
-                    one_link_hold(drive, state + (size_t)l, p->sample - 1U, l, u, target);
+                    one_link_hold(drive, place[l], p->sample - 1U, l, u, target);
                     stale = 1;
                 }
             }
@@ -1379,7 +1424,8 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
 /* One state over all samples, or as far as allowed->most steps lead: q, v and progress are where it goes on then. */
 int one_link_adaptive_rollout(const double *restrict h, const one_link_drive *restrict drive, const one_link_loads *restrict loads, const one_link_tolerance *restrict allowed, const double *restrict times, size_t samples, int method, double *restrict q, double *restrict v, double *restrict q_out, double *restrict v_out, one_link_progress *restrict progress, one_link_record *restrict record)
 {
-    one_link_adapt(h, drive, loads, allowed, 0, 1, times, samples, method, q, v, q_out, v_out, progress, record);
+    const size_t place = 0;
+    one_link_adapt(h, drive, loads, 0, allowed, 0, &place, 1, times, samples, method, q, v, q_out, v_out, progress, record);
     return progress->reason;
 }
 
@@ -1387,16 +1433,24 @@ int one_link_adaptive_rollout(const double *restrict h, const one_link_drive *re
 void one_link_loaded(size_t count, const one_link_loads *restrict loads, const double *restrict times, double *restrict q, double *restrict v, double *restrict u)
 {
     for (size_t k = 0; k < count; ++k) {
+        one_link_clock clock;
         double own[2];
         double rate[2];
         double force[2];
+        double given[2];
+        double asked[6];
+        double answer[2];
         for (int i = 0; i < 2; ++i) {
             const size_t place = k * 2U + (size_t)i;
             own[i] = q[place];
             rate[i] = v[place];
             force[i] = 0.0;
         }
-        one_link_driven(loads, times[k], own, rate, force);
+        clock.loads[0] = loads;
+        clock.here = 1;
+        one_link_asked(loads, times[k], own, rate, force, given, asked);
+        one_link_modelled(&clock, asked, answer);
+        one_link_answered(loads, given, answer, force);
         for (int i = 0; i < 2; ++i) {
             const size_t place = k * 2U + (size_t)i;
             q[place] = own[i];
@@ -1693,6 +1747,12 @@ static inline void scatter(const lanes *restrict x, const unsigned short *restri
         for (size_t l = 0; l < here; ++l) y[l * step + (size_t)i] = LANE(x[place ? place[i] : i], l);
 }
 
+/* What depends on parameters alone, the same in all lanes. */
+EOMGEN_HELPER void spread(const double *restrict h, lanes *restrict y)
+{
+    for (int i = 0; i < 7; ++i) y[i] = ALL(h[i]);
+}
+
 /* 0, or 1 + i + lane * 2 for the first lane with a pivot i that vanishes beside its scale. */
 static int one_link_failed_lanes(const lanes *restrict pivot)
 {
@@ -1710,7 +1770,7 @@ static int one_link_failed_lanes(const lanes *restrict pivot)
 }
 
 /* Mass matrix M(q), eq. (11). */
-static int one_link_mass_matrix_lanes(const double *restrict h, const lanes *restrict q, lanes *restrict out)
+static int one_link_mass_matrix_lanes(const lanes *restrict h, const lanes *restrict q, lanes *restrict out)
 {
     lanes sine[1];
     lanes cosine[1];
@@ -1727,7 +1787,7 @@ static int one_link_mass_matrix_lanes(const double *restrict h, const lanes *res
 }
 
 /* Coriolis and centrifugal terms, eq. (12) contracted. */
-static int one_link_bias_force_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, lanes *restrict out)
+static int one_link_bias_force_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v, lanes *restrict out)
 {
     lanes sine[1];
     lanes cosine[1];
@@ -1742,7 +1802,7 @@ static int one_link_bias_force_lanes(const double *restrict h, const lanes *rest
 }
 
 /* Springs, dampers, gravity: Q_P + Q_G, eqs. (13), (14). */
-static int one_link_generalized_force_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, lanes *restrict out)
+static int one_link_generalized_force_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v, lanes *restrict out)
 {
     lanes sine[1];
     lanes cosine[1];
@@ -1757,7 +1817,7 @@ static int one_link_generalized_force_lanes(const double *restrict h, const lane
 }
 
 /* Q_F of eq. (14), its moment term corrected; base axes. */
-static int one_link_external_force_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict wrench, lanes *restrict out)
+static int one_link_external_force_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict wrench, lanes *restrict out)
 {
     lanes sine[1];
     lanes cosine[1];
@@ -1772,7 +1832,7 @@ static int one_link_external_force_lanes(const double *restrict h, const lanes *
 }
 
 /* M a + bias - Q - u, eq. (5) unexpanded; zero on a motion. */
-static int one_link_residual_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, const lanes *restrict u, lanes *restrict out)
+static int one_link_residual_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, const lanes *restrict u, lanes *restrict out)
 {
     lanes sine[1];
     lanes cosine[1];
@@ -1790,7 +1850,7 @@ static int one_link_residual_lanes(const double *restrict h, const lanes *restri
 }
 
 /* The drives u that make the residual zero. */
-static int one_link_inverse_dynamics_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, lanes *restrict out)
+static int one_link_inverse_dynamics_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, lanes *restrict out)
 {
     lanes sine[1];
     lanes cosine[1];
@@ -1808,7 +1868,7 @@ static int one_link_inverse_dynamics_lanes(const double *restrict h, const lanes
 }
 
 /* Accelerations under the drives u. */
-static int one_link_forward_dynamics_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict u, lanes *restrict out)
+static int one_link_forward_dynamics_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict u, lanes *restrict out)
 {
     lanes pivot[4];
     lanes sine[1];
@@ -1835,7 +1895,7 @@ static int one_link_forward_dynamics_lanes(const double *restrict h, const lanes
 }
 
 /* Derivatives of the residual by q, v and a: three matrices. */
-static int one_link_residual_jacobian_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, lanes *restrict out)
+static int one_link_residual_jacobian_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, lanes *restrict out)
 {
     lanes sine[1];
     lanes cosine[1];
@@ -1865,7 +1925,7 @@ static int one_link_residual_jacobian_lanes(const double *restrict h, const lane
 }
 
 /* Derivatives of the accelerations by q, v and u: three matrices. */
-static int one_link_forward_dynamics_jacobian_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict u, lanes *restrict out)
+static int one_link_forward_dynamics_jacobian_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict u, lanes *restrict out)
 {
     lanes pivot[4];
     lanes sine[1];
@@ -1914,7 +1974,7 @@ static int one_link_forward_dynamics_jacobian_lanes(const double *restrict h, co
 }
 
 /* Coriolis matrix C(q, v) with C v = bias and M_dot = C + C^T. */
-static int one_link_coriolis_matrix_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, lanes *restrict out)
+static int one_link_coriolis_matrix_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v, lanes *restrict out)
 {
     lanes sine[1];
     lanes cosine[1];
@@ -1932,7 +1992,7 @@ static int one_link_coriolis_matrix_lanes(const double *restrict h, const lanes 
 }
 
 /* Christoffel symbols of the first kind, the tensor C of eq. (12). */
-static int one_link_christoffel_lanes(const double *restrict h, const lanes *restrict q, lanes *restrict out)
+static int one_link_christoffel_lanes(const lanes *restrict h, const lanes *restrict q, lanes *restrict out)
 {
     lanes sine[1];
     lanes cosine[1];
@@ -1952,7 +2012,7 @@ static int one_link_christoffel_lanes(const double *restrict h, const lanes *res
 }
 
 /* Kinetic energy, eq. (4), and potential energy of gravity and springs. */
-static int one_link_energy_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, lanes *restrict out)
+static int one_link_energy_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v, lanes *restrict out)
 {
     lanes sine[1];
     lanes cosine[1];
@@ -1967,7 +2027,7 @@ static int one_link_energy_lanes(const double *restrict h, const lanes *restrict
 }
 
 /* Force and moment on each joint's child link, moved joint's axes. */
-static int one_link_reactions_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, lanes *restrict out)
+static int one_link_reactions_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, lanes *restrict out)
 {
     lanes sine[1];
     lanes cosine[1];
@@ -1987,7 +2047,7 @@ static int one_link_reactions_lanes(const double *restrict h, const lanes *restr
 }
 
 /* What external wrenches add to the reactions, moved joint's axes. */
-static int one_link_external_reactions_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict wrench, lanes *restrict out)
+static int one_link_external_reactions_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict wrench, lanes *restrict out)
 {
     lanes sine[1];
     lanes cosine[1];
@@ -2006,7 +2066,7 @@ static int one_link_external_reactions_lanes(const double *restrict h, const lan
 }
 
 /* Cosine of beta of every joint with three angles, 1 for the others. */
-static int one_link_euler_cosines_lanes(const double *restrict h, const lanes *restrict q, lanes *restrict out)
+static int one_link_euler_cosines_lanes(const lanes *restrict h, const lanes *restrict q, lanes *restrict out)
 {
     (void)h;
     (void)q;
@@ -2017,7 +2077,7 @@ static int one_link_euler_cosines_lanes(const double *restrict h, const lanes *r
 }
 
 /* (M + dt B + dt^2 K + added) a = u - bias - K (q + dt v) - B v: accelerations of a linearly implicit step. */
-static int one_link_implicit_step_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict u, const lanes *restrict added, const lanes *restrict dt, lanes *restrict out)
+static int one_link_implicit_step_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict u, const lanes *restrict added, const lanes *restrict dt, lanes *restrict out)
 {
     lanes pivot[4];
     lanes sine[1];
@@ -2047,7 +2107,7 @@ static int one_link_implicit_step_lanes(const double *restrict h, const lanes *r
 }
 
 /* Factors of M + c B + c^2 K, for the stages of a Rosenbrock method. */
-static int one_link_stage_factors_lanes(const double *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict kp, const lanes *restrict kd, const lanes *restrict times, lanes *restrict out)
+static int one_link_stage_factors_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict kp, const lanes *restrict kd, const lanes *restrict times, lanes *restrict out)
 {
     lanes pivot[4];
     lanes sine[1];
@@ -2078,7 +2138,7 @@ static int one_link_stage_factors_lanes(const double *restrict h, const lanes *r
 }
 
 /* w of (M + c B + c^2 K) w = -((c B + c^2 K) rates + c K shifts). */
-static int one_link_stage_solution_lanes(const double *restrict h, const lanes *restrict kept, const lanes *restrict rates, const lanes *restrict shifts, lanes *restrict out)
+static int one_link_stage_solution_lanes(const lanes *restrict h, const lanes *restrict kept, const lanes *restrict rates, const lanes *restrict shifts, lanes *restrict out)
 {
     (void)h;
 
@@ -2095,11 +2155,13 @@ static int one_link_stage_solution_lanes(const double *restrict h, const lanes *
 long long one_link_mass_matrix_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, double *restrict out)
 {
     lanes q_lanes[2], out_lanes[4];
+    lanes h_lanes[7];
+    spread(h, h_lanes);
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
         const int more = count - i >= AHEAD + LANES;
         gather(q + i * q_step, q_step, here, more, 2, q_lanes);
-        const int status = one_link_mass_matrix_lanes(h, q_lanes, out_lanes);
+        const int status = one_link_mass_matrix_lanes(h_lanes, q_lanes, out_lanes);
         scatter(out_lanes, NULL, here, more, 4, 4, out + i * 4);
         if (status != 0) return (long long)i * 2 + status - 1;
     }
@@ -2109,12 +2171,14 @@ long long one_link_mass_matrix_batch(size_t count, const double *restrict h, con
 long long one_link_bias_force_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, double *restrict out)
 {
     lanes q_lanes[2], v_lanes[2], out_lanes[2];
+    lanes h_lanes[7];
+    spread(h, h_lanes);
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
         const int more = count - i >= AHEAD + LANES;
         gather(q + i * q_step, q_step, here, more, 2, q_lanes);
         gather(v + i * v_step, v_step, here, more, 2, v_lanes);
-        const int status = one_link_bias_force_lanes(h, q_lanes, v_lanes, out_lanes);
+        const int status = one_link_bias_force_lanes(h_lanes, q_lanes, v_lanes, out_lanes);
         scatter(out_lanes, NULL, here, more, 2, 2, out + i * 2);
         if (status != 0) return (long long)i * 2 + status - 1;
     }
@@ -2124,12 +2188,14 @@ long long one_link_bias_force_batch(size_t count, const double *restrict h, cons
 long long one_link_generalized_force_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, double *restrict out)
 {
     lanes q_lanes[2], v_lanes[2], out_lanes[2];
+    lanes h_lanes[7];
+    spread(h, h_lanes);
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
         const int more = count - i >= AHEAD + LANES;
         gather(q + i * q_step, q_step, here, more, 2, q_lanes);
         gather(v + i * v_step, v_step, here, more, 2, v_lanes);
-        const int status = one_link_generalized_force_lanes(h, q_lanes, v_lanes, out_lanes);
+        const int status = one_link_generalized_force_lanes(h_lanes, q_lanes, v_lanes, out_lanes);
         scatter(out_lanes, NULL, here, more, 2, 2, out + i * 2);
         if (status != 0) return (long long)i * 2 + status - 1;
     }
@@ -2139,12 +2205,14 @@ long long one_link_generalized_force_batch(size_t count, const double *restrict 
 long long one_link_external_force_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict wrench, size_t wrench_step, double *restrict out)
 {
     lanes q_lanes[2], wrench_lanes[6], out_lanes[2];
+    lanes h_lanes[7];
+    spread(h, h_lanes);
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
         const int more = count - i >= AHEAD + LANES;
         gather(q + i * q_step, q_step, here, more, 2, q_lanes);
         gather(wrench + i * wrench_step, wrench_step, here, more, 6, wrench_lanes);
-        const int status = one_link_external_force_lanes(h, q_lanes, wrench_lanes, out_lanes);
+        const int status = one_link_external_force_lanes(h_lanes, q_lanes, wrench_lanes, out_lanes);
         scatter(out_lanes, NULL, here, more, 2, 2, out + i * 2);
         if (status != 0) return (long long)i * 2 + status - 1;
     }
@@ -2154,6 +2222,8 @@ long long one_link_external_force_batch(size_t count, const double *restrict h, 
 long long one_link_residual_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict a, size_t a_step, const double *restrict u, size_t u_step, double *restrict out)
 {
     lanes q_lanes[2], v_lanes[2], a_lanes[2], u_lanes[2], out_lanes[2];
+    lanes h_lanes[7];
+    spread(h, h_lanes);
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
         const int more = count - i >= AHEAD + LANES;
@@ -2161,7 +2231,7 @@ long long one_link_residual_batch(size_t count, const double *restrict h, const 
         gather(v + i * v_step, v_step, here, more, 2, v_lanes);
         gather(a + i * a_step, a_step, here, more, 2, a_lanes);
         gather(u + i * u_step, u_step, here, more, 2, u_lanes);
-        const int status = one_link_residual_lanes(h, q_lanes, v_lanes, a_lanes, u_lanes, out_lanes);
+        const int status = one_link_residual_lanes(h_lanes, q_lanes, v_lanes, a_lanes, u_lanes, out_lanes);
         scatter(out_lanes, NULL, here, more, 2, 2, out + i * 2);
         if (status != 0) return (long long)i * 2 + status - 1;
     }
@@ -2171,13 +2241,15 @@ long long one_link_residual_batch(size_t count, const double *restrict h, const 
 long long one_link_inverse_dynamics_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict a, size_t a_step, double *restrict out)
 {
     lanes q_lanes[2], v_lanes[2], a_lanes[2], out_lanes[2];
+    lanes h_lanes[7];
+    spread(h, h_lanes);
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
         const int more = count - i >= AHEAD + LANES;
         gather(q + i * q_step, q_step, here, more, 2, q_lanes);
         gather(v + i * v_step, v_step, here, more, 2, v_lanes);
         gather(a + i * a_step, a_step, here, more, 2, a_lanes);
-        const int status = one_link_inverse_dynamics_lanes(h, q_lanes, v_lanes, a_lanes, out_lanes);
+        const int status = one_link_inverse_dynamics_lanes(h_lanes, q_lanes, v_lanes, a_lanes, out_lanes);
         scatter(out_lanes, NULL, here, more, 2, 2, out + i * 2);
         if (status != 0) return (long long)i * 2 + status - 1;
     }
@@ -2187,13 +2259,15 @@ long long one_link_inverse_dynamics_batch(size_t count, const double *restrict h
 long long one_link_forward_dynamics_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict u, size_t u_step, double *restrict out)
 {
     lanes q_lanes[2], v_lanes[2], u_lanes[2], out_lanes[2];
+    lanes h_lanes[7];
+    spread(h, h_lanes);
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
         const int more = count - i >= AHEAD + LANES;
         gather(q + i * q_step, q_step, here, more, 2, q_lanes);
         gather(v + i * v_step, v_step, here, more, 2, v_lanes);
         gather(u + i * u_step, u_step, here, more, 2, u_lanes);
-        const int status = one_link_forward_dynamics_lanes(h, q_lanes, v_lanes, u_lanes, out_lanes);
+        const int status = one_link_forward_dynamics_lanes(h_lanes, q_lanes, v_lanes, u_lanes, out_lanes);
         scatter(out_lanes, NULL, here, more, 2, 2, out + i * 2);
         if (status != 0) return (long long)i * 2 + status - 1;
     }
@@ -2203,13 +2277,15 @@ long long one_link_forward_dynamics_batch(size_t count, const double *restrict h
 long long one_link_residual_jacobian_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict a, size_t a_step, double *restrict out)
 {
     lanes q_lanes[2], v_lanes[2], a_lanes[2], out_lanes[12];
+    lanes h_lanes[7];
+    spread(h, h_lanes);
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
         const int more = count - i >= AHEAD + LANES;
         gather(q + i * q_step, q_step, here, more, 2, q_lanes);
         gather(v + i * v_step, v_step, here, more, 2, v_lanes);
         gather(a + i * a_step, a_step, here, more, 2, a_lanes);
-        const int status = one_link_residual_jacobian_lanes(h, q_lanes, v_lanes, a_lanes, out_lanes);
+        const int status = one_link_residual_jacobian_lanes(h_lanes, q_lanes, v_lanes, a_lanes, out_lanes);
         scatter(out_lanes, NULL, here, more, 12, 12, out + i * 12);
         if (status != 0) return (long long)i * 2 + status - 1;
     }
@@ -2219,13 +2295,15 @@ long long one_link_residual_jacobian_batch(size_t count, const double *restrict 
 long long one_link_forward_dynamics_jacobian_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict u, size_t u_step, double *restrict out)
 {
     lanes q_lanes[2], v_lanes[2], u_lanes[2], out_lanes[12];
+    lanes h_lanes[7];
+    spread(h, h_lanes);
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
         const int more = count - i >= AHEAD + LANES;
         gather(q + i * q_step, q_step, here, more, 2, q_lanes);
         gather(v + i * v_step, v_step, here, more, 2, v_lanes);
         gather(u + i * u_step, u_step, here, more, 2, u_lanes);
-        const int status = one_link_forward_dynamics_jacobian_lanes(h, q_lanes, v_lanes, u_lanes, out_lanes);
+        const int status = one_link_forward_dynamics_jacobian_lanes(h_lanes, q_lanes, v_lanes, u_lanes, out_lanes);
         scatter(out_lanes, NULL, here, more, 12, 12, out + i * 12);
         if (status != 0) return (long long)i * 2 + status - 1;
     }
@@ -2235,12 +2313,14 @@ long long one_link_forward_dynamics_jacobian_batch(size_t count, const double *r
 long long one_link_coriolis_matrix_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, double *restrict out)
 {
     lanes q_lanes[2], v_lanes[2], out_lanes[4];
+    lanes h_lanes[7];
+    spread(h, h_lanes);
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
         const int more = count - i >= AHEAD + LANES;
         gather(q + i * q_step, q_step, here, more, 2, q_lanes);
         gather(v + i * v_step, v_step, here, more, 2, v_lanes);
-        const int status = one_link_coriolis_matrix_lanes(h, q_lanes, v_lanes, out_lanes);
+        const int status = one_link_coriolis_matrix_lanes(h_lanes, q_lanes, v_lanes, out_lanes);
         scatter(out_lanes, NULL, here, more, 4, 4, out + i * 4);
         if (status != 0) return (long long)i * 2 + status - 1;
     }
@@ -2250,11 +2330,13 @@ long long one_link_coriolis_matrix_batch(size_t count, const double *restrict h,
 long long one_link_christoffel_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, double *restrict out)
 {
     lanes q_lanes[2], out_lanes[8];
+    lanes h_lanes[7];
+    spread(h, h_lanes);
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
         const int more = count - i >= AHEAD + LANES;
         gather(q + i * q_step, q_step, here, more, 2, q_lanes);
-        const int status = one_link_christoffel_lanes(h, q_lanes, out_lanes);
+        const int status = one_link_christoffel_lanes(h_lanes, q_lanes, out_lanes);
         scatter(out_lanes, NULL, here, more, 8, 8, out + i * 8);
         if (status != 0) return (long long)i * 2 + status - 1;
     }
@@ -2264,12 +2346,14 @@ long long one_link_christoffel_batch(size_t count, const double *restrict h, con
 long long one_link_energy_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, double *restrict out)
 {
     lanes q_lanes[2], v_lanes[2], out_lanes[2];
+    lanes h_lanes[7];
+    spread(h, h_lanes);
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
         const int more = count - i >= AHEAD + LANES;
         gather(q + i * q_step, q_step, here, more, 2, q_lanes);
         gather(v + i * v_step, v_step, here, more, 2, v_lanes);
-        const int status = one_link_energy_lanes(h, q_lanes, v_lanes, out_lanes);
+        const int status = one_link_energy_lanes(h_lanes, q_lanes, v_lanes, out_lanes);
         scatter(out_lanes, NULL, here, more, 2, 2, out + i * 2);
         if (status != 0) return (long long)i * 2 + status - 1;
     }
@@ -2279,13 +2363,15 @@ long long one_link_energy_batch(size_t count, const double *restrict h, const do
 long long one_link_reactions_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict a, size_t a_step, double *restrict out)
 {
     lanes q_lanes[2], v_lanes[2], a_lanes[2], out_lanes[6];
+    lanes h_lanes[7];
+    spread(h, h_lanes);
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
         const int more = count - i >= AHEAD + LANES;
         gather(q + i * q_step, q_step, here, more, 2, q_lanes);
         gather(v + i * v_step, v_step, here, more, 2, v_lanes);
         gather(a + i * a_step, a_step, here, more, 2, a_lanes);
-        const int status = one_link_reactions_lanes(h, q_lanes, v_lanes, a_lanes, out_lanes);
+        const int status = one_link_reactions_lanes(h_lanes, q_lanes, v_lanes, a_lanes, out_lanes);
         scatter(out_lanes, NULL, here, more, 6, 6, out + i * 6);
         if (status != 0) return (long long)i * 2 + status - 1;
     }
@@ -2295,12 +2381,14 @@ long long one_link_reactions_batch(size_t count, const double *restrict h, const
 long long one_link_external_reactions_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict wrench, size_t wrench_step, double *restrict out)
 {
     lanes q_lanes[2], wrench_lanes[6], out_lanes[6];
+    lanes h_lanes[7];
+    spread(h, h_lanes);
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
         const int more = count - i >= AHEAD + LANES;
         gather(q + i * q_step, q_step, here, more, 2, q_lanes);
         gather(wrench + i * wrench_step, wrench_step, here, more, 6, wrench_lanes);
-        const int status = one_link_external_reactions_lanes(h, q_lanes, wrench_lanes, out_lanes);
+        const int status = one_link_external_reactions_lanes(h_lanes, q_lanes, wrench_lanes, out_lanes);
         scatter(out_lanes, NULL, here, more, 6, 6, out + i * 6);
         if (status != 0) return (long long)i * 2 + status - 1;
     }
@@ -2310,11 +2398,13 @@ long long one_link_external_reactions_batch(size_t count, const double *restrict
 long long one_link_euler_cosines_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, double *restrict out)
 {
     lanes q_lanes[2], out_lanes[1];
+    lanes h_lanes[7];
+    spread(h, h_lanes);
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
         const int more = count - i >= AHEAD + LANES;
         gather(q + i * q_step, q_step, here, more, 2, q_lanes);
-        const int status = one_link_euler_cosines_lanes(h, q_lanes, out_lanes);
+        const int status = one_link_euler_cosines_lanes(h_lanes, q_lanes, out_lanes);
         scatter(out_lanes, NULL, here, more, 1, 1, out + i * 1);
         if (status != 0) return (long long)i * 2 + status - 1;
     }
@@ -2389,7 +2479,7 @@ EOMGEN_PART void one_link_kinematics3_lanes(const lanes *restrict q, const lanes
 /* Pose [R | X] of a frame; origins of the bodies between the base and it, and axes of their coordinates; eqs. (1)-(3).
  * Nodes are the base, the bodies, and the frames, each behind its body; several bodies may be a run.  Sines and cosines
  * on the way are taken at once. */
-static void one_link_on_the_way_lanes(const double *restrict h, const lanes *restrict q, int frame, lanes *restrict pose, lanes *restrict origins, lanes *restrict axes)
+static void one_link_on_the_way_lanes(const lanes *restrict h, const lanes *restrict q, int frame, lanes *restrict pose, lanes *restrict origins, lanes *restrict axes)
 {
     static const int run_of[5] = { 0, 0, 1, 2, 3 };
     static const int behind[4] = { -1, 1, 0, 1 };
@@ -2432,7 +2522,7 @@ static void one_link_on_the_way_lanes(const double *restrict h, const lanes *res
 }
 
 /* Pose of a frame in the base, 4x4; eqs. (1) and (2). */
-static int one_link_frame_pose_lanes(const double *restrict h, const lanes *restrict q, int frame, lanes *restrict out)
+static int one_link_frame_pose_lanes(const lanes *restrict h, const lanes *restrict q, int frame, lanes *restrict out)
 {
     lanes origins[3];
     lanes axes[6];
@@ -2443,7 +2533,7 @@ static int one_link_frame_pose_lanes(const double *restrict h, const lanes *rest
 }
 
 /* Linear velocity of a frame's origin (rows 0 to 2) and angular velocity (rows 3 to 5) per coordinate, base axes. */
-static int one_link_frame_jacobian_lanes(const double *restrict h, const lanes *restrict q, int frame, lanes *restrict out)
+static int one_link_frame_jacobian_lanes(const lanes *restrict h, const lanes *restrict q, int frame, lanes *restrict out)
 {
     static const int body_of[3] = { 0, -1, 0 };
     static const int parent[1] = { -1 };
@@ -2476,11 +2566,13 @@ static int one_link_frame_jacobian_lanes(const double *restrict h, const lanes *
 long long one_link_frame_pose_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, int frame, double *restrict out)
 {
     lanes q_lanes[2], out_lanes[16];
+    lanes h_lanes[7];
+    spread(h, h_lanes);
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
         const int more = count - i >= AHEAD + LANES;
         gather(q + i * q_step, q_step, here, more, 2, q_lanes);
-        one_link_frame_pose_lanes(h, q_lanes, frame, out_lanes);
+        one_link_frame_pose_lanes(h_lanes, q_lanes, frame, out_lanes);
         scatter(out_lanes, NULL, here, more, 16, 16, out + i * 16);
     }
     return -1;
@@ -2489,11 +2581,13 @@ long long one_link_frame_pose_batch(size_t count, const double *restrict h, cons
 long long one_link_frame_jacobian_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, int frame, double *restrict out)
 {
     lanes q_lanes[2], out_lanes[12];
+    lanes h_lanes[7];
+    spread(h, h_lanes);
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
         const int more = count - i >= AHEAD + LANES;
         gather(q + i * q_step, q_step, here, more, 2, q_lanes);
-        one_link_frame_jacobian_lanes(h, q_lanes, frame, out_lanes);
+        one_link_frame_jacobian_lanes(h_lanes, q_lanes, frame, out_lanes);
         scatter(out_lanes, NULL, here, more, 12, 12, out + i * 12);
     }
     return -1;
@@ -2522,7 +2616,7 @@ static void one_link_drives_lanes(const one_link_drive *restrict drive, size_t s
 }
 
 /* One step of the classical Runge-Kutta method, drives held. */
-static int one_link_rk4_lanes(const double *restrict h, const one_link_drive *restrict drive, size_t state, size_t here, size_t step, double dt, lanes *restrict q, lanes *restrict v)
+static int one_link_rk4_lanes(const lanes *restrict h, const one_link_drive *restrict drive, size_t state, size_t here, size_t step, double dt, lanes *restrict q, lanes *restrict v)
 {
     static const double part[4] = { 0.5, 0.5, 1.0, 0.0 };
     static const double weight[4] = { 1.0, 2.0, 2.0, 1.0 };
@@ -2557,7 +2651,7 @@ static int one_link_rk4_lanes(const double *restrict h, const one_link_drive *re
 }
 
 /* One linearly implicit step: springs, dampers and the controller at its end, all else at its beginning. */
-static int one_link_implicit_lanes(const double *restrict h, const one_link_drive *restrict drive, size_t state, size_t here, size_t step, double dt, lanes *restrict q, lanes *restrict v)
+static int one_link_implicit_lanes(const lanes *restrict h, const one_link_drive *restrict drive, size_t state, size_t here, size_t step, double dt, lanes *restrict q, lanes *restrict v)
 {
     lanes u[2];
     lanes a[2];
@@ -2579,7 +2673,7 @@ static int one_link_implicit_lanes(const double *restrict h, const one_link_driv
 }
 
 /* Steps from one state to the next; every so many are stored.  -1, or step * states in a call + what the step said. */
-static long long one_link_steps_lanes(const double *restrict h, const one_link_drive *restrict drive, size_t state, size_t here, double dt, size_t steps, size_t every, int method, lanes *restrict q, lanes *restrict v, double *restrict q_out, double *restrict v_out)
+static long long one_link_steps_lanes(const lanes *restrict h, const one_link_drive *restrict drive, size_t state, size_t here, double dt, size_t steps, size_t every, int method, lanes *restrict q, lanes *restrict v, double *restrict q_out, double *restrict v_out)
 {
     const size_t stride = (steps / every + 1U) * 2U;
     one_link_store_lanes(q, here, stride, q_out);
@@ -2601,11 +2695,13 @@ long long one_link_rollout_batch(size_t count, const double *restrict h, const d
 {
     const size_t stride = (steps / every + 1) * 2;
     lanes q_lanes[2], v_lanes[2];
+    lanes h_lanes[7];
+    spread(h, h_lanes);
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
         gather(q + i * q_step, q_step, here, 0, 2, q_lanes);
         gather(v + i * v_step, v_step, here, 0, 2, v_lanes);
-        const long long failed = one_link_steps_lanes(h, drive, i, here, dt, steps, every, method, q_lanes, v_lanes, q_out + i * stride, v_out + i * stride);
+        const long long failed = one_link_steps_lanes(h_lanes, drive, i, here, dt, steps, every, method, q_lanes, v_lanes, q_out + i * stride, v_out + i * stride);
         if (failed >= 0) {
             const long long step = failed / (2 * LANES), place = failed % (2 * LANES);
             return (((long long)i + place / 2) * (long long)steps + step) * 2 + place % 2;
@@ -2697,8 +2793,8 @@ static void one_link_given_at(const one_link_given *restrict given, double t, do
     }
 }
 
-/* What drives do by a program and by a model of the robot, added to u. */
-static void one_link_controlled(const one_link_loads *restrict loads, double t, const double *restrict q, const double *restrict v, const double *restrict given, double *restrict u)
+/* What drives do by a program, added to u, and what they ask a model of the robot: q, v and a, 2 numbers each. */
+static void one_link_controlled(const one_link_loads *restrict loads, double t, const double *restrict q, const double *restrict v, const double *restrict given, double *restrict u, double *restrict asked)
 {
     const one_link_control *const control = loads->control;
     const one_link_model *const model = loads->model;
@@ -2714,10 +2810,9 @@ static void one_link_controlled(const one_link_loads *restrict loads, double t, 
         }
     }
     if (model != NULL) {
-        double q_model[2];
-        double v_model[2];
-        double a_model[2];
-        double force[2];
+        double *const q_model = asked;
+        double *const v_model = &asked[2];
+        double *const a_model = &asked[4];
         for (int i = 0; i < model->size; ++i) {
             const int column = model->column[i];
             q_model[i] = q[model->place[i]] / model->ratio[i];
@@ -2733,23 +2828,18 @@ static void one_link_controlled(const one_link_loads *restrict loads, double t, 
                 }
             }
         }
-        (void)model->inverse_dynamics(model->h, q_model, v_model, a_model, force);
-        for (int i = 0; i < model->size; ++i) {
-            if (model->given[i] < 0) { u[model->place[i]] += force[i] / model->ratio[i]; }
-        }
     }
 }
 
-/* Drives at t, and accelerations that are given; motions that are given are put into q and v. */
-static void one_link_driven(const one_link_loads *restrict loads, double t, double *restrict q, double *restrict v, double *restrict u)
+/* Drives at t but for a model's, and what that is asked; motions that are given are put into q and v. */
+static void one_link_asked(const one_link_loads *restrict loads, double t, double *restrict q, double *restrict v, double *restrict u, double *restrict given, double *restrict asked)
 {
     const double between = (t < loads->first) ? loads->first : ((t > loads->last) ? loads->last : t);
-    double x[2];
-    double dx[2];
-    double ddx[2];
-    (void)memset(ddx, 0, sizeof ddx);
+    (void)memset(given, 0, 2U * sizeof *given);
     if (loads->given != NULL) {
-        one_link_given_at(loads->given, t, x, dx, ddx);
+        double x[2];
+        double dx[2];
+        one_link_given_at(loads->given, t, x, dx, given);
         for (int i = 0; i < loads->given->size; ++i) {
             q[loads->given->place[i]] = x[i];
             v[loads->given->place[i]] = dx[i];
@@ -2762,9 +2852,20 @@ static void one_link_driven(const one_link_loads *restrict loads, double t, doub
         one_link_signal_at(loads->torque->signal, between, force, rate, second);
         for (int i = 0; i < loads->torque->signal->columns; ++i) { u[loads->torque->place[i]] += force[i]; }
     }
-    if (loads->control != NULL) { one_link_controlled(loads, between, q, v, ddx, u); }
+    if (loads->control != NULL) { one_link_controlled(loads, between, q, v, given, u, asked); }
+}
+
+/* Drives with what a model answers, and accelerations that are given. */
+static void one_link_answered(const one_link_loads *restrict loads, const double *restrict given, const double *restrict answer, double *restrict u)
+{
+    const one_link_model *const model = (loads->control == NULL) ? NULL : loads->model;
+    if (model != NULL) {
+        for (int i = 0; i < model->size; ++i) {
+            if (model->given[i] < 0) { u[model->place[i]] += answer[i] / model->ratio[i]; }
+        }
+    }
     if (loads->given != NULL) {
-        for (int i = 0; i < loads->given->size; ++i) { u[loads->given->place[i]] = ddx[i]; }
+        for (int i = 0; i < loads->given->size; ++i) { u[loads->given->place[i]] = given[i]; }
     }
 }
 
@@ -2815,46 +2916,80 @@ static void one_link_wrenched(const one_link_loads *restrict loads, const double
 }
 #endif /* EOMGEN_LOADS */
 
-/* Where lanes are in their steps: from when on, how long, and by which loads. */
+/* Where lanes are in their steps: from when on, how long and to when, and by which loads, NULL for all or for none. */
 typedef struct {
-    const one_link_loads *loads;
+    const one_link_loads *loads[LANES];
     double begin[LANES];
     double step[LANES];
+    double end[LANES];
     int here;
 } one_link_clock_lanes;
+
+/* What a model of the robot, if drives know one, is asked by lanes, each its own: 6 numbers, and what it answers. */
+static void one_link_modelled_lanes(const one_link_clock_lanes *restrict clock, const double *restrict asked, double *restrict force)
+{
+    const one_link_model *const first = clock->loads[0]->control == NULL ? NULL : clock->loads[0]->model;
+    int alike = first != NULL && first->inverse_dynamics_batch != NULL;
+    for (int l = 1; l < clock->here; ++l) {
+        const one_link_model *const model = clock->loads[l]->control == NULL ? NULL : clock->loads[l]->model;
+        alike = alike && model != NULL && model->inverse_dynamics_batch == first->inverse_dynamics_batch && model->batch_h == first->batch_h;
+    }
+    if (alike) {
+        double packed[LANES * 2];
+        (void)first->inverse_dynamics_batch((size_t)clock->here, first->batch_h, asked, 6, asked + 2, 6, asked + 4, 6, packed);
+        for (int l = 0; l < clock->here; ++l)
+            for (int i = 0; i < first->size; ++i) force[l * 2 + i] = packed[l * first->size + i];
+        return;
+    }
+    for (int l = 0; l < clock->here; ++l) {
+        const one_link_model *const model = (clock->loads[l]->control == NULL) ? NULL : clock->loads[l]->model;
+        const double *const own = &asked[6 * l];
+        if (model == NULL) { continue; }
+        (void)model->inverse_dynamics(model->h, own, &own[2], &own[4], &force[2 * l]);
+    }
+}
 
 /* Add what loads do at a part of lanes' steps to the forces, and put given motions into q and v. */
 static void one_link_timed_lanes(const double *here, const one_link_clock_lanes *restrict clock, double share, lanes *restrict q, lanes *restrict v, lanes *restrict force)
 {
+    double own[LANES][2];
+    double rate[LANES][2];
+    double u[LANES][2];
+    double given[LANES][2];
+    double asked[LANES][6];
+    double answer[LANES][2];
+    double t[LANES] = { 0.0 };
+    scatter(q, NULL, (size_t)clock->here, 0, 2, 2, own[0]);
+    scatter(v, NULL, (size_t)clock->here, 0, 2, 2, rate[0]);
+    scatter(force, NULL, (size_t)clock->here, 0, 2, 2, u[0]);
     for (int l = 0; l < clock->here; ++l) {
-        const double t = clock->begin[l] + share * clock->step[l];
-        double own[2];
-        double rate[2];
-        double u[2];
-        for (int i = 0; i < 2; ++i) {
-            own[i] = LANE(q[i], l);
-            rate[i] = LANE(v[i], l);
-            u[i] = LANE(force[i], l);
-        }
-        one_link_driven(clock->loads, t, own, rate, u);
-        if (clock->loads->wrenches > 0U) { one_link_wrenched(clock->loads, here, t, own, u); }
-        for (int i = 0; i < 2; ++i) {
-            LANE(q[i], l) = own[i];
-            LANE(v[i], l) = rate[i];
-            LANE(force[i], l) = u[i];
-        }
+        t[l] = (share < 1.0) ? (clock->begin[l] + share * clock->step[l]) : clock->end[l];
+        one_link_asked(clock->loads[l], t[l], own[l], rate[l], u[l], given[l], asked[l]);
+    }
+    one_link_modelled_lanes(clock, asked[0], answer[0]);
+    int moved = 0;
+    for (int l = 0; l < clock->here; ++l) {
+        one_link_answered(clock->loads[l], given[l], answer[l], u[l]);
+        if (clock->loads[l]->wrenches > 0U) { one_link_wrenched(clock->loads[l], here, t[l], own[l], u[l]); }
+        if (clock->loads[l]->given != NULL) { moved = 1; }
+    }
+    gather(u[0], 2, (size_t)clock->here, 0, 2, force);
+    if (moved) {
+        gather(own[0], 2, (size_t)clock->here, 0, 2, q);
+        gather(rate[0], 2, (size_t)clock->here, 0, 2, v);
     }
 }
 
 /* Put given motions at the ends of lanes' steps into q and v, which then have no error. */
 static void one_link_placed_lanes(const one_link_clock_lanes *restrict clock, lanes *restrict q, lanes *restrict v, lanes *restrict error)
 {
-    const one_link_given *const given = clock->loads->given;
     for (int l = 0; l < clock->here; ++l) {
+        const one_link_given *const given = (clock->loads[l] == NULL) ? NULL : clock->loads[l]->given;
         double x[2];
         double dx[2];
         double ddx[2];
-        one_link_given_at(given, clock->begin[l] + clock->step[l], x, dx, ddx);
+        if (given == NULL) { continue; }
+        one_link_given_at(given, clock->end[l], x, dx, ddx);
         for (int k = 0; k < given->size; ++k) {
             const int i = given->place[k];
             LANE(q[i], l) = x[k];
@@ -2866,19 +3001,19 @@ static void one_link_placed_lanes(const one_link_clock_lanes *restrict clock, la
 }
 
 /* Accelerations under u + kp (target - q) - kd v and loads; what cannot be solved is seen in the error that it makes. */
-static void one_link_accelerated_lanes(const double *restrict h, const one_link_drive *restrict drive, const one_link_clock_lanes *restrict clock, double share, const lanes *restrict u, const lanes *restrict target, lanes *restrict q, lanes *restrict v, lanes *restrict a)
+static void one_link_accelerated_lanes(const lanes *restrict h, const one_link_drive *restrict drive, const one_link_clock_lanes *restrict clock, double share, const lanes *restrict u, const lanes *restrict target, lanes *restrict q, lanes *restrict v, lanes *restrict a)
 {
     lanes force[2];
     for (int i = 0; i < 2; ++i) {
         force[i] = u[i];
         if (drive->kp != NULL) { force[i] += drive->kp[i] * (target[i] - q[i]) - drive->kd[i] * v[i]; }
     }
-    if (clock->loads != NULL) { one_link_timed_lanes(h, clock, share, q, v, force); }
+    if (clock->loads[0] != NULL) { one_link_timed_lanes(NULL, clock, share, q, v, force); }
     (void)one_link_forward_dynamics_lanes(h, q, v, force, a);
 }
 
 /* One step of the Rosenbrock method, with the factors of its matrix; the end, and the error, first of q, then of v. */
-static void one_link_rosenbrock_lanes(const double *restrict h, const one_link_drive *restrict drive, const one_link_clock_lanes *restrict clock, const lanes *restrict u, const lanes *restrict target, lanes dt, const lanes *restrict q, const lanes *restrict v, lanes *restrict q_end, lanes *restrict v_end, lanes *restrict error)
+static void one_link_rosenbrock_lanes(const lanes *restrict h, const one_link_drive *restrict drive, const one_link_clock_lanes *restrict clock, const lanes *restrict u, const lanes *restrict target, lanes dt, const lanes *restrict q, const lanes *restrict v, lanes *restrict q_end, lanes *restrict v_end, lanes *restrict error)
 {
     static const double ahead[6][6] = { { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { 1.9577095275421397, 0.09624753940753493, 0.0, 0.0, 0.0, 0.0 }, { -12.640540988794982, 11.47406531595545, -2.184901588069644, 0.0, 0.0, 0.0 }, { 45.22669571531797, -34.051994120856214, 9.233342776456102, -2.585735849637662, 0.0, 0.0 }, { 44.59618164199451, -35.304949600239034, 9.10972197560695, -2.286091141567749, 0.18287548796164538, 0.0 } };
     static const double back[6][6] = { { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { -1.8485366682621636, 0.0, 0.0, 0.0, 0.0, 0.0 }, { -17.631601587128756, 10.558804728186503, 0.0, 0.0, 0.0, 0.0 }, { 43.65182054686954, -40.087802443765035, 10.279818576010475, 0.0, 0.0, 0.0 }, { -105.84058964242176, 89.65494156265976, -24.593504310310063, 8.468103283975356, 0.0, 0.0 }, { -132.02707597161847, 97.96337774644046, -31.303025590584195, 9.868030987977615, -1.7691899740810053, 0.0 } };
@@ -2902,12 +3037,14 @@ static void one_link_rosenbrock_lanes(const double *restrict h, const one_link_d
         kp[i] = (drive->kp == NULL) ? ALL(0.0) : ALL(drive->kp[i]);
         kd[i] = (drive->kp == NULL) ? ALL(0.0) : ALL(drive->kd[i]);
     }
-    if ((clock->loads != NULL) && (clock->loads->control != NULL) && (clock->loads->control->kp != NULL)) {
-        const one_link_control *const control = clock->loads->control;
+    for (int l = 0; (l < clock->here) && (clock->loads[0] != NULL); ++l) {
+        const one_link_control *const control = clock->loads[l]->control;
+        if ((control == NULL) || (control->kp == NULL)) { continue; }
         for (int k = 0; k < control->program.signal->columns; ++k) {
             const double ratio = control->ratio[k] * control->ratio[k];
-            kp[control->program.place[k]] += ALL((control->kp[k] / ratio));
-            kd[control->program.place[k]] += ALL((control->kd[k] / ratio));
+            const int i = control->program.place[k];
+            LANE(kp[i], l) += (control->kp[k] / ratio);
+            LANE(kd[i], l) += (control->kd[k] / ratio);
         }
     }
     (void)one_link_stage_factors_lanes(h, q, v, kp, kd, times, kept);
@@ -2957,10 +3094,10 @@ static void one_link_rosenbrock_lanes(const double *restrict h, const one_link_d
 }
 
 /* One step of the explicit method; ``a`` holds the accelerations at its beginning, ``a_end`` becomes those at its end. */
-static void one_link_tsit5_lanes(const double *restrict h, const one_link_drive *restrict drive, const one_link_clock_lanes *restrict clock, const lanes *restrict u, const lanes *restrict target, lanes dt, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, lanes *restrict q_end, lanes *restrict v_end, lanes *restrict a_end, lanes *restrict error)
+static void one_link_tsit5_lanes(const lanes *restrict h, const one_link_drive *restrict drive, const one_link_clock_lanes *restrict clock, const lanes *restrict u, const lanes *restrict target, lanes dt, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, lanes *restrict q_end, lanes *restrict v_end, lanes *restrict a_end, lanes *restrict error)
 {
     static const double ahead[7][7] = { { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { 0.161, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { -0.008480655492356989, 0.335480655492357, 0.0, 0.0, 0.0, 0.0, 0.0 }, { 2.8971530571054935, -6.359448489975075, 4.3622954328695815, 0.0, 0.0, 0.0, 0.0 }, { 5.325864828439257, -11.748883564062828, 7.4955393428898365, -0.09249506636175525, 0.0, 0.0, 0.0 }, { 5.86145544294642, -12.92096931784711, 8.159367898576159, -0.071584973281401, -0.028269050394068383, 0.0, 0.0 }, { 0.09646076681806523, 0.01, 0.4798896504144996, 1.379008574103742, -3.290069515436081, 2.324710524099774, 0.0 } };
-    static const double share[7] = { 0.0, 0.161, 0.327, 0.8999999999999999, 0.9800255409045104, 0.9999999999999999, 0.9999999999999998 };
+    static const double share[7] = { 0.0, 0.161, 0.327, 0.8999999999999999, 0.9800255409045104, 1.0, 1.0 };
     static const double wrong[7] = { -0.001780011052225771, -0.0008164344596567469, 0.007880878010261995, -0.1447110071732629, 0.5823571654525552, -0.45808210592918697, 0.015151515151515152 };
     lanes q_rate[7][2];
     lanes v_rate[7][2];
@@ -3076,8 +3213,9 @@ static void one_link_between_lanes(double share, double step, int l, int method,
     }
 }
 
-/* Go on with up to LANES states from where their progress is, each by steps of its own; at most so many in this call. */
-static void one_link_adapt_lanes(const double *restrict h, const one_link_drive *restrict drive, const one_link_loads *restrict loads, const one_link_tolerance *restrict allowed, size_t state, int here, const double *restrict times, size_t samples, int method, lanes *restrict q, lanes *restrict v, double *restrict q_out, double *restrict v_out, one_link_progress *restrict progress, one_link_record *restrict record)
+/* Go on with up to LANES states, those at ``place``, from where their progress is, each by steps of its own; at most so
+ * many in this call.  The numbers at ``place`` behind the ones that are here are those of one of them. */
+static void one_link_adapt_lanes(const lanes *restrict h, const one_link_drive *restrict drive, const one_link_loads *restrict loads, size_t loads_step, const one_link_tolerance *restrict allowed, size_t allowed_step, const size_t *restrict place, int here, const double *restrict times, size_t samples, int method, lanes *restrict q, lanes *restrict v, double *restrict q_out, double *restrict v_out, one_link_progress *restrict progress, one_link_record *restrict record)
 {
     const size_t stride = (samples + 1U) * 2U;
     const double end = times[samples];
@@ -3096,47 +3234,56 @@ static void one_link_adapt_lanes(const double *restrict h, const one_link_drive 
     lanes dt = ALL(1.0);
     one_link_clock_lanes clock;
     double step[LANES];
+    long long most = 0;
     int going[LANES];
     int lands[LANES] = { 0 };
     int taken[LANES];
     int left = 0;
     for (int l = 0; l < LANES; ++l) {
-        one_link_progress *const p = &progress[l < here ? l : 0];
+        one_link_progress *const p = &progress[place[l]];
+        const long long own = allowed[place[l] * allowed_step].most;
+        most = (own > most) ? own : most;
         going[l] = ((l < here) && (p->reason == 0)) ? 1 : 0;
         step[l] = duration;
         left += going[l];
-        one_link_hold_lanes(drive, state + (size_t)(l < here ? l : 0), ((p->sample > 0U) && (p->sample <= samples)) ? p->sample - 1U : 0U, l, u, target);
+        clock.loads[l] = (loads == NULL) ? NULL : &loads[place[l] * loads_step];
+        one_link_hold_lanes(drive, place[l], ((p->sample > 0U) && (p->sample <= samples)) ? p->sample - 1U : 0U, l, u, target);
         if ((going[l] != 0) && (p->sample == 0U)) {
             for (int i = 0; i < 2; ++i) {
-                q_out[(size_t)l * stride + (size_t)i] = LANE(q[i], l);
-                v_out[(size_t)l * stride + (size_t)i] = LANE(v[i], l);
+                q_out[place[l] * stride + (size_t)i] = LANE(q[i], l);
+                v_out[place[l] * stride + (size_t)i] = LANE(v[i], l);
             }
             p->sample = 1;
             p->t = times[0];
             p->looked = times[0];
         }
     }
-    clock.loads = loads;
     clock.here = here;
-    for (long long pass = 0; (left > 0) && (pass < allowed->most) && ((record == NULL) || (record->count < record->room)); ++pass) {
+    for (long long pass = 0; (left > 0) && (pass < most) && ((record == NULL) || (record->count < record->room)); ++pass) {
         int fresh = (method == 1) ? stale : 0;
         for (int l = 0; l < LANES; ++l) {
-            const one_link_progress *const p = &progress[l < here ? l : 0];
+            const one_link_progress *const p = &progress[place[l]];
+            if ((going[l] != 0) && (pass >= allowed[place[l] * allowed_step].most)) {
+                going[l] = 0;
+                left -= 1;
+            }
             clock.begin[l] = p->t;
             clock.step[l] = 0.0;
+            clock.end[l] = p->t;
             if ((going[l] != 0) && !(p->next > 0.0)) { fresh = 1; }
         }
         if (fresh != 0) { one_link_accelerated_lanes(h, drive, &clock, 0.0, u, target, q, v, a); }
         stale = 0;
         for (int l = 0; l < LANES; ++l) {
-            one_link_progress *const p = &progress[l < here ? l : 0];
+            one_link_progress *const p = &progress[place[l]];
             if (going[l] == 0) { continue; }
-            if (!(p->next > 0.0)) { p->next = one_link_first_lanes(allowed, l, q, v, a); }
+            if (!(p->next > 0.0)) { p->next = one_link_first_lanes(&allowed[place[l] * allowed_step], l, q, v, a); }
             const double goal = (dense != 0) ? end : times[p->sample];
             const double rest = goal - p->t;
             lands[l] = (p->next * 1.000001 >= rest) ? 1 : 0;
             step[l] = (lands[l] != 0) ? rest : (2.0 * p->next > rest ? 0.5 * rest : p->next);
             clock.step[l] = step[l];
+            clock.end[l] = (lands[l] != 0) ? goal : (p->t + step[l]);
             LANE(dt, l) = step[l];
         }
         if (method == 0) {
@@ -3144,13 +3291,13 @@ static void one_link_adapt_lanes(const double *restrict h, const one_link_drive 
         } else {
             one_link_tsit5_lanes(h, drive, &clock, u, target, dt, q, v, a, q_end, v_end, a_end, error);
         }
-        if ((loads != NULL) && (loads->given != NULL)) { one_link_placed_lanes(&clock, q_end, v_end, error); }
+        if (loads != NULL) { one_link_placed_lanes(&clock, q_end, v_end, error); }
         for (int l = 0; l < LANES; ++l) {
             taken[l] = 0;
             if (going[l] == 0) { continue; }
-            one_link_progress *const p = &progress[l];
+            one_link_progress *const p = &progress[place[l]];
             int where = 0;
-            const double excess = one_link_excess_lanes(allowed, l, q, v, q_end, v_end, error, &where);
+            const double excess = one_link_excess_lanes(&allowed[place[l] * allowed_step], l, q, v, q_end, v_end, error, &where);
             double factor = 0.9 * pow(excess, -order);
             taken[l] = (excess <= 1.0) ? 1 : 0;
             if ((taken[l] != 0) && (excess > 0.0)) { factor *= pow(excess, 0.06) * pow(p->excess > 0.0 ? p->excess : 1e-4, 0.08); } /* proportional-integral control */
@@ -3179,16 +3326,15 @@ static void one_link_adapt_lanes(const double *restrict h, const one_link_drive 
         }
         for (int l = 0; l < LANES; ++l) {
             if (taken[l] == 0) { continue; }
-            one_link_progress *const p = &progress[l];
-            const double goal = (dense != 0) ? end : times[p->sample];
+            one_link_progress *const p = &progress[place[l]];
             const double before = p->t;
             p->steps += 1;
-            p->t = (lands[l] != 0) ? goal : p->t + step[l];
+            p->t = clock.end[l];
             if (step[l] > p->largest) { p->largest = step[l]; }
             if (p->steps == 1 || step[l] < p->smallest) { p->smallest = step[l]; }
             while ((p->sample <= samples) && (((lands[l] != 0) || (dense != 0)) && (times[p->sample] <= p->t))) {
-                double *const q_row = &q_out[(size_t)l * stride + p->sample * 2U];
-                double *const v_row = &v_out[(size_t)l * stride + p->sample * 2U];
+                double *const q_row = &q_out[place[l] * stride + p->sample * 2U];
+                double *const v_row = &v_out[place[l] * stride + p->sample * 2U];
                 const double time = times[p->sample];
                 if ((dense != 0) && (time < p->t)) {
                     one_link_between_lanes((time - before) / step[l], step[l], l, method, q, v, a, q_end, v_end, a_end, q_row, v_row);
@@ -3201,7 +3347,7 @@ static void one_link_adapt_lanes(const double *restrict h, const one_link_drive 
                 }
                 p->sample += 1U;
                 if ((held == 0) && (p->sample <= samples)) {
-                    one_link_hold_lanes(drive, state + (size_t)l, p->sample - 1U, l, u, target);
+                    one_link_hold_lanes(drive, place[l], p->sample - 1U, l, u, target);
                     stale = 1;
                 }
             }
@@ -3227,18 +3373,32 @@ static void one_link_adapt_lanes(const double *restrict h, const one_link_drive 
     }
 }
 
-/* Several states, each by steps of its own: what one of them does changes no bit of another. */
-void one_link_adaptive_rollout_batch(size_t count, const double *restrict h, const one_link_drive *restrict drive, const one_link_loads *restrict loads, const one_link_tolerance *restrict allowed, const double *restrict times, size_t samples, int method, double *restrict q, double *restrict v, double *restrict q_out, double *restrict v_out, one_link_progress *restrict progress)
+/* Several states, each by steps of its own, those at ``place``, or the first ones: what one of them does changes no bit of
+ * another. */
+void one_link_adaptive_rollout_batch(size_t count, const size_t *restrict place, const double *restrict h, size_t h_step, const one_link_drive *restrict drive, const one_link_loads *restrict loads, size_t loads_step, const one_link_tolerance *restrict allowed, size_t allowed_step, const double *restrict times, size_t samples, int method, double *restrict q, double *restrict v, double *restrict q_out, double *restrict v_out, one_link_progress *restrict progress)
 {
-    const size_t stride = (samples + 1) * 2;
-    lanes q_lanes[2], v_lanes[2];
+    lanes h_lanes[7], q_lanes[2], v_lanes[2];
+    double rows[2][LANES][2];
     for (size_t i = 0; i < count; i += LANES) {
         const size_t here = count - i < LANES ? count - i : LANES;
-        gather(q + i * 2, 2, here, 0, 2, q_lanes);
-        gather(v + i * 2, 2, here, 0, 2, v_lanes);
-        one_link_adapt_lanes(h, drive, loads, allowed, i, (int)here, times, samples, method, q_lanes, v_lanes, q_out + i * stride, v_out + i * stride, progress + i, NULL);
-        scatter(q_lanes, NULL, here, 0, 2, 2, q + i * 2);
-        scatter(v_lanes, NULL, here, 0, 2, 2, v + i * 2);
+        size_t at[LANES];
+        for (size_t l = 0; l < LANES; ++l) {
+            const size_t k = i + (l < here ? l : 0);
+            at[l] = place == NULL ? k : place[k];
+            memcpy(rows[0][l], q + at[l] * 2, sizeof rows[0][l]);
+            memcpy(rows[1][l], v + at[l] * 2, sizeof rows[1][l]);
+            if (h_step != 0 || i == 0)
+                for (int j = 0; j < 7; ++j) LANE(h_lanes[j], l) = h[at[l] * h_step + (size_t)j];
+        }
+        gather(rows[0][0], 2, LANES, 0, 2, q_lanes);
+        gather(rows[1][0], 2, LANES, 0, 2, v_lanes);
+        one_link_adapt_lanes(h_lanes, drive, loads, loads_step, allowed, allowed_step, at, (int)here, times, samples, method, q_lanes, v_lanes, q_out, v_out, progress, NULL);
+        scatter(q_lanes, NULL, LANES, 0, 2, 2, rows[0][0]);
+        scatter(v_lanes, NULL, LANES, 0, 2, 2, rows[1][0]);
+        for (size_t l = 0; l < here; ++l) {
+            memcpy(q + at[l] * 2, rows[0][l], sizeof rows[0][l]);
+            memcpy(v + at[l] * 2, rows[1][l], sizeof rows[1][l]);
+        }
     }
 }
 

@@ -74,14 +74,17 @@ extern "C" {
  * zeros at the beginning, are where it goes on: a call takes most steps of a state at most, and one that records its steps
  * no more than there is room for.  progress->reason is 0 until it has ended: 1 at the last sample, 2 + i where no step is
  * short enough for number i of the state.
- * Loads, NULL or the same for all states, act beside the drives and follow time itself, between first and last:
+ * Of several states those at place go on, or the first ones without; parameters, loads and tolerances of state i lie at
+ * i * h_step, i * loads_step and i * allowed_step, and with a step of 0 are the same for all.
+ * Loads, or NULL, act beside the drives and follow time itself, between first and last:
  * - a signal is polynomials of t - knot[k] between knot[k] and knot[k + 1], coefficient (pieces, degree + 1, columns), and
  *   rests outside; with a profile, of one column, that column stands in the place of t.  Column i of a track is of the
  *   coordinate place[i].
  * - torque: forces.  control: kp (program - q / ratio) + kd (its rate - v / ratio), over the ratio.
  * - model: a rigid robot of so many coordinates, at place, behind gears.  Its inverse dynamics (in double precision) at
  *   the program's accelerations, with errors that die out by the bandwidth; column: of the program that drives it, or -1;
- *   given: which of the given motions it follows, or -1.  If it holds, its inverse dynamics at rest.
+ *   given: which of the given motions it follows, or -1.  If it holds, its inverse dynamics at rest.  Several states ask
+ *   the same of many at a time, with batch_h, if that is not NULL and all of them know one model.
  * - given: motions of prescribed coordinates, whose q and v are put in place, and whose accelerations are u: waves (size, 4),
  *   amplitude, angular frequency, phase and offset, and the signals of ``count`` tracks, whose places are among them.
  * - wrench: on the centre of mass of a link, force and moment from t0 on until t1, in the base's axes, or those of a frame if
@@ -176,6 +179,8 @@ typedef struct {
 typedef struct {
     int (*inverse_dynamics)(const double *h, const double *q, const double *v, const double *a, double *out);
     const double *h;
+    long long (*inverse_dynamics_batch)(size_t count, const double *h, const double *q, size_t q_step, const double *v, size_t v_step, const double *a, size_t a_step, double *out);
+    const double *batch_h;
     const int *place;
     const double *ratio;
     const int *column;
@@ -223,7 +228,7 @@ typedef struct {
 } one_link_record;
 int one_link_adaptive_rollout(const double *h, const one_link_drive *drive, const one_link_loads *loads, const one_link_tolerance *allowed, const double *times, size_t samples, int method, double *q, double *v, double *q_out, double *v_out, one_link_progress *progress, one_link_record *record);
 void one_link_loaded(size_t count, const one_link_loads *loads, const double *times, double *q, double *v, double *u);
-void one_link_adaptive_rollout_batch(size_t count, const double *h, const one_link_drive *drive, const one_link_loads *loads, const one_link_tolerance *allowed, const double *times, size_t samples, int method, double *q, double *v, double *q_out, double *v_out, one_link_progress *progress);
+void one_link_adaptive_rollout_batch(size_t count, const size_t *place, const double *h, size_t h_step, const one_link_drive *drive, const one_link_loads *loads, size_t loads_step, const one_link_tolerance *allowed, size_t allowed_step, const double *times, size_t samples, int method, double *q, double *v, double *q_out, double *v_out, one_link_progress *progress);
 
 #ifdef __cplusplus
 }

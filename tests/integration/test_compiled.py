@@ -22,8 +22,9 @@ from eomgen.progress import no_progress
 from eomgen.robot.model import tool_of
 from eomgen.robot.value import Coordinate, Robot
 from eomgen.runtime.stepping.adaptive import METHODS as NUMBERS
-from eomgen.runtime.stepping.loaded import Loaded
-from eomgen.runtime.stepping.loads import Packed, Signal
+from eomgen.runtime.stepping.loaded import AUTO, Loaded
+from eomgen.runtime.stepping.loads import DriveData, LoadData, Packed, Signal, Track
+from eomgen.runtime.stepping.together import Together
 from eomgen.scenario.load import scenario_from_toml
 from eomgen.simulation.assembly import Assembly, assemble, may_run_in_c
 from eomgen.simulation.run import run_scenario
@@ -114,7 +115,7 @@ def test_drives_of_c_are_those_of_python(robot: str, drive: str) -> None:
     times = np.sort(rng.uniform(0.0, 0.4, 12))
     q, v = rng.normal(size=(2, 12, kernel.n))
     given = [kernel.coordinates.index(name) for name in kernel.prescribed]
-    found = loaded(assembly, times, q, v).drives(times, q, v)
+    found = loaded(assembly, times, q, v).loads.drives(times, q, v)
     for t, x, rate, u in zip(times.tolist(), q, v, found, strict=True):
         if assembly.prescribed is not None:
             motion = assembly.prescribed(t)
@@ -315,10 +316,14 @@ def test_a_batch_under_loads_has_the_bits_of_its_states() -> None:
         allowed = library.new("tolerance", rtol=1e-7, atol=view(atol), most=10**6)
         function.batch(
             5,
+            kernel.raw.ffi.NULL,
             kernel.parameters.setup.pointer(library),
+            0,
             library.drive(u=view(np.zeros(n))),
             packed.pointer,
+            0,
             allowed,
+            0,
             kernel.raw.ffi.from_buffer("double[]", times),
             times.size - 1,
             number,
@@ -432,3 +437,58 @@ def test_a_mechanism_that_does_not_close_ends_the_motion() -> None:
     assembly = assemble(robot, scenario, tool_of(robot, None, "tool"), no_progress)
     q, v = np.array([[1.0, 30.0, -30.0]]), np.zeros((1, 3))
     assert not np.isfinite(loaded(assembly, np.array([0.0, 1.0]), q, v).drives(np.zeros(1), q, v)[0, 0])
+
+
+@pytest.mark.parametrize("method", [*METHODS, AUTO])
+def test_states_with_parameters_and_loads_of_their_own_move_as_alone(method: str) -> None:
+    """To the bit: other bearings and masses, other centres of mass that wrenches act on, and others beside it."""
+    text = "duration = 0.1\n" + SHAKEN + PUSH.format(link=eomgen.load_robot("shaken_arm").links[-1].name, axes="link")
+    whole = assembled("shaken_arm", text)
+    rng, n = np.random.default_rng(4), whole.kernel.n
+    names = [name for name in whole.kernel.parameters if name.endswith(("stiffness", "mass"))]
+    assert names
+    given = [whole.kernel.coordinates.index(name) for name in whole.kernel.prescribed]
+    times, states = np.linspace(0.0, 0.1, 8), 19
+    q, v = 0.02 * rng.normal(size=(2, states, n))
+    assert whole.prescribed is not None
+    q[:, given], v[:, given] = whole.prescribed(0.0)[:2]
+    atol = 10.0 ** rng.uniform(-9.0, -6.0, (states, 2 * n))
+    kernels = [
+        whole.kernel.with_parameters({name: whole.kernel.parameters[name] * rng.uniform(0.3, 2.0) for name in names})
+        for _ in range(states)
+    ]
+    loads = [data_of(kernel, whole.drive, whole.wrenches, whole.prescribed) for kernel in kernels]
+    for chosen in (range(states), range(4, 7)):
+        some = list(chosen)
+        shared = method != AUTO  # loads that are one object
+        data = [loads[0] if shared else loads[i] for i in some]
+        calls = [kernels[i].calls for i in some]
+        motion = Together(calls, data, times, q[some], v[some], method, 1e-7, atol[some])
+        while motion.go():
+            pass
+        for place, i in enumerate(some):
+            alone = Loaded(kernels[i].calls, data[place], times, q[i], v[i], method, 1e-7, atol[i])
+            while not alone.progress.reason:
+                alone.go()
+            assert motion.progress[place].reason == alone.progress.reason == 1
+            assert motion.progress[place].steps == alone.progress.steps
+            assert motion.evaluations[place] == alone.evaluations
+            assert motion.spans[place] == alone.spans
+            assert np.array_equal(motion.samples[:, place], alone.samples)
+
+
+@pytest.mark.parametrize("method", [*METHODS, AUTO])
+def test_calls_that_end_sooner_change_no_bit(method: str, built: Build) -> None:
+    """Where a call begins, what the one before ended with is evaluated again: at the same time to the bit."""
+    kernel = built(oscillator(), *NEEDED, "adaptive_rollout")
+    rising = Signal(np.array([0.0, 1.0]), np.array([[[0.0], [3.0]]]))  # a force by which the last bit of time shows
+    loads = LoadData(DriveData(torque=Track(rising, np.array([0]))))
+    times, allowed, found = np.linspace(0.0, 0.4, 41), (1e-10, np.full(2, 1e-12)), []
+    for kept in (0, 1, 7):
+        motion = Loaded(kernel.calls, loads, times, np.zeros(1), np.zeros(1), method, *allowed, kept)
+        while not motion.progress.reason:
+            motion.go()
+        found.append(motion.samples)
+    assert motion.progress.steps >= 50
+    assert np.array_equal(found[0], found[1])
+    assert np.array_equal(found[0], found[2])

@@ -98,7 +98,7 @@ def compiled_states(
     kernel, n = system.kernel, system.n
     q, v = samples.states[0, :n], samples.states[0, n:]
     kept = KEPT if watch.is_needed else 0
-    allowed = PART * rtol, PART * np.maximum(atol, 1e-30)
+    allowed = step_tolerances(rtol, atol)
     motion = Loaded(kernel.calls, loads, samples.times, q, v, method, *allowed, kept)
     at, before, progress = float(samples.times[0]), samples.states[0], motion.progress
     while progress.reason == 0:
@@ -112,7 +112,7 @@ def compiled_states(
             at, before = float(times[-1]), np.concatenate([q_steps[-1], v_steps[-1]])
         if done > samples.done:
             samples.take(np.hstack(list(motion.samples[:, samples.done : done])))
-        system.loaded = motion
+        system.loaded = motion.loads
         system.counts |= {
             "steps": int(progress.steps),
             "evaluations": motion.evaluations,
@@ -125,6 +125,11 @@ def compiled_states(
         report(float(progress.t), f"t = {progress.t:.3f} s, {method}, {progress.steps} steps")
     if progress.reason != DONE:
         raise _stopped(system, motion, method)
+
+
+def step_tolerances(rtol: float, atol: Array) -> tuple[float, Array]:
+    """Tolerances of a step of a motion with these ones."""
+    return PART * rtol, PART * np.maximum(atol, 1e-30)
 
 
 def _moved(

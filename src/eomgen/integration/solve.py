@@ -122,9 +122,7 @@ def integrate(
         InputError: an argument is wrong, a prescribed coordinate has no motion, or SciPy is not installed.
     """
     drive = drive_of(kernel, drive)
-    plain, turning = (ClosedSystem, ClosedTurningSystem) if kernel.constraints else (System, TurningSystem)
-    kind = turning if kernel.raw.turning else plain
-    system = kind(kernel, drive, wrench, prescribed)
+    system = system_of(kernel, drive, wrench, prescribed)
     q, v = (state_vector(label, x, kernel.coordinates) for label, x in (("q0", q0), ("v0", v0)))
     times = output_times(duration, output_step) if times is None else checked_times(times, duration, output_step)
     loads = (drive, wrench, prescribed)
@@ -176,6 +174,18 @@ def integrate(
         return compiled.leading(method, system.counts, float(times[-1] - times[0]))
 
     return trajectory_of(system, samples, run_until, name, watch, info)
+
+
+def system_of(
+    kernel: Kernel,
+    drive: DriveFunction | None,
+    wrench: WrenchFunction | ArrayLike | None,
+    prescribed: MotionFunction | None,
+) -> System:
+    """The equations of motion of a kernel as its coordinates need them, arguments as of ``integrate``."""
+    plain, turning = (ClosedSystem, ClosedTurningSystem) if kernel.constraints else (System, TurningSystem)
+    kind = turning if kernel.raw.turning else plain
+    return kind(kernel, drive, wrench, prescribed)
 
 
 def choose_method(kernel: Kernel, method: str = "auto", q: Array | None = None, duration: float = 1.0) -> str:

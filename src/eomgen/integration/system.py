@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ArrayError, InputError, IntegrationError, IntegrationStopped
 from ..runtime.kernel import Kernel
-from ..runtime.stepping.loaded import Loaded
+from ..runtime.stepping.loads import Packed
 from ..state.springs import coordinate_sizes, rate_step, smoothings
 from ..state.vectors import Q_STEP, DriveFunction, MotionFunction, WrenchFunction, prescribed_mask
 from .advance import Advance
@@ -27,7 +27,7 @@ class System:
 
     Attributes:
         here: the kernel whose coordinates y has.
-        loaded: what integrated in C by loads that are data, if that did.
+        loaded: loads that are data, if C integrated by them.
         part: of the tolerances that is left to y, where that is a part of the state.
     """
 
@@ -59,7 +59,7 @@ class System:
         self._no_drive = np.zeros(self.n)
         self.counts: dict[str, float] = {"steps": 0, "evaluations": 0, "jacobians": 0}
         self.trouble: Exception | None = None
-        self.loaded: Loaded | None = None
+        self.loaded: Packed | None = None
         self.advance: Advance | None = None
         self._stuck: Array | None = None  # where evaluations lead nowhere
 

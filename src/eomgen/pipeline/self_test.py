@@ -195,10 +195,11 @@ class _Examination:
                     continue
                 at = [np.array(self.samples["q"][state]), np.zeros(n, self.raw.dtype)]
                 moved, progress = np.zeros((2, 2 * n), self.raw.dtype), library.new("progress", next=dt)
-                call = rollout.batch if suffix else rollout.code
-                count = (1,) if suffix else ()
                 how = (times, 1, int(method), *map(view, (*at, *moved)), progress)
-                call(*count, self.h, drive, NULL, allowed, *how, *(() if suffix else (NULL,)))
+                if suffix:
+                    rollout.batch(1, NULL, self.h, 0, drive, NULL, 0, allowed, 0, *how)
+                else:
+                    rollout.code(self.h, drive, NULL, allowed, *how, NULL)
                 if progress.steps != 1:
                     yield Difference(f"the steps of {rollout.name}{suffix}", STATES[state], 0, progress.steps, 1)
                 yield from self._compared(rollout.name, (int(method), int(state)), moved[:, n:].ravel(), suffix)

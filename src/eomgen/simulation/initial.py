@@ -56,11 +56,9 @@ def initial_state(robot: Robot, scenario: Scenario, assembly: Assembly) -> tuple
             scenario.fail(
                 "initial.held", f"{show(name)}{nearest(name, kernel.coordinates)} is unknown; allowed: {known}"
             )
-    return (
-        _balanced(robot, scenario, assembly, q, {names_in_scenarios(robot)[name] for name in held}),
-        v,
-        _loose(robot, assembly),
-    )
+    loose = _loose(robot, assembly)
+    still = {*loose, *(names_in_scenarios(robot)[name] for name in held)}
+    return _balanced(robot, scenario, assembly, q, still), v, loose
 
 
 def _closed(assembly: Assembly, q: Array, v: Array, rates: Container[str]) -> tuple[Array, Array]:
@@ -107,7 +105,7 @@ def _loose(robot: Robot, assembly: Assembly) -> tuple[str, ...]:
     )
 
 
-def _balanced(robot: Robot, scenario: Scenario, assembly: Assembly, q: Array, held: set[str]) -> Array:
+def _balanced(robot: Robot, scenario: Scenario, assembly: Assembly, q: Array, still: set[str]) -> Array:
     """Equilibrium near q under the drives and wrenches at t = 0; a coordinate with clearance starts in its middle."""
     kernel, drive, wrenches = assembly.kernel, assembly.drive.resting(), assembly.wrenches
     at_rest = np.zeros(kernel.n)
@@ -121,7 +119,6 @@ def _balanced(robot: Robot, scenario: Scenario, assembly: Assembly, q: Array, he
             return u + kernel.external_force(qs, wrenches(0.0, qs, at_rest))
         return u + kernel.external_force(qs, np.array([wrenches(0.0, x, at_rest) for x in qs]))
 
-    still = held | set(_loose(robot, assembly))
     try:
         taut = _taut(kernel)
         if taut is None:

@@ -143,8 +143,7 @@ def run_assembly(
     kernel = assembly.kernel
     report(0.0, "static equilibrium at the start")
     q0, v0, loose = initial_state(robot, scenario, assembly)
-    ends = (float(assembly.program.t[0]), float(assembly.program.t[-1])) if isinstance(assembly.program, Spline) else ()
-    loads = Loads(assembly.drive, assembly.wrenches, assembly.prescribed, ends)
+    loads = loads_of(assembly)
     versions = {"eomgen": __version__, "numpy": np.__version__, "python": platform.python_version()}
     about: dict[str, Any] = {
         "robot": robot.name,
@@ -203,6 +202,12 @@ def run_assembly(
         found.stop.trajectory, found.stop.result = result.trajectory, result
         raise found.stop
     return result
+
+
+def loads_of(assembly: Assembly) -> Loads:
+    """Loads of an assembly's motion."""
+    ends = (float(assembly.program.t[0]), float(assembly.program.t[-1])) if isinstance(assembly.program, Spline) else ()
+    return Loads(assembly.drive, assembly.wrenches, assembly.prescribed, ends)
 
 
 def _passive(robot: Robot, assembly: Assembly) -> tuple[str, ...]:

@@ -118,7 +118,7 @@ def run_segments(
     energy: float | None = None
     contacts: list[Contact] = []
     stop: IntegrationStopped | None = None
-    for begin, end in pairwise(_bounds(scenario, loads, grid)):
+    for begin, end in pairwise(bounds(scenario, loads, grid)):
         kernel.parameters.update(loaded_parameters(robot, scenario, begin))
         try:
             span, how = (begin, end), (method, balance, until)
@@ -216,12 +216,9 @@ def _piece(
         IntegrationStopped: not even the first sample is there.
     """
     begin, end = span
-    edges = np.concatenate([[begin], grid[(grid > begin) & (grid < end)], [end]])
+    edges = piece_times(span, grid)
     times, apart = (with_nodes(edges), PARTS) if balance else (edges, 1)
-    sharp = SHARPNESS * scenario.duration
-    bounds = (begin + sharp if begin > 0.0 else begin, end - sharp if end < scenario.duration else end)
-    drive = _Between(loads.drive, *bounds, batched=True)
-    wrench = None if loads.wrench is None else _Between(loads.wrench, *bounds)
+    drive, wrench = between(loads, scenario, begin, end)
     how = scenario.integrator
     stop: IntegrationStopped | None = None
     options: dict[str, Any] = {"rtol": how.rtol, "atol": how.atol, "step": how.step}
@@ -254,6 +251,20 @@ def _piece(
     return samples, part, stop
 
 
+def piece_times(span: tuple[float, float], grid: Array) -> Array:
+    """Ends of a piece and the times of the grid in between, s."""
+    begin, end = span
+    return np.concatenate([[begin], grid[(grid > begin) & (grid < end)], [end]])
+
+
+def between(loads: Loads, scenario: Scenario, begin: float, end: float) -> tuple[Function, Function | None]:
+    """Drives and wrenches of a piece, which do not see what jumps at its ends."""
+    sharp = SHARPNESS * scenario.duration
+    inside = (begin + sharp if begin > 0.0 else begin, end - sharp if end < scenario.duration else end)
+    wrench = None if loads.wrench is None else _Between(loads.wrench, *inside)
+    return _Between(loads.drive, *inside, batched=True), wrench
+
+
 def _to_the_end(
     kernel: Kernel, part: Trajectory, edges: Array, apart: int, options: Mapping[str, Any]
 ) -> tuple[Trajectory, Array]:
@@ -269,7 +280,7 @@ def _to_the_end(
     return replace(part, **rows), edges
 
 
-def _bounds(scenario: Scenario, loads: Loads, grid: Array) -> list[float]:
+def bounds(scenario: Scenario, loads: Loads, grid: Array) -> list[float]:
     """Times between the pieces, with 0 and the duration; those beside a time of the grid are put on it."""
     inner = list(loads.ends)
     spans = [(load.t0, load.t1) for load in scenario.wrenches] + [(load.t0, load.t1) for load in scenario.payloads]

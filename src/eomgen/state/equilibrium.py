@@ -115,9 +115,21 @@ def _newton(kernel: Kernel, q: Array, free: NDArray[np.bool_], residual: Callabl
 
 def refuse_singular(slopes: Array, names: list[str], robot: str) -> None:
     """IntegrationError if nothing holds one of the coordinates, whose slopes of forces these are, (m, m)."""
+    if _is_well_conditioned(slopes):
+        return
     _, values, directions = np.linalg.svd(slopes)
     if values[-1] <= 1e-12 * values[0]:
         loose = names[int(np.argmax(np.abs(directions[-1])))]
         raise IntegrationError(
             f"{robot}: no static equilibrium: nothing holds {loose}; give it a stiffness or a drive, or list it in held"
         )
+
+
+def _is_well_conditioned(slopes: Array) -> bool:
+    """Whether a matrix is far from singular for certain, by its inverse, which costs less than singular values."""
+    try:
+        inverse = np.linalg.inv(slopes)
+    except np.linalg.LinAlgError:
+        return False
+    condition = np.abs(slopes).sum(axis=0).max() * np.abs(inverse).sum(axis=0).max()
+    return bool(len(slopes) * condition < 1e11)

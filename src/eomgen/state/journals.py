@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,10 +106,19 @@ def cut_stiffness(kernel: Kernel, q: Array) -> Array:
 def journal_numbers(kernel: Kernel, owners: str = "joints") -> Numbers:
     """The numbers of every journal of joints, or of "loops", as the kernel has them now."""
     found: dict[str, dict[str, float]] = {}
-    for name, value in kernel.parameters.items():
+    for name, owner, key in _places(tuple(kernel.parameters), owners):
+        found.setdefault(owner, {})[key] = kernel.parameters[name]
+    return found
+
+
+@lru_cache(maxsize=64)
+def _places(names: tuple[str, ...], owners: str) -> list[tuple[str, str, str]]:
+    """Parameters that are numbers of journals, with their owner and their name in the table of a journal."""
+    found = list[tuple[str, str, str]]()
+    for name in names:
         kind, *path = parameter_path(name)
         if kind == owners and path[1] == RADIAL:
-            found.setdefault(path[0], {})[parameter_name(*path[2:])] = value
+            found.append((name, path[0], parameter_name(*path[2:])))
     return found
 
 

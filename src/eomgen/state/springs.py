@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from weakref import WeakKeyDictionary
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,12 +11,15 @@ from ..names import parameter_name
 from ..robot import sizes
 from ..robot.laws import contact_stiffness_of, has_springs, rate_slope_of, stiffness_of
 from ..runtime.kernel import Kernel
+from ..runtime.raw import Setup
 from .joint_damping import damping_diagonal
 from .journals import cut_contacts, cut_stiffness, journal_contacts, journal_stiffness
 from .motors import deflections
 from .vectors import V_STEP, prescribed_mask
 
 Array = NDArray[np.float64]
+
+_matrices: WeakKeyDictionary[Setup, Array] = WeakKeyDictionary()  # stiffness by what a kernel's parameters are now
 
 SHARPEST = 1e-10  # m/s or rad/s: smaller rates are round-off
 SHORTEST = 5e-10  # m/s or rad/s: of differences, whose round-off is below 1e-5 of a slope then
@@ -31,9 +36,17 @@ def stiffnesses(kernel: Kernel) -> Array:
 
 
 def stiffness_matrix(kernel: Kernel) -> Array:
-    """``stiffnesses`` with what transmissions have beside the diagonal, (n, n)."""
-    rows, own = deflections(kernel), sizes.table_stiffnesses(kernel.parameters, kernel.coordinates, kernel.knots)
-    return np.asarray(rows.T @ (own[:, None] * rows)) + journal_stiffness(kernel)
+    """``stiffnesses`` with what transmissions have beside the diagonal, (n, n), not to be written to."""
+    setup = kernel.parameters.setup
+    found = _matrices.get(setup)
+    if found is None:
+        own = sizes.table_stiffnesses(kernel.parameters, kernel.coordinates, kernel.knots)
+        rows = deflections(kernel)
+        found = np.asarray(rows.T @ (own[:, None] * rows)) + journal_stiffness(kernel)
+        found.flags.writeable = False
+        if kernel.parameters.setup is setup:  # nobody has assigned others in the meantime
+            _matrices[setup] = found
+    return found
 
 
 def _contact_stiffnesses(kernel: Kernel) -> Array:

@@ -27,8 +27,9 @@ from ..scenario.value import Scenario
 from ..simulation.assembly import Assembly, assemble, kernels_of, with_kernel
 from ..simulation.result import SimulationResult
 from ..simulation.run import run_assembly
+from ..simulation.together import POSE, go_together, run_together
 from .contents import SampleRow, finite_or_error
-from .measures import NEEDS, Column, measure, rigid_pose
+from .measures import NEEDS, READS, Column, measure, rigid_pose
 from .pace import Pace, Rolled, roll
 from .plan import Plan
 
@@ -77,6 +78,8 @@ class Job:
     def kernels(self, scenario: Scenario) -> tuple[str, ...]:
         """Names of the kernels that its robot is built with."""
         further = [name for wanted in self.plan.record for name in NEEDS.get(wanted, ())]
+        if "reactions" in further and scenario.wrenches:
+            further.append("external_reactions")
         if self.pace is not None:
             further.append("rollout")
         return tuple(dict.fromkeys((*kernels_of(self.robot, scenario), *further)))
@@ -174,7 +177,7 @@ class SampleRunner:
 
     def nominal(self, sample: Sequence[float]) -> tuple[Scenario, Assembly]:
         """Scenario and assembly of a sample's scenario with the robot's own parameters."""
-        key = json.dumps(self.job.scenario_values(sample), sort_keys=True)
+        key = self._key(sample)
         with self._lock:
             if key in self._assemblies:
                 self._assemblies.move_to_end(key)
@@ -191,7 +194,7 @@ class SampleRunner:
         """The rows of samples, in their order; those of one scenario are done together."""
         groups: dict[str, list[int]] = {}
         for i, sample in enumerate(samples):
-            groups.setdefault(json.dumps(self.job.scenario_values(sample), sort_keys=True), []).append(i)
+            groups.setdefault(self._key(sample), []).append(i)
         found: dict[int, SampleRow] = {}
         for places in groups.values():
             outcomes = self.outcomes([samples[i] for i in places])
@@ -204,6 +207,12 @@ class SampleRunner:
                 error = finite_or_error(outcome[0], record)
                 found[i] = SampleRow(indices[i], sample, () if error else record, error)
         return [found[i] for i in range(len(samples))]
+
+    def _key(self, sample: Sequence[float]) -> str:
+        """Text of a sample's scenario, by which samples are done together."""
+        if not any(dimension.kind == "scenario" for dimension in self.job.dimensions):
+            return ""
+        return json.dumps(self.job.scenario_values(sample), sort_keys=True)
 
     def outcomes(
         self, samples: Sequence[Sequence[float]], finer: int = 1
@@ -249,6 +258,10 @@ class SampleRunner:
             for assembly, motion in zip(assemblies, rolled, strict=True):
                 found.append(motion if isinstance(motion, EomgenError) else _result(job, assembly, nominal, motion))
             return found
+        if assemblies and not balance and go_together(nominal, scenario):
+            parts = {part for name in job.plan.record for part in READS.get(name, ())}
+            together = run_together(job.robot, scenario, assemblies, job.tool, parts)
+            return _with_programs(nominal, together) if POSE in parts else together
         for assembly in assemblies:
             try:
                 result = run_assembly(job.robot, scenario, assembly, job.tool, no_progress, balance=balance)
@@ -256,6 +269,22 @@ class SampleRunner:
             except EomgenError as error:
                 found.append(error)
         return found
+
+
+def _with_programs(
+    nominal: Assembly, motions: Sequence[SimulationResult | EomgenError]
+) -> list[SimulationResult | EomgenError]:
+    """Motions with the poses of the nominal robot on their programs, which are the same where one is programmed."""
+    found: list[SimulationResult | EomgenError] = []
+    shared: Array | None = None
+    for motion in motions:
+        if isinstance(motion, EomgenError):
+            found.append(motion)
+            continue
+        if shared is None or nominal.program is None:
+            shared = rigid_pose(nominal.kernel, motion)
+        found.append(replace(motion, program_pose=shared))
+    return found
 
 
 def _result(job: Job, assembly: Assembly, nominal: Assembly, motion: Rolled) -> SimulationResult:

@@ -15,6 +15,7 @@ from ..runtime.kernel import Kernel
 from ..scenario.value import Scenario
 from ..simulation.assembly import Assembly
 from ..simulation.result import SimulationResult
+from ..simulation.together import DRIVES, POSE, WRENCHES
 from ..state.motors import shafts
 from ..state.turning import quaternion_columns
 from .plan import Plan
@@ -22,6 +23,15 @@ from .plan import Plan
 Array = NDArray[np.float64]
 
 NEEDS = {"reaction_max": ("reactions",)}  # kernels beside those of a simulation
+READS = {  # parts of results that not all motions have, by what is recorded
+    "tool_deviation_max": (POSE,),
+    "tool_deviation_rms": (POSE,),
+    "tool_deviation_end": (POSE,),
+    "tool_rotation_max": (POSE,),
+    "drive_max": (DRIVES,),
+    "drive_rms": (DRIVES,),
+    "reaction_max": (DRIVES, WRENCHES),
+}
 PARTS = (("linear", "m"), ("angular", "rad"))
 
 

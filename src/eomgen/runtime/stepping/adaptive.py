@@ -100,12 +100,13 @@ class _Motion:
             allowed = library.new("tolerance", rtol=rtol, atol=view(atol), most=most)
             arrays = [view(x[begin:end]) for x in (*self.at, *self.stored)]
             how = (times, self.times.size - 1, METHODS[self.method])
-            rest = (drive, library.ffi.NULL, allowed, *how, *arrays, self.progress + begin)
+            rest = (*how, *arrays, self.progress + begin)
+            same = pointer, 0, drive, library.ffi.NULL, 0, allowed, 0  # of all states: distances of theirs are 0
             while any(self.progress[i].reason == 0 for i in range(begin, end)):
                 if self.single:
-                    self.function.code(pointer, *rest, library.ffi.NULL)
+                    self.function.code(pointer, drive, library.ffi.NULL, allowed, *rest, library.ffi.NULL)
                 else:
-                    self.function.batch(end - begin, pointer, *rest)
+                    self.function.batch(end - begin, library.ffi.NULL, *same, *rest)
                 yield -1
 
 

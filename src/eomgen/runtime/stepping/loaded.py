@@ -77,6 +77,7 @@ class Loaded:
         state: q and v that were reached, (2, n).
         evaluations: of accelerations.
         spans: how much time each method led on by, s.
+        loads: the data as C takes it.
     """
 
     def __init__(
@@ -96,7 +97,7 @@ class Loaded:
             raise calls.raw.missing("adaptive_rollout")
         library, view = function.library, calls.raw.view
         self._function, self._setup = function, calls.parameters.setup
-        self._loads = Packed(library, calls, loads)
+        self.loads = Packed(library, calls, loads)
         self._times = np.array(times, dtype=np.float64)
         self.state = np.array([q, v], dtype=calls.dtype)
         self.samples = np.full((2, self._times.size, calls.n), np.nan, calls.dtype)
@@ -116,7 +117,7 @@ class Loaded:
             fields = {"t": FFI.from_buffer("double[]", t), "q": view(q_kept), "v": view(v_kept)}
             self._record = library.new("record", **fields, room=steps_kept)
         pointers = FFI.from_buffer("double[]", self._times), self._times.size - 1
-        self._first = (self._setup.pointer(library), self._drive, self._loads.pointer, self._allowed, *pointers)
+        self._first = (self._setup.pointer(library), self._drive, self.loads.pointer, self._allowed, *pointers)
         self._last = (*map(view, (*self.state, *self.samples)), self.progress, self._record)
 
     @property
@@ -149,9 +150,3 @@ class Loaded:
         if alternation is not None:
             alternation.took(steps, float(progress.t - t))
         return steps
-
-    def drives(self, times: Array, q: Array, v: Array) -> Array:
-        """u at times in states, (T, n); prescribed coordinates have their accelerations there, and are put in place."""
-        function, u = self._function.library.function("loaded"), np.zeros_like(q)
-        function(len(times), self._loads.pointer, FFI.from_buffer("double[]", times), *map(self._view, (q, v, u)))
-        return u

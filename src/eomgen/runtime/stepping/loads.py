@@ -188,13 +188,14 @@ class Packed:
         library: of the function that reads them.
         calls: of the robot's kernel, with "frame_pose" and "external_force" where there are wrenches.
         loads: the data.
+        many: whether many states are moved at a time, so that a model of the robot is asked for many, too.
 
     Attributes:
         pointer: to ``NAME_loads``.
     """
 
-    def __init__(self, library: Library, calls: Calls, loads: LoadData) -> None:
-        self._library, self._calls, self._kept = library, calls, list[Any]()
+    def __init__(self, library: Library, calls: Calls, loads: LoadData, *, many: bool = False) -> None:
+        self._library, self._calls, self._kept, self._many = library, calls, list[Any](), many
         drive, fields = loads.drive, dict[str, Any](first=loads.first, last=loads.last)
         if drive.torque is not None:
             fields["torque"] = self._new("track", **self._track(drive.torque))
@@ -207,6 +208,12 @@ class Packed:
         if loads.wrenches:
             fields |= self._wrenches(loads.wrenches)
         self.pointer = self._new("loads", **fields)
+
+    def drives(self, times: Array, q: Array, v: Array) -> Array:
+        """u at times in states, (T, n); prescribed coordinates have their accelerations there, and are put in place."""
+        function, view, u = self._library.function("loaded"), self._calls.raw.view, np.zeros_like(q)
+        function(len(times), self.pointer, FFI.from_buffer("double[]", times), view(q), view(v), view(u))
+        return u
 
     def _new(self, kind: str, **fields: Any) -> Any:
         found = self._library.new(kind, **fields)
@@ -252,6 +259,7 @@ class Packed:
         fields: dict[str, Any] = {}
         if model.mechanism is None:
             fields["inverse_dynamics"], fields["h"] = self._function(model.calls, "inverse_dynamics")
+            fields |= zip(("inverse_dynamics_batch", "batch_h"), self._batch(model.calls), strict=False)
         else:
             fields["mechanism"] = self._mechanism(model.mechanism)
         return self._new(
@@ -314,6 +322,16 @@ class Packed:
         if any(own[k].frame >= 0 for k in range(len(wrenches))):
             fields["frame_pose"], fields["frame_h"] = self._function(self._calls, "frame_pose")
         return fields
+
+    def _batch(self, calls: Calls) -> tuple[Any, ...]:
+        """The same of inverse dynamics for many states at a time; nothing where one is moved alone."""
+        if not self._many:
+            return ()
+        function, setup = calls.raw.function("inverse_dynamics"), calls.parameters.setup
+        arguments = "size_t, const double *" + 3 * ", const double *, size_t" + ", double *"
+        code = self._library.ffi.cast(f"long long (*)({arguments})", function.address(batch=True))
+        where = setup.address(function.where(batch=True))
+        return code, self._library.ffi.cast("const double *", where)
 
     def _function(self, calls: Calls, name: str, *, turned: bool = False) -> tuple[Any, Any]:
         """Code of a kernel's function as C of this library takes it, and what that reads of parameters.

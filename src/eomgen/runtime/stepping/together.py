@@ -1,0 +1,126 @@
+"""Many states on their way in C side by side, each under loads, parameters and tolerances of its own.
+
+A generated package carries a copy of this file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..calls import Calls
+from ..pieces import OPERATIONS
+from ..raw import FFI
+from .adaptive import METHODS, STAGES
+from .loaded import AUTO, TRIAL, Alternation
+from .loads import LoadData, Packed
+
+Array = NDArray[Any]
+
+SIDE_BY_SIDE = 16  # states of a call that go equally far: as many as the widest vector has numbers
+
+
+class Together:
+    """Many states on their way: each call of ``go`` leads on those that have not ended, a vector of them at a time.
+
+    Each is moved as ``Loaded`` moves it alone, to the bit, whoever goes beside it.
+
+    Args:
+        calls: of kernels of one code, one for each state, with "adaptive_rollout" and what the loads ask for.
+        loads: the data for each state; where they are one object, all states share it.
+        times: of the samples, s, (T,).
+        q, v: the states at the first time, (states, n).
+        method: of METHODS, or AUTO: then each state has its own alternation.
+        rtol, atol: tolerances; atol of each state's q, then of v, (states, 2n).
+
+    Attributes:
+        samples: q and v, (2, states, T, n), as far as the states got; NaN behind.
+        state: q and v that were reached, (2, states, n).
+        progress: of every state, in C; its ``reason`` is DONE, or what ended it, or 0 before.
+        evaluations: of accelerations, by state.
+        spans: how much time each method led on by, s, by state.
+    """
+
+    def __init__(
+        self,
+        calls: Sequence[Calls],
+        loads: Sequence[LoadData],
+        times: Array,
+        q: Array,
+        v: Array,
+        method: str,
+        rtol: float,
+        atol: Array,
+    ) -> None:
+        raw, count = calls[0].raw, len(calls)
+        function = raw.adaptive
+        if function is None:
+            raise raw.missing("adaptive_rollout")
+        library, view, n = function.where(batch=True), raw.view, calls[0].n
+        self._function, self._times, self._method = function, np.array(times, dtype=np.float64), method
+        self.state = np.array([q, v], dtype=raw.dtype)
+        self.samples = np.full((2, count, self._times.size, n), np.nan, raw.dtype)
+        self.progress = library.new_array("progress", count)
+        self.evaluations = [0] * count
+        self.spans = [dict.fromkeys(METHODS, 0.0) for _ in calls]
+        self._alternations = [Alternation() for _ in calls] if method == AUTO else []
+        self._going = list(range(count))
+        self._operations = function.operations * max(STAGES.values())
+        self._h = np.array([each.parameters.setup.computed(library) for each in calls])
+        self._u, self._atol = np.zeros(n, raw.dtype), np.array(atol, dtype=raw.dtype)
+        self._packed = _packed(library, calls, loads)
+        self._allowed = library.new_array("tolerance", count)
+        for allowed, row in zip(self._allowed, self._atol, strict=True):
+            allowed.rtol, allowed.atol = rtol, view(row)
+        pointer, distance = self._packed[0].pointer, 0
+        if len(self._packed) > 1:
+            pointer, distance = library.new_array("loads", count), 1
+            for i, packed in enumerate(self._packed):
+                pointer[i] = packed.pointer[0]
+        of_loads = view(self._h), self._h.shape[1], library.drive(u=view(self._u)), pointer, distance, self._allowed, 1
+        self._first = *of_loads, FFI.from_buffer("double[]", self._times), self._times.size - 1
+        self._last = *map(view, (*self.state, *self.samples)), self.progress
+
+    def go(self) -> bool:
+        """Go on by a piece of every state that has not ended; whether one is left."""
+        turns: dict[str, list[int]] = {}
+        for i in self._going:
+            turns.setdefault(self._alternations[i].method if self._alternations else self._method, []).append(i)
+        for method, states in turns.items():
+            self._take_steps(method, states)
+        self._going = [i for i in self._going if not self.progress[i].reason]
+        return bool(self._going)
+
+    def _take_steps(self, method: str, states: list[int]) -> None:
+        """Take steps of states by a method, those of a vector equally many, and count them with those rejected."""
+        most = max(OPERATIONS // (self._operations * len(states)), TRIAL)
+        if self._alternations:
+            states.sort(key=lambda i: self._alternations[i].steps)
+            for k in range(0, len(states), SIDE_BY_SIDE):
+                least = min(self._alternations[states[k]].steps, most)
+                for i in states[k : k + SIDE_BY_SIDE]:
+                    self._allowed[i].most = least
+        else:
+            for i in states:
+                self._allowed[i].most = most
+        each, begin = [self.progress[i] for i in states], float(self._times[0])
+        before = [(p.steps + p.rejected, p.t if p.sample else begin) for p in each]
+        place = np.array(states, dtype=np.uintp)
+        pointer = FFI.from_buffer("size_t[]", place)
+        self._function.batch(len(states), pointer, *self._first, METHODS[method], *self._last)
+        for i, p, (steps, t) in zip(states, each, before, strict=True):
+            taken, led = p.steps + p.rejected - steps, p.t - t
+            self.evaluations[i] += STAGES[method] * taken
+            self.spans[i][method] += led
+            if self._alternations:
+                self._alternations[i].took(taken, led)
+
+
+def _packed(library: Any, calls: Sequence[Calls], loads: Sequence[LoadData]) -> list[Packed]:
+    """Loads as C takes them: one for all states that share theirs, else one for each."""
+    if all(each is loads[0] for each in loads):
+        return [Packed(library, calls[0], loads[0], many=True)]
+    return [Packed(library, *each, many=True) for each in zip(calls, loads, strict=True)]
