@@ -401,7 +401,7 @@ def test_drives_of_closed_mechanisms_are_those_of_python(label: str, text: str) 
     times = np.sort(rng.uniform(0.0, 0.3, 12))
     q, v = assembly.path.at(times) + 0.02 * rng.normal(size=(12, kernel.n)), rng.normal(size=(12, kernel.n))
     assert label != "plate" or (np.abs(np.cos(q[:, kernel.coordinates.index("pose.beta")])) < 0.4).any()
-    found = loaded(assembly, times, q, v).drives(times, q, v)
+    found = loaded(assembly, times, q, v).loads.drives(times, q, v)
     free = ~np.isin(kernel.coordinates, kernel.prescribed)
     wanted = np.array([assembly.drive(*state) for state in zip(times.tolist(), q, v, strict=True)])
     assert np.count_nonzero(wanted.any(axis=0)) == (3 if label == "more" else 1)
@@ -436,7 +436,7 @@ def test_a_mechanism_that_does_not_close_ends_the_motion() -> None:
     scenario = scenario_from_toml("duration = 0.3\n" + MOVED)
     assembly = assemble(robot, scenario, tool_of(robot, None, "tool"), no_progress)
     q, v = np.array([[1.0, 30.0, -30.0]]), np.zeros((1, 3))
-    assert not np.isfinite(loaded(assembly, np.array([0.0, 1.0]), q, v).drives(np.zeros(1), q, v)[0, 0])
+    assert not np.isfinite(loaded(assembly, np.array([0.0, 1.0]), q, v).loads.drives(np.zeros(1), q, v)[0, 0])
 
 
 @pytest.mark.parametrize("method", [*METHODS, AUTO])

@@ -55,7 +55,7 @@ def go_together(assembly: Assembly, scenario: Scenario) -> bool:
 def run_together(
     robot: Robot, scenario: Scenario, assemblies: Sequence[Assembly], tool: str, parts: Collection[str]
 ) -> list[Motion]:
-    """What ``run_assembly`` gives of each assembly, or the error that it raises, in less time; see ``go_together``.
+    """Motion of each assembly as ``run_assembly`` gives it, or the error that it raises, sooner; see ``go_together``.
 
     Samples are the same to the bit, whatever goes beside them.  Without energies, balance, contacts, rests, notes and
     the program's poses; a motion that does not come to its end is done by ``run_assembly``.
