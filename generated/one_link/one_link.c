@@ -1007,7 +1007,7 @@ static void one_link_timed(const double *here, const one_link_clock *restrict cl
         }
     }
     for (int l = 0; l < clock->here; ++l) {
-        t[l] = (share < 1.0) ? (clock->begin[l] + share * clock->step[l]) : clock->end[l];
+        t[l] = (share < 1.0 || share > 1.0) ? (clock->begin[l] + share * clock->step[l]) : clock->end[l];
         one_link_asked(clock->loads[l], t[l], own[l], rate[l], u[l], given[l], asked[l]);
     }
     one_link_modelled(clock, asked[0], answer[0]);
@@ -2963,7 +2963,7 @@ static void one_link_timed_lanes(const double *here, const one_link_clock_lanes 
     scatter(v, NULL, (size_t)clock->here, 0, 2, 2, rate[0]);
     scatter(force, NULL, (size_t)clock->here, 0, 2, 2, u[0]);
     for (int l = 0; l < clock->here; ++l) {
-        t[l] = (share < 1.0) ? (clock->begin[l] + share * clock->step[l]) : clock->end[l];
+        t[l] = (share < 1.0 || share > 1.0) ? (clock->begin[l] + share * clock->step[l]) : clock->end[l];
         one_link_asked(clock->loads[l], t[l], own[l], rate[l], u[l], given[l], asked[l]);
     }
     one_link_modelled_lanes(clock, asked[0], answer[0]);
