@@ -26,8 +26,8 @@ class Signature:
     """Arrays that a kernel reads and the one that it writes, by their names in ``shapes``, and what it computes.
 
     kind: where its C comes from and how it is called, one of KINDS.
-    calls: the programs that its C calls, where the kind is "composed", "rollout", "adaptive" or "gradient"; of a composed
-        one that stands in ``writers.WAYS``, too, only where none of these suits the robot.
+    calls: the programs that its C calls, where the kind is "composed", "rollout", "adaptive" or "gradient"; of a
+        composed one that stands in ``writers.WAYS``, too, only where none of these suits the robot.
     counts: of these the ones whose operations count as the kernel's.
     closed: the programs that its C calls where the robot has loops; they count, too.
     derivative_of: the function that it differentiates, where the kind is "tangent", "adjoint", "hessian" or "gradient".

@@ -1074,7 +1074,6 @@ static void one_link_rosenbrock(const double *restrict h, const one_link_drive *
     double kp[2];
     double kd[2];
     double a[2];
-    double a_begin[2];
     double shifts[2];
     double w[2];
     double q_part[6][2];
@@ -1097,9 +1096,7 @@ static void one_link_rosenbrock(const double *restrict h, const one_link_drive *
     }
     (void)one_link_stage_factors(h, q, v, kp, kd, times, kept);
     for (int stage = 0; stage < 6; ++stage) {
-        if (stage == 1) { /* at the beginning, like the first one */
-            (void)memcpy(a, a_begin, sizeof a_begin);
-        } else {
+        if (stage != 1) { /* the second one is at the beginning, like the first one, which leaves its accelerations in a */
             for (int i = 0; i < 2; ++i) {
                 q_end[i] = q[i];
                 v_end[i] = v[i];
@@ -1109,7 +1106,6 @@ static void one_link_rosenbrock(const double *restrict h, const one_link_drive *
                 }
             }
             one_link_accelerated(h, drive, clock, share[stage], u, target, q_end, v_end, a);
-            if (stage == 0) { (void)memcpy(a_begin, a, sizeof a_begin); }
         }
         for (int i = 0; i < 2; ++i) {
             double q_back = 0.0;
@@ -3026,7 +3022,6 @@ static void one_link_rosenbrock_lanes(const lanes *restrict h, const one_link_dr
     lanes kp[2];
     lanes kd[2];
     lanes a[2];
-    lanes a_begin[2];
     lanes shifts[2];
     lanes w[2];
     lanes q_part[6][2];
@@ -3049,9 +3044,7 @@ static void one_link_rosenbrock_lanes(const lanes *restrict h, const one_link_dr
     }
     (void)one_link_stage_factors_lanes(h, q, v, kp, kd, times, kept);
     for (int stage = 0; stage < 6; ++stage) {
-        if (stage == 1) { /* at the beginning, like the first one */
-            (void)memcpy(a, a_begin, sizeof a_begin);
-        } else {
+        if (stage != 1) { /* the second one is at the beginning, like the first one, which leaves its accelerations in a */
             for (int i = 0; i < 2; ++i) {
                 q_end[i] = q[i];
                 v_end[i] = v[i];
@@ -3061,7 +3054,6 @@ static void one_link_rosenbrock_lanes(const lanes *restrict h, const one_link_dr
                 }
             }
             one_link_accelerated_lanes(h, drive, clock, share[stage], u, target, q_end, v_end, a);
-            if (stage == 0) { (void)memcpy(a_begin, a, sizeof a_begin); }
         }
         for (int i = 0; i < 2; ++i) {
             lanes q_back = ALL(0.0);
