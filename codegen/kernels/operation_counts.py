@@ -35,9 +35,9 @@ def _closing_operations(model: Model, widths: list[int], refinements: int) -> Co
         + columns * per_column
     )
     return {
-        "mul": couples + 2 * m + m * n + triangle + columns * passes * 2 * m,
+        "mul": couples + 2 * m,
         "add": couples + second + 4 * m + columns * passes * 2 * m,
-        "div": m,
+        "div": m * n + triangle + columns * passes * 2 * m,
         "sincos": 0,
     }
 

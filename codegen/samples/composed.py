@@ -134,11 +134,9 @@ def _multipliers(A: Array, right: Array, kinds: Sequence[object]) -> Array:
     for r in range(m):
         own = added[kinds[r]] * A.dtype.type(precision.added)
         F[r, r] = F[r, r] + (own + whole * A.dtype.type(precision.floor))
-    share = np.zeros_like(F[0])
     for r in range(m):
-        share[r] = 1 / F[r, r]
         for s in range(r + 1, m):
-            factor = F[s, r] * share[r]
+            factor = F[s, r] / F[r, r]
             for t in range(r + 1, s + 1):
                 F[s, t] = F[s, t] - factor * F[t, r]
     change = np.zeros_like(right)
@@ -149,12 +147,12 @@ def _multipliers(A: Array, right: Array, kinds: Sequence[object]) -> Array:
         for r in range(m):
             for s in range(r):
                 rest[r] = rest[r] - F[r, s] * rest[s]
-            rest[r] = rest[r] * share[r]
+            rest[r] = rest[r] / F[r, r]
         for r in reversed(range(m)):
             total = np.zeros_like(rest[r])
             for s in range(r + 1, m):
                 total = total + F[s, r] * rest[s]
-            rest[r] = rest[r] - total * share[r]
+            rest[r] = rest[r] - total / F[r, r]
             change[r] = change[r] + rest[r]
     return change
 
@@ -167,11 +165,9 @@ def _solved(model: Model, out: Array) -> tuple[Array, Callable[[Array], Array], 
     M[known], M[:, known] = 0.0, 0.0
     M[known, known] = 1.0
     scale, chains = M[range(n), range(n)].copy(), _chains(model)
-    inverse = np.zeros_like(scale)
     for k in reversed(range(n)):
-        inverse[k] = 1 / M[k, k]
         for place, i in enumerate(chains[k]):
-            factor = M[k, i] * inverse[k]
+            factor = M[k, i] / M[k, k]
             for j in chains[k][place:]:
                 M[i, j] = M[i, j] - factor * M[k, j]
             M[k, i] = factor
@@ -186,7 +182,7 @@ def _solved(model: Model, out: Array) -> tuple[Array, Callable[[Array], Array], 
             for i in chains[k]:
                 x[i] = x[i] - M[k, i] * x[k]
         for k in range(n):
-            x[k] = x[k] * inverse[k]
+            x[k] = x[k] / pivot[k]
             for i in chains[k]:
                 x[k] = x[k] - M[k, i] * x[i]
         return x

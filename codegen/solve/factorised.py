@@ -35,7 +35,7 @@ def solve_operations(model: Model) -> dict[str, int]:
         depth.append(0 if parent < 0 else depth[parent] + 1)
     factors, squares = sum(depth), sum(d * (d + 1) // 2 for d in depth)
     couples = squares + 6 * n * factors
-    return {"mul": couples + factors + 3 * n * n, "add": couples + 2 * n * n, "div": n, "sincos": 0}
+    return {"mul": couples, "add": couples + 2 * n * n, "div": factors + 3 * n * n, "sincos": 0}
 
 
 class Factors:
