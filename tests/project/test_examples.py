@@ -99,6 +99,16 @@ def test_the_least_effort_is_that_of_the_kernel() -> None:
     assert best.effort < 0.9 * some.effort
 
 
+def test_identify_worn_arm(capsys: pytest.CaptureFixture[str]) -> None:
+    """All seven numbers are found, by gradients alone."""
+    text = said("identify_worn_arm.py", capsys, "3000")
+    (found,) = numbers(r"-> ([0-9.]+) \(", text)
+    assert 0.4 < found < 0.6
+    pairs = re.findall(r"([0-9.]+) of the drawing's, truly ([0-9.]+)", text)
+    assert len(pairs) == 7
+    assert all(abs(float(ratio) / float(true) - 1.0) < 0.02 for ratio, true in pairs)
+
+
 def test_learned_friction(capsys: pytest.CaptureFixture[str]) -> None:
     text = said("learned_friction.py", capsys)
     before, after = numbers(r"by ([0-9.]+) rad", text), numbers(r"friction, ([0-9.]+) with", text)
