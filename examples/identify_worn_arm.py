@@ -2,8 +2,8 @@
 
     python examples/identify_worn_arm.py [STEPS]
 
-The motion is that of an arm whose numbers nobody knows, with noise; the search begins with the drawing's.  Each step of it
-asks for the whole motion and the derivatives of the misfit by all seven numbers: one sweep through the steps backwards,
+The motion is that of an arm whose numbers nobody knows, with noise; the search begins with the drawing's.  Each step of
+it asks for the whole motion and the derivatives of the misfit by all seven numbers: one sweep through the steps backwards,
 which costs a few simulations however many numbers there are.
 """
 
@@ -87,9 +87,8 @@ def main() -> None:
     ends, limits = {"maxiter": 300, "ftol": 1e-9, "gtol": 1e-5}, [(-1.0, 1.0)] * len(WANTED)
     found = minimize(misfit, np.zeros(len(WANTED)), jac=True, method="L-BFGS-B", bounds=limits, options=ends)
     seconds = time.perf_counter() - begin
-    print(
-        f"misfit {np.exp(first):.3g} -> {np.exp(found.fun):.3f} (0.5 is the noise), {misfit.calls} simulations with gradients"
-    )
+    before, after = np.exp([first, found.fun])
+    print(f"misfit {before:.3g} -> {after:.3f} (0.5 is the noise), {misfit.calls} simulations with gradients")
     for (name, ratio), logarithm in zip(WANTED.items(), found.x, strict=True):
         print(f"{name:45s} {np.exp(logarithm):8.4f} of the drawing's, truly {ratio}")
     print(f"{seconds:.1f} s")

@@ -18,7 +18,7 @@ from ..program.accumulation import jacobian
 from ..program.forward_mode import gradients
 from ..program.ir import Node
 from ..solve.factorised import Factors, coordinate_parents
-from ..solve.free_bodies import free_bodies
+from ..solve.free_bodies import bodies_apart
 from ..tree.composite import Rows
 from ..tree.derivatives import Derivatives, residual_derivatives
 from ..tree.spatial import Scalar
@@ -118,7 +118,7 @@ def _by_factors(d: Derivation) -> Outputs:
 
 
 def _right(u: Sequence[Scalar], bias: Scalar, i: int, held: Mapping[int, Scalar]) -> Scalar:
-    """What is left of a drive beside the bias and the accelerations that are known."""
+    """Drive that is left beside the bias and the accelerations that are known."""
     value = u[i] - bias
     for j, entry in held.items():
         value = value - entry * u[j]
@@ -184,7 +184,7 @@ def _is_short(d: Derivation) -> bool:
 
 def _is_of_free_bodies(d: Derivation) -> bool:
     """Whether half of the coordinates and more are those of free bodies."""
-    free = free_bodies(d.model, d.bound)
+    free = bodies_apart(d.model, d.bound)
     moving = sum(len(body.active) for body, is_free in zip(d.model.bodies, free, strict=True) if is_free)
     return d.model.size <= min(2 * moving, MOST_COORDINATES)
 

@@ -108,7 +108,7 @@ class FreeBodies:
         """
         self.model, self.bound, self.joints, self.v, self.drives = model, bound, joints, v, drives
         self.accelerations, self.pivots = accelerations, pivots
-        self.free = free_bodies(model, bound, alone=alone, coupled=coupled)
+        self.free = bodies_apart(model, bound, alone=alone, coupled=coupled)
         self.solved: dict[int, _Solved] = {}
         self.own: list[list[_Psi]] = [[] for _ in model.bodies]
         self.rows: list[list[_Row]] = [[] for _ in model.bodies]  # eliminated when this body was reached
@@ -332,7 +332,7 @@ def about_com(H: PseudoInertia) -> tuple[Vec, Mat]:
     return com, symmetric(less(H.second, com, H.first))
 
 
-def free_bodies(model: Model, bound: Bound, *, alone: bool = False, coupled: Container[int] = ()) -> list[bool]:
+def bodies_apart(model: Model, bound: Bound, *, alone: bool = False, coupled: Container[int] = ()) -> list[bool]:
     """Find the bodies behind six coordinates whose children, all of that kind too, hand on no mass.
 
     Args:
