@@ -3,8 +3,8 @@
     python examples/identify_worn_arm.py [STEPS]
 
 The motion is that of an arm whose numbers nobody knows, with noise; the search begins with the drawing's.  Each step of
-it asks for the whole motion and the derivatives of the misfit by all seven numbers: one sweep through the steps backwards,
-which costs a few simulations however many numbers there are.
+it asks for the whole motion and the derivatives of the misfit by all seven numbers: one sweep through the steps
+backwards, which costs a few simulations however many numbers there are.
 """
 
 from __future__ import annotations
