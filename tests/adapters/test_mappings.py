@@ -131,9 +131,7 @@ def test_refusals(built: Build) -> None:
     with pytest.raises(InputError, match=r"order: 3 is no order of derivatives here; allowed: 1, 2"):
         kernels_for("energy", order=3)
     with pytest.raises(UnknownNameError, match=r"built without frame_pose_adjoint, frame_pose_hessian; allowed"):
-        DifferentiableFunction(
-            built(robot, *kernels_for("frame_pose", order=1)), "frame_pose", "tcp"
-        ).require_second()
+        DifferentiableFunction(built(robot, *kernels_for("frame_pose", order=1)), "frame_pose", "tcp").require_second()
 
 
 def test_accelerations_with_loops(built: Build) -> None:

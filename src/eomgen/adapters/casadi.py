@@ -5,7 +5,6 @@ CasADi finds them by name in the library of a function f: jac_f, adj1_f (weights
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Sequence
 from typing import Any
@@ -39,7 +38,7 @@ def function(
         name: one of FUNCTIONS: "forward_dynamics", "residual", "mass_matrix", ...
         frame: of frame_pose and frame_jacobian.
         cut: of a robot with loops, that its loops are meant to be open.
-        order: of the derivatives: 2, or 1 where compiling second ones takes too long; IPOPT then needs an approximation.
+        order: of the derivatives: 2, or 1 where compiling second ones takes too long.
         called: its name in CasADi; by default eom_ROBOT_NAME, and the frame's name behind it.
         flags: further flags of the compiler.
 
@@ -63,7 +62,8 @@ def function(
             f" not beginning with {kernel.name}_"
         )
     library = external_library(differentiable, chosen, flags, order)
-    options = {"jac_penalty": 1.0 / math.prod(differentiable.output)} if order == 2 else {}  # one gradient: by adj1
+    # one gradient by adj1, which has derivatives of its own; more at once by the Jacobian
+    options = {"jac_penalty": 1.5 / max(int(differentiable.patterns()[0].sum()), 1)} if order == 2 else {}
     return linked(library, f"{chosen}.so", lambda path: casadi.external(chosen, path, options))
 
 

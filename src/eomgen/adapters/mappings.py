@@ -87,9 +87,7 @@ FUNCTIONS: Mapping[str, Entry] = MappingProxyType(
 )
 CLOSED: Mapping[str, Entry] = MappingProxyType(  # in their place where a robot has loops or rigid couplings
     {
-        "forward_dynamics": Entry(
-            ("q", "v", "u"), "a", _CONSTRAINED, _TANGENTS, "constrained_dynamics", ("vector", 0)
-        ),
+        "forward_dynamics": Entry(("q", "v", "u"), "a", _CONSTRAINED, _TANGENTS, "constrained_dynamics", ("vector", 0)),
         "inverse_dynamics": Entry(
             ("q", "v", "a"),
             "u",
