@@ -4,8 +4,9 @@
 
 Between a motor and its joint the gear winds up, and what it stores comes back.  The drives are to bring the arm from
 hanging to stretched out in one second, with the least integral of the squares of their torques, and to leave nothing
-that rings.  Hermite and Simpson's collocation; the accelerations are the kernel's C, their first and second derivatives are exact.  For comparison the same is solved with a Hessian that
-IPOPT makes up from gradients (limited memory).
+that rings.  Hermite and Simpson's collocation; the accelerations are the kernel's C, their first and second
+derivatives are exact.  For comparison the same is solved with a Hessian that IPOPT makes up from gradients (limited
+memory).
 """
 
 from __future__ import annotations

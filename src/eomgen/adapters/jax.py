@@ -216,15 +216,15 @@ def rollout(
     rows = (samples or 1) if steps is None else steps
     told = jax.ShapeDtypeStruct((rows // every + 1, own.n), own.dtype)
 
-    def there(*arrays: Array) -> tuple[Array, Array]:
-        return tuple(own.rollout(*arrays[:3], dt, steps, **how, **_controller(arrays)))  # type: ignore[return-value]
+    def there(q0: Array, v0: Array, u: Array, *controller: Array) -> tuple[Array, Array]:
+        q, v = own.rollout(q0, v0, u, dt, steps, **how, **_named(controller))
+        return q, v
 
-    def back(*arrays: Array) -> tuple[Array, ...]:
-        given, (by_q, by_v) = arrays[:-2], arrays[-2:]
-        _, found = own.rollout_gradient(
-            *given[:3], dt, steps, **how, **_controller(given), loss=lambda t, q, v: (0.0, by_q, by_v)
-        )
-        return tuple(found[name] for name in GIVEN[: len(given)])
+    def back(q0: Array, v0: Array, u: Array, *others: Array) -> tuple[Array, ...]:
+        *controller, by_q, by_v = others
+        known: dict[str, Any] = {**how, **_named(controller), "loss": lambda t, q, v: (0.0, by_q, by_v)}
+        _, found = own.rollout_gradient(q0, v0, u, dt, steps, **known)
+        return tuple(found[name] for name in GIVEN[: 3 + len(controller)])
 
     @jax.custom_vjp  # type: ignore[untyped-decorator,unused-ignore]
     def states(*arrays: Any) -> Any:
@@ -255,8 +255,8 @@ def rollout(
     return checked
 
 
-def _controller(arrays: Sequence[Array]) -> dict[str, Any]:
-    return dict(zip(GIVEN[3:], arrays[3:], strict=False))
+def _named(controller: Sequence[Array]) -> dict[str, Any]:
+    return dict(zip(GIVEN[3:], controller, strict=False))
 
 
 def _batched(jax: Any, call: Callable[..., Any], shapes: Sequence[tuple[int, ...]], result: Any) -> Callable[..., Any]:
