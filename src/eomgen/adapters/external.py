@@ -146,9 +146,9 @@ def render(function: DifferentiableFunction, kernel: Kernel, called: str, order:
 def _second_order(
     function: DifferentiableFunction, kernel: Kernel, mask: NDArray[np.bool_], masks: Sequence[NDArray[np.bool_]]
 ) -> dict[str, Any]:
-    """What the C of gradients and second derivatives takes: CasADi's reverse mode and its Jacobian.
+    """Tables of matrices for the C of gradients, CasADi's reverse mode, and of their Jacobian.
 
-    Attributes are ``every``, numbers of all that the kernel's function reads, and the tables of matrices.
+    ``every`` counts the numbers of all that the kernel's function reads.
     """
     shapes, reads = kernel.raw.shapes, function.reads
     starts = np.cumsum([0, *(math.prod(shape) for shape in function.inputs)]).tolist()

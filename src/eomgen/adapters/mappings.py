@@ -240,7 +240,7 @@ class DifferentiableFunction:
         return found.reshape(*found.shape[:-3], *self.output, *found.shape[-2:])
 
     def tangent(self, arrays: Sequence[Array], rates: Sequence[Array]) -> Array:
-        """What the result changes by along rates of the arguments."""
+        """Give what the result changes by along rates of the arguments."""
         return self._part(self.kernel.jvp(self.calls, self._arguments(arrays), (*rates, *self._nothing())))
 
     def gradient(self, arrays: Sequence[Array], weights: Array) -> tuple[Array, ...]:

@@ -28,7 +28,7 @@ class Subject(Protocol):
     moving: int
 
     def tangent(self, arrays: Sequence[Array], rates: Sequence[Array]) -> Array:
-        """What the result changes by along rates of the arguments."""
+        """Give what the result changes by along rates of the arguments."""
         ...
 
 
