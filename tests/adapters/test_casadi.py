@@ -15,7 +15,7 @@ import eomgen
 from eomgen.adapters.casadi import function
 from eomgen.adapters.external import external_library
 from eomgen.adapters.mappings import DifferentiableFunction, kernels_for
-from eomgen.errors import BuildError, InputError
+from eomgen.errors import BuildError, InputError, UnknownNameError
 from eomgen.pipeline import cache
 from eomgen.robot.model import build_model
 from tests.support.adapter_samples import built_for, functions_of, sample, states
@@ -93,6 +93,51 @@ def test_forward_and_reverse_modes(built: Build) -> None:
     J = 2 * np.einsum("svw,v->sw", by_mass, s.v) + by_inverse
     assert np.allclose(np.array(forward(s.q, s.v, s.a))[:, 0], J @ s.a, rtol=1e-12, atol=1e-12)
     assert np.allclose(np.array(reverse(s.q, s.v, s.a))[:, 0], J.T @ s.a, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", seeds(4100, 1, 20))
+def test_hessians_are_the_kernels(seed: int, built: Build, figures: Figures) -> None:
+    """Of expressions with all functions: casadi.hessian against the kernel's derivatives by hand."""
+    robot = sample(seed)
+    kernel = built_for(robot, built)
+    given = states(robot, kernel, seed)
+    for there in functions_of(robot, kernel):
+        made = function(kernel, there.name, there.frame, cut=True, flags=FLAGS)
+        figures.at_most("hessian", error_of_hessian(there, made, [given[name] for name in there.reads], seed), 1e-11)
+        figures.count("functions")
+
+
+@pytest.mark.parametrize("name", ["one_link", "four_bar"])
+def test_hessians_of_mechanisms(name: str, built: Build) -> None:
+    """Of open and closed ones, beside closed states, too."""
+    robot, asked = eomgen.load_robot(name), ["inverse_dynamics", "forward_dynamics", "energy", "frame_pose", "residual"]
+    asked += ["constraint", "constraint_forces"] if robot.loops else []
+    kernel = built(robot, *kernels_for(*asked, closed=bool(robot.loops)))
+    rng = np.random.default_rng(8)
+    q = np.array(build_model(robot).home) + 1e-3
+    for function_name in asked:
+        there = DifferentiableFunction(kernel, function_name, "tcp" if function_name == "frame_pose" else None)
+        made = function(kernel, function_name, there.frame, flags=FLAGS)
+        arrays = [q, *(rng.uniform(-1.0, 1.0, kernel.n) for _ in there.reads[1:])]
+        assert error_of_hessian(there, made, arrays, 1) < 1e-11, function_name
+
+
+def error_of_hessian(there: DifferentiableFunction, made: casadi.Function, arrays: list[Array], seed: int) -> float:
+    """The error of a weighted sum's Hessian, plus that of its square, by all arguments, relative to the greatest."""
+    weights = np.random.default_rng(seed).uniform(-1.0, 1.0, there.output)
+    z = casadi.MX.sym("z", sum(array.size for array in arrays))
+    ends = np.cumsum([0, *(array.size for array in arrays)])
+    parts = [
+        casadi.reshape(z[int(ends[i]) : int(ends[i + 1])], *(*shape, 1)[1::-1]).T
+        for i, shape in enumerate(there.inputs)
+    ]
+    total = casadi.sum1(casadi.sum2(casadi.DM(weights) * made(*parts)))
+    found = casadi.Function("second", [z], [casadi.hessian(total + total**2, z)[0]])
+    gradient = np.tensordot(weights, there.jacobian(*arrays), axes=weights.ndim)
+    value = float(np.sum(weights * there.value(*arrays)))
+    expected = (1.0 + 2.0 * value) * there.hessian(arrays, weights) + 2.0 * np.outer(gradient, gradient)
+    size = max(float(np.abs(expected).max()), 1.0)
+    return float(np.abs(np.array(found(np.concatenate([x.ravel() for x in arrays]))) - expected).max()) / size
 
 
 def test_on_threads(built: Build) -> None:
@@ -182,9 +227,15 @@ def test_what_fails(built: Build, monkeypatch: pytest.MonkeyPatch) -> None:
     x = casadi.MX.sym("x", kernel.n)
     problem = {"x": x, "f": casadi.sumsqr(inverse(x, s.v, s.a))}
     quiet = {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes"}
+    casadi.nlpsol("exact", "ipopt", problem, quiet)
+    first = function(kernel, "inverse_dynamics", order=1, called="first", flags=FLAGS)
+    problem = {"x": x, "f": casadi.sumsqr(first(x, s.v, s.a))}
     with pytest.raises(RuntimeError, match=r"(?i)jac"):  # no second derivatives: not by chance, either
         casadi.nlpsol("exact", "ipopt", problem, quiet)
     casadi.nlpsol("approximate", "ipopt", problem, {**quiet, "ipopt.hessian_approximation": "limited-memory"})
+    only_first = built(robot, *kernels_for("inverse_dynamics", order=1))
+    with pytest.raises(UnknownNameError, match="built without inverse_dynamics_adjoint, inverse_dynamics_hessian"):
+        function(only_first, "inverse_dynamics")
     for called in ("a__b", "_a", "1a", "random_robot_mine"):
         with pytest.raises(InputError, match=rf"called: '{called}' is no name"):
             function(kernel, "inverse_dynamics", called=called)

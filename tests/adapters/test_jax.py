@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 import eomgen
-from eomgen.adapters.jax import function
+from eomgen.adapters.jax import function, rollout
 from eomgen.adapters.mappings import DifferentiableFunction, kernels_for
-from eomgen.errors import ArrayError, InputError
+from eomgen.errors import ArrayError, InputError, UnknownNameError
 from eomgen.robot.model import build_model
 from eomgen.runtime.calls import Calls
 from eomgen.runtime.raw import RawFunction
@@ -178,6 +178,78 @@ def test_frames_have_derivatives_of_any_order(built: Build) -> None:
     assert np.abs(orders[3](q)).max() > 0.1
 
 
+def test_second_derivatives_of_closed_and_open_mechanisms(built: Build) -> None:
+    """Forward over reverse, reverse over forward and forward twice, under jit, against differences of the gradient."""
+    names, h = ("forward_dynamics", "inverse_dynamics"), 1e-6
+    for robot in map(eomgen.load_robot, ("one_link", "four_bar")):
+        closed = bool(robot.loops)
+        kernel = built(robot, *kernels_for(*names, "energy", "frame_pose", closed=closed))
+        rng = np.random.default_rng(5)
+        x = np.concatenate([np.array(build_model(robot).home) + 1e-3, rng.uniform(-1.0, 1.0, 2 * kernel.n)])
+        for name, frame in (*((name, None) for name in names), ("energy", None), ("frame_pose", "tcp")):
+            made = function(kernel, name, frame)
+            there = DifferentiableFunction(kernel, name, frame)
+            weights, size = rng.uniform(-1.0, 1.0, there.output), kernel.n * len(there.reads)
+
+            extent = 1.0 + np.abs(made(*np.split(x[:size], len(there.reads)))).max()
+
+            def loss(x: Any, made: Any = made, weights: Any = weights / extent, parts: int = len(there.reads)) -> Any:
+                y = made(*jnp.split(x, parts))
+                return jnp.sum(weights * y) + jnp.sum(weights * y) ** 2
+
+            slope, at = jax.jit(jax.grad(loss)), x[:size]
+            units = h * np.eye(size)
+            expected = np.stack([(slope(at + unit) - slope(at - unit)) / (2 * h) for unit in units])
+            scale = max(float(np.abs(expected).max()), float(np.abs(slope(at)).max()), 1.0)
+            for way in (jax.hessian(loss), jax.jacrev(jax.jacfwd(loss)), jax.jacfwd(jax.jacfwd(loss))):
+                assert np.abs(jax.jit(way)(at) - expected).max() < 1e-7 * scale, (robot.name, name)
+
+
+def test_a_batch_of_hessians_is_one_call(built: Build, calls: list[tuple[str, int | None]]) -> None:
+    kernel = built(eomgen.load_robot("one_link"), *kernels_for("inverse_dynamics"))
+    made = function(kernel, "inverse_dynamics")
+    q, v, a = np.random.default_rng(6).uniform(-1.0, 1.0, (3, 24, 2))
+    calls.clear()
+    found = jax.vmap(jax.hessian(lambda q, v, a: made(q, v, a)[0]))(q, v, a)
+    assert [count for name, count in calls if name == "inverse_dynamics_hessian"] == [48]  # of both results
+    expected = kernel.hessian("inverse_dynamics", (q, v, a), [1.0, 0.0])[:, :2, :2]
+    assert np.allclose(found, expected, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("controlled", [False, True])
+def test_rollouts_of_the_kernel_have_gradients(controlled: bool, built: Build) -> None:
+    """As ``rollout_gradient`` gives them; of a batch each state its own."""
+    kernel = built(eomgen.load_robot("one_link"), "rollout", "explicit_gradient", "implicit_gradient")
+    made = rollout(kernel, 2e-3, 20, every=5, method="implicit")
+    rng = np.random.default_rng(7)
+    q, v = np.array([[-1e-3, 0.4], [1e-3, -0.2], [0.0, 0.1]]), rng.uniform(-0.1, 0.1, (3, 2))
+    u, gains = rng.uniform(-2.0, 2.0, (20, 2)), {"kp": np.array([0.0, 5.0]), "kd": np.array([0.0, 0.3])}
+    more = {**gains, "target": np.array([0.0, 0.5])} if controlled else {}
+    weights = rng.uniform(-1.0, 1.0, (2, 5, 2))
+
+    def loss(*arrays: Any) -> Any:
+        return sum(jnp.sum(w * x) for w, x in zip(weights, made(*arrays), strict=True))
+
+    given = (q[0], v[0], u, *more.values())
+    places = tuple(range(len(given)))
+    value, slopes = jax.jit(jax.value_and_grad(loss, places))(*given)
+    told = kernel.rollout(q[0], v[0], u, 2e-3, 20, every=5, method="implicit", **more)
+    assert value == pytest.approx(sum(np.sum(w * x) for w, x in zip(weights, told, strict=True)), rel=1e-12)
+    for place in places:
+        other = rng.uniform(-1.0, 1.0, given[place].shape) * (1.0 if place < 3 else [0.0, 1.0])  # what is driven
+        ends = [loss(*given[:place], given[place] + s * 1e-5 * other, *given[place + 1 :]) for s in (1.0, -1.0)]
+        assert (ends[0] - ends[1]) / 2e-5 == pytest.approx(float(np.sum(slopes[place] * other)), rel=1e-6, abs=1e-9)
+    axes = (0, 0, *(None for _ in given[2:]))
+    many = jax.vmap(jax.grad(loss, places), axes)(q, v, *given[2:])
+    for i in range(3):
+        for found, alone in zip(many, jax.grad(loss, places)(q[i], v[i], *given[2:]), strict=True):
+            assert np.allclose(found[i], alone, rtol=1e-10, atol=1e-12)
+    with pytest.raises(InputError, match="got 2 arrays; allowed: q0, v0, u, or"):
+        made(q[0], v[0])
+    with pytest.raises(ArrayError, match=r"u: expected shape \(2,\) or \(20, 2\), got \(3, 2\)"):
+        made(q[0], v[0], u[:3])
+
+
 def test_in_single_precision(built: Build) -> None:
     robot = random_robot(4550, joints=(2, 2))
     kernel = built(robot, *kernels_for("inverse_dynamics"), dtype="float32")
@@ -212,8 +284,11 @@ def test_what_is_refused(built: Build, monkeypatch: pytest.MonkeyPatch) -> None:
         made(s.q, s.v)
     with pytest.raises(ArrayError, match="u: expected float64, got complex128"):
         made(s.q, s.v, s.u * 1j)
-    with pytest.raises(InputError, match="second derivatives are asked for"):
-        jax.hessian(lambda q: made(q, s.v, s.u).sum())(s.q)
+    with pytest.raises(InputError, match="third derivatives are asked for"):
+        jax.jacfwd(jax.hessian(lambda q: made(q, s.v, s.u).sum()))(s.q)
+    first = function(built(robot, *kernels_for("energy", order=1)), "energy")
+    with pytest.raises(UnknownNameError, match="built without energy_adjoint, energy_hessian"):
+        jax.hessian(lambda q: first(q, s.v).sum())(s.q)
     jax.config.update("jax_enable_x64", False)
     with pytest.raises(InputError, match="kernel of float64, which JAX has switched off; allowed: jax"):
         made(s.q, s.v, s.u)

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 import eomgen
-from eomgen.adapters import rules
 from eomgen.adapters.mappings import FUNCTIONS, DifferentiableFunction, kernels_for
 from eomgen.errors import InputError, UnknownNameError
 from eomgen.pipeline.closing import mechanism_kernels
 from eomgen.robot.model import build_model
 from tests.oracles.complex_step import complex_jacobian
-from tests.support.adapter_samples import built_for, differences, functions_of, sample, states
+from tests.support.adapter_samples import built_for, differences, functions_of, sample, second_differences, states
 from tests.support.builds import Build
 from tests.support.figures import Figures
 from tests.support.random_robots import random_robot, seeds
@@ -40,6 +39,32 @@ def test_derivatives_are_those_of_complex_steps(seed: int, built: Build, figures
             size = max(float(np.abs(expected).max()), 1.0)  # of the terms that cancel
             error = float(np.abs(block - expected).max()) / size
             figures.at_most(f"{kind} of {function.name} by {label}", error, limit)
+        figures.count("functions")
+
+
+@pytest.mark.parametrize("seed", seeds(4100, 2, 30))
+def test_second_derivatives_are_those_of_the_first(seed: int, built: Build, figures: Figures) -> None:
+    """Of all functions against central differences of the exact Jacobian, and of weighted results; zeros are zeros."""
+    robot = sample(seed)
+    kernel = built_for(robot, built)
+    given, rng = states(robot, kernel, seed), np.random.default_rng(seed)
+    for function in functions_of(robot, kernel):
+        arrays = [given[name] for name in function.reads]
+        second, weights = function.second_derivatives(*arrays), rng.uniform(-1.0, 1.0, function.output)
+        expected = second_differences(function, arrays)
+        size = max(float(np.abs(expected).max()), float(np.abs(function.jacobian(*arrays)).max()), 1.0)
+        figures.at_most(f"second of {function.name}", float(np.abs(second - expected).max()) / size, 2e-7)
+        hessian = function.hessian(arrays, weights)
+        weighted = np.tensordot(weights, second, axes=weights.ndim)
+        figures.at_most("weighted", float(np.abs(hessian - weighted).max()) / size, 1e-12)
+        gradient = np.concatenate([x.ravel() for x in function.gradient(arrays, weights)])
+        along = np.tensordot(weights, function.jacobian(*arrays), axes=weights.ndim)
+        figures.at_most("gradient", float(np.abs(gradient - along).max()) / size, 1e-11)
+        ends = np.cumsum([0, *(array.size for array in arrays)])
+        for at in range(len(arrays)):
+            for by in range(len(arrays)):
+                mask = function.second_pattern(at, by).reshape(arrays[at].size, arrays[by].size)
+                assert not np.any(second[..., ends[at] : ends[at + 1], ends[by] : ends[by + 1]][..., ~mask])
         figures.count("functions")
 
 
@@ -90,7 +115,7 @@ def test_parameters_are_those_of_then(built: Build) -> None:
     assert not np.array_equal(kernel.inverse_dynamics(q, 0 * q, 0 * q), before)
 
 
-def test_refusals(built: Build, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_refusals(built: Build) -> None:
     robot = random_robot(4300, joints=(1, 2))
     kernel = built(robot, *kernels_for("frame_pose", "generalized_force"))
     with pytest.raises(UnknownNameError, match=r"function: 'sums' is unknown; allowed: residual"):
@@ -103,9 +128,10 @@ def test_refusals(built: Build, monkeypatch: pytest.MonkeyPatch) -> None:
         DifferentiableFunction(kernel, "generalized_force", "tcp")
     with pytest.raises(UnknownNameError, match="'tpc' is unknown; did you mean 'tcp'"):
         DifferentiableFunction(kernel, "frame_pose", "tpc")
-    monkeypatch.setattr(rules, "number_of", lambda parameter: None)  # forces that nothing switches off
-    with pytest.raises(InputError, match="is no run-time parameter, so that bias_force"):
-        DifferentiableFunction(kernel, "generalized_force")
+    with pytest.raises(InputError, match=r"order: 3 is no order of derivatives here; allowed: 1, 2"):
+        kernels_for("energy", order=3)
+    with pytest.raises(UnknownNameError, match=r"built without frame_pose_adjoint, frame_pose_hessian; allowed"):
+        DifferentiableFunction(built(robot, *kernels_for("frame_pose", order=1)), "frame_pose", "tcp").require_second()
 
 
 def test_accelerations_with_loops(built: Build) -> None:
@@ -127,7 +153,7 @@ def test_accelerations_with_loops(built: Build) -> None:
     without = built(robot, "forward_dynamics")
     with pytest.raises(UnknownNameError, match="built without constrained_dynamics, constrained_dynamics_tangent"):
         DifferentiableFunction(without, "forward_dynamics")
-    assert set(kernels_for("constraint")) <= set(FUNCTIONS["constraint"].kernels)
+    assert set(kernels_for("constraint", order=1)) == set(FUNCTIONS["constraint"].kernels)
 
 
 @pytest.mark.parametrize("name", ["four_bar", pytest.param("gough", marks=pytest.mark.soak)])

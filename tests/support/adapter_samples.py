@@ -68,3 +68,16 @@ def differences(function: DifferentiableFunction, arrays: list[Array], at: int, 
             ends.append(function.value(*moved))
         columns.append((ends[0] - ends[1]) / (2.0 * step))
     return np.moveaxis(np.array(columns), 0, -1).reshape(*function.output, *arrays[at].shape)
+
+
+def second_differences(function: DifferentiableFunction, arrays: list[Array], step: float = 1e-5) -> Array:
+    """Central differences of the Jacobian by all numbers of the arguments: (output shape, numbers, numbers)."""
+    flat, ends = np.concatenate([x.ravel() for x in arrays]), np.cumsum([x.size for x in arrays])[:-1]
+    columns = []
+    for unit in np.eye(flat.size):
+        there, before = (
+            function.jacobian(*(x.reshape(y.shape) for x, y in zip(np.split(moved, ends), arrays, strict=True)))
+            for moved in (flat + step * unit, flat - step * unit)
+        )
+        columns.append((there - before) / (2.0 * step))
+    return np.stack(columns, axis=-1)

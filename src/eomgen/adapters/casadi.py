@@ -1,6 +1,6 @@
-"""Kernels as functions of CasADi, in C, with exact Jacobians; needs the extra "casadi".
+"""Kernels as functions of CasADi, in C, with exact first and second derivatives; needs the extra "casadi".
 
-Second derivatives are not exact: there are none.  Give IPOPT a limited-memory Hessian, or a Gauss-Newton one.
+CasADi finds them by name in the library of a function f: jac_f, adj1_f (weights times the Jacobian) and jac_adj1_f.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from ..optional import optional_import
 from ..pipeline.load import linked
 from ..runtime.kernel import Kernel
 from .external import external_library
-from .mappings import FUNCTIONS, DifferentiableFunction, kernels_for
+from .mappings import FUNCTIONS, DifferentiableFunction, check_order, kernels_for
 
 
 def function(
@@ -23,6 +23,7 @@ def function(
     frame: str | None = None,
     *,
     cut: bool = False,
+    order: int = 2,
     called: str | None = None,
     flags: Sequence[str] = (),
 ) -> Any:
@@ -37,6 +38,7 @@ def function(
         name: one of FUNCTIONS: "forward_dynamics", "residual", "mass_matrix", ...
         frame: of frame_pose and frame_jacobian.
         cut: of a robot with loops, that its loops are meant to be open.
+        order: of the derivatives: 2, or 1 where compiling second ones takes too long.
         called: its name in CasADi; by default eom_ROBOT_NAME, and the frame's name behind it.
         flags: further flags of the compiler.
 
@@ -50,6 +52,7 @@ def function(
     """
     with optional_import("CasADi", "functions of CasADi need"):
         import casadi
+    check_order(order)
     differentiable = DifferentiableFunction(kernel, name, frame, cut=cut)
     parts = ["eom", kernel.name, name, *([] if frame is None else [frame])]
     chosen = re.sub(r"_+", "_", re.sub(r"\W", "_", "_".join(parts))).rstrip("_") if called is None else called
@@ -58,8 +61,10 @@ def function(
             f"called: {chosen!r} is no name for this function; allowed: letters, digits and single _ between them,"
             f" not beginning with {kernel.name}_"
         )
-    library = external_library(differentiable, chosen, flags)
-    return linked(library, f"{chosen}.so", lambda path: casadi.external(chosen, path))
+    library = external_library(differentiable, chosen, flags, order)
+    # one gradient by adj1, which has derivatives of its own; more at once by the Jacobian
+    options = {"jac_penalty": 1.5 / max(int(differentiable.patterns()[0].sum()), 1)} if order == 2 else {}
+    return linked(library, f"{chosen}.so", lambda path: casadi.external(chosen, path, options))
 
 
 __all__ = ["FUNCTIONS", "function", "kernels_for"]

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from .._version import __version__
 from ..errors import InputError
 from ..pipeline import cache as store
+from ..runtime.kernel import Kernel
 from .mappings import DifferentiableFunction
 
 
@@ -35,10 +36,19 @@ class Table:
     places: tuple[int, ...]
 
 
-def external_library(function: DifferentiableFunction, called: str, flags: Sequence[str] = ()) -> store.Entry:
+def external_library(
+    function: DifferentiableFunction, called: str, flags: Sequence[str] = (), order: int = 2
+) -> store.Entry:
     """The compiled library CALLED.so of a function by the name ``called``, and its C, from the cache.
 
+    Args:
+        function: whose kernel's C is taken.
+        called: its name in CasADi.
+        flags: further flags of the compiler.
+        order: of the derivatives in it, 1 or 2.
+
     Raises:
+        UnknownNameError: the kernel was built without second derivatives, which are asked for.
         InputError: the kernel is not one of float64.
         BuildError: its C is not there any more, or cannot be compiled.
     """
@@ -48,8 +58,11 @@ def external_library(function: DifferentiableFunction, called: str, flags: Seque
     kernel = function.kernel
     if kernel.dtype != np.float64:
         raise InputError(f"{kernel.name} is a kernel of {kernel.dtype}; allowed for CasADi: float64")
+    if order == 2:
+        function.require_second()
+    kernel = kernel.together(*function.kernels, *(function.second if order == 2 else ()))
     header, code = (kernel.source(ending) for ending in ("h", "c"))
-    wrapper = render(function, called)
+    wrapper = render(function, kernel, called, order)
     compiler = find_compiler()
     every = compile_flags(compiler, False, flags)
     own = toolchain(compiler, every)
@@ -84,21 +97,19 @@ def _key(tools: dict[str, object], *texts: str) -> str:
     return hashlib.sha256(json.dumps([tools, here, *texts], sort_keys=True).encode()).hexdigest()
 
 
-def render(function: DifferentiableFunction, called: str) -> str:
-    """The C of the function by the name ``called``."""
+def render(function: DifferentiableFunction, kernel: Kernel, called: str, order: int) -> str:
+    """The C of the function by the name ``called``, which goes with that of the kernel."""
     from ..codegen.c.source import environment
 
-    kernel = function.kernel
     mask, masks = function.patterns()
     inputs = [table(label, np.ones(s, np.bool_)) for label, s in zip(function.reads, function.inputs, strict=True)]
     result = table(function.result, mask)
     blocks = [
-        block_table(f"jac_{function.result}_{label}", pattern, function.output)
+        block_table(f"jac_{function.result}_{label}", pattern, _numbered(pattern), function.output)
         for label, pattern in zip(function.reads, masks, strict=True)
     ]
     sizes, size = [math.prod(shape) for shape in function.inputs], math.prod(function.output)
-    total, room = sum(sizes), max(math.prod(function.output) * sum(sizes), 3 * kernel.n**2)
-    read = function.rule.reads(function)
+    total, room = sum(sizes), max(size * sum(sizes), 3 * kernel.n**2)
     context = {
         "called": called,
         "version": __version__,
@@ -108,30 +119,73 @@ def render(function: DifferentiableFunction, called: str) -> str:
         "by_kernel": function.rule.kernel,
         "calls": function.calls,
         "idle": {name: math.prod(kernel.raw.shapes[name]) for name in function.idle},
-        "first": function.rule.first(function),
+        "begins": function.begins,
+        "moving": function.moving,
+        "whole": math.prod(function.whole),
         "written": math.prod(kernel.raw.shapes[kernel.raw.functions[function.calls].writes]),
         "n": kernel.n,
         "frame": None if function.frame is None else kernel.frame_index(function.frame),
         "inputs": inputs,
         "result": result,
         "blocks": blocks,
-        "previous": table(f"out_{function.result}", np.zeros(_matrix(function.output), np.bool_)),
+        "previous": _empty(f"out_{function.result}", function.output),
         "size": size,
         "sizes": sizes,
         "total": total,
         "room": room,
         "work": total + room + function.rule.spare(function),
         "places_of_inputs": dict(zip(function.reads, np.cumsum([0, *sizes]).tolist(), strict=False)),
-        "read_by_derivatives": read,
+        "read_by_derivatives": function.rule.reads(function),
         "places_of_blocks": (size * np.cumsum([0, *sizes])).tolist()[: len(sizes)],
-        "setups": {
-            name: [_literal(x) for x in owner.parameters.setup.computed(owner.raw.functions[function.calls].library)]
-            for name, owner in (("h", kernel), ("h_free", function.free))
-            if owner is not None
-        },
-        "has_free": function.free is not None,
+        "setup": [_literal(x) for x in kernel.parameters.setup.computed(kernel.raw.functions[function.calls].library)],
+        "second": _second_order(function, kernel, mask, masks) if order == 2 else None,
     }
     return environment().get_template("casadi/external.c.jinja").render(context)
+
+
+def _second_order(
+    function: DifferentiableFunction, kernel: Kernel, mask: NDArray[np.bool_], masks: Sequence[NDArray[np.bool_]]
+) -> dict[str, Any]:
+    """Tables of matrices for the C of gradients, CasADi's reverse mode, and of their Jacobian.
+
+    ``every`` counts the numbers of all that the kernel's function reads.
+    """
+    shapes, reads = kernel.raw.shapes, function.reads
+    starts = np.cumsum([0, *(math.prod(shape) for shape in function.inputs)]).tolist()
+    every = starts[-1] + sum(math.prod(shapes[label]) for label in function.idle)
+    matrix, blocks = np.arange(every**2).reshape(every, every), list[tuple[str, Table]]()
+    for at, label in enumerate(reads):
+        rows = slice(starts[at], starts[at + 1])
+        for by, other in enumerate(reads):
+            shape = (*function.inputs[at], *function.inputs[by])
+            places = matrix[rows, starts[by] : starts[by + 1]].reshape(shape)
+            name = f"jac_adj_{label}_{other}"
+            blocks.append(("b", block_table(name, function.second_pattern(at, by), places, function.inputs[at])))
+        shapes_of = (math.prod(function.inputs[at]), math.prod(function.output))
+        blocks.append(("", _empty(f"jac_adj_{label}_out_{function.result}", shapes_of)))
+        pattern = masks[at] & mask.reshape(*mask.shape, *(1,) * len(function.inputs[at]))
+        places = starts[at] * math.prod(function.output) + _numbered(pattern)
+        turned = [*range(mask.ndim, pattern.ndim), *range(mask.ndim)]
+        name = f"jac_adj_{label}_adj_{function.result}"
+        block = block_table(name, pattern.transpose(turned), places.transpose(turned), function.inputs[at])
+        blocks.append(("d", block))
+    return {
+        "every": every,
+        "seeds": table(f"adj_{function.result}", mask),
+        "gradients": [
+            table(f"adj_{label}", np.ones(shape, np.bool_)) for label, shape in zip(reads, function.inputs, strict=True)
+        ],
+        "previous": [_empty(f"out_adj_{label}", shape) for label, shape in zip(reads, function.inputs, strict=True)],
+        "blocks": blocks,
+    }
+
+
+def _empty(name: str, shape: tuple[int, ...]) -> Table:
+    return table(name, np.zeros(_matrix(shape), np.bool_))
+
+
+def _numbered(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
+    return np.arange(mask.size).reshape(mask.shape)
 
 
 def _literal(number: float) -> str:
@@ -146,13 +200,12 @@ def _matrix(shape: tuple[int, ...]) -> tuple[int, int]:
 
 def table(name: str, mask: NDArray[np.bool_]) -> Table:
     """Sparsity of an array of one or two axes: True where it may differ from zero."""
-    rows, columns = _matrix(mask.shape)
-    return _table(name, mask.reshape(rows, columns), np.arange(rows * columns).reshape(rows, columns))
+    matrix = mask.reshape(_matrix(mask.shape))
+    return _table(name, matrix, _numbered(matrix))
 
 
-def block_table(name: str, mask: NDArray[np.bool_], output: tuple[int, ...]) -> Table:
+def block_table(name: str, mask: NDArray[np.bool_], places: NDArray[np.int64], output: tuple[int, ...]) -> Table:
     """Sparsity of a derivative (output shape, input shape): CasADi has a row per number of the result, by columns."""
-    places = np.arange(mask.size).reshape(mask.shape)
     inputs = mask.shape[len(output) :]
 
     def by_columns(array: NDArray[Any]) -> NDArray[Any]:

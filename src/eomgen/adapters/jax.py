@@ -1,7 +1,7 @@
-"""Kernels as functions of JAX, with exact derivatives, forward and reverse; needs the extra "jax".
+"""Kernels and rollouts as functions of JAX, with exact derivatives; needs the extra "jax".
 
-Under ``jit``, ``vmap``, ``jvp``, ``grad`` and ``scan``; ``vmap`` calls the kernel for the whole batch at once.  The
-kernel runs on the host's processor (``jax.pure_callback``).  Second derivatives there are of frames alone.
+Under ``jit``, ``vmap``, ``jvp``, ``grad``, ``hessian`` and ``scan``; ``vmap`` calls the kernel for the whole batch at
+once.  The kernel runs on the host's processor (``jax.pure_callback``).
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ from .frames import jacobian_derivative, pose_derivative
 from .mappings import FUNCTIONS, DifferentiableFunction, kernels_for
 
 Array = NDArray[Any]
+GIVEN = ("q", "v", "u", "kp", "kd", "target")  # names in gradients of rollouts
+ROLLED = ("q0", "v0", *GIVEN[2:])
 SWITCH = 'jax.config.update("jax_enable_x64", True)'
 
 
@@ -37,8 +39,9 @@ def function(kernel: Kernel, name: str, frame: str | None = None, *, cut: bool =
 
     Returns:
         A function of the arrays FUNCTIONS[name].reads, (n,) each (wrench: (links, 6)), with the kernel's dtype; it
-        raises ArrayError for other shapes and dtypes, InputError where float64 is switched off, and where a second
-        derivative is asked for.
+        raises ArrayError for other shapes and dtypes, InputError where float64 is switched off, and where a third
+        derivative is asked for (those of frames are of any order), UnknownNameError where a second one is that the
+        kernel was built without.
 
     Raises:
         UnknownNameError: no function or frame of that name, or a kernel that it takes was not built.
@@ -53,24 +56,33 @@ def function(kernel: Kernel, name: str, frame: str | None = None, *, cut: bool =
     def checked(*arrays: Any) -> Any:
         if len(arrays) != len(there.reads):
             raise InputError(f"{name}: got {len(arrays)} arrays; allowed: {', '.join(there.reads)}")
-        if jax.dtypes.canonicalize_dtype(np.float64) != np.float64 and there.kernel.dtype == np.float64:
-            raise InputError(
-                f"{name}: {there.kernel.name} is a kernel of float64, which JAX has switched off; allowed: {SWITCH}"
-                ' at the program\'s beginning, or a kernel built with dtype="float32"'
+        _refuse_single(jax, name, there.kernel)
+        return compute(
+            *(
+                _array(jnp, label, [shape], there.kernel.dtype, array)
+                for label, shape, array in zip(there.reads, there.inputs, arrays, strict=True)
             )
-        return compute(*(_converted(jnp, there, i, array) for i, array in enumerate(arrays)))
+        )
 
     checked.__name__ = name
     checked.__doc__ = f"{name}({', '.join(there.reads)}) of {there.kernel.name}; see eomgen.adapters.jax.function."
     return checked
 
 
-def _converted(jnp: Any, there: DifferentiableFunction, place: int, value: Any) -> Any:
-    label, shape, dtype = there.reads[place], there.inputs[place], there.kernel.dtype
+def _refuse_single(jax: Any, name: str, kernel: Kernel) -> None:
+    if jax.dtypes.canonicalize_dtype(np.float64) != np.float64 and kernel.dtype == np.float64:
+        raise InputError(
+            f"{name}: {kernel.name} is a kernel of float64, which JAX has switched off; allowed: {SWITCH}"
+            ' at the program\'s beginning, or a kernel built with dtype="float32"'
+        )
+
+
+def _array(jnp: Any, label: str, shapes: Sequence[tuple[int, ...]], dtype: Any, value: Any) -> Any:
     array = jnp.asarray(value)
     weak = isinstance(value, (list, tuple)) or getattr(array, "weak_type", False)
-    if array.shape != shape:
-        raise ArrayError(f"{label}: expected shape {shape}, got {array.shape}; vmap takes many states")
+    if array.shape not in shapes:
+        allowed = " or ".join(map(str, shapes))
+        raise ArrayError(f"{label}: expected shape {allowed}, got {array.shape}; vmap takes many states")
     if array.dtype.kind not in "fiub" or not (weak or np.can_cast(array.dtype, dtype, "safe")):
         raise ArrayError(f"{label}: expected {dtype}, got {array.dtype}, which {dtype} cannot hold exactly")
     return array.astype(dtype)
@@ -109,23 +121,31 @@ def _apply(call: Callable[..., Any], shapes: Sequence[tuple[int, ...]], arrays: 
 
 
 def _with_jacobian(jax: Any, jnp: Any, there: DifferentiableFunction) -> Callable[..., Any]:
-    """The value, whose tangent is its Jacobian times the tangents: linear, so that JAX transposes it."""
-    dtype = there.kernel.dtype
-    result = jax.ShapeDtypeStruct(there.output, dtype)
-    blocks = tuple(jax.ShapeDtypeStruct((*there.output, *shape), dtype) for shape in there.inputs)
-    value = jax.custom_jvp(_callback(jax, there.value, there.inputs, result))
-    jacobian = jax.custom_jvp(_callback(jax, there.derivatives, there.inputs, blocks))
+    """The value, whose tangent is its Jacobian times the tangents: linear, so that JAX transposes it; and so again."""
+    dtype, total = there.kernel.dtype, sum(math.prod(shape) for shape in there.inputs)
+
+    def of(call: Callable[..., Any], *axes: int) -> Any:
+        result = jax.ShapeDtypeStruct((*there.output, *axes), dtype)
+        return jax.custom_jvp(_callback(jax, call, there.inputs, result))
+
+    value, jacobian = of(there.value), of(there.jacobian, total)
+    second = of(there.second_derivatives, total, total)
+
+    def along(derivative: Any, tangents: Any) -> Any:
+        return derivative @ jnp.concatenate([move.ravel() for move in tangents])
 
     @value.defjvp  # type: ignore[untyped-decorator,unused-ignore]
     def tangent(primals: Any, tangents: Any) -> Any:
-        parts = [
-            jnp.tensordot(block, move, axes=move.ndim) for block, move in zip(jacobian(*primals), tangents, strict=True)
-        ]
-        return value(*primals), sum(parts[1:], parts[0])
+        return value(*primals), along(jacobian(*primals), tangents)
 
     @jacobian.defjvp  # type: ignore[untyped-decorator,unused-ignore]
-    def second(primals: Any, tangents: Any) -> Any:
-        raise InputError(f"{there.name}: second derivatives are asked for; allowed: first ones, which are exact")
+    def curvature(primals: Any, tangents: Any) -> Any:
+        there.require_second()
+        return jacobian(*primals), along(second(*primals), tangents)
+
+    @second.defjvp  # type: ignore[untyped-decorator,unused-ignore]
+    def third(primals: Any, tangents: Any) -> Any:
+        raise InputError(f"{there.name}: third derivatives are asked for; allowed: first and second ones")
 
     return value  # type: ignore[no-any-return,unused-ignore]
 
@@ -159,4 +179,110 @@ def _frame_functions(jax: Any, jnp: Any, there: DifferentiableFunction) -> Calla
     return both[there.name]  # type: ignore[no-any-return,unused-ignore]
 
 
-__all__ = ["FUNCTIONS", "function", "kernels_for"]
+def rollout(
+    kernel: Kernel,
+    dt: float | None = None,
+    steps: int | None = None,
+    *,
+    method: str = "rk4",
+    every: int = 1,
+    duration: float | None = None,
+    samples: int | None = None,
+    rtol: float = 1e-6,
+) -> Callable[..., Any]:
+    """Rollouts as a function of JAX arrays, whose gradient comes from the same steps in C, backwards.
+
+    Under ``jit``, ``grad``, ``vjp`` and ``vmap``; first derivatives in reverse mode.  ``vmap`` makes it one call for
+    the whole batch; with gains it is one for each state.
+
+    Args:
+        kernel: with ``rollout`` or ``adaptive_rollout`` and the method's gradient ("explicit_gradient", ...); a kernel
+            built with all kernels has them.  Parameters are those that it has now.
+        dt, steps, method, every, duration, samples, rtol: as of ``Kernel.rollout``.
+
+    Returns:
+        A function of q0, v0, u and, with a controller, kp, kd and target: (n,) each, u and target (steps, n) or
+        (samples, n), too.  It gives q and v at the samples, (samples, n) each.  It raises ArrayError for other shapes
+        and dtypes, InputError where float64 is switched off.
+
+    Raises:
+        InputError: JAX is not installed.
+    """
+    with optional_import("JAX", "functions of JAX need"):
+        import jax
+        import jax.numpy as jnp
+    own = kernel.with_parameters()
+    how: dict[str, Any] = {"method": method, "every": every, "duration": duration, "samples": samples, "rtol": rtol}
+    rows = (samples or 1) if steps is None else steps
+    told = jax.ShapeDtypeStruct((rows // every + 1, own.n), own.dtype)
+
+    def there(q0: Array, v0: Array, u: Array, *controller: Array) -> tuple[Array, Array]:
+        q, v = own.rollout(q0, v0, u, dt, steps, **how, **_named(controller))
+        return q, v
+
+    def back(q0: Array, v0: Array, u: Array, *others: Array) -> tuple[Array, ...]:
+        *controller, by_q, by_v = others
+        known: dict[str, Any] = {**how, **_named(controller), "loss": lambda t, q, v: (0.0, by_q, by_v)}
+        _, found = own.rollout_gradient(q0, v0, u, dt, steps, **known)
+        return tuple(found[name] for name in GIVEN[: 3 + len(controller)])
+
+    @jax.custom_vjp  # type: ignore[untyped-decorator,unused-ignore]
+    def states(*arrays: Any) -> Any:
+        return _batched(jax, there, [x.shape for x in arrays], (told, told))(*arrays)
+
+    def keep(*arrays: Any) -> Any:
+        return states(*arrays), arrays
+
+    def pull(arrays: Any, by: Any) -> Any:
+        shapes = [x.shape for x in arrays]
+        results = tuple(jax.ShapeDtypeStruct(shape, own.dtype) for shape in shapes)
+        return _batched(jax, back, [*shapes, told.shape, told.shape], results)(*arrays, *by)
+
+    states.defvjp(keep, pull)
+
+    def checked(*arrays: Any) -> Any:
+        if len(arrays) not in (3, len(GIVEN)):
+            raise InputError(f"rollout: got {len(arrays)} arrays; allowed: q0, v0, u, or q0, v0, u, kp, kd, target")
+        _refuse_single(jax, "rollout", own)
+        over_time = [(own.n,), (rows, own.n)]
+        return states(
+            *(
+                _array(jnp, label, over_time if label in ("u", "target") else [(own.n,)], own.dtype, value)
+                for label, value in zip(ROLLED, arrays, strict=False)
+            )
+        )
+
+    return checked
+
+
+def _named(controller: Sequence[Array]) -> dict[str, Any]:
+    return dict(zip(GIVEN[3:], controller, strict=False))
+
+
+def _batched(jax: Any, call: Callable[..., Any], shapes: Sequence[tuple[int, ...]], result: Any) -> Callable[..., Any]:
+    """A call of a rollout on the host, of all states at once where there is no controller: its gains are for all."""
+    single = len(shapes) >= len(GIVEN)
+
+    def host(*arrays: Any) -> Any:
+        given = [np.asarray(array) for array in arrays]
+        leads = [x.shape[: x.ndim - len(shape)] for x, shape in zip(given, shapes, strict=True)]
+        lead = np.broadcast_shapes(*leads)
+        if lead == ():
+            return call(*given)
+        rows = [np.broadcast_to(x, (*lead, *s)).reshape(-1, *s) for x, s in zip(given, shapes, strict=True)]
+        if math.prod(lead) == 0:
+            return tuple(np.zeros((*lead, *one.shape), one.dtype) for one in result)
+        found = _one_by_one(call, rows) if single else call(*rows)
+        return tuple(np.ascontiguousarray(x).reshape(*lead, *x.shape[1:]) for x in found)
+
+    def on_device(*arrays: Any) -> Any:
+        return jax.pure_callback(host, result, *arrays, vmap_method="expand_dims")
+
+    return on_device
+
+
+def _one_by_one(call: Callable[..., Any], rows: Sequence[Array]) -> tuple[Array, ...]:
+    return tuple(np.stack(column) for column in zip(*(call(*state) for state in zip(*rows, strict=True)), strict=True))
+
+
+__all__ = ["FUNCTIONS", "function", "kernels_for", "rollout"]

@@ -1,15 +1,19 @@
-"""Kernels as differentiable functions of arrays: which there are, and their exact first derivatives."""
+"""Kernels as differentiable functions of arrays: which there are, and their exact first and second derivatives."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, UnknownNameError
+from ..names import show
+from ..runtime.derivatives import ADJOINT, HESSIAN
 from ..runtime.kernel import Kernel
 from . import rules
 
@@ -22,9 +26,11 @@ class Entry:
 
     reads: arrays that it reads.
     result: name of its result.
-    kernels: what it and its derivatives take.
-    rule: how its derivatives follow from these.
+    kernels: what it and its Jacobian take.
+    rule: how its Jacobian follows from these.
     calls: the kernel's function whose result it is, or a part of whose result; by default that of its own name.
+    part: shape of the result and where it begins, in lengths of a vector, where it is a part.
+    flat: pairs of arguments: derivatives by one do not change with the other.
     """
 
     reads: tuple[str, ...]
@@ -32,9 +38,12 @@ class Entry:
     kernels: tuple[str, ...]
     rule: rules.Rule
     calls: str = ""
+    part: tuple[str, int] | None = None
+    flat: tuple[tuple[str, str], ...] = ()
 
 
 _CONSTRAINED = ("constrained_dynamics", "constrained_dynamics_tangent")
+_TANGENTS = rules.TangentRule()
 FUNCTIONS: Mapping[str, Entry] = MappingProxyType(
     {
         "residual": Entry(
@@ -42,6 +51,7 @@ FUNCTIONS: Mapping[str, Entry] = MappingProxyType(
             "r",
             ("residual", "residual_jacobian"),
             rules.ResidualRule("residual_jacobian"),
+            flat=(("u", "q"), ("u", "v"), ("u", "a"), ("u", "u")),
         ),
         "inverse_dynamics": Entry(
             ("q", "v", "a"),
@@ -56,36 +66,35 @@ FUNCTIONS: Mapping[str, Entry] = MappingProxyType(
             rules.ByKernel("forward_dynamics_jacobian"),
         ),
         "mass_matrix": Entry(("q",), "M", ("mass_matrix", "christoffel"), rules.MatrixRule()),
-        "bias_force": Entry(
-            ("q", "v"), "b", ("bias_force", "generalized_force", "residual_jacobian"), rules.BiasRule()
-        ),
-        "generalized_force": Entry(("q", "v"), "Q", ("generalized_force", "residual_jacobian"), rules.ForceRule()),
+        "bias_force": Entry(("q", "v"), "b", ("bias_force", "bias_force_tangent"), _TANGENTS),
+        "generalized_force": Entry(("q", "v"), "Q", ("generalized_force", "generalized_force_tangent"), _TANGENTS),
         "external_force": Entry(
-            ("q", "wrench"), "Q", ("external_force", "external_force_tangent"), rules.TangentRule()
+            ("q", "wrench"),
+            "Q",
+            ("external_force", "external_force_tangent"),
+            _TANGENTS,
+            flat=(("wrench", "wrench"),),
         ),
         "energy": Entry(("q", "v"), "E", ("energy", "energy_tangent"), rules.EnergyRule()),
-        "frame_pose": Entry(("q",), "A", ("kinematics",), rules.PoseRule()),
-        "frame_jacobian": Entry(("q",), "J", ("kinematics",), rules.FrameJacobianRule()),
+        "frame_pose": Entry(("q",), "A", ("kinematics", "frame_pose_tangent"), _TANGENTS),
+        "frame_jacobian": Entry(("q",), "J", ("kinematics", "frame_jacobian_tangent"), _TANGENTS),
         "constraint": Entry(("q",), "g", ("constraint", "constraint_jacobian"), rules.ByKernel("constraint_jacobian")),
-        "constraint_jacobian": Entry(
-            ("q",), "G", ("constraint_jacobian", "constraint_jacobian_tangent"), rules.TangentRule()
-        ),
+        "constraint_jacobian": Entry(("q",), "G", ("constraint_jacobian", "constraint_jacobian_tangent"), _TANGENTS),
         "constraint_forces": Entry(
-            ("q", "v", "u"), "f", _CONSTRAINED, rules.ConstrainedRule("constraints", 1), "constrained_dynamics"
+            ("q", "v", "u"), "f", _CONSTRAINED, _TANGENTS, "constrained_dynamics", ("constraints", 1)
         ),
     }
 )
 CLOSED: Mapping[str, Entry] = MappingProxyType(  # in their place where a robot has loops or rigid couplings
     {
-        "forward_dynamics": Entry(
-            ("q", "v", "u"), "a", _CONSTRAINED, rules.ConstrainedRule("vector", 0), "constrained_dynamics"
-        ),
+        "forward_dynamics": Entry(("q", "v", "u"), "a", _CONSTRAINED, _TANGENTS, "constrained_dynamics", ("vector", 0)),
         "inverse_dynamics": Entry(
             ("q", "v", "a"),
             "u",
             ("constrained_drives", "constrained_drives_tangent"),
-            rules.ConstrainedRule("vector", 0),
+            _TANGENTS,
             "constrained_drives",
+            ("vector", 0),
         ),
     }
 )
@@ -107,21 +116,43 @@ CUT: Mapping[str, Entry] = MappingProxyType(  # and where these are meant to be 
         ),
     }
 )
-FRAMES = tuple(name for name, entry in FUNCTIONS.items() if entry.rule.framed)
+FRAMES: Mapping[str, str] = MappingProxyType({"frame_pose": "poses", "frame_jacobian": "jacobians"})  # of all frames
+ORDERS = (1, 2)
 
 
-def kernels_for(*names: str, closed: bool = False, cut: bool = False) -> tuple[str, ...]:
+def kernels_for(*names: str, closed: bool = False, cut: bool = False, order: int = 2) -> tuple[str, ...]:
     """Names of the kernels that these functions and their derivatives need, for ``eomgen.build(robot, kernels=...)``.
 
     Args:
         names: of FUNCTIONS.
         closed: of a robot with loops or rigid couplings.
         cut: of one whose loops are meant to be open.
+        order: of the derivatives, 1 or 2.
 
     Raises:
         UnknownNameError: not one of FUNCTIONS.
+        InputError: another order.
     """
-    return tuple(dict.fromkeys(kernel for name in names for kernel in _entry(name, closed or cut, cut).kernels))
+    check_order(order)
+    found: dict[str, None] = {}
+    for name in names:
+        entry = _entry(name, closed or cut, cut)
+        found |= dict.fromkeys((*entry.kernels, *(_second(name, entry) if order == 2 else ())))
+    return tuple(found)
+
+
+def check_order(order: int) -> None:
+    """Refuse an order of derivatives that there is not.
+
+    Raises:
+        InputError: it is not one of ORDERS.
+    """
+    if order not in ORDERS:
+        raise InputError(f"order: {show(order)} is no order of derivatives here; allowed: 1, 2")
+
+
+def _second(name: str, entry: Entry) -> tuple[str, ...]:
+    return tuple(f"{entry.calls or name}_{kind}" for kind in (ADJOINT, HESSIAN))
 
 
 def _entry(name: str, closed: bool, cut: bool) -> Entry:
@@ -138,12 +169,15 @@ class DifferentiableFunction:
         kernel: with parameters of its own.
         name: one of FUNCTIONS.
         frame: of frame_pose and frame_jacobian.
-        rule: how derivatives follow.
+        kernels: what it and its Jacobian take; second: what gradients and second derivatives take.
+        rule: how the Jacobian follows.
         calls: the kernel's function that has the result, or a part of it.
         reads, result: names of what it takes and of what it gives.
         inputs: shapes of what it takes; output: that of its result.
         idle: what the kernel's function reads behind that, which is 0 here.
-        free: of bias_force and generalized_force the kernel without any force; else None.
+        whole: shape of what the kernel's derivatives are of, which is more than the result where that is a part of it,
+            and the poses or Jacobians of all frames.
+        begins: where the result begins in that; moving: how many numbers of the result change at all, the first ones.
 
     Raises:
         UnknownNameError: no function or frame of that name, or a kernel that it takes was not built.
@@ -152,34 +186,105 @@ class DifferentiableFunction:
 
     def __init__(self, kernel: Kernel, name: str, frame: str | None = None, *, cut: bool = False) -> None:
         entry = _entry(name, bool(kernel.constraints), cut)
-        missing = [needed for needed in entry.kernels if needed not in kernel.operations]
-        if missing:
-            raise UnknownNameError(
-                f"{name}: {kernel.name} was built without {', '.join(missing)}; allowed: kernels={entry.kernels!r}"
-            )
-        if entry.rule.framed != (frame is not None):
-            wanted = f"one of {', '.join(kernel.frames)}" if entry.rule.framed else "none"
-            raise InputError(f"frame: {name} got {frame!r}; allowed: {wanted}")
-        self.kernel, self.name, self.frame, self.rule = kernel.together(*entry.kernels), name, frame, entry.rule
+        if (name in FRAMES) != (frame is not None):
+            wanted = f"one of {', '.join(kernel.frames)}" if name in FRAMES else "none"
+            raise InputError(f"frame: {name} got {show(frame)}; allowed: {wanted}")
+        self.kernel, self.name, self.frame, self.rule = kernel.with_parameters(), name, frame, entry.rule
+        self.kernels, self.second, self._entry = entry.kernels, _second(name, entry), entry
+        self._require(self.kernels)
         self._extra = () if frame is None else (kernel.frame_index(frame),)
         self.reads, self.result, self.calls = entry.reads, entry.result, entry.calls or name
-        shapes = kernel.raw.shapes
+        shapes, called = kernel.raw.shapes, kernel.raw.functions[self.calls]
         self.inputs: tuple[tuple[int, ...], ...] = tuple(shapes[label] for label in entry.reads)
-        called = kernel.raw.functions[self.calls].reads
-        self.idle: tuple[str, ...] = tuple(label for label in called if label not in entry.reads)
-        self.output: tuple[int, ...] = shapes[entry.rule.writes or kernel.raw.functions[self.calls].writes]
-        self.free = rules.without_forces(self.kernel) if entry.rule.needs_free else None
+        self.idle: tuple[str, ...] = tuple(label for label in called.reads if label not in entry.reads)
+        part, begin = entry.part or (called.writes, 0)
+        self.output: tuple[int, ...] = shapes[part]
+        self.whole: tuple[int, ...] = shapes[FRAMES.get(name, called.writes)]
+        self.moving = math.prod(self.output if frame is None else self.whole[1:])
+        self.begins = kernel.n * begin + sum(self._extra) * self.moving
+
+    def _require(self, kernels: Sequence[str]) -> None:
+        missing = [needed for needed in kernels if needed not in self.kernel.operations]
+        if missing:
+            raise UnknownNameError(
+                f"{self.name}: {self.kernel.name} was built without {', '.join(missing)}; allowed: kernels={kernels!r}"
+            )
+
+    def require_second(self) -> None:
+        """Refuse second derivatives where there are none.
+
+        Raises:
+            UnknownNameError: the kernel was built without them.
+        """
+        self._require((*self.kernels, *self.second))
 
     def value(self, *arrays: Array) -> Array:
         """The kernel's result, for one state or a batch."""
-        written = self.kernel.calls.run(self.calls, None, (*arrays, *rules.nothing(self)), self._extra)
-        return self.rule.part(self, written)
+        return self._part(self.kernel.calls.run(self.calls, None, (*arrays, *self._nothing()), self._extra))
 
     def derivatives(self, *arrays: Array) -> tuple[Array, ...]:
         """Exact derivatives by every argument: (output shape, input shape), behind the batch's axis."""
         return self.rule.derivatives(self, *arrays)
 
+    def jacobian(self, *arrays: Array) -> Array:
+        """Exact derivatives by the numbers of all arguments one behind the other, (output shape, numbers)."""
+        blocks = self.derivatives(*arrays)
+        flat = [x.reshape(*x.shape[: x.ndim - len(shape)], -1) for x, shape in zip(blocks, self.inputs, strict=True)]
+        return np.concatenate(flat, axis=-1)
+
+    def second_derivatives(self, *arrays: Array) -> Array:
+        """Exact second derivatives by the numbers of all arguments, (output shape, numbers, numbers)."""
+        size = math.prod(self.output)
+        units = np.eye(size, dtype=self.kernel.dtype).reshape(size, *self.output)
+        found = self.hessian(rules.beside(self, arrays), units)
+        return found.reshape(*found.shape[:-3], *self.output, *found.shape[-2:])
+
+    def tangent(self, arrays: Sequence[Array], rates: Sequence[Array]) -> Array:
+        """Give what the result changes by along rates of the arguments."""
+        return self._part(self.kernel.jvp(self.calls, self._arguments(arrays), (*rates, *self._nothing())))
+
+    def gradient(self, arrays: Sequence[Array], weights: Array) -> tuple[Array, ...]:
+        """Derivatives of the weighted result by every argument."""
+        found = self.kernel.vjp(self.calls, self._arguments(arrays), self._weights(weights))
+        return found[: len(self.reads)]
+
+    def hessian(self, arrays: Sequence[Array], weights: Array) -> Array:
+        """Second derivatives of the weighted result by the numbers of all arguments one behind the other."""
+        found = self.kernel.hessian(self.calls, self._arguments(arrays), self._weights(weights))
+        total = sum(math.prod(shape) for shape in self.inputs)
+        return found[..., :total, :total]
+
     def patterns(self) -> tuple[Array, tuple[Array, ...]]:
         """Sparsity of the result and its derivatives: True where they may differ from zero, shapes as of one state."""
         whole, blocks = self.rule.patterns(self)
         return whole, tuple(blocks)
+
+    def second_pattern(self, at: int, by: int) -> Array:
+        """Sparsity of second derivatives of a weighted result by two arguments: (its shape, the other's shape)."""
+        one, other = (self.reads[place] for place in (at, by))
+        if (one, other) in self._entry.flat or (other, one) in self._entry.flat:
+            return np.zeros((*self.inputs[at], *self.inputs[by]), np.bool_)
+        axes = tuple(range(len(self.output)))
+        moving = [self.patterns()[1][place].any(axis=axes) for place in (at, by)]
+        return np.logical_and.outer(*moving)
+
+    def _arguments(self, arrays: Sequence[Array]) -> tuple[Any, ...]:
+        return (*arrays, *self._nothing(), *([] if self.frame is None else [self.frame]))
+
+    def _nothing(self) -> list[Array]:
+        """Arrays of 0 that the kernel's function reads behind its arguments."""
+        return [np.zeros(self.kernel.raw.shapes[label], self.kernel.dtype) for label in self.idle]
+
+    def _part(self, written: Array) -> Array:
+        """The result, of what the kernel's function writes."""
+        if self._entry.part is None:
+            return written
+        return np.ascontiguousarray(written[..., self.begins : self.begins + self.output[0]])
+
+    def _weights(self, weights: Array) -> Array:
+        """Weights of what the kernel's function writes, of those of the result."""
+        if self._entry.part is None:
+            return weights
+        all_of_it = np.zeros((*weights.shape[:-1], *self.whole), self.kernel.dtype)
+        all_of_it[..., self.begins : self.begins + self.output[0]] = weights
+        return all_of_it
