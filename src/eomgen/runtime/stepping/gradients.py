@@ -29,6 +29,7 @@ Loss = Callable[[Array, Array, Array], tuple[Any, ArrayLike, ArrayLike]]
 WAYS = {"rk4": ("explicit", 0), "tsit5": ("explicit", 1), "implicit": ("implicit", 0), "rosenbrock": ("rosenbrock", 0)}
 KEPT = {"explicit": 18, "implicit": 1, "rosenbrock": 36}  # numbers of a step for each coordinate, which spare work
 ROOM = 2**22  # numbers that are kept of all steps; of longer motions parts are stepped through once more
+SHORTEST = 256  # steps of such a part: shorter ones would take longer in Python than in C
 RECORDED = 512  # ends of steps that a call tells
 
 
@@ -68,7 +69,7 @@ class Way:
         self._kept = KEPT[kind] * calls.n
         size = len(steps.dt)
         self.is_kept = size * (2 * calls.n + self._kept) <= room
-        self._length = size if self.is_kept else math.isqrt(size - 1) + 1
+        self._length = size if self.is_kept else max(math.isqrt(size - 1) + 1, SHORTEST)
         self._parts: list[tuple[Array, Array, Array]] = []
 
     def _begins(self) -> range:
