@@ -122,7 +122,7 @@ def test_a_stiff_robot_against_tight_tolerances(method: str, exported: Exported,
     print(f"{method}: errors {errors}")
     assert np.abs(wanted[n:]).max() > 10.0
     assert errors[0] < 2e-2
-    assert errors[1] < 0.1 * errors[0]
+    assert errors[1] < 0.2 * errors[0]
     assert errors[2] < min(0.1 * errors[1], 1e-6)
 
 

@@ -221,9 +221,10 @@ def test_calls_go_on_to_the_bit_and_lanes_turn_apart(built: Build) -> None:
         turned = np.zeros((5, kernel.raw.turning_room))
         drive = library.drive(u=view(np.zeros(n)), turned=view(turned.reshape(-1)))
         allowed = library.new("tolerance", rtol=1e-7, atol=view(atol), most=10**6)
-        how = (packed.pointer, allowed, kernel.raw.ffi.from_buffer("double[]", times), times.size - 1, number)
+        how = (kernel.raw.ffi.from_buffer("double[]", times), times.size - 1, number)
+        null, pointer = kernel.raw.ffi.NULL, kernel.parameters.setup.pointer(library)
         arrays = map(view, (*at, *stored))
-        function.batch(5, kernel.parameters.setup.pointer(library), drive, *how, *arrays, progress)
+        function.batch(5, null, pointer, 0, drive, packed.pointer, 0, allowed, 0, *how, *arrays, progress)
         for state in range(5):
             for kept in (0, 7):
                 alone = Loaded(kernel.calls, data, times, q[state], v[state], method, 1e-7, atol, kept)

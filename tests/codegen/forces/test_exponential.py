@@ -18,7 +18,7 @@ from eomgen.authoring.check import check_file
 from eomgen.codegen.closed_form.readable import readable_closed_form
 from eomgen.description.load import robot_from_toml
 from eomgen.errors import ArrayError, DescriptionError, EomgenWarning, InputError
-from eomgen.export.fmu.variables import UNITS, make_layout
+from eomgen.export.fmu.variables import UNITS, make_layout, step_variable
 from eomgen.export.mujoco import left_out, mjcf
 from eomgen.integration.solve import choose_method, integrate
 from eomgen.pipeline.costs import robot_info
@@ -227,7 +227,7 @@ def test_units_of_fmi(linear: bool, units: list[str]) -> None:
         joint = replace(robot.joints[0], type="revolute", coordinates={"gamma": Coordinate(further=GIVEN)})
         robot = replace(robot, joints=(joint,))
     model = build_model(robot)
-    found = [x for x in make_layout(model, 1e-3, model.home).variables if ".exponential." in x.name]
+    found = [x for x in make_layout(model, step_variable(1e-3), model.home).variables if ".exponential." in x.name]
     assert [(x.unit, x.start, x.minimum) for x in found] == [(units[0], F, 0.0), (units[1], SCALE, 1e-12)]
     assert all(UNITS[x.unit] for x in found)
 

@@ -11,7 +11,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from eomgen.errors import DescriptionError
-from eomgen.export.fmu.variables import make_layout
+from eomgen.export.fmu.variables import make_layout, step_variable
 from eomgen.integration.contacts import Contact
 from eomgen.integration.solve import choose_method, integrate
 from eomgen.integration.steps import fixed_step
@@ -244,7 +244,7 @@ def test_stops_of_a_shaft(built: Build) -> None:
     found = integrate(kernel, np.zeros(2), np.array([3.0, 30.0]), 0.4)
     assert found.contacts[0].coordinate == "j.motor"
     assert (found.contacts[0].side, found.contacts[0].kind) == (1, "stop")
-    layout = make_layout(build_model(robot), 1e-3, (0.0, 0.0)).variables
+    layout = make_layout(build_model(robot), step_variable(1e-3), (0.0, 0.0)).variables
     units = {x.name.rpartition(".")[2]: x.unit for x in layout if ".stops." in x.name}
     assert units == {
         "stiffness": "N.m/rad", "damping": "N.m.s/rad", "restitution_damping": "s/rad", "smoothing": "rad",

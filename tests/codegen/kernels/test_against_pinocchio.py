@@ -32,6 +32,7 @@ EVERY = (
     "energy",
     "reactions",
     "external_reactions",
+    "external_force",
     "kinematics",
 )
 RIGID = (
