@@ -225,8 +225,9 @@ def build_both(plan: Sequence[tuple[str, int, int]], pool: Sequence[Any], graph:
             nodes.append(graph.neg(x))
             numbers.append(-numbers[i])
         elif op == "div":
-            power_of_two = not isinstance(y, Node) and abs(y) in (0.5, 1.0, 2.0)
-            if numbers[j].value != 0 and (isinstance(y, Node) or power_of_two):
+            number = graph.instructions[y.index].leaf if isinstance(y, Node) else y  # folding makes numbers of nodes
+            exact = not isinstance(number, float) or abs(number) in (0.5, 1.0, 2.0)
+            if numbers[j].value != 0 and exact:
                 nodes.append(graph.div(x, y))
                 numbers.append(numbers[i] / numbers[j])
         else:
