@@ -70,7 +70,7 @@ class Problem:
     what: str
     bars: Mapping[float, float]
     missing: Mapping[str, str]
-    references: Sequence[tuple[str, float]] = (("tsit5", 1e-10), ("rosenbrock", 1e-9))
+    references: Sequence[tuple[str, float]] = (("tsit5", 1e-10), ("rosenbrock", 3e-10))
 
 
 def _home(kernel: eomgen.Kernel) -> Array:
