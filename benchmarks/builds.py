@@ -48,7 +48,7 @@ A kernel is derived and compiled when it is first called, and comes from the cac
 batches are compiled when a batch is first asked for. These are times
 without a cache, Python's start and NumPy's import included; SymPy is not imported, since what it says of a joint is
 kept ([Theory](theory.md)). Measured on {processor} with {cores} cores by `python -m benchmarks.builds`: the least of
-{rounds} rounds in turns, in seconds. The time of all kernels is that of one library with all but tangents.
+{rounds} rounds in turns, in seconds. The time of all kernels is that of one library with all but derivatives.
 """
 
 

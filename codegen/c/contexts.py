@@ -201,19 +201,25 @@ def _methods(equations: Equations, scalar: Scalar) -> dict[str, Any]:
     }
 
 
+def kept_of_a_step(model: Model) -> dict[str, int]:
+    """How many numbers of a step the C of each gradient keeps, if it is given room for them."""
+    explicit = 3 * max(len(RK4.b), len(TSIT5.b) - 1)  # q, v and accelerations of a stage
+    rosenbrock = 6 * len(W643.b)  # q, v, what is solved with, and parts of the end
+    each = {"explicit_gradient": explicit, "implicit_gradient": 1, "rosenbrock_gradient": rosenbrock}
+    return {name: model.size * number for name, number in each.items()}
+
+
 def _gradients(equations: Equations, scalar: Scalar) -> dict[str, Any]:
     """Tables of the templates of gradients, and how many numbers of a step they keep."""
-    n, most = equations.model.size, max(len(RK4.b), len(TSIT5.b) - 1)
-    tables = []
+    most, tables = max(len(RK4.b), len(TSIT5.b) - 1), []
     for a, b in ((RK4.a, RK4.b), (TSIT5.a[:-1, :-1], TSIT5.b[:-1])):
         rows = np.zeros((most + 1, most))
         rows[: len(b), : len(b)], rows[len(b), : len(b)] = a, b
         numbers = (", ".join(map(scalar.literal, row)) for row in rows.tolist())
         tables.append(f"{{ {', '.join(f'{{ {row} }}' for row in numbers)} }}")
-    kept = {"explicit": 3 * n * most, "implicit": n, "rosenbrock": 6 * n * len(W643.b)}
     return {
         "explicit": {"stages": most, "tables": ", ".join(tables), "counts": f"{len(RK4.b)}, {len(TSIT5.b) - 1}"},
-        "kept_numbers": {name: kept[name.removesuffix("_gradient")] for name in GRADIENTS},
+        "kept_numbers": kept_of_a_step(equations.model),
         "texts": {name: KERNELS[name].text for name in GRADIENTS},
     }
 

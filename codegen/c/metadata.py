@@ -15,7 +15,7 @@ from ..kernels.interface import describe_kernels
 from ..kernels.operation_counts import operations
 from ..kernels.signatures import KERNELS
 from ..kernels.steps.tolerances import coordinate_sizes, rubbing_parameters
-from .contexts import statuses
+from .contexts import kept_of_a_step, statuses
 from .lanes import halves
 
 
@@ -30,8 +30,15 @@ def kernel_metadata(equations: Equations, dtype: str, *, batches: bool = True) -
         "halves": halves(equations, batches=batches),
         **({"statuses": statuses(model)} if model.constraints else {}),
         **(_sizes(model) if "adaptive_rollout" in equations.kernels else {}),
+        **_kept(equations),
         **({"redundant": is_redundant(model)} if "settling" in equations.programs else {}),
     }
+
+
+def _kept(equations: Equations) -> dict[str, Any]:
+    """Give what gradients keep of a step, of those that there are."""
+    found = {name: number for name, number in kept_of_a_step(equations.model).items() if name in equations.kernels}
+    return {"kept": found} if found else {}
 
 
 def _sizes(model: Model) -> dict[str, Any]:

@@ -10,14 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
 
-from eomgen.robot.model import Model
-
 from ..forces.rows import resisting_slopes
 from ..forces.springs import add_derivatives
 from ..program.accumulation import jacobian
 from ..program.forward_mode import gradients
 from ..program.ir import Node
-from ..solve.factorised import Factors, coordinate_parents
+from ..solve.factorised import Factors, coordinates_in_front
 from ..solve.free_bodies import bodies_apart
 from ..tree.composite import Rows
 from ..tree.derivatives import Derivatives, residual_derivatives
@@ -105,7 +103,7 @@ def _by_factors(d: Derivation) -> Outputs:
         given["row", i] = {_key(d.u[j]): entry for j, entry in own.items() if j in d.own}
         if i not in known:
             given["row", i] |= _turned_round(d, i, slopes.by_q, slopes.by_v)
-    front = _in_front(d.model)
+    front = coordinates_in_front(d.model)
     for i in range(n):
         given["back", i] = {("row", i): 1.0}
         given["solution", i] = {("back", i): factors.inverse[i]}
@@ -160,17 +158,9 @@ def _key(x: Scalar) -> Hashable:
     return x.index if isinstance(x, Node) else ("number", x)
 
 
-def _in_front(model: Model) -> list[list[int]]:
-    """Coordinates in front of each one, the nearest first."""
-    found: list[list[int]] = []
-    for parent in coordinate_parents(model):
-        found.append([parent, *found[parent]] if parent >= 0 else [])
-    return found
-
-
 def _is_short(d: Derivation) -> bool:
     """Whether the solution with M's factors takes few products: those of 2 n columns in both directions."""
-    front = _in_front(d.model)
+    front = coordinates_in_front(d.model)
     behind = [0] * d.model.size
     for before in front:
         for i in before:

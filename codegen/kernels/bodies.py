@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 from eomgen.robot.model import Model
 
@@ -31,6 +32,29 @@ def frame_bodies(model: Model) -> list[int]:
     """Per frame of the model its body, FIXED_BODY of one that stays where it is."""
     links = {frame.name: frame.link for frame in model.robot.frames}
     return [model.body_of[links.get(name, name)] for name in model.frames]
+
+
+def jacobian_columns(model: Model, k: Any, frame: int) -> dict[int, list[Any]]:
+    """Columns of a frame's Jacobian that do not vanish, six entries each, by their coordinates; of any arithmetic.
+
+    Args:
+        k: results of the program of frames, a sequence.
+        frame: its number.
+    """
+    origins = POSE_SIZE * len(model.frames)
+    axes, found = origins + 3 * len(model.bodies), dict[int, list[Any]]()
+    body = frame_bodies(model)[frame]
+    while body >= 0:
+        here = model.bodies[body]
+        arm = [k[POSE_SIZE * frame + 3 + 4 * i] - k[origins + 3 * body + i] for i in range(3)]
+        for s in range(here.first, here.first + len(here.active)):
+            axis = [k[axes + 3 * s + i] for i in range(3)]
+            if model.coordinates[s].endswith((".alpha", ".beta", ".gamma")):
+                found[s] = [axis[i] * arm[j] - axis[j] * arm[i] for i, j in ((1, 2), (2, 0), (0, 1))] + axis
+            else:
+                found[s] = [*axis, 0.0, 0.0, 0.0]
+        body = here.parent
+    return found
 
 
 def _goals(model: Model) -> Iterator[tuple[int, Goal]]:

@@ -62,9 +62,8 @@ def _of(name: str, kernel: Signature) -> dict[str, Signature]:
     }
 
 
-def _gradient(method: str, of: str, *programs: str) -> Signature:
-    """Steps of a method backwards: the programs, and those that they go back by."""
-    calls = ("forward_dynamics", *programs) if "implicit_step" not in programs else programs
+def _gradient(method: str, of: str, *calls: str) -> Signature:
+    """Steps of a method backwards: the programs that it calls, and those that they go back by."""
     backwards = tuple(f"{name}_parameter_adjoint" for name in calls)
     return Signature(
         ("q", "v", "u"),
@@ -83,9 +82,11 @@ def _gradient(method: str, of: str, *programs: str) -> Signature:
 
 
 GRADIENTS: Mapping[str, Signature] = {
-    "explicit_gradient": _gradient("explicit methods", "rollout"),
+    "explicit_gradient": _gradient("explicit methods", "rollout", "forward_dynamics"),
     "implicit_gradient": _gradient("the linearly implicit method", "rollout", "implicit_step"),
-    "rosenbrock_gradient": _gradient("the Rosenbrock method", "adaptive_rollout", "stage_factors", "stage_solution"),
+    "rosenbrock_gradient": _gradient(
+        "the Rosenbrock method", "adaptive_rollout", "forward_dynamics", "stage_factors", "stage_solution"
+    ),
 }
 TIMES = ("dt", "times")  # arrays that steps are not differentiated by
 BACKWARDS: Mapping[str, Signature] = {  # programs that only gradients call

@@ -12,7 +12,7 @@ from eomgen.robot.laws import least_of
 from eomgen.robot.model import Model
 from eomgen.robot.value import MOTOR, Loop
 
-from .signatures import KERNELS, Function, functions, shapes
+from .signatures import KERNELS, functions, shapes
 
 
 def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[str, Any]:
@@ -48,7 +48,6 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
                 "kind": function.kind,
                 "reads": function.signature.reads,
                 "writes": function.signature.writes,
-                **_differentiates(function),
             }
             for function in functions(kernels)
         },
@@ -57,13 +56,6 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
         **_loop_metadata(model),
         **({"springs": [spring.name for spring in model.robot.springs]} if model.robot.springs else {}),
     }
-
-
-def _differentiates(function: Function) -> dict[str, str]:
-    """The function whose directional derivative it is, under the key that readers of packages know."""
-    signature = function.signature
-    is_known = signature.kind == "tangent" and not signature.by_parameters
-    return {"tangent_of": signature.derivative_of} if is_known else {}
 
 
 def knots(model: Model) -> dict[str, list[float]]:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 
 from eomgen.robot.model import Model
 
-from ..solve.factorised import coordinate_parents, solve_operations
+from ..solve.factorised import coordinates_in_front, solve_operations
 from ..solve.rows import DERIVING
 from .blocks import row_blocks
 from .closed_motion import CLOSING, row_kinds
@@ -24,7 +24,7 @@ def _closing_operations(model: Model, widths: list[int], refinements: int) -> Co
 
     ``widths``: of the rows of the constraint that do not vanish, the coordinates that may move them.
     """
-    m, n, factors = len(widths), model.size, sum(len(chain) for chain in _chains(model))
+    m, n, factors = len(widths), model.size, sum(len(chain) for chain in coordinates_in_front(model))
     triangle, passes, columns = m * (m - 1) // 2, refinements + 1, 3 * n
     second = sum(len(block.columns) ** 2 for block in row_blocks(model))
     per_column = sum(widths) + m * n + passes * 2 * triangle + refinements * m * m
@@ -40,14 +40,6 @@ def _closing_operations(model: Model, widths: list[int], refinements: int) -> Co
         "div": m * n + triangle + columns * passes * 2 * m,
         "sincos": 0,
     }
-
-
-def _chains(model: Model) -> list[list[int]]:
-    """Coordinates in front of each one."""
-    parents, found = coordinate_parents(model), list[list[int]]()
-    for parent in parents:
-        found.append([] if parent < 0 else [parent, *found[parent]])
-    return found
 
 
 OWN: Mapping[str, Callable[[Model], Counts]] = {  # of templates, beside the programs that they call

@@ -14,9 +14,10 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Hashable, Mapping, Sequence
+from typing import Any
 
+from .forward_mode import local_slopes
 from .ir import Graph, Node, Value
-from .operations import OPERATIONS
 
 Partials = Mapping[Hashable, Value]
 TAIL = 60  # so many values that are left at the end are tried from the last to the first, too
@@ -136,26 +137,20 @@ def _depending(
                 moving.add(key)
                 order.append(key)
         elif key not in partials:
-            found: Partials = {} if key in inputs else given[key] if key in given else _partials(graph, key)
-            partials[key] = {argument: x for argument, x in found.items() if isinstance(x, Node) or x != 0.0}
+            if key in inputs:
+                partials[key] = {}
+            elif key in given:
+                partials[key] = _without_zeros(given[key])
+            else:
+                assert isinstance(key, int)
+                partials[key] = _without_zeros(local_slopes(graph, key))
             waiting.append((key, True))
             waiting += [(argument, False) for argument in partials[key]]
     return order, partials
 
 
-def _partials(graph: Graph, key: Hashable) -> Partials:
-    """Derivatives of a value by its arguments; a divisor has one reciprocal, however many values it divides."""
-    assert isinstance(key, int)
-    op, args, _ = graph.instructions[key]
-    derivative = OPERATIONS[op].rate
-    if derivative is None:
-        return {}
-    x, y = [Node(graph, arg) for arg in args], Node(graph, key)
-    if op == "div":
-        inverse = graph.div(1.0, x[1])
-        by_divisor = -(y * inverse)
-        return {args[0]: inverse + by_divisor} if args[0] == args[1] else {args[0]: inverse, args[1]: by_divisor}
-    return {arg: derivative(graph, x, y, [float(other == arg) for other in args]) for arg in args}
+def _without_zeros(found: Mapping[Any, Value]) -> Partials:
+    return {argument: x for argument, x in found.items() if isinstance(x, Node) or x != 0.0}
 
 
 def _cheapest_order(edges: Sequence[Mapping[int, Value]], inner: set[int]) -> list[int]:

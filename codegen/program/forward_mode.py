@@ -34,6 +34,16 @@ def tangent(program: Program, rates: Mapping[str, str], name: str) -> Program:
     return finish(graph, name, {key: moving[index] for key, index in program.outputs.items() if key[0] != "pivot"})
 
 
+def local_slopes(graph: Graph, index: int) -> dict[int, Value]:
+    """Derivatives of a value of a graph by its arguments, by their indices."""
+    op, args, _ = graph.instructions[index]
+    derivative = OPERATIONS[op].rate
+    if derivative is None:
+        return {}
+    x, y = [Node(graph, arg) for arg in args], Node(graph, index)
+    return {arg: derivative(graph, x, y, [float(other == arg) for other in args]) for arg in args}
+
+
 def gradients(graph: Graph, values: Sequence[Value], inputs: Sequence[Node]) -> list[list[Value]]:
     """Derivatives of values by inputs of the same graph, (values, inputs), written behind them.
 

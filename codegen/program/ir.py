@@ -299,6 +299,16 @@ class Program:
         return {instruction.leaf[0] for instruction in self.instructions if instruction.op == "input"}
 
 
+def copied(graph: Graph, program: Program) -> list[Node]:
+    """Write a program's values and notes into a graph as they are; their nodes, in the program's order."""
+    nodes: list[Node] = []
+    for index, (op, args, leaf) in enumerate(program.instructions):
+        if index in program.notes:
+            graph.note(program.notes[index])
+        nodes.append(graph.insert(op, tuple([nodes[arg].index for arg in args]), leaf))
+    return nodes
+
+
 def finish(graph: Graph, name: str, outputs: Mapping[tuple[str, int], Value]) -> Program:
     """Graph -> Program: what the outputs need, renumbered in order."""
     wanted = {

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from .forward_mode import gradients
-from .ir import Graph, Node, Program, Value, finish
+from .ir import Graph, Program, Value, copied, finish
 from .passes import run_passes
 from .reverse_mode import adjoint
 
@@ -20,10 +20,8 @@ def hessian(program: Program, seed: str, wanted: Mapping[str, int], name: str) -
         program, seed, wanted, name: as of ``adjoint``.
     """
     first = run_passes(adjoint(program, seed, wanted, name))
-    graph, values = Graph(), list[Node]()
-    for instruction in first.instructions:
-        args = tuple(values[arg].index for arg in instruction.args)
-        values.append(graph.insert(instruction.op, args, instruction.leaf))
+    graph = Graph()
+    values = copied(graph, first)
     inputs = [graph.input(array, place) for array, size in wanted.items() for place in range(size)]
     slopes: list[Value] = [values[first.outputs["out", i]] for i in range(len(inputs))]
     rows = gradients(graph, slopes, inputs)

@@ -14,6 +14,7 @@ from eomgen.robot.model import Model
 from ..c.contexts import OPEN_GAPS, PIVOT_LIMITS
 from ..joint.zeros import zero_map
 from ..kernels.blocks import row_blocks
+from ..kernels.bodies import jacobian_columns
 from ..solve.factorised import coordinate_parents
 from ..solve.rows import DERIVING
 from .arithmetic import Array
@@ -351,23 +352,11 @@ def frame_pose(model: Model, k: Array, frame: int) -> Array:
 
 def frame_jacobian(model: Model, k: Array, frame: int) -> Array:
     """Jacobian (6 n, lanes) of a frame from what the program of frames writes."""
-    n, frames = model.size, len(model.frames)
+    n = model.size
     out = np.zeros((6, n, k.shape[1]), k.dtype)
-    origins, axes = 12 * frames, 12 * frames + 3 * len(model.bodies)
-    link = {f.name: f.link for f in model.robot.frames}.get(model.frames[frame], model.frames[frame])
-    body = model.body_of[link]
-    while body >= 0:
-        origin = k[origins + 3 * body :]
-        arm = [k[12 * frame + 3 + 4 * i] - origin[i] for i in range(3)]
-        for s in range(model.bodies[body].first, model.bodies[body].first + len(model.bodies[body].active)):
-            axis = k[axes + 3 * s : axes + 3 * s + 3]
-            if model.coordinates[s].endswith((".alpha", ".beta", ".gamma")):
-                for i, (y, z) in enumerate(((1, 2), (2, 0), (0, 1))):
-                    out[i, s] = axis[y] * arm[z] - axis[z] * arm[y]
-                out[3:, s] = axis
-            else:
-                out[:3, s] = axis
-        body = model.bodies[body].parent
+    for s, column in jacobian_columns(model, k, frame).items():
+        for i, entry in enumerate(column):
+            out[i, s] = entry
     return out.reshape(6 * n, -1)
 
 

@@ -27,12 +27,17 @@ def coordinate_parents(model: Model) -> list[int]:
     return parents
 
 
+def coordinates_in_front(model: Model) -> list[list[int]]:
+    """Find the coordinates in front of each one on the way to the base, the nearest first."""
+    found: list[list[int]] = []
+    for parent in coordinate_parents(model):
+        found.append([parent, *found[parent]] if parent >= 0 else [])
+    return found
+
+
 def solve_operations(model: Model) -> dict[str, int]:
     """Operations of the factorisation in C and of its solutions for 3 n right sides."""
-    parents, n = coordinate_parents(model), model.size
-    depth: list[int] = []
-    for parent in parents:
-        depth.append(0 if parent < 0 else depth[parent] + 1)
+    depth, n = [len(front) for front in coordinates_in_front(model)], model.size
     factors, squares = sum(depth), sum(d * (d + 1) // 2 for d in depth)
     couples = squares + 6 * n * factors
     return {"mul": couples, "add": couples + 2 * n * n, "div": factors + 3 * n * n, "sincos": 0}

@@ -69,7 +69,6 @@ def test_functions_of_every_kind(built: Build) -> None:
         "frame_pose": "frames",
         "frame_jacobian": "frames",
     }
-    assert kernel.raw.functions["energy_tangent"].tangent_of == "energy"
     assert kernel.raw.rollout is not None
     assert (kernel.raw.rollout.name, kernel.raw.rollout.kind) == ("rollout", "rollout")
     assert built(eomgen.load_robot("one_link"), "energy").raw.rollout is None

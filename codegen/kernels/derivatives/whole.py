@@ -7,10 +7,10 @@ from functools import partial
 from typing import Any
 
 from eomgen.robot.model import Model
-from eomgen.robot.value import ANGULAR
 
 from ...program.ir import Graph, Program, Value, evaluate, finish
 from ...program.operations import CALLS
+from ..bodies import POSE_SIZE, jacobian_columns
 from ..derivation import vector
 
 Derive = Callable[[str], Program]
@@ -54,24 +54,13 @@ class _Whole:
 
     def poses(self) -> list[Value]:
         """Rows [R | X] of all frames."""
-        return self.run("kinematics")[: 12 * len(self.model.frames)]
+        return self.run("kinematics")[: POSE_SIZE * len(self.model.frames)]
 
     def jacobians(self) -> list[Value]:
         """Jacobians of all frames, from origins and axes as the C has it."""
-        model, k, found = self.model, self.run("kinematics"), list[Value]()
-        origins, axes = 12 * len(model.frames), 12 * len(model.frames) + 3 * len(model.bodies)
-        links = {frame.name: frame.link for frame in model.robot.frames}
-        for number, name in enumerate(model.frames):
-            columns: dict[int, list[Value]] = {}
-            body = model.body_of[links.get(name, name)]
-            while body >= 0:
-                arm = [k[12 * number + 3 + 4 * i] - k[origins + 3 * body + i] for i in range(3)]
-                here = model.bodies[body]
-                for s in range(here.first, here.first + len(here.active)):
-                    axis = k[axes + 3 * s : axes + 3 * s + 3]
-                    turns = model.coordinates[s].rpartition(".")[2] in ANGULAR
-                    columns[s] = [*_cross(axis, arm), *axis] if turns else [*axis, 0.0, 0.0, 0.0]
-                body = here.parent
+        k, found = self.run("kinematics"), list[Value]()
+        for frame in range(len(self.model.frames)):
+            columns = jacobian_columns(self.model, k, frame)
             found += [columns[s][row] if s in columns else 0.0 for row in range(6) for s in range(self.n)]
         return found
 
@@ -104,7 +93,3 @@ def whole_program(model: Model, function: str, derive: Derive) -> Program:
         return derive(function)
     found = _Whole(model, derive)
     return finish(found.graph, function, vector(ways[function](found)))
-
-
-def _cross(x: Sequence[Any], y: Sequence[Any]) -> list[Value]:
-    return [x[i] * y[j] - x[j] * y[i] for i, j in ((1, 2), (2, 0), (0, 1))]

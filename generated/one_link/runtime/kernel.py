@@ -607,33 +607,6 @@ class Kernel:
             return self.calls.run(f"{name}{LOADED}", out, under)
         return self.calls.run_with_wrench(f"{name}{LOADED}", out, under, wrench)
 
-    def tangent(self, name: str, *arrays: ArrayLike, out: Array | None = None) -> Array:
-        """The exact directional derivative of another kernel's result, by rates of what that kernel reads.
-
-        For kernels built with ``kernels=("energy_tangent", ...)`` by name; those that are not here have Jacobians.
-
-        Args:
-            name: "external_force" or "external_reactions", with q, wrench, dq, dwrench; "energy", with q, v, dq, dv;
-                "reactions", with q, v, a, dq, dv, da; of robots with loops also "constrained_dynamics", with q, v, u,
-                dq, dv, du, "constrained_drives", with q, v, a, u and their rates, and "settling", with q, v, dq, dv.
-                Without the wrenches' part in "reactions".
-            arrays: those, shapes as of the kernel itself.
-            out: array to write to.
-
-        Raises:
-            UnknownNameError: the kernel was built without this tangent.
-        """
-        entries = self.raw.libraries.meta["functions"]
-        tangents = {entry["tangent_of"]: x for x, entry in entries.items() if entry.get("tangent_of")}
-        if name not in tangents:
-            raise UnknownNameError(
-                f"tangent: {self.name} was built without that of {name!r}{nearest_or_all(str(name), tangents)}"
-            )
-        function = self.raw.functions[tangents[name]]
-        if len(arrays) != len(function.reads):
-            raise InputError(f"tangent: {name} got {len(arrays)} arrays; allowed: {', '.join(function.reads)}")
-        return self.calls.run(function.name, out, arrays)
-
     def jvp(
         self,
         name: str,

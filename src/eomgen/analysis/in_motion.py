@@ -127,7 +127,7 @@ def _jacobian_rates(arm: HeldRobot, q: Array, v: Array, a: Array) -> tuple[Array
         beside.parameters[name] = value
     H, along = constraint_hessian(kernel, q), np.eye(kernel.n)
     states, rates = (np.tile(x, (kernel.n, 1)) for x in (q, v))
-    by_q = beside.tangent("constraint_bias", states, rates, along, np.zeros_like(along)).T
+    by_q = beside.jvp("constraint_bias", (states, rates), (along, np.zeros_like(along))).T
     return H @ v, H @ a + by_q
 
 

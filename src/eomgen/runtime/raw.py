@@ -49,7 +49,6 @@ class RawFunction:
             call).
         reads: names of the arrays that it reads, in the order of the arguments; ``RawKernel.shapes`` has their shapes.
         writes: name of the array that it writes.
-        tangent_of: the function whose directional derivative it is, or nothing.
     """
 
     name: str
@@ -57,7 +56,6 @@ class RawFunction:
     kind: str
     reads: tuple[str, ...]
     writes: str
-    tangent_of: str
     _libraries: Libraries = field(repr=False, compare=False)
     _found: dict[bool, tuple[Any, Library]] = field(default_factory=dict, repr=False, compare=False)
 
@@ -350,8 +348,7 @@ class RawKernel:
 
 def _function(libraries: Libraries, name: str, entry: Mapping[str, Any]) -> RawFunction:
     """A function of the libraries, by what metadata says of it."""
-    reads, of = tuple(entry["reads"]), entry.get("tangent_of", "")
-    return RawFunction(name, entry["kernel"], entry["kind"], reads, entry["writes"], of, libraries)
+    return RawFunction(name, entry["kernel"], entry["kind"], tuple(entry["reads"]), entry["writes"], libraries)
 
 
 class Setup:

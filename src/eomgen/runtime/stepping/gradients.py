@@ -27,7 +27,6 @@ Array = NDArray[Any]
 Loss = Callable[[Array, Array, Array], tuple[Any, ArrayLike, ArrayLike]]
 
 WAYS = {"rk4": ("explicit", 0), "tsit5": ("explicit", 1), "implicit": ("implicit", 0), "rosenbrock": ("rosenbrock", 0)}
-KEPT = {"explicit": 18, "implicit": 1, "rosenbrock": 36}  # numbers of a step for each coordinate, which spare work
 ROOM = 2**22  # numbers that are kept of all steps; of longer motions parts are stepped through once more
 SHORTEST = 256  # steps of such a part: shorter ones would take longer in Python than in C
 RECORDED = 512  # ends of steps that a call tells
@@ -66,7 +65,7 @@ class Way:
         kind, self._number = WAYS[method]
         self._calls, self._function, self._drive, self._slopes, self.steps = calls, function, drive, slopes, steps
         self._forwards = function.library.function(f"{kind}_states")
-        self._kept = KEPT[kind] * calls.n
+        self._kept: int = function.library.meta["kept"][function.name]  # numbers of a step, which spare work
         size = len(steps.dt)
         self.is_kept = size * (2 * calls.n + self._kept) <= room
         self._length = size if self.is_kept else max(math.isqrt(size - 1) + 1, SHORTEST)
@@ -171,8 +170,8 @@ def rollout_gradient(
     slots, count = parameter_slots(calls.parameters, parameters), count_states(q0=q0, v0=v0, u=u, target=target)
     controlled: dict[str, Any] = {"kp": kp, "kd": kd, "target": target}
     most = NUMBERS // (calls.n * max(count or 1, 1))
-    rows = whole_number("samples", 1 if samples is None else samples, most) if chooses else 0
-    rows = rows or whole_number("steps", steps, most)
+    label, number = ("samples", 1 if samples is None else samples) if chooses else ("steps", steps)
+    rows = whole_number(label, number, most)
     motion = Motion(calls, function, read_given(calls, driven, rows, count, q0=q0, v0=v0, u=u, **controlled))
     if chooses:
         times: Array = np.linspace(0.0, length_of_time(duration), rows + 1)
