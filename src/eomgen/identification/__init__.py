@@ -1,10 +1,28 @@
-"""A measured motion and what it says of a robot: forces; stiffness and damping with their confidence.
+"""What measurements say of a robot: forces, stiffness and damping of motions; offsets and placements of poses.
 
-Uses runtime, robot, description, state, motion, pipeline and analysis.
+Uses runtime, robot, forms, description, state, motion, pipeline and analysis.
 """
 
+from .calibration.calibrating import calibrate
+from .calibration.result import CalibrationResult
+from .calibration.stored import load_calibration
 from .estimates import Estimate, FitResult, FittedCoordinate
 from .from_motion import ForcesResult, forces
+from .geometry.poses import Measured, MeasuredPoses, poses_from_columns, read_poses
 from .least_squares import fit
 
-__all__ = ["Estimate", "FitResult", "FittedCoordinate", "ForcesResult", "fit", "forces"]
+__all__ = [
+    "CalibrationResult",
+    "Estimate",
+    "FitResult",
+    "FittedCoordinate",
+    "ForcesResult",
+    "Measured",
+    "MeasuredPoses",
+    "calibrate",
+    "fit",
+    "forces",
+    "load_calibration",
+    "poses_from_columns",
+    "read_poses",
+]

@@ -1,6 +1,7 @@
 """Figures, pages and views of robots and results.
 
-Uses runtime, robot, forms, description, state, codegen (joint), templates, pipeline, simulation, analysis and sweep.
+Uses runtime, robot, forms, description, state, codegen (joint), templates, pipeline, simulation, analysis, sweep and
+identification.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from ..lazily import attributes
 if TYPE_CHECKING:
     from .analysis import plot_budget, plot_compliance, plot_response, plot_tracks
     from .browser import View
+    from .calibration import plot_calibration
     from .energy import plot_energy, plot_tracking
     from .journals import plot_journals
     from .page import Report, report_of
@@ -26,6 +28,7 @@ _MODULES = {  # one of them is imported when a name of it is first used: a figur
     "plot_response": "analysis",
     "plot_tracks": "analysis",
     "View": "browser",
+    "plot_calibration": "calibration",
     "plot_energy": "energy",
     "plot_tracking": "energy",
     "plot_journals": "journals",
@@ -43,6 +46,7 @@ __all__ = [
     "Report",
     "View",
     "plot_budget",
+    "plot_calibration",
     "plot_compliance",
     "plot_deviations",
     "plot_energy",
