@@ -33,8 +33,7 @@ class Trial:
     def poses(self, *without: str) -> MeasuredPoses:
         """The poses, without columns that end so."""
         kept = {name: values for name, values in self.columns.items() if not name.endswith(without or ("?",))}
-        frames = [name for name in self.model.chain.tools]
-        return poses_from_columns(kept, build_model(self.robot).coordinates, frames)
+        return poses_from_columns(kept, build_model(self.robot).coordinates, list(self.model.chain.tools))
 
 
 def chain(seed: int | np.random.Generator, kinds: str, special: bool = False) -> Robot:
@@ -74,8 +73,7 @@ def trial(
     their size.  columns: further ones of the file, such as loads.
     """
     rng = np.random.default_rng(seed)
-    first = robot.frames[0]
-    measured = dict(frames or {first.name: (first.link, matrix_of(first.placement))})
+    measured = dict(frames or {x.name: (x.link, matrix_of(x.placement)) for x in robot.frames[:1]})
     stations = chain_of(robot, measured)
     q = {}
     for name in program_coordinates(robot):
@@ -87,7 +85,7 @@ def trial(
     place = {station.name: k for k, station in enumerate(stations.stations) if station.joint}
     known = {name: (place[name.rpartition(".")[0]], 5 if name.endswith("gamma") else 2, 1.0) for name in q}
     rows = rows_of(stations, robot, poses_from_columns(given, build_model(robot).coordinates, list(measured)), known)
-    described = {frame.name for frame in robot.frames}
+    described = {*(frame.name for frame in robot.frames), *(link.name for link in robot.links)}
     quantities = (*quantities_of(stations, [0], {name: name in described for name in measured}), *more)
     model = ErrorModel(robot, stations, quantities, {0: pose_from(BASE)})
     truth = model.nominal + size * model.sizes * rng.normal(size=len(quantities))

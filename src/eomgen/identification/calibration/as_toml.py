@@ -20,9 +20,9 @@ from ...forms.toml_text import read_text
 from ...names import parameter_name, show_path
 from ...robot.coordinates import UNITS
 from ...robot.value import Joint, Robot
-from ..geometry.error_model import BASE, FRAMES, JOINTS
+from ..geometry.error_model import BASE, FRAMES, JOINTS, TILT
 from ..geometry.stations import Chain
-from .calibrated import OF_LINK, calibrated_robot, offset_of, placement_of, placements, stiffness_of
+from .calibrated import OF_LINK, calibrated_robot, offset_of, placement_of, placements, stiffness_of, tilt_of
 
 Array = NDArray[np.float64]
 
@@ -117,7 +117,7 @@ def _comments(found: Found) -> list[str]:
     lines = []
     for name, value in found.values.items():
         parts = name.split(".")
-        is_joint = parts[0] == JOINTS and (parts[2] == "offset" or parts[-1] == "stiffness")
+        is_joint = parts[0] == JOINTS and (parts[2] in ("offset", TILT) or parts[-1] == "stiffness")
         if is_joint and parts[-1] == "stiffness":
             joint = found.robot.joint(parts[1])
             is_joint = parts[2] in joint.all_coordinates and (value > 0.0)
@@ -129,7 +129,8 @@ def _comments(found: Found) -> list[str]:
 def _put_joint(found: Found, joint: Joint, body: list[str], robot: Robot) -> None:
     offset, stiffness = offset_of(joint, found.values), stiffness_of(joint, found.values)
     stiffness = {kind: value for kind, value in stiffness.items() if kind in joint.all_coordinates}
-    if not offset and not stiffness:
+    tilt = tilt_of(joint, found.values)
+    if not offset and not stiffness and tilt is None:
         return
     if _block(body, JOINTS, joint.name) is None:
         if 'urdf = "' not in "\n".join(body):
@@ -142,6 +143,8 @@ def _put_joint(found: Found, joint: Joint, body: list[str], robot: Robot) -> Non
         block = _block(body, JOINTS, joint.name)
         assert block is not None
         _replace(body, block, "offset", f"offset = {{ {table} }}  {comment}", robot)
+    if tilt is not None:
+        _put_placement(found, joint, body)
     for kind, value in stiffness.items():
         block = _block(body, JOINTS, joint.name)
         assert block is not None
@@ -151,6 +154,22 @@ def _put_joint(found: Found, joint: Joint, body: list[str], robot: Robot) -> Non
         key = parameter_name(JOINTS, joint.name, kind, "stiffness")
         changed = re.sub(r"(?<!_)\bstiffness\s*=\s*[^,}\s]+", f"stiffness = {value!r}", body[at[0]], count=1)
         body[at[0]] = f"{changed}  # stiffness +- {found.deviations[key]:.2g}"
+
+
+def _put_placement(found: Found, joint: Joint, body: list[str]) -> None:
+    """The placement of a prismatic joint with its axis tilted, in the place of what is there."""
+    block = _block(body, JOINTS, joint.name)
+    assert block is not None
+    dh = [i for i in range(*block) if re.match(r"\s*dh\s*=", body[i])]
+    for i in reversed(dh):
+        del body[i]
+    placed = found.calibrated.joint(joint.name).placement
+    table = f"{{ xyz = {_numbers(placed.xyz)}, rpy = {_numbers(placed.rpy or (0.0, 0.0, 0.0))} }}"
+    names = [parameter_name(JOINTS, joint.name, TILT, kind) for kind in ("alpha", "beta")]
+    said = ", ".join(f"{found.deviations[name]:.2g}" for name in names if name in found.deviations)
+    block = _block(body, JOINTS, joint.name)
+    assert block is not None
+    _replace(body, block, "placement", f"placement = {table}  # tilt of its axis +- {said}", found.robot)
 
 
 def _block(body: Sequence[str], table: str, name: str) -> tuple[int, int] | None:
@@ -188,6 +207,9 @@ def _compare(found: Found, text: str, target: Path) -> None:
         pairs += [
             (x.stiffness or 0.0, other.coordinates[kind].stiffness or 0.0) for kind, x in joint.coordinates.items()
         ]
+        pairs += [*zip(joint.placement.xyz, other.placement.xyz, strict=True)]
+        rows = zip(joint.placement.rotation, other.placement.rotation, strict=True)
+        pairs += [pair for a, b in rows for pair in zip(a, b, strict=True)]
         if joint.name != other.name or any(abs(a - b) > _CLOSE * max(1.0, abs(a)) for a, b in pairs):
             raise _unwritable(found.robot, joint.name)
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from ...motion.turns import rpy_of
 from ...names import component_name, parameter_name
 from ...robot.value import COORDINATES, MOTOR, Frame, Joint, Placement, Robot
-from ..geometry.error_model import FRAMES, JOINTS
+from ..geometry.error_model import FRAMES, JOINTS, TILT
 from ..geometry.rotations import pose_from
-from ..geometry.stations import Chain
+from ..geometry.stations import Chain, matrix_of
 
 Array = NDArray[np.float64]
 
@@ -49,6 +49,12 @@ def offset_of(joint: Joint, values: Mapping[str, float]) -> dict[str, float]:
     return {kind: values[key] for kind, key in keys.items() if key in values}
 
 
+def tilt_of(joint: Joint, values: Mapping[str, float]) -> tuple[float, float] | None:
+    """Angles of a prismatic joint's axis about its own x and y, rad; None where they were not found."""
+    alpha, beta = (values.get(parameter_name(JOINTS, joint.name, TILT, kind)) for kind in ("alpha", "beta"))
+    return None if alpha is None and beta is None else (alpha or 0.0, beta or 0.0)
+
+
 def stiffness_of(joint: Joint, values: Mapping[str, float]) -> dict[str, float]:
     """Stiffness by coordinate, or "motor" for the transmission's, N/m and N m/rad: what was found and can be."""
     keys = {
@@ -65,7 +71,8 @@ def placement_of(pose: Array) -> Placement:
 
 
 def _joint(joint: Joint, values: Mapping[str, float]) -> Joint:
-    found = offset_of(joint, values)
+    found, tilt = offset_of(joint, values), tilt_of(joint, values)
+    placement = joint.placement if tilt is None else placement_of(_tilted(joint, tilt))
     offset = tuple(found.get(kind, before) for kind, before in zip(COORDINATES, joint.offset, strict=True))
     coordinates, motor = dict(joint.coordinates), joint.motor
     for kind, value in stiffness_of(joint, values).items():
@@ -73,4 +80,11 @@ def _joint(joint: Joint, values: Mapping[str, float]) -> Joint:
             motor = replace(motor, transmission=replace(motor.transmission, stiffness=value))
         elif kind in coordinates:
             coordinates[kind] = replace(coordinates[kind], stiffness=value)
-    return replace(joint, offset=offset, coordinates=coordinates, motor=motor)
+    return replace(joint, offset=offset, coordinates=coordinates, motor=motor, placement=placement)
+
+
+def _tilted(joint: Joint, tilt: tuple[float, float]) -> Array:
+    """Placement of a prismatic joint whose axis is tilted about its own x and y, (4, 4)."""
+    turn = np.eye(4)
+    turn[:3, :3] = joint.axis_turn
+    return np.asarray(matrix_of(joint.placement) @ turn @ pose_from(np.array([0.0, 0.0, 0.0, *tilt, 0.0])) @ turn.T)

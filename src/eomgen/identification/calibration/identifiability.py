@@ -34,9 +34,12 @@ class Identifiable:
 
 
 def identifiable(problem: Problem, fit: Fit) -> Identifiable:
-    """What the numbers of a problem show of its active quantities, near a fit."""
+    """What the numbers of a problem show of its active quantities: at the described robot, by the noise of a fit.
+
+    Axes that are parallel there need not be in the fit, by less than it can see.
+    """
     model = problem.model
-    r, A = at_rows(model, problem.rows, problem.seen, fit.x)
+    r, A = at_rows(model, problem.rows, problem.seen, model.nominal)
     S = whitened(problem, fit, r, A)[1][:, problem.active]
     quantities = [model.quantities[i] for i in problem.active]
     rank = algebraic_rank(S)

@@ -180,9 +180,11 @@ def judge_alternatives(
         InputError: another reading leaves several times less: that is what the file has.
     """
     tried: list[tuple[float, str, Rms]] = []
+    limits = {ORIENTATION: TURN, POSITION: OFF * reach}
+    large = [kind for kind, value in rms.items() if value > limits[kind]]
     for other in alternatives(poses, rms, reach):
         found = again(other.poses)
-        share = max((found[kind] / max(rms[kind], 1e-300) for kind in found if kind in rms), default=1.0)
+        share = max(found.get(kind, rms[kind]) / rms[kind] for kind in large)
         tried.append((share, other.text, found))
     if not tried:
         return []

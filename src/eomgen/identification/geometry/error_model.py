@@ -23,6 +23,7 @@ from ..geometry.stations import Chain, Located, Station, forces_on, jacobian, lo
 Array = NDArray[np.float64]
 
 BASE, FRAMES, JOINTS = "base", "frames", "joints"
+TILT = "axis"  # of a prismatic joint: joints.NAME.axis.alpha turns its placement about its own x
 SIZES = (1e-3, 3e-3)  # of an offset that is expected: of the reach (1), and rad
 PLACEMENT, ZERO, OFFSET, COMPLIANCE, DRIVE = "placement", "zero", "offset", "compliance", "drive"
 PASSES = 3  # of loads on what they deflect; each is as exact as the last times the deflection
@@ -193,7 +194,7 @@ def factor_of(quantity: Quantity, rows: Rows) -> Array:
 def quantities_of(
     chain: Chain, series: Sequence[int], known: Mapping[str, bool], sizes: tuple[float, float] = SIZES
 ) -> Iterator[Quantity]:
-    """Placements of bases and frames, and the offsets of all six coordinates of every joint that moves.
+    """Placements of bases and frames, the offsets of all six coordinates of every joint that moves, tilts of axes.
 
     known: of every measured frame, whether the description places it.
     sizes: expected ones: a length as a share of the reach, and rad.
@@ -209,6 +210,9 @@ def quantities_of(
         for c, name in enumerate(COORDINATES):
             yield Quantity(parameter_name(FRAMES, frame, name), PLACEMENT, tool, c, "one", 0.0, size[c // 3])
     for k, station in enumerate(chain.stations):
+        for c in (3, 4) if station.is_tilt else ():
+            name = parameter_name(JOINTS, station.name, TILT, COORDINATES[c])
+            yield Quantity(name, OFFSET, k, c, "one", 0.0, small[1])
         if station.principal is None or station.offset is None:
             continue
         for c in sorted(range(6), key=lambda c: (c != station.principal, c)):

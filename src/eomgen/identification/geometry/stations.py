@@ -1,13 +1,15 @@
 """A robot as stations: places where six coordinates act, one after the other, for all rows at once.
 
 The first station is the base's placement before the measuring device, then come the joints that have coordinates, then
-one for each measured frame, its placement on its link.  Joints without coordinates are constants between stations.
+one for each measured frame, its placement on its link.  Joints without coordinates are constants between stations.  A
+prismatic joint moves along its axis before its own angles turn what it carries, so that these cannot tilt the axis: a
+station in front of it does, and makes the error model complete.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +25,8 @@ class Station:
     """Six coordinates behind a constant pose.
 
     name: that of the joint or frame, "" of the base; parent: index of the station before, -1 of the base.
-    before: pose of its axes in those of its parent, (4, 4).  joint: None of the base and of frames.
+    before: pose of its axes in those of its parent, (4, 4).  joint: None of the base, of frames and of tilts.
+    is_tilt: whether it tilts the axis of the prismatic joint of that name.
     offset: constants that the description adds to the coordinates, (6,).
     mass, com: of the links that hang on it (kg; m, its own axes).
     """
@@ -35,6 +38,7 @@ class Station:
     offset: Array | None = None
     mass: float = 0.0
     com: Array | None = None
+    is_tilt: bool = False
 
     @property
     def principal(self) -> int | None:
@@ -64,7 +68,11 @@ class Chain:
     @property
     def reach(self) -> float:
         """A length that the robot does not exceed, m, but for its translations: all constant ones in a row."""
-        steps = (float(np.linalg.norm(station.before[:3, 3])) for station in self.stations if station.joint)
+        steps = (
+            float(np.linalg.norm(station.before[:3, 3]))
+            for station in self.stations[1:]
+            if station.name not in self.tools
+        )
         return max(sum(steps), 1e-3)
 
 
@@ -91,6 +99,9 @@ def chain_of(robot: Robot, frames: Mapping[str, tuple[str, Array]]) -> Chain:
         before = pose @ matrix_of(joint.placement) @ turn
         offset = np.array([value or 0.0 for value in joint.offset])
         if joint.coordinates:
+            if joint.type == "prismatic":
+                stations.append(Station(joint.name, parent, before, is_tilt=True))
+                parent, before = len(stations) - 1, np.eye(4)
             stations.append(Station(joint.name, parent, before, joint, offset))
             where[joint.child] = len(stations) - 1, turn.T
         else:
@@ -112,7 +123,7 @@ def _with_masses(robot: Robot, stations: Sequence[Station], where: Mapping[str, 
         mass[at] += link.mass
         moment[at] += link.mass * (pose[:3, :3] @ np.array(link.com) + pose[:3, 3])
     return [
-        Station(s.name, s.parent, s.before, s.joint, s.offset, float(m), d / m if m > 0.0 else np.zeros(3))
+        replace(s, mass=float(m), com=d / m if m > 0.0 else np.zeros(3))
         for s, m, d in zip(stations, mass, moment, strict=True)
     ]
 
