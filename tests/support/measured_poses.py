@@ -86,7 +86,7 @@ def trial(
     known = {name: (place[name.rpartition(".")[0]], 5 if name.endswith("gamma") else 2, 1.0) for name in q}
     rows = rows_of(stations, robot, poses_from_columns(given, build_model(robot).coordinates, list(measured)), known)
     described = {*(frame.name for frame in robot.frames), *(link.name for link in robot.links)}
-    quantities = (*quantities_of(stations, [0], {name: name in described for name in measured}), *more)
+    quantities = (*quantities_of(robot, stations, [0], {name: name in described for name in measured}), *more)
     model = ErrorModel(robot, stations, quantities, {0: pose_from(BASE)})
     truth = model.nominal + size * model.sizes * rng.normal(size=len(quantities))
     truth[:6] = 0.0

@@ -20,7 +20,7 @@ from ...forms.toml_text import read_text
 from ...names import parameter_name, show_path
 from ...robot.coordinates import UNITS
 from ...robot.value import Joint, Robot
-from ..geometry.error_model import BASE, FRAMES, JOINTS, TILT
+from ..geometry.error_model import BASE, FRAMES, JOINTS, LOOPS, TILT
 from ..geometry.stations import Chain
 from .calibrated import OF_LINK, calibrated_robot, offset_of, placement_of, placements, stiffness_of, tilt_of
 
@@ -36,7 +36,7 @@ HEAD = (
 
 @dataclass(frozen=True)
 class Found:
-    """What is to be written: the robot as described, its stations, links of measured frames, and by name values,
+    """Things to write: the robot as described, its stations, links of measured frames, and by name values,
     standard deviations and units."""
 
     robot: Robot
@@ -77,6 +77,10 @@ def toml_text(found: Found, folder: Path) -> str:
         body = _own_text(robot, source, folder)
     for joint in robot.joints:
         _put_joint(found, joint, body, robot)
+    for loop in robot.loops:
+        offset = offset_of(loop, found.values)
+        if offset:
+            _put_offset(found, LOOPS, loop.name, offset, body)
     own = {robot.base, *(link.name for link in robot.links)}
     for name, link, pose in placements(found.links, found.values):
         placed = placement_of(pose)
@@ -113,11 +117,11 @@ def _relative(path: Path, folder: Path) -> str:
 
 
 def _comments(found: Found) -> list[str]:
-    """What has no place in a description: where the base stands, terms of drives."""
+    """Comments for what has no place in a description: where the base stands, terms of drives."""
     lines = []
     for name, value in found.values.items():
         parts = name.split(".")
-        is_joint = parts[0] == JOINTS and (parts[2] in ("offset", TILT) or parts[-1] == "stiffness")
+        is_joint = parts[0] in (JOINTS, LOOPS) and (parts[2] in ("offset", TILT) or parts[-1] == "stiffness")
         if is_joint and parts[-1] == "stiffness":
             joint = found.robot.joint(parts[1])
             is_joint = parts[2] in joint.all_coordinates and (value > 0.0)
@@ -137,12 +141,7 @@ def _put_joint(found: Found, joint: Joint, body: list[str], robot: Robot) -> Non
             raise _unwritable(robot, joint.name)
         body += ["", "[[joints]]", f'name = "{joint.name}"']
     if offset:
-        table = ", ".join(f"{kind} = {value!r}" for kind, value in offset.items())
-        keys = [parameter_name(JOINTS, joint.name, "offset", kind) for kind in offset]
-        comment = "# +- " + ", ".join(f"{found.deviations[key]:.2g}" for key in keys)
-        block = _block(body, JOINTS, joint.name)
-        assert block is not None
-        _replace(body, block, "offset", f"offset = {{ {table} }}  {comment}", robot)
+        _put_offset(found, JOINTS, joint.name, offset, body)
     if tilt is not None:
         _put_placement(found, joint, body)
     for kind, value in stiffness.items():
@@ -154,6 +153,16 @@ def _put_joint(found: Found, joint: Joint, body: list[str], robot: Robot) -> Non
         key = parameter_name(JOINTS, joint.name, kind, "stiffness")
         changed = re.sub(r"(?<!_)\bstiffness\s*=\s*[^,}\s]+", f"stiffness = {value!r}", body[at[0]], count=1)
         body[at[0]] = f"{changed}  # stiffness +- {found.deviations[key]:.2g}"
+
+
+def _put_offset(found: Found, table: str, name: str, offset: Mapping[str, float], body: list[str]) -> None:
+    """The offsets of a joint, or of a loop's, in its entry."""
+    block = _block(body, table, name)
+    if block is None:
+        raise _unwritable(found.robot, name)
+    values = ", ".join(f"{kind} = {value!r}" for kind, value in offset.items())
+    said = ", ".join(f"{found.deviations[parameter_name(table, name, 'offset', kind)]:.2g}" for kind in offset)
+    _replace(body, block, "offset", f"offset = {{ {values} }}  # +- {said}", found.robot)
 
 
 def _put_placement(found: Found, joint: Joint, body: list[str]) -> None:

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from ...motion.turns import rpy_of
 from ...names import component_name, parameter_name
-from ...robot.value import COORDINATES, MOTOR, Frame, Joint, Placement, Robot
-from ..geometry.error_model import FRAMES, JOINTS, TILT
+from ...robot.value import COORDINATES, MOTOR, Frame, Joint, Loop, Placement, Robot
+from ..geometry.error_model import FRAMES, JOINTS, LOOPS, TILT
 from ..geometry.rotations import pose_from
 from ..geometry.stations import Chain, matrix_of
 
@@ -32,7 +32,8 @@ def calibrated_robot(robot: Robot, chain: Chain, links: Mapping[str, str], value
         new = name + OF_LINK if name in own else name
         placement = placement_of(pose)
         frames[new] = replace(frames[new], placement=placement) if new in frames else Frame(new, link, placement)
-    return replace(robot, joints=joints, frames=tuple(frames.values()))
+    loops = tuple(_loop(loop, values) for loop in robot.loops)
+    return replace(robot, joints=joints, frames=tuple(frames.values()), loops=loops)
 
 
 def placements(links: Mapping[str, str], values: Mapping[str, float]) -> Iterator[tuple[str, str, Array]]:
@@ -43,9 +44,10 @@ def placements(links: Mapping[str, str], values: Mapping[str, float]) -> Iterato
             yield name, link, pose_from(np.array([values[key] for key in keys]))
 
 
-def offset_of(joint: Joint, values: Mapping[str, float]) -> dict[str, float]:
-    """Offsets of a joint by its coordinates, m and rad: those that were found."""
-    keys = {kind: parameter_name(JOINTS, joint.name, "offset", kind) for kind in COORDINATES}
+def offset_of(joint: Joint | Loop, values: Mapping[str, float]) -> dict[str, float]:
+    """Offsets of a joint, or of one that is cut, by its coordinates, m and rad: those that were found."""
+    owner = JOINTS if isinstance(joint, Joint) else LOOPS
+    keys = {kind: parameter_name(owner, joint.name, "offset", kind) for kind in COORDINATES}
     return {kind: values[key] for kind, key in keys.items() if key in values}
 
 
@@ -68,6 +70,11 @@ def placement_of(pose: Array) -> Placement:
     x, y, z = (float(value) for value in pose[:3, 3])
     roll, pitch, yaw = (float(value) for value in rpy_of(pose[:3, :3]))
     return Placement.from_rpy((x, y, z), (roll, pitch, yaw))
+
+
+def _loop(loop: Loop, values: Mapping[str, float]) -> Loop:
+    found = offset_of(loop, values)
+    return replace(loop, offset=tuple(found.get(k, old) for k, old in zip(COORDINATES, loop.offset, strict=True)))
 
 
 def _joint(joint: Joint, values: Mapping[str, float]) -> Joint:

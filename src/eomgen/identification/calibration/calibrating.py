@@ -19,6 +19,7 @@ from ...optional import optional_import
 from ...progress import StageReport, no_report
 from ...robot.model import build_model
 from ...robot.value import COORDINATES, MOTOR, Robot
+from ..geometry.closing import closed_readings, closing_of
 from ..geometry.error_model import (
     COMPLIANCE,
     JOINTS,
@@ -50,7 +51,7 @@ _SOFT = 1e-3  # rad or m: what a stiffness that nothing is said of is expected t
 
 @dataclass(frozen=True)
 class _Task:
-    """What is asked: the robot, measured frames with link, pose and whether it is described, and all options."""
+    """The task: the robot, measured frames with link, pose and whether it is described, and all options."""
 
     robot: Robot
     links: Mapping[str, tuple[str, Array]]
@@ -177,7 +178,7 @@ def _links(robot: Robot, frames: Mapping[str, str]) -> dict[str, tuple[str, Arra
 
 
 def _problem(task: _Task, poses: MeasuredPoses, *, careful: bool) -> tuple[Problem, Array]:
-    """What is fitted, and first values; ``careful``: mistakes that show before a fit are refused."""
+    """The problem to fit, and first values; ``careful``: mistakes that show before a fit are refused."""
     robot = task.robot
     measured = {name: task.links[name] for name in poses.frames}
     chain = chain_of(robot, measured)
@@ -185,11 +186,18 @@ def _problem(task: _Task, poses: MeasuredPoses, *, careful: bool) -> tuple[Probl
     rows = rows_of(chain, robot, poses, columns)
     if careful:
         refuse_impossible(poses, chain, rows)
+    closing = None
+    if robot.is_closed:
+        tree = build_model(robot)
+        closing = closing_of(tree, chain, [place[:2] for place in columns.values()], poses.source)
+        places = [poses.place(row) for row in range(len(poses.q))]
+        closed = closed_readings(chain, closing, tree, rows.readings, places)
+        rows = replace(rows, readings=closed)
     series = sorted(set(poses.series.tolist()))
     known = {name: task.known[name] for name in measured}
-    quantities = tuple(quantities_of(chain, series, known, task.sizes))
+    quantities = tuple(quantities_of(robot, chain, series, known, task.sizes))
     bases = {number: np.eye(4) for number in series}
-    model = ErrorModel(robot, chain, (*quantities, *_compliances(task, chain, poses)), bases)
+    model = ErrorModel(robot, chain, (*quantities, *_compliances(task, chain, poses)), bases, closing)
     seen = observations_of(poses, task.noise, task.covariance)
     model = placed(model, rows, seen, {name: known[name] for name in known if poses.frames[name].is_measured})
     model = _sized(model, Problem(model, rows, seen, np.zeros(0, dtype=np.intp)))
@@ -199,7 +207,7 @@ def _problem(task: _Task, poses: MeasuredPoses, *, careful: bool) -> tuple[Probl
             names = [quantity.name for quantity in model.quantities]
             raise UnknownNameError(f"fixed: there is no quantity {name!r}{nearest_or_all(name, names)}")
     problem = Problem(model, rows, seen, np.array(chosen, dtype=np.intp))
-    if careful:
+    if careful and closing is None:
         refuse_too_few(problem, poses.source)
     return problem, model.nominal
 
@@ -227,7 +235,7 @@ def _columns(robot: Robot, chain: Chain, poses: MeasuredPoses) -> dict[str, tupl
     read = {place[:2] for place in found.values()}
     for name, k in station.items():
         principal = chain.stations[k].principal
-        if principal is not None and (k, principal) not in read:
+        if principal is not None and (k, principal) not in read and not robot.is_closed:
             column = component_name(name, COORDINATES[principal])
             raise InputError(f"{poses.source}: the column {column} is missing; allowed: all joints that move")
     return found
@@ -235,7 +243,11 @@ def _columns(robot: Robot, chain: Chain, poses: MeasuredPoses) -> dict[str, tupl
 
 def _compliances(task: _Task, chain: Chain, poses: MeasuredPoses) -> list[Quantity]:
     """Compliances of deviations and transmissions, in m/N and rad/(N m); their names are those of the stiffness."""
-    found = []
+    found: list[Quantity] = []
+    if task.robot.is_closed:
+        if task.stiffness:
+            raise InputError(f"stiffness: {task.robot.name} has loops or couplings; allowed: robots that are trees")
+        return found
     names = [component_name(s.name, kind) for s in chain.stations if s.joint for kind in COORDINATES]
     for name in task.stiffness:
         if name not in names:
@@ -271,7 +283,7 @@ def _sized(model: ErrorModel, problem: Problem) -> ErrorModel:
 
 
 def _notes(task: _Task, problem: Problem) -> list[str]:
-    """What a result leaves out."""
+    """Notes about what a result leaves out."""
     notes = []
     soft = any(quantity.kind == COMPLIANCE for quantity in problem.model.quantities)
     if soft and task.robot.springs:

@@ -34,7 +34,7 @@ class Identifiable:
 
 
 def identifiable(problem: Problem, fit: Fit) -> Identifiable:
-    """What the numbers of a problem show of its active quantities: at the described robot, by the noise of a fit.
+    """Ranks, merged quantities and weak directions of a problem: at the described robot, by the noise of a fit.
 
     Axes that are parallel there need not be in the fit, by less than it can see.
     """
@@ -105,7 +105,9 @@ def _weak(quantities: Sequence[Quantity], direction: Array, value: float) -> tup
 def _merged(problem: Problem, quantities: Sequence[Quantity], S: Array) -> dict[str, str]:
     """Why quantities are not identifiable: those that others do the work of, in the order of the names."""
     found, partners = _dependent(S)
-    always = set(_dependent(generic_sensitivities(problem))[0]) if found else set()
+    always = set(found)
+    if found and problem.model.closing is None:  # random poses of a mechanism need not close
+        always = set(_dependent(generic_sensitivities(problem))[0])
     texts = {}
     for i, others in zip(found, partners, strict=True):
         quantity = quantities[i]
@@ -157,8 +159,11 @@ def _reason(model: ErrorModel, quantity: Quantity, others: Sequence[Quantity]) -
         return "these loads do not tell them apart"
     if stations == {0} or (0 in stations and quantity.kind != PLACEMENT and stations <= {0, quantity.station}):
         return "the placement of the base does the same"
+    if quantity.station in tools:
+        last = max((k for k in stations if k not in tools), default=0)
+        return f"offsets of {model.chain.stations[last].name} do the same" if last else "the base does the same"
     placed = [tools[k] for k in stations if k in tools]
-    if placed and quantity.station not in tools:
+    if placed:
         return f"the placement of {placed[0]} does the same"
     between = [k for k in stations if k not in (0, quantity.station) and k not in tools]
     if len(between) == 1 and quantity.station:

@@ -12,7 +12,9 @@ from ...description.recorded import robot_from_record
 from ...errors import InputError
 from ...names import show
 from ...npz import read_npz
+from ...robot.model import build_model
 from ...robot.value import COORDINATES, Robot
+from ..geometry.closing import closing_of
 from ..geometry.error_model import COMPLIANCE, DRIVE, OFFSET, PLACEMENT, ZERO, ErrorModel, Quantity
 from ..geometry.stations import chain_of
 from .recorded import ARRAYS, FORMAT, PLAIN
@@ -37,7 +39,12 @@ def load_calibration(path: Path | str) -> CalibrationResult:
         quantities = tuple(_quantity(entry) for entry in meta["quantities"])
         frames = {name: (link, np.array(meta["tools"][name], dtype=float)) for name, link in meta["frames"].items()}
         bases = {int(number): np.array(pose, dtype=float) for number, pose in meta["bases"].items()}
-        model = ErrorModel(robot, chain_of(robot, frames), quantities, bases)
+        chain, tree = chain_of(robot, frames), build_model(robot)
+        closing = None
+        if robot.is_closed:
+            every = [(k, c) for k in range(len(chain.stations)) for c in range(6)]
+            closing = closing_of(tree, chain, every, str(path))
+        model = ErrorModel(robot, chain, quantities, bases, closing)
         arrays_found: dict[str, Any] = {name: np.asarray(arrays[name], dtype=np.float64) for name in ARRAYS}
         plain = {name: meta[name] for name in PLAIN}
         for name in ("names", "units", "notes"):

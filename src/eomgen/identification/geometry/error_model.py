@@ -16,13 +16,15 @@ from numpy.typing import NDArray
 
 from ...names import component_name, parameter_name
 from ...robot.coordinates import UNITS
+from ...robot.cuts import rigid_parts
 from ...robot.value import COORDINATES, Robot
-from ..geometry.poses import MeasuredPoses
-from ..geometry.stations import Chain, Located, Station, forces_on, jacobian, located
+from .closing import Closing
+from .poses import MeasuredPoses
+from .stations import Chain, Located, Station, forces_on, jacobian, located
 
 Array = NDArray[np.float64]
 
-BASE, FRAMES, JOINTS = "base", "frames", "joints"
+BASE, FRAMES, JOINTS, LOOPS = "base", "frames", "joints", "loops"
 TILT = "axis"  # of a prismatic joint: joints.NAME.axis.alpha turns its placement about its own x
 SIZES = (1e-3, 3e-3)  # of an offset that is expected: of the reach (1), and rad
 PLACEMENT, ZERO, OFFSET, COMPLIANCE, DRIVE = "placement", "zero", "offset", "compliance", "drive"
@@ -61,7 +63,7 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Rows:
-    """What the error model knows of N rows.
+    """N rows as the error model takes them.
 
     readings: of the six coordinates of every station, (N, S, 6).  series: (N,).  loads: wrenches by station, (N, 6).
     direction: of the last motion of every station's principal coordinate, (N, S), -1, 0 or 1.
@@ -89,12 +91,14 @@ class ErrorModel:
     """A robot's stations, what is unknown of them, and where the bases of the series stand to begin with.
 
     bases: pose of the robot's base before the device by series, (4, 4), in front of the base's six coordinates.
+    closing: what closes a mechanism; None of a tree.
     """
 
     robot: Robot
     chain: Chain
     quantities: tuple[Quantity, ...]
     bases: Mapping[int, Array]
+    closing: Closing | None = None
 
     @property
     def nominal(self) -> Array:
@@ -131,6 +135,8 @@ class ErrorModel:
         rigid = rows.readings.copy()
         for i in moved:
             rigid[:, places[i][0], places[i][1]] += x[i] * factors[:, i]
+        if self.closing is not None:
+            rigid = self.closing.closed(self.chain, rigid, rigid - rows.readings, bases)
         found = located(self.chain, rigid, bases)
         gravity = np.array(self.robot.gravity)
         for _ in range(PASSES if soft else 0):
@@ -168,7 +174,21 @@ class State:
         found = np.zeros((*by_place.shape[:2], len(self.model.quantities)))
         columns = by_place.reshape(*by_place.shape[:2], -1)
         found[:, :, chosen] = columns[:, :, flat] * self.factors[:, np.newaxis, chosen]
+        if self.model.closing is not None:
+            found += self._through_loops(by_place, before)
         return found
+
+    def _through_loops(self, by_place: Array, before: Sequence[int]) -> Array:
+        """Motion of a station by what passive coordinates do per unit of every quantity, (N, 6, P)."""
+        model = self.model
+        assert model.closing is not None
+        follow = model.closing.followed(model.chain, self.found)
+        places = [(quantity.station, quantity.coordinate) for quantity in model.quantities]
+        ks, cs = np.array(places, dtype=np.intp).T
+        by_quantity = follow[:, :, ks, cs] * self.factors[:, np.newaxis]
+        moving = [(i, before.index(k), c) for i, (k, c) in enumerate(model.closing.passive) if k in before]
+        which, at, part = np.array(moving, dtype=np.intp).reshape(-1, 3).T
+        return np.asarray(by_place[:, :, at, part] @ by_quantity[:, which])
 
 
 def factor_of(quantity: Quantity, rows: Rows) -> Array:
@@ -192,9 +212,15 @@ def factor_of(quantity: Quantity, rows: Rows) -> Array:
 
 
 def quantities_of(
-    chain: Chain, series: Sequence[int], known: Mapping[str, bool], sizes: tuple[float, float] = SIZES
+    robot: Robot,
+    chain: Chain,
+    series: Sequence[int],
+    known: Mapping[str, bool],
+    sizes: tuple[float, float] = SIZES,
 ) -> Iterator[Quantity]:
     """Placements of bases and frames, the offsets of all six coordinates of every joint that moves, tilts of axes.
+
+    Where several quantities do the same, those that come first here stand for all of them.
 
     known: of every measured frame, whether the description places it.
     sizes: expected ones: a length as a share of the reach, and rad.
@@ -205,10 +231,7 @@ def quantities_of(
         owner = BASE if len(series) == 1 else parameter_name("series", str(number), BASE)
         for c, name in enumerate(COORDINATES):
             yield Quantity(component_name(owner, name), PLACEMENT, 0, c, "series", 0.0, large[c // 3], number)
-    for frame, tool in chain.tools.items():
-        size = small if known[frame] else large
-        for c, name in enumerate(COORDINATES):
-            yield Quantity(parameter_name(FRAMES, frame, name), PLACEMENT, tool, c, "one", 0.0, size[c // 3])
+    yield from _placements(chain, [frame for frame in chain.tools if not known[frame]], large)
     for k, station in enumerate(chain.stations):
         for c in (3, 4) if station.is_tilt else ():
             name = parameter_name(JOINTS, station.name, TILT, COORDINATES[c])
@@ -219,6 +242,19 @@ def quantities_of(
             name = parameter_name(JOINTS, station.name, "offset", COORDINATES[c])
             kind = ZERO if c == station.principal else OFFSET
             yield Quantity(name, kind, k, c, "one", float(station.offset[c]), small[c // 3])
+    for loop, (first, _) in zip(robot.loops, chain.cuts, strict=True):
+        for part in rigid_parts(loop):
+            c = COORDINATES.index(part.name)
+            name, nominal = parameter_name(LOOPS, loop.name, "offset", part.name), float(loop.offset[c] or 0.0)
+            yield Quantity(name, OFFSET, first, c, "one", nominal, small[c // 3])
+    yield from _placements(chain, [frame for frame in chain.tools if known[frame]], small)
+
+
+def _placements(chain: Chain, frames: Sequence[str], size: tuple[float, float]) -> Iterator[Quantity]:
+    for frame in frames:
+        for c, name in enumerate(COORDINATES):
+            key = parameter_name(FRAMES, frame, name)
+            yield Quantity(key, PLACEMENT, chain.tools[frame], c, "one", 0.0, size[c // 3])
 
 
 def drive_terms(chain: Chain, rows: Rows) -> Iterator[tuple[Quantity, ...]]:
@@ -249,7 +285,7 @@ def drive_terms(chain: Chain, rows: Rows) -> Iterator[tuple[Quantity, ...]]:
 
 
 def rows_of(chain: Chain, robot: Robot, poses: MeasuredPoses, known: Mapping[str, tuple[int, int, float]]) -> Rows:
-    """What the error model knows of measured poses.
+    """Measured poses as the error model takes them.
 
     known: of every column of coordinates its station, coordinate, and the factor from the column to the coordinate.
     """

@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from ...errors import ArrayError, InputError
 from ...names import listed, show
 from ...robot.coordinates import MOTIONS
-from ..geometry.error_model import ErrorModel, Rows, State
-from ..geometry.poses import Measured, MeasuredPoses
-from ..geometry.rotations import vectors_of
+from .error_model import ErrorModel, Rows, State
+from .poses import Measured, MeasuredPoses
+from .rotations import vectors_of
 
 Array = NDArray[np.float64]
 Places = NDArray[np.intp]
@@ -24,7 +24,7 @@ _LEAST = 1e-12  # m, below which a distance has no direction
 
 @dataclass(frozen=True)
 class Block:
-    """What was measured of one kind of one frame: rows (R,), values, and the kind."""
+    """Measurements of one kind of one frame: rows (R,), values, and the kind."""
 
     frame: str
     kind: str

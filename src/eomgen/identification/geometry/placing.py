@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry.error_model import ErrorModel, Rows
-from ..geometry.observations import DISTANCE, ORIENTATION, POSITION, Observations
-from ..geometry.rotations import nearest_rotation
-from ..geometry.stations import Chain, located
+from .error_model import ErrorModel, Rows
+from .observations import DISTANCE, ORIENTATION, POSITION, Observations
+from .rotations import nearest_rotation
+from .stations import located
 
 Array = NDArray[np.float64]
 
@@ -67,7 +67,7 @@ def placed(model: ErrorModel, rows: Rows, seen: Observations, known: Mapping[str
 def _with(model: ErrorModel, frame: str, tool: Array, number: int, base: Array) -> ErrorModel:
     at = model.chain.tools[frame]
     stations = tuple(replace(s, before=tool) if k == at else s for k, s in enumerate(model.chain.stations))
-    chain = Chain(stations, model.chain.tools, model.chain.link_pose)
+    chain = replace(model.chain, stations=stations)
     return replace(model, chain=chain, bases={**model.bases, number: base})
 
 
@@ -78,7 +78,7 @@ def _count(seen: Observations, rows: Rows, frame: str, number: int) -> int:
 
 
 def _seen(model: ErrorModel, rows: Rows, seen: Observations, frame: str, number: int) -> _Seen:
-    """What was measured of a frame in a series; NaN where it was not."""
+    """Measurements of a frame in a series; NaN where it was not."""
     chosen = np.flatnonzero(rows.series == number)
     many = len(chosen)
     of_offsets = rows.readings[chosen].copy()

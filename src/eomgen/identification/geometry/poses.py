@@ -15,7 +15,7 @@ from ...names import listed, nearest, show, split_component
 from ...npz import read_npz
 from ...robot.coordinates import FORCES, MOTIONS
 from ...shown import Shown
-from ..geometry.rotations import FOUR, READINGS
+from .rotations import FOUR, READINGS
 
 Array = NDArray[np.float64]
 
@@ -33,7 +33,7 @@ MOST_ROWS = 100_000
 
 @dataclass(frozen=True, kw_only=True)
 class Measured(Shown):
-    """What was measured of one frame in R of the rows, in the axes of the measuring device.
+    """Measurements of one frame in R rows, in the axes of the measuring device.
 
     Attributes:
         frame: its name.
@@ -232,7 +232,7 @@ class _Table:
         return values.astype(np.int64)
 
     def frame(self, frame: str, given: set[str], rotation: str) -> Measured:
-        """What was measured of a frame."""
+        """Measurements of a frame."""
         turned = QUATERNION if rotation == "quaternion" else TURNED
         wrong = given & set(TURNED if rotation == "quaternion" else QUATERNION)
         if wrong:

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...names import show
-from ..geometry.error_model import ErrorModel, Rows
-from ..geometry.observations import Observations, at_rows
+from .error_model import ErrorModel, Rows
+from .observations import Observations, at_rows
 
 Array = NDArray[np.float64]
 Places = NDArray[np.intp]
@@ -39,7 +39,7 @@ LOSSES: dict[str, Callable[[Array], Array]] = {  # weight of a sample by its siz
 
 @dataclass(frozen=True)
 class Problem:
-    """What is fitted to what: a model, its rows, the numbers measured, and which quantities may change.
+    """A fit to make: a model, its rows, the numbers measured, and which quantities may change.
 
     active: indices of these.  prior: standard deviation of their change from nominal, (P,), infinite without one.
     kept: places of the numbers that count, for folds; None: all.
@@ -55,7 +55,7 @@ class Problem:
 
 @dataclass(frozen=True)
 class Fit:
-    """What was found.
+    """Values and noise that were found.
 
     Attributes:
         x: all values, (P,).

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...robot.value import COORDINATES, PRINCIPAL, Joint, Placement, Robot
-from ..geometry.rotations import pose_from
+from .rotations import pose_from
 
 Array = NDArray[np.float64]
 
@@ -51,12 +51,14 @@ class Station:
 class Chain:
     """Stations in an order in which parents come first; ``tools`` has that of every measured frame.
 
-    ``link_pose``: station that a link hangs on and its pose there, by the link's name.
+    ``link_pose``: station that a link hangs on and its pose there, by the link's name.  ``cuts``: stations of the two
+    frames of every loop.
     """
 
     stations: tuple[Station, ...]
     tools: Mapping[str, int]
     link_pose: Mapping[str, tuple[int, Array]]
+    cuts: tuple[tuple[int, int], ...] = ()
 
     def ancestors(self, station: int) -> list[int]:
         """The station and those before it, from the base on."""
@@ -70,8 +72,8 @@ class Chain:
         """A length that the robot does not exceed, m, but for its translations: all constant ones in a row."""
         steps = (
             float(np.linalg.norm(station.before[:3, 3]))
-            for station in self.stations[1:]
-            if station.name not in self.tools
+            for station in self.stations
+            if station.joint or station.is_tilt
         )
         return max(sum(steps), 1e-3)
 
@@ -107,12 +109,18 @@ def chain_of(robot: Robot, frames: Mapping[str, tuple[str, Array]]) -> Chain:
         else:
             where[joint.child] = parent, before @ pose_from(offset) @ turn.T
     stations = _with_masses(robot, stations, where)
+    cuts = []
+    for loop in robot.loops:
+        for side, (link, placement) in enumerate(zip(loop.links, loop.placements, strict=True)):
+            parent, on = where[link]
+            stations.append(Station(f"loops.{loop.name}.{side}", parent, on @ matrix_of(placement)))
+        cuts.append((len(stations) - 2, len(stations) - 1))
     tools = {}
     for name, (link, pose) in frames.items():
         parent, on = where[link]
         tools[name] = len(stations)
         stations.append(Station(name, parent, on @ pose))
-    return Chain(tuple(stations), tools, where)
+    return Chain(tuple(stations), tools, where, tuple(cuts))
 
 
 def _with_masses(robot: Robot, stations: Sequence[Station], where: Mapping[str, tuple[int, Array]]) -> list[Station]:
