@@ -19,7 +19,20 @@ from eomgen.cli.shared import OldName
 
 ORDER = (
     *("robots", "info", "new", "check", "schema", "derive", "generate", "simulate", "forces", "fit", "calibrate"),
-    *("compare", "deflection", "modes", "response", "linearize", "budget", "sweep", "export", "plot", "report", "view"),
+    *(
+        "tolerance",
+        "compare",
+        "deflection",
+        "modes",
+        "response",
+        "linearize",
+        "budget",
+        "sweep",
+        "export",
+        "plot",
+        "report",
+        "view",
+    ),
     *("bench", "cache"),
 )
 GROUPS = sorted(

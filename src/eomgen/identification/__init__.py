@@ -10,8 +10,12 @@ from .estimates import Estimate, FitResult, FittedCoordinate
 from .from_motion import ForcesResult, forces
 from .geometry.poses import Measured, MeasuredPoses, poses_from_columns, read_poses
 from .least_squares import fit
+from .tolerances.allocation import Allocation
+from .tolerances.budgeting import tolerance
+from .tolerances.result import ToleranceResult
 
 __all__ = [
+    "Allocation",
     "CalibrationResult",
     "Estimate",
     "FitResult",
@@ -19,10 +23,12 @@ __all__ = [
     "ForcesResult",
     "Measured",
     "MeasuredPoses",
+    "ToleranceResult",
     "calibrate",
     "fit",
     "forces",
     "load_calibration",
     "poses_from_columns",
     "read_poses",
+    "tolerance",
 ]
