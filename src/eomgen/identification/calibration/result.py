@@ -52,7 +52,7 @@ class CalibrationResult(Shown, Tabular):
         is_noise_known: whether they were given.
         freedoms: degrees of freedom of the residuals.
         chi2: reduced chi-square, where the noise is known; else None.
-        prior: the size that was chosen for the prior, in expected sizes.
+        prior: the size that was chosen for the prior, in expected sizes; None without folds.
         gain: of the full fit over placement alone, held out; None without folds.
         mistrusted: rows that the loss counts less than half, with their weights.
         notes: what was found on the way.
@@ -79,7 +79,7 @@ class CalibrationResult(Shown, Tabular):
     is_noise_known: bool
     freedoms: float
     chi2: float | None
-    prior: float
+    prior: float | None
     gain: Gain | None
     mistrusted: tuple[tuple[int, float], ...]
     notes: tuple[str, ...]
