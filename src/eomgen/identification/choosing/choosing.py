@@ -144,7 +144,7 @@ def poses(
     base, series = _base(task, before, where, measure)
     more = proposed(chain, span, np.vstack([q, of_tool]), base, series, measure, deviations)
     report("looking at what they tell")
-    offer = _offer(task, before, more, len(q), chain)
+    offer = _offer(task, before, more, len(q), chain, deviations)
     _refuse_too_few(offer, count, WIDTHS[measure] * len(chosen_frames))
     information, judge = offer.information, criterion_of(criterion, offer.information)
     report("finding the bound")
@@ -231,10 +231,12 @@ def _base(task: Task, before: MeasuredPoses | None, where: Where, measure: str) 
     return base, 0
 
 
-def _offer(task: Task, before: MeasuredPoses | None, more: MeasuredPoses, many: int, chain: Chain) -> _Offer:
+def _offer(
+    task: Task, before: MeasuredPoses | None, more: MeasuredPoses, many: int, chain: Chain, noise: tuple[float, float]
+) -> _Offer:
     """What the first ``many`` of the proposed rows tell; the others stand for the workspace."""
     first = 0 if before is None else len(before.q)
-    whole = more if before is None else joined(before, more, task.noise)
+    whole = more if before is None else joined(before, more, noise)
     problem, x = problem_of(task, whole, careful=False)
     model, seen = problem.model, problem.seen
     scaled = at_rows(model, problem.rows, seen, x)[1][:, problem.active] * model.sizes[problem.active]

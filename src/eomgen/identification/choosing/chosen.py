@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...files import write_atomically
-from ...names import component_name, listed, show_path
+from ...names import component_name, show_path
 from ...robot.coordinates import MOTIONS
 from ...shown import Shown
 from ...tabular import Rows as TableRows
@@ -141,9 +141,10 @@ class PosesResult(Shown, Tabular):
     def lines(self) -> list[str]:
         """Tables for people: the criterion, the poses, what stays weak."""
         behind = f" behind {self.measured} measured ones" if self.measured else ""
+        names = ", ".join(self.frames)
         without = f", without these poses {1e3 * self.error_before:.4g} mm" if self.measured else ""
         lines = [
-            f"{self.robot}: {len(self.q)} of {self.candidates} poses{behind}, {self.measure} of {listed(self.frames)}",
+            f"{self.robot}: {len(self.q)} of {self.candidates} poses{behind}, {self.measure} of {names}",
             f"criterion {_ABOUT[self.criterion]}: {100 * self.efficiency:.1f} % of what any weights of them reach",
             f"rank {self.rank} of {self.size}, {self.rank_above_noise} above the noise"
             f" ({1e3 * self.noise[0]:.3g} mm, {1e3 * self.noise[1]:.3g} mrad)",

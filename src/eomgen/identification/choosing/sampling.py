@@ -60,21 +60,21 @@ class Where:
 
     def kept(self, chain: Chain, at: Located) -> dict[str, NDArray[np.bool_]]:
         """Which of N poses are inside, (N,), by the name of what limits them."""
-        found = {}
+        found: dict[str, NDArray[np.bool_]] = {}
         tools = list(chain.tools.values())
         p = at.p[tools]
         if self.boxes is not None:
             inside = (p[:, :, np.newaxis] >= self.boxes[:, 0]) & (p[:, :, np.newaxis] <= self.boxes[:, 1])
-            found["boxes"] = inside.all(axis=-1).any(axis=-1).all(axis=0)
+            found["boxes"] = np.asarray(inside.all(axis=-1).any(axis=-1).all(axis=0))
         if self.reach is not None:
             length = np.linalg.norm(p, axis=-1)
-            found["reach"] = ((length >= self.reach[0]) & (length <= self.reach[1])).all(axis=0)
+            found["reach"] = np.asarray(((length >= self.reach[0]) & (length <= self.reach[1])).all(axis=0))
         if self.angle is not None and self.device is not None:
             toward = self.device - p
             toward /= np.maximum(np.linalg.norm(toward, axis=-1, keepdims=True), 1e-12)
             sign = -1.0 if self.axis.startswith("-") else 1.0
             axis = sign * at.R[tools][..., "xyz".index(self.axis[-1])]
-            found["angle"] = ((toward * axis).sum(axis=-1) >= np.cos(self.angle)).all(axis=0)
+            found["angle"] = np.asarray(((toward * axis).sum(axis=-1) >= np.cos(self.angle)).all(axis=0))
         return found
 
 
