@@ -184,12 +184,15 @@ def _methods(equations: Equations, scalar: Scalar) -> dict[str, Any]:
             "weight": numbers(weight),
             "wrong": numbers(wrong),
             "share": times(ROS34PW2.alpha),
+            "worked": ", ".join(map(repr, ROS34PW2.b.tolist())),
         },
         "tsit5": {
             "stages": len(TSIT5.b),
             "ahead": rows(TSIT5.a),
             "wrong": numbers(TSIT5.error),
             "share": times(TSIT5.a),
+            "degree": TSIT5.between.shape[1],
+            "worked": ", ".join(f"{{ {', '.join(map(repr, row))} }}" for row in TSIT5.between.tolist()),
         },
     }
 

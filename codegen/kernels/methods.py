@@ -51,11 +51,15 @@ class Rosenbrock:
 
 @dataclass(frozen=True)
 class RungeKutta:
-    """An explicit method whose last stage is the first one of the next step; ``error``: weights of its error."""
+    """An explicit method whose last stage is the first one of the next step; ``error``: weights of its error.
+
+    between: weights at a share x of a step, of order 4: rows of stages, columns of x, x^2, ...; sums of rows are b.
+    """
 
     a: Array
     b: Array
     error: Array
+    between: Array
 
 
 def _exact(x: Array) -> NDArray[Any]:
@@ -134,6 +138,17 @@ TSIT5 = RungeKutta(
             0.5823571654525552,
             -0.45808210592918697,
             1.0 / 66.0,
+        ]
+    ),
+    between=np.array(
+        [
+            [1.0, -2.763706197274826, 2.9132554618219126, -1.0530884977290216],
+            [0.0, 0.1317, -0.2234, 0.1017],
+            [0.0, 3.9302962368947516, -5.941033872131505, 2.490627285651253],
+            [0.0, -12.411077166933676, 30.33818863028232, -16.548102889244902],
+            [0.0, 37.50931341651104, -88.1789048947664, 47.37952196281928],
+            [0.0, -27.896526289197286, 65.09189467479366, -34.87065786149661],
+            [0.0, 1.5, -4.0, 2.5],
         ]
     ),
 )
