@@ -11,7 +11,7 @@ import pytest
 
 import eomgen
 from eomgen import InputError, SingularError
-from eomgen.integration.compiled import METHODS, data_of, why_not
+from eomgen.integration.compiled import METHODS, why_not
 from eomgen.integration.solve import integrate
 from eomgen.integration.until import Until
 from eomgen.motion.point_to_point import Harmonic, PointToPoint
@@ -20,6 +20,7 @@ from eomgen.motion.timetable import TimeTable
 from eomgen.progress import no_progress
 from eomgen.robot.model import tool_of
 from eomgen.runtime.stepping.adaptive import METHODS as NUMBERS
+from eomgen.runtime.stepping.given_loads import loads_of
 from eomgen.runtime.stepping.loaded import Loaded
 from eomgen.runtime.stepping.loads import Packed, Signal
 from eomgen.scenario.load import scenario_from_toml
@@ -88,7 +89,7 @@ def assembled(name: str, text: str) -> Assembly:
 
 
 def loaded(assembly: Assembly, times: np.ndarray, q: np.ndarray, v: np.ndarray) -> Loaded:
-    data = data_of(assembly.kernel, assembly.drive, assembly.wrenches, assembly.prescribed)
+    data = loads_of(assembly.kernel.calls, assembly.drive, assembly.wrenches, assembly.prescribed)
     atol = np.full(2 * assembly.kernel.n, 1e-8)
     return Loaded(assembly.kernel.calls, data, times, q[0], v[0], "tsit5", 1e-8, atol)
 
@@ -149,6 +150,7 @@ def test_wrenches_of_c_are_those_of_python(axes: str) -> None:
     [
         ("geared_arm", "duration = 0.3\n"),
         ("shaken_arm", "duration = 0.3\n" + SHAKEN),
+        ("shaken_arm", "duration = 0.3\n" + SHAKEN + "[[wrenches]]\nlink = 'link1'\nforce = [300.0, 100.0, -200.0]\n"),
         ("four_bar", "duration = 0.3\n[control]\ntype = 'pd'\nkp = 200.0\nkd = 20.0\n"),
         (
             "one_link",
@@ -296,7 +298,7 @@ def test_a_batch_under_loads_has_the_bits_of_its_states() -> None:
     """Lanes have times of their own: each state of a batch moves as it does alone, on a platform that shakes."""
     assembly = assembled("shaken_arm", "duration = 0.1\n" + SHAKEN)
     kernel, rng, n = assembly.kernel, np.random.default_rng(3), assembly.kernel.n
-    data = data_of(kernel, assembly.drive, assembly.wrenches, assembly.prescribed)
+    data = loads_of(kernel.calls, assembly.drive, assembly.wrenches, assembly.prescribed)
     times, atol = np.linspace(0.0, 0.1, 6), np.full(2 * n, 1e-9)
     q, v = 0.1 * rng.normal(size=(2, 5, n))
     given = [kernel.coordinates.index(name) for name in kernel.prescribed]

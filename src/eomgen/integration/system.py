@@ -26,6 +26,7 @@ class System:
     Attributes:
         here: the kernel whose coordinates y has.
         loaded: what integrated in C by loads that are data, if that did.
+        works_at_end: of a motion in C that ended before its last sample, (4,), J, if they are integrated.
         part: of the tolerances that is left to y, where that is a part of the state.
     """
 
@@ -58,6 +59,7 @@ class System:
         self.counts: dict[str, float] = {"steps": 0, "evaluations": 0, "jacobians": 0}
         self.trouble: Exception | None = None
         self.loaded: Loaded | None = None
+        self.works_at_end: Array | None = None
         self.advance: Advance | None = None
         self._stuck: Array | None = None  # where evaluations lead nowhere
 
@@ -141,6 +143,15 @@ class System:
             except ArrayError as error:
                 return u[:i], error
         return u, None
+
+    def works_until(self, count: int) -> Array | None:
+        """Works at so many samples, (count, 4), J; None where they are not integrated."""
+        if self.loaded is None or self.loaded.works is None:
+            return None
+        found = self.loaded.works_until(count)
+        if self.works_at_end is not None:
+            found[-1] = self.works_at_end
+        return found
 
     def _loaded_forces(self, times: Array, q: Array, v: Array) -> tuple[Array, ArrayError | None]:
         """``forces_over`` by loads that are data."""

@@ -14,6 +14,7 @@ from ..calls import Calls
 from ..pieces import OPERATIONS
 from ..raw import FFI
 from .adaptive import METHODS, STAGES
+from .given_loads import check_loads
 from .loads import WORKS, LoadData, Packed
 
 Array = NDArray[Any]
@@ -101,7 +102,8 @@ class Loaded:
         library, view = function.library, calls.raw.view
         self._function, self._setup = function, calls.parameters.setup
         self.works = np.zeros((len(times), len(WORKS))) if works else None
-        self._loads = Packed(library, calls, loads, self.works)
+        check_loads(calls, loads)
+        self._loads = Packed(library, calls, loads, works=works)
         self._times = np.array(times, dtype=np.float64)
         self.state = np.array([q, v], dtype=calls.dtype)
         self.samples = np.full((2, self._times.size, calls.n), np.nan, calls.dtype)
@@ -111,6 +113,8 @@ class Loaded:
         self._allowed = library.new("tolerance", rtol=rtol, atol=view(self._atol), most=self._most)
         self._drive = library.drive(u=view(self._nothing))
         self.progress = library.new("progress")
+        if self.works is not None:
+            self.progress.works = FFI.from_buffer("double[]", self.works)
         self.evaluations, self.spans = 0, dict.fromkeys(METHODS, 0.0)
         self._view, self._record = view, library.ffi.NULL
         self._kept = [np.zeros(steps_kept), *(np.zeros((steps_kept, calls.n), calls.dtype) for _ in range(2))]

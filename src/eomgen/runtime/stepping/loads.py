@@ -5,7 +5,7 @@ A generated package carries a copy of this file.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -164,28 +164,27 @@ class Packed:
         library: of the function that reads them.
         calls: of the robot's kernel, with "frame_pose" and "external_force" where there are wrenches.
         loads: the data, or of every state its own.
-        works: where works are put, see ``WORKS``, J: (states, samples + 1, 4); they are integrated where it is given, and
-            the kernel must have what ``work_kernels`` names.
+        works: whether works are integrated, see ``WORKS``; the kernel must have what ``work_kernels`` names.
 
     Attributes:
         pointer: to ``NAME_loads``, or to as many as there are states.
+        apart: how many places two states' are apart, 0 or 1.
     """
 
     def __init__(
-        self, library: Library, calls: Calls, loads: LoadData | Sequence[LoadData], works: Array | None = None
+        self, library: Library, calls: Calls, loads: LoadData | Sequence[LoadData], *, works: bool = False
     ) -> None:
         self._library, self._calls, self._kept = library, calls, list[Any]()
         every = [loads] if isinstance(loads, LoadData) else loads
+        self.apart = int(not isinstance(loads, LoadData))
+        about = {"apart": self.apart, **({"work": self._work()} if works else {})}
         self.pointer = library.new_array("loads", len(every))
         for k, own in enumerate(every):
-            self.pointer[k] = self._loads(own)[0]
-            self.pointer[k].apart = not isinstance(loads, LoadData)
-        if works is not None:
-            self.pointer[0].work = self._work(works)
+            self.pointer[k] = self._loads(own, about)[0]
 
-    def _loads(self, loads: LoadData) -> Any:
-        """Pointer to the loads of one state."""
-        drive, fields = loads.drive, dict[str, Any](first=loads.first, last=loads.last)
+    def _loads(self, loads: LoadData, about: Mapping[str, Any]) -> Any:
+        """Pointer to the loads of one state, with what all states have in common."""
+        drive, fields = loads.drive, dict[str, Any](first=loads.first, last=loads.last, **about)
         if drive.torque is not None:
             fields["torque"] = self._new("track", **self._track(drive.torque))
         if drive.program is not None:
@@ -198,8 +197,8 @@ class Packed:
             fields |= self._wrenches(loads.wrenches)
         return self._new("loads", **fields)
 
-    def _work(self, works: Array) -> Any:
-        fields: dict[str, Any] = {"out": FFI.from_buffer("double[]", works)}
+    def _work(self) -> Any:
+        fields: dict[str, Any] = {}
         passive, *needed = work_kernels(self._calls)
         fields["generalized_force"], fields["passive_h"] = self._function(self._calls, passive)
         for name in needed:
