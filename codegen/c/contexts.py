@@ -17,7 +17,7 @@ from ..kernels.bodies import first_frame, frame_bodies
 from ..kernels.closed_motion import CLOSING, row_kinds
 from ..kernels.equations import Equations
 from ..kernels.interface import turning_joints
-from ..kernels.methods import LEAST_PART, LOOK, ROS34PW2, TSIT5, Array
+from ..kernels.methods import GAUSS, LEAST_PART, LOOK, ROS34PW2, TSIT5, Array
 from ..kernels.signatures import KERNELS, SIGNATURES, SINGLES, Function, by_kind, functions, shapes
 from ..program.operations import CALLS
 from ..solve.factorised import coordinate_parents
@@ -172,6 +172,7 @@ def _methods(equations: Equations, scalar: Scalar) -> dict[str, Any]:
 
     ahead, back, weight, wrong = ROS34PW2.transformed()
     return {
+        "gauss": {key: ", ".join(map(repr, values)) for key, values in GAUSS.items()},
         "kept_size": size,
         "rubs": any(name.endswith("friction.smoothing") for name in equations.model.parameters),
         "look": LOOK,
@@ -185,12 +186,14 @@ def _methods(equations: Equations, scalar: Scalar) -> dict[str, Any]:
             "wrong": numbers(wrong),
             "share": times(ROS34PW2.alpha),
             "worked": ", ".join(map(repr, ROS34PW2.b.tolist())),
+            "doubted": ", ".join(map(repr, (ROS34PW2.b - ROS34PW2.embedded).tolist())),
         },
         "tsit5": {
             "stages": len(TSIT5.b),
             "ahead": rows(TSIT5.a),
             "wrong": numbers(TSIT5.error),
             "share": times(TSIT5.a),
+            "doubted": ", ".join(map(repr, TSIT5.error.tolist())),
             "degree": TSIT5.between.shape[1],
             "worked": ", ".join(f"{{ {', '.join(map(repr, row))} }}" for row in TSIT5.between.tolist()),
         },

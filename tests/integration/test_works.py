@@ -1,4 +1,4 @@
-"""Works that C integrates along with a motion: by closed forms, in balance with energies, and at no motion's expense."""
+"""Works that C integrates along with a motion: closed forms, balances with energies, and bits that stay."""
 
 from __future__ import annotations
 
@@ -123,6 +123,24 @@ def test_a_mechanism_with_a_prescribed_crank(method: str, built: Build) -> None:
     assert np.sum(0.5 * (power[1:] + power[:-1]) * np.diff(fine.t)) == pytest.approx(
         motion.works[-1, WORKS.index("prescribed")], rel=1e-4
     )
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_steps_that_are_too_long_for_powers(method: str, built: Build) -> None:
+    """Of a mass that is moved to and fro no number has an error, and steps are as long as can be; works are exact."""
+    robot = oscillator(damping=3.0)
+    joint = replace(robot.joints[0], coordinates={"z": Coordinate(damping=3.0, prescribed=True)})
+    kernel = built(replace(robot, name="moved", joints=(joint,)), *NAMES)
+    wave, end = Harmonic([0.2], 1.3, 0.4), 5.0
+    times = np.array([0.0, 0.7, 3.0, end])
+    motion = integrate(kernel, [0.0], [0.0], end, prescribed=wave, method=method, rtol=1e-8, times=times, works=True)
+    amplitude, rate = 0.2, 2.0 * np.pi * 1.3
+    assert motion.info["steps"] < 100
+    assert motion.works is not None
+    angle = 2.0 * (rate * times + 0.4)
+    taken = 3.0 * (amplitude * rate) ** 2 * (0.5 * times + (np.sin(angle) - np.sin(0.8)) / (4.0 * rate))
+    assert motion.works[:, WORKS.index("dissipated")] == pytest.approx(taken, rel=1e-7)
+    assert residue(motion) <= 1e-7
 
 
 def test_ends_before_the_last_sample(built: Build) -> None:

@@ -5,7 +5,7 @@ A generated package carries a copy of this file, which imports NumPy and its nei
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from types import FunctionType, ModuleType
 from typing import Any
 
@@ -808,9 +808,9 @@ class Kernel:
         Returns:
             q and v, (steps // every + 1, n) or (N, steps // every + 1, n), the states at the beginning first; with
             error control (samples + 1, n) or (N, samples + 1, n).  Attributes of the tuple say what the steps were:
-            ``steps``, ``rejected``, ``largest`` and ``smallest`` (s), of many states (N,); ``works``, J, (samples + 1, 4)
-            or (N, samples + 1, 4), those of drives, of what moves prescribed coordinates, of wrenches, and what dampers
-            and friction take.
+            ``steps``, ``rejected``, ``largest`` and ``smallest`` (s), of many states (N,).  ``works``, J, (samples + 1,
+            4) or (N, samples + 1, 4), are those of drives, of what moves prescribed coordinates, of wrenches, and what
+            dampers and friction take.
 
         Raises:
             SingularError: M cannot be inverted in a state that is reached.

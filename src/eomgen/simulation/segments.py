@@ -258,9 +258,7 @@ def _piece(
     return samples, part, stop
 
 
-def _to_the_end(
-    kernel: Kernel, part: Trajectory, edges: Array, options: Mapping[str, Any]
-) -> tuple[Trajectory, Array]:
+def _to_the_end(kernel: Kernel, part: Trajectory, edges: Array, options: Mapping[str, Any]) -> tuple[Trajectory, Array]:
     """A piece that has ended between two edges with samples for its balance up to there, and its edges."""
     at = float(part.info["ended_at"])
     whole = int(np.searchsorted(edges, at))  # edges before the end, the first one at least

@@ -99,8 +99,8 @@ def _read(calls: Calls, given: Any) -> LoadData:
         given = loads_of(calls, **given)
     if not isinstance(given, LoadData):
         raise InputError(
-            f"rollout: loads = {show(given)}; allowed: LoadData, a mapping from {', '.join(KEYS)}, or a list with one of"
-            " these for every state"
+            f"rollout: loads = {show(given)}; allowed: LoadData, a mapping from {', '.join(KEYS)}, or a list of these,"
+            " one for every state"
         )
     check_loads(calls, given)
     return given

@@ -29,7 +29,7 @@ class Rollout(tuple[Array, Array]):
         steps: steps taken, of one state a number, of many (N,).
         rejected: steps that were tried again, shorter, likewise.
         largest, smallest: the longest and the shortest step, s, likewise.
-        works: at all samples, where they were integrated, of ``loads.WORKS``, (samples + 1, 4) or (N, samples + 1, 4), J.
+        works: where they were integrated, of ``loads.WORKS``, J, (samples + 1, 4), of many (N, samples + 1, 4).
     """
 
     steps: Any
