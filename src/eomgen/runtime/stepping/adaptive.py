@@ -88,7 +88,7 @@ class _Motion:
     def pieces(self, first: int, last: int) -> Iterator[int]:
         """Go on until these states have ended, a vector of them at a time; yields -1."""
         view, library = self.calls.raw.view, self.function.where(batch=not self.single)
-        operations = self.function.operations * STAGES[self.method]
+        operations = max(self.function.operations, 1) * STAGES[self.method]  # none where all is prescribed
         times = FFI.from_buffer("double[]", self.times)
         pointer = self.calls.parameters.setup.pointer(library)
         rtol, atol = self.allowed
@@ -168,8 +168,8 @@ def adaptive_rollout(
         data = data[0] if isinstance(data, list) and len(data) == 1 else data
         place_given(calls, data, *at)
     worked = room_for(calls, (states, samples + 1, len(WORKS)), "fewer samples", np.float64) if works else None
-    for state in range(states if worked is not None else 0):
-        progress[state].works = FFI.from_buffer("double[]", worked[state])
+    for state, rows in enumerate(worked if worked is not None else ()):
+        progress[state].works = FFI.from_buffer("double[]", rows)
     motion = _Motion(
         calls,
         function,

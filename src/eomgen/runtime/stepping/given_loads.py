@@ -112,8 +112,9 @@ def check_loads(calls: Calls, loads: LoadData) -> None:
     Raises:
         InputError: shapes, places or numbers are not allowed; says which.
     """
-    free = [i for i, name in enumerate(calls.coordinates) if name not in calls.prescribed]
     drive, waves = loads.drive, loads.given
+    moved = () if waves is not None else calls.prescribed  # without motions of their own their drives are accelerations
+    free = [i for i, name in enumerate(calls.coordinates) if name not in moved]
     if np.isnan([loads.first, loads.last]).any():
         _refuse("first and last", (loads.first, loads.last), "times, s")
     if drive.torque is not None:

@@ -109,7 +109,8 @@ class Loaded:
         self.samples = np.full((2, self._times.size, calls.n), np.nan, calls.dtype)
         self._atol, self._nothing = np.array(atol, dtype=calls.dtype), np.zeros(calls.n, calls.dtype)
         self._alternation, self._method = Alternation() if method == AUTO else None, method
-        self._most = max(OPERATIONS // CALLS // (function.operations * max(STAGES.values())), 1)
+        operations = max(function.operations, 1) * max(STAGES.values())  # none where all is prescribed
+        self._most = max(OPERATIONS // CALLS // operations, 1)
         self._allowed = library.new("tolerance", rtol=rtol, atol=view(self._atol), most=self._most)
         self._drive = library.drive(u=view(self._nothing))
         self.progress = library.new("progress")

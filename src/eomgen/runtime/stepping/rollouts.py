@@ -196,7 +196,7 @@ def is_number(value: Any) -> bool:
     return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
 
 
-def room_for(calls: Calls, shape: tuple[int, ...], fewer: str, dtype: DTypeLike = None) -> Array:
+def room_for(calls: Calls, shape: tuple[int, ...], fewer: str, dtype: DTypeLike | None = None) -> Array:
     """Room for states, NaN until they are reached; InputError where there is none, with what stores fewer."""
     try:
         return np.full(shape, np.nan, calls.dtype if dtype is None else dtype)
