@@ -186,7 +186,7 @@ def _methods(equations: Equations, scalar: Scalar) -> dict[str, Any]:
             "wrong": numbers(wrong),
             "share": times(ROS34PW2.alpha),
             "worked": ", ".join(map(repr, ROS34PW2.b.tolist())),
-            "doubted": ", ".join(map(repr, (ROS34PW2.b - ROS34PW2.embedded).tolist())),
+            "doubted": ", ".join(map(repr, _as_long(ROS34PW2.b - ROS34PW2.embedded, TSIT5.error))),
         },
         "tsit5": {
             "stages": len(TSIT5.b),
@@ -198,6 +198,11 @@ def _methods(equations: Equations, scalar: Scalar) -> dict[str, Any]:
             "worked": ", ".join(f"{{ {', '.join(map(repr, row))} }}" for row in TSIT5.between.tolist()),
         },
     }
+
+
+def _as_long(values: Array, longer: Array) -> list[float]:
+    """The values with zeros behind them, as many as there are longer ones."""
+    return [*values.tolist(), *[0.0] * (len(longer) - len(values))]
 
 
 def _closing_tables(equations: Equations, dtype: str) -> dict[str, Any]:

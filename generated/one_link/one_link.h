@@ -74,7 +74,8 @@ extern "C" {
  * zeros at the beginning, are where it goes on: a call takes most steps of a state at most, and one that records its steps
  * no more than there is room for.  progress->reason is 0 until it has ended: 1 at the last sample, 2 + i where no step is
  * short enough for number i of the state.
- * Loads, NULL or the same for all states, act beside the drives and follow time itself, between first and last:
+ * Loads, NULL, act beside the drives and follow time itself, between first and last; apart is 0 if they are the same for
+ * all states, else 1, and those of state i are i places on:
  * - a signal is polynomials of t - knot[k] between knot[k] and knot[k + 1], coefficient (pieces, degree + 1, columns), and
  *   rests outside; with a profile, of one column, that column stands in the place of t.  Column i of a track is of the
  *   coordinate place[i].
@@ -86,6 +87,10 @@ extern "C" {
  *   amplitude, angular frequency, phase and offset, and the signals of ``count`` tracks, whose places are among them.
  * - wrench: on the centre of mass of a link, force and moment from t0 on until t1, in the base's axes, or those of a frame if
  *   it turns, and the arm of the force in that frame's axes if that is not zero (then frame counts).
+ * - work: NULL, or with it works are integrated, J: of the drives, of what moves prescribed coordinates, of wrenches, and
+ *   what dampers and friction take; progress->work has them, and progress->works those at all samples, (samples + 1, 4),
+ *   where it is not NULL.  generalized_force is this robot's, and needed its inverse_dynamics (NULL if nothing is
+ *   prescribed).  Steps and states have the same bits.
  * one_link_loaded gives drives (and accelerations that are given) at times, and puts given motions into q and v. */
 
 void one_link_setup(const double *p, double *h);
@@ -147,6 +152,8 @@ typedef struct {
     double smallest;
     double looked;
     double excess;
+    double work[4];
+    double *works;
     long long steps;
     long long rejected;
     long long counted;
@@ -200,8 +207,16 @@ typedef struct {
     int turns;
 } one_link_wrench;
 typedef struct {
+    int (*generalized_force)(const double *h, const double *q, const double *v, double *out);
+    const double *passive_h;
+    int (*needed)(const double *h, const double *q, const double *v, const double *a, double *out);
+    const double *needed_h;
+} one_link_work;
+typedef struct {
     double first;
     double last;
+    size_t apart;
+    const one_link_work *work;
     const one_link_track *torque;
     const one_link_control *control;
     const one_link_model *model;

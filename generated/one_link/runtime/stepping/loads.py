@@ -5,7 +5,7 @@ A generated package carries a copy of this file.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,6 +17,8 @@ from ..raw import FFI, Library
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
+
+WORKS = ("drives", "prescribed", "wrenches", "dissipated")  # that C integrates, in its order
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,21 +151,40 @@ class LoadData:
     last: float = np.inf
 
 
+def work_kernels(calls: Calls) -> tuple[str, ...]:
+    """Names of the kernels whose functions say what works there are."""
+    needed = "residual" if calls.raw.libraries.meta.get("constraints") else "inverse_dynamics"
+    return ("generalized_force", *((needed,) if calls.prescribed else ()))
+
+
 class Packed:
     """Loads as C takes them; whatever it points to lives as long as this object.
 
     Args:
         library: of the function that reads them.
         calls: of the robot's kernel, with "frame_pose" and "external_force" where there are wrenches.
-        loads: the data.
+        loads: the data, or of every state its own.
+        works: whether works are integrated, see ``WORKS``; the kernel must have what ``work_kernels`` names.
 
     Attributes:
-        pointer: to ``NAME_loads``.
+        pointer: to ``NAME_loads``, or to as many as there are states.
+        apart: how many places two states' are apart, 0 or 1.
     """
 
-    def __init__(self, library: Library, calls: Calls, loads: LoadData) -> None:
+    def __init__(
+        self, library: Library, calls: Calls, loads: LoadData | Sequence[LoadData], *, works: bool = False
+    ) -> None:
         self._library, self._calls, self._kept = library, calls, list[Any]()
-        drive, fields = loads.drive, dict[str, Any](first=loads.first, last=loads.last)
+        every = [loads] if isinstance(loads, LoadData) else loads
+        self.apart = int(not isinstance(loads, LoadData))
+        about = {"apart": self.apart, **({"work": self._work()} if works else {})}
+        self.pointer = library.new_array("loads", len(every))
+        for k, own in enumerate(every):
+            self.pointer[k] = self._loads(own, about)[0]
+
+    def _loads(self, loads: LoadData, about: Mapping[str, Any]) -> Any:
+        """Pointer to the loads of one state, with what all states have in common."""
+        drive, fields = loads.drive, dict[str, Any](first=loads.first, last=loads.last, **about)
         if drive.torque is not None:
             fields["torque"] = self._new("track", **self._track(drive.torque))
         if drive.program is not None:
@@ -174,7 +195,15 @@ class Packed:
             fields["given"] = self._given(loads.given)
         if loads.wrenches:
             fields |= self._wrenches(loads.wrenches)
-        self.pointer = self._new("loads", **fields)
+        return self._new("loads", **fields)
+
+    def _work(self) -> Any:
+        fields: dict[str, Any] = {}
+        passive, *needed = work_kernels(self._calls)
+        fields["generalized_force"], fields["passive_h"] = self._function(self._calls, passive)
+        for name in needed:
+            fields["needed"], fields["needed_h"] = self._function(self._calls, name)
+        return self._new("work", **fields)
 
     def _new(self, kind: str, **fields: Any) -> Any:
         found = self._library.new(kind, **fields)
