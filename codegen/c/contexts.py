@@ -20,7 +20,7 @@ from ..kernels.derived import GRADIENTS
 from ..kernels.equations import Equations
 from ..kernels.interface import turning_joints
 from ..kernels.signatures import KERNELS, SIGNATURES, SINGLES, Function, by_kind, functions, shapes
-from ..kernels.steps.methods import LEAST_PART, LOOK, RK4, TSIT5, W643, Array
+from ..kernels.steps.methods import GAUSS, LEAST_PART, LOOK, RK4, TSIT5, W643, Array
 from ..program.operations import CALLS
 from ..solve.factorised import coordinate_parents
 from ..solve.rows import DERIVING
@@ -178,7 +178,10 @@ def _methods(equations: Equations, scalar: Scalar) -> dict[str, Any]:
         return ", ".join(repr(1.0 if math.isclose(share, 1.0, rel_tol=1e-12) else share) for share in shares)
 
     ahead, back, weight, wrong = W643.transformed()
+    between = TSIT5.between
+    assert between is not None
     return {
+        "gauss": {key: ", ".join(map(repr, values)) for key, values in GAUSS.items()},
         "kept_size": size,
         "rubs": any(name.endswith("friction.smoothing") for name in equations.model.parameters),
         "look": LOOK,
@@ -191,14 +194,24 @@ def _methods(equations: Equations, scalar: Scalar) -> dict[str, Any]:
             "weight": numbers(weight),
             "wrong": numbers(wrong),
             "share": times(W643.alpha),
+            "worked": ", ".join(map(repr, W643.b.tolist())),
+            "doubted": ", ".join(map(repr, _as_long(W643.b - W643.embedded, TSIT5.error))),
         },
         "tsit5": {
             "stages": len(TSIT5.b),
             "ahead": rows(TSIT5.a),
             "wrong": numbers(TSIT5.error),
             "share": times(TSIT5.a),
+            "doubted": ", ".join(map(repr, TSIT5.error.tolist())),
+            "degree": between.shape[1],
+            "worked": ", ".join(f"{{ {', '.join(map(repr, row))} }}" for row in between.tolist()),
         },
     }
+
+
+def _as_long(values: Array, longer: Array) -> list[float]:
+    """The values with zeros behind them, as many as there are longer ones."""
+    return [*values.tolist(), *[0.0] * (len(longer) - len(values))]
 
 
 def kept_of_a_step(model: Model) -> dict[str, int]:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InputError
 from ..progress import Progress
 from ..runtime.kernel import Kernel
+from ..runtime.stepping.given_loads import loads_of
 from ..runtime.stepping.loaded import AUTO
 from ..state.springs import any_spring, fastest_rates
 from ..state.vectors import DriveFunction, MotionFunction, WrenchFunction, state_vector
@@ -66,6 +67,7 @@ def integrate(
     progress: Progress | None = None,
     record: Record | None = None,
     until: Until | None = None,
+    works: bool = False,
 ) -> Trajectory:
     """Integrate M(q) a + bias = generalized force + u from a state; loops are closed to 1e-12 throughout.
 
@@ -107,6 +109,9 @@ def integrate(
         until: what the motion ends at, if that comes before the duration does: its last sample is there, and ``info``
             has the time as ended_at.  Not with SUNDIALS' methods.
         record: called with times of samples (k,) and states (k, 2n) as they are reached, the first one not among them.
+        works: whether ``works`` of the trajectory are integrated by the same steps, which they do not change.  By the
+            kernel's own C alone, where no joint turns freely; the kernel must have generalized_force, and, of
+            prescribed coordinates, inverse_dynamics (with loops residual).
 
     Returns:
         The samples.  With loops ``info`` also has gap and gap_rate, the greatest |g| and |J v| among them, the number
@@ -130,6 +135,9 @@ def integrate(
     method, _ = explained_method(kernel, method, q, float(times[-1] - times[0]), in_c)
     if until is not None and method in sundials.METHODS:
         raise InputError(f"until: {method} goes on to the duration; allowed: other methods")
+    if works and (lacking := compiled.no_works(kernel, method, in_c)):
+        allowed = "allowed: integrations in C, of joints that do not turn freely"
+        raise InputError(f"works: {kernel.name}: {lacking}; {allowed}")
     runs_in_c = method in (*IN_C, AUTO)
     began = time.perf_counter()
     report = reporter(progress, float(times[-1]))
@@ -143,13 +151,13 @@ def integrate(
     samples = Samples(times, np.concatenate([q, v]), record)
 
     def run() -> None:
-        if method == "rk4" or not y0.size:  # nothing is free to be integrated
+        if method == "rk4" or not (y0.size or runs_in_c):  # nothing is free to be integrated
             rk4(system, y0, samples, fixed_step(kernel, q, step, times), report, watch)
             return
         absolute = tolerances(system, q, rtol, atol)
         if runs_in_c:
-            data = compiled.data_of(kernel, *loads)
-            compiled.compiled_states(system, data, samples, method, rtol, absolute, report, watch)
+            data = loads_of(kernel.calls, *loads)
+            compiled.compiled_states(system, data, samples, method, rtol, absolute, report, watch, works)
             return
         if method in sundials.METHODS:
             sundials.sundials_states(system, y0, samples, method, rtol, absolute, report, watch)

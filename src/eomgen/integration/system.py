@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ArrayError, InputError, IntegrationError, IntegrationStopped
 from ..runtime.kernel import Kernel
+from ..runtime.stepping.loaded import Loaded
 from ..runtime.stepping.loads import Packed
 from ..state.springs import coordinate_sizes, rate_step, smoothings
 from ..state.vectors import Q_STEP, DriveFunction, MotionFunction, WrenchFunction, prescribed_mask
@@ -28,6 +29,8 @@ class System:
     Attributes:
         here: the kernel whose coordinates y has.
         loaded: loads that are data, if C integrated by them.
+        worked: the motion in C that integrates works, if one does.
+        works_at_end: of such a motion that ended before its last sample, (4,), J.
         part: of the tolerances that is left to y, where that is a part of the state.
     """
 
@@ -60,6 +63,8 @@ class System:
         self.counts: dict[str, float] = {"steps": 0, "evaluations": 0, "jacobians": 0}
         self.trouble: Exception | None = None
         self.loaded: Packed | None = None
+        self.worked: Loaded | None = None
+        self.works_at_end: Array | None = None
         self.advance: Advance | None = None
         self._stuck: Array | None = None  # where evaluations lead nowhere
 
@@ -143,6 +148,15 @@ class System:
             except ArrayError as error:
                 return u[:i], error
         return u, None
+
+    def works_until(self, count: int) -> Array | None:
+        """Works at so many samples, (count, 4), J; None where they are not integrated."""
+        if self.worked is None:
+            return None
+        found = self.worked.works_until(count)
+        if self.works_at_end is not None:
+            found[-1] = self.works_at_end
+        return found
 
     def _loaded_forces(self, times: Array, q: Array, v: Array) -> tuple[Array, ArrayError | None]:
         """``forces_over`` by loads that are data."""
