@@ -954,8 +954,39 @@ static void one_link_pulling(const one_link_loads *restrict loads, double t, con
     }
 }
 
-/* What wrenches do at t, added to u, but for what is an acceleration there; ``here`` is h in which joints are as they are in q. */
-static void one_link_wrenched(const one_link_loads *restrict loads, const double *here, double t, const double *restrict q, double *restrict u)
+/* Add forces of wrenches to drives. */
+static void one_link_push(const double *restrict force, double *restrict u)
+{
+    for (int i = 0; i < 2; ++i) {
+        u[i] += force[i];
+    }
+}
+
+/* Powers of drives and of wrenches, and what dampers and friction take, W. */
+static void one_link_powers(const one_link_work *restrict work, const double *restrict q, const double *restrict v, const double *restrict u, const double *restrict pushed, double *restrict power)
+{
+    double own[2];
+    double rate[2];
+    double rest[2];
+    double still[2];
+    double moving[2];
+    (void)memset(rest, 0, sizeof rest);
+    for (int i = 0; i < 2; ++i) {
+        own[i] = q[i];
+        rate[i] = v[i];
+    }
+    (void)work->generalized_force(work->passive_h, own, rest, still);
+    (void)work->generalized_force(work->passive_h, own, rate, moving);
+    for (int w = 0; w < 4; ++w) { power[w] = 0.0; }
+    for (int i = 0; i < 2; ++i) {
+        power[2] += pushed[i] * v[i];
+        power[3] += (still[i] - moving[i]) * v[i];
+        power[0] += u[i] * v[i];
+    }
+}
+
+/* What wrenches do at t, on all coordinates; ``here`` is h in which joints are as they are in q. */
+static void one_link_wrenched(const one_link_loads *restrict loads, const double *here, double t, const double *restrict q, double *restrict force)
 {
     double own[2];
     double total[6];
@@ -963,15 +994,14 @@ static void one_link_wrenched(const one_link_loads *restrict loads, const double
     for (int i = 0; i < 2; ++i) { own[i] = q[i]; }
     one_link_pulling(loads, t, own, total);
     (void)loads->external_force((loads->force_h == NULL) ? here : loads->force_h, own, total, found);
-    for (int i = 0; i < 2; ++i) {
-        u[i] += found[i];
-    }
+    for (int i = 0; i < 2; ++i) { force[i] = found[i]; }
 }
 #endif /* EOMGEN_LOADS */
 
-/* Where lanes are in their steps: from when on, how long and to when, and by which loads, NULL for all or for none. */
+/* Where lanes are in their steps: from when on, how long and to when, and by which loads, NULL for all or for none; powers of all stages, where works are asked for. */
 typedef struct {
     const one_link_loads *loads[1];
+    double *power;
     double begin[1];
     double step[1];
     double end[1];
@@ -989,8 +1019,8 @@ static void one_link_modelled(const one_link_clock *restrict clock, const double
     }
 }
 
-/* Add what loads do at a part of lanes' steps to the forces, and put given motions into q and v. */
-static void one_link_timed(const double *here, const one_link_clock *restrict clock, double share, double *restrict q, double *restrict v, double *restrict force)
+/* Add what loads do at a part of lanes' steps to the forces, and put given motions into q and v; powers are a stage's. */
+static void one_link_timed(const double *here, const one_link_clock *restrict clock, double share, int stage, double *restrict q, double *restrict v, double *restrict force)
 {
     double own[1][2];
     double rate[1][2];
@@ -1014,7 +1044,15 @@ static void one_link_timed(const double *here, const one_link_clock *restrict cl
     int moved = 0;
     for (int l = 0; l < clock->here; ++l) {
         one_link_answered(clock->loads[l], given[l], answer[l], u[l]);
-        if (clock->loads[l]->wrenches > 0U) { one_link_wrenched(clock->loads[l], here, t[l], own[l], u[l]); }
+        double pushed[2];
+        (void)memset(pushed, 0, sizeof pushed);
+        if (clock->loads[l]->wrenches > 0U) { one_link_wrenched(clock->loads[l], here, t[l], own[l], pushed); }
+        if (clock->power != NULL) {
+            double power[4];
+            one_link_powers(clock->loads[l]->work, own[l], rate[l], u[l], pushed, power);
+            for (int w = 0; w < 4; ++w) { clock->power[stage * 4 + w] = power[w]; }
+        }
+        if (clock->loads[l]->wrenches > 0U) { one_link_push(pushed, u[l]); }
         if (clock->loads[l]->given != NULL) { moved = 1; }
     }
     for (int l = 0; l < clock->here; ++l) {
@@ -1049,14 +1087,14 @@ static void one_link_placed(const one_link_clock *restrict clock, double *restri
 }
 
 /* Accelerations under u + kp (target - q) - kd v and loads; what cannot be solved is seen in the error that it makes. */
-static void one_link_accelerated(const double *restrict h, const one_link_drive *restrict drive, const one_link_clock *restrict clock, double share, const double *restrict u, const double *restrict target, double *restrict q, double *restrict v, double *restrict a)
+static void one_link_accelerated(const double *restrict h, const one_link_drive *restrict drive, const one_link_clock *restrict clock, double share, int stage, const double *restrict u, const double *restrict target, double *restrict q, double *restrict v, double *restrict a)
 {
     double force[2];
     for (int i = 0; i < 2; ++i) {
         force[i] = u[i];
         if (drive->kp != NULL) { force[i] += drive->kp[i] * (target[i] - q[i]) - drive->kd[i] * v[i]; }
     }
-    if (clock->loads[0] != NULL) { one_link_timed(h, clock, share, q, v, force); }
+    if (clock->loads[0] != NULL) { one_link_timed(h, clock, share, stage, q, v, force); }
     (void)one_link_forward_dynamics(h, q, v, force, a);
 }
 
@@ -1105,8 +1143,9 @@ static void one_link_rosenbrock(const double *restrict h, const one_link_drive *
                     v_end[i] += ahead[stage][j] * v_part[j][i];
                 }
             }
-            one_link_accelerated(h, drive, clock, share[stage], u, target, q_end, v_end, a);
+            one_link_accelerated(h, drive, clock, share[stage], stage, u, target, q_end, v_end, a);
         }
+        if ((stage == 1) && (clock->power != NULL)) { (void)memcpy(&clock->power[4], clock->power, 4 * sizeof *clock->power); }
         for (int i = 0; i < 2; ++i) {
             double q_back = 0.0;
             double v_back = 0.0;
@@ -1160,7 +1199,7 @@ static void one_link_tsit5(const double *restrict h, const one_link_drive *restr
             q_end[i] = q[i] + dt * q_sum;
             v_end[i] = v[i] + dt * v_sum;
         }
-        one_link_accelerated(h, drive, clock, share[stage], u, target, q_end, v_end, v_rate[stage]);
+        one_link_accelerated(h, drive, clock, share[stage], stage, u, target, q_end, v_end, v_rate[stage]);
         (void)memcpy(q_rate[stage], v_end, sizeof q_rate[stage]);
     }
     for (int i = 0; i < 2; ++i) {
@@ -1227,6 +1266,22 @@ static double one_link_first(const one_link_tolerance *restrict allowed, int l, 
     return (size < 1e-5 || !(change > 1e-5)) ? 1e-6 : 0.01 * size / change;
 }
 
+/* What powers of a lane's stages make of a step, J: whole, or up to a share of the explicit one. */
+static double one_link_worked(const double *restrict power, int work, int l, int method, double step, double share)
+{
+    static const double rosenbrock[6] = { 2.66325806659267, -2.291088688834055, 0.49297789757946875, -0.0611608486626099, -0.10725724877841863, 0.3032708221029452 };
+    static const double tsit5[7][4] = { { 1.0, -2.763706197274826, 2.9132554618219126, -1.0530884977290216 }, { 0.0, 0.1317, -0.2234, 0.1017 }, { 0.0, 3.9302962368947516, -5.941033872131505, 2.490627285651253 }, { 0.0, -12.411077166933676, 30.33818863028232, -16.548102889244902 }, { 0.0, 37.50931341651104, -88.1789048947664, 47.37952196281928 }, { 0.0, -27.896526289197286, 65.09189467479366, -34.87065786149661 }, { 0.0, 1.5, -4.0, 2.5 } };
+    double found = 0.0;
+    (void)l;
+    for (int stage = 0; stage < ((method == 1) ? 7 : 6); ++stage) {
+        double weight = 0.0;
+        for (int k = 3; k >= 0; --k) { weight = share * (weight + tsit5[stage][k]); }
+        if (method != 1) { weight = rosenbrock[stage]; }
+        found += weight * power[stage * 4 + work];
+    }
+    return step * found;
+}
+
 /* A lane's state at a share of its step: of the explicit method the polynomial of degree 5 with its coordinates, rates and
  * accelerations, of the other one, whose accelerations are not smooth, the cubic one without the latter. */
 static void one_link_between(double share, double step, int l, int method, const double *restrict q, const double *restrict v, const double *restrict a, const double *restrict q_end, const double *restrict v_end, const double *restrict a_end, double *restrict q_out, double *restrict v_out)
@@ -1257,6 +1312,90 @@ static void one_link_between(double share, double step, int l, int method, const
     }
 }
 
+/* The works of a lane at a share of its step, J: of the explicit method by its own weights there, of the other one on the
+ * cubic with powers at both ends. */
+static void one_link_works_between(double share, double step, int l, int method, const double *restrict power, const double *restrict begin, const double *restrict end, double *restrict out)
+{
+    (void)l;
+    for (int w = 0; w < 4; ++w) {
+        const double d = end[w] - begin[w];
+        const double p0 = step * power[w];
+        const double p1 = step * power[24 + w];
+        if (method == 1) {
+            out[w] = begin[w] + one_link_worked(power, w, l, method, step, share);
+        } else {
+            out[w] = begin[w] + share * (p0 + share * (3.0 * d - 2.0 * p0 - p1 + share * (p0 + p1 - 2.0 * d)));
+        }
+    }
+}
+
+/* Whether powers change too much within a lane's step for its stages to say what works are: the motion, of prescribed
+ * coordinates, say, or of a mass that moves freely, may be without an error nevertheless. */
+static int one_link_doubtful(const double *restrict power, const double *restrict work, int l, int method, double step, double rtol)
+{
+    static const double wrong[2][7] = { { 0.16149752429294262, -0.18684096907609637, 0.00912393277044904, 0.013322280951927667, -0.023492070397267834, 0.02638930145804491, 0.0 }, { -0.001780011052225771, -0.0008164344596567469, 0.007880878010261995, -0.1447110071732629, 0.5823571654525552, -0.45808210592918697, 0.015151515151515152 } };
+    int found = 0;
+    (void)l;
+    for (int w = 0; w < 4; ++w) {
+        double error = 0.0;
+        double top = 0.0;
+        for (int stage = 0; stage < ((method == 1) ? 7 : 6); ++stage) {
+            const double here = power[stage * 4 + w];
+            error += wrong[method][stage] * here;
+            if (fabs(here) > top) { top = fabs(here); }
+        }
+        if (step * fabs(error) > 10.0 * rtol * (fabs(work[w]) + step * top)) { found = 1; }
+    }
+    return found;
+}
+
+/* Add works of a lane between two shares of its step, J, by Gauss's rule along the polynomial on which its samples lie, on
+ * halves until that changes little. */
+static void one_link_reckon(const double *restrict h, const one_link_drive *restrict drive, const one_link_clock *restrict clock, const double *restrict u, const double *restrict target, int l, int method, double from, double to, double rtol, const double *restrict q, const double *restrict v, const double *restrict a, const double *restrict q_end, const double *restrict v_end, const double *restrict a_end, double *restrict work)
+{
+    static const double node[5] = { 0.04691007703066802, 0.23076534494715845, 0.5, 0.7692346550528415, 0.9530899229693319 };
+    static const double weight[5] = { 0.11846344252809454, 0.23931433524968324, 0.2844444444444444, 0.23931433524968324, 0.11846344252809454 };
+    const double *const power = &clock->power[28];
+    double last[4];
+    double found[4];
+    int settled = 0;
+    (void)memset(last, 0, sizeof last);
+    for (int pieces = 1; (pieces <= 64) && (settled == 0); pieces *= 2) {
+        const double part = (to - from) / (double)pieces;
+        double top[4];
+        (void)memset(found, 0, sizeof found);
+        (void)memset(top, 0, sizeof top);
+        for (int k = 0; k < 5 * pieces; ++k) {
+            const int piece = k / 5;
+            const double share = from + part * ((double)piece + node[k % 5]);
+            double own[2];
+            double rate[2];
+            double q_here[2];
+            double v_here[2];
+            double a_here[2];
+            one_link_between(share, clock->step[l], l, method, q, v, a, q_end, v_end, a_end, own, rate);
+            for (int i = 0; i < 2; ++i) {
+                q_here[i] = q_end[i];
+                v_here[i] = v_end[i];
+                q_here[i] = own[i];
+                v_here[i] = rate[i];
+            }
+            one_link_accelerated(h, drive, clock, share, 7, u, target, q_here, v_here, a_here);
+            for (int w = 0; w < 4; ++w) {
+                const double here = clock->step[l] * power[w];
+                found[w] += part * weight[k % 5] * here;
+                if (fabs(here) > top[w]) { top[w] = fabs(here); }
+            }
+        }
+        settled = (pieces > 1) ? 1 : 0;
+        for (int w = 0; w < 4; ++w) {
+            if (fabs(found[w] - last[w]) > rtol * (fabs(work[w]) + (to - from) * top[w])) { settled = 0; }
+            last[w] = found[w];
+        }
+    }
+    for (int w = 0; w < 4; ++w) { work[w] += last[w]; }
+}
+
 /* Go on with up to 1 states, those at ``place``, from where their progress is, each by steps of its own; at most so
  * many in this call.  The numbers at ``place`` behind the ones that are here are those of one of them. */
 static void one_link_adapt(const double *restrict h, const one_link_drive *restrict drive, const one_link_loads *restrict loads, size_t loads_step, const one_link_tolerance *restrict allowed, size_t allowed_step, const size_t *restrict place, int here, const double *restrict times, size_t samples, int method, double *restrict q, double *restrict v, double *restrict q_out, double *restrict v_out, one_link_progress *restrict progress, one_link_record *restrict record)
@@ -1283,6 +1422,8 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
     int lands[1] = { 0 };
     int taken[1];
     int left = 0;
+    double power[32];
+    const int works = ((loads != NULL) && (loads->work != NULL)) ? 1 : 0;
     for (int l = 0; l < 1; ++l) {
         one_link_progress *const p = &progress[place[l]];
         const long long own = allowed[place[l] * allowed_step].most;
@@ -1297,11 +1438,13 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
                 q_out[place[l] * stride + (size_t)i] = q[i];
                 v_out[place[l] * stride + (size_t)i] = v[i];
             }
+            if (p->works != NULL) { (void)memcpy(p->works, p->work, sizeof p->work); }
             p->sample = 1;
             p->t = times[0];
             p->looked = times[0];
         }
     }
+    clock.power = (works == 0) ? NULL : power;
     clock.here = 1;
     for (long long pass = 0; (left > 0) && (pass < most) && ((record == NULL) || (record->count < record->room)); ++pass) {
         int fresh = (method == 1) ? stale : 0;
@@ -1316,7 +1459,7 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
             clock.end[l] = p->t;
             if ((going[l] != 0) && !(p->next > 0.0)) { fresh = 1; }
         }
-        if (fresh != 0) { one_link_accelerated(h, drive, &clock, 0.0, u, target, q, v, a); }
+        if (fresh != 0) { one_link_accelerated(h, drive, &clock, 0.0, 0, u, target, q, v, a); }
         stale = 0;
         for (int l = 0; l < 1; ++l) {
             one_link_progress *const p = &progress[place[l]];
@@ -1368,10 +1511,21 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
                 left -= 1;
             }
         }
+        for (int l = 0; (works != 0) && (method != 1) && (l < 1); ++l) { /* samples within a step ask for powers at its end */
+            if ((taken[l] != 0) && (dense != 0) && (times[progress[place[l]].sample] < clock.end[l])) {
+                one_link_accelerated(h, drive, &clock, 1.0, 6, u, target, q_end, v_end, a_end);
+                break;
+            }
+        }
         for (int l = 0; l < 1; ++l) {
             if (taken[l] == 0) { continue; }
             one_link_progress *const p = &progress[place[l]];
             const double before = p->t;
+            double worked[4];
+            (void)memcpy(worked, p->work, sizeof worked);
+            const int reckons = (works != 0) ? one_link_doubtful(power, p->work, l, method, step[l], allowed[place[l] * allowed_step].rtol) : 0;
+            double share = 0.0; /* up to which works are reckoned */
+            for (int w = 0; (works != 0) && (reckons == 0) && (w < 4); ++w) { p->work[w] += one_link_worked(power, w, l, method, step[l], 1.0); }
             p->steps += 1;
             p->t = clock.end[l];
             if (step[l] > p->largest) { p->largest = step[l]; }
@@ -1379,15 +1533,24 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
             while ((p->sample <= samples) && (((lands[l] != 0) || (dense != 0)) && (times[p->sample] <= p->t))) {
                 double *const q_row = &q_out[place[l] * stride + p->sample * 2U];
                 double *const v_row = &v_out[place[l] * stride + p->sample * 2U];
+                double *const work_row = (p->works == NULL) ? NULL : &p->works[p->sample * 4U];
                 const double time = times[p->sample];
+                if (reckons != 0) {
+                    const double until = (time < p->t) ? ((time - before) / step[l]) : 1.0;
+                    one_link_reckon(h, drive, &clock, u, target, l, method, share, until, allowed[place[l] * allowed_step].rtol, q, v, a, q_end, v_end, a_end, p->work);
+                    share = until;
+                }
                 if ((dense != 0) && (time < p->t)) {
                     one_link_between((time - before) / step[l], step[l], l, method, q, v, a, q_end, v_end, a_end, q_row, v_row);
+                    if ((work_row != NULL) && (reckons != 0)) { (void)memcpy(work_row, p->work, sizeof p->work); }
+                    if ((work_row != NULL) && (reckons == 0)) { one_link_works_between((time - before) / step[l], step[l], l, method, power, worked, p->work, work_row); }
                 } else
                 {
                     for (int i = 0; i < 2; ++i) {
                         q_row[i] = q_end[i];
                         v_row[i] = v_end[i];
                     }
+                    if (work_row != NULL) { (void)memcpy(work_row, p->work, sizeof p->work); }
                 }
                 p->sample += 1U;
                 if ((held == 0) && (p->sample <= samples)) {
@@ -1395,11 +1558,13 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
                     stale = 1;
                 }
             }
+            if ((reckons != 0) && (share < 1.0)) { one_link_reckon(h, drive, &clock, u, target, l, method, share, 1.0, allowed[place[l] * allowed_step].rtol, q, v, a, q_end, v_end, a_end, p->work); }
             for (int i = 0; i < 2; ++i) {
                 q[i] = q_end[i];
                 v[i] = v_end[i];
                 a[i] = a_end[i];
             }
+            for (int w = 0; (works != 0) && (w < 4); ++w) { power[w] = power[24 + w]; }
             if (record != NULL) {
                 record->t[record->count] = p->t;
                 for (int i = 0; i < 2; ++i) {
@@ -2897,8 +3062,39 @@ static void one_link_pulling(const one_link_loads *restrict loads, double t, con
     }
 }
 
-/* What wrenches do at t, added to u, but for what is an acceleration there; ``here`` is h in which joints are as they are in q. */
-static void one_link_wrenched(const one_link_loads *restrict loads, const double *here, double t, const double *restrict q, double *restrict u)
+/* Add forces of wrenches to drives. */
+static void one_link_push(const double *restrict force, double *restrict u)
+{
+    for (int i = 0; i < 2; ++i) {
+        u[i] += force[i];
+    }
+}
+
+/* Powers of drives and of wrenches, and what dampers and friction take, W. */
+static void one_link_powers(const one_link_work *restrict work, const double *restrict q, const double *restrict v, const double *restrict u, const double *restrict pushed, double *restrict power)
+{
+    double own[2];
+    double rate[2];
+    double rest[2];
+    double still[2];
+    double moving[2];
+    (void)memset(rest, 0, sizeof rest);
+    for (int i = 0; i < 2; ++i) {
+        own[i] = q[i];
+        rate[i] = v[i];
+    }
+    (void)work->generalized_force(work->passive_h, own, rest, still);
+    (void)work->generalized_force(work->passive_h, own, rate, moving);
+    for (int w = 0; w < 4; ++w) { power[w] = 0.0; }
+    for (int i = 0; i < 2; ++i) {
+        power[2] += pushed[i] * v[i];
+        power[3] += (still[i] - moving[i]) * v[i];
+        power[0] += u[i] * v[i];
+    }
+}
+
+/* What wrenches do at t, on all coordinates; ``here`` is h in which joints are as they are in q. */
+static void one_link_wrenched(const one_link_loads *restrict loads, const double *here, double t, const double *restrict q, double *restrict force)
 {
     double own[2];
     double total[6];
@@ -2906,15 +3102,14 @@ static void one_link_wrenched(const one_link_loads *restrict loads, const double
     for (int i = 0; i < 2; ++i) { own[i] = q[i]; }
     one_link_pulling(loads, t, own, total);
     (void)loads->external_force((loads->force_h == NULL) ? here : loads->force_h, own, total, found);
-    for (int i = 0; i < 2; ++i) {
-        u[i] += found[i];
-    }
+    for (int i = 0; i < 2; ++i) { force[i] = found[i]; }
 }
 #endif /* EOMGEN_LOADS */
 
-/* Where lanes are in their steps: from when on, how long and to when, and by which loads, NULL for all or for none. */
+/* Where lanes are in their steps: from when on, how long and to when, and by which loads, NULL for all or for none; powers of all stages, where works are asked for. */
 typedef struct {
     const one_link_loads *loads[LANES];
+    double *power;
     double begin[LANES];
     double step[LANES];
     double end[LANES];
@@ -2945,8 +3140,8 @@ static void one_link_modelled_lanes(const one_link_clock_lanes *restrict clock, 
     }
 }
 
-/* Add what loads do at a part of lanes' steps to the forces, and put given motions into q and v. */
-static void one_link_timed_lanes(const double *here, const one_link_clock_lanes *restrict clock, double share, lanes *restrict q, lanes *restrict v, lanes *restrict force)
+/* Add what loads do at a part of lanes' steps to the forces, and put given motions into q and v; powers are a stage's. */
+static void one_link_timed_lanes(const double *here, const one_link_clock_lanes *restrict clock, double share, int stage, lanes *restrict q, lanes *restrict v, lanes *restrict force)
 {
     double own[LANES][2];
     double rate[LANES][2];
@@ -2966,7 +3161,15 @@ static void one_link_timed_lanes(const double *here, const one_link_clock_lanes 
     int moved = 0;
     for (int l = 0; l < clock->here; ++l) {
         one_link_answered(clock->loads[l], given[l], answer[l], u[l]);
-        if (clock->loads[l]->wrenches > 0U) { one_link_wrenched(clock->loads[l], here, t[l], own[l], u[l]); }
+        double pushed[2];
+        (void)memset(pushed, 0, sizeof pushed);
+        if (clock->loads[l]->wrenches > 0U) { one_link_wrenched(clock->loads[l], here, t[l], own[l], pushed); }
+        if (clock->power != NULL) {
+            double power[4];
+            one_link_powers(clock->loads[l]->work, own[l], rate[l], u[l], pushed, power);
+            for (int w = 0; w < 4; ++w) { clock->power[(stage * 4 + w) * (int)LANES + l] = power[w]; }
+        }
+        if (clock->loads[l]->wrenches > 0U) { one_link_push(pushed, u[l]); }
         if (clock->loads[l]->given != NULL) { moved = 1; }
     }
     gather(u[0], 2, (size_t)clock->here, 0, 2, force);
@@ -2997,14 +3200,14 @@ static void one_link_placed_lanes(const one_link_clock_lanes *restrict clock, la
 }
 
 /* Accelerations under u + kp (target - q) - kd v and loads; what cannot be solved is seen in the error that it makes. */
-static void one_link_accelerated_lanes(const lanes *restrict h, const one_link_drive *restrict drive, const one_link_clock_lanes *restrict clock, double share, const lanes *restrict u, const lanes *restrict target, lanes *restrict q, lanes *restrict v, lanes *restrict a)
+static void one_link_accelerated_lanes(const lanes *restrict h, const one_link_drive *restrict drive, const one_link_clock_lanes *restrict clock, double share, int stage, const lanes *restrict u, const lanes *restrict target, lanes *restrict q, lanes *restrict v, lanes *restrict a)
 {
     lanes force[2];
     for (int i = 0; i < 2; ++i) {
         force[i] = u[i];
         if (drive->kp != NULL) { force[i] += drive->kp[i] * (target[i] - q[i]) - drive->kd[i] * v[i]; }
     }
-    if (clock->loads[0] != NULL) { one_link_timed_lanes(NULL, clock, share, q, v, force); }
+    if (clock->loads[0] != NULL) { one_link_timed_lanes(NULL, clock, share, stage, q, v, force); }
     (void)one_link_forward_dynamics_lanes(h, q, v, force, a);
 }
 
@@ -3053,8 +3256,9 @@ static void one_link_rosenbrock_lanes(const lanes *restrict h, const one_link_dr
                     v_end[i] += ahead[stage][j] * v_part[j][i];
                 }
             }
-            one_link_accelerated_lanes(h, drive, clock, share[stage], u, target, q_end, v_end, a);
+            one_link_accelerated_lanes(h, drive, clock, share[stage], stage, u, target, q_end, v_end, a);
         }
+        if ((stage == 1) && (clock->power != NULL)) { (void)memcpy(&clock->power[(4) * (int)LANES], clock->power, (4) * (int)LANES * sizeof *clock->power); }
         for (int i = 0; i < 2; ++i) {
             lanes q_back = ALL(0.0);
             lanes v_back = ALL(0.0);
@@ -3108,7 +3312,7 @@ static void one_link_tsit5_lanes(const lanes *restrict h, const one_link_drive *
             q_end[i] = q[i] + dt * q_sum;
             v_end[i] = v[i] + dt * v_sum;
         }
-        one_link_accelerated_lanes(h, drive, clock, share[stage], u, target, q_end, v_end, v_rate[stage]);
+        one_link_accelerated_lanes(h, drive, clock, share[stage], stage, u, target, q_end, v_end, v_rate[stage]);
         (void)memcpy(q_rate[stage], v_end, sizeof q_rate[stage]);
     }
     for (int i = 0; i < 2; ++i) {
@@ -3175,6 +3379,22 @@ static double one_link_first_lanes(const one_link_tolerance *restrict allowed, i
     return (size < 1e-5 || !(change > 1e-5)) ? 1e-6 : 0.01 * size / change;
 }
 
+/* What powers of a lane's stages make of a step, J: whole, or up to a share of the explicit one. */
+static double one_link_worked_lanes(const double *restrict power, int work, int l, int method, double step, double share)
+{
+    static const double rosenbrock[6] = { 2.66325806659267, -2.291088688834055, 0.49297789757946875, -0.0611608486626099, -0.10725724877841863, 0.3032708221029452 };
+    static const double tsit5[7][4] = { { 1.0, -2.763706197274826, 2.9132554618219126, -1.0530884977290216 }, { 0.0, 0.1317, -0.2234, 0.1017 }, { 0.0, 3.9302962368947516, -5.941033872131505, 2.490627285651253 }, { 0.0, -12.411077166933676, 30.33818863028232, -16.548102889244902 }, { 0.0, 37.50931341651104, -88.1789048947664, 47.37952196281928 }, { 0.0, -27.896526289197286, 65.09189467479366, -34.87065786149661 }, { 0.0, 1.5, -4.0, 2.5 } };
+    double found = 0.0;
+    (void)l;
+    for (int stage = 0; stage < ((method == 1) ? 7 : 6); ++stage) {
+        double weight = 0.0;
+        for (int k = 3; k >= 0; --k) { weight = share * (weight + tsit5[stage][k]); }
+        if (method != 1) { weight = rosenbrock[stage]; }
+        found += weight * power[(stage * 4 + work) * (int)LANES + l];
+    }
+    return step * found;
+}
+
 /* A lane's state at a share of its step: of the explicit method the polynomial of degree 5 with its coordinates, rates and
  * accelerations, of the other one, whose accelerations are not smooth, the cubic one without the latter. */
 static void one_link_between_lanes(double share, double step, int l, int method, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, const lanes *restrict q_end, const lanes *restrict v_end, const lanes *restrict a_end, double *restrict q_out, double *restrict v_out)
@@ -3205,6 +3425,90 @@ static void one_link_between_lanes(double share, double step, int l, int method,
     }
 }
 
+/* The works of a lane at a share of its step, J: of the explicit method by its own weights there, of the other one on the
+ * cubic with powers at both ends. */
+static void one_link_works_between_lanes(double share, double step, int l, int method, const double *restrict power, const double *restrict begin, const double *restrict end, double *restrict out)
+{
+    (void)l;
+    for (int w = 0; w < 4; ++w) {
+        const double d = end[w] - begin[w];
+        const double p0 = step * power[(w) * (int)LANES + l];
+        const double p1 = step * power[(24 + w) * (int)LANES + l];
+        if (method == 1) {
+            out[w] = begin[w] + one_link_worked_lanes(power, w, l, method, step, share);
+        } else {
+            out[w] = begin[w] + share * (p0 + share * (3.0 * d - 2.0 * p0 - p1 + share * (p0 + p1 - 2.0 * d)));
+        }
+    }
+}
+
+/* Whether powers change too much within a lane's step for its stages to say what works are: the motion, of prescribed
+ * coordinates, say, or of a mass that moves freely, may be without an error nevertheless. */
+static int one_link_doubtful_lanes(const double *restrict power, const double *restrict work, int l, int method, double step, double rtol)
+{
+    static const double wrong[2][7] = { { 0.16149752429294262, -0.18684096907609637, 0.00912393277044904, 0.013322280951927667, -0.023492070397267834, 0.02638930145804491, 0.0 }, { -0.001780011052225771, -0.0008164344596567469, 0.007880878010261995, -0.1447110071732629, 0.5823571654525552, -0.45808210592918697, 0.015151515151515152 } };
+    int found = 0;
+    (void)l;
+    for (int w = 0; w < 4; ++w) {
+        double error = 0.0;
+        double top = 0.0;
+        for (int stage = 0; stage < ((method == 1) ? 7 : 6); ++stage) {
+            const double here = power[(stage * 4 + w) * (int)LANES + l];
+            error += wrong[method][stage] * here;
+            if (fabs(here) > top) { top = fabs(here); }
+        }
+        if (step * fabs(error) > 10.0 * rtol * (fabs(work[w]) + step * top)) { found = 1; }
+    }
+    return found;
+}
+
+/* Add works of a lane between two shares of its step, J, by Gauss's rule along the polynomial on which its samples lie, on
+ * halves until that changes little. */
+static void one_link_reckon_lanes(const lanes *restrict h, const one_link_drive *restrict drive, const one_link_clock_lanes *restrict clock, const lanes *restrict u, const lanes *restrict target, int l, int method, double from, double to, double rtol, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, const lanes *restrict q_end, const lanes *restrict v_end, const lanes *restrict a_end, double *restrict work)
+{
+    static const double node[5] = { 0.04691007703066802, 0.23076534494715845, 0.5, 0.7692346550528415, 0.9530899229693319 };
+    static const double weight[5] = { 0.11846344252809454, 0.23931433524968324, 0.2844444444444444, 0.23931433524968324, 0.11846344252809454 };
+    const double *const power = &clock->power[(28) * (int)LANES + l];
+    double last[4];
+    double found[4];
+    int settled = 0;
+    (void)memset(last, 0, sizeof last);
+    for (int pieces = 1; (pieces <= 64) && (settled == 0); pieces *= 2) {
+        const double part = (to - from) / (double)pieces;
+        double top[4];
+        (void)memset(found, 0, sizeof found);
+        (void)memset(top, 0, sizeof top);
+        for (int k = 0; k < 5 * pieces; ++k) {
+            const int piece = k / 5;
+            const double share = from + part * ((double)piece + node[k % 5]);
+            double own[2];
+            double rate[2];
+            lanes q_here[2];
+            lanes v_here[2];
+            lanes a_here[2];
+            one_link_between_lanes(share, clock->step[l], l, method, q, v, a, q_end, v_end, a_end, own, rate);
+            for (int i = 0; i < 2; ++i) {
+                q_here[i] = q_end[i];
+                v_here[i] = v_end[i];
+                LANE(q_here[i], l) = own[i];
+                LANE(v_here[i], l) = rate[i];
+            }
+            one_link_accelerated_lanes(h, drive, clock, share, 7, u, target, q_here, v_here, a_here);
+            for (int w = 0; w < 4; ++w) {
+                const double here = clock->step[l] * power[(w) * (int)LANES];
+                found[w] += part * weight[k % 5] * here;
+                if (fabs(here) > top[w]) { top[w] = fabs(here); }
+            }
+        }
+        settled = (pieces > 1) ? 1 : 0;
+        for (int w = 0; w < 4; ++w) {
+            if (fabs(found[w] - last[w]) > rtol * (fabs(work[w]) + (to - from) * top[w])) { settled = 0; }
+            last[w] = found[w];
+        }
+    }
+    for (int w = 0; w < 4; ++w) { work[w] += last[w]; }
+}
+
 /* Go on with up to LANES states, those at ``place``, from where their progress is, each by steps of its own; at most so
  * many in this call.  The numbers at ``place`` behind the ones that are here are those of one of them. */
 static void one_link_adapt_lanes(const lanes *restrict h, const one_link_drive *restrict drive, const one_link_loads *restrict loads, size_t loads_step, const one_link_tolerance *restrict allowed, size_t allowed_step, const size_t *restrict place, int here, const double *restrict times, size_t samples, int method, lanes *restrict q, lanes *restrict v, double *restrict q_out, double *restrict v_out, one_link_progress *restrict progress, one_link_record *restrict record)
@@ -3231,6 +3535,8 @@ static void one_link_adapt_lanes(const lanes *restrict h, const one_link_drive *
     int lands[LANES] = { 0 };
     int taken[LANES];
     int left = 0;
+    double power[(32) * (int)LANES];
+    const int works = ((loads != NULL) && (loads->work != NULL)) ? 1 : 0;
     for (int l = 0; l < LANES; ++l) {
         one_link_progress *const p = &progress[place[l]];
         const long long own = allowed[place[l] * allowed_step].most;
@@ -3245,11 +3551,13 @@ static void one_link_adapt_lanes(const lanes *restrict h, const one_link_drive *
                 q_out[place[l] * stride + (size_t)i] = LANE(q[i], l);
                 v_out[place[l] * stride + (size_t)i] = LANE(v[i], l);
             }
+            if (p->works != NULL) { (void)memcpy(p->works, p->work, sizeof p->work); }
             p->sample = 1;
             p->t = times[0];
             p->looked = times[0];
         }
     }
+    clock.power = (works == 0) ? NULL : power;
     clock.here = here;
     for (long long pass = 0; (left > 0) && (pass < most) && ((record == NULL) || (record->count < record->room)); ++pass) {
         int fresh = (method == 1) ? stale : 0;
@@ -3264,7 +3572,7 @@ static void one_link_adapt_lanes(const lanes *restrict h, const one_link_drive *
             clock.end[l] = p->t;
             if ((going[l] != 0) && !(p->next > 0.0)) { fresh = 1; }
         }
-        if (fresh != 0) { one_link_accelerated_lanes(h, drive, &clock, 0.0, u, target, q, v, a); }
+        if (fresh != 0) { one_link_accelerated_lanes(h, drive, &clock, 0.0, 0, u, target, q, v, a); }
         stale = 0;
         for (int l = 0; l < LANES; ++l) {
             one_link_progress *const p = &progress[place[l]];
@@ -3316,10 +3624,21 @@ static void one_link_adapt_lanes(const lanes *restrict h, const one_link_drive *
                 left -= 1;
             }
         }
+        for (int l = 0; (works != 0) && (method != 1) && (l < LANES); ++l) { /* samples within a step ask for powers at its end */
+            if ((taken[l] != 0) && (dense != 0) && (times[progress[place[l]].sample] < clock.end[l])) {
+                one_link_accelerated_lanes(h, drive, &clock, 1.0, 6, u, target, q_end, v_end, a_end);
+                break;
+            }
+        }
         for (int l = 0; l < LANES; ++l) {
             if (taken[l] == 0) { continue; }
             one_link_progress *const p = &progress[place[l]];
             const double before = p->t;
+            double worked[4];
+            (void)memcpy(worked, p->work, sizeof worked);
+            const int reckons = (works != 0) ? one_link_doubtful_lanes(power, p->work, l, method, step[l], allowed[place[l] * allowed_step].rtol) : 0;
+            double share = 0.0; /* up to which works are reckoned */
+            for (int w = 0; (works != 0) && (reckons == 0) && (w < 4); ++w) { p->work[w] += one_link_worked_lanes(power, w, l, method, step[l], 1.0); }
             p->steps += 1;
             p->t = clock.end[l];
             if (step[l] > p->largest) { p->largest = step[l]; }
@@ -3327,15 +3646,24 @@ static void one_link_adapt_lanes(const lanes *restrict h, const one_link_drive *
             while ((p->sample <= samples) && (((lands[l] != 0) || (dense != 0)) && (times[p->sample] <= p->t))) {
                 double *const q_row = &q_out[place[l] * stride + p->sample * 2U];
                 double *const v_row = &v_out[place[l] * stride + p->sample * 2U];
+                double *const work_row = (p->works == NULL) ? NULL : &p->works[p->sample * 4U];
                 const double time = times[p->sample];
+                if (reckons != 0) {
+                    const double until = (time < p->t) ? ((time - before) / step[l]) : 1.0;
+                    one_link_reckon_lanes(h, drive, &clock, u, target, l, method, share, until, allowed[place[l] * allowed_step].rtol, q, v, a, q_end, v_end, a_end, p->work);
+                    share = until;
+                }
                 if ((dense != 0) && (time < p->t)) {
                     one_link_between_lanes((time - before) / step[l], step[l], l, method, q, v, a, q_end, v_end, a_end, q_row, v_row);
+                    if ((work_row != NULL) && (reckons != 0)) { (void)memcpy(work_row, p->work, sizeof p->work); }
+                    if ((work_row != NULL) && (reckons == 0)) { one_link_works_between_lanes((time - before) / step[l], step[l], l, method, power, worked, p->work, work_row); }
                 } else
                 {
                     for (int i = 0; i < 2; ++i) {
                         q_row[i] = LANE(q_end[i], l);
                         v_row[i] = LANE(v_end[i], l);
                     }
+                    if (work_row != NULL) { (void)memcpy(work_row, p->work, sizeof p->work); }
                 }
                 p->sample += 1U;
                 if ((held == 0) && (p->sample <= samples)) {
@@ -3343,11 +3671,13 @@ static void one_link_adapt_lanes(const lanes *restrict h, const one_link_drive *
                     stale = 1;
                 }
             }
+            if ((reckons != 0) && (share < 1.0)) { one_link_reckon_lanes(h, drive, &clock, u, target, l, method, share, 1.0, allowed[place[l] * allowed_step].rtol, q, v, a, q_end, v_end, a_end, p->work); }
             for (int i = 0; i < 2; ++i) {
                 LANE(q[i], l) = LANE(q_end[i], l);
                 LANE(v[i], l) = LANE(v_end[i], l);
                 LANE(a[i], l) = LANE(a_end[i], l);
             }
+            for (int w = 0; (works != 0) && (w < 4); ++w) { power[(w) * (int)LANES + l] = power[(24 + w) * (int)LANES + l]; }
             if (record != NULL) {
                 record->t[record->count] = p->t;
                 for (int i = 0; i < 2; ++i) {

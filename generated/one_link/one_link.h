@@ -90,6 +90,10 @@ extern "C" {
  * - wrench: on the centre of mass of a link, force and moment from t0 on until t1, in the base's axes, or those of a frame if
  *   it turns, and the arm of the force in that frame's axes if that is not zero (then frame counts).  external_force takes
  *   force_h, or if that is NULL the h of the rollout.
+ * - work: NULL, or with it works are integrated, J: of the drives, of what moves prescribed coordinates, of wrenches, and
+ *   what dampers and friction take; progress->work has them, and progress->works those at all samples, (samples + 1, 4),
+ *   where it is not NULL.  generalized_force is this robot's, and needed its inverse_dynamics (NULL if nothing is
+ *   prescribed).  Steps and states have the same bits.  It is the same for all states, or NULL for all.
  * one_link_loaded gives drives (and accelerations that are given) at times, and puts given motions into q and v. */
 
 void one_link_setup(const double *p, double *h);
@@ -151,6 +155,8 @@ typedef struct {
     double smallest;
     double looked;
     double excess;
+    double work[4];
+    double *works;
     long long steps;
     long long rejected;
     long long counted;
@@ -206,8 +212,15 @@ typedef struct {
     int turns;
 } one_link_wrench;
 typedef struct {
+    int (*generalized_force)(const double *h, const double *q, const double *v, double *out);
+    const double *passive_h;
+    int (*needed)(const double *h, const double *q, const double *v, const double *a, double *out);
+    const double *needed_h;
+} one_link_work;
+typedef struct {
     double first;
     double last;
+    const one_link_work *work;
     const one_link_track *torque;
     const one_link_control *control;
     const one_link_model *model;

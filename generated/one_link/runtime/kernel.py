@@ -25,6 +25,7 @@ from .opened import LOADED
 from .parameters import Parameters
 from .raw import Libraries, Operations, RawKernel
 from .stepping.adaptive import adaptive_rollout, takes_samples
+from .stepping.given_loads import Loads
 from .stepping.gradients import Loss, rollout_gradient
 from .stepping.many_steps import rollout
 from .stepping.rollouts import Rollout
@@ -800,7 +801,7 @@ class Kernel:
         self,
         q0: ArrayLike,
         v0: ArrayLike,
-        u: ArrayLike,
+        u: ArrayLike | None = None,
         dt: float | None = None,
         steps: int | None = None,
         *,
@@ -813,8 +814,10 @@ class Kernel:
         samples: int | None = None,
         rtol: float = 1e-6,
         atol: ArrayLike | None = None,
+        loads: Loads | Sequence[Loads] | None = None,
+        works: bool = False,
     ) -> Rollout:
-        """Integrate in C, one state or many at a time; no external wrenches.
+        """Integrate in C, one state or many at a time; external wrenches are some of the ``loads``.
 
         Loops are closed after every step, to the nearest state in the metric of the kinetic energy that is closed to
         1e-10 m or rad; where they are open at the beginning, the first step closes them.
@@ -837,7 +840,7 @@ class Kernel:
             q0, v0: states, (n,) or (N, n).
             u: drives, N or N m (of prescribed coordinates accelerations, as in ``forward_dynamics``), held over a
                 step, or from a sample to the next: (n,); for one state (steps, n); for many (N, n), (N, steps, n) or
-                (1, steps, n).
+                (1, steps, n).  None if not given.
             dt: length of a step, s.
             steps: their number.
             method: "rk4", "implicit", "rosenbrock" or "tsit5".
@@ -851,11 +854,19 @@ class Kernel:
             rtol, atol: tolerances: the error of a step is at most atol + rtol times the size of each number.  atol is a
                 number or (2n,), first of q, then of v; by default rtol times the size of each coordinate: 1, or what
                 10 m/s^2 make of its springs where that is less.
+            loads: with error control, what else acts, over time, for all states or a list with that of each: LoadData
+                of ``eomgen.runtime.stepping.loads``, or a mapping from "drive", "wrench" and "prescribed" to what
+                ``integrate`` takes by these names, where that is data, or has some (``load_data``).  Prescribed
+                coordinates begin where their motions do.  No joint may turn freely.
+            works: whether works are integrated, too: attribute ``works``.  Needs generalized_force, and, of prescribed
+                coordinates, inverse_dynamics (with loops residual); not where joints turn freely.
 
         Returns:
             q and v, (steps // every + 1, n) or (N, steps // every + 1, n), the states at the beginning first; with
             error control (samples + 1, n) or (N, samples + 1, n).  Attributes of the tuple say what the steps were:
-            ``steps``, ``rejected``, ``largest`` and ``smallest`` (s), of many states (N,).
+            ``steps``, ``rejected``, ``largest`` and ``smallest`` (s), of many states (N,).  ``works``, J, (samples + 1,
+            4) or (N, samples + 1, 4), are those of drives, of what moves prescribed coordinates, of wrenches, and what
+            dampers and friction take.
 
         Raises:
             SingularError: M cannot be inverted in a state that is reached.
@@ -865,9 +876,12 @@ class Kernel:
             InputError: another argument is wrong, or does not belong to the method.
         """
         controlled: dict[str, Any] = {"kp": kp, "kd": kd, "target": target}
-        if takes_samples(method, dt=dt, steps=steps, every=every, duration=duration, samples=samples, atol=atol):
-            how: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol}
+        own: dict[str, Any] = {"loads": loads, "works": works}
+        sampled: dict[str, Any] = {"duration": duration, "samples": samples, "atol": atol}
+        if takes_samples(method, dt=dt, steps=steps, every=every, **sampled, **own):
+            how: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol, **own}
             return adaptive_rollout(self.calls, self._driven, q0, v0, u, duration, samples, **how, **controlled)
+        u = np.zeros(self.n, self.dtype) if u is None else u
         return rollout(self.calls, self._driven, q0, v0, u, dt, steps, method=method, every=every, **controlled)
 
     def rollout_gradient(

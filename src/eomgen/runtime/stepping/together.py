@@ -76,9 +76,9 @@ class Together:
         for allowed, row in zip(self._allowed, self._atol, strict=True):
             allowed.rtol, allowed.atol = rtol, view(row)
         of_states = view(self._h), self._h.shape[1], library.drive(u=view(self._u))
-        loads = self._loads.pointer, self._loads.distance
+        followed = self._loads.pointer, self._loads.distance
         samples = FFI.from_buffer("double[]", self._times), self._times.size - 1
-        self._first = *of_states, *loads, self._allowed, 1, *samples
+        self._first = *of_states, *followed, self._allowed, 1, *samples
         self._last = *map(view, (*self.state, *self.samples)), self.progress
 
     def go(self) -> bool:
