@@ -1098,8 +1098,9 @@ static void one_link_accelerated(const double *restrict h, const one_link_drive 
     (void)one_link_forward_dynamics(h, q, v, force, a);
 }
 
-/* One step of the Rosenbrock method, with the factors of its matrix; the end, and the error, first of q, then of v. */
-static void one_link_rosenbrock(const double *restrict h, const one_link_drive *restrict drive, const one_link_clock *restrict clock, const double *restrict u, const double *restrict target, double dt, const double *restrict q, const double *restrict v, double *restrict q_end, double *restrict v_end, double *restrict error)
+/* One step of the Rosenbrock method from accelerations a, with the factors of its matrix, which are kept; the end, and
+ * the error, first of q, then of v. */
+static void one_link_rosenbrock(const double *restrict h, const one_link_drive *restrict drive, const one_link_clock *restrict clock, const double *restrict u, const double *restrict target, double dt, const double *restrict q, const double *restrict v, const double *restrict a, double *restrict q_end, double *restrict v_end, double *restrict kept, double *restrict error)
 {
     static const double ahead[6][6] = { { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { 1.9577095275421397, 0.09624753940753493, 0.0, 0.0, 0.0, 0.0 }, { -12.640540988794982, 11.47406531595545, -2.184901588069644, 0.0, 0.0, 0.0 }, { 45.22669571531797, -34.051994120856214, 9.233342776456102, -2.585735849637662, 0.0, 0.0 }, { 44.59618164199451, -35.304949600239034, 9.10972197560695, -2.286091141567749, 0.18287548796164538, 0.0 } };
     static const double back[6][6] = { { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { -1.8485366682621636, 0.0, 0.0, 0.0, 0.0, 0.0 }, { -17.631601587128756, 10.558804728186503, 0.0, 0.0, 0.0, 0.0 }, { 43.65182054686954, -40.087802443765035, 10.279818576010475, 0.0, 0.0, 0.0 }, { -105.84058964242176, 89.65494156265976, -24.593504310310063, 8.468103283975356, 0.0, 0.0 }, { -132.02707597161847, 97.96337774644046, -31.303025590584195, 9.868030987977615, -1.7691899740810053, 0.0 } };
@@ -1108,10 +1109,9 @@ static void one_link_rosenbrock(const double *restrict h, const one_link_drive *
     static const double wrong[6] = { 0.7641522361446427, -0.6573679684815938, 0.14144711229099638, -0.01754850566540496, -0.030774661879316458, 0.08701562938055106 };
     const double inverse = 1.0 / dt;
     double times[2];
-    double kept[8];
     double kp[2];
     double kd[2];
-    double a[2];
+    double turn[2];
     double shifts[2];
     double w[2];
     double q_part[6][2];
@@ -1134,7 +1134,12 @@ static void one_link_rosenbrock(const double *restrict h, const one_link_drive *
     }
     (void)one_link_stage_factors(h, q, v, kp, kd, times, kept);
     for (int stage = 0; stage < 6; ++stage) {
-        if (stage != 1) { /* the second one is at the beginning, like the first one, which leaves its accelerations in a */
+        if (stage < 2) { /* both are at the beginning */
+            for (int i = 0; i < 2; ++i) {
+                v_end[i] = v[i];
+                turn[i] = a[i];
+            }
+        } else {
             for (int i = 0; i < 2; ++i) {
                 q_end[i] = q[i];
                 v_end[i] = v[i];
@@ -1143,7 +1148,7 @@ static void one_link_rosenbrock(const double *restrict h, const one_link_drive *
                     v_end[i] += ahead[stage][j] * v_part[j][i];
                 }
             }
-            one_link_accelerated(h, drive, clock, share[stage], stage, u, target, q_end, v_end, a);
+            one_link_accelerated(h, drive, clock, share[stage], stage, u, target, q_end, v_end, turn);
         }
         if ((stage == 1) && (clock->power != NULL)) { (void)memcpy(&clock->power[4], clock->power, 4 * sizeof *clock->power); }
         for (int i = 0; i < 2; ++i) {
@@ -1154,11 +1159,11 @@ static void one_link_rosenbrock(const double *restrict h, const one_link_drive *
                 v_back += back[stage][j] * v_part[j][i];
             }
             shifts[i] = v_end[i] + inverse * q_back;
-            a[i] += inverse * v_back;
+            turn[i] += inverse * v_back;
         }
-        (void)one_link_stage_solution(h, kept, a, shifts, w);
+        (void)one_link_stage_solution(h, kept, turn, shifts, w);
         for (int i = 0; i < 2; ++i) {
-            v_part[stage][i] = times[0] * (a[i] + w[i]);
+            v_part[stage][i] = times[0] * (turn[i] + w[i]);
             q_part[stage][i] = times[0] * (v_part[stage][i] + shifts[i]);
         }
     }
@@ -1282,9 +1287,25 @@ static double one_link_worked(const double *restrict power, int work, int l, int
     return step * found;
 }
 
+/* What accelerations at both ends of a step of the Rosenbrock method say of rates in between that coordinates and rates there
+ * do not, as its matrix damps that: accelerations of stiff coordinates are full of their errors. */
+static void one_link_bent(const double *restrict h, const double *restrict kept, double dt, const double *restrict v, const double *restrict a, const double *restrict v_end, const double *restrict a_end, double *restrict bend)
+{
+    const double time = 0.3032708221029452 * dt;
+    double turn[2];
+    double shifts[2];
+    double w[2];
+    for (int i = 0; i < 2; ++i) {
+        shifts[i] = 0.0;
+        turn[i] = (dt * (a[i] + a_end[i]) - (v_end[i] - v[i]) - (v_end[i] - v[i])) / time;
+    }
+    (void)one_link_stage_solution(h, kept, turn, shifts, w);
+    for (int i = 0; i < 2; ++i) { bend[i] = time * (turn[i] + w[i]); }
+}
+
 /* A lane's state at a share of its step: of the explicit method the polynomial of degree 5 with its coordinates, rates and
- * accelerations, of the other one, whose accelerations are not smooth, the cubic one without the latter. */
-static void one_link_between(double share, double step, int l, int method, const double *restrict q, const double *restrict v, const double *restrict a, const double *restrict q_end, const double *restrict v_end, const double *restrict a_end, double *restrict q_out, double *restrict v_out)
+ * accelerations, of the other one the cubic without the latter, and what is bent. */
+static void one_link_between(double share, double step, int l, int method, const double *restrict q, const double *restrict v, const double *restrict a, const double *restrict q_end, const double *restrict v_end, const double *restrict a_end, const double *restrict bend, double *restrict q_out, double *restrict v_out)
 {
     const double s = share;
     (void)l;
@@ -1304,6 +1325,10 @@ static void one_link_between(double share, double step, int l, int method, const
             c3 = 10.0 * d - 6.0 * v0 - 4.0 * v1 - 3.0 * a0 + a1;
             c4 = -15.0 * d + 8.0 * v0 + 7.0 * v1 + 3.0 * a0 - 2.0 * a1;
             c5 = 6.0 * d - 3.0 * (v0 + v1) - a0 + a1;
+        } else {
+            c4 = 0.25 * step * bend[i];
+            c2 += c4;
+            c3 -= 2.0 * c4;
         }
         const double place = q0 + s * (v0 + s * (c2 + s * (c3 + s * (c4 + s * c5))));
         const double rate = (v0 + s * (2.0 * c2 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))) / step;
@@ -1351,7 +1376,7 @@ static int one_link_doubtful(const double *restrict power, const double *restric
 
 /* Add works of a lane between two shares of its step, J, by Gauss's rule along the polynomial on which its samples lie, on
  * halves until that changes little. */
-static void one_link_reckon(const double *restrict h, const one_link_drive *restrict drive, const one_link_clock *restrict clock, const double *restrict u, const double *restrict target, int l, int method, double from, double to, double rtol, const double *restrict q, const double *restrict v, const double *restrict a, const double *restrict q_end, const double *restrict v_end, const double *restrict a_end, double *restrict work)
+static void one_link_reckon(const double *restrict h, const one_link_drive *restrict drive, const one_link_clock *restrict clock, const double *restrict u, const double *restrict target, int l, int method, double from, double to, double rtol, const double *restrict q, const double *restrict v, const double *restrict a, const double *restrict q_end, const double *restrict v_end, const double *restrict a_end, const double *restrict bend, double *restrict work)
 {
     static const double node[5] = { 0.04691007703066802, 0.23076534494715845, 0.5, 0.7692346550528415, 0.9530899229693319 };
     static const double weight[5] = { 0.11846344252809454, 0.23931433524968324, 0.2844444444444444, 0.23931433524968324, 0.11846344252809454 };
@@ -1373,7 +1398,7 @@ static void one_link_reckon(const double *restrict h, const one_link_drive *rest
             double q_here[2];
             double v_here[2];
             double a_here[2];
-            one_link_between(share, clock->step[l], l, method, q, v, a, q_end, v_end, a_end, own, rate);
+            one_link_between(share, clock->step[l], l, method, q, v, a, q_end, v_end, a_end, bend, own, rate);
             for (int i = 0; i < 2; ++i) {
                 q_here[i] = q_end[i];
                 v_here[i] = v_end[i];
@@ -1405,7 +1430,6 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
     const double duration = end - times[0];
     const int held = ((drive->u_step == 0U) && (drive->target_step == 0U)) ? 1 : 0;
     const int dense = held;
-    int stale = 1;
     const double order = method == 1 ? 0.2 : 0.25;
     double u[2];
     double target[2];
@@ -1414,6 +1438,8 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
     double q_end[2];
     double v_end[2];
     double error[4];
+    double kept[8];
+    double bend[2];
     double dt = 1.0;
     one_link_clock clock;
     double step[1];
@@ -1421,6 +1447,7 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
     int going[1];
     int lands[1] = { 0 };
     int taken[1];
+    int known[1] = { 0 }; /* whether a has the accelerations */
     int left = 0;
     double power[32];
     const int works = ((loads != NULL) && (loads->work != NULL)) ? 1 : 0;
@@ -1446,8 +1473,11 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
     }
     clock.power = (works == 0) ? NULL : power;
     clock.here = 1;
+    (void)memset(a_end, 0, sizeof a_end);
+    (void)memset(bend, 0, sizeof bend);
+    (void)memset(kept, 0, sizeof kept);
     for (long long pass = 0; (left > 0) && (pass < most) && ((record == NULL) || (record->count < record->room)); ++pass) {
-        int fresh = (method == 1) ? stale : 0;
+        int fresh = 0;
         for (int l = 0; l < 1; ++l) {
             const one_link_progress *const p = &progress[place[l]];
             if ((going[l] != 0) && (pass >= allowed[place[l] * allowed_step].most)) {
@@ -1457,12 +1487,12 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
             clock.begin[l] = p->t;
             clock.step[l] = 0.0;
             clock.end[l] = p->t;
-            if ((going[l] != 0) && !(p->next > 0.0)) { fresh = 1; }
+            if ((going[l] != 0) && (known[l] == 0)) { fresh = 1; }
         }
         if (fresh != 0) { one_link_accelerated(h, drive, &clock, 0.0, 0, u, target, q, v, a); }
-        stale = 0;
         for (int l = 0; l < 1; ++l) {
             one_link_progress *const p = &progress[place[l]];
+            known[l] = 1;
             if (going[l] == 0) { continue; }
             if (!(p->next > 0.0)) { p->next = one_link_first(&allowed[place[l] * allowed_step], l, q, v, a); }
             const double goal = (dense != 0) ? end : times[p->sample];
@@ -1474,7 +1504,7 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
             dt = step[l];
         }
         if (method == 0) {
-            one_link_rosenbrock(h, drive, &clock, u, target, dt, q, v, q_end, v_end, error);
+            one_link_rosenbrock(h, drive, &clock, u, target, dt, q, v, a, q_end, v_end, kept, error);
         } else {
             one_link_tsit5(h, drive, &clock, u, target, dt, q, v, a, q_end, v_end, a_end, error);
         }
@@ -1511,16 +1541,21 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
                 left -= 1;
             }
         }
-        for (int l = 0; (works != 0) && (method != 1) && (l < 1); ++l) { /* samples within a step ask for powers at its end */
-            if ((taken[l] != 0) && (dense != 0) && (times[progress[place[l]].sample] < clock.end[l])) {
-                one_link_accelerated(h, drive, &clock, 1.0, 6, u, target, q_end, v_end, a_end);
-                break;
-            }
+        int inside = 0; /* whether something asks for what is within a step */
+        for (int l = 0; (method != 1) && (l < 1); ++l) {
+            if (taken[l] == 0) { continue; }
+            if ((dense != 0) && (times[progress[place[l]].sample] < clock.end[l])) { inside = 1; }
+            if ((works != 0) && (one_link_doubtful(power, progress[place[l]].work, l, method, step[l], allowed[place[l] * allowed_step].rtol) != 0)) { inside = 1; }
+        }
+        if (inside != 0) {
+            one_link_accelerated(h, drive, &clock, 1.0, 6, u, target, q_end, v_end, a_end);
+            one_link_bent(h, kept, dt, v, a, v_end, a_end, bend);
         }
         for (int l = 0; l < 1; ++l) {
             if (taken[l] == 0) { continue; }
             one_link_progress *const p = &progress[place[l]];
             const double before = p->t;
+            known[l] = ((method == 1) || (inside != 0)) ? 1 : 0;
             double worked[4];
             (void)memcpy(worked, p->work, sizeof worked);
             const int reckons = (works != 0) ? one_link_doubtful(power, p->work, l, method, step[l], allowed[place[l] * allowed_step].rtol) : 0;
@@ -1537,11 +1572,11 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
                 const double time = times[p->sample];
                 if (reckons != 0) {
                     const double until = (time < p->t) ? ((time - before) / step[l]) : 1.0;
-                    one_link_reckon(h, drive, &clock, u, target, l, method, share, until, allowed[place[l] * allowed_step].rtol, q, v, a, q_end, v_end, a_end, p->work);
+                    one_link_reckon(h, drive, &clock, u, target, l, method, share, until, allowed[place[l] * allowed_step].rtol, q, v, a, q_end, v_end, a_end, bend, p->work);
                     share = until;
                 }
                 if ((dense != 0) && (time < p->t)) {
-                    one_link_between((time - before) / step[l], step[l], l, method, q, v, a, q_end, v_end, a_end, q_row, v_row);
+                    one_link_between((time - before) / step[l], step[l], l, method, q, v, a, q_end, v_end, a_end, bend, q_row, v_row);
                     if ((work_row != NULL) && (reckons != 0)) { (void)memcpy(work_row, p->work, sizeof p->work); }
                     if ((work_row != NULL) && (reckons == 0)) { one_link_works_between((time - before) / step[l], step[l], l, method, power, worked, p->work, work_row); }
                 } else
@@ -1555,10 +1590,10 @@ static void one_link_adapt(const double *restrict h, const one_link_drive *restr
                 p->sample += 1U;
                 if ((held == 0) && (p->sample <= samples)) {
                     one_link_hold(drive, place[l], p->sample - 1U, l, u, target);
-                    stale = 1;
+                    known[l] = 0;
                 }
             }
-            if ((reckons != 0) && (share < 1.0)) { one_link_reckon(h, drive, &clock, u, target, l, method, share, 1.0, allowed[place[l] * allowed_step].rtol, q, v, a, q_end, v_end, a_end, p->work); }
+            if ((reckons != 0) && (share < 1.0)) { one_link_reckon(h, drive, &clock, u, target, l, method, share, 1.0, allowed[place[l] * allowed_step].rtol, q, v, a, q_end, v_end, a_end, bend, p->work); }
             for (int i = 0; i < 2; ++i) {
                 q[i] = q_end[i];
                 v[i] = v_end[i];
@@ -3211,8 +3246,9 @@ static void one_link_accelerated_lanes(const lanes *restrict h, const one_link_d
     (void)one_link_forward_dynamics_lanes(h, q, v, force, a);
 }
 
-/* One step of the Rosenbrock method, with the factors of its matrix; the end, and the error, first of q, then of v. */
-static void one_link_rosenbrock_lanes(const lanes *restrict h, const one_link_drive *restrict drive, const one_link_clock_lanes *restrict clock, const lanes *restrict u, const lanes *restrict target, lanes dt, const lanes *restrict q, const lanes *restrict v, lanes *restrict q_end, lanes *restrict v_end, lanes *restrict error)
+/* One step of the Rosenbrock method from accelerations a, with the factors of its matrix, which are kept; the end, and
+ * the error, first of q, then of v. */
+static void one_link_rosenbrock_lanes(const lanes *restrict h, const one_link_drive *restrict drive, const one_link_clock_lanes *restrict clock, const lanes *restrict u, const lanes *restrict target, lanes dt, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, lanes *restrict q_end, lanes *restrict v_end, lanes *restrict kept, lanes *restrict error)
 {
     static const double ahead[6][6] = { { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { 1.9577095275421397, 0.09624753940753493, 0.0, 0.0, 0.0, 0.0 }, { -12.640540988794982, 11.47406531595545, -2.184901588069644, 0.0, 0.0, 0.0 }, { 45.22669571531797, -34.051994120856214, 9.233342776456102, -2.585735849637662, 0.0, 0.0 }, { 44.59618164199451, -35.304949600239034, 9.10972197560695, -2.286091141567749, 0.18287548796164538, 0.0 } };
     static const double back[6][6] = { { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { -1.8485366682621636, 0.0, 0.0, 0.0, 0.0, 0.0 }, { -17.631601587128756, 10.558804728186503, 0.0, 0.0, 0.0, 0.0 }, { 43.65182054686954, -40.087802443765035, 10.279818576010475, 0.0, 0.0, 0.0 }, { -105.84058964242176, 89.65494156265976, -24.593504310310063, 8.468103283975356, 0.0, 0.0 }, { -132.02707597161847, 97.96337774644046, -31.303025590584195, 9.868030987977615, -1.7691899740810053, 0.0 } };
@@ -3221,10 +3257,9 @@ static void one_link_rosenbrock_lanes(const lanes *restrict h, const one_link_dr
     static const double wrong[6] = { 0.7641522361446427, -0.6573679684815938, 0.14144711229099638, -0.01754850566540496, -0.030774661879316458, 0.08701562938055106 };
     const lanes inverse = ALL(1.0) / dt;
     lanes times[2];
-    lanes kept[8];
     lanes kp[2];
     lanes kd[2];
-    lanes a[2];
+    lanes turn[2];
     lanes shifts[2];
     lanes w[2];
     lanes q_part[6][2];
@@ -3247,7 +3282,12 @@ static void one_link_rosenbrock_lanes(const lanes *restrict h, const one_link_dr
     }
     (void)one_link_stage_factors_lanes(h, q, v, kp, kd, times, kept);
     for (int stage = 0; stage < 6; ++stage) {
-        if (stage != 1) { /* the second one is at the beginning, like the first one, which leaves its accelerations in a */
+        if (stage < 2) { /* both are at the beginning */
+            for (int i = 0; i < 2; ++i) {
+                v_end[i] = v[i];
+                turn[i] = a[i];
+            }
+        } else {
             for (int i = 0; i < 2; ++i) {
                 q_end[i] = q[i];
                 v_end[i] = v[i];
@@ -3256,7 +3296,7 @@ static void one_link_rosenbrock_lanes(const lanes *restrict h, const one_link_dr
                     v_end[i] += ahead[stage][j] * v_part[j][i];
                 }
             }
-            one_link_accelerated_lanes(h, drive, clock, share[stage], stage, u, target, q_end, v_end, a);
+            one_link_accelerated_lanes(h, drive, clock, share[stage], stage, u, target, q_end, v_end, turn);
         }
         if ((stage == 1) && (clock->power != NULL)) { (void)memcpy(&clock->power[(4) * (int)LANES], clock->power, (4) * (int)LANES * sizeof *clock->power); }
         for (int i = 0; i < 2; ++i) {
@@ -3267,11 +3307,11 @@ static void one_link_rosenbrock_lanes(const lanes *restrict h, const one_link_dr
                 v_back += back[stage][j] * v_part[j][i];
             }
             shifts[i] = v_end[i] + inverse * q_back;
-            a[i] += inverse * v_back;
+            turn[i] += inverse * v_back;
         }
-        (void)one_link_stage_solution_lanes(h, kept, a, shifts, w);
+        (void)one_link_stage_solution_lanes(h, kept, turn, shifts, w);
         for (int i = 0; i < 2; ++i) {
-            v_part[stage][i] = times[0] * (a[i] + w[i]);
+            v_part[stage][i] = times[0] * (turn[i] + w[i]);
             q_part[stage][i] = times[0] * (v_part[stage][i] + shifts[i]);
         }
     }
@@ -3395,9 +3435,25 @@ static double one_link_worked_lanes(const double *restrict power, int work, int 
     return step * found;
 }
 
+/* What accelerations at both ends of a step of the Rosenbrock method say of rates in between that coordinates and rates there
+ * do not, as its matrix damps that: accelerations of stiff coordinates are full of their errors. */
+static void one_link_bent_lanes(const lanes *restrict h, const lanes *restrict kept, lanes dt, const lanes *restrict v, const lanes *restrict a, const lanes *restrict v_end, const lanes *restrict a_end, lanes *restrict bend)
+{
+    const lanes time = 0.3032708221029452 * dt;
+    lanes turn[2];
+    lanes shifts[2];
+    lanes w[2];
+    for (int i = 0; i < 2; ++i) {
+        shifts[i] = ALL(0.0);
+        turn[i] = (dt * (a[i] + a_end[i]) - (v_end[i] - v[i]) - (v_end[i] - v[i])) / time;
+    }
+    (void)one_link_stage_solution_lanes(h, kept, turn, shifts, w);
+    for (int i = 0; i < 2; ++i) { bend[i] = time * (turn[i] + w[i]); }
+}
+
 /* A lane's state at a share of its step: of the explicit method the polynomial of degree 5 with its coordinates, rates and
- * accelerations, of the other one, whose accelerations are not smooth, the cubic one without the latter. */
-static void one_link_between_lanes(double share, double step, int l, int method, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, const lanes *restrict q_end, const lanes *restrict v_end, const lanes *restrict a_end, double *restrict q_out, double *restrict v_out)
+ * accelerations, of the other one the cubic without the latter, and what is bent. */
+static void one_link_between_lanes(double share, double step, int l, int method, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, const lanes *restrict q_end, const lanes *restrict v_end, const lanes *restrict a_end, const lanes *restrict bend, double *restrict q_out, double *restrict v_out)
 {
     const double s = share;
     (void)l;
@@ -3417,6 +3473,10 @@ static void one_link_between_lanes(double share, double step, int l, int method,
             c3 = 10.0 * d - 6.0 * v0 - 4.0 * v1 - 3.0 * a0 + a1;
             c4 = -15.0 * d + 8.0 * v0 + 7.0 * v1 + 3.0 * a0 - 2.0 * a1;
             c5 = 6.0 * d - 3.0 * (v0 + v1) - a0 + a1;
+        } else {
+            c4 = 0.25 * step * LANE(bend[i], l);
+            c2 += c4;
+            c3 -= 2.0 * c4;
         }
         const double place = q0 + s * (v0 + s * (c2 + s * (c3 + s * (c4 + s * c5))));
         const double rate = (v0 + s * (2.0 * c2 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))) / step;
@@ -3464,7 +3524,7 @@ static int one_link_doubtful_lanes(const double *restrict power, const double *r
 
 /* Add works of a lane between two shares of its step, J, by Gauss's rule along the polynomial on which its samples lie, on
  * halves until that changes little. */
-static void one_link_reckon_lanes(const lanes *restrict h, const one_link_drive *restrict drive, const one_link_clock_lanes *restrict clock, const lanes *restrict u, const lanes *restrict target, int l, int method, double from, double to, double rtol, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, const lanes *restrict q_end, const lanes *restrict v_end, const lanes *restrict a_end, double *restrict work)
+static void one_link_reckon_lanes(const lanes *restrict h, const one_link_drive *restrict drive, const one_link_clock_lanes *restrict clock, const lanes *restrict u, const lanes *restrict target, int l, int method, double from, double to, double rtol, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, const lanes *restrict q_end, const lanes *restrict v_end, const lanes *restrict a_end, const lanes *restrict bend, double *restrict work)
 {
     static const double node[5] = { 0.04691007703066802, 0.23076534494715845, 0.5, 0.7692346550528415, 0.9530899229693319 };
     static const double weight[5] = { 0.11846344252809454, 0.23931433524968324, 0.2844444444444444, 0.23931433524968324, 0.11846344252809454 };
@@ -3486,7 +3546,7 @@ static void one_link_reckon_lanes(const lanes *restrict h, const one_link_drive 
             lanes q_here[2];
             lanes v_here[2];
             lanes a_here[2];
-            one_link_between_lanes(share, clock->step[l], l, method, q, v, a, q_end, v_end, a_end, own, rate);
+            one_link_between_lanes(share, clock->step[l], l, method, q, v, a, q_end, v_end, a_end, bend, own, rate);
             for (int i = 0; i < 2; ++i) {
                 q_here[i] = q_end[i];
                 v_here[i] = v_end[i];
@@ -3518,7 +3578,6 @@ static void one_link_adapt_lanes(const lanes *restrict h, const one_link_drive *
     const double duration = end - times[0];
     const int held = ((drive->u_step == 0U) && (drive->target_step == 0U)) ? 1 : 0;
     const int dense = held;
-    int stale = 1;
     const double order = method == 1 ? 0.2 : 0.25;
     lanes u[2];
     lanes target[2];
@@ -3527,6 +3586,8 @@ static void one_link_adapt_lanes(const lanes *restrict h, const one_link_drive *
     lanes q_end[2];
     lanes v_end[2];
     lanes error[4];
+    lanes kept[8];
+    lanes bend[2];
     lanes dt = ALL(1.0);
     one_link_clock_lanes clock;
     double step[LANES];
@@ -3534,6 +3595,7 @@ static void one_link_adapt_lanes(const lanes *restrict h, const one_link_drive *
     int going[LANES];
     int lands[LANES] = { 0 };
     int taken[LANES];
+    int known[LANES] = { 0 }; /* whether a has the accelerations */
     int left = 0;
     double power[(32) * (int)LANES];
     const int works = ((loads != NULL) && (loads->work != NULL)) ? 1 : 0;
@@ -3559,8 +3621,11 @@ static void one_link_adapt_lanes(const lanes *restrict h, const one_link_drive *
     }
     clock.power = (works == 0) ? NULL : power;
     clock.here = here;
+    (void)memset(a_end, 0, sizeof a_end);
+    (void)memset(bend, 0, sizeof bend);
+    (void)memset(kept, 0, sizeof kept);
     for (long long pass = 0; (left > 0) && (pass < most) && ((record == NULL) || (record->count < record->room)); ++pass) {
-        int fresh = (method == 1) ? stale : 0;
+        int fresh = 0;
         for (int l = 0; l < LANES; ++l) {
             const one_link_progress *const p = &progress[place[l]];
             if ((going[l] != 0) && (pass >= allowed[place[l] * allowed_step].most)) {
@@ -3570,12 +3635,12 @@ static void one_link_adapt_lanes(const lanes *restrict h, const one_link_drive *
             clock.begin[l] = p->t;
             clock.step[l] = 0.0;
             clock.end[l] = p->t;
-            if ((going[l] != 0) && !(p->next > 0.0)) { fresh = 1; }
+            if ((going[l] != 0) && (known[l] == 0)) { fresh = 1; }
         }
         if (fresh != 0) { one_link_accelerated_lanes(h, drive, &clock, 0.0, 0, u, target, q, v, a); }
-        stale = 0;
         for (int l = 0; l < LANES; ++l) {
             one_link_progress *const p = &progress[place[l]];
+            known[l] = 1;
             if (going[l] == 0) { continue; }
             if (!(p->next > 0.0)) { p->next = one_link_first_lanes(&allowed[place[l] * allowed_step], l, q, v, a); }
             const double goal = (dense != 0) ? end : times[p->sample];
@@ -3587,7 +3652,7 @@ static void one_link_adapt_lanes(const lanes *restrict h, const one_link_drive *
             LANE(dt, l) = step[l];
         }
         if (method == 0) {
-            one_link_rosenbrock_lanes(h, drive, &clock, u, target, dt, q, v, q_end, v_end, error);
+            one_link_rosenbrock_lanes(h, drive, &clock, u, target, dt, q, v, a, q_end, v_end, kept, error);
         } else {
             one_link_tsit5_lanes(h, drive, &clock, u, target, dt, q, v, a, q_end, v_end, a_end, error);
         }
@@ -3624,16 +3689,21 @@ static void one_link_adapt_lanes(const lanes *restrict h, const one_link_drive *
                 left -= 1;
             }
         }
-        for (int l = 0; (works != 0) && (method != 1) && (l < LANES); ++l) { /* samples within a step ask for powers at its end */
-            if ((taken[l] != 0) && (dense != 0) && (times[progress[place[l]].sample] < clock.end[l])) {
-                one_link_accelerated_lanes(h, drive, &clock, 1.0, 6, u, target, q_end, v_end, a_end);
-                break;
-            }
+        int inside = 0; /* whether something asks for what is within a step */
+        for (int l = 0; (method != 1) && (l < LANES); ++l) {
+            if (taken[l] == 0) { continue; }
+            if ((dense != 0) && (times[progress[place[l]].sample] < clock.end[l])) { inside = 1; }
+            if ((works != 0) && (one_link_doubtful_lanes(power, progress[place[l]].work, l, method, step[l], allowed[place[l] * allowed_step].rtol) != 0)) { inside = 1; }
+        }
+        if (inside != 0) {
+            one_link_accelerated_lanes(h, drive, &clock, 1.0, 6, u, target, q_end, v_end, a_end);
+            one_link_bent_lanes(h, kept, dt, v, a, v_end, a_end, bend);
         }
         for (int l = 0; l < LANES; ++l) {
             if (taken[l] == 0) { continue; }
             one_link_progress *const p = &progress[place[l]];
             const double before = p->t;
+            known[l] = ((method == 1) || (inside != 0)) ? 1 : 0;
             double worked[4];
             (void)memcpy(worked, p->work, sizeof worked);
             const int reckons = (works != 0) ? one_link_doubtful_lanes(power, p->work, l, method, step[l], allowed[place[l] * allowed_step].rtol) : 0;
@@ -3650,11 +3720,11 @@ static void one_link_adapt_lanes(const lanes *restrict h, const one_link_drive *
                 const double time = times[p->sample];
                 if (reckons != 0) {
                     const double until = (time < p->t) ? ((time - before) / step[l]) : 1.0;
-                    one_link_reckon_lanes(h, drive, &clock, u, target, l, method, share, until, allowed[place[l] * allowed_step].rtol, q, v, a, q_end, v_end, a_end, p->work);
+                    one_link_reckon_lanes(h, drive, &clock, u, target, l, method, share, until, allowed[place[l] * allowed_step].rtol, q, v, a, q_end, v_end, a_end, bend, p->work);
                     share = until;
                 }
                 if ((dense != 0) && (time < p->t)) {
-                    one_link_between_lanes((time - before) / step[l], step[l], l, method, q, v, a, q_end, v_end, a_end, q_row, v_row);
+                    one_link_between_lanes((time - before) / step[l], step[l], l, method, q, v, a, q_end, v_end, a_end, bend, q_row, v_row);
                     if ((work_row != NULL) && (reckons != 0)) { (void)memcpy(work_row, p->work, sizeof p->work); }
                     if ((work_row != NULL) && (reckons == 0)) { one_link_works_between_lanes((time - before) / step[l], step[l], l, method, power, worked, p->work, work_row); }
                 } else
@@ -3668,10 +3738,10 @@ static void one_link_adapt_lanes(const lanes *restrict h, const one_link_drive *
                 p->sample += 1U;
                 if ((held == 0) && (p->sample <= samples)) {
                     one_link_hold_lanes(drive, place[l], p->sample - 1U, l, u, target);
-                    stale = 1;
+                    known[l] = 0;
                 }
             }
-            if ((reckons != 0) && (share < 1.0)) { one_link_reckon_lanes(h, drive, &clock, u, target, l, method, share, 1.0, allowed[place[l] * allowed_step].rtol, q, v, a, q_end, v_end, a_end, p->work); }
+            if ((reckons != 0) && (share < 1.0)) { one_link_reckon_lanes(h, drive, &clock, u, target, l, method, share, 1.0, allowed[place[l] * allowed_step].rtol, q, v, a, q_end, v_end, a_end, bend, p->work); }
             for (int i = 0; i < 2; ++i) {
                 LANE(q[i], l) = LANE(q_end[i], l);
                 LANE(v[i], l) = LANE(v_end[i], l);

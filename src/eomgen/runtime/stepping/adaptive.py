@@ -37,8 +37,8 @@ def takes_samples(method: str, **given: Any) -> bool:
 
     Args:
         method: its name.
-        given: dt, steps, every, duration, samples, atol, loads and works; None, False, or 1 of ``every``, where they
-            are not.
+        given: dt, steps, every, duration, samples, atol, and loads and works where there are such arguments; None,
+            False, or 1 of ``every``, where they are not given.
 
     Raises:
         InputError: there is no such method, or an argument of the others is given.
@@ -46,10 +46,13 @@ def takes_samples(method: str, **given: Any) -> bool:
     if method not in METHODS and method not in FIXED:
         raise InputError(f"rollout: method {show(method)} is unknown; allowed: {', '.join((*FIXED, *METHODS))}")
     chooses = method in METHODS
-    own, others = ("duration, samples, tolerances, loads and works", "dt, steps and every")[:: 1 if chooses else -1]
+    sampled = (
+        "duration, samples, tolerances, loads and works" if "loads" in given else "duration, samples and tolerances"
+    )
+    own, others = (sampled, "dt, steps and every")[:: 1 if chooses else -1]
+    absent: dict[str, Any] = {"every": 1, "works": False}
     for name in ("dt", "steps", "every") if chooses else ("duration", "samples", "atol", "loads", "works"):
-        absent = 1 if name == "every" else False if name == "works" else None
-        if given[name] is not None and not (absent is not None and given[name] == absent):
+        if given.get(name) is not None and not (name in absent and given[name] == absent[name]):
             raise InputError(f"rollout: {name} is given; allowed: {own} with method={method!r}, not {others}")
     return chooses
 
