@@ -172,10 +172,13 @@ def _methods(equations: Equations, scalar: Scalar) -> dict[str, Any]:
     def rows(matrix: Array) -> str:
         return ", ".join(f"{{ {numbers(row)} }}" for row in matrix)
 
-    def times(matrix: Array) -> str:
+    def terms(values: Array) -> list[tuple[int, str]]:
+        return [(k, scalar.literal(value)) for k, value in enumerate(values.tolist()) if value]
+
+    def times(matrix: Array) -> list[str]:
         """Shares of a step at which stages are; the end is exactly 1: what begins there again has the same bits."""
         shares = [math.fsum(row) for row in matrix.tolist()]
-        return ", ".join(repr(1.0 if math.isclose(share, 1.0, rel_tol=1e-12) else share) for share in shares)
+        return [repr(1.0 if math.isclose(share, 1.0, rel_tol=1e-12) else share) for share in shares]
 
     ahead, back, weight, wrong = W643.transformed()
     between = TSIT5.between
@@ -192,8 +195,11 @@ def _methods(equations: Equations, scalar: Scalar) -> dict[str, Any]:
             "ahead": rows(ahead),
             "back": rows(back),
             "weight": numbers(weight),
-            "wrong": numbers(wrong),
-            "share": times(W643.alpha),
+            "ahead_of": [terms(row) for row in ahead],
+            "back_of": [terms(row) for row in back],
+            "weight_of": terms(weight),
+            "wrong_of": terms(wrong),
+            "shares": times(W643.alpha),
             "worked": ", ".join(map(repr, W643.b.tolist())),
             "doubted": ", ".join(map(repr, _as_long(W643.b - W643.embedded, TSIT5.error))),
         },
@@ -201,7 +207,7 @@ def _methods(equations: Equations, scalar: Scalar) -> dict[str, Any]:
             "stages": len(TSIT5.b),
             "ahead": rows(TSIT5.a),
             "wrong": numbers(TSIT5.error),
-            "share": times(TSIT5.a),
+            "share": ", ".join(times(TSIT5.a)),
             "doubted": ", ".join(map(repr, TSIT5.error.tolist())),
             "degree": between.shape[1],
             "worked": ", ".join(f"{{ {', '.join(map(repr, row))} }}" for row in between.tolist()),

@@ -1102,16 +1102,11 @@ static void one_link_accelerated(const double *restrict h, const one_link_drive 
  * the error, first of q, then of v. */
 static void one_link_rosenbrock(const double *restrict h, const one_link_drive *restrict drive, const one_link_clock *restrict clock, const double *restrict u, const double *restrict target, double dt, const double *restrict q, const double *restrict v, const double *restrict a, double *restrict q_end, double *restrict v_end, double *restrict kept, double *restrict error)
 {
-    static const double ahead[6][6] = { { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { 1.9577095275421397, 0.09624753940753493, 0.0, 0.0, 0.0, 0.0 }, { -12.640540988794982, 11.47406531595545, -2.184901588069644, 0.0, 0.0, 0.0 }, { 45.22669571531797, -34.051994120856214, 9.233342776456102, -2.585735849637662, 0.0, 0.0 }, { 44.59618164199451, -35.304949600239034, 9.10972197560695, -2.286091141567749, 0.18287548796164538, 0.0 } };
-    static const double back[6][6] = { { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { -1.8485366682621636, 0.0, 0.0, 0.0, 0.0, 0.0 }, { -17.631601587128756, 10.558804728186503, 0.0, 0.0, 0.0, 0.0 }, { 43.65182054686954, -40.087802443765035, 10.279818576010475, 0.0, 0.0, 0.0 }, { -105.84058964242176, 89.65494156265976, -24.593504310310063, 8.468103283975356, 0.0, 0.0 }, { -132.02707597161847, 97.96337774644046, -31.303025590584195, 9.868030987977615, -1.7691899740810053, 0.0 } };
-    static const double share[6] = { 0.0, 0.0, 0.6065416442058904, -0.35634633722581177, 1.1568159026419864, 1.0 };
-    static const double weight[6] = { 44.59618164199451, -35.304949600239034, 9.10972197560695, -2.286091141567749, 0.1828754879616454, 1.0 };
-    static const double wrong[6] = { 0.7641522361446427, -0.6573679684815938, 0.14144711229099638, -0.01754850566540496, -0.030774661879316458, 0.08701562938055106 };
     const double inverse = 1.0 / dt;
     double times[2];
     double kp[2];
     double kd[2];
-    double turn[2];
+    double right[2];
     double shifts[2];
     double w[2];
     double q_part[6][2];
@@ -1133,51 +1128,86 @@ static void one_link_rosenbrock(const double *restrict h, const one_link_drive *
         }
     }
     (void)one_link_stage_factors(h, q, v, kp, kd, times, kept);
-    for (int stage = 0; stage < 6; ++stage) {
-        if (stage < 2) { /* both are at the beginning */
-            for (int i = 0; i < 2; ++i) {
-                v_end[i] = v[i];
-                turn[i] = a[i];
-            }
-        } else {
-            for (int i = 0; i < 2; ++i) {
-                q_end[i] = q[i];
-                v_end[i] = v[i];
-                for (int j = 0; j < stage; ++j) {
-                    q_end[i] += ahead[stage][j] * q_part[j][i];
-                    v_end[i] += ahead[stage][j] * v_part[j][i];
-                }
-            }
-            one_link_accelerated(h, drive, clock, share[stage], stage, u, target, q_end, v_end, turn);
-        }
-        if ((stage == 1) && (clock->power != NULL)) { (void)memcpy(&clock->power[4], clock->power, 4 * sizeof *clock->power); }
-        for (int i = 0; i < 2; ++i) {
-            double q_back = 0.0;
-            double v_back = 0.0;
-            for (int j = 0; j < stage; ++j) {
-                q_back += back[stage][j] * q_part[j][i];
-                v_back += back[stage][j] * v_part[j][i];
-            }
-            shifts[i] = v_end[i] + inverse * q_back;
-            turn[i] += inverse * v_back;
-        }
-        (void)one_link_stage_solution(h, kept, turn, shifts, w);
-        for (int i = 0; i < 2; ++i) {
-            v_part[stage][i] = times[0] * (turn[i] + w[i]);
-            q_part[stage][i] = times[0] * (v_part[stage][i] + shifts[i]);
-        }
+    for (int i = 0; i < 2; ++i) {
+        shifts[i] = v[i];
+        right[i] = a[i];
+    }
+    (void)one_link_stage_solution(h, kept, right, shifts, w);
+    for (int i = 0; i < 2; ++i) {
+        v_part[0][i] = times[0] * (right[i] + w[i]);
+        q_part[0][i] = times[0] * (v_part[0][i] + shifts[i]);
+    }
+    if (clock->power != NULL) { (void)memcpy(&clock->power[4], clock->power, (size_t)(4) * sizeof *clock->power); }
+    for (int i = 0; i < 2; ++i) {
+        shifts[i] = v[i] + inverse * (-1.8485366682621636 * q_part[0][i]);
+        right[i] = a[i] + inverse * (-1.8485366682621636 * v_part[0][i]);
+    }
+    (void)one_link_stage_solution(h, kept, right, shifts, w);
+    for (int i = 0; i < 2; ++i) {
+        v_part[1][i] = times[0] * (right[i] + w[i]);
+        q_part[1][i] = times[0] * (v_part[1][i] + shifts[i]);
     }
     for (int i = 0; i < 2; ++i) {
-        q_end[i] = q[i];
-        v_end[i] = v[i];
-        error[i] = 0.0;
-        error[2 + i] = 0.0;
-        for (int j = 0; j < 6; ++j) {
-            q_end[i] += weight[j] * q_part[j][i];
-            v_end[i] += weight[j] * v_part[j][i];
-            error[i] += wrong[j] * q_part[j][i];
-            error[2 + i] += wrong[j] * v_part[j][i];
-        }
+        q_end[i] = q[i] + 1.9577095275421397 * q_part[0][i] + 0.09624753940753493 * q_part[1][i];
+        v_end[i] = v[i] + 1.9577095275421397 * v_part[0][i] + 0.09624753940753493 * v_part[1][i];
+    }
+    one_link_accelerated(h, drive, clock, 0.6065416442058904, 2, u, target, q_end, v_end, right);
+    for (int i = 0; i < 2; ++i) {
+        shifts[i] = v_end[i] + inverse * (-17.631601587128756 * q_part[0][i] + 10.558804728186503 * q_part[1][i]);
+        right[i] = right[i] + inverse * (-17.631601587128756 * v_part[0][i] + 10.558804728186503 * v_part[1][i]);
+    }
+    (void)one_link_stage_solution(h, kept, right, shifts, w);
+    for (int i = 0; i < 2; ++i) {
+        v_part[2][i] = times[0] * (right[i] + w[i]);
+        q_part[2][i] = times[0] * (v_part[2][i] + shifts[i]);
+    }
+    for (int i = 0; i < 2; ++i) {
+        q_end[i] = q[i] + -12.640540988794982 * q_part[0][i] + 11.47406531595545 * q_part[1][i] + -2.184901588069644 * q_part[2][i];
+        v_end[i] = v[i] + -12.640540988794982 * v_part[0][i] + 11.47406531595545 * v_part[1][i] + -2.184901588069644 * v_part[2][i];
+    }
+    one_link_accelerated(h, drive, clock, -0.35634633722581177, 3, u, target, q_end, v_end, right);
+    for (int i = 0; i < 2; ++i) {
+        shifts[i] = v_end[i] + inverse * (43.65182054686954 * q_part[0][i] + -40.087802443765035 * q_part[1][i] + 10.279818576010475 * q_part[2][i]);
+        right[i] = right[i] + inverse * (43.65182054686954 * v_part[0][i] + -40.087802443765035 * v_part[1][i] + 10.279818576010475 * v_part[2][i]);
+    }
+    (void)one_link_stage_solution(h, kept, right, shifts, w);
+    for (int i = 0; i < 2; ++i) {
+        v_part[3][i] = times[0] * (right[i] + w[i]);
+        q_part[3][i] = times[0] * (v_part[3][i] + shifts[i]);
+    }
+    for (int i = 0; i < 2; ++i) {
+        q_end[i] = q[i] + 45.22669571531797 * q_part[0][i] + -34.051994120856214 * q_part[1][i] + 9.233342776456102 * q_part[2][i] + -2.585735849637662 * q_part[3][i];
+        v_end[i] = v[i] + 45.22669571531797 * v_part[0][i] + -34.051994120856214 * v_part[1][i] + 9.233342776456102 * v_part[2][i] + -2.585735849637662 * v_part[3][i];
+    }
+    one_link_accelerated(h, drive, clock, 1.1568159026419864, 4, u, target, q_end, v_end, right);
+    for (int i = 0; i < 2; ++i) {
+        shifts[i] = v_end[i] + inverse * (-105.84058964242176 * q_part[0][i] + 89.65494156265976 * q_part[1][i] + -24.593504310310063 * q_part[2][i] + 8.468103283975356 * q_part[3][i]);
+        right[i] = right[i] + inverse * (-105.84058964242176 * v_part[0][i] + 89.65494156265976 * v_part[1][i] + -24.593504310310063 * v_part[2][i] + 8.468103283975356 * v_part[3][i]);
+    }
+    (void)one_link_stage_solution(h, kept, right, shifts, w);
+    for (int i = 0; i < 2; ++i) {
+        v_part[4][i] = times[0] * (right[i] + w[i]);
+        q_part[4][i] = times[0] * (v_part[4][i] + shifts[i]);
+    }
+    for (int i = 0; i < 2; ++i) {
+        q_end[i] = q[i] + 44.59618164199451 * q_part[0][i] + -35.304949600239034 * q_part[1][i] + 9.10972197560695 * q_part[2][i] + -2.286091141567749 * q_part[3][i] + 0.18287548796164538 * q_part[4][i];
+        v_end[i] = v[i] + 44.59618164199451 * v_part[0][i] + -35.304949600239034 * v_part[1][i] + 9.10972197560695 * v_part[2][i] + -2.286091141567749 * v_part[3][i] + 0.18287548796164538 * v_part[4][i];
+    }
+    one_link_accelerated(h, drive, clock, 1.0, 5, u, target, q_end, v_end, right);
+    for (int i = 0; i < 2; ++i) {
+        shifts[i] = v_end[i] + inverse * (-132.02707597161847 * q_part[0][i] + 97.96337774644046 * q_part[1][i] + -31.303025590584195 * q_part[2][i] + 9.868030987977615 * q_part[3][i] + -1.7691899740810053 * q_part[4][i]);
+        right[i] = right[i] + inverse * (-132.02707597161847 * v_part[0][i] + 97.96337774644046 * v_part[1][i] + -31.303025590584195 * v_part[2][i] + 9.868030987977615 * v_part[3][i] + -1.7691899740810053 * v_part[4][i]);
+    }
+    (void)one_link_stage_solution(h, kept, right, shifts, w);
+    for (int i = 0; i < 2; ++i) {
+        v_part[5][i] = times[0] * (right[i] + w[i]);
+        q_part[5][i] = times[0] * (v_part[5][i] + shifts[i]);
+    }
+    for (int i = 0; i < 2; ++i) {
+        q_end[i] = q[i] + 44.59618164199451 * q_part[0][i] + -35.304949600239034 * q_part[1][i] + 9.10972197560695 * q_part[2][i] + -2.286091141567749 * q_part[3][i] + 0.1828754879616454 * q_part[4][i] + 1.0 * q_part[5][i];
+        v_end[i] = v[i] + 44.59618164199451 * v_part[0][i] + -35.304949600239034 * v_part[1][i] + 9.10972197560695 * v_part[2][i] + -2.286091141567749 * v_part[3][i] + 0.1828754879616454 * v_part[4][i] + 1.0 * v_part[5][i];
+        error[i] = 0.7641522361446427 * q_part[0][i] + -0.6573679684815938 * q_part[1][i] + 0.14144711229099638 * q_part[2][i] + -0.01754850566540496 * q_part[3][i] + -0.030774661879316458 * q_part[4][i] + 0.08701562938055106 * q_part[5][i];
+        error[2 + i] = 0.7641522361446427 * v_part[0][i] + -0.6573679684815938 * v_part[1][i] + 0.14144711229099638 * v_part[2][i] + -0.01754850566540496 * v_part[3][i] + -0.030774661879316458 * v_part[4][i] + 0.08701562938055106 * v_part[5][i];
     }
 }
 
@@ -1292,15 +1322,15 @@ static double one_link_worked(const double *restrict power, int work, int l, int
 static void one_link_bent(const double *restrict h, const double *restrict kept, double dt, const double *restrict v, const double *restrict a, const double *restrict v_end, const double *restrict a_end, double *restrict bend)
 {
     const double time = 0.3032708221029452 * dt;
-    double turn[2];
+    double right[2];
     double shifts[2];
     double w[2];
     for (int i = 0; i < 2; ++i) {
         shifts[i] = 0.0;
-        turn[i] = (dt * (a[i] + a_end[i]) - (v_end[i] - v[i]) - (v_end[i] - v[i])) / time;
+        right[i] = (dt * (a[i] + a_end[i]) - (v_end[i] - v[i]) - (v_end[i] - v[i])) / time;
     }
-    (void)one_link_stage_solution(h, kept, turn, shifts, w);
-    for (int i = 0; i < 2; ++i) { bend[i] = time * (turn[i] + w[i]); }
+    (void)one_link_stage_solution(h, kept, right, shifts, w);
+    for (int i = 0; i < 2; ++i) { bend[i] = time * (right[i] + w[i]); }
 }
 
 /* A lane's state at a share of its step: of the explicit method the polynomial of degree 5 with its coordinates, rates and
@@ -3250,16 +3280,11 @@ static void one_link_accelerated_lanes(const lanes *restrict h, const one_link_d
  * the error, first of q, then of v. */
 static void one_link_rosenbrock_lanes(const lanes *restrict h, const one_link_drive *restrict drive, const one_link_clock_lanes *restrict clock, const lanes *restrict u, const lanes *restrict target, lanes dt, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, lanes *restrict q_end, lanes *restrict v_end, lanes *restrict kept, lanes *restrict error)
 {
-    static const double ahead[6][6] = { { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { 1.9577095275421397, 0.09624753940753493, 0.0, 0.0, 0.0, 0.0 }, { -12.640540988794982, 11.47406531595545, -2.184901588069644, 0.0, 0.0, 0.0 }, { 45.22669571531797, -34.051994120856214, 9.233342776456102, -2.585735849637662, 0.0, 0.0 }, { 44.59618164199451, -35.304949600239034, 9.10972197560695, -2.286091141567749, 0.18287548796164538, 0.0 } };
-    static const double back[6][6] = { { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { -1.8485366682621636, 0.0, 0.0, 0.0, 0.0, 0.0 }, { -17.631601587128756, 10.558804728186503, 0.0, 0.0, 0.0, 0.0 }, { 43.65182054686954, -40.087802443765035, 10.279818576010475, 0.0, 0.0, 0.0 }, { -105.84058964242176, 89.65494156265976, -24.593504310310063, 8.468103283975356, 0.0, 0.0 }, { -132.02707597161847, 97.96337774644046, -31.303025590584195, 9.868030987977615, -1.7691899740810053, 0.0 } };
-    static const double share[6] = { 0.0, 0.0, 0.6065416442058904, -0.35634633722581177, 1.1568159026419864, 1.0 };
-    static const double weight[6] = { 44.59618164199451, -35.304949600239034, 9.10972197560695, -2.286091141567749, 0.1828754879616454, 1.0 };
-    static const double wrong[6] = { 0.7641522361446427, -0.6573679684815938, 0.14144711229099638, -0.01754850566540496, -0.030774661879316458, 0.08701562938055106 };
     const lanes inverse = ALL(1.0) / dt;
     lanes times[2];
     lanes kp[2];
     lanes kd[2];
-    lanes turn[2];
+    lanes right[2];
     lanes shifts[2];
     lanes w[2];
     lanes q_part[6][2];
@@ -3281,51 +3306,86 @@ static void one_link_rosenbrock_lanes(const lanes *restrict h, const one_link_dr
         }
     }
     (void)one_link_stage_factors_lanes(h, q, v, kp, kd, times, kept);
-    for (int stage = 0; stage < 6; ++stage) {
-        if (stage < 2) { /* both are at the beginning */
-            for (int i = 0; i < 2; ++i) {
-                v_end[i] = v[i];
-                turn[i] = a[i];
-            }
-        } else {
-            for (int i = 0; i < 2; ++i) {
-                q_end[i] = q[i];
-                v_end[i] = v[i];
-                for (int j = 0; j < stage; ++j) {
-                    q_end[i] += ahead[stage][j] * q_part[j][i];
-                    v_end[i] += ahead[stage][j] * v_part[j][i];
-                }
-            }
-            one_link_accelerated_lanes(h, drive, clock, share[stage], stage, u, target, q_end, v_end, turn);
-        }
-        if ((stage == 1) && (clock->power != NULL)) { (void)memcpy(&clock->power[(4) * (int)LANES], clock->power, (4) * (int)LANES * sizeof *clock->power); }
-        for (int i = 0; i < 2; ++i) {
-            lanes q_back = ALL(0.0);
-            lanes v_back = ALL(0.0);
-            for (int j = 0; j < stage; ++j) {
-                q_back += back[stage][j] * q_part[j][i];
-                v_back += back[stage][j] * v_part[j][i];
-            }
-            shifts[i] = v_end[i] + inverse * q_back;
-            turn[i] += inverse * v_back;
-        }
-        (void)one_link_stage_solution_lanes(h, kept, turn, shifts, w);
-        for (int i = 0; i < 2; ++i) {
-            v_part[stage][i] = times[0] * (turn[i] + w[i]);
-            q_part[stage][i] = times[0] * (v_part[stage][i] + shifts[i]);
-        }
+    for (int i = 0; i < 2; ++i) {
+        shifts[i] = v[i];
+        right[i] = a[i];
+    }
+    (void)one_link_stage_solution_lanes(h, kept, right, shifts, w);
+    for (int i = 0; i < 2; ++i) {
+        v_part[0][i] = times[0] * (right[i] + w[i]);
+        q_part[0][i] = times[0] * (v_part[0][i] + shifts[i]);
+    }
+    if (clock->power != NULL) { (void)memcpy(&clock->power[(4) * (int)LANES], clock->power, (size_t)((4) * (int)LANES) * sizeof *clock->power); }
+    for (int i = 0; i < 2; ++i) {
+        shifts[i] = v[i] + inverse * (-1.8485366682621636 * q_part[0][i]);
+        right[i] = a[i] + inverse * (-1.8485366682621636 * v_part[0][i]);
+    }
+    (void)one_link_stage_solution_lanes(h, kept, right, shifts, w);
+    for (int i = 0; i < 2; ++i) {
+        v_part[1][i] = times[0] * (right[i] + w[i]);
+        q_part[1][i] = times[0] * (v_part[1][i] + shifts[i]);
     }
     for (int i = 0; i < 2; ++i) {
-        q_end[i] = q[i];
-        v_end[i] = v[i];
-        error[i] = ALL(0.0);
-        error[2 + i] = ALL(0.0);
-        for (int j = 0; j < 6; ++j) {
-            q_end[i] += weight[j] * q_part[j][i];
-            v_end[i] += weight[j] * v_part[j][i];
-            error[i] += wrong[j] * q_part[j][i];
-            error[2 + i] += wrong[j] * v_part[j][i];
-        }
+        q_end[i] = q[i] + 1.9577095275421397 * q_part[0][i] + 0.09624753940753493 * q_part[1][i];
+        v_end[i] = v[i] + 1.9577095275421397 * v_part[0][i] + 0.09624753940753493 * v_part[1][i];
+    }
+    one_link_accelerated_lanes(h, drive, clock, 0.6065416442058904, 2, u, target, q_end, v_end, right);
+    for (int i = 0; i < 2; ++i) {
+        shifts[i] = v_end[i] + inverse * (-17.631601587128756 * q_part[0][i] + 10.558804728186503 * q_part[1][i]);
+        right[i] = right[i] + inverse * (-17.631601587128756 * v_part[0][i] + 10.558804728186503 * v_part[1][i]);
+    }
+    (void)one_link_stage_solution_lanes(h, kept, right, shifts, w);
+    for (int i = 0; i < 2; ++i) {
+        v_part[2][i] = times[0] * (right[i] + w[i]);
+        q_part[2][i] = times[0] * (v_part[2][i] + shifts[i]);
+    }
+    for (int i = 0; i < 2; ++i) {
+        q_end[i] = q[i] + -12.640540988794982 * q_part[0][i] + 11.47406531595545 * q_part[1][i] + -2.184901588069644 * q_part[2][i];
+        v_end[i] = v[i] + -12.640540988794982 * v_part[0][i] + 11.47406531595545 * v_part[1][i] + -2.184901588069644 * v_part[2][i];
+    }
+    one_link_accelerated_lanes(h, drive, clock, -0.35634633722581177, 3, u, target, q_end, v_end, right);
+    for (int i = 0; i < 2; ++i) {
+        shifts[i] = v_end[i] + inverse * (43.65182054686954 * q_part[0][i] + -40.087802443765035 * q_part[1][i] + 10.279818576010475 * q_part[2][i]);
+        right[i] = right[i] + inverse * (43.65182054686954 * v_part[0][i] + -40.087802443765035 * v_part[1][i] + 10.279818576010475 * v_part[2][i]);
+    }
+    (void)one_link_stage_solution_lanes(h, kept, right, shifts, w);
+    for (int i = 0; i < 2; ++i) {
+        v_part[3][i] = times[0] * (right[i] + w[i]);
+        q_part[3][i] = times[0] * (v_part[3][i] + shifts[i]);
+    }
+    for (int i = 0; i < 2; ++i) {
+        q_end[i] = q[i] + 45.22669571531797 * q_part[0][i] + -34.051994120856214 * q_part[1][i] + 9.233342776456102 * q_part[2][i] + -2.585735849637662 * q_part[3][i];
+        v_end[i] = v[i] + 45.22669571531797 * v_part[0][i] + -34.051994120856214 * v_part[1][i] + 9.233342776456102 * v_part[2][i] + -2.585735849637662 * v_part[3][i];
+    }
+    one_link_accelerated_lanes(h, drive, clock, 1.1568159026419864, 4, u, target, q_end, v_end, right);
+    for (int i = 0; i < 2; ++i) {
+        shifts[i] = v_end[i] + inverse * (-105.84058964242176 * q_part[0][i] + 89.65494156265976 * q_part[1][i] + -24.593504310310063 * q_part[2][i] + 8.468103283975356 * q_part[3][i]);
+        right[i] = right[i] + inverse * (-105.84058964242176 * v_part[0][i] + 89.65494156265976 * v_part[1][i] + -24.593504310310063 * v_part[2][i] + 8.468103283975356 * v_part[3][i]);
+    }
+    (void)one_link_stage_solution_lanes(h, kept, right, shifts, w);
+    for (int i = 0; i < 2; ++i) {
+        v_part[4][i] = times[0] * (right[i] + w[i]);
+        q_part[4][i] = times[0] * (v_part[4][i] + shifts[i]);
+    }
+    for (int i = 0; i < 2; ++i) {
+        q_end[i] = q[i] + 44.59618164199451 * q_part[0][i] + -35.304949600239034 * q_part[1][i] + 9.10972197560695 * q_part[2][i] + -2.286091141567749 * q_part[3][i] + 0.18287548796164538 * q_part[4][i];
+        v_end[i] = v[i] + 44.59618164199451 * v_part[0][i] + -35.304949600239034 * v_part[1][i] + 9.10972197560695 * v_part[2][i] + -2.286091141567749 * v_part[3][i] + 0.18287548796164538 * v_part[4][i];
+    }
+    one_link_accelerated_lanes(h, drive, clock, 1.0, 5, u, target, q_end, v_end, right);
+    for (int i = 0; i < 2; ++i) {
+        shifts[i] = v_end[i] + inverse * (-132.02707597161847 * q_part[0][i] + 97.96337774644046 * q_part[1][i] + -31.303025590584195 * q_part[2][i] + 9.868030987977615 * q_part[3][i] + -1.7691899740810053 * q_part[4][i]);
+        right[i] = right[i] + inverse * (-132.02707597161847 * v_part[0][i] + 97.96337774644046 * v_part[1][i] + -31.303025590584195 * v_part[2][i] + 9.868030987977615 * v_part[3][i] + -1.7691899740810053 * v_part[4][i]);
+    }
+    (void)one_link_stage_solution_lanes(h, kept, right, shifts, w);
+    for (int i = 0; i < 2; ++i) {
+        v_part[5][i] = times[0] * (right[i] + w[i]);
+        q_part[5][i] = times[0] * (v_part[5][i] + shifts[i]);
+    }
+    for (int i = 0; i < 2; ++i) {
+        q_end[i] = q[i] + 44.59618164199451 * q_part[0][i] + -35.304949600239034 * q_part[1][i] + 9.10972197560695 * q_part[2][i] + -2.286091141567749 * q_part[3][i] + 0.1828754879616454 * q_part[4][i] + 1.0 * q_part[5][i];
+        v_end[i] = v[i] + 44.59618164199451 * v_part[0][i] + -35.304949600239034 * v_part[1][i] + 9.10972197560695 * v_part[2][i] + -2.286091141567749 * v_part[3][i] + 0.1828754879616454 * v_part[4][i] + 1.0 * v_part[5][i];
+        error[i] = 0.7641522361446427 * q_part[0][i] + -0.6573679684815938 * q_part[1][i] + 0.14144711229099638 * q_part[2][i] + -0.01754850566540496 * q_part[3][i] + -0.030774661879316458 * q_part[4][i] + 0.08701562938055106 * q_part[5][i];
+        error[2 + i] = 0.7641522361446427 * v_part[0][i] + -0.6573679684815938 * v_part[1][i] + 0.14144711229099638 * v_part[2][i] + -0.01754850566540496 * v_part[3][i] + -0.030774661879316458 * v_part[4][i] + 0.08701562938055106 * v_part[5][i];
     }
 }
 
@@ -3440,15 +3500,15 @@ static double one_link_worked_lanes(const double *restrict power, int work, int 
 static void one_link_bent_lanes(const lanes *restrict h, const lanes *restrict kept, lanes dt, const lanes *restrict v, const lanes *restrict a, const lanes *restrict v_end, const lanes *restrict a_end, lanes *restrict bend)
 {
     const lanes time = 0.3032708221029452 * dt;
-    lanes turn[2];
+    lanes right[2];
     lanes shifts[2];
     lanes w[2];
     for (int i = 0; i < 2; ++i) {
         shifts[i] = ALL(0.0);
-        turn[i] = (dt * (a[i] + a_end[i]) - (v_end[i] - v[i]) - (v_end[i] - v[i])) / time;
+        right[i] = (dt * (a[i] + a_end[i]) - (v_end[i] - v[i]) - (v_end[i] - v[i])) / time;
     }
-    (void)one_link_stage_solution_lanes(h, kept, turn, shifts, w);
-    for (int i = 0; i < 2; ++i) { bend[i] = time * (turn[i] + w[i]); }
+    (void)one_link_stage_solution_lanes(h, kept, right, shifts, w);
+    for (int i = 0; i < 2; ++i) { bend[i] = time * (right[i] + w[i]); }
 }
 
 /* A lane's state at a share of its step: of the explicit method the polynomial of degree 5 with its coordinates, rates and
