@@ -205,9 +205,9 @@ def _methods(equations: Equations, scalar: Scalar) -> dict[str, Any]:
         },
         "tsit5": {
             "stages": len(TSIT5.b),
-            "ahead": rows(TSIT5.a),
-            "wrong": numbers(TSIT5.error),
-            "share": ", ".join(times(TSIT5.a)),
+            "ahead_of": [terms(row) for row in TSIT5.a],
+            "wrong_of": terms(TSIT5.error),
+            "shares": times(TSIT5.a),
             "doubted": ", ".join(map(repr, TSIT5.error.tolist())),
             "degree": between.shape[1],
             "worked": ", ".join(f"{{ {', '.join(map(repr, row))} }}" for row in between.tolist()),

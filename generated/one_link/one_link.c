@@ -1214,39 +1214,52 @@ static void one_link_rosenbrock(const double *restrict h, const one_link_drive *
 /* One step of the explicit method; ``a`` holds the accelerations at its beginning, ``a_end`` becomes those at its end. */
 static void one_link_tsit5(const double *restrict h, const one_link_drive *restrict drive, const one_link_clock *restrict clock, const double *restrict u, const double *restrict target, double dt, const double *restrict q, const double *restrict v, const double *restrict a, double *restrict q_end, double *restrict v_end, double *restrict a_end, double *restrict error)
 {
-    static const double ahead[7][7] = { { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { 0.161, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { -0.008480655492356989, 0.335480655492357, 0.0, 0.0, 0.0, 0.0, 0.0 }, { 2.8971530571054935, -6.359448489975075, 4.3622954328695815, 0.0, 0.0, 0.0, 0.0 }, { 5.325864828439257, -11.748883564062828, 7.4955393428898365, -0.09249506636175525, 0.0, 0.0, 0.0 }, { 5.86145544294642, -12.92096931784711, 8.159367898576159, -0.071584973281401, -0.028269050394068383, 0.0, 0.0 }, { 0.09646076681806523, 0.01, 0.4798896504144996, 1.379008574103742, -3.290069515436081, 2.324710524099774, 0.0 } };
-    static const double share[7] = { 0.0, 0.161, 0.327, 0.8999999999999999, 0.9800255409045104, 1.0, 1.0 };
-    static const double wrong[7] = { -0.001780011052225771, -0.0008164344596567469, 0.007880878010261995, -0.1447110071732629, 0.5823571654525552, -0.45808210592918697, 0.015151515151515152 };
     double q_rate[7][2];
     double v_rate[7][2];
     for (int i = 0; i < 2; ++i) {
         q_rate[0][i] = v[i];
         v_rate[0][i] = a[i];
     }
-    for (int stage = 1; stage < 7; ++stage) {
-        for (int i = 0; i < 2; ++i) {
-            double q_sum = 0.0;
-            double v_sum = 0.0;
-            for (int j = 0; j < stage; ++j) {
-                q_sum += ahead[stage][j] * q_rate[j][i];
-                v_sum += ahead[stage][j] * v_rate[j][i];
-            }
-            q_end[i] = q[i] + dt * q_sum;
-            v_end[i] = v[i] + dt * v_sum;
-        }
-        one_link_accelerated(h, drive, clock, share[stage], stage, u, target, q_end, v_end, v_rate[stage]);
-        (void)memcpy(q_rate[stage], v_end, sizeof q_rate[stage]);
+    for (int i = 0; i < 2; ++i) {
+        q_end[i] = q[i] + dt * (0.161 * q_rate[0][i]);
+        v_end[i] = v[i] + dt * (0.161 * v_rate[0][i]);
     }
+    one_link_accelerated(h, drive, clock, 0.161, 1, u, target, q_end, v_end, v_rate[1]);
+    (void)memcpy(q_rate[1], v_end, sizeof q_rate[1]);
+    for (int i = 0; i < 2; ++i) {
+        q_end[i] = q[i] + dt * (-0.008480655492356989 * q_rate[0][i] + 0.335480655492357 * q_rate[1][i]);
+        v_end[i] = v[i] + dt * (-0.008480655492356989 * v_rate[0][i] + 0.335480655492357 * v_rate[1][i]);
+    }
+    one_link_accelerated(h, drive, clock, 0.327, 2, u, target, q_end, v_end, v_rate[2]);
+    (void)memcpy(q_rate[2], v_end, sizeof q_rate[2]);
+    for (int i = 0; i < 2; ++i) {
+        q_end[i] = q[i] + dt * (2.8971530571054935 * q_rate[0][i] + -6.359448489975075 * q_rate[1][i] + 4.3622954328695815 * q_rate[2][i]);
+        v_end[i] = v[i] + dt * (2.8971530571054935 * v_rate[0][i] + -6.359448489975075 * v_rate[1][i] + 4.3622954328695815 * v_rate[2][i]);
+    }
+    one_link_accelerated(h, drive, clock, 0.8999999999999999, 3, u, target, q_end, v_end, v_rate[3]);
+    (void)memcpy(q_rate[3], v_end, sizeof q_rate[3]);
+    for (int i = 0; i < 2; ++i) {
+        q_end[i] = q[i] + dt * (5.325864828439257 * q_rate[0][i] + -11.748883564062828 * q_rate[1][i] + 7.4955393428898365 * q_rate[2][i] + -0.09249506636175525 * q_rate[3][i]);
+        v_end[i] = v[i] + dt * (5.325864828439257 * v_rate[0][i] + -11.748883564062828 * v_rate[1][i] + 7.4955393428898365 * v_rate[2][i] + -0.09249506636175525 * v_rate[3][i]);
+    }
+    one_link_accelerated(h, drive, clock, 0.9800255409045104, 4, u, target, q_end, v_end, v_rate[4]);
+    (void)memcpy(q_rate[4], v_end, sizeof q_rate[4]);
+    for (int i = 0; i < 2; ++i) {
+        q_end[i] = q[i] + dt * (5.86145544294642 * q_rate[0][i] + -12.92096931784711 * q_rate[1][i] + 8.159367898576159 * q_rate[2][i] + -0.071584973281401 * q_rate[3][i] + -0.028269050394068383 * q_rate[4][i]);
+        v_end[i] = v[i] + dt * (5.86145544294642 * v_rate[0][i] + -12.92096931784711 * v_rate[1][i] + 8.159367898576159 * v_rate[2][i] + -0.071584973281401 * v_rate[3][i] + -0.028269050394068383 * v_rate[4][i]);
+    }
+    one_link_accelerated(h, drive, clock, 1.0, 5, u, target, q_end, v_end, v_rate[5]);
+    (void)memcpy(q_rate[5], v_end, sizeof q_rate[5]);
+    for (int i = 0; i < 2; ++i) {
+        q_end[i] = q[i] + dt * (0.09646076681806523 * q_rate[0][i] + 0.01 * q_rate[1][i] + 0.4798896504144996 * q_rate[2][i] + 1.379008574103742 * q_rate[3][i] + -3.290069515436081 * q_rate[4][i] + 2.324710524099774 * q_rate[5][i]);
+        v_end[i] = v[i] + dt * (0.09646076681806523 * v_rate[0][i] + 0.01 * v_rate[1][i] + 0.4798896504144996 * v_rate[2][i] + 1.379008574103742 * v_rate[3][i] + -3.290069515436081 * v_rate[4][i] + 2.324710524099774 * v_rate[5][i]);
+    }
+    one_link_accelerated(h, drive, clock, 1.0, 6, u, target, q_end, v_end, v_rate[6]);
+    (void)memcpy(q_rate[6], v_end, sizeof q_rate[6]);
     for (int i = 0; i < 2; ++i) {
         a_end[i] = v_rate[6][i];
-        error[i] = 0.0;
-        error[2 + i] = 0.0;
-        for (int j = 0; j < 7; ++j) {
-            error[i] += wrong[j] * q_rate[j][i];
-            error[2 + i] += wrong[j] * v_rate[j][i];
-        }
-        error[i] *= dt;
-        error[2 + i] *= dt;
+        error[i] = dt * (-0.001780011052225771 * q_rate[0][i] + -0.0008164344596567469 * q_rate[1][i] + 0.007880878010261995 * q_rate[2][i] + -0.1447110071732629 * q_rate[3][i] + 0.5823571654525552 * q_rate[4][i] + -0.45808210592918697 * q_rate[5][i] + 0.015151515151515152 * q_rate[6][i]);
+        error[2 + i] = dt * (-0.001780011052225771 * v_rate[0][i] + -0.0008164344596567469 * v_rate[1][i] + 0.007880878010261995 * v_rate[2][i] + -0.1447110071732629 * v_rate[3][i] + 0.5823571654525552 * v_rate[4][i] + -0.45808210592918697 * v_rate[5][i] + 0.015151515151515152 * v_rate[6][i]);
     }
 }
 
@@ -3392,39 +3405,52 @@ static void one_link_rosenbrock_lanes(const lanes *restrict h, const one_link_dr
 /* One step of the explicit method; ``a`` holds the accelerations at its beginning, ``a_end`` becomes those at its end. */
 static void one_link_tsit5_lanes(const lanes *restrict h, const one_link_drive *restrict drive, const one_link_clock_lanes *restrict clock, const lanes *restrict u, const lanes *restrict target, lanes dt, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, lanes *restrict q_end, lanes *restrict v_end, lanes *restrict a_end, lanes *restrict error)
 {
-    static const double ahead[7][7] = { { 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { 0.161, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0 }, { -0.008480655492356989, 0.335480655492357, 0.0, 0.0, 0.0, 0.0, 0.0 }, { 2.8971530571054935, -6.359448489975075, 4.3622954328695815, 0.0, 0.0, 0.0, 0.0 }, { 5.325864828439257, -11.748883564062828, 7.4955393428898365, -0.09249506636175525, 0.0, 0.0, 0.0 }, { 5.86145544294642, -12.92096931784711, 8.159367898576159, -0.071584973281401, -0.028269050394068383, 0.0, 0.0 }, { 0.09646076681806523, 0.01, 0.4798896504144996, 1.379008574103742, -3.290069515436081, 2.324710524099774, 0.0 } };
-    static const double share[7] = { 0.0, 0.161, 0.327, 0.8999999999999999, 0.9800255409045104, 1.0, 1.0 };
-    static const double wrong[7] = { -0.001780011052225771, -0.0008164344596567469, 0.007880878010261995, -0.1447110071732629, 0.5823571654525552, -0.45808210592918697, 0.015151515151515152 };
     lanes q_rate[7][2];
     lanes v_rate[7][2];
     for (int i = 0; i < 2; ++i) {
         q_rate[0][i] = v[i];
         v_rate[0][i] = a[i];
     }
-    for (int stage = 1; stage < 7; ++stage) {
-        for (int i = 0; i < 2; ++i) {
-            lanes q_sum = ALL(0.0);
-            lanes v_sum = ALL(0.0);
-            for (int j = 0; j < stage; ++j) {
-                q_sum += ahead[stage][j] * q_rate[j][i];
-                v_sum += ahead[stage][j] * v_rate[j][i];
-            }
-            q_end[i] = q[i] + dt * q_sum;
-            v_end[i] = v[i] + dt * v_sum;
-        }
-        one_link_accelerated_lanes(h, drive, clock, share[stage], stage, u, target, q_end, v_end, v_rate[stage]);
-        (void)memcpy(q_rate[stage], v_end, sizeof q_rate[stage]);
+    for (int i = 0; i < 2; ++i) {
+        q_end[i] = q[i] + dt * (0.161 * q_rate[0][i]);
+        v_end[i] = v[i] + dt * (0.161 * v_rate[0][i]);
     }
+    one_link_accelerated_lanes(h, drive, clock, 0.161, 1, u, target, q_end, v_end, v_rate[1]);
+    (void)memcpy(q_rate[1], v_end, sizeof q_rate[1]);
+    for (int i = 0; i < 2; ++i) {
+        q_end[i] = q[i] + dt * (-0.008480655492356989 * q_rate[0][i] + 0.335480655492357 * q_rate[1][i]);
+        v_end[i] = v[i] + dt * (-0.008480655492356989 * v_rate[0][i] + 0.335480655492357 * v_rate[1][i]);
+    }
+    one_link_accelerated_lanes(h, drive, clock, 0.327, 2, u, target, q_end, v_end, v_rate[2]);
+    (void)memcpy(q_rate[2], v_end, sizeof q_rate[2]);
+    for (int i = 0; i < 2; ++i) {
+        q_end[i] = q[i] + dt * (2.8971530571054935 * q_rate[0][i] + -6.359448489975075 * q_rate[1][i] + 4.3622954328695815 * q_rate[2][i]);
+        v_end[i] = v[i] + dt * (2.8971530571054935 * v_rate[0][i] + -6.359448489975075 * v_rate[1][i] + 4.3622954328695815 * v_rate[2][i]);
+    }
+    one_link_accelerated_lanes(h, drive, clock, 0.8999999999999999, 3, u, target, q_end, v_end, v_rate[3]);
+    (void)memcpy(q_rate[3], v_end, sizeof q_rate[3]);
+    for (int i = 0; i < 2; ++i) {
+        q_end[i] = q[i] + dt * (5.325864828439257 * q_rate[0][i] + -11.748883564062828 * q_rate[1][i] + 7.4955393428898365 * q_rate[2][i] + -0.09249506636175525 * q_rate[3][i]);
+        v_end[i] = v[i] + dt * (5.325864828439257 * v_rate[0][i] + -11.748883564062828 * v_rate[1][i] + 7.4955393428898365 * v_rate[2][i] + -0.09249506636175525 * v_rate[3][i]);
+    }
+    one_link_accelerated_lanes(h, drive, clock, 0.9800255409045104, 4, u, target, q_end, v_end, v_rate[4]);
+    (void)memcpy(q_rate[4], v_end, sizeof q_rate[4]);
+    for (int i = 0; i < 2; ++i) {
+        q_end[i] = q[i] + dt * (5.86145544294642 * q_rate[0][i] + -12.92096931784711 * q_rate[1][i] + 8.159367898576159 * q_rate[2][i] + -0.071584973281401 * q_rate[3][i] + -0.028269050394068383 * q_rate[4][i]);
+        v_end[i] = v[i] + dt * (5.86145544294642 * v_rate[0][i] + -12.92096931784711 * v_rate[1][i] + 8.159367898576159 * v_rate[2][i] + -0.071584973281401 * v_rate[3][i] + -0.028269050394068383 * v_rate[4][i]);
+    }
+    one_link_accelerated_lanes(h, drive, clock, 1.0, 5, u, target, q_end, v_end, v_rate[5]);
+    (void)memcpy(q_rate[5], v_end, sizeof q_rate[5]);
+    for (int i = 0; i < 2; ++i) {
+        q_end[i] = q[i] + dt * (0.09646076681806523 * q_rate[0][i] + 0.01 * q_rate[1][i] + 0.4798896504144996 * q_rate[2][i] + 1.379008574103742 * q_rate[3][i] + -3.290069515436081 * q_rate[4][i] + 2.324710524099774 * q_rate[5][i]);
+        v_end[i] = v[i] + dt * (0.09646076681806523 * v_rate[0][i] + 0.01 * v_rate[1][i] + 0.4798896504144996 * v_rate[2][i] + 1.379008574103742 * v_rate[3][i] + -3.290069515436081 * v_rate[4][i] + 2.324710524099774 * v_rate[5][i]);
+    }
+    one_link_accelerated_lanes(h, drive, clock, 1.0, 6, u, target, q_end, v_end, v_rate[6]);
+    (void)memcpy(q_rate[6], v_end, sizeof q_rate[6]);
     for (int i = 0; i < 2; ++i) {
         a_end[i] = v_rate[6][i];
-        error[i] = ALL(0.0);
-        error[2 + i] = ALL(0.0);
-        for (int j = 0; j < 7; ++j) {
-            error[i] += wrong[j] * q_rate[j][i];
-            error[2 + i] += wrong[j] * v_rate[j][i];
-        }
-        error[i] *= dt;
-        error[2 + i] *= dt;
+        error[i] = dt * (-0.001780011052225771 * q_rate[0][i] + -0.0008164344596567469 * q_rate[1][i] + 0.007880878010261995 * q_rate[2][i] + -0.1447110071732629 * q_rate[3][i] + 0.5823571654525552 * q_rate[4][i] + -0.45808210592918697 * q_rate[5][i] + 0.015151515151515152 * q_rate[6][i]);
+        error[2 + i] = dt * (-0.001780011052225771 * v_rate[0][i] + -0.0008164344596567469 * v_rate[1][i] + 0.007880878010261995 * v_rate[2][i] + -0.1447110071732629 * v_rate[3][i] + 0.5823571654525552 * v_rate[4][i] + -0.45808210592918697 * v_rate[5][i] + 0.015151515151515152 * v_rate[6][i]);
     }
 }
 
