@@ -36,7 +36,9 @@ PLACES, FACTORS = (-2.0, -1.0, 1.0, 2.0), (1.0 / 12.0, -8.0 / 12.0, 8.0 / 12.0, 
 DRIVES = 4  # steps whose drives errors are taken of
 
 
-def gradients(rounds: int, robots: Sequence[str] = ROBOTS, steps: int = STEPS) -> tuple[tuple[Gradient, ...], list[str]]:
+def gradients(
+    rounds: int, robots: Sequence[str] = ROBOTS, steps: int = STEPS
+) -> tuple[tuple[Gradient, ...], list[str]]:
     """Least times and errors of all ways, and why others are missing.
 
     Raises:
