@@ -1,4 +1,4 @@
-"""What starts and first builds cost: ``python -m benchmarks.builds [--rounds ROUNDS] [--deep ROUNDS] [--output FILE] [ROBOT ...]``.
+"""What starts and first builds cost: ``python -m benchmarks.builds [--rounds N] [--deep N] [-o FILE] [ROBOT ...]``.
 
 All of them take turns, each in a process of its own with an empty cache; the least of all rounds counts.
 """
@@ -50,8 +50,7 @@ BUILDS = {
 }
 DIFFERENTIATED = ("ur5", "Talos")  # robots of the last two
 BARS: Mapping[tuple[str, str], tuple[float, float]] = {  # (robot, what) -> seconds on the clock, MB that are to hold
-    ("ur5", EVERY): (5.0, 2000.0),
-    ("Talos", EVERY): (60.0, 2000.0),
+    (robot, what): (seconds, 2000.0) for robot, seconds in (("ur5", 5.0), ("Talos", 60.0)) for what in (DYNAMICS, EVERY)
 }
 WORK = """
 import json, resource, sys, warnings
@@ -79,10 +78,10 @@ A kernel is derived and compiled when it is first called, and comes from the cac
 batches are compiled when a batch is first asked for. These are times
 without a cache, Python's start and NumPy's import included; SymPy is not imported, since what it says of a joint is
 kept ([Theory](theory.md)). Measured on {processor} with {cores} cores by `python -m benchmarks.builds`: the least of
-{rounds} rounds in turns, in seconds. The time of all kernels is that of one library with all but derivatives. Derivatives
-of the dynamics are, in one library with functions for batches, the first and second ones of inverse and forward dynamics
-and gradients of rollouts by all methods; those of all kernels are all that `kernels=` can name, and what is to hold of
-them stands in brackets. They are built {deep} time(s).
+{rounds} rounds in turns, in seconds. The time of all kernels is that of one library with all but derivatives.
+Derivatives of the dynamics are, in one library with functions for batches, first and second ones of inverse and forward
+dynamics and gradients of rollouts by all methods; those of all kernels are all that `kernels=` can name. In brackets
+stands what is to hold of them, in seconds and MB on two quiet cores; they are built {deep} time(s).
 """
 
 
@@ -159,7 +158,7 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("robots", nargs="*", metavar="ROBOT", help=f"names or paths (default: {' '.join(ROBOTS)})")
     parser.add_argument("--rounds", type=int, default=3, help="turns of each (3)")
     parser.add_argument("--deep", type=int, default=1, help="builds of derivatives, minutes each (1)")
-    parser.add_argument("--output", type=Path, default=PAGE, metavar="FILE", help="the page (docs/builds.md)")
+    parser.add_argument("-o", "--output", type=Path, default=PAGE, metavar="FILE", help="the page (docs/builds.md)")
     options = parser.parse_args(words)
     options.output.write_text(page(options.robots or ROBOTS, options.rounds, options.deep), encoding="ascii")
     return 0

@@ -85,11 +85,12 @@ def rolled(report: Report) -> list[str]:
     heads = [f"{gradient.title}, ms | error" for gradient in report.gradients]
     lines = [
         "",
-        f"The gradient of a sum of the coordinates after {first.steps} steps of 1 ms, by where they begin and the drives of"
-        f" every step, in milliseconds on {first.processor}, the least of many rounds in turns. Ours are called from"
-        " Python. MuJoCo's is that of transition matrices by `mjd_transitionFD` in every step, chained backwards in C, its"
-        " `discrete` steps being those of `implicit`. JAX differentiates steps that call our kernels, and our whole rollout,"
-        " through the adapter. Errors are relative, beside central differences of fourth order of the same steps:",
+        f"The gradient of a sum of the coordinates after {first.steps} steps of 1 ms, by where they begin and by the"
+        f" drives of every step: milliseconds on {first.processor}, the least of many rounds in turns. Ours are called"
+        " from Python. MuJoCo's has transition matrices by `mjd_transitionFD` in every step, chained backwards in C;"
+        " its `discrete` steps are those of `implicit`. JAX differentiates steps that call our kernels, and our whole"
+        " rollout, through the adapter. Errors are relative, beside central differences of fourth order of the same"
+        " steps:",
         "",
         f"| gradient | {' | '.join(heads)} |",
         "|---" + "|---:" * (2 * len(heads)) + "|",

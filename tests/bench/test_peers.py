@@ -177,6 +177,12 @@ def test_a_chain_repeats_its_joints(built: Build) -> None:
     assert robot.joints[6].parent == "link6"
 
 
+def test_urdfs_are_open_trees() -> None:
+    """As peers read them: a finger that mimics another one is free."""
+    assert not case("Panda").robot.couplings
+    assert case("Panda").coordinates == 9
+
+
 def test_model_text_is_the_robot() -> None:
     """Pinocchio's own reading of an URDF, and one joint per coordinate of a chain."""
     pinocchio = pytest.importorskip("pinocchio")

@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from benchmarks.peers import pinocchio_peer
 from benchmarks.peers.cases import Case, case
 from benchmarks.peers.contender import MissingPeer
 from eomgen.codegen.kernels.equations import derive
