@@ -20,6 +20,7 @@ USED = (*FLAGS, *NATIVE)
 NAMES = {  # of kernels that are called otherwise here
     "derivatives": "residual_jacobian",
     "forward_derivatives": "forward_dynamics_jacobian",
+    "second_derivatives": "inverse_dynamics_hessian",
     "step": "rollout",
 }
 STEP = Path(__file__).with_name("ours_step.c")

@@ -24,14 +24,15 @@ def derive_derivative(model: Model, kernel: str, derive: Derive) -> Program:
         derive: gives the program of one entry of the tables by its name.
     """
     signature, size = SIGNATURES[kernel], shapes(model)
-    program = whole_program(model, signature.derivative_of, derive)
     if signature.kind == "tangent":
         rates = {PARAMETERS: PARAMETER_RATES} if signature.by_parameters else RATES
-        return run_passes(tangent(program, rates, kernel))
+        return run_passes(tangent(whole_program(model, signature.derivative_of, derive), rates, kernel))
     *reads, weights = signature.reads
     if "kept" in reads:
         size["kept"] = (sum(key[0] == "out" for key in derive("stage_factors").outputs),)
     wanted = {array: math.prod(size[array]) for array in reads if array not in TIMES}
     if signature.by_parameters:
         wanted[PARAMETERS] = len(model.parameters)
-    return run_passes((adjoint if signature.kind == "adjoint" else hessian)(program, weights, wanted, kernel))
+    if signature.kind == "hessian":
+        return run_passes(hessian(derive(f"{signature.derivative_of}_adjoint"), wanted, kernel))
+    return run_passes(adjoint(whole_program(model, signature.derivative_of, derive), weights, wanted, kernel))
