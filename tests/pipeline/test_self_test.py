@@ -377,4 +377,4 @@ def test_what_rounding_makes_finite_is_not_held_against_a_binary() -> None:
 def test_spread_of_copies(values: list[float], expected: float) -> None:
     state, *copies = values
     lanes = np.concatenate([np.full(len(STATES), state), np.tile(copies, MEASURED)])
-    assert spread(lanes) == pytest.approx(np.full(expected), rel=0.1)
+    assert spread(lanes) == pytest.approx(np.full(MEASURED, expected), rel=0.1)
