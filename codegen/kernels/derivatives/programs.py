@@ -27,7 +27,7 @@ def derive_derivative(model: Model, kernel: str, derive: Derive) -> Program:
     program = whole_program(model, signature.derivative_of, derive)
     if signature.kind == "tangent":
         rates = {PARAMETERS: PARAMETER_RATES} if signature.by_parameters else RATES
-        return run_passes(tangent(program, rates, kernel))
+        return run_passes(tangent(program, rates, kernel, {PARAMETERS: len(model.parameters)}))
     *reads, weights = signature.reads
     if "kept" in reads:
         size["kept"] = (sum(key[0] == "out" for key in derive("stage_factors").outputs),)
