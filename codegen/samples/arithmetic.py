@@ -75,7 +75,7 @@ class Lanes(np.ndarray[Any, Any]):
         result = getattr(ufunc, method)(*plain, **options)
         if method != "__call__" or result.dtype != first.dtype:
             return result
-        if ufunc in _ROUNDING:
+        if ufunc in _ROUNDING and result.size:
             count, lanes = result.size // result.shape[-1], first.rows.shape[1]
             rows = first.rows[(first.taken[0] + np.arange(count)) % len(first.rows)]
             first.taken[0] += count

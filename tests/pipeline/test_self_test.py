@@ -17,7 +17,7 @@ from eomgen.codegen.kernels.signatures import KERNELS
 from eomgen.codegen.package.compile import fuses, processor
 from eomgen.codegen.program.ir import Graph, finish
 from eomgen.codegen.samples.answers import samples
-from eomgen.codegen.samples.arithmetic import Arithmetic, polynomials, spread
+from eomgen.codegen.samples.arithmetic import COPIES, Arithmetic, polynomials, spread
 from eomgen.codegen.samples.composed import COMPOSED, FRAMED
 from eomgen.codegen.samples.rounding import telling_lanes
 from eomgen.codegen.samples.stored import MEASURED, ROUNDED, STATES, read_samples
@@ -378,3 +378,21 @@ def test_spread_of_copies(values: list[float], expected: float) -> None:
     state, *copies = values
     lanes = np.concatenate([np.full(len(STATES), state), np.tile(copies, MEASURED)])
     assert spread(lanes) == pytest.approx(np.full(MEASURED, expected), rel=0.1)
+
+
+def test_lanes_round_their_copies_alone() -> None:
+    """By a few units in the last place, by others in every operation and number; where nothing is, nothing happens."""
+    arithmetic, shape = Arithmetic("float64"), (3, len(STATES) + MEASURED * COPIES)
+    plain = np.random.default_rng(0).uniform(1.0, 2.0, shape)
+    lanes = arithmetic.lanes(plain)
+    for found, wanted in (
+        (lanes * lanes, plain * plain),
+        (2.0 - lanes, 2.0 - plain),
+        (lanes[0] / lanes[1:], plain[0] / plain[1:]),
+    ):
+        off = np.abs(np.asarray(found) / wanted - 1.0)
+        assert not off[..., : len(STATES)].any()
+        assert 1e-17 < off[..., len(STATES) :].mean() < off.max() < 1e-14
+    assert not np.array_equal(lanes * lanes, lanes * lanes)
+    assert np.array_equal(abs(-lanes), plain)
+    assert (lanes[:0] * lanes[:0]).shape == (0, shape[1])

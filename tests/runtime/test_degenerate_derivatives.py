@@ -135,3 +135,22 @@ def test_parameters_of_a_robot_that_turns_freely(built: Build) -> None:
     found = kernel.parameter_jacobian("forward_dynamics", state)
     np.testing.assert_allclose(found[:3], np.eye(3), atol=1e-12)
     np.testing.assert_allclose(found[3:], 0.0, atol=1e-12)
+
+
+def test_a_rollout_that_begins_at_a_dead_mechanism_has_no_gradient(built: Build) -> None:
+    """Implicit steps go on from there, to one of the sides; open states are closed, and beside it there is one."""
+    names = ("forward_dynamics", "constraint_jacobian", "mass_matrix", "rollout", "implicit_gradient")
+    kernel = built(parallelogram(), *names)
+
+    def loss(t: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+        return float(q[..., -1, 0].sum()), np.zeros_like(q), np.zeros_like(v)
+
+    still, flat, beside = np.zeros(3), np.zeros(3), np.array([0.5, -0.5, 0.5])
+    drives = np.zeros((2, 3))
+    with pytest.raises(SingularError, match="loop hinge is at a singular pose"):
+        kernel.rollout_gradient(flat, still, drives, 1e-3, 2, loss=loss, method="implicit")
+    with pytest.raises(SingularError, match=r"loop hinge is at a singular pose.* in state 1"):
+        kernel.rollout_gradient(np.array([beside, flat]), still, drives, 1e-3, 2, loss=loss, method="implicit")
+    for q in (beside, beside + 1e-4):
+        _, by = kernel.rollout_gradient(q, still, drives, 1e-3, 2, loss=loss, method="implicit")
+        assert np.isfinite(by["q"]).all()

@@ -15,10 +15,10 @@ import eomgen
 from eomgen import InputError, UnknownNameError
 from eomgen.integration.solve import integrate
 from eomgen.motion.ends import default_motion
-from eomgen.pictures.simulation import plot_result
-from eomgen.robot.value import COORDINATES, Coordinate
 from eomgen.motion.splines import Standstill
 from eomgen.motion.timetable import TimeTable
+from eomgen.pictures.simulation import plot_result
+from eomgen.robot.value import COORDINATES, Coordinate
 from eomgen.simulation.controls import Actuators, JointPD, NoControl, TableTorque
 from eomgen.simulation.result import load_result
 from eomgen.simulation.run import simulate
