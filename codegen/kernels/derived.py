@@ -46,10 +46,10 @@ def _of(name: str, kernel: Signature) -> dict[str, Signature]:
     """The derivatives of one function."""
     x, own = ", ".join(kernel.reads), "_".join(kernel.reads)
     rates, weighted = tuple(RATES[array] for array in kernel.reads), f"{name} along weights"
-    none = Signature(kernel.reads, kernel.writes, "", derivative_of=name, needs=kernel.needs)
+    none = Signature(kernel.reads, kernel.writes, "", derivative_of=name, needs=kernel.needs, solves=kernel.solves)
     tangent = replace(none, kind="tangent", reads=(*none.reads, *rates))
     along = replace(none, kind="tangent", reads=(*none.reads, PARAMETER_RATES), by_parameters=True)
-    back = replace(none, reads=(*none.reads, f"{WEIGHTS}{kernel.writes}"), solves=kernel.solves)
+    back = replace(none, reads=(*none.reads, f"{WEIGHTS}{kernel.writes}"))
     adjoint = replace(back, kind="adjoint", writes=f"{GRADIENT}{own}")
     whole = replace(adjoint, writes=f"{adjoint.writes}{WITH_PARAMETERS}", by_parameters=True)
     hessian = replace(back, kind="hessian", writes=f"{HESSIAN}{own}")

@@ -26,7 +26,8 @@ def derive_derivative(model: Model, kernel: str, derive: Derive) -> Program:
     signature, size = SIGNATURES[kernel], shapes(model)
     if signature.kind == "tangent":
         rates = {PARAMETERS: PARAMETER_RATES} if signature.by_parameters else RATES
-        return run_passes(tangent(whole_program(model, signature.derivative_of, derive), rates, kernel))
+        program = whole_program(model, signature.derivative_of, derive)
+        return run_passes(tangent(program, rates, kernel, {PARAMETERS: len(model.parameters)}))
     *reads, weights = signature.reads
     if "kept" in reads:
         size["kept"] = (sum(key[0] == "out" for key in derive("stage_factors").outputs),)

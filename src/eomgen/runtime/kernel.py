@@ -630,6 +630,7 @@ class Kernel:
         Raises:
             UnknownNameError: no such method, parameter or frame, or the kernel was built without its derivatives.
             InputError: another number of arguments or rates.
+            SingularError: of "forward_dynamics" and what is like it, where there are no accelerations.
         """
         return jvp(self._differentiated(name), args, tangents, parameters)
 
@@ -651,7 +652,7 @@ class Kernel:
             (parameters,).
 
         Raises:
-            UnknownNameError, InputError: as of ``jvp``.
+            UnknownNameError, InputError, SingularError: as of ``jvp``.
         """
         return vjp(self._differentiated(name), args, cotangent, parameters)
 
@@ -667,7 +668,7 @@ class Kernel:
             "inverse_dynamics" and "forward_dynamics".
 
         Raises:
-            UnknownNameError, InputError: as of ``jvp``.
+            UnknownNameError, InputError, SingularError: as of ``jvp``.
         """
         return hessian(self._differentiated(name), args, cotangent)
 
@@ -682,7 +683,7 @@ class Kernel:
             Of the result's shape with one more axis, (..., parameters).
 
         Raises:
-            UnknownNameError, InputError: as of ``jvp``.
+            UnknownNameError, InputError, SingularError: as of ``jvp``.
         """
         return parameter_jacobian(self._differentiated(name), args, parameters)
 
@@ -923,7 +924,7 @@ class Kernel:
         Raises:
             UnknownNameError: no such parameter, or the kernel was built without the method's gradient.
             InputError: as of ``rollout``; a loss that returns something else; joints that turn freely.
-            SingularError, IntegrationStopped: as of ``rollout``.
+            SingularError, IntegrationStopped: as of ``rollout``; a mechanism begins in a singular pose.
         """
         return rollout_gradient(
             self.calls,

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...errors import ArrayError, InputError
+from ...errors import ArrayError, InputError, LoopError
 from ...names import show
 from ..calls import Calls
 from ..derivatives import parameter_slots
@@ -173,6 +174,7 @@ def rollout_gradient(
     label, number = ("samples", 1 if samples is None else samples) if chooses else ("steps", steps)
     rows = whole_number(label, number, most)
     motion = Motion(calls, function, read_given(calls, driven, rows, count, q0=q0, v0=v0, u=u, **controlled))
+    _refuse_singular(calls, q0, v0)
     if chooses:
         times: Array = np.linspace(0.0, length_of_time(duration), rows + 1)
         allowed = tolerances(calls, rtol, atol, _adaptive(calls).library.meta)
@@ -194,6 +196,16 @@ def rollout_gradient(
     for state, way in enumerate(ways):
         motion.add_start(state, way.back(by_q[state], by_v[state]))
     return value, motion.gradients(parameters, slots)
+
+
+def _refuse_singular(calls: Calls, q: ArrayLike, v: ArrayLike) -> None:
+    """SingularError where motions begin in singular poses of a mechanism, which implicit steps go on from one way.
+
+    An open state is not refused: steps close it.
+    """
+    if calls.raw.libraries.meta.get("constraints") and "forward_dynamics" in calls.raw.functions:
+        with suppress(LoopError):
+            calls.run("forward_dynamics", None, (q, v, np.zeros(calls.n, calls.dtype)))
 
 
 def _function(calls: Calls, method: str) -> RawFunction:
