@@ -56,12 +56,14 @@ int mujoco_forward_dynamics(const double *h, const double *q, const double *v, c
     return done(p, p->data->qacc, NULL, out);
 }
 
-/* One step of the model's own integrator and length; q and v after it. */
+enum { STEPS = 10 };
+
+/* Steps of the model's own integrator and length; q and v after them. */
 int mujoco_step(const double *h, const double *q, const double *v, const double *u, double *out)
 {
     const Peer *p = set(h, q, v);
     memcpy(p->data->qfrc_applied, u, (size_t)p->model->nv * sizeof(double));
-    mj_step(p->model, p->data);
+    for (int step = 0; step < STEPS; ++step) mj_step(p->model, p->data);
     return done(p, p->data->qpos, p->data->qvel, out);
 }
 

@@ -29,6 +29,7 @@ CODE: Mapping[str, tuple[str, str]] = {  # kernel -> function, what it is in MuJ
     "step": ("mujoco_step", "mj_step, discrete"),
 }
 STEP = "discrete"  # the integrator of steps: implicit in position, as ours
+CONTINUOUS = "implicitfast"  # with which mj_inverse and mj_forward are those of the motion, and not of its steps
 FFI.cdef("void *mujoco_peer_load(const char *path, char *error);")
 for _name, _ in CODE.values():
     FFI.cdef(f"void {_name}(void);")  # an address is all that is used

@@ -47,7 +47,7 @@ class Ours:
         return Contender(BATCH if batch else NAME, code, address, batch=batch, kept=(self, setup))
 
     def step(self, dt: float, states: int = 0) -> Contender:
-        """One linearly implicit step of so many seconds, q and v after it; with ``states`` that of so many in one call.
+        """Ten linearly implicit steps of dt, s, q and v after them; with ``states`` those of so many in one call.
 
         Raises:
             MissingPeer: the robot is too large.

@@ -15,7 +15,7 @@ KERNELS: Mapping[str, str] = {
     "derivatives": "derivatives of inverse dynamics",
     "forward_derivatives": "derivatives of forward dynamics",
     "second_derivatives": "second derivatives of inverse dynamics, contracted",
-    "step": "one linearly implicit step",
+    "step": "ten linearly implicit steps",
 }
 CALLED: Mapping[str, str] = {
     **KERNELS,
@@ -54,7 +54,7 @@ def summary(report: Report) -> list[str]:
         alone, many = (_cell(report.entry(ELASTIC, "step", batch), "MuJoCo") for batch in (False, True))
         lines += [
             "",
-            f"One linearly implicit step of the {step.title} beside MuJoCo's `discrete`, which is the same scheme with"
+            f"Ten linearly implicit steps of the {step.title} beside MuJoCo's `discrete`, which is the same scheme with"
             f" the same results: {alone}; per state of {report.batch_states}: {many}.",
         ]
     return lines

@@ -67,7 +67,7 @@ class Run:
         for name, make in (
             (pinocchio_peer.NAME, lambda: PinocchioPeer(given)),
             (casadi_peer.NAME, lambda: CasadiPeer(given, USED)),
-            (mujoco_peer.NAME, lambda: MujocoPeer(given.robot)),
+            (mujoco_peer.NAME, lambda: MujocoPeer(given.robot, mujoco_peer.CONTINUOUS)),
         ):
             if name in self.missing:
                 continue
@@ -133,13 +133,14 @@ class Run:
         for kernel, name in (*((slope, pinocchio_peer.NAME) for slope in slopes), ("step", mujoco_peer.NAME)):
             if name not in peers or (kernel == "step") != (given.key == ELASTIC):
                 continue
-            contenders = _contenders({name: peers[name]}, kernel)
             made = Ours(given.robot, (kernel,), self.progress)
             if kernel == "step":
+                contenders = [MujocoPeer(given.robot).contender(kernel)]
                 single, many = (made.step(mujoco_peer.TIME_STEP, states) for states in (0, BATCH_STATES))
                 yield self.entry(given, kernel, [single, *contenders], stopwatch, missing)
                 yield self.entry(given, kernel, [many, single, *contenders], stopwatch, missing, batch=True)
                 continue
+            contenders = _contenders({name: peers[name]}, kernel)
             inverted = kernel == "forward_derivatives"
             condition = _condition(peers[TEXTBOOK], given.coordinates) if inverted else None
             yield self.entry(
