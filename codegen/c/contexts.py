@@ -203,9 +203,10 @@ def _methods(equations: Equations, scalar: Scalar) -> dict[str, Any]:
 
 def kept_of_a_step(model: Model) -> dict[str, int]:
     """How many numbers of a step the C of each gradient keeps, if it is given room for them."""
-    explicit = 3 * max(len(RK4.b), len(TSIT5.b) - 1)  # q, v and accelerations of a stage
-    rosenbrock = 6 * len(W643.b)  # q, v, what is solved with, and parts of the end
-    each = {"explicit_gradient": explicit, "implicit_gradient": 1, "rosenbrock_gradient": rosenbrock}
+    closed, stages = bool(model.constraints), max(len(RK4.b), len(TSIT5.b) - 1)
+    explicit = (3 if closed else 1) * stages  # accelerations of a stage; of loops q and v, which were closed, as well
+    rosenbrock = (6 if closed else 2) * len(W643.b)  # what is solved for, parts of the end; of loops all of a stage
+    each = {"explicit_gradient": explicit, "implicit_gradient": int(closed), "rosenbrock_gradient": rosenbrock}
     return {name: model.size * number for name, number in each.items()}
 
 

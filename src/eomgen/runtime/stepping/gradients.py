@@ -5,10 +5,11 @@ A generated package carries a copy of this file.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,6 +30,8 @@ Loss = Callable[[Array, Array, Array], tuple[Any, ArrayLike, ArrayLike]]
 WAYS = {"rk4": ("explicit", 0), "tsit5": ("explicit", 1), "implicit": ("implicit", 0), "rosenbrock": ("rosenbrock", 0)}
 ROOM = 2**22  # numbers that are kept of all steps; of longer motions parts are stepped through once more
 SHORTEST = 256  # steps of such a part: shorter ones would take longer in Python than in C
+PART = 2**14  # coordinates of the steps of a part where all are kept: derivatives by them stay near to the processor
+STAYS = 2**20  # numbers of room that stays for the next gradient
 RECORDED = 512  # ends of steps that a call tells
 
 
@@ -66,10 +69,10 @@ class Way:
         self._calls, self._function, self._drive, self._slopes, self.steps = calls, function, drive, slopes, steps
         self._forwards = function.library.function(f"{kind}_states")
         self._kept: int = function.library.meta["kept"][function.name]  # numbers of a step, which spare work
-        size = len(steps.dt)
+        size, steady = len(steps.dt), max(PART // calls.n, SHORTEST)
         self.is_kept = size * (2 * calls.n + self._kept) <= room
-        self._length = size if self.is_kept else max(math.isqrt(size - 1) + 1, SHORTEST)
-        self._parts: list[tuple[Array, Array, Array]] = []
+        self._length = min(steady, size) if self.is_kept else max(math.isqrt(size - 1) + 1, SHORTEST)
+        self._ends: list[tuple[Array, Array]] = []  # where parts begin
 
     def _begins(self) -> range:
         return range(0, len(self.steps.dt), self._length)
@@ -80,33 +83,45 @@ class Way:
         last = end + (end == len(self.steps.dt))
         return slice(begin, end), (self.steps.told >= begin) & (self.steps.told < last)
 
-    def there(self, q: Array, v: Array) -> tuple[Array, Array] | None:
+    def numbers(self) -> int:
+        """How many numbers of room it takes."""
+        size = len(self.steps.dt) if self.is_kept else self._length
+        parts = len(self._begins()) if self.is_kept else 1
+        return 2 * (size + parts) * self._calls.n + size * self._kept
+
+    def _of_room(self, part: slice, room: Array) -> tuple[Array, Array, Array]:
+        """Where states before the steps of a part and behind the last one are, and what is kept of them."""
+        n, count = self._calls.n, part.stop - part.start
+        begin = (part.start * (2 * n + self._kept) + 2 * n * (part.start // self._length)) if self.is_kept else 0
+        ends = np.cumsum([begin, (count + 1) * n, (count + 1) * n, count * self._kept])
+        q, v, kept = (room[i:j] for i, j in itertools.pairwise(ends.tolist()))
+        return q.reshape(-1, n), v.reshape(-1, n), kept
+
+    def there(self, q: Array, v: Array, room: Array) -> tuple[Array, Array] | None:
         """The samples, (samples, n) each; None where a state is not finite, or has no accelerations.
 
         Args:
             q, v: where it begins, (n,).
+            room: so many numbers, which are kept for the way back.
         """
         told = tuple(np.empty((self.steps.told.size, self._calls.n), self._calls.dtype) for _ in range(2))
         for begin in self._begins():
             part, here = self._of(begin)
-            found = self._run(part, q, v, keep=self.is_kept)
-            if found is None or not (np.isfinite(found[0]).all() and np.isfinite(found[1]).all()):
+            self._ends.append((q.copy(), v.copy()))
+            states = self._run(part, room, keep=self.is_kept)
+            if states is None or not (np.isfinite(states[0]).all() and np.isfinite(states[1]).all()):
                 return None
-            for samples, states in zip(told, found, strict=False):
-                samples[here] = states[self.steps.told[here] - begin]
-            q, v = found[0][-1], found[1][-1]
-            self._parts.append(found if self.is_kept else (found[0][:1].copy(), found[1][:1].copy(), found[2]))
+            for samples, own in zip(told, states, strict=False):
+                samples[here] = own[self.steps.told[here] - begin]
+            q, v = states[0][-1], states[1][-1]
         return told[0], told[1]
 
-    def _run(self, part: slice, q: Array, v: Array, *, keep: bool) -> tuple[Array, Array, Array] | None:
+    def _run(self, part: slice, room: Array, *, keep: bool) -> tuple[Array, Array, Array] | None:
         """States before the steps of a part and behind the last one, and what is kept of them."""
-        view, count = self._calls.raw.view, part.stop - part.start
-        states = [np.empty((count + 1, self._calls.n), self._calls.dtype) for _ in range(2)]
-        states[0][0], states[1][0] = q, v
-        kept = np.empty((count, self._kept) if keep else (0, 0), self._calls.dtype)
-        pointer = view(kept.reshape(-1)) if keep else FFI.NULL
-        status = self._forwards(*self._before(part), *map(view, states), pointer)
-        return (states[0], states[1], kept) if status < 0 else None
+        view, (q, v, kept) = self._calls.raw.view, self._of_room(part, room)
+        q[0], v[0] = self._ends[part.start // self._length]
+        status = self._forwards(*self._before(part), view(q), view(v), view(kept) if keep else FFI.NULL)
+        return (q, v, kept) if status < 0 else None
 
     def _before(self, part: slice) -> tuple[Any, ...]:
         """The first arguments of both functions."""
@@ -114,27 +129,61 @@ class Way:
         pointers = self._calls.raw.view(dt), FFI.from_buffer("long long[]", rows)
         return setup.pointer(self._function.library), self._drive, len(dt), *pointers, self._number
 
-    def back(self, by_q: Array, by_v: Array) -> tuple[Array, Array]:
+    def back(self, by_q: Array, by_v: Array, room: Array) -> tuple[Array, Array]:
         """Derivatives by the first state, (n,) each; those by drives, gains and parameters are added to the slopes.
 
         Args:
             by_q, by_v: derivatives by the samples, (samples, n).
+            room: as it was on the way there.
         """
         view, to = self._calls.raw.view, np.zeros((2, self._calls.n), self._calls.dtype)
+        own = np.empty((2, self._length + 1, self._calls.n), self._calls.dtype)
         for begin in reversed(self._begins()):
             part, here = self._of(begin)
-            q, v, kept = self._parts.pop()
             if not self.is_kept:
-                again = self._run(part, q[0], v[0], keep=True)
-                assert again is not None  # as on the way there
-                q, v, kept = again
-            by = np.zeros((2, *q.shape), self._calls.dtype)
-            for own, samples, end in zip(by, (by_q, by_v), to, strict=True):
-                own[-1] = end
-                np.add.at(own, self.steps.told[here] - begin, samples[here])
-            self._function.code(*self._before(part), *map(view, (q, v, kept.reshape(-1), *by)), self._slopes)
-            to = by[:, 0]
+                self._run(part, room, keep=True)  # as on the way there
+            by = own[:, : part.stop - part.start + 1]
+            by[...] = 0.0
+            by[:, -1] = to
+            for one, samples in zip(by, (by_q, by_v), strict=True):
+                np.add.at(one, self.steps.told[here] - begin, samples[here])
+            states = self._of_room(part, room)
+            self._function.code(*self._before(part), *map(view, (*states, *by)), self._slopes)
+            to = by[:, 0].copy()
         return to[0], to[1]
+
+
+class Room:
+    """Room of all ways: of those that keep all steps each has its own, the others have one together.
+
+    Up to ``STAYS`` numbers stay for the next gradient: new ones would have to be given by the operating system, which
+    may take as long as the steps.
+    """
+
+    _left: ClassVar[list[Array]] = []
+
+    def __init__(self, calls: Calls, ways: Sequence[Way]) -> None:
+        sizes = [way.numbers() if way.is_kept else 0 for way in ways]
+        self._starts = np.cumsum([0, *sizes]).tolist()
+        self._ways, shared = ways, max((way.numbers() for way in ways if not way.is_kept), default=0)
+        bytes_ = (self._starts[-1] + shared) * calls.dtype.itemsize
+        try:
+            self._whole = self._left.pop()  # another thread may have it
+        except IndexError:
+            self._whole = np.empty(0, np.uint8)
+        if self._whole.size < bytes_:
+            self._whole = np.empty(bytes_, np.uint8)
+        self._numbers: Array = self._whole[:bytes_].view(calls.dtype)
+
+    def of(self, state: int) -> Array:
+        """The room of the way of a state."""
+        begin, end = self._starts[state], self._starts[state + 1]
+        return self._numbers[begin:end] if self._ways[state].is_kept else self._numbers[self._starts[-1] :]
+
+    def leave(self) -> None:
+        """Leave it to the next gradient."""
+        if self._whole.size <= 8 * STAYS and not self._left:
+            self._left.append(self._whole)
 
 
 def rollout_gradient(
@@ -183,7 +232,8 @@ def rollout_gradient(
         same = Steps(np.full(rows, length, calls.dtype), np.arange(rows), np.arange(0, rows + 1, every))
         taken = [same] * motion.states
     ways = [motion.way(method, state, steps) for state, steps in enumerate(taken) if steps is not None]
-    found = _there(motion, ways, times.size)
+    room = Room(calls, ways)
+    found = _there(motion, ways, times.size, room)
     if found is None:  # the rollout says why
         if chooses:
             how: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol}
@@ -192,7 +242,8 @@ def rollout_gradient(
         raise InputError(f"rollout_gradient: {method} comes to an end that is not finite; allowed: shorter steps")
     value, by_q, by_v = _asked(calls, loss, times, *found, single=count is None)
     for state, way in enumerate(ways):
-        motion.add_start(state, way.back(by_q[state], by_v[state]))
+        motion.add_start(state, way.back(by_q[state], by_v[state], room.of(state)))
+    room.leave()
     return value, motion.gradients(parameters, slots)
 
 
@@ -212,14 +263,14 @@ def _function(calls: Calls, method: str) -> RawFunction:
     return calls.raw.gradients[name]
 
 
-def _there(motion: Motion, ways: Sequence[Way], samples: int) -> tuple[Array, Array] | None:
+def _there(motion: Motion, ways: Sequence[Way], samples: int, room: Room) -> tuple[Array, Array] | None:
     """Samples of all states, (states, samples, n) each; None where one does not get to its end."""
     calls = motion.calls
     q, v = (room_for(calls, (motion.states, samples, calls.n), "fewer samples") for _ in range(2))
     if len(ways) < motion.states:
         return None
     for state, way in enumerate(ways):
-        found = way.there(*motion.start(state))
+        found = way.there(*motion.start(state), room.of(state))
         if found is None:
             return None
         q[state], v[state] = found
