@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...errors import ArrayError, InputError
-from ...names import show
+from ...names import listed, show
 from ..calls import Calls
 from ..derivatives import parameter_slots
 from ..raw import FFI, Library, RawFunction
@@ -27,6 +27,8 @@ from .rollouts import NUMBERS, Given, count_states, read_given, room_for, whole_
 Array = NDArray[Any]
 Loss = Callable[[Array, Array, Array], tuple[Any, ArrayLike, ArrayLike]]
 
+NAMES = ("q", "v", "u", "target", "kp", "kd")  # of what gradients are taken by
+STATES = ("q0", "v0", "u", "target")  # arrays that may have a row for each state
 WAYS = {"rk4": ("explicit", 0), "tsit5": ("explicit", 1), "implicit": ("implicit", 0), "rosenbrock": ("rosenbrock", 0)}
 ROOM = 2**22  # numbers that are kept of all steps; of longer motions parts are stepped through once more
 SHORTEST = 256  # steps of such a part: shorter ones would take longer in Python than in C
@@ -206,60 +208,111 @@ def rollout_gradient(
     kp: ArrayLike | None,
     kd: ArrayLike | None,
     target: ArrayLike | None,
+    out: Mapping[str, Array] | None,
 ) -> tuple[Any, dict[str, Any]]:
     """The gradient of a rollout, as ``Kernel.rollout_gradient`` describes it.
 
     Args:
         calls: of the calls.
         driven: indices of the coordinates that a controller may act on.
-        q0, v0, u, dt, steps, loss, parameters, method, every, duration, samples, rtol, atol, kp, kd, target: as there.
+        q0, v0, u, dt, steps, loss, parameters, method, every, duration, samples, rtol, atol, kp, kd, target, out: as
+            there.
     """
-    chooses = takes_samples(method, dt=dt, steps=steps, every=every, duration=duration, samples=samples, atol=atol)
-    function = _function(calls, method)
-    slots, count = parameter_slots(calls.parameters, parameters), count_states(q0=q0, v0=v0, u=u, target=target)
+    slots = parameter_slots(calls.parameters, parameters)
+    steps_of: dict[str, Any] = {"method": method, "dt": dt, "steps": steps, "every": every}
+    steps_of |= {"duration": duration, "samples": samples, "rtol": rtol, "atol": atol}
     controlled: dict[str, Any] = {"kp": kp, "kd": kd, "target": target}
-    most = NUMBERS // (calls.n * max(count or 1, 1))
-    label, number = ("samples", 1 if samples is None else samples) if chooses else ("steps", steps)
-    rows = whole_number(label, number, most)
-    motion = Motion(calls, function, read_given(calls, driven, rows, count, q0=q0, v0=v0, u=u, **controlled))
-    if chooses:
-        times: Array = np.linspace(0.0, length_of_time(duration), rows + 1)
-        allowed = tolerances(calls, rtol, atol, _adaptive(calls).library.meta)
-        taken = [_chosen_steps(motion, state, times, method, allowed) for state in range(motion.states)]
-    else:
-        length, every = step_length(calls, dt), whole_number("every", every, most)
-        times = float(length) * every * np.arange(rows // every + 1)
-        same = Steps(np.full(rows, length, calls.dtype), np.arange(rows), np.arange(0, rows + 1, every))
-        taken = [same] * motion.states
+    given: dict[str, Any] = {"q0": q0, "v0": v0, "u": u, **controlled}
+    motion, times, taken = taken_steps(calls, driven, "gradient", given, **steps_of)
+    motion.write_to({} if out is None else out)
     ways = [motion.way(method, state, steps) for state, steps in enumerate(taken) if steps is not None]
     room = Room(calls, ways)
     found = _there(motion, ways, times.size, room)
     if found is None:  # the rollout says why
-        if chooses:
-            how: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol}
-            adaptive_rollout(calls, driven, q0, v0, u, duration, samples, **how, **controlled)
-        rollout(calls, driven, q0, v0, u, dt, steps, method=method, every=every, **controlled)
-        raise InputError(f"rollout_gradient: {method} comes to an end that is not finite; allowed: shorter steps")
-    value, by_q, by_v = _asked(calls, loss, times, *found, single=count is None)
+        raise stopped(calls, driven, given, **steps_of)
+    value, by_q, by_v = _asked(calls, loss, times, *found, single=motion.is_single)
     for state, way in enumerate(ways):
         motion.add_start(state, way.back(by_q[state], by_v[state], room.of(state)))
     room.leave()
     return value, motion.gradients(parameters, slots)
 
 
-def _function(calls: Calls, method: str) -> RawFunction:
-    """The function that goes back by a method.
+def taken_steps(
+    calls: Calls,
+    driven: Sequence[int],
+    kind: str,
+    given: Mapping[str, Any],
+    *,
+    method: str,
+    dt: float | None,
+    steps: int | None,
+    every: int,
+    duration: float | None,
+    samples: int | None,
+    rtol: float,
+    atol: ArrayLike | None,
+) -> tuple[Motion, Array, list[Steps | None]]:
+    """A motion, times of its samples, s, and the steps of each state; None for one that does not get to its end.
+
+    Args:
+        calls, driven, method, dt, steps, every, duration, samples, rtol, atol: as of ``rollout_gradient``.
+        kind: of the function that takes the steps, "gradient", which goes back, or "sensitivity".
+        given: q0, v0, u, kp, kd and target by their names.
+    """
+    chooses = takes_samples(method, dt=dt, steps=steps, every=every, duration=duration, samples=samples, atol=atol)
+    function, count = _step_function(calls, method, kind), count_states(**{x: given[x] for x in STATES})
+    most = NUMBERS // (calls.n * max(count or 1, 1))
+    label, number = ("samples", 1 if samples is None else samples) if chooses else ("steps", steps)
+    rows = whole_number(label, number, most)
+    motion = Motion(calls, function, read_given(calls, driven, rows, count, **given))
+    if chooses:
+        times: Array = np.linspace(0.0, length_of_time(duration), rows + 1)
+        allowed = tolerances(calls, rtol, atol, _adaptive(calls).library.meta)
+        return motion, times, [_chosen_steps(motion, i, times, method, allowed) for i in range(motion.states)]
+    length, every = step_length(calls, dt), whole_number("every", every, most)
+    times = float(length) * every * np.arange(rows // every + 1)
+    same = Steps(np.full(rows, length, calls.dtype), np.arange(rows), np.arange(0, rows + 1, every))
+    return motion, times, [same] * motion.states
+
+
+def stopped(
+    calls: Calls,
+    driven: Sequence[int],
+    given: Mapping[str, Any],
+    *,
+    method: str,
+    dt: float | None,
+    steps: int | None,
+    every: int,
+    duration: float | None,
+    samples: int | None,
+    rtol: float,
+    atol: ArrayLike | None,
+) -> InputError:
+    """The error of steps that do not get to their end, where the rollout does not say why itself."""
+    q0, v0, u = given["q0"], given["v0"], given["u"]
+    controlled: dict[str, Any] = {name: given[name] for name in ("kp", "kd", "target")}
+    if method in ADAPTIVE:
+        how: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol}
+        adaptive_rollout(calls, driven, q0, v0, u, duration, samples, **how, **controlled)
+    else:
+        rollout(calls, driven, q0, v0, u, dt, steps, method=method, every=every, **controlled)
+    return InputError(f"rollout: {method} comes to an end that is not finite; allowed: shorter steps")
+
+
+def _step_function(calls: Calls, method: str, kind: str) -> RawFunction:
+    """The function of a method that takes its steps.
 
     Raises:
         UnknownNameError: the kernel was built without it.
         InputError: joints turn freely.
     """
-    name = f"{WAYS[method][0]}_gradient"
+    name = f"{WAYS[method][0]}_{kind}"
     if name not in calls.raw.gradients:
         raise calls.raw.missing(name)
     if calls.raw.turning:
         joints = ", ".join(calls.raw.turning)
-        raise InputError(f"rollout_gradient: {joints} turn freely; allowed: robots without such joints")
+        raise InputError(f"rollout_{kind}: {joints} turn freely; allowed: robots without such joints")
     return calls.raw.gradients[name]
 
 
@@ -282,7 +335,7 @@ class Motion:
 
     def __init__(self, calls: Calls, function: RawFunction, given: Given) -> None:
         self.calls, self.function, self._given = calls, function, given
-        self.states = 1 if given.count is None else given.count
+        self.states, self.is_single = 1 if given.count is None else given.count, given.count is None
         self._by_starts = [np.zeros_like(array) for array, _ in given.starts]
         self._by_drives = [np.zeros_like(array) for array, _, _ in given.drives]
         self._by_gains = [np.zeros_like(array) for array in given.gains]
@@ -325,10 +378,30 @@ class Motion:
 
     def gradients(self, parameters: Sequence[str], slots: Sequence[int]) -> dict[str, Any]:
         """Derivatives by name, in the shapes of what was given."""
-        found: dict[str, Any] = dict(zip(("q", "v"), self._by_starts, strict=True))
-        found |= zip(("u", "target"), self._by_drives, strict=False)
-        found |= zip(("kp", "kd"), self._by_gains, strict=False)
-        return found | {name: float(self._by_parameters[slot]) for name, slot in zip(parameters, slots, strict=True)}
+        numbers = {name: float(self._by_parameters[slot]) for name, slot in zip(parameters, slots, strict=True)}
+        return self._by_name() | numbers
+
+    def write_to(self, out: Mapping[str, Array]) -> None:
+        """Let derivatives by these names be written to arrays.
+
+        Raises:
+            InputError: other names, or no mapping.
+            ArrayError: other shapes, or arrays that overlap what is given, or each other.
+        """
+        known, taken = self._by_name(), [x[0] for x in (*self._given.starts, *self._given.drives)] + self._given.gains
+        if not isinstance(out, Mapping):
+            raise InputError(f"out: {show(out)} is no mapping; allowed: arrays by {listed(known)}")
+        for name, own in out.items():
+            if name not in known:
+                raise InputError(f"out: {show(name)} is unknown; allowed: {listed(known)}")
+            self.calls.arrays.checked_out(own, known[name].shape, taken)[...] = 0.0
+            taken.append(own)
+        for own, names in ((self._by_starts, NAMES[:2]), (self._by_drives, NAMES[2:4]), (self._by_gains, NAMES[4:])):
+            own[:] = [out.get(name, array) for name, array in zip(names, own, strict=False)]
+
+    def _by_name(self) -> dict[str, Array]:
+        arrays = zip(NAMES[:2], self._by_starts, strict=True), zip(NAMES[2:4], self._by_drives, strict=False)
+        return dict(itertools.chain(*arrays, zip(NAMES[4:], self._by_gains, strict=False)))
 
 
 def _adaptive(calls: Calls) -> RawFunction:
