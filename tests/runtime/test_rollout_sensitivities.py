@@ -1,17 +1,23 @@
-"""Derivatives of rollouts' states along directions: against gradients, differences of the same steps, many states."""
+"""Derivatives of the states of rollouts: against gradients, and differences and complex steps of the same steps."""
 
 from __future__ import annotations
 
+import cmath
 from typing import Any
 
 import numpy as np
 import pytest
 
 import eomgen
+from eomgen.codegen.kernels.equations import derive
+from eomgen.codegen.kernels.steps.methods import RK4, TSIT5, W643
+from eomgen.codegen.program.ir import evaluate
 from eomgen.errors import ArrayError, InputError, IntegrationStopped
+from eomgen.robot.model import build_model
 from eomgen.robot.value import Robot
-from eomgen.runtime.stepping import sensitivities
+from eomgen.runtime.stepping import gradients, sensitivities
 from tests.codegen.forces.test_stops import stopped
+from tests.oracles.complex_step import COMPLEX
 from tests.runtime.test_rollout_gradients import DT, METHODS, STEPS, frozen
 from tests.support.builds import Build
 
@@ -161,3 +167,92 @@ def test_what_is_wrong_is_named(built: Build) -> None:
     x, bare = case.state, built(eomgen.load_robot("one_link"), "rollout")
     with pytest.raises(eomgen.UnknownNameError, match="without the kernel explicit_sensitivity"):
         bare.rollout_sensitivity(x["q"], x["v"], x["u"], DT, STEPS, parameters=("gravity.y",))
+
+
+class Evaluated:
+    """Steps of all methods by the programs themselves, evaluated with complex numbers."""
+
+    def __init__(self, robot: Robot, values: dict[str, np.ndarray]) -> None:
+        self.model, self.values = build_model(robot), values
+        self.programs = {
+            name: derive(self.model, name)
+            for name in ("forward_dynamics", "implicit_step", "stage_factors", "stage_solution")
+        }
+
+    def run(self, name: str, **arrays: np.ndarray) -> np.ndarray:
+        given = {key: list(x) for key, x in {**arrays, "p": self.values["p"]}.items()}
+        found = evaluate(self.programs[name], given, lambda x: (cmath.sin(x), cmath.cos(x)), COMPLEX)
+        return np.array([found["out", i] for i in range(sum(key[0] == "out" for key in found))], complex)
+
+    def held(self, row: int, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        x = self.values
+        return x["u"][row] + x["kp"] * (x["target"][row] - q) - x["kd"] * v
+
+    def accelerations(self, row: int, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return self.run("forward_dynamics", q=q, v=v, u=self.held(row, q, v))
+
+    def step(self, method: str, row: int, dt: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        if method == "implicit":
+            x = self.values
+            added, times = dt * (x["kd"] + dt * x["kp"]), np.array([dt, dt * dt])
+            v_end = v + dt * self.run("implicit_step", q=q, v=v, u=self.held(row, q + dt * v, v), added=added, dt=times)
+            return q + dt * v_end, v_end
+        if method == "rosenbrock":
+            return self.rosenbrock(row, dt, q, v)
+        table = RK4 if method == "rk4" else TSIT5
+        rates: list[np.ndarray] = []
+        for shares in table.a[: 4 if method == "rk4" else 6]:
+            moved = sum((dt * w * k for w, k in zip(shares, rates, strict=False)), np.zeros((2, q.size), complex))
+            q_here, v_here = np.array([q, v]) + moved
+            rates.append(np.array([v_here, self.accelerations(row, q_here, v_here)]))
+        q, v = np.array([q, v]) + sum(dt * w * k for w, k in zip(table.b, rates, strict=False))
+        return q, v
+
+    def rosenbrock(self, row: int, dt: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        ahead, back, weight, _ = W643.transformed()
+        c = W643.diagonal * dt
+        gains = {name: self.values[name] for name in ("kp", "kd")}
+        kept = self.run("stage_factors", q=q, v=v, times=np.array([c, c * c]), **gains)
+        parts: list[np.ndarray] = []
+        for more, less in zip(ahead, back, strict=True):
+            start = np.zeros((2, q.size), complex)
+            q_here, v_here = np.array([q, v]) + sum((w * x for w, x in zip(more, parts, strict=False)), start)
+            a = self.accelerations(row, q_here, v_here)
+            shift, rate = np.array([v_here, a]) + sum((w / dt * x for w, x in zip(less, parts, strict=False)), start)
+            v_part = c * (rate + self.run("stage_solution", kept=kept, rates=rate, shifts=shift))
+            parts.append(np.array([c * (v_part + shift), v_part]))
+        q, v = np.array([q, v]) + sum(w * x for w, x in zip(weight, parts, strict=True))
+        return q, v
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_equal_to_complex_steps_of_the_programs(method: str, built: Build, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of all samples along random directions of everything that a rollout reads, by the steps that were taken."""
+    taken: list[gradients.Steps] = []
+    chosen = gradients._chosen_steps
+    monkeypatch.setattr(gradients, "_chosen_steps", lambda *x: taken.append(chosen(*x)) or taken[-1])
+    case, rng = Case(built, "one_link", method), np.random.default_rng(3)
+    (q, _), (dq, dv) = case.sensitivity()
+    weights = rng.uniform(-1.0, 1.0, (2, *q.shape))
+    _, by = case.call("rollout_gradient", loss=lambda t, q, v: (0.0, *weights), parameters=case.parameters)
+    plan = list(zip(taken[0].dt, taken[0].rows, strict=True)) if taken else []
+    told = list(taken[0].told) if taken else list(range(STEPS + 1))
+    plan = plan or [(DT, row) for row in range(STEPS)]
+    given = {**case.state, **case.control, "p": np.array(list(case.kernel.parameters.values()))}
+    by = {**by, "p": np.array([by[name] for name in case.parameters])}
+
+    def moved(rates: dict[str, np.ndarray]) -> np.ndarray:
+        values = {name: x + 1e-30j * rates.get(name, np.zeros_like(x)) for name, x in given.items()}
+        evaluated, states = Evaluated(robot_of("one_link"), values), [(values["q"], values["v"])]
+        for dt, row in plan:
+            states.append(evaluated.step(method, row, float(dt), *states[-1]))
+        return np.array([states[i] for i in told]).imag * 1e30
+
+    for i in range(2):
+        for found, wanted in zip(
+            (dq, dv), moved({x: own[i] for x, own in case.along.items()}).swapaxes(0, 1), strict=True
+        ):
+            np.testing.assert_allclose(found[:, i], wanted, rtol=1e-9, atol=1e-9 * np.abs(wanted).max())
+    everything = {name: rng.uniform(-1.0, 1.0, x.shape) for name, x in given.items()}
+    wanted = float((moved(everything) * weights.swapaxes(0, 1)).sum())
+    assert sum(float((by[name] * x).sum()) for name, x in everything.items()) == pytest.approx(wanted, rel=1e-9)
