@@ -388,16 +388,18 @@ class Motion:
             InputError: other names, or no mapping.
             ArrayError: other shapes, or arrays that overlap what is given, or each other.
         """
-        known, taken = self._by_name(), [x[0] for x in (*self._given.starts, *self._given.drives)] + self._given.gains
+        known = self._by_name()
         if not isinstance(out, Mapping):
             raise InputError(f"out: {show(out)} is no mapping; allowed: arrays by {listed(known)}")
+        read = [array for array, _ in self._given.starts] + [array for array, _, _ in self._given.drives]
+        taken: list[Array] = [*read, *self._given.gains]
         for name, own in out.items():
             if name not in known:
                 raise InputError(f"out: {show(name)} is unknown; allowed: {listed(known)}")
             self.calls.arrays.checked_out(own, known[name].shape, taken)[...] = 0.0
             taken.append(own)
-        for own, names in ((self._by_starts, NAMES[:2]), (self._by_drives, NAMES[2:4]), (self._by_gains, NAMES[4:])):
-            own[:] = [out.get(name, array) for name, array in zip(names, own, strict=False)]
+        for whole, names in ((self._by_starts, NAMES[:2]), (self._by_drives, NAMES[2:4]), (self._by_gains, NAMES[4:])):
+            whole[:] = [out.get(name, array) for name, array in zip(names, whole, strict=False)]
 
     def _by_name(self) -> dict[str, Array]:
         arrays = zip(NAMES[:2], self._by_starts, strict=True), zip(NAMES[2:4], self._by_drives, strict=False)
