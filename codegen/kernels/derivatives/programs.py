@@ -11,7 +11,7 @@ from ...program.ir import Program
 from ...program.passes import PARAMETERS, run_passes
 from ...program.reverse_mode import adjoint
 from ...program.second_order import hessian
-from ..derived import PARAMETER_RATES, RATES, TIMES
+from ..derived import PARAMETER_RATES, TIMES
 from ..signatures import SIGNATURES, shapes
 from .whole import Derive, whole_program
 
@@ -25,7 +25,8 @@ def derive_derivative(model: Model, kernel: str, derive: Derive) -> Program:
     """
     signature, size = SIGNATURES[kernel], shapes(model)
     if signature.kind == "tangent":
-        rates = {PARAMETERS: PARAMETER_RATES} if signature.by_parameters else RATES
+        rates = {array: f"d{array}" for array in signature.reads if f"d{array}" in signature.reads}
+        rates |= {PARAMETERS: PARAMETER_RATES} if signature.by_parameters else {}
         program = whole_program(model, signature.derivative_of, derive)
         return run_passes(tangent(program, rates, kernel, {PARAMETERS: len(model.parameters)}))
     *reads, weights = signature.reads
