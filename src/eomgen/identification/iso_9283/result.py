@@ -200,7 +200,7 @@ class AccuracyResult(Shown, Tabular):
         return Rows("figure", "", np.array([symbol for _, symbol, _, _ in found], dtype=object), columns, about)
 
     def _figures(self) -> Iterator[tuple[str, str, float, str]]:
-        """What it is of, symbol, value and unit of every figure."""
+        """Every figure: whose it is, symbol, value and unit."""
         for pose in self.poses:
             of = f"pose {pose.name}"
             yield of, "AP_p", pose.accuracy, "m"
