@@ -20,6 +20,7 @@ from eomgen.identification.iso_9283.attained import Path as Way
 from eomgen.identification.iso_9283.evaluate import figures_of
 from eomgen.identification.iso_9283.formulas import rotation_vectors, scatter, stabilization
 from eomgen.motion.turns import rotation_of, vector_of
+from eomgen.pictures import plot_accuracy
 from eomgen.scenario.load import scenario_from_values
 from eomgen.simulation.result import SimulationResult
 from eomgen.sweep.driver import prepare
@@ -570,3 +571,22 @@ def test_the_command_prints_and_writes(tmp_path: Path, capsys: pytest.CaptureFix
     assert cli.main(["accuracy", str(tmp_path / "nothing.csv")]) == 1
     assert "nothing.csv: cannot be read" in capsys.readouterr().err
     assert cli.main(["accuracy"]) == 1
+
+
+def test_the_figure_shows_poses_and_paths(tmp_path: Path, simulated: SimulationResult) -> None:
+    pytest.importorskip("matplotlib")
+    found = result_of(tmp_path)
+    poses, paths = replace(found, paths=()), replace(found, poses=())
+    for name, one, words in (
+        ("all", found, ("pose 2", "path 1", "x less command", "length along the path")),
+        ("poses", poses, ("pose 1", "z less command")),
+        ("paths", paths, ("mean + 3 S",)),
+        ("exact", accuracy(simulated), ("one_link", "simulated")),
+    ):
+        text = plot_accuracy(one, tmp_path / f"{name}.svg").read_text(encoding="utf-8")
+        assert all(word in text for word in words), name
+    with pytest.raises(InputError, match=r"allowed: a path that ends in"):
+        plot_accuracy(found, tmp_path / "figure.txt")
+    file = write(tmp_path / "m.csv", GOOD)
+    assert cli.main(["accuracy", str(file), "--plot", str(tmp_path / "figure.png")]) == 0
+    assert (tmp_path / "figure.png").read_bytes().startswith(b"\x89PNG")

@@ -98,6 +98,7 @@ def _add_accuracy(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--load", default="", help="load of the test, in words (what simulations say)")
     parser.add_argument("--rate", default="", help="speed of the test, in words (what simulations say)")
     parser.add_argument("-o", "--output", type=Path, help="write all figures, .json")
+    parser.add_argument("--plot", type=Path, help="draw them, .svg, .pdf or .png")
     add_json(parser)
 
 
@@ -122,6 +123,10 @@ def _accuracy(options: argparse.Namespace) -> None:
             progress=report,
         )
     written = [] if options.output is None else [found.save(options.output)]
+    if options.plot is not None:
+        from ..pictures.accuracy import plot_accuracy
+
+        written.append(plot_accuracy(found, options.plot))
     show_result(options, found)
     if not options.json:
         show_written(written)

@@ -24,6 +24,7 @@ QUATERNION = ("qw", "qx", "qy", "qz")
 COMMAND = "command"  # F.command.x: the command beside what was attained
 ROTATIONS = ("rotvector", "rpy", "quaternion")
 COLUMNS = "pose or path (its number), cycle, t, F.x, F.y, F.z (m), F.rx, F.ry, F.rz (rad), F.command.x and its like"
+SAME = 1e-9  # m or rad: by less than that commands are the same
 _UNIT = 1e-3  # by which the length of a quaternion may differ from 1
 
 
@@ -234,10 +235,11 @@ def _commands(table: _Rows, given: _Rows | None, kind: str, frame: str, rotation
     position, rotations = _records(source, owner, rotation)
     t = source.columns.get("t")
     known = None if given is None else _numbers(given, kind)
+    rows_of = {} if known is None else {int(known[rows[0]]): rows for rows in _groups(known)}
 
     def commands(number: int, rows: NDArray[np.intp]) -> Record:
-        chosen = rows if known is None else np.flatnonzero(known == number)
-        if not chosen.size:
+        chosen = rows_of.get(number) if given is not None else rows
+        if chosen is None:
             assert given is not None
             raise given.fail(f"has no command of {kind} {number}, which {table.source} has; allowed: one for each")
         return Record(
@@ -260,17 +262,22 @@ def _gather(
     cycle = _cycles(table, kind, numbers)
     if last is not None:
         cycle = cycle + (last + 1 - cycle.min())
-    for number in np.unique(numbers).tolist():
-        mine = np.flatnonzero(numbers == number)
-        for label in np.unique(cycle[mine]).tolist():
-            rows = mine[cycle[mine] == label]
-            what = f"{kind} {number}, cycle {label}"
-            _check_rows(table, kind, what, rows)
-            command = commands(number, rows)
-            gathered = into.setdefault(number, _Gathered(command, {}))
-            _check_command(table, kind, what, gathered.command, command, int(rows[0]))
-            turned = None if rotation is None else rotation[rows]
-            gathered.cycles[label] = Record(None if t is None else t[rows], position[rows], turned)
+    for rows in _groups(numbers, cycle):
+        number, label = int(numbers[rows[0]]), int(cycle[rows[0]])
+        what = f"{kind} {number}, cycle {label}"
+        _check_rows(table, kind, what, rows)
+        command = commands(number, rows)
+        gathered = into.setdefault(number, _Gathered(command, {}))
+        _check_command(table, kind, what, gathered.command, command, int(rows[0]))
+        turned = None if rotation is None else rotation[rows]
+        gathered.cycles[label] = Record(None if t is None else t[rows], position[rows], turned)
+
+
+def _groups(*keys: NDArray[np.int64]) -> list[NDArray[np.intp]]:
+    """Rows that have the same keys, in their order; groups by rising keys, the first key first."""
+    order = np.lexsort(keys[::-1])
+    changes = np.logical_or.reduce([np.diff(key[order]) != 0 for key in keys])
+    return np.split(order, np.flatnonzero(changes) + 1)
 
 
 def _cycles(table: _Rows, kind: str, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -281,8 +288,8 @@ def _cycles(table: _Rows, kind: str, numbers: NDArray[np.int64]) -> NDArray[np.i
         raise table.fail("has t and no column cycle; allowed: both, where a cycle has many samples")
     cycle = np.ones(table.size, dtype=np.int64)
     if kind == "pose":
-        for number in np.unique(numbers):
-            cycle[numbers == number] = np.arange(1, (numbers == number).sum() + 1)
+        for rows in _groups(numbers):
+            cycle[rows] = np.arange(1, len(rows) + 1)
     return cycle
 
 
@@ -300,11 +307,15 @@ def _check_rows(table: _Rows, kind: str, what: str, rows: NDArray[np.intp]) -> N
 
 def _check_command(table: _Rows, kind: str, what: str, known: Record, new: Record, row: int) -> None:
     """InputError where rows of one pose or path are commanded different things."""
-    ours, theirs = (known.position, new.position)
-    if kind == "pose":
-        ours, theirs = np.broadcast_to(ours[0], theirs.shape), theirs
-    if ours.shape != theirs.shape or np.abs(ours - theirs).max() > 1e-9:
-        raise table.fail(f"{what}: is commanded something else than before; allowed: one command of each {kind}", row)
+    pairs = [(known.position, new.position)]
+    if known.rotation is not None and new.rotation is not None:
+        pairs.append((known.rotation, new.rotation))
+    for ours, theirs in pairs:
+        wanted = np.broadcast_to(ours[0], theirs.shape) if kind == "pose" else ours
+        if wanted.shape != theirs.shape or np.abs(wanted - theirs).max() > SAME:
+            raise table.fail(
+                f"{what}: is commanded something else than before; allowed: one command of each {kind}", row
+            )
 
 
 def _pose(number: int, gathered: _Gathered) -> Pose:

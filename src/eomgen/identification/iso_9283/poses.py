@@ -40,6 +40,7 @@ def pose_figures(pose: Pose) -> PoseFigures:
         repeatability=spread.repeatability,
         turned=turned,
         turning=turning,
+        attained=tuple(vector(position) for position in pose.attained),
     )
 
 

@@ -44,6 +44,7 @@ class PoseFigures:
         repeatability: RP_l = l-bar + 3 S_l.
         turned: AP_a, AP_b, AP_c: mean angles by which the tool is turned from its command; None without orientations.
         turning: RP_a, RP_b, RP_c: 3 standard deviations of the same angles.
+        attained: positions, one for each cycle.
     """
 
     name: str
@@ -57,6 +58,7 @@ class PoseFigures:
     repeatability: float
     turned: Vector | None = None
     turning: Vector | None = None
+    attained: tuple[Vector, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
