@@ -216,6 +216,19 @@ def test_a_lag_along_the_path_is_none_across_it() -> None:
     assert along.left_out == 0
 
 
+def test_normal_scatter_about_a_path_is_that_across_it() -> None:
+    """Two of three directions count: distances are Rayleigh's, whatever the scatter along the path."""
+    sigma, n = 0.02 * MM, 30
+    noise = sigma * np.random.default_rng(6).normal(size=(n, 2001, 3)) * [5.0, 1.0, 1.0]
+    cycles = tuple(Record(None, 10.0 * line(2001) + one, None) for one in noise)
+    (path,) = figures_of(measured(paths=[Way("1", Record(None, 10.0 * line(2001), None), cycles)])).paths
+    share = np.sqrt((n - 1.0) / n)
+    wanted = share * sigma * (np.sqrt(np.pi / 2.0) + 3.0 * np.sqrt(2.0 - np.pi / 2.0))
+    assert np.mean(path.scatters) == pytest.approx(wanted, rel=0.03)
+    squares = np.mean(np.square(path.offsets))
+    assert squares == pytest.approx(2.0 * sigma**2 / n, rel=0.1)
+
+
 def test_velocities_by_hand() -> None:
     """Commanded 1 m/s in the middle; cycles are 2 % too fast and 2 % too slow, the second one swings by 0.1 m/s."""
     t = np.linspace(0.0, 3.0, 301)
@@ -372,8 +385,8 @@ def test_mistaken_units_are_asked_about(tmp_path: Path) -> None:
     """Millimetres for metres, and another convention of angles."""
     far = {**GOOD, **at(np.array([[500.0, 0.0, 0.0]] * 2)), **turned(np.full((2, 3), 0.3))}
     notes = " ".join(accuracy(write(tmp_path / "m.csv", far | turned(np.zeros((2, 3)), "tool.command"))).notes)
-    assert "pose 1 lies 500 m from its command: are units and base the same?" in notes
-    assert "pose 1 is turned by more than 0.1 rad" in notes
+    assert "poses '1': up to 500 m from their commands: are units and base the same?" in notes
+    assert "poses '1': turned by more than 0.1 rad" in notes
 
 
 # Simulations

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...description import RobotLike
 from ...errors import InputError
-from ...names import show
+from ...names import listed, show
 from ...npz import read_npz
 from ...progress import Progress, no_progress
 from ...simulation.result import SimulationResult, load_result
@@ -209,12 +209,16 @@ def _convention(found: Measured, match: str) -> list[str]:
 
 
 def _far(poses: Sequence[PoseFigures], paths: Sequence[PathFigures]) -> list[str]:
+    """Say what is more likely a mistake than a robot's error, and which points of paths are left out."""
     notes = []
-    for pose in poses:
-        if pose.accuracy > _FAR:
-            notes.append(f"pose {pose.name} lies {pose.accuracy:.3g} m from its command: are units and base the same?")
-        if pose.turned is not None and max(map(abs, pose.turned)) > _FAR:
-            notes.append(f"pose {pose.name} is turned by more than {_FAR:g} rad: is the rotation of that kind?")
+    far = [pose for pose in poses if pose.accuracy > _FAR]
+    if far:
+        most = max(pose.accuracy for pose in far)
+        names = listed(pose.name for pose in far)
+        notes.append(f"poses {names}: up to {most:.3g} m from their commands: are units and base the same?")
+    turned = [pose.name for pose in poses if pose.turned is not None and max(map(abs, pose.turned)) > _FAR]
+    if turned:
+        notes.append(f"poses {listed(turned)}: turned by more than {_FAR:g} rad: is the rotation of that kind?")
     for path in paths:
         if path.left_out:
             notes.append(
