@@ -1,10 +1,22 @@
-"""A measured motion and what it says of a robot: forces; stiffness and damping with their confidence.
+"""What measurements say of a robot: forces; stiffness and damping with their confidence; accuracy by ISO 9283.
 
-Uses runtime, robot, description, state, motion, pipeline and analysis.
+Uses runtime, robot, forms, description, state, motion, pipeline, analysis, simulation and sweep.
 """
 
 from .estimates import Estimate, FitResult, FittedCoordinate
 from .from_motion import ForcesResult, forces
+from .iso_9283.evaluate import accuracy
+from .iso_9283.result import AccuracyResult, load_accuracy
 from .least_squares import fit
 
-__all__ = ["Estimate", "FitResult", "FittedCoordinate", "ForcesResult", "fit", "forces"]
+__all__ = [
+    "AccuracyResult",
+    "Estimate",
+    "FitResult",
+    "FittedCoordinate",
+    "ForcesResult",
+    "accuracy",
+    "fit",
+    "forces",
+    "load_accuracy",
+]
