@@ -4,8 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ..description.builtin import builtin_robots
+from ..description.load import load_robot
 from ..errors import InputError
-from ..names import ROBOT_RULE, is_robot_name, show, to_robot_name
+from ..names import ROBOT_RULE, component_name, is_robot_name, listed, show, to_robot_name
+from ..robot.coordinates import MOTIONS
+from ..robot.model import program_coordinates, tool_of
+from ..robot.value import Robot
 from .schema_files import schema_path
 
 KINDS = ("robot", "scenario")
@@ -38,9 +43,44 @@ def write_new_file(name: str, path: str | Path | None = None, kind: str = "robot
         InputError: the file exists or cannot be written, or as ``new_file_text``.
     """
     text = new_file_text(name, kind)
-    target = Path(f"{name}.toml") if path is None else Path(path)
-    if target.suffix != ".toml":
-        raise InputError(f"new: got the file {show(str(target))}; allowed: a path that ends in .toml")
+    return _write_new(text, Path(f"{name}.toml") if path is None else Path(path), ".toml")
+
+
+def poses_file_text(robot: Robot) -> str:
+    """A commented .csv for measured poses of a robot: its header has the columns, the values are to come."""
+    frame = tool_of(robot, None)
+    columns = [*program_coordinates(robot), *(component_name(frame, part) for part in MOTIONS)]
+    lines = (_FOLDER / "poses.csv").read_text(encoding="ascii").splitlines()
+    about = [line.replace("ROBOT", robot.name).replace("FRAME", frame) for line in lines]
+    example = ",".join("0.0" for _ in columns)
+    return "\n".join([*about, ",".join(columns), f"# {example}"]) + "\n"
+
+
+def write_poses_file(name: str, path: str | Path | None = None) -> Path:
+    """Write ``poses_file_text`` to a new file, NAME_poses.csv in the working folder if nothing else is said.
+
+    Args:
+        name: of a robot: NAME.toml or NAME.urdf in the working folder, or a built-in one.
+        path: of the file.
+
+    Raises:
+        InputError: there is no such robot, the file exists or cannot be written.
+    """
+    if not is_robot_name(name):
+        raise InputError(f"new: got the name {show(name)}; allowed: {ROBOT_RULE}")
+    own = [Path(f"{name}{ending}") for ending in (".toml", ".urdf") if Path(f"{name}{ending}").is_file()]
+    if not own and name not in builtin_robots():
+        raise InputError(
+            f"new: there is no robot {show(name)}; allowed with poses: the name of a .toml or .urdf file here, or of a"
+            f" built-in robot ({listed(builtin_robots())})"
+        )
+    target = Path(f"{name}_poses.csv") if path is None else Path(path)
+    return _write_new(poses_file_text(load_robot(own[0] if own else name)), target, ".csv")
+
+
+def _write_new(text: str, target: Path, ending: str) -> Path:
+    if target.suffix != ending:
+        raise InputError(f"new: got the file {show(str(target))}; allowed: a path that ends in {ending}")
     try:
         with target.open("x", encoding="ascii") as file:
             file.write(text)

@@ -13,12 +13,19 @@ from .shared import Command, add_inertia, add_json, say, show_json
 def _add_new(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("name", metavar="NAME", help="of the robot: lower-case letters, digits and _")
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="a file that does not exist yet (NAME.toml)")
-    parser.add_argument("--scenario", action="store_true", help="a scenario for such a robot instead")
+    kinds = parser.add_mutually_exclusive_group()
+    kinds.add_argument("--scenario", action="store_true", help="a scenario for such a robot instead")
+    kinds.add_argument(
+        "--poses", action="store_true", help="a file for measured poses instead, NAME_poses.csv, of that robot"
+    )
 
 
 def _new(options: argparse.Namespace) -> None:
-    from ..authoring.new import write_new_file
+    from ..authoring.new import write_new_file, write_poses_file
 
+    if options.poses:
+        say(f"wrote {write_poses_file(options.name, options.output)}")
+        return
     say(f"wrote {write_new_file(options.name, options.output, 'scenario' if options.scenario else 'robot')}")
 
 

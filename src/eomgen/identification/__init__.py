@@ -1,22 +1,33 @@
-"""What measurements say of a robot: forces; stiffness and damping with their confidence; accuracy by ISO 9283.
+"""What measurements say of a robot: forces, stiffness and damping; offsets and placements; accuracy by ISO 9283.
 
 Uses runtime, robot, forms, description, state, motion, pipeline, analysis, simulation and sweep.
 """
 
+from .calibration.calibrating import calibrate
+from .calibration.result import CalibrationResult
+from .calibration.stored import load_calibration
 from .estimates import Estimate, FitResult, FittedCoordinate
 from .from_motion import ForcesResult, forces
+from .geometry.poses import Measured, MeasuredPoses, poses_from_columns, read_poses
 from .iso_9283.evaluate import accuracy
 from .iso_9283.result import AccuracyResult, load_accuracy
 from .least_squares import fit
 
 __all__ = [
     "AccuracyResult",
+    "CalibrationResult",
     "Estimate",
     "FitResult",
     "FittedCoordinate",
     "ForcesResult",
+    "Measured",
+    "MeasuredPoses",
     "accuracy",
+    "calibrate",
     "fit",
     "forces",
     "load_accuracy",
+    "load_calibration",
+    "poses_from_columns",
+    "read_poses",
 ]

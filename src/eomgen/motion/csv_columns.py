@@ -26,14 +26,21 @@ _MOST_NUMBERS = 6_000_000  # so does this, if they are short
 _MOST_COLUMNS = 4 * MOST_ENTRIES
 _BLOCK = 1 << 20  # bytes; a line may have as many, so that no line is too long to be looked at
 _NUMBER = re.compile(r"\s*[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?\s*", re.ASCII)
+_BLANK = re.compile(r"(?:(?<=,)|(?<=^))[ \t]*(?=,|\r?\n?$)")  # an empty cell
 _BREAKS = "\r\n"
 
 
-def read_csv(path: Path, rule: str = COLUMNS_RULE) -> tuple[dict[str, Array], NDArray[np.int32]]:
+def read_csv(
+    path: Path, *, rule: str = COLUMNS_RULE, blanks: bool = False
+) -> tuple[dict[str, Array], NDArray[np.int32]]:
     """Columns (T,) by the names in the header, and the line that each row stands on, (T,).
 
-    Empty lines, and lines that begin with #, are left out.  A file may have 128 MiB and 6 million numbers.  ``rule``
-    says what columns are allowed.
+    Empty lines, and lines that begin with #, are left out.  A file may have 128 MiB and 6 million numbers.
+
+    Args:
+        path: of the file.
+        rule: what columns it may have, for messages.
+        blanks: whether a cell may be empty, which is NaN then.
 
     Raises:
         OSError: the file cannot be opened, or is larger.
@@ -43,7 +50,7 @@ def read_csv(path: Path, rule: str = COLUMNS_RULE) -> tuple[dict[str, Array], ND
         _look_over(stream, path)
         stream.seek(0)
         text = io.TextIOWrapper(stream, encoding="utf-8-sig", newline="")
-        reader = _Reader(path, rule)
+        reader = _Reader(path, rule, blanks)
         while lines := text.readlines(4 * _BLOCK):
             reader.take(lines)
         return reader.columns()
@@ -75,8 +82,8 @@ def _look_over(stream: BinaryIO, path: Path) -> None:
 class _Reader:
     """Lines of a file, taken block by block."""
 
-    def __init__(self, path: Path, rule: str) -> None:
-        self._path, self._rule = path, rule
+    def __init__(self, path: Path, rule: str, blanks: bool) -> None:
+        self._path, self._rule, self._blanks = path, rule, blanks
         self._header: list[str] = []
         self._tables: list[Array] = []
         self._lines: list[NDArray[np.int32]] = []
@@ -97,11 +104,13 @@ class _Reader:
             raise InputError(
                 f"{self._path}: line {numbers[open_end]}: a quote is not closed; allowed: quotes that end in their line"
             )
+        if self._blanks:
+            rows = [_BLANK.sub("nan", row) for row in rows]
         try:
             table = np.loadtxt(rows, delimiter=",", comments=None, quotechar='"', ndmin=2)
         except ValueError:
             self._refuse(rows, numbers)
-        if table.shape != (len(rows), len(self._header)) or not np.isfinite(table).all():
+        if table.shape != (len(rows), len(self._header)) or not self._good(table).all():
             self._refuse(rows, numbers)
         self._tables.append(table)
         self._lines.append(numbers)
@@ -113,6 +122,9 @@ class _Reader:
         table = np.empty((len(self._header), sum(map(len, self._tables))))
         np.concatenate([block.T for block in self._tables], axis=1, out=table)
         return dict(zip(self._header, table, strict=True)), np.concatenate(self._lines)
+
+    def _good(self, table: Array) -> NDArray[np.bool_]:
+        return ~np.isinf(table) if self._blanks else np.isfinite(table)
 
     def _names(self, place: str, line: str) -> list[str]:
         names = [name.strip() for name in _cells(place, line)]
@@ -133,6 +145,8 @@ class _Reader:
             if len(cells) != len(self._header):
                 raise InputError(f"{place}: {len(cells)} values; allowed: {len(self._header)}, one for each column")
             for name, cell in zip(self._header, cells, strict=True):
+                if self._blanks and cell == "nan":
+                    continue
                 if not (_NUMBER.fullmatch(cell) and np.isfinite(float(cell))):
                     raise InputError(f"{place}: column {show(name)}: {show(cell.strip())}; allowed: a finite number")
         raise InputError(f"{self._path}: lines {numbers[0]} to {numbers[-1]} are no numbers; allowed: finite numbers")

@@ -116,7 +116,7 @@ def from_files(
 def _read(path: File) -> _Rows:
     if path.suffix == ".csv":
         try:
-            columns, lines = read_csv(path, COLUMNS)
+            columns, lines = read_csv(path, rule=COLUMNS)
         except (OSError, ValueError) as error:  # ValueError: a path with a NUL
             if isinstance(error, InputError):
                 raise

@@ -1,65 +1,11 @@
-"""Commands about what was measured: forces, fit, accuracy."""
+"""The command that evaluates by a standard: accuracy."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
 
-from .shared import (
-    Command,
-    add_json,
-    add_robot,
-    add_robot_of_result,
-    progress_bar,
-    read_robot,
-    show_result,
-    show_written,
-    stage_bar,
-)
-
-
-def _add_motion(parser: argparse.ArgumentParser) -> None:
-    add_robot(parser)
-    parser.add_argument("motion", metavar="MOTION", type=Path, help=".csv or .npz: t, coordinates, rates, drives")
-    add_json(parser)
-
-
-def _add_forces(parser: argparse.ArgumentParser) -> None:
-    _add_motion(parser)
-    parser.add_argument("--window", type=int, default=11, metavar="N", help="samples that derivatives use (11)")
-    parser.add_argument("-o", "--output", type=Path, help="write all forces over time, .csv or .npz")
-
-
-def _forces(options: argparse.Namespace) -> None:
-    from ..identification.from_motion import forces
-
-    robot = read_robot(options)
-    with stage_bar("evaluating") as report:
-        found = forces(robot, options.motion, window=options.window, progress=report)
-    if options.output is not None:
-        found.save(options.output)
-    show_result(options, found)
-
-
-def _add_fit(parser: argparse.ArgumentParser) -> None:
-    _add_motion(parser)
-    parser.add_argument("--coordinates", nargs="+", default=(), metavar="NAME", help="those to fit (all that can be)")
-    parser.add_argument("--confidence", type=float, default=0.95, metavar="P", help="of the intervals (0.95)")
-
-
-def _fit(options: argparse.Namespace) -> None:
-    from ..identification.least_squares import fit
-
-    robot = read_robot(options)
-    with stage_bar("fitting") as report:
-        found = fit(
-            robot,
-            options.motion,
-            coordinates=options.coordinates,
-            confidence=options.confidence,
-            progress=report,
-        )
-    show_result(options, found)
+from ..shared import Command, add_json, add_robot_of_result, progress_bar, read_robot, show_result, show_written
 
 
 def _add_accuracy(parser: argparse.ArgumentParser) -> None:
@@ -103,8 +49,8 @@ def _add_accuracy(parser: argparse.ArgumentParser) -> None:
 
 
 def _accuracy(options: argparse.Namespace) -> None:
-    from ..identification.iso_9283.evaluate import accuracy
-    from ..sweep.plan import load_plan
+    from ...identification.iso_9283.evaluate import accuracy
+    from ...sweep.plan import load_plan
 
     with progress_bar("evaluating") as report:
         found = accuracy(
@@ -124,7 +70,7 @@ def _accuracy(options: argparse.Namespace) -> None:
         )
     written = [] if options.output is None else [found.save(options.output)]
     if options.plot is not None:
-        from ..pictures.accuracy import plot_accuracy
+        from ...pictures.measured import plot_accuracy
 
         written.append(plot_accuracy(found, options.plot))
     show_result(options, found)
@@ -133,20 +79,6 @@ def _accuracy(options: argparse.Namespace) -> None:
 
 
 COMMANDS = (
-    Command(
-        "forces",
-        "forces and reactions that belong to a measured motion",
-        _add_forces,
-        _forces,
-        (("forces arm.toml measured.csv", "drives, springs, dampers, reactions of a measured motion"),),
-    ),
-    Command(
-        "fit",
-        "stiffness and damping from a measured motion and known drives",
-        _add_fit,
-        _fit,
-        (("fit arm.toml measured.csv", "stiffness and damping from motion and known drives"),),
-    ),
     Command(
         "accuracy",
         "accuracy and repeatability by ISO 9283, of simulations and of measured files",

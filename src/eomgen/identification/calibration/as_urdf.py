@@ -1,0 +1,146 @@
+"""A calibrated robot as an URDF: the origins of its file with what was found, or a plain one of a robot in TOML."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...description.xml_text import parse_xml
+from ...errors import InputError
+from ...files import write_atomically
+from ...forms.toml_text import read_text
+from ...motion.turns import rpy_of
+from ...names import show_path, unique_identifiers
+from ...robot.value import PRINCIPAL, Joint, Robot
+from ..geometry.rotations import pose_from
+from ..geometry.stations import matrix_of
+from .as_toml import HEAD, Found
+from .calibrated import OF_LINK, calibrated_robot, placements
+
+if TYPE_CHECKING:
+    from xml.etree.ElementTree import Element
+
+Array = NDArray[np.float64]
+
+_TYPES = {"revolute": "revolute", "prismatic": "prismatic", "fixed": "fixed", "free": "floating"}
+
+
+def write_urdf(found: Found, target: Path) -> Path:
+    """Write the URDF, and return the path.
+
+    Raises:
+        InputError: see ``CalibrationResult.to_urdf``.
+    """
+    if target.suffix != ".urdf":
+        raise InputError(f"output: {show_path(str(target))}; allowed: a path that ends in .urdf")
+    from xml.etree import ElementTree
+
+    root = _from_source(found) if Path(found.robot.source).suffix in (".urdf", ".xml") else _plain(found.robot)
+    robot = calibrated_robot(found.robot, found.chain, found.links, found.values)
+    elements = [element for element in root.findall("joint") if element.get("name")]
+    names = unique_identifiers([str(element.get("name")) for element in elements])
+    by_name = {names[str(element.get("name"))]: element for element in elements}
+    for joint in robot.joints:
+        if joint.name in by_name:
+            _set_origin(by_name[joint.name], joint)
+        elif any(joint.offset):
+            raise InputError(f"{robot.name}: {joint.name} has offsets and is no joint of the URDF; allowed: its joints")
+    _add_frames(root, found, robot)
+    ElementTree.indent(root)
+    comment = "".join(f"<!-- {line.removeprefix('# ')} -->\n" for line in HEAD[:1]) + (
+        "<!-- Origins (and axes of prismatic joints) hold the offsets; m, rad. -->\n"
+    )
+    text = f'<?xml version="1.0"?>\n{comment}{ElementTree.tostring(root, encoding="unicode")}\n'
+    return write_atomically(target, lambda stream: stream.write(text.encode("utf-8")))
+
+
+def _from_source(found: Found) -> Element:
+    source = Path(found.robot.source)
+    return parse_xml(read_text(source, str(source)), str(source)).root
+
+
+def _set_origin(element: Element, joint: Joint) -> None:
+    """Origin and axis of a joint with its offsets in them."""
+    turn, offset = np.eye(4), np.array([value or 0.0 for value in joint.offset])
+    turn[:3, :3] = joint.axis_turn
+    pose = matrix_of(joint.placement) @ turn @ pose_from(offset) @ turn.T
+    if not offset.any() and element.find("origin") is not None:
+        return
+    origin = element.find("origin")
+    origin = _child(element, "origin") if origin is None else origin
+    origin.set("xyz", _numbers(pose[:3, 3]))
+    origin.set("rpy", _numbers(rpy_of(pose[:3, :3])))
+    if joint.type in PRINCIPAL:
+        along = turn[:3, :3] @ np.array([0.0, 0.0, 1.0])
+        if joint.type == "prismatic":  # moves along z before it turns
+            along = turn[:3, :3] @ pose_from(offset)[:3, :3].T @ np.array([0.0, 0.0, 1.0])
+        axis = element.find("axis")
+        axis = _child(element, "axis") if axis is None else axis
+        axis.set("xyz", _numbers(along))
+
+
+def _add_frames(root: Element, found: Found, robot: Robot) -> None:
+    """A link and a fixed joint for every measured frame whose placement was found."""
+    taken = {str(element.get("name")) for element in root.findall("link")}
+    own = {found.robot.base, *(link.name for link in found.robot.links)}
+    for name, link, pose in placements(found.links, found.values):
+        new = name + OF_LINK if name in own else name
+        if new in taken:
+            raise InputError(f"{robot.name}: the URDF has a link {new!r} already; allowed: another name of the frame")
+        _child(root, "link").set("name", new)
+        joint = _child(root, "joint")
+        joint.set("name", f"{new}_joint")
+        joint.set("type", "fixed")
+        _child(joint, "parent").set("link", link)
+        _child(joint, "child").set("link", new)
+        origin = _child(joint, "origin")
+        origin.set("xyz", _numbers(pose[:3, 3]))
+        origin.set("rpy", _numbers(rpy_of(pose[:3, :3])))
+
+
+def _plain(robot: Robot) -> Element:
+    """An URDF of a robot's links and joints, without origins."""
+    from xml.etree.ElementTree import Element
+
+    root = Element("robot", {"name": robot.name})
+    _child(root, "link").set("name", robot.base)
+    for link in robot.links:
+        element = _child(root, "link")
+        element.set("name", link.name)
+        if link.mass > 0.0:
+            inertial = _child(element, "inertial")
+            _child(inertial, "origin").set("xyz", _numbers(np.array(link.com)))
+            _child(inertial, "mass").set("value", repr(link.mass))
+            moments = dict(zip(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), map(repr, link.inertia), strict=True))
+            _child(inertial, "inertia").attrib.update(moments)
+    for joint in robot.joints:
+        kind = PRINCIPAL.get(joint.type)
+        further = [name for name in joint.coordinates if name != kind and joint.type != "free"]
+        if further:
+            raise InputError(
+                f"{robot.name}: {joint.name}.{further[0]} is active; allowed in an URDF: principal coordinates alone"
+            )
+        element = _child(root, "joint")
+        element.set("name", joint.name)
+        element.set("type", _TYPES[joint.type] if joint.limits or joint.type != "revolute" else "continuous")
+        _child(element, "parent").set("link", joint.parent)
+        _child(element, "child").set("link", joint.child)
+        if kind is not None:
+            low, high = joint.limits or (-1e3, 1e3)
+            if joint.limits or joint.type == "prismatic":
+                limit = {"lower": repr(low), "upper": repr(high), "effort": "1e6", "velocity": "1e6"}
+                _child(element, "limit").attrib.update(limit)
+    return root
+
+
+def _child(parent: Element, tag: str) -> Element:
+    from xml.etree.ElementTree import SubElement
+
+    return SubElement(parent, tag)
+
+
+def _numbers(values: Array) -> str:
+    return " ".join(repr(float(value)) for value in values)

@@ -1,0 +1,97 @@
+"""The robot with what a calibration found, as a value."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...motion.turns import rpy_of
+from ...names import component_name, parameter_name
+from ...robot.value import COORDINATES, MOTOR, Frame, Joint, Loop, Placement, Robot
+from ..geometry.error_model import FRAMES, JOINTS, LOOPS, TILT
+from ..geometry.rotations import pose_from
+from ..geometry.stations import Chain, matrix_of
+
+Array = NDArray[np.float64]
+
+OF_LINK = "_calibrated"  # behind the name of a link whose frame was measured: its placement is a frame of its own
+
+
+def calibrated_robot(robot: Robot, chain: Chain, links: Mapping[str, str], values: Mapping[str, float]) -> Robot:
+    """The robot with offsets, stiffness and placements of measured frames, by the names of quantities.
+
+    links: of every measured frame, the link that it is on.
+    """
+    joints = tuple(_joint(joint, values) for joint in robot.joints)
+    frames = {frame.name: frame for frame in robot.frames}
+    own = {robot.base, *(link.name for link in robot.links)}
+    for name, link, pose in placements(links, values):
+        new = name + OF_LINK if name in own else name
+        placement = placement_of(pose)
+        frames[new] = replace(frames[new], placement=placement) if new in frames else Frame(new, link, placement)
+    loops = tuple(_loop(loop, values) for loop in robot.loops)
+    return replace(robot, joints=joints, frames=tuple(frames.values()), loops=loops)
+
+
+def placements(links: Mapping[str, str], values: Mapping[str, float]) -> Iterator[tuple[str, str, Array]]:
+    """Name, link and pose on it, (4, 4), of every measured frame whose placement was found."""
+    for name, link in links.items():
+        keys = [parameter_name(FRAMES, name, kind) for kind in COORDINATES]
+        if all(key in values for key in keys):
+            yield name, link, pose_from(np.array([values[key] for key in keys]))
+
+
+def offset_of(joint: Joint | Loop, values: Mapping[str, float]) -> dict[str, float]:
+    """Offsets of a joint, or of one that is cut, by its coordinates, m and rad: those that were found."""
+    owner = JOINTS if isinstance(joint, Joint) else LOOPS
+    keys = {kind: parameter_name(owner, joint.name, "offset", kind) for kind in COORDINATES}
+    return {kind: values[key] for kind, key in keys.items() if key in values}
+
+
+def tilt_of(joint: Joint, values: Mapping[str, float]) -> tuple[float, float] | None:
+    """Angles of a prismatic joint's axis about its own x and y, rad; None where they were not found."""
+    alpha, beta = (values.get(parameter_name(JOINTS, joint.name, TILT, kind)) for kind in ("alpha", "beta"))
+    return None if alpha is None and beta is None else (alpha or 0.0, beta or 0.0)
+
+
+def stiffness_of(joint: Joint, values: Mapping[str, float]) -> dict[str, float]:
+    """Stiffness by coordinate, or "motor" for the transmission's, N/m and N m/rad: what was found and can be."""
+    keys = {
+        kind: component_name(parameter_name(JOINTS, joint.name, kind), "stiffness") for kind in (*COORDINATES, MOTOR)
+    }
+    return {kind: values[key] for kind, key in keys.items() if values.get(key, -1.0) > 0.0 and np.isfinite(values[key])}
+
+
+def placement_of(pose: Array) -> Placement:
+    """A pose, (4, 4), as a placement with roll, pitch and yaw."""
+    x, y, z = (float(value) for value in pose[:3, 3])
+    roll, pitch, yaw = (float(value) for value in rpy_of(pose[:3, :3]))
+    return Placement.from_rpy((x, y, z), (roll, pitch, yaw))
+
+
+def _loop(loop: Loop, values: Mapping[str, float]) -> Loop:
+    found = offset_of(loop, values)
+    return replace(loop, offset=tuple(found.get(k, old) for k, old in zip(COORDINATES, loop.offset, strict=True)))
+
+
+def _joint(joint: Joint, values: Mapping[str, float]) -> Joint:
+    found, tilt = offset_of(joint, values), tilt_of(joint, values)
+    placement = joint.placement if tilt is None else placement_of(_tilted(joint, tilt))
+    offset = tuple(found.get(kind, before) for kind, before in zip(COORDINATES, joint.offset, strict=True))
+    coordinates, motor = dict(joint.coordinates), joint.motor
+    for kind, value in stiffness_of(joint, values).items():
+        if kind == MOTOR and motor is not None:
+            motor = replace(motor, transmission=replace(motor.transmission, stiffness=value))
+        elif kind in coordinates:
+            coordinates[kind] = replace(coordinates[kind], stiffness=value)
+    return replace(joint, offset=offset, coordinates=coordinates, motor=motor, placement=placement)
+
+
+def _tilted(joint: Joint, tilt: tuple[float, float]) -> Array:
+    """Placement of a prismatic joint whose axis is tilted about its own x and y, (4, 4)."""
+    turn = np.eye(4)
+    turn[:3, :3] = joint.axis_turn
+    return np.asarray(matrix_of(joint.placement) @ turn @ pose_from(np.array([0.0, 0.0, 0.0, *tilt, 0.0])) @ turn.T)

@@ -1,0 +1,292 @@
+"""What a calibration yields: values with their standard deviations, what merges, residuals; predictions; files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...errors import ArrayError, UnknownNameError
+from ...names import nearest_or_all
+from ...optional import optional_import
+from ...robot.value import COORDINATES, Robot
+from ...shown import Shown
+from ...tabular import Rows as TableRows
+from ...tabular import TableColumn, Tabular
+from ..geometry.error_model import ErrorModel, Rows
+from ..geometry.observations import ORIENTATION, POSITION
+from .as_toml import Found, write_toml
+from .as_urdf import write_urdf
+from .recorded import write_record
+from .variants import NO_GAIN, VARIANTS, Gain
+
+Array = NDArray[np.float64]
+Residuals = Mapping[str, Mapping[str, Mapping[str, float]]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrationResult(Shown, Tabular):
+    """Calibration of a robot by measured poses.
+
+    Attributes:
+        robot: the robot's name.
+        frames: link of every measured frame.
+        rows: of the file.
+        names, units: of the P quantities: placements of bases ("base.x") and of measured frames ("frames.tcp.x"),
+            offsets ("joints.joint2.offset.z"), stiffness, terms of drives.
+        values: what the description would say, (P,), m, rad, N/m, N m/rad; of merged ones the least change.
+        described: what it says, (P,); NaN where it says nothing.
+        deviations: standard deviations, (P,).
+        confidence: of intervals.
+        rank: independent combinations that the poses show; rank_above_noise: those above their noise.
+        merged: why a quantity is not identifiable, by name.
+        weak: directions that show less than their noise, with their standard deviations.
+        residuals: by variant ("placement", "zeros", "full", "prior"), then "fitted" and "held_out", then "position" (m)
+            and "orientation" (rad): rms of components.
+        variant: the one that values are of.
+        noise: standard deviations by what was measured, such as "tcp.position", known or estimated; m or rad.
+        is_noise_known: whether they were given.
+        freedoms: degrees of freedom of the residuals.
+        chi2: reduced chi-square, where the noise is known; else None.
+        prior: the size that was chosen for the prior, in expected sizes.
+        gain: of the full fit over placement alone, held out; None without folds.
+        mistrusted: rows that the loss counts less than half, with their weights.
+        notes: what was found on the way.
+        model, x, covariance: the error model, its values and their covariance, for ``predict``.
+        source: the file of poses.
+    """
+
+    robot: str
+    frames: Mapping[str, str]
+    rows: int
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: Array
+    described: Array
+    deviations: Array
+    confidence: float
+    rank: int
+    rank_above_noise: int
+    merged: Mapping[str, str]
+    weak: tuple[tuple[str, float], ...]
+    residuals: Residuals
+    variant: str
+    noise: Mapping[str, float]
+    is_noise_known: bool
+    freedoms: float
+    chi2: float | None
+    prior: float
+    gain: Gain | None
+    mistrusted: tuple[tuple[int, float], ...]
+    notes: tuple[str, ...]
+    model: ErrorModel = field(repr=False)
+    x: Array = field(repr=False)
+    covariance: Array = field(repr=False)
+    source: str = ""
+
+    def __getitem__(self, name: str) -> float:
+        """The value of a quantity; UnknownNameError if there is none of that name."""
+        if name not in self.names:
+            raise UnknownNameError(f"calibrate: {name!r} was not fitted{nearest_or_all(name, self.names)}")
+        return float(self.values[self.names.index(name)])
+
+    @property
+    def quantile(self) -> float:
+        """Standard deviations in half an interval: normal where the noise is known, else Student's t."""
+        with optional_import("SciPy", "intervals need"):
+            from scipy.special import ndtri, stdtrit
+        share = 0.5 + 0.5 * self.confidence
+        return float(ndtri(share) if self.is_noise_known else stdtrit(max(self.freedoms, 1.0), share))
+
+    def intervals(self) -> tuple[Array, Array]:
+        """Ends of the intervals of all values, (P,) each."""
+        half = self.quantile * self.deviations
+        return self.values - half, self.values + half
+
+    def predict(self, q: ArrayLike, frame: str, *, series: int | None = None) -> tuple[Array, Array]:
+        """Poses of a measured frame at other configurations, without loads, and what is not sure of them.
+
+        Args:
+            q: coordinates of the calibrated robot, (n,) or (N, n), m or rad: those of its joints' coordinates.
+            frame: a measured one.
+            series: number of the series whose device looks; None: poses in the robot's own base axes.
+
+        Returns:
+            poses, (4, 4) or (N, 4, 4), and covariances of displacement and small turn, (6, 6) or (N, 6, 6), m and rad.
+
+        Raises:
+            UnknownNameError: no measured frame, or no series, of that name.
+            ArrayError: q has a wrong shape or is not finite.
+        """
+        chain = self.model.chain
+        if frame not in chain.tools:
+            raise UnknownNameError(f"predict: {frame!r} was not measured{nearest_or_all(frame, chain.tools)}")
+        if series is not None and series not in self.model.bases:
+            raise UnknownNameError(f"predict: there is no series {series!r}; known: {sorted(self.model.bases)}")
+        places = [
+            (k, c)
+            for k, station in enumerate(chain.stations)
+            if station.joint is not None
+            for c, name in enumerate(COORDINATES)
+            if name in station.joint.coordinates
+        ]
+        given = np.asarray(q, dtype=np.float64)
+        if given.ndim not in (1, 2) or given.shape[-1] != len(places) or not np.isfinite(given).all():
+            shape = f"({len(places)},) or (N, {len(places)})"
+            raise ArrayError(f"q: got shape {given.shape}; allowed: finite numbers of shape {shape}")
+        flat = given.reshape(-1, len(places))
+        readings = np.zeros((len(flat), len(chain.stations), 6))
+        for i, (k, c) in enumerate(places):
+            readings[:, k, c] = flat[:, i]
+        number = min(self.model.bases) if series is None else series
+        rows = Rows(readings, np.full(len(flat), number), {}, np.zeros(readings.shape[:2]), np.zeros(len(flat)))
+        state = self.model.at(self.x, rows)
+        S = state.sensitivities(chain.tools[frame])
+        poses = np.tile(np.eye(4), (len(flat), 1, 1))
+        poses[:, :3, :3], poses[:, :3, 3] = state.found.R[chain.tools[frame]], state.found.p[chain.tools[frame]]
+        if series is None:
+            turn, origin = state.found.R[0].transpose(0, 2, 1), state.found.p[0]
+            arm = poses[:, :3, 3] - origin
+            poses[:, :3, :3], poses[:, :3, 3] = turn @ poses[:, :3, :3], np.einsum("nij,nj->ni", turn, arm)
+            S[:, :, [i for i, quantity in enumerate(self.model.quantities) if quantity.station == 0]] = 0.0
+            S = np.concatenate([turn @ S[:, :3], turn @ S[:, 3:]], axis=1)
+        covariance = S @ self.covariance @ S.transpose(0, 2, 1)
+        lead = given.shape[:-1]
+        return poses.reshape(*lead, 4, 4), covariance.reshape(*lead, 6, 6)
+
+    @property
+    def calibrated(self) -> Robot:
+        """The robot with offsets, stiffness and placements of frames as they were found."""
+        return self._found.calibrated
+
+    @property
+    def _found(self) -> Found:
+        values, deviations = (
+            dict(zip(self.names, part.tolist(), strict=True)) for part in (self.values, self.deviations)
+        )
+        units = dict(zip(self.names, self.units, strict=True))
+        return Found(self.model.robot, self.model.chain, self.frames, values, deviations, units)
+
+    def to_toml(self, path: Path | str) -> Path:
+        """Write the description with what was found, standard deviations as comments, and return the path.
+
+        Raises:
+            InputError: the robot's file cannot be read any more, is not written so that it can be changed, or the file
+                cannot be written.
+        """
+        return write_toml(self._found, Path(path))
+
+    def to_urdf(self, path: Path | str) -> Path:
+        """Write an URDF whose origins (and axes of prismatic joints) have what was found, and return the path.
+
+        Raises:
+            InputError: the robot has what an URDF cannot say, or a file cannot be read or written.
+        """
+        return write_urdf(self._found, Path(path))
+
+    def save(self, path: Path | str) -> Path:
+        """Write everything as .npz, and return the path; ``load_calibration`` reads it.
+
+        Raises:
+            InputError: another ending, or the file cannot be written.
+        """
+        return write_record(self, Path(path))
+
+    def as_rows(self) -> TableRows:
+        """A row per quantity: value, standard deviation, what is described; SI units."""
+        columns = [
+            TableColumn(key, "SI", getattr(self, f"{key}s" if key != "described" else key))
+            for key in ("value", "deviation", "described")
+        ]
+        merged = np.array([self.merged.get(name, "") for name in self.names], dtype=object)
+        columns.append(TableColumn("merged", "", merged))
+        return TableRows("name", "", np.array(self.names, dtype=object), columns, {"robot": self.robot})
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        return {
+            "robot": self.robot,
+            "rows": self.rows,
+            "names": list(self.names),
+            "units": list(self.units),
+            "values": _plain(self.values),
+            "described": _plain(self.described),
+            "deviations": _plain(self.deviations),
+            "confidence": self.confidence,
+            "rank": self.rank,
+            "rank_above_noise": self.rank_above_noise,
+            "merged": dict(self.merged),
+            "weak": [{"direction": text, "deviation": value} for text, value in self.weak],
+            "residuals": {name: {k: dict(x) for k, x in parts.items()} for name, parts in self.residuals.items()},
+            "variant": self.variant,
+            "noise": dict(self.noise),
+            "is_noise_known": self.is_noise_known,
+            "freedoms": self.freedoms,
+            "chi2": self.chi2,
+            "prior": self.prior,
+            "gain": None if self.gain is None else {**vars(self.gain), "is_significant": self.gain.is_significant},
+            "mistrusted": [{"row": row, "weight": weight} for row, weight in self.mistrusted],
+            "notes": list(self.notes),
+        }
+
+    def lines(self) -> list[str]:
+        """Tables for people: residuals, values, what merges."""
+        lines = [f"{self.robot}: {self.rows} poses, rank {self.rank}, {self.rank_above_noise} above the noise", ""]
+        lines += self._residual_lines()
+        lines += ["", self._gain_line()] if any(self.residuals["full"]["held_out"]) else []
+        lines += [f"reduced chi-square {self.chi2:.3g}"] if self.chi2 is not None else []
+        known = "known" if self.is_noise_known else "estimated"
+        lines += [f"noise of {name}: {_shown(value, name)}, {known}" for name, value in self.noise.items()]
+        width = max(len(name) for name in self.names) + 2
+        lines += ["", f"{'quantity':<{width}}{'value':>14}{'std. deviation':>16}{'described':>14}  unit"]
+        for i, name in enumerate(self.names):
+            if name not in self.merged:
+                before = "" if np.isnan(self.described[i]) else f"{self.described[i]:.7g}"
+                row = f"{self.values[i]:>14.7g}{self.deviations[i]:>16.2g}{before:>14}  {self.units[i]}"
+                lines.append(f"{name:<{width}}{row}")
+        if self.merged:
+            lines += ["", "not identifiable; their values are part of the least change:"]
+            lines += [f"{name:<{width}}{why}" for name, why in self.merged.items()]
+        if self.weak:
+            lines += ["", "weak: standard deviation of the first, along the direction"]
+            lines += [f"{value:>10.2g}  {text}" for text, value in self.weak]
+        if self.mistrusted:
+            rows = ", ".join(f"{row} ({weight:.2f})" for row, weight in self.mistrusted[:12])
+            lines += ["", f"mistrusted rows, with their weights: {rows}"]
+        return lines + ["", *(f"note: {note}" for note in self.notes)]
+
+    def _residual_lines(self) -> list[str]:
+        kinds = [kind for kind in (POSITION, ORIENTATION) if kind in self.residuals["full"]["fitted"]]
+        units = {POSITION: "mm", ORIENTATION: "mrad"}
+        head = "".join(f"{f'{kind} [{units[kind]}]':>20}{'held out':>12}" for kind in kinds)
+        lines = [f"{'rms of residuals':<18}{head}"]
+        for name in VARIANTS:
+            if name not in self.residuals:
+                continue
+            row = ""
+            for kind in kinds:
+                parts = self.residuals[name]
+                held = parts["held_out"].get(kind)
+                row += f"{1e3 * parts['fitted'][kind]:>20.4g}{'' if held is None else f'{1e3 * held:.4g}':>12}"
+            lines.append(f"{name:<18}{row}")
+        return lines
+
+    def _gain_line(self) -> str:
+        if self.gain is None:
+            return "gain: too few poses to tell"
+        span = f"{self.gain.low:.3g} .. {self.gain.high:.3g}, {100 * self.confidence:g} % interval"
+        if not self.gain.is_significant:
+            return f"{NO_GAIN}: placement alone leaves {self.gain.ratio:.3g} times as much, held out ({span})"
+        return f"gain: placement alone leaves {self.gain.ratio:.3g} times as much, held out ({span})"
+
+
+def _plain(values: Sequence[float] | Array) -> list[float | None]:
+    return [float(value) if np.isfinite(value) else None for value in values]
+
+
+def _shown(value: float, name: str) -> str:
+    return f"{1e3 * value:.4g} {'mrad' if name.endswith(ORIENTATION) else 'mm'}"

@@ -1,0 +1,84 @@
+"""Calibrations as .npz files, read again: arrays, and everything else as one text of JSON."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...description.recorded import robot_from_record
+from ...errors import InputError
+from ...names import show
+from ...npz import read_npz
+from ...robot.model import build_model
+from ...robot.value import COORDINATES, Robot
+from ..geometry.closing import closing_of
+from ..geometry.error_model import COMPLIANCE, DRIVE, OFFSET, PLACEMENT, ZERO, ErrorModel, Quantity
+from ..geometry.stations import chain_of
+from .recorded import ARRAYS, FORMAT, PLAIN
+from .result import CalibrationResult
+from .variants import Gain
+
+_KINDS = (PLACEMENT, ZERO, OFFSET, COMPLIANCE, DRIVE)
+
+
+def load_calibration(path: Path | str) -> CalibrationResult:
+    """The result that ``CalibrationResult.save`` wrote.
+
+    Raises:
+        InputError: the file cannot be read, or is no calibration.
+    """
+    arrays = read_npz(path)
+    try:
+        meta = json.loads(str(arrays["meta"]))
+        if meta["format"] != FORMAT:
+            raise InputError(f"{path}: has format {show(meta['format'])}; allowed: {FORMAT}")
+        robot: Robot = robot_from_record(meta["description"], str(path))
+        quantities = tuple(_quantity(entry) for entry in meta["quantities"])
+        frames = {name: (link, np.array(meta["tools"][name], dtype=float)) for name, link in meta["frames"].items()}
+        bases = {int(number): np.array(pose, dtype=float) for number, pose in meta["bases"].items()}
+        chain, tree = chain_of(robot, frames), build_model(robot)
+        closing = None
+        if robot.is_closed:
+            every = [(k, c) for k in range(len(chain.stations)) for c in range(6)]
+            closing = closing_of(tree, chain, every, str(path))
+        model = ErrorModel(robot, chain, quantities, bases, closing)
+        arrays_found: dict[str, Any] = {name: np.asarray(arrays[name], dtype=np.float64) for name in ARRAYS}
+        plain = {name: meta[name] for name in PLAIN}
+        for name in ("names", "units", "notes"):
+            plain[name] = tuple(map(str, plain[name]))
+        for name in ("weak", "mistrusted"):
+            plain[name] = tuple((entry[0], entry[1]) for entry in plain[name])
+        gain = None if meta["gain"] is None else Gain(**meta["gain"])
+        result = CalibrationResult(**plain, **arrays_found, gain=gain, model=model)
+        _check(result, str(path))
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{path}: is no calibration ({show(str(error))}); allowed: what its save wrote") from None
+    return result
+
+
+def _quantity(entry: dict[str, Any]) -> Quantity:
+    quantity = Quantity(**entry)
+    if quantity.kind not in _KINDS or not 0 <= quantity.coordinate < len(COORDINATES):
+        raise ValueError(f"quantity {quantity.name}")
+    return quantity
+
+
+def _check(result: CalibrationResult, path: str) -> None:
+    many, whole = len(result.names), len(result.model.quantities)
+    shapes: dict[str, tuple[int, ...]] = {"values": (many,), "described": (many,), "deviations": (many,), "x": (whole,)}
+    shapes["covariance"] = (whole, whole)
+    for name, shape in shapes.items():
+        array = getattr(result, name)
+        if array.shape != shape or (name in ("x", "covariance") and not np.isfinite(array).all()):
+            raise InputError(f"{path}: array {name} has shape {array.shape}; allowed: {shape}, finite numbers")
+    stations = len(result.model.chain.stations)
+    for quantity in result.model.quantities:
+        if not 0 <= quantity.station < stations:
+            raise InputError(
+                f"{path}: {show(quantity.name)} is of station {quantity.station}; allowed: 0 to {stations - 1}"
+            )

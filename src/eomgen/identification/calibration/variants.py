@@ -1,0 +1,226 @@
+"""The variants of a calibration beside each other, fitted and held out: which explains poses that it has not seen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError
+from ...names import show
+from ...optional import optional_import
+from ...progress import StageReport
+from ..geometry.error_model import PLACEMENT, ZERO
+from ..geometry.observations import ORIENTATION, POSITION, at_rows
+from ..geometry.solving import Fit, Problem, fitted, refitted, roughly, whitened
+
+Array = NDArray[np.float64]
+Places = NDArray[np.intp]
+Rms = dict[str, float]
+
+VARIANTS = ("placement", "zeros", "full", "prior")
+PRIORS = tuple(10.0 ** (k / 2.0) for k in range(-4, 5))  # sizes that are tried, in expected ones
+_WIDE = 1e3  # expected sizes of what has no prior in a ridge
+INNER = 10  # folds, at most, in which a prior is chosen for what is held out
+NO_GAIN = "no significant gain"
+
+
+@dataclass(frozen=True)
+class Gain:
+    """Held-out error of placement alone over that of the full fit, with its interval."""
+
+    ratio: float
+    low: float
+    high: float
+
+    @property
+    def is_significant(self) -> bool:
+        """Whether the interval is above 1."""
+        return self.low > 1.0
+
+
+@dataclass(frozen=True)
+class Variants:
+    """Fits by variant, their residuals, what was held out, the size of the prior, and the gain.
+
+    residuals: by variant, then "fitted" and "held_out", then "position" (m) and "orientation" (rad): rms of components.
+    held_out: differences of numbers whose rows were left out, (M,), by variant; none without folds.
+    """
+
+    fits: Mapping[str, Fit]
+    residuals: Mapping[str, Mapping[str, Rms]]
+    held_out: Mapping[str, Array]
+    prior: float
+    gain: Gain | None
+
+
+def variants_of(
+    problem: Problem, start: Array, loss: str | None, units: Places, folds: int, confidence: float, report: StageReport
+) -> Variants:
+    """Fit all variants and hold out poses.
+
+    Args:
+        problem: the full one.
+        start: first values, (P,).
+        loss: see ``fitted``.
+        units: of each row of the file, the number of what is left out together, (R,), from 0.
+        folds: contiguous parts of the units, each held out once; 0: none.
+        confidence: of the gain's interval.
+        report: called with a line of text when a variant begins.
+    """
+    problems = {"placement": _part(problem, PLACEMENT), "zeros": _part(problem, PLACEMENT, ZERO), "full": problem}
+    fits: dict[str, Fit] = {}
+    x = start
+    for name, part in problems.items():
+        report(f"fitting {name}")
+        fits[name] = fitted(part, x, loss=loss)
+        x = fits[name].x
+    full = fits["full"]
+    report("choosing a prior")
+    parts = fold_rows(units, folds if folds else 10)
+    size = _chosen_prior(problem, full, parts)
+    problems["prior"] = replace(problem, prior=_prior(problem, size))
+    fits["prior"] = fitted(problems["prior"], full.x, sigma=full.sigma, trust=full.trust)
+    held: dict[str, Array] = {}
+    if folds:
+        for name in VARIANTS:
+            report(f"holding out poses of {name}")
+            held[name] = _held_out(problems[name], fits[name], full, parts, name == "prior")
+    residuals = {
+        name: {
+            "fitted": rms(problem, fits[name].residuals, full.trust),
+            "held_out": rms(problem, held[name], full.trust) if folds else {},
+        }
+        for name in VARIANTS
+    }
+    gain = _gain(problem, held, full.trust, units, confidence) if folds else None
+    return Variants(fits, residuals, held, size, gain)
+
+
+def only_fitted(problem: Problem, start: Array, loss: str | None) -> Fit:
+    """The full fit alone, from placement on."""
+    return fitted(problem, roughly(_part(problem, PLACEMENT), start), loss=loss)
+
+
+def rms(problem: Problem, differences: Array, trust: Array) -> Rms:
+    """Root of the mean square of what was measured less what is predicted, by kind: m and rad, of components."""
+    found = {}
+    kinds = problem.seen.kinds
+    for kind in (POSITION, ORIENTATION):
+        inside = (kinds == kind) & np.isfinite(differences)
+        weight = trust[inside].sum()
+        if weight > 0.0:
+            found[kind] = float(np.sqrt((trust[inside] * differences[inside] ** 2).sum() / weight))
+    return found
+
+
+def fold_rows(units: Places, folds: int) -> list[NDArray[np.bool_]]:
+    """Rows of every fold, (R,) each: parts of the units one behind the other, as even as possible."""
+    many = int(units.max()) + 1
+    count = min(folds, many)
+    fold_of = np.arange(many) * count // many
+    return [fold_of[units] == k for k in range(count)]
+
+
+def folds_from(given: object) -> int:
+    """The number of folds of an option: a whole number, or "loo" for as many as there are poses.
+
+    Raises:
+        InputError: it is neither 0 nor at least 2.
+    """
+    if given == "loo":
+        return 1 << 30
+    if isinstance(given, bool) or not isinstance(given, int) or given < 0 or given == 1:
+        raise InputError(f"folds: {show(given)}; allowed: 0 (none), a whole number from 2 on, or 'loo'")
+    return given
+
+
+def _part(problem: Problem, *kinds: str) -> Problem:
+    """The problem with the active quantities of these kinds alone; drives' terms come with the full one."""
+    chosen = [i for i in problem.active if problem.model.quantities[i].kind in kinds]
+    return replace(problem, active=np.array(chosen, dtype=np.intp))
+
+
+def _prior(problem: Problem, size: float) -> Array:
+    """Standard deviations of all quantities, (P,): of bases and of frames that are attached there is no prior."""
+    model = problem.model
+    free = np.array([q.kind == PLACEMENT and q.size > 0.5 * _large(problem, q.coordinate) for q in model.quantities])
+    return np.where(free, _WIDE * model.sizes, size * model.sizes)
+
+
+def _large(problem: Problem, coordinate: int) -> float:
+    return problem.model.chain.reach if coordinate < 3 else 1.0
+
+
+def _chosen_prior(problem: Problem, fit: Fit, folds: Sequence[NDArray[np.bool_]], kept: Places | None = None) -> float:
+    """Size of the prior that predicts held-out numbers best, by the problem linearised at a fit of all.
+
+    kept: places of the numbers that count; others are not looked at.
+    """
+    r, A = at_rows(problem.model, problem.rows, problem.seen, fit.x)
+    white, S = whitened(problem, fit, r, A)
+    S = S[:, problem.active]
+    z = ((fit.x - problem.model.nominal) / problem.model.sizes)[problem.active]
+    y = white + S @ z
+    inside = np.ones(y.size, dtype=bool)
+    if kept is not None:
+        inside[:] = False
+        inside[kept] = True
+    G, g = S[inside].T @ S[inside], S[inside].T @ y[inside]
+    errors = np.zeros(len(PRIORS))
+    for fold in folds:
+        test = inside & fold[problem.seen.row]
+        if not test.any():
+            continue
+        T = S[test]
+        N, n = G - T.T @ T, g - T.T @ y[test]
+        for k, size in enumerate(PRIORS):
+            held = (problem.model.sizes / _prior(problem, size))[problem.active]
+            found = np.linalg.solve(N + np.diag(held**2), n)
+            errors[k] += float(((y[test] - T @ found) ** 2).sum())
+    return float(PRIORS[int(errors.argmin())])
+
+
+def _held_out(problem: Problem, fit: Fit, full: Fit, folds: Sequence[NDArray[np.bool_]], is_prior: bool) -> Array:
+    """Differences of numbers, (M,), whose rows the fit has not seen; a prior is chosen anew from the others alone."""
+    found = np.full(problem.seen.group.size, np.nan)
+    for fold in folds:
+        kept, out = problem.seen.part(~fold), problem.seen.part(fold)
+        if not (kept.size and out.size):
+            continue
+        part = problem
+        if is_prior:
+            inner = _together([other for other in folds if other is not fold], INNER)
+            part = replace(problem, prior=_prior(problem, _chosen_prior(problem, full, inner, kept)))
+        x = refitted(part, fit, kept)
+        found[out] = at_rows(problem.model, problem.rows, problem.seen, x)[0][out]
+    return found
+
+
+def _together(folds: Sequence[NDArray[np.bool_]], most: int) -> list[NDArray[np.bool_]]:
+    """The folds, neighbours put together where there are more than so many."""
+    parts = np.array_split(np.arange(len(folds)), min(most, len(folds)))
+    return [np.any([folds[k] for k in part], axis=0) for part in parts]
+
+
+def _gain(problem: Problem, held: Mapping[str, Array], trust: Array, units: Places, confidence: float) -> Gain | None:
+    """By how much the full fit is better where it has not looked; its interval by the jackknife over poses."""
+    with optional_import("SciPy", "calibrate needs"):
+        from scipy.special import stdtrit
+    kinds = problem.seen.kinds
+    kind = POSITION if (kinds == POSITION).any() else ORIENTATION
+    inside = (kinds == kind) & np.isfinite(held["placement"]) & np.isfinite(held["full"])
+    unit, many = units[problem.seen.row[inside]], int(units.max()) + 1
+    sums = [
+        np.bincount(unit, trust[inside] * held[name][inside] ** 2, minlength=many) for name in ("placement", "full")
+    ]
+    if many < 3 or not all(part.sum() > 0.0 for part in sums):
+        return None
+    whole = [np.maximum(part.sum() - part, 1e-300) for part in sums]
+    each = 0.5 * np.log(whole[0] / whole[1])
+    middle = 0.5 * float(np.log(sums[0].sum() / sums[1].sum()))
+    error = float(np.sqrt((many - 1) / many * ((each - each.mean()) ** 2).sum()))
+    half = float(stdtrit(many - 1, 0.5 + 0.5 * confidence)) * error
+    return Gain(*(float(np.exp(value)) for value in (middle, middle - half, middle + half)))

@@ -1,0 +1,222 @@
+"""Closed mechanisms: passive coordinates follow from those of the drives, in all rows at once, and so do their slopes.
+
+g(q, p) = 0,    dq = -G_q^+ G_p dp    where q are passive coordinates and p everything else
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError
+from ...names import component_name, joint_of, kind_of, listed
+from ...ranks import RANK, independent_columns, rank_of
+from ...robot.cuts import rigid_parts
+from ...robot.model import Model
+from ...robot.value import COORDINATES, MOTOR, PRINCIPAL, Robot
+from .stations import Chain, Located, cross, jacobian, located
+
+Array = NDArray[np.float64]
+Place = tuple[int, int]  # station and coordinate
+
+CLOSED = 1e-9  # m or rad: gaps that are none
+_STEPS = 30  # from home to a pose
+_EACH = 2  # of Newton's method at every step
+_LAST = 12  # at the pose itself
+
+
+@dataclass(frozen=True)
+class Closing:
+    """Loops and couplings of a robot, and the coordinates that follow.
+
+    couplings: place of a coordinate, those that it follows with their ratios, and what is added, m or rad.
+    kept: indices of the constraints that are independent; others follow from these, or would hinder offsets out of the
+        plane of a linkage, which its bearings take up.
+    """
+
+    robot: Robot
+    passive: tuple[Place, ...]
+    couplings: tuple[tuple[Place, tuple[tuple[Place, float], ...], float], ...]
+    kept: tuple[int, ...] = ()
+
+    def gaps(self, chain: Chain, at: Located, values: Array, constants: Array) -> Array:
+        """g of all loops and couplings, (N, m), m and rad; ``constants``: offsets in the values, (N, S, 6)."""
+        found = []
+        for loop, (a, b) in zip(self.robot.loops, chain.cuts, strict=True):
+            R_a = at.R[a].transpose(0, 2, 1)
+            p, R = np.einsum("nij,nj->ni", R_a, at.p[b] - at.p[a]), R_a @ at.R[b]
+            for part in rigid_parts(loop):
+                if part.axis is not None:
+                    found.append(p[:, part.axis])
+                else:
+                    found.append(sum((f * R[:, i, j] for f, i, j in part.products), np.zeros(len(p))))
+        q = values - constants
+        for (k, c), others, offset in self.couplings:
+            found.append(q[:, k, c] - offset - sum((r * q[:, i, j] for (i, j), r in others), np.zeros(len(q))))
+        return np.stack([found[i] for i in self.kept or range(len(found))], axis=1)
+
+    def slopes(self, chain: Chain, at: Located) -> Array:
+        """Derivatives of g by the six coordinates of all stations, (N, m, S, 6)."""
+        many, count = at.p.shape[1], len(chain.stations)
+        found = []
+        for loop, (a, b) in zip(self.robot.loops, chain.cuts, strict=True):
+            J = np.zeros((2, many, 6, count, 6))
+            for side, station in enumerate((a, b)):
+                before, whole = jacobian(chain, at, station)
+                J[side][:, :, before] = whole
+            R_a = at.R[a].transpose(0, 2, 1)
+            R, arm = R_a @ at.R[b], at.p[b] - at.p[a]
+            linear = J[1, :, :3] - J[0, :, :3]
+            turned = np.moveaxis(J[0, :, 3:], 1, -1)
+            linear = linear - np.moveaxis(cross(turned, arm[:, np.newaxis, np.newaxis]), -1, 1)
+            linear = np.einsum("nij,njsc->nisc", R_a, linear)
+            angular = np.einsum("nij,njsc->nisc", R_a, J[1, :, 3:] - J[0, :, 3:])
+            for part in rigid_parts(loop):
+                if part.axis is not None:
+                    found.append(linear[:, part.axis])
+                    continue
+                total = np.zeros((many, count, 6))
+                for factor, i, j in part.products:
+                    change = cross(np.moveaxis(angular, 1, -1), R[:, np.newaxis, np.newaxis, :, j])
+                    total += factor * change[..., i]
+                found.append(total)
+        for (k, c), others, _ in self.couplings:
+            row = np.zeros((many, count, 6))
+            row[:, k, c] = 1.0
+            for (i, j), ratio in others:
+                row[:, i, j] = -ratio
+            found.append(row)
+        return np.stack([found[i] for i in self.kept or range(len(found))], axis=1)
+
+    def closed(self, chain: Chain, values: Array, constants: Array, bases: Array, steps: int = _LAST) -> Array:
+        """Values with passive coordinates that close, (N, S, 6), from those that are near."""
+        found = values.copy()
+        ks, cs = np.array(self.passive, dtype=np.intp).T
+        for _ in range(steps):
+            at = located(chain, found, bases)
+            g = self.gaps(chain, at, found, constants)
+            if np.abs(g).max() < 1e-14:
+                break
+            G = self.slopes(chain, at)[:, :, ks, cs]
+            found[:, ks, cs] -= np.einsum("nqm,nm->nq", np.linalg.pinv(G, rcond=RANK), g)
+        return np.asarray(found)
+
+    def followed(self, chain: Chain, at: Located) -> Array:
+        """Change of the passive coordinates per change of all stations' coordinates by offsets, (N, k, S, 6).
+
+        Couplings are between coordinates, not between offsets: what is added to a coordinate does not move others by
+        them.
+        """
+        ks, cs = np.array(self.passive, dtype=np.intp).T
+        G = self.slopes(chain, at)
+        inverse = np.linalg.pinv(G[:, :, ks, cs], rcond=RANK)
+        loops = sum(len(rigid_parts(loop)) for loop in self.robot.loops)
+        of_couplings = [row for row, i in enumerate(self.kept or range(G.shape[1])) if i >= loops]
+        G[:, of_couplings] = 0.0
+        return np.asarray(-np.einsum("nqm,nmsc->nqsc", inverse, G))
+
+
+def closing_of(model: Model, chain: Chain, read: Sequence[Place], source: str) -> Closing:
+    """Loops and couplings of a robot whose drives are read; what else moves follows.
+
+    Raises:
+        InputError: a drive's column is missing, or drives do not say where a coordinate is.
+    """
+    robot = model.robot
+    station = {s.name: k for k, s in enumerate(chain.stations) if s.joint is not None}
+
+    def place(name: str) -> Place:
+        kind = kind_of(name)
+        kind = PRINCIPAL[robot.joint(joint_of(name)).type] if kind == MOTOR else kind
+        return station[joint_of(name)], COORDINATES.index(kind)
+
+    driven = [model.coordinates[i] for i in (*model.driven, *model.prescribed)]
+    missing = [name for name in driven if place(name) not in read]
+    if missing:
+        raise InputError(f"{source}: the column {missing[0]} is missing; allowed: all drives, {listed(driven)}")
+    kept = {place(name) for name in driven}
+    passive = []
+    for joint in robot.joints:
+        for kind, given in joint.coordinates.items():
+            at = place(component_name(joint.name, kind))
+            if at not in kept and not given.has_stiffness:
+                passive.append(at)
+    couplings = tuple(
+        (place(x.of), tuple((place(name), ratio) for name, ratio in x.to.items()), x.offset or 0.0)
+        for x in robot.couplings
+        if x.law is None
+    )
+    return _independent(model, chain, Closing(robot, tuple(passive), couplings))
+
+
+def _independent(model: Model, chain: Chain, closing: Closing) -> Closing:
+    """The same with independent constraints alone, and with drives that say where everything is; see closing_of."""
+    constants = constants_of(chain, model.robot, 1)
+    bases = np.eye(4)[np.newaxis]
+    home = _home(chain, model, 1) + constants
+    at = located(chain, closing.closed(chain, home, constants, bases, 4 * _LAST), bases)
+    slopes = closing.slopes(chain, at)[0]
+    places = [(k, c) for k, s in enumerate(chain.stations) if s.joint for c in _active(s.joint.coordinates)]
+    ks, cs = np.array(places, dtype=np.intp).T
+    G = slopes[:, ks, cs]
+    kept = tuple(sorted(independent_columns(G.T, rank_of(G))))
+    ks, cs = np.array(closing.passive, dtype=np.intp).reshape(-1, 2).T
+    if rank_of(slopes[kept, :][:, ks, cs]) < len(closing.passive):
+        free = [component_name(chain.stations[k].name, COORDINATES[c]) for k, c in closing.passive]
+        raise InputError(
+            f"{model.name}: the drives do not say where all of {listed(free)} are; allowed: drives that hold it"
+        )
+    return replace(closing, kept=kept)
+
+
+def _active(coordinates: Iterable[str]) -> list[int]:
+    return [COORDINATES.index(name) for name in coordinates]
+
+
+def constants_of(chain: Chain, robot: Robot, count: int) -> Array:
+    """Offsets of the description in the six coordinates of all stations, (count, S, 6), m and rad."""
+    found = np.zeros((count, len(chain.stations), 6))
+    for k, station in enumerate(chain.stations):
+        if station.offset is not None:
+            found[:, k] = station.offset
+    for (k, _), loop in zip(chain.cuts, robot.loops, strict=True):
+        found[:, k] = [value or 0.0 for value in loop.offset]
+    return found
+
+
+def _home(chain: Chain, model: Model, count: int) -> Array:
+    """The description's home in the six coordinates of all stations, (count, S, 6), m and rad."""
+    home = np.zeros((count, len(chain.stations), 6))
+    names = {s.name: k for k, s in enumerate(chain.stations) if s.joint is not None}
+    for name, value in zip(model.coordinates, model.home, strict=True):
+        if kind_of(name) != MOTOR:
+            home[:, names[joint_of(name)], COORDINATES.index(kind_of(name))] = value
+    return home
+
+
+def closed_readings(chain: Chain, closing: Closing, model: Model, readings: Array, places: Sequence[str]) -> Array:
+    """Readings with passive coordinates that close the described robot, (N, S, 6), from its home on.
+
+    places: file and line of every row, for messages.
+
+    Raises:
+        InputError: loops do not close in a row.
+    """
+    constants, home = constants_of(chain, model.robot, len(readings)), _home(chain, model, len(readings))
+    ks, cs = np.array(closing.passive, dtype=np.intp).T
+    bases = np.tile(np.eye(4), (len(readings), 1, 1))
+    found = closing.closed(chain, home + constants, constants, bases)
+    start = found - constants
+    for share in np.linspace(0.0, 1.0, _STEPS + 1)[1:]:
+        before = found[:, ks, cs]
+        found = start + share * (readings - start) + constants
+        found[:, ks, cs] = before
+        found = closing.closed(chain, found, constants, bases, _LAST if share == 1.0 else _EACH)
+    gaps = np.abs(closing.gaps(chain, located(chain, found, bases), found, constants)).max(axis=1)
+    bad = np.flatnonzero(~(gaps < CLOSED))
+    if bad.size:
+        raise InputError(f"{places[int(bad[0])]}: the loops of {model.name} do not close there (by {gaps[bad[0]]:.2g})")
+    return np.asarray(found - constants)

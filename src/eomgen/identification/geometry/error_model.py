@@ -1,0 +1,314 @@
+"""The error model: every quantity is a coordinate of a station times a factor of the row, so that all have one form.
+
+    s = reading + sum over quantities of value * factor(row)
+
+The factor is 1 of an offset, whether the row is of that series of a base's placement, the force (13) in a coordinate of
+its compliance, the reading itself of a gain, and so on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...names import component_name, parameter_name
+from ...robot.coordinates import UNITS
+from ...robot.cuts import rigid_parts
+from ...robot.value import COORDINATES, Robot
+from .closing import Closing
+from .poses import MeasuredPoses
+from .stations import Chain, Located, Station, forces_on, jacobian, located
+
+Array = NDArray[np.float64]
+
+BASE, FRAMES, JOINTS, LOOPS = "base", "frames", "joints", "loops"
+TILT = "axis"  # of a prismatic joint: joints.NAME.axis.alpha turns its placement about its own x
+SIZES = (1e-3, 3e-3)  # of an offset that is expected: of the reach (1), and rad
+PLACEMENT, ZERO, OFFSET, COMPLIANCE, DRIVE = "placement", "zero", "offset", "compliance", "drive"
+PASSES = 3  # of loads on what they deflect; each is as exact as the last times the deflection
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One unknown.
+
+    name: such as "joints.joint2.offset.z"; of a compliance that of its stiffness.  kind: one of the five above.
+    station, coordinate: what it moves.  factor: "one", "series", "force", "gain", "cos", "sin", "backlash", "coupling",
+    "temperature"; series: the series' number, or of a coupling the station whose reading counts.
+    nominal: its value in the description.  size: by how much it is expected to be off.
+    """
+
+    name: str
+    kind: str
+    station: int
+    coordinate: int
+    factor: str
+    nominal: float
+    size: float
+    series: int = 0
+
+    @property
+    def unit(self) -> str:
+        """Unit of its value."""
+        unit = UNITS[COORDINATES[self.coordinate]]
+        if self.kind == COMPLIANCE:
+            return "N/m" if unit == "m" else "N m/rad"
+        if self.factor == "temperature":
+            return f"{unit}/K"
+        return "1" if self.factor in ("gain", "coupling") else unit
+
+
+@dataclass(frozen=True)
+class Rows:
+    """N rows as the error model takes them.
+
+    readings: of the six coordinates of every station, (N, S, 6).  series: (N,).  loads: wrenches by station, (N, 6).
+    direction: of the last motion of every station's principal coordinate, (N, S), -1, 0 or 1.
+    """
+
+    readings: Array
+    series: NDArray[np.int64]
+    loads: Mapping[int, Array]
+    direction: Array
+    temperature: Array | None
+
+    def part(self, chosen: NDArray[np.intp]) -> Rows:
+        """The same of some of the rows."""
+        return Rows(
+            self.readings[chosen],
+            self.series[chosen],
+            {k: load[chosen] for k, load in self.loads.items()},
+            self.direction[chosen],
+            None if self.temperature is None else self.temperature[chosen],
+        )
+
+
+@dataclass(frozen=True)
+class ErrorModel:
+    """A robot's stations, what is unknown of them, and where the bases of the series stand to begin with.
+
+    bases: pose of the robot's base before the device by series, (4, 4), in front of the base's six coordinates.
+    closing: what closes a mechanism; None of a tree.
+    """
+
+    robot: Robot
+    chain: Chain
+    quantities: tuple[Quantity, ...]
+    bases: Mapping[int, Array]
+    closing: Closing | None = None
+
+    @property
+    def nominal(self) -> Array:
+        """Values in the description, (P,)."""
+        return np.array([quantity.nominal for quantity in self.quantities])
+
+    @property
+    def sizes(self) -> Array:
+        """Expected sizes, (P,)."""
+        return np.array([quantity.size for quantity in self.quantities])
+
+    def tool_on_link(self, frame: str, link: str) -> Array:
+        """Pose of a measured frame on its link before its own six coordinates, (4, 4)."""
+        return np.asarray(np.linalg.inv(self.chain.link_pose[link][1]) @ self._tool(frame).before)
+
+    def _tool(self, frame: str) -> Station:
+        return self.chain.stations[self.chain.tools[frame]]
+
+    def indices(self, *kinds: str) -> NDArray[np.intp]:
+        """Indices of the quantities of these kinds."""
+        return np.array([i for i, quantity in enumerate(self.quantities) if quantity.kind in kinds], dtype=np.intp)
+
+    def with_quantities(self, more: Sequence[Quantity]) -> ErrorModel:
+        """The same with more quantities behind the others."""
+        return replace(self, quantities=(*self.quantities, *more))
+
+    def at(self, x: Array, rows: Rows) -> State:
+        """Where all stations are with these values, (P,), and the factors of the quantities."""
+        factors = self._factors(rows)
+        moved = [i for i, quantity in enumerate(self.quantities) if quantity.kind != COMPLIANCE]
+        soft = [i for i, quantity in enumerate(self.quantities) if quantity.kind == COMPLIANCE]
+        bases = np.array([self.bases[k] for k in rows.series.tolist()])
+        places = [(q.station, q.coordinate) for q in self.quantities]
+        rigid = rows.readings.copy()
+        for i in moved:
+            rigid[:, places[i][0], places[i][1]] += x[i] * factors[:, i]
+        if self.closing is not None:
+            rigid = self.closing.closed(self.chain, rigid, rigid - rows.readings, bases)
+        found = located(self.chain, rigid, bases)
+        gravity = np.array(self.robot.gravity)
+        for _ in range(PASSES if soft else 0):
+            forces = forces_on(self.chain, found, gravity, rows.loads)
+            values = rigid.copy()
+            for i in soft:
+                factors[:, i] = forces[:, places[i][0], places[i][1]]
+                values[:, places[i][0], places[i][1]] += x[i] * factors[:, i]
+            found = located(self.chain, values, bases)
+        return State(self, found, factors)
+
+    def _factors(self, rows: Rows) -> Array:
+        """Factors of all quantities, (N, P); those of compliances are still 0."""
+        found = np.ones((len(rows.series), len(self.quantities)))
+        for i, quantity in enumerate(self.quantities):
+            if quantity.factor != "one":
+                found[:, i] = factor_of(quantity, rows)
+        return found
+
+
+@dataclass(frozen=True)
+class State:
+    """Stations of an error model at some values, with what one unit of each quantity does."""
+
+    model: ErrorModel
+    found: Located
+    factors: Array
+
+    def sensitivities(self, tool: int) -> Array:
+        """Motion of a station per unit of every quantity, (N, 6, P): displacement, small turn, the device's axes."""
+        before, by_place = jacobian(self.model.chain, self.found, tool)
+        place = {station: k for k, station in enumerate(before)}
+        chosen = [i for i, quantity in enumerate(self.model.quantities) if quantity.station in place]
+        flat = [place[self.model.quantities[i].station] * 6 + self.model.quantities[i].coordinate for i in chosen]
+        found = np.zeros((*by_place.shape[:2], len(self.model.quantities)))
+        columns = by_place.reshape(*by_place.shape[:2], -1)
+        found[:, :, chosen] = columns[:, :, flat] * self.factors[:, np.newaxis, chosen]
+        if self.model.closing is not None:
+            found += self._through_loops(by_place, before)
+        return found
+
+    def _through_loops(self, by_place: Array, before: Sequence[int]) -> Array:
+        """Motion of a station by what passive coordinates do per unit of every quantity, (N, 6, P)."""
+        model = self.model
+        assert model.closing is not None
+        follow = model.closing.followed(model.chain, self.found)
+        places = [(quantity.station, quantity.coordinate) for quantity in model.quantities]
+        ks, cs = np.array(places, dtype=np.intp).T
+        by_quantity = follow[:, :, ks, cs] * self.factors[:, np.newaxis]
+        moving = [(i, before.index(k), c) for i, (k, c) in enumerate(model.closing.passive) if k in before]
+        which, at, part = np.array(moving, dtype=np.intp).reshape(-1, 3).T
+        return np.asarray(by_place[:, :, at, part] @ by_quantity[:, which])
+
+
+def factor_of(quantity: Quantity, rows: Rows) -> Array:
+    """Factor of a quantity in every row, (N,)."""
+    reading = rows.readings[:, quantity.station, quantity.coordinate]
+    kind = quantity.factor
+    if kind == "series":
+        return np.asarray(rows.series == quantity.series, dtype=np.float64)
+    if kind == "gain":
+        return np.asarray(reading)
+    if kind in ("cos", "sin"):
+        return np.asarray(np.cos(reading) if kind == "cos" else np.sin(reading))
+    if kind == "backlash":
+        return np.asarray(rows.direction[:, quantity.station])
+    if kind == "coupling":
+        return np.asarray(rows.readings[:, quantity.series, quantity.coordinate])
+    if kind == "temperature":
+        assert rows.temperature is not None
+        return np.asarray(rows.temperature - rows.temperature.mean())
+    return np.zeros(len(rows.series))
+
+
+def quantities_of(
+    robot: Robot,
+    chain: Chain,
+    series: Sequence[int],
+    known: Mapping[str, bool],
+    sizes: tuple[float, float] = SIZES,
+) -> Iterator[Quantity]:
+    """Placements of bases and frames, the offsets of all six coordinates of every joint that moves, tilts of axes.
+
+    Where several quantities do the same, those that come first here stand for all of them.
+
+    known: of every measured frame, whether the description places it.
+    sizes: expected ones: a length as a share of the reach, and rad.
+    """
+    reach = chain.reach
+    small, large = (reach * sizes[0], sizes[1]), (reach, 1.0)
+    for number in series:
+        owner = BASE if len(series) == 1 else parameter_name("series", str(number), BASE)
+        for c, name in enumerate(COORDINATES):
+            yield Quantity(component_name(owner, name), PLACEMENT, 0, c, "series", 0.0, large[c // 3], number)
+    yield from _placements(chain, [frame for frame in chain.tools if not known[frame]], large)
+    for k, station in enumerate(chain.stations):
+        for c in (3, 4) if station.is_tilt else ():
+            name = parameter_name(JOINTS, station.name, TILT, COORDINATES[c])
+            yield Quantity(name, OFFSET, k, c, "one", 0.0, small[1])
+        if station.principal is None or station.offset is None:
+            continue
+        for c in sorted(range(6), key=lambda c: (c != station.principal, c)):
+            name = parameter_name(JOINTS, station.name, "offset", COORDINATES[c])
+            kind = ZERO if c == station.principal else OFFSET
+            yield Quantity(name, kind, k, c, "one", float(station.offset[c]), small[c // 3])
+    for loop, (first, _) in zip(robot.loops, chain.cuts, strict=True):
+        for part in rigid_parts(loop):
+            c = COORDINATES.index(part.name)
+            name, nominal = parameter_name(LOOPS, loop.name, "offset", part.name), float(loop.offset[c] or 0.0)
+            yield Quantity(name, OFFSET, first, c, "one", nominal, small[c // 3])
+    yield from _placements(chain, [frame for frame in chain.tools if known[frame]], small)
+
+
+def _placements(chain: Chain, frames: Sequence[str], size: tuple[float, float]) -> Iterator[Quantity]:
+    for frame in frames:
+        for c, name in enumerate(COORDINATES):
+            key = parameter_name(FRAMES, frame, name)
+            yield Quantity(key, PLACEMENT, chain.tools[frame], c, "one", 0.0, size[c // 3])
+
+
+def drive_terms(chain: Chain, rows: Rows) -> Iterator[tuple[Quantity, ...]]:
+    """Error terms of drives that rows can show, in groups that come together: gain, eccentricity and so on."""
+    joints = [k for k, station in enumerate(chain.stations) if station.principal is not None]
+    moving = [k for k in joints if np.ptp(rows.readings[:, k, chain.stations[k].principal or 0]) > 0.0]
+    for k in moving:
+        station, c = chain.stations[k], chain.stations[k].principal or 0
+        size = SIZES[1] if c >= 3 else SIZES[0] * chain.reach
+
+        def term(key: str, factor: str, size: float, other: int = 0, k: int = k, c: int = c) -> Quantity:
+            name = parameter_name(JOINTS, chain.stations[k].name, key)
+            return Quantity(name, DRIVE, k, c, factor, 0.0, size, other)
+
+        yield (term("gain", "gain", 1e-3),)
+        if c >= 3:
+            yield term("eccentricity.cos", "cos", size), term("eccentricity.sin", "sin", size)
+        if np.ptp(rows.direction[:, k]) > 0.0:
+            yield (term("backlash", "backlash", size),)
+        for other in moving:
+            if other != k and chain.stations[other].principal == c:
+                yield (term(f"coupling.{chain.stations[other].name}", "coupling", 1e-3, other),)
+        if rows.temperature is not None and np.ptp(rows.temperature) > 0.0:
+            for part in (0, 1, 2, *((c,) if c >= 3 else ())):
+                drift = 1e-5 * (chain.reach if part < 3 else 1.0)
+                name = parameter_name(JOINTS, station.name, "temperature", COORDINATES[part])
+                yield (Quantity(name, DRIVE, k, part, "temperature", 0.0, drift),)
+
+
+def rows_of(chain: Chain, robot: Robot, poses: MeasuredPoses, known: Mapping[str, tuple[int, int, float]]) -> Rows:
+    """Measured poses as the error model takes them.
+
+    known: of every column of coordinates its station, coordinate, and the factor from the column to the coordinate.
+    """
+    many, count = len(poses.q), len(chain.stations)
+    readings = np.zeros((many, count, 6))
+    for i, name in enumerate(poses.coordinates):
+        at, coordinate, factor = known[name]
+        readings[:, at, coordinate] += factor * poses.q[:, i]
+    direction = np.zeros((many, count))
+    for k, station in enumerate(chain.stations):
+        if station.principal is not None:
+            direction[:, k] = _directions(readings[:, k, station.principal], poses.series)
+    loads = {chain.tools[f]: m.wrench for f, m in poses.frames.items() if f in chain.tools and np.any(m.wrench)}
+    return Rows(readings, poses.series, loads, direction, poses.temperature)
+
+
+def _directions(values: Array, series: NDArray[np.int64]) -> Array:
+    """Sense of the last motion before each row: -1, 1, or 0 where there was none yet."""
+    found = np.zeros(len(values))
+    last: dict[int, tuple[float, float]] = {}
+    for row, (number, value) in enumerate(zip(series.tolist(), values.tolist(), strict=True)):
+        before, sense = last.get(number, (value, 0.0))
+        sense = float(np.sign(value - before)) or sense
+        last[number] = value, sense
+        found[row] = sense
+    return found

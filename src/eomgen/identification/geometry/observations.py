@@ -1,0 +1,227 @@
+"""What was measured as one vector of numbers, what an error model predicts of it, and by how much they differ."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...errors import ArrayError, InputError
+from ...names import listed, show
+from ...robot.coordinates import MOTIONS
+from .error_model import ErrorModel, Rows, State
+from .poses import Measured, MeasuredPoses
+from .rotations import vectors_of
+
+Array = NDArray[np.float64]
+Places = NDArray[np.intp]
+
+POSITION, ORIENTATION, DISTANCE, TRAVEL = "position", "orientation", "distance", "travel"
+_LEAST = 1e-12  # m, below which a distance has no direction
+
+
+@dataclass(frozen=True)
+class Block:
+    """Measurements of one kind of one frame: rows (R,), values, and the kind."""
+
+    frame: str
+    kind: str
+    rows: Places
+    values: Array
+
+    @property
+    def width(self) -> int:
+        """Numbers in a row."""
+        return 3 if self.kind in (POSITION, ORIENTATION) else 1
+
+
+@dataclass(frozen=True)
+class Observations:
+    """M numbers in blocks, one behind the other.
+
+    group: of each number, the index of its block; row: of the file; sample: index of what was measured at once of a
+    frame, and is weighted as one.  sigma: standard deviations, (M,), NaN where not known.  weight: of information.
+    mixed: places (R, c) of numbers whose errors go together, with the inverse factor of their covariance, (c, c).
+    """
+
+    blocks: tuple[Block, ...]
+    group: Places
+    row: Places
+    sample: Places
+    sigma: Array
+    weight: Array
+    mixed: tuple[tuple[Places, Array], ...]
+
+    @property
+    def kinds(self) -> NDArray[np.str_]:
+        """Kind of every number: lengths are "position", whatever was measured of them."""
+        names = np.array([ORIENTATION if block.kind == ORIENTATION else POSITION for block in self.blocks])
+        return np.asarray(names[self.group])
+
+    def differences(self, state: State, tools: Mapping[str, int]) -> tuple[Array, Array]:
+        """Measured less predicted, (M,), and the sensitivities of what is predicted, (M, P)."""
+        found, slopes = list[Array](), list[Array]()
+        by_frame: dict[str, Array] = {}
+        for block in self.blocks:
+            tool = tools[block.frame]
+            if block.frame not in by_frame:
+                by_frame[block.frame] = state.sensitivities(tool)
+            J, rows = by_frame[block.frame], block.rows
+            p = state.found.p[tool]
+            if block.kind == POSITION:
+                r, slope = block.values - p[rows], J[rows, :3]
+            elif block.kind == ORIENTATION:
+                r = vectors_of(block.values @ state.found.R[tool][rows].transpose(0, 2, 1))
+                slope = J[rows, 3:]
+            else:
+                step, by = p[rows], J[rows, :3]
+                if block.kind == TRAVEL:
+                    step, by = step - p[rows - 1], by - J[rows - 1, :3]
+                length = np.linalg.norm(step, axis=1)
+                unit = step / np.maximum(length, _LEAST)[:, np.newaxis]
+                r, slope = block.values - length, np.einsum("ni,nip->np", unit, by)
+            found.append(r.reshape(-1))
+            slopes.append(slope.reshape(-1, slope.shape[-1]))
+        return np.concatenate(found), np.concatenate(slopes)
+
+    def whiten(self, values: Array, sigma: Array) -> Array:
+        """Numbers, (M,) or (M, P), in units of their standard deviations ``sigma``, (M,)."""
+        scale = np.sqrt(self.weight) / sigma
+        scaled = values * (scale if values.ndim == 1 else scale[:, np.newaxis])
+        for places, factor in self.mixed:
+            root = np.sqrt(self.weight[places[:, :1]])
+            if values.ndim == 1:
+                scaled[places] = root * (values[places] @ factor.T)
+            else:
+                scaled[places] = root[..., np.newaxis] * np.einsum("ij,njp->nip", factor, values[places])
+        return np.asarray(scaled)
+
+    def part(self, kept: NDArray[np.bool_]) -> Places:
+        """Places of the numbers whose rows are kept, (R,) of the file."""
+        return np.flatnonzero(kept[self.row])
+
+
+def observations_of(poses: MeasuredPoses, noise: ArrayLike | None, covariance: Mapping[str, ArrayLike]) -> Observations:
+    """All that was measured, with what is known of its noise.
+
+    Args:
+        poses: from a file.
+        noise: standard deviations of lengths (m) and of turns (rad) where the file has none; None: not known.
+        covariance: of the errors of a frame, (3, 3) of its position or (6, 6) of position and turn, in place of that.
+
+    Raises:
+        InputError: a standard deviation is missing in some rows, a covariance is none.
+    """
+    usual = _two(noise)
+    blocks, sigma, sample = list[Block](), list[Array](), list[Places]()
+    first = 0
+    starts: dict[tuple[str, str], tuple[int, Block]] = {}
+    for k, (frame, measured) in enumerate(poses.frames.items()):
+        for block in _blocks(poses, measured):
+            starts[frame, block.kind] = first, block
+            blocks.append(block)
+            sigma.append(_sigma(poses, measured, block, usual))
+            sample.append(np.repeat(block.rows + k * len(poses.q), block.width))
+            first += block.rows.size * block.width
+    widths = [block.width * block.rows.size for block in blocks]
+    row = np.concatenate([np.repeat(block.rows, block.width) for block in blocks])
+    deviations = np.concatenate(sigma)
+    mixed = [_mixed(frame, value, starts) for frame, value in covariance.items()]
+    for places, _ in mixed:
+        deviations[places] = 1.0
+    return Observations(
+        tuple(blocks),
+        np.repeat(np.arange(len(blocks)), widths),
+        row,
+        np.concatenate(sample),
+        deviations,
+        poses.weight[row],
+        tuple(mixed),
+    )
+
+
+def _blocks(poses: MeasuredPoses, measured: Measured) -> list[Block]:
+    found = []
+    there = np.isfinite(measured.position).all(axis=1)
+    turned = np.isfinite(measured.orientation).all(axis=(1, 2))
+    if there.any():
+        found.append(Block(measured.frame, POSITION, np.flatnonzero(there), measured.position[there]))
+    if turned.any():
+        found.append(Block(measured.frame, ORIENTATION, np.flatnonzero(turned), measured.orientation[turned]))
+    if np.isfinite(measured.distance).any():
+        rows = np.flatnonzero(np.isfinite(measured.distance))
+        found.append(Block(measured.frame, DISTANCE, rows, measured.distance[rows]))
+    follows = np.concatenate([[False], poses.series[1:] == poses.series[:-1]])
+    between = np.flatnonzero(np.isfinite(measured.travel) & follows)
+    if between.size:
+        found.append(Block(measured.frame, TRAVEL, between, measured.travel[between]))
+    return found
+
+
+def _sigma(poses: MeasuredPoses, measured: Measured, block: Block, usual: Sequence[float]) -> Array:
+    """Standard deviations of a block's numbers, NaN where they are not known."""
+    keys = {POSITION: MOTIONS[:3], ORIENTATION: MOTIONS[3:]}.get(block.kind, (block.kind,))
+    columns = []
+    for key in keys:
+        if key in measured.sigma:
+            values = measured.sigma[key][block.rows]
+            bad = np.flatnonzero(~np.isfinite(values))
+            if bad.size:
+                place = poses.place(int(block.rows[bad[0]]))
+                raise InputError(
+                    f"{place}: column {measured.frame}.sigma.{key} is empty where {key} is measured; allowed: a number"
+                )
+            columns.append(values)
+        else:
+            columns.append(np.full(block.rows.size, usual[block.kind == ORIENTATION]))
+    found = np.stack(columns, axis=1).reshape(-1)
+    known = np.isfinite(found)
+    if known.any() and not known.all():
+        raise InputError(
+            f"{poses.source}: {measured.frame}: standard deviations of some of {listed(keys)} alone; allowed: of all"
+        )
+    return found
+
+
+def _two(noise: ArrayLike | None) -> tuple[float, float]:
+    if noise is None:
+        return np.nan, np.nan
+    try:
+        values = np.array(noise, dtype=np.float64)
+    except (TypeError, ValueError):
+        values = np.zeros(0)
+    if values.shape != (2,) or not (np.isfinite(values).all() and (values > 0.0).all()):
+        raise ArrayError(f"noise: {show(str(noise))}; allowed: two positive numbers, m and rad")
+    return float(values[0]), float(values[1])
+
+
+def _mixed(frame: str, value: ArrayLike, starts: Mapping[tuple[str, str], tuple[int, Block]]) -> tuple[Places, Array]:
+    """Places of a frame's numbers that a covariance is of, and the inverse of its Cholesky factor."""
+    if (frame, POSITION) not in starts:
+        known = [name for name, kind in starts if kind == POSITION]
+        raise InputError(f"covariance: {show(frame)} has no measured position; allowed: {listed(known)}")
+    matrix = np.array(value, dtype=np.float64)
+    whole = (frame, ORIENTATION) in starts
+    if matrix.shape not in ((3, 3), *(((6, 6),) if whole else ())):
+        raise ArrayError(f"covariance: {frame} has shape {matrix.shape}; allowed: (3, 3){', (6, 6)' if whole else ''}")
+    try:
+        if not (np.isfinite(matrix).all() and np.allclose(matrix, matrix.T, rtol=1e-9, atol=0.0)):
+            raise np.linalg.LinAlgError
+        factor = np.linalg.inv(np.linalg.cholesky(matrix))
+    except np.linalg.LinAlgError:
+        raise ArrayError(f"covariance: that of {frame} is not symmetric and positive definite; allowed: one") from None
+    first, block = starts[frame, POSITION]
+    places = first + 3 * np.arange(block.rows.size)[:, np.newaxis] + np.arange(3)
+    if len(matrix) == 6:
+        second, turned = starts[frame, ORIENTATION]
+        if not np.array_equal(block.rows, turned.rows):
+            raise InputError(f"covariance: {frame} has positions without turns; allowed: both in all rows")
+        places = np.hstack([places, second + 3 * np.arange(block.rows.size)[:, np.newaxis] + np.arange(3)])
+    return places, factor
+
+
+def at_rows(model: ErrorModel, rows: Rows, seen: Observations, x: Array) -> tuple[Array, Array]:
+    """Differences, (M,), and sensitivities, (M, P), with these values."""
+    return seen.differences(model.at(x, rows), model.chain.tools)

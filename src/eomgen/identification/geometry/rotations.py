@@ -1,0 +1,101 @@
+"""Rotations of many poses at once: from what files hold of them, their rotation vectors, their mean."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...motion.turns import rotation_of
+
+Array = NDArray[np.float64]
+
+_SMALL = 1e-7  # sine of an angle below which it is the angle
+_NEARLY_HALF = -0.99  # cosine from which on the axis is read off the symmetric part
+
+
+def about_axis(axis: int, angle: Array) -> Array:
+    """Rotations about x, y or z (0, 1, 2) by angles (...), rad: (..., 3, 3)."""
+    turned = np.zeros((*angle.shape, 3, 3))
+    first, second = (axis + 1) % 3, (axis + 2) % 3
+    cosine, sine = np.cos(angle), np.sin(angle)
+    turned[..., axis, axis] = 1.0
+    turned[..., first, first] = turned[..., second, second] = cosine
+    turned[..., first, second], turned[..., second, first] = -sine, sine
+    return turned
+
+
+def from_rpy(angles: Array) -> Array:
+    """Rz(yaw) Ry(pitch) Rx(roll), (N, 3, 3), of roll, pitch and yaw, (N, 3), rad."""
+    roll, pitch, yaw = angles.T
+    return np.asarray(about_axis(2, yaw) @ about_axis(1, pitch) @ about_axis(0, roll))
+
+
+def from_quaternions(values: Array) -> Array:
+    """Rotations, (N, 3, 3), of quaternions w, x, y, z, (N, 4), of any length but 0."""
+    unit = values / np.linalg.norm(values, axis=1, keepdims=True)
+    unit = np.where(unit[:, :1] < 0.0, -unit, unit)
+    sine = np.linalg.norm(unit[:, 1:], axis=1, keepdims=True)
+    angle = 2.0 * np.arctan2(sine, unit[:, :1])
+    return rotation_of(np.where(sine > _SMALL, angle / np.maximum(sine, _SMALL), 2.0) * unit[:, 1:])
+
+
+def vectors_of(rotations: Array) -> Array:
+    """Rotation vectors, (N, 3), rad, of rotations, (N, 3, 3); lengths from 0 to pi."""
+    skew = 0.5 * np.stack(
+        [
+            rotations[:, 2, 1] - rotations[:, 1, 2],
+            rotations[:, 0, 2] - rotations[:, 2, 0],
+            rotations[:, 1, 0] - rotations[:, 0, 1],
+        ],
+        axis=1,
+    )
+    sine, cosine = np.linalg.norm(skew, axis=1), 0.5 * (np.trace(rotations, axis1=1, axis2=2) - 1.0)
+    angle = np.arctan2(sine, cosine)
+    found = skew * np.where(sine > _SMALL, angle / np.maximum(sine, _SMALL), 1.0)[:, np.newaxis]
+    for k in np.flatnonzero(cosine < _NEARLY_HALF):
+        squares = 0.5 * (rotations[k] + rotations[k].T) - cosine[k] * np.eye(3)
+        axis = squares[int(np.diagonal(squares).argmax())]
+        axis = axis / np.linalg.norm(axis)
+        found[k] = angle[k] * (-axis if axis @ skew[k] < 0.0 else axis)
+    return np.asarray(found)
+
+
+def nearest_rotation(matrix: Array) -> Array:
+    """The rotation, (3, 3), nearest to a matrix by the sum of squares."""
+    u, _, v = np.linalg.svd(matrix)
+    return np.asarray(u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v)
+
+
+def coordinates_of(pose: Array) -> Array:
+    """The six coordinates x, y, z, alpha, beta, gamma of T(x, y, z) Rx Ry Rz, (6,), of a pose, (4, 4); m, rad."""
+    R = pose[:3, :3]
+    beta = np.arctan2(R[0, 2], np.hypot(R[0, 0], R[0, 1]))
+    if np.hypot(R[0, 0], R[0, 1]) > 1e-9:
+        alpha, gamma = np.arctan2(-R[1, 2], R[2, 2]), np.arctan2(-R[0, 1], R[0, 0])
+    else:
+        alpha, gamma = np.arctan2(R[2, 1], R[1, 1]), 0.0
+    return np.array([*pose[:3, 3], alpha, beta, gamma])
+
+
+def pose_from(values: Array) -> Array:
+    """T(x, y, z) Rx(alpha) Ry(beta) Rz(gamma), (4, 4), of its six coordinates, (6,), m and rad: eq. (3)."""
+    pose = np.eye(4)
+    pose[:3, 3] = values[:3]
+    angles = np.asarray(values[3:], dtype=np.float64)
+    pose[:3, :3] = about_axis(0, angles[0]) @ about_axis(1, angles[1]) @ about_axis(2, angles[2])
+    return pose
+
+
+READINGS: Mapping[str, Callable[[Array], Array]] = {  # of three numbers, by what they might be
+    "rotvector": rotation_of,
+    "rpy": from_rpy,
+    "rpy, yaw first": lambda angles: from_rpy(angles[:, ::-1]),
+    "intrinsic x, y, z": lambda a: np.asarray(about_axis(0, a[:, 0]) @ about_axis(1, a[:, 1]) @ about_axis(2, a[:, 2])),
+    "intrinsic z, y, z": lambda a: np.asarray(about_axis(2, a[:, 0]) @ about_axis(1, a[:, 1]) @ about_axis(2, a[:, 2])),
+}
+FOUR: Mapping[str, Callable[[Array], Array]] = {  # of four
+    "quaternion": from_quaternions,
+    "quaternion with w last": lambda values: from_quaternions(values[:, [3, 0, 1, 2]]),
+}

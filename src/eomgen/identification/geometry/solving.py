@@ -1,0 +1,314 @@
+"""Gauss and Newton's method on the whole error model: scaled columns, whitened rows, least change where none shows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError
+from ...names import show
+from .error_model import ErrorModel, Rows
+from .observations import Observations, at_rows
+
+Array = NDArray[np.float64]
+Places = NDArray[np.intp]
+
+ALGEBRAIC = 1e-10  # of the greatest singular value of normed columns: what is less is none
+HIDDEN = 0.03  # of an expected size, in units of its noise: what shows less keeps its nominal value
+_ROUND_OFF = 1e-13  # of the longest column: what is shorter is 0
+_BLOCK = 2  # rows of a block over its columns
+_STEPS = 25  # of Gauss and Newton, at most
+_ROUGH = 4  # steps of a fit that another one goes on from
+_HALVINGS = 12
+_SMALL = 1e-9  # of a step, in expected sizes
+_ROUNDS = 6  # of noise that is estimated, or weights that follow from residuals
+_SETTLED = 1e-3  # relative change of estimated noise
+_FLOOR = 1e-13  # m or rad, below which noise is round-off
+_MAD = 1.4826  # standard deviation over the median of the magnitude, normal distribution
+
+LOSSES: dict[str, Callable[[Array], Array]] = {  # weight of a sample by its size u; 95 % efficient with normal errors
+    "huber": lambda u: np.minimum(1.0, 1.345 / np.maximum(u, 1e-300)),
+    "cauchy": lambda u: 1.0 / (1.0 + (u / 2.385) ** 2),
+    "tukey": lambda u: np.where(u < 4.685, (1.0 - np.minimum(u / 4.685, 1.0) ** 2) ** 2, 0.0),
+}
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A fit to make: a model, its rows, the numbers measured, and which quantities may change.
+
+    active: indices of these.  prior: standard deviation of their change from nominal, (P,), infinite without one.
+    kept: places of the numbers that count, for folds; None: all.
+    """
+
+    model: ErrorModel
+    rows: Rows
+    seen: Observations
+    active: Places
+    prior: Array | None = None
+    kept: Places | None = None
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Values and noise that were found.
+
+    Attributes:
+        x: all values, (P,).
+        sigma: standard deviations of all numbers, (M,), known or estimated.
+        trust: weights by the loss, (M,), 1 without one.
+        residuals: measured less predicted, (M,).
+        covariance: of x, (P, P), in the gauge of the least change; what is hidden has its expected size.
+        shown: directions that the numbers show, for degrees of freedom.
+        freedoms: numbers less these.
+        chi2: sum of squares of whitened residuals that count.
+        leverage: of the numbers that count, (m,).
+    """
+
+    x: Array
+    sigma: Array
+    trust: Array
+    residuals: Array
+    covariance: Array
+    shown: float
+    freedoms: float
+    chi2: float
+    leverage: Array
+
+
+@dataclass(frozen=True)
+class _Linear:
+    """A linearised problem in expected sizes: singular values, directions (k, p), what they ask for, hidden ones."""
+
+    values: Array
+    V: Array
+    asked: Array
+    U: Array
+    hidden: Array
+
+
+def fitted(
+    problem: Problem, x: Array, sigma: Array | None = None, loss: str | None = None, trust: Array | None = None
+) -> Fit:
+    """Fit the active quantities, beginning with the values x, (P,).
+
+    Args:
+        problem: what to fit.
+        x: first values of all quantities; others than the active keep them.
+        sigma: standard deviations of all numbers, (M,), which then stay; by default those known, others estimated.
+        loss: one of LOSSES: samples count the less, the more they are off.
+        trust: weights of all numbers, (M,), where there is no loss; 1 if not given.
+
+    Raises:
+        InputError: another loss.
+    """
+    if loss is not None and loss not in LOSSES:
+        raise InputError(f"loss: {show(loss)}; allowed: {', '.join(LOSSES)}, or none")
+    seen = problem.seen
+    kept = np.arange(seen.group.size) if problem.kept is None else problem.kept
+    estimated = np.zeros(seen.group.size, dtype=bool) if sigma is not None else np.isnan(seen.sigma)
+    deviations = seen.sigma.copy() if sigma is None else sigma.copy()
+    trust = np.ones(seen.group.size) if trust is None else trust
+    r, A = at_rows(problem.model, problem.rows, seen, x)
+    if estimated.any():
+        deviations = _first_sigma(seen, r, estimated, deviations, kept)
+    for round_number in range(_ROUNDS):
+        x, r, A, linear = _descend(problem, x, r, A, deviations, trust, kept)
+        before = deviations.copy(), trust.copy()
+        leverage = (linear.U**2).sum(axis=1)
+        if loss is not None:
+            trust = _trust(seen, r, deviations, LOSSES[loss], kept, bool(estimated.any()))
+        if estimated.any():
+            deviations = _estimated_sigma(seen, r, leverage, trust, estimated, deviations, kept)
+        moved = np.abs(np.log(deviations / before[0])).max(), np.abs(trust - before[1]).max()
+        if max(moved) < _SETTLED or (round_number and not estimated.any() and loss is None):
+            break
+    white = _weighed(seen, r, deviations, trust)[kept]
+    shown = float((linear.U**2).sum())
+    return Fit(
+        x=x,
+        sigma=deviations,
+        trust=trust,
+        residuals=r,
+        covariance=_covariance(problem, linear),
+        shown=shown,
+        freedoms=max(float(trust[kept].sum()) - shown, 0.0),
+        chi2=float(white @ white),
+        leverage=(linear.U**2).sum(axis=1),
+    )
+
+
+def roughly(problem: Problem, x: Array) -> Array:
+    """Values, (P,), near enough to begin a fit with: all noise that is not known is that of what is left at x."""
+    seen = problem.seen
+    r, A = at_rows(problem.model, problem.rows, seen, x)
+    places = np.arange(seen.group.size)
+    sigma = _first_sigma(seen, r, np.isnan(seen.sigma), seen.sigma, places)
+    return _descend(problem, x, r, A, sigma, np.ones(places.size), places, _ROUGH)[0]
+
+
+def refitted(problem: Problem, fit: Fit, kept: Places, steps: int = 4) -> Array:
+    """Values, (P,), fitted to some of the numbers alone, from a fit of all: its noise and weights stay."""
+    part = replace(problem, kept=kept)
+    r, A = at_rows(problem.model, problem.rows, problem.seen, fit.x)
+    return _descend(part, fit.x, r, A, fit.sigma, fit.trust, kept, steps)[0]
+
+
+def whitened(problem: Problem, fit: Fit, r: Array, A: Array) -> tuple[Array, Array]:
+    """Differences and sensitivities per expected size, whitened by the noise of a fit, (M,) and (M, P)."""
+    scale = problem.model.sizes
+    return _weighed(problem.seen, r, fit.sigma, fit.trust), _weighed(problem.seen, A * scale, fit.sigma, fit.trust)
+
+
+def _weighed(seen: Observations, values: Array, sigma: Array, trust: Array) -> Array:
+    root = np.sqrt(trust)
+    return seen.whiten(values, sigma) * (root if values.ndim == 1 else root[:, np.newaxis])
+
+
+def _descend(
+    problem: Problem, x: Array, r: Array, A: Array, sigma: Array, trust: Array, kept: Places, steps: int = _STEPS
+) -> tuple[Array, Array, Array, _Linear]:
+    """Values, differences and sensitivities at the least sum of squares near x, and the problem linearised there.
+
+    Steps are halved while the sum grows.
+    """
+    model, active = problem.model, problem.active
+    sizes, nominal = model.sizes[active], model.nominal[active]
+
+    def cost(r: Array, x: Array) -> float:
+        white = _weighed(problem.seen, r, sigma, trust)[kept]
+        change = (x - model.nominal) / problem.prior if problem.prior is not None else np.zeros(1)
+        return float(white @ white + change @ change)
+
+    best = cost(r, x)
+    linear = _linear(problem, r, A, x, sigma, trust, kept)
+    for _ in range(steps):
+        z = (x[active] - nominal) / sizes
+        step = linear.V.T @ (linear.V @ z + linear.asked) - z
+        if np.abs(step).max(initial=0.0) < _SMALL:
+            break
+        for _ in range(_HALVINGS):
+            tried = x.copy()
+            tried[active] = nominal + sizes * (z + step)
+            new_r, new_A = at_rows(model, problem.rows, problem.seen, tried)
+            new = cost(new_r, tried)
+            if new <= best * (1.0 + 1e-9) + 1e-300:
+                break
+            step = 0.5 * step
+        else:
+            break
+        gained = best - new
+        x, r, A, best = tried, new_r, new_A, new
+        linear = _linear(problem, r, A, x, sigma, trust, kept)
+        if gained <= 1e-12 * best and np.abs(step).max() < 1e-6:
+            break
+    return x, r, A, linear
+
+
+def _linear(problem: Problem, r: Array, A: Array, x: Array, sigma: Array, trust: Array, kept: Places) -> _Linear:
+    """The problem linearised at x, in the directions that show: above round-off and above noise.
+
+    A prior is a row for each quantity; it holds all directions, so that none is hidden.
+    """
+    active, sizes = problem.active, problem.model.sizes[problem.active]
+    S = _weighed(problem.seen, A[:, active], sigma, trust)[kept] * sizes
+    white = _weighed(problem.seen, r, sigma, trust)[kept]
+    if problem.prior is not None:
+        held = sizes / problem.prior[active]
+        change = (x - problem.model.nominal)[active] / sizes
+        S, white = np.vstack([S, np.diag(held)]), np.concatenate([white, -held * change])
+    R, norms = normed_triangle(S)
+    rank = _rank(np.linalg.svd(R, compute_uv=False))
+    _, values, V = np.linalg.svd(R * norms)
+    hidden = V[rank:rank]
+    if problem.prior is None:
+        shown = min(rank, int((values > HIDDEN).sum()))
+        hidden, rank = V[shown:rank], shown
+    values, V = values[:rank], V[:rank]
+    U = S @ V.T / values
+    return _Linear(values, V, (U.T @ white) / values, U[: kept.size], hidden)
+
+
+def _covariance(problem: Problem, linear: _Linear) -> Array:
+    """Covariance of all values, (P, P); in hidden directions that of the expected sizes."""
+    many = len(problem.model.quantities)
+    roots = np.vstack([linear.V / linear.values[:, np.newaxis], linear.hidden]) * problem.model.sizes[problem.active]
+    found = np.zeros((many, many))
+    found[np.ix_(problem.active, problem.active)] = roots.T @ roots
+    return found
+
+
+def _first_sigma(seen: Observations, r: Array, estimated: NDArray[np.bool_], sigma: Array, kept: Places) -> Array:
+    """Noise to begin with where it is not known: the size of what is not explained yet, block by block."""
+    found = np.array(sigma)
+    for group in range(len(seen.blocks)):
+        places = kept[seen.group[kept] == group]
+        if places.size and estimated[places[0]]:
+            size = _MAD * np.median(np.abs(r[places]) * np.sqrt(seen.weight[places]))
+            found[seen.group == group] = max(float(size), _FLOOR)
+    return found
+
+
+def _estimated_sigma(
+    seen: Observations,
+    r: Array,
+    leverage: Array,
+    trust: Array,
+    estimated: NDArray[np.bool_],
+    sigma: Array,
+    kept: Places,
+) -> Array:
+    """Standard deviations where they are not known: one for each block, by its share of the degrees of freedom."""
+    found = np.array(sigma)
+    for group in range(len(seen.blocks)):
+        inside = seen.group[kept] == group
+        places = kept[inside]
+        if not places.size or not estimated[places[0]]:
+            continue
+        freedoms = float(trust[places].sum() - leverage[inside].sum())
+        if freedoms > 0.5:
+            square = float((trust[places] * seen.weight[places] * r[places] ** 2).sum()) / freedoms
+            found[seen.group == group] = max(float(np.sqrt(square)), _FLOOR)
+    return found
+
+
+def _trust(
+    seen: Observations, r: Array, sigma: Array, loss: Callable[[Array], Array], kept: Places, rescaled: bool
+) -> Array:
+    """Weights of all numbers, (M,), one for each sample, by its size beside the noise, or beside the usual sample."""
+    white = seen.whiten(r, sigma) ** 2
+    many = np.bincount(seen.sample)
+    size = np.sqrt(np.bincount(seen.sample, white) / np.maximum(many, 1))
+    if rescaled:
+        there = np.unique(seen.sample[kept])
+        usual = float(np.median(size[there]))
+        size = size / max(usual, 1e-300) * float(np.sqrt(1.0 - 2.0 / (9.0 * np.median(many[there]))) ** 3)
+    return np.asarray(loss(size)[seen.sample])
+
+
+def algebraic_rank(S: Array) -> int:
+    """Rank of sensitivities, (m, p), whatever the sizes of their columns."""
+    R, norms = normed_triangle(S)
+    return _rank(np.linalg.svd(R[:, norms > 0.0], compute_uv=False)) if norms.any() else 0
+
+
+def normed_triangle(S: Array) -> tuple[Array, Array]:
+    """R of S = Q R, (p, p) at most, with columns of length 1, and the lengths; both are 0 where S is round-off."""
+    R: NDArray[Any] = S
+    while len(R) > _BLOCK * S.shape[1]:  # in blocks: one large matrix would wait for threads
+        many = len(R) // (_BLOCK * S.shape[1])
+        end = many * _BLOCK * S.shape[1]
+        reduced = np.asarray(np.linalg.qr(R[:end].reshape(many, -1, S.shape[1]), mode="r"))
+        R = np.vstack([reduced.reshape(-1, S.shape[1]), R[end:]])
+    R = np.asarray(np.linalg.qr(R, mode="r"))
+    norms = np.linalg.norm(R, axis=0)
+    norms[norms <= _ROUND_OFF * norms.max(initial=0.0)] = 0.0
+    return np.where(norms > 0.0, R / np.where(norms > 0.0, norms, 1.0), 0.0), norms
+
+
+def _rank(values: NDArray[Any]) -> int:
+    return int((values > ALGEBRAIC * values.max(initial=0.0)).sum())
