@@ -24,9 +24,8 @@ def plot_calibration(found: CalibrationResult, path: Path | str) -> Path:
     """
     kinds = [entry for entry in _KINDS if entry[0] in found.residuals["full"]["fitted"]]
     with canvas(3.6 * len(kinds), 3.0, path) as figure:
-        panels = figure.subplots(
-            1, len(kinds), squeeze=False, gridspec_kw={"top": 0.86, "bottom": 0.12, "left": 0.18, "wspace": 0.5}
-        )
+        room = {"top": 0.86, "bottom": 0.12, "left": 0.18 / len(kinds), "right": 0.98, "wspace": 0.3}
+        panels = figure.subplots(1, len(kinds), squeeze=False, gridspec_kw=room)
         for axes, (kind, unit) in zip(panels[0], kinds, strict=True):
             _bars(found, axes, kind, unit)
         panels[0][0].legend(loc="upper right")

@@ -40,7 +40,7 @@ from .drives import with_drives
 from .identifiability import Identifiable, identifiable, refuse_too_few
 from .result import CalibrationResult
 from .traps import at_once, design_effect, judge_alternatives, refuse_impossible
-from .variants import VARIANTS, Rms, Variants, folds_from, only_fitted, rms, variants_of
+from .variants import VARIANTS, Rms, Variants, folds_from, only_fitted, rms, rough_rms, variants_of
 
 Array = NDArray[np.float64]
 
@@ -141,13 +141,11 @@ def calibrate(
     else:
         fit = only_fitted(problem, start, loss)
         parts = {"full": {"fitted": rms(problem, fit.residuals, fit.trust), "held_out": {}}}
-        found = Variants({"full": fit}, parts, {}, float("nan"), None)
+        found = Variants({"full": fit}, parts, {}, None, None)
     report("looking for mistakes")
 
     def again(other: MeasuredPoses) -> Rms:
-        part, first = _problem(task, other, careful=False)
-        fit = only_fitted(part, first, task.loss)
-        return rms(part, fit.residuals, fit.trust)
+        return rough_rms(*_problem(task, other, careful=False))
 
     full = found.fits["full"]
     notes += judge_alternatives(poses, rms(problem, full.residuals, full.trust), problem.model.chain.reach, again)

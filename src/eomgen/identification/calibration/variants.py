@@ -52,7 +52,7 @@ class Variants:
     fits: Mapping[str, Fit]
     residuals: Mapping[str, Mapping[str, Rms]]
     held_out: Mapping[str, Array]
-    prior: float
+    prior: float | None
     gain: Gain | None
 
 
@@ -102,6 +102,13 @@ def variants_of(
 def only_fitted(problem: Problem, start: Array, loss: str | None) -> Fit:
     """The full fit alone, from placement on."""
     return fitted(problem, roughly(_part(problem, PLACEMENT), start), loss=loss)
+
+
+def rough_rms(problem: Problem, start: Array) -> Rms:
+    """``rms`` of what a few steps leave: enough to tell one reading of a file from another."""
+    x = roughly(problem, roughly(_part(problem, PLACEMENT), start))
+    r, _ = at_rows(problem.model, problem.rows, problem.seen, x)
+    return rms(problem, r, np.ones(r.size))
 
 
 def rms(problem: Problem, differences: Array, trust: Array) -> Rms:
