@@ -12,6 +12,7 @@ from eomgen.robot.laws import least_of
 from eomgen.robot.model import Model
 from eomgen.robot.value import MOTOR, Loop
 
+from ..tree.regressor import regressor_names
 from .signatures import KERNELS, functions, shapes
 
 
@@ -54,6 +55,7 @@ def describe_kernels(model: Model, kernels: Sequence[str], dtype: str) -> dict[s
         "knots": knots(model),
         **({"turning": turning_joints(model)} if model.turning else {}),
         **_loop_metadata(model),
+        **({"regressor": regressor_names(model)} if "regressor" in kernels else {}),
         **({"springs": [spring.name for spring in model.robot.springs]} if model.robot.springs else {}),
     }
 
