@@ -6,17 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from eomgen.names import parameter_path
 from eomgen.robot.model import Model
 
 from ..joint.zeros import zero_map
 from ..kernels.constraint_rows import is_redundant
 from ..kernels.equations import Equations
-from ..kernels.interface import describe_kernels
+from ..kernels.interface import describe_kernels, inertial_parameters
 from ..kernels.operation_counts import operations
 from ..kernels.signatures import KERNELS
 from ..kernels.steps.tolerances import coordinate_sizes, rubbing_parameters
-from ..tree.regressor import described_values
 from .contexts import kept_of_a_step, statuses
 from .lanes import halves
 
@@ -33,7 +31,7 @@ def kernel_metadata(equations: Equations, dtype: str, *, batches: bool = True) -
         **({"statuses": statuses(model)} if model.constraints else {}),
         **(_sizes(model) if "adaptive_rollout" in equations.kernels else {}),
         **_kept(equations),
-        **({"inertial": _inertial(model)} if "regressor" in equations.kernels else {}),
+        **({"inertial": inertial_parameters(model)} if "regressor" in equations.kernels else {}),
         **({"redundant": is_redundant(model)} if "settling" in equations.programs else {}),
     }
 
@@ -42,14 +40,6 @@ def _kept(equations: Equations) -> dict[str, Any]:
     """Give what gradients keep of a step, of those that there are."""
     found = {name: number for name, number in kept_of_a_step(equations.model).items() if name in equations.kernels}
     return {"kept": found} if found else {}
-
-
-def _inertial(model: Model) -> dict[str, Any]:
-    """Give what the regressor's parameters are, and the run-time parameters of links that they come from."""
-    fixed = {joint.name for joint in model.robot.joints if not joint.coordinates}
-    paths = {name: parameter_path(name) for name in model.parameters}
-    moving = [name for name, (kind, owner, *_) in paths.items() if kind == "links" or owner in fixed]
-    return {"values": described_values(model), "come_from": moving}
 
 
 def _sizes(model: Model) -> dict[str, Any]:

@@ -155,10 +155,9 @@ def test_operations_of_the_puma() -> None:
 
 
 def test_names() -> None:
+    assert INERTIAL == ("m", "mx", "my", "mz", "ixx", "ixy", "ixz", "iyy", "iyz", "izz")
     names = regressor_names(build_model(eomgen.load_robot("puma560")))
-    assert names[:10] == tuple(
-        f"link1.{key}" for key in (["m", "mx", "my", "mz", "ixx", "ixy", "ixz", "iyy", "iyz", "izz"])
-    )
+    assert names[:10] == tuple(f"link1.{key}" for key in INERTIAL)
     assert names[60:] == tuple(f"joint{i}.gamma.armature" for i in range(1, 7))
 
 
