@@ -217,10 +217,10 @@ def regrouped(W: Array) -> tuple[NDArray[np.intp], Array]:
     return places, _cleaned(np.linalg.solve(R[:, places], R)) if chosen else R
 
 
-def _cleaned(matrix: Array) -> Array:
+def _cleaned(matrix: NDArray[Any]) -> Array:
     """Coefficients without round-off, where they are meant to be whole numbers."""
     whole = np.round(matrix)
-    return np.where(np.abs(matrix - whole) < ROUND_OFF, whole, matrix) + 0.0
+    return np.asarray(np.where(np.abs(matrix - whole) < ROUND_OFF, whole, matrix) + 0.0, dtype=np.float64)
 
 
 def _formula(names: Sequence[str], first: int, row: Array) -> str:
