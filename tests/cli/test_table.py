@@ -18,8 +18,21 @@ from eomgen.cli import entry
 from eomgen.cli.shared import OldName
 
 ORDER = (
-    *("robots", "info", "new", "check", "schema", "derive", "generate", "simulate", "forces", "fit", "compare"),
-    *("deflection", "modes", "response", "linearize", "budget", "sweep", "export", "plot", "report", "view"),
+    *("robots", "info", "new", "check", "schema", "derive", "generate", "simulate", "forces", "fit"),
+    *(
+        "identify",
+        "compare",
+        "deflection",
+        "modes",
+        "response",
+        "linearize",
+        "budget",
+        "sweep",
+        "export",
+        "plot",
+        "report",
+        "view",
+    ),
     *("bench", "cache"),
 )
 GROUPS = sorted(

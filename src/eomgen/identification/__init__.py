@@ -7,6 +7,7 @@ Uses runtime, robot, description, state, motion, pipeline and analysis.
 from .estimates import Estimate, FitResult, FittedCoordinate
 from .from_motion import ForcesResult, forces
 from .identifiable import BaseParameters, base_parameters
+from .inertial import IdentifyResult, Residuals, identify
 from .least_squares import fit
 
 __all__ = [
@@ -15,7 +16,10 @@ __all__ = [
     "FitResult",
     "FittedCoordinate",
     "ForcesResult",
+    "IdentifyResult",
+    "Residuals",
     "base_parameters",
     "fit",
     "forces",
+    "identify",
 ]

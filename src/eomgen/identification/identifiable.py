@@ -124,17 +124,43 @@ def base_parameters(
     """
     robot = as_robot(robot)
     kernel = kernel or build(robot, kernels=("regressor",))
+    everything = np.ones(kernel.n, dtype=np.bool_)
+    return combinations(kernel, terms, everything, everything, static=static)
+
+
+def combinations(
+    kernel: Kernel, terms: Sequence[str], moving: NDArray[np.bool_], known: NDArray[np.bool_], *, static: bool = False
+) -> BaseParameters:
+    """``base_parameters`` where some coordinates stand at 0, and forces are known at some.
+
+    Args:
+        kernel: with its regressor.
+        terms: among TERMS.
+        moving: whether a coordinate moves, (n,).
+        known: whether the force there is known, (n,).
+        static: as of ``base_parameters``.
+
+    Raises:
+        InputError: as of ``base_parameters``.
+    """
     names = parameter_names(kernel, terms)
-    count = 10 + 3 * len(names) // kernel.n
+    count = 10 + 3 * len(names) // max(int(known.sum()), 1)
     rng = np.random.default_rng(SEED)
-    q, v, a = rng.uniform(-WIDTH, WIDTH, (3, count, kernel.n)) * np.array([1.0, not static, not static])[:, None, None]
-    W = columns(kernel, q, v, a, terms)[1].reshape(-1, len(names))
+    q, v, a = rng.uniform(-WIDTH, WIDTH, (3, count, kernel.n)) * moving
+    W = columns(kernel, q, v * (not static), a * (not static), terms)[1][:, known].reshape(-1, len(names))
     chosen, matrix = regrouped(W)
     if not chosen.size:
-        raise InputError(f"terms: {', '.join(terms)}: no force of {robot.name} depends on them; allowed: other terms")
+        raise InputError(f"terms: {', '.join(terms)}: no force of {kernel.name} depends on them; allowed: other terms")
+    return with_formulas(kernel.name, terms, names, chosen, matrix)
+
+
+def with_formulas(
+    robot: str, terms: Sequence[str], names: tuple[str, ...], chosen: NDArray[np.intp], matrix: Array
+) -> BaseParameters:
+    """Combinations with their names, from what ``regrouped`` found among the parameters of these names."""
     formulas = tuple(_formula(names, int(first), row) for first, row in zip(chosen, matrix, strict=True))
     idle = tuple(name for name, column in zip(names, matrix.T, strict=True) if not column.any())
-    return BaseParameters(robot.name, tuple(terms), names, chosen, matrix, formulas, idle)
+    return BaseParameters(robot, tuple(terms), names, chosen, matrix, formulas, idle)
 
 
 def parameter_names(kernel: Kernel, terms: Collection[str]) -> tuple[str, ...]:
