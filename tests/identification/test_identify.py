@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 
 import eomgen
+from eomgen.codegen.tree.regressor import INERTIAL
 from eomgen.errors import InputError
-from eomgen.identification import identify
+from eomgen.identification import base_parameters, identify
+from eomgen.identification.consistent import nearest_bodies, numbers_of, pseudo_inertias, with_parameters
+from eomgen.identification.identifiable import TERMS
 from eomgen.identification.inertial import without_sought
 from eomgen.motion.files import MeasuredMotion, motion_from_columns
 from eomgen.robot.value import Coordinate, Friction, Joint, Link, Placement, Robot
@@ -42,7 +45,7 @@ def arm(**more: float) -> Robot:
     return Robot("arm", (0.0, -9.81, 0.0), links, joints)
 
 
-def swing(samples: int = 3000) -> tuple[Array, Array, Array, Array]:
+def swing(samples: int = 2400) -> tuple[Array, Array, Array, Array]:
     """Times and a motion of two coordinates, with rates and accelerations."""
     t = np.arange(samples) * STEP
     q, v, a = (np.zeros((samples, 2)) for _ in range(3))
@@ -87,6 +90,20 @@ def test_exact_samples_give_the_description_back(built: Build) -> None:
     assert len(found.base) == 16
 
 
+@pytest.mark.parametrize("sought", ["viscous", "dry"])
+def test_friction_of_which_a_part_is_known(sought: str, built: Build) -> None:
+    """The description's other part is taken off, and stays in the robot that comes out."""
+    robot, terms = arm(), ("links", "rotors", sought)
+    whole = built(robot, "inverse_dynamics")
+    motion = measured(whole)
+    found = identify(
+        robot, motion, terms=terms, kernel=built(without_sought(robot, terms), "regressor", "inverse_dynamics")
+    )
+    assert np.abs(found.base_values - found.described).max() < 1e-9
+    again = built(found.robot, "inverse_dynamics").inverse_dynamics(motion.q, motion.v, motion.a)
+    assert np.abs(again - motion.u).max() < 1e-5
+
+
 def test_noise_stays_within_its_deviations(built: Build) -> None:
     """Rates and accelerations come from the samples; drives are noisy, each by as much as the residuals say."""
     robot = arm()
@@ -116,7 +133,7 @@ def test_standstill_and_motions_that_show_less(built: Build) -> None:
     u[rest, 0] += 0.3
     found = identify(robot, replace(motion, q=q, v=v, a=a, u=u), kernel=bare)
     assert np.abs(found.base_values - found.described).max() < 1e-9
-    assert "standstill" in found.notes[-1]
+    assert any("standstill" in note for note in found.notes)
     q, v, a = (np.array(x) for x in (motion.q, motion.v, motion.a))
     q[:, 1], v[:, 1], a[:, 1] = 0.4, 0.0, 0.0
     terms = ("links", "rotors")
@@ -126,6 +143,67 @@ def test_standstill_and_motions_that_show_less(built: Build) -> None:
     less = identify(plain, own, terms=terms, kernel=held)
     assert less.warnings[0].startswith(f"the motion shows {len(less.base)} of 10 base parameters")
     assert np.abs(less.base_values - less.described).max() < 1e-9
+
+
+def test_links_are_bodies_near_the_drawing(built: Build) -> None:
+    """From a wrong drawing comes a robot that needs the drives of the true one."""
+    robot = arm()
+    whole, _ = kernels(robot, built)
+    links = (
+        replace(x, mass=1.2 * x.mass, com=(0.9 * x.com[0], *x.com[1:]), inertia=tuple(1.3 * i for i in x.inertia))
+        for x in robot.links
+    )
+    drawn = replace(robot, links=tuple(links))
+    drawing, bare = kernels(drawn, built)
+    found = identify(drawn, measured(whole), kernel=bare)
+    assert np.linalg.eigvalsh(pseudo_inertias(links_of(found.parameters, ("upper", "fore")))).min() > 0.0
+    _, q, v, a = swing()
+    true = whole.inverse_dynamics(q, v, a)
+    assert np.abs(built(found.robot, "inverse_dynamics").inverse_dynamics(q, v, a) - true).max() < 1e-5
+    assert np.abs(drawing.inverse_dynamics(q, v, a) - true).max() > 1.0
+    own = built(found.robot, "regressor")
+    expected = [found.parameters[name] for name in own.regressor_names]
+    assert np.abs(own.regressor_values - expected).max() < 1e-12
+
+
+def links_of(parameters: dict[str, float], names: tuple[str, ...]) -> Array:
+    return np.array([[parameters[f"{name}.{key}"] for key in INERTIAL] for name in names])
+
+
+@pytest.mark.parametrize("drawn", ["bodies", "rods", "nothing"])
+def test_base_values_that_no_body_has(drawn: str, built: Build) -> None:
+    """Parameters stay those of bodies, whatever was measured and drawn, and near to what was measured."""
+    kernel = built(without_sought(arm(), TERMS), "regressor", "inverse_dynamics")
+    base = base_parameters(arm(), kernel=kernel)
+    theta = kernel.regressor_values * (drawn != "nothing")
+    if drawn == "rods":
+        theta[4:10] = theta[14:20] = 0.0
+        theta[[7, 9, 17, 19]] = 0.1
+    values = base.values(kernel.regressor_values)
+    values[base.names.index("fore.ixx - fore.iyy")] = 5.0
+    values[-1] = -0.3
+    found = nearest_bodies(base, values, np.diag(np.full(len(base), 1e-4)), theta, 0.5)
+    assert np.linalg.eigvalsh(pseudo_inertias(found[:20].reshape(2, 10))).min() > 0.0
+    assert (found[20:] > 0.0).all()
+    kept = np.arange(len(base) - 1)[:2]
+    assert np.abs(base.values(found) - values)[kept].max() < 0.3
+
+
+def test_numbers_of_links_and_back() -> None:
+    links = np.random.default_rng(2).uniform(-1.0, 1.0, (3, 10))
+    assert np.abs(numbers_of(pseudo_inertias(links)) - links).max() < 1e-14
+
+
+def test_fixed_links_become_part_of_what_they_hang_on(built: Build) -> None:
+    robot = arm()
+    weight = Link("weight", 0.5, (0.0, 0.1, 0.0), (0.001, 0.001, 0.001, 0.0, 0.0, 0.0))
+    joint = Joint("weld", "fore", "weight", "fixed", Placement.from_dh(0.1, 0.0, 0.2, 0.3))
+    loaded = replace(robot, links=(*robot.links, weight), joints=(*robot.joints, joint))
+    kernel = built(loaded, "regressor")
+    theta = dict(zip(kernel.regressor_names, kernel.regressor_values.tolist(), strict=True))
+    found = with_parameters(loaded, theta)
+    assert found.link("weight").mass == 0.0
+    assert np.abs(built(found, "regressor").regressor_values - kernel.regressor_values).max() < 1e-12
 
 
 def test_a_result_is_shown(built: Build) -> None:
@@ -146,6 +224,8 @@ def test_what_is_refused(built: Build) -> None:
     motion = measured(whole)
     with pytest.raises(InputError, match="terms: 'mass'; allowed: links"):
         identify(robot, motion, terms=("mass",), kernel=bare)
+    with pytest.raises(InputError, match=r"spread: 0\.0; allowed: a number above 0"):
+        identify(robot, motion, spread=0.0, kernel=bare)
     with pytest.raises(InputError, match=r"no drive is known; allowed: columns such as joint1\.gamma\.drive"):
         identify(robot, replace(motion, driven=()), kernel=bare)
     with pytest.raises(InputError, match="four_bar has loops or couplings; allowed: robots without"):

@@ -4,7 +4,8 @@
 
 over time, one row per coordinate whose force is known, each weighted by what its own noise is.  All terms pass the same
 filters, as in ``fit``.  Where a drive stands still in a filter's window its dry friction is unknown, and its row is
-left out.  What noise of the motion adds to the columns on average is not taken off.
+left out.  What noise of the motion adds to the columns on average is not taken off.  ``consistent`` then chooses links
+that have these base parameters.
 """
 
 from __future__ import annotations
@@ -21,20 +22,22 @@ from ..description import RobotLike, as_robot
 from ..errors import InputError
 from ..motion.files import MeasuredMotion, measured_motion
 from ..motion.smoothing import Differentiator, bell, filtered, noise_deviation
-from ..names import joint_of, kind_of, listed
+from ..names import component_name, joint_of, kind_of, listed, show
 from ..pipeline.stages import build
 from ..progress import StageReport
 from ..robot.coordinates import force_unit_of
 from ..robot.model import build_model
-from ..robot.value import MOTOR, Robot
+from ..robot.value import MOTOR, Friction, Robot
 from ..runtime.kernel import Kernel
 from ..shown import Shown
+from .consistent import doubt, nearest_bodies, with_parameters
 from .estimating import FIRST, HALF_WIDTHS, block_count, even_step, least_samples
 from .identifiable import TERMS, BaseParameters, columns, combinations, regrouped, with_formulas
 
 Array = NDArray[np.float64]
 
 REWEIGHTED = 4  # times that weights follow the residuals
+SPREAD = 0.5  # relative, of the description's numbers of single links
 RESTING = 0.02  # of the rms of a rate: below it a drive stands still
 NOISES = 3.0  # deviations of a rate's noise below which it stands still, too
 LEFT = 0.25  # of all rows that a filter must leave
@@ -67,21 +70,23 @@ class IdentifyResult(Shown):
     """Base parameters with their standard deviations, and what they leave of each drive.
 
     Attributes:
-        robot: the robot's name.
+        robot: the description with links that have these base parameters, near to its own, and that are bodies.
         base: the combinations that the motion shows, with their formulas.
         base_values: of these, (b,), SI units.
         deviations: standard deviations, (b,), the jackknife's over blocks of time.
         described: the description's values of the same combinations, (b,).
+        parameters: of the links, rotors and drives of ``robot`` by name, kg, kg m, kg m^2, N m s, N m and their like.
         residuals: by the names of the coordinates.
         width: of the filter, s.
         warnings, notes: lines about what is doubtful, and about the method.
     """
 
-    robot: str
+    robot: Robot
     base: BaseParameters
     base_values: Array
     deviations: Array
     described: Array
+    parameters: dict[str, float]
     residuals: dict[str, Residuals]
     width: float
     warnings: tuple[str, ...]
@@ -99,6 +104,7 @@ class IdentifyResult(Shown):
             "values": dict(zip(self.base_names, self.base_values.tolist(), strict=True)),
             "deviations": dict(zip(self.base_names, self.deviations.tolist(), strict=True)),
             "described": dict(zip(self.base_names, self.described.tolist(), strict=True)),
+            "parameters": self.parameters,
             "residuals": {
                 name: {**vars(found), "relative": dict(zip(("fitted", "held_out"), found.relative, strict=True))}
                 for name, found in self.residuals.items()
@@ -110,7 +116,7 @@ class IdentifyResult(Shown):
 
     def lines(self) -> list[str]:
         """Tables for people."""
-        lines = [f"{self.robot}: {len(self.base)} base parameters by least squares", ""]
+        lines = [f"{self.base.robot}: {len(self.base)} base parameters by least squares", ""]
         lines.append(f"{'value':>12}{'std. dev.':>12}{'described':>12}  parameter")
         for name, *numbers in zip(self.base_names, self.base_values, self.deviations, self.described, strict=True):
             value, deviation, described = (float(x) for x in numbers)
@@ -128,6 +134,7 @@ def identify(
     motion: MeasuredMotion | Path | str,
     *,
     terms: Sequence[str] = TERMS,
+    spread: float = SPREAD,
     kernel: Kernel | None = None,
     progress: StageReport | None = None,
 ) -> IdentifyResult:
@@ -142,6 +149,8 @@ def identify(
         robot: a Robot, the name of a built-in one, or the path of a description.
         motion: from ``read_motion`` or ``motion_from_columns``, or the path of a file.
         terms: what is sought, among TERMS, as of ``base_parameters``.
+        spread: how far the description's numbers of single links are off, relative to themselves; what base parameters
+            leave open stays near to them.
         kernel: of ``without_sought(robot, terms)``, float64, with regressor and inverse_dynamics; built if not given.
 
     Raises:
@@ -149,6 +158,8 @@ def identify(
             or the robot has loops or couplings.
     """
     robot = as_robot(robot)
+    if not 0.0 < spread < np.inf:
+        raise InputError(f"spread: {show(spread)}; allowed: a number above 0")
     if robot.is_closed:
         raise InputError(f"identify: {robot.name} has loops or couplings; allowed: robots without")
     if kernel is None:
@@ -173,19 +184,25 @@ def identify(
             " turn round less often, or terms without dry"
         )
     best = min(found, key=lambda solution: float(np.log(solution.variances).sum()))
-    described = shown.matrix @ _described(robot, kernel, shown)
+    drawn = _described(robot, kernel, shown)
+    theta = nearest_bodies(shown, best.values, best.covariance, drawn, spread)
+    parameters = dict(zip(shown.parameters, theta.tolist(), strict=True))
     deviations = np.sqrt(best.variances)
     warnings += _doubts(shown, best.values, deviations)
+    sure = np.hypot(deviations, doubt(best.values))
+    moved = float((np.abs(shown.matrix @ theta - best.values) / sure).max())
+    notes = [*_notes(kernel, motion, data), f"links that are bodies: base values off by {moved:.2g} deviations at most"]
     return IdentifyResult(
-        robot=robot.name,
+        robot=with_parameters(robot, parameters),
         base=shown,
         base_values=best.values,
         deviations=deviations,
-        described=described,
+        described=shown.matrix @ drawn,
+        parameters=parameters,
         residuals=data.residuals(best, motion),
         width=2 * (data.half + best.half) * step,
         warnings=tuple(warnings),
-        notes=_notes(kernel, motion, data),
+        notes=tuple(notes),
     )
 
 
@@ -194,21 +211,32 @@ def without_sought(robot: Robot, terms: Sequence[str]) -> Robot:
     model = build_model(robot)
     driven = {model.coordinates[i] for i in model.driven}
     lost: dict[str, Any] = {"damping": None} if "viscous" in terms else {}
-    lost |= {"friction": None} if "dry" in terms else {}
     lost |= {"preload": None} if "offset" in terms else {}
     joints = []
     for joint in robot.joints:
         own = {
-            name: replace(given, **lost) if f"{joint.name}.{name}" in driven else given
+            name: replace(given, **lost, friction=_known_friction(given.friction, terms))
+            if component_name(joint.name, name) in driven
+            else given
             for name, given in joint.coordinates.items()
         }
         motor = joint.motor
-        if motor is not None and f"{joint.name}.{MOTOR}" in driven and "dry" in terms:
-            motor = replace(motor, friction=None)
+        if motor is not None and component_name(joint.name, MOTOR) in driven:
+            motor = replace(motor, friction=_known_friction(motor.friction, terms))
         joints.append(replace(joint, coordinates=own, motor=motor))
-    gone = {f"joints.{name}.{key}" for name in driven for key in lost}
+    gone = {f"joints.{name}.{key}" for name in driven for key in (*lost, "friction")}
     left = [name for name in robot.tunable if not name.startswith(tuple(gone))]
     return replace(robot, joints=tuple(joints), tunable=tuple(left))
+
+
+def _known_friction(friction: Friction | None, terms: Sequence[str]) -> Friction | None:
+    """Give what of a coordinate's friction is not sought."""
+    if friction is None:
+        return None
+    viscous = None if "viscous" in terms else friction.viscous
+    if "dry" not in terms:
+        return replace(friction, viscous=viscous)
+    return Friction(viscous=viscous, smoothing=friction.smoothing) if viscous else None
 
 
 def _known(robot: Robot, motion: MeasuredMotion) -> NDArray[np.bool_]:
@@ -306,12 +334,14 @@ class _Data:
 class _Solution:
     """Weighted least squares behind a bell of that half width; variances are the jackknife's over blocks of time.
 
+    covariance: that of white residuals, made as wide as the jackknife's on average.
     fitted, held_out: rms of residuals, (r,); counts: of samples, (r,).
     """
 
     half: int
     values: Array
     variances: Array
+    covariance: Array
     fitted: Array
     held_out: Array
     counts: NDArray[np.intp]
@@ -339,7 +369,17 @@ class _Solution:
         off = np.stack(without) - values
         variances = (off**2).sum(axis=0) * (len(blocks) - 1) / len(blocks)
         held_out = np.sqrt(left / np.maximum(counts, 1))
-        return cls(half, values / size, np.maximum(variances, 1e-300) / size**2, fitted, held_out, counts)
+        variances = np.maximum(variances, 1e-300)
+        covariance = _covariance(merged, variances) / np.outer(size, size)
+        return cls(half, values / size, variances / size**2, covariance, fitted, held_out, counts)
+
+
+def _covariance(R: Array, variances: Array) -> Array:
+    """The covariance, (b, b), that rows of weighted triangles give, with these variances on average."""
+    rows = R.reshape(-1, R.shape[-1])[:, :-1]
+    white = np.linalg.pinv(rows.T @ rows, rcond=UNDETERMINED, hermitian=True)
+    own = np.maximum(np.diagonal(white), 1e-300)
+    return np.asarray(white * np.exp(np.mean(np.log(variances / own))))
 
 
 def _padded(rows: Array) -> Array:
@@ -349,7 +389,7 @@ def _padded(rows: Array) -> Array:
 
 def _solved(R: Array) -> Array:
     """Least squares of stacked rows whose last column is the right side."""
-    rows = R.reshape(-1, R.shape[-1])
+    rows = np.asarray(np.linalg.qr(R.reshape(-1, R.shape[-1]), mode="r"))
     return np.asarray(np.linalg.lstsq(rows[:, :-1], rows[:, -1], rcond=UNDETERMINED)[0])
 
 
