@@ -222,9 +222,11 @@ def _as_long(values: Array, longer: Array) -> list[float]:
 
 def kept_of_a_step(model: Model) -> dict[str, int]:
     """How many numbers of a step the C of each gradient keeps, if it is given room for them."""
-    explicit = 3 * max(len(RK4.b), len(TSIT5.b) - 1)  # q, v and accelerations of a stage
-    rosenbrock = 6 * len(W643.b)  # q, v, what is solved with, and parts of the end
-    each = {"explicit_gradient": explicit, "implicit_gradient": 1, "rosenbrock_gradient": rosenbrock}
+    closed, stages = bool(model.constraints), max(len(RK4.b), len(TSIT5.b) - 1)
+    explicit = (3 if closed else 1) * stages  # accelerations of a stage; of loops q and v, which were closed, as well
+    rosenbrock = (6 if closed else 2) * len(W643.b)  # what is solved for, parts of the end; of loops all of a stage
+    each = {"explicit_gradient": explicit, "implicit_gradient": int(closed), "rosenbrock_gradient": rosenbrock}
+    each |= {name.replace("gradient", "sensitivity"): number for name, number in each.items()}
     return {name: model.size * number for name, number in each.items()}
 
 
@@ -239,6 +241,7 @@ def _gradients(equations: Equations, scalar: Scalar) -> dict[str, Any]:
     return {
         "explicit": {"stages": most, "tables": ", ".join(tables), "counts": f"{len(RK4.b)}, {len(TSIT5.b) - 1}"},
         "kept_numbers": kept_of_a_step(equations.model),
+        "ways": list(dict.fromkeys(name.split("_")[0] for name in equations.kernels if name in GRADIENTS)),
         "texts": {name: KERNELS[name].text for name in GRADIENTS},
     }
 

@@ -18,22 +18,9 @@ from eomgen.cli import entry
 from eomgen.cli.shared import OldName
 
 ORDER = (
-    *("robots", "info", "new", "check", "schema", "derive", "generate", "simulate", "forces", "fit"),
-    *(
-        "identify",
-        "compare",
-        "deflection",
-        "modes",
-        "response",
-        "linearize",
-        "budget",
-        "sweep",
-        "export",
-        "plot",
-        "report",
-        "view",
-    ),
-    *("bench", "cache"),
+    *("robots", "info", "new", "check", "schema", "derive", "generate", "simulate", "forces", "fit", "identify"),
+    *("accuracy", "compare", "deflection", "modes", "response", "linearize", "budget", "sweep", "export", "plot"),
+    *("report", "view", "bench", "cache"),
 )
 GROUPS = sorted(
     {module.name for module in pkgutil.iter_modules(eomgen.cli.__path__)} - {"completion", "entry", "shared"}

@@ -29,6 +29,7 @@ from .stepping.given_loads import Loads
 from .stepping.gradients import Loss, rollout_gradient
 from .stepping.many_steps import rollout
 from .stepping.rollouts import Rollout
+from .stepping.sensitivities import rollout_sensitivity
 
 Array = NDArray[Any]
 
@@ -679,6 +680,7 @@ class Kernel:
         Raises:
             UnknownNameError: no such method, parameter or frame, or the kernel was built without its derivatives.
             InputError: another number of arguments or rates.
+            SingularError: of "forward_dynamics" and what is like it, where there are no accelerations.
         """
         return jvp(self._differentiated(name), args, tangents, parameters)
 
@@ -700,7 +702,7 @@ class Kernel:
             (parameters,).
 
         Raises:
-            UnknownNameError, InputError: as of ``jvp``.
+            UnknownNameError, InputError, SingularError: as of ``jvp``.
         """
         return vjp(self._differentiated(name), args, cotangent, parameters)
 
@@ -716,7 +718,7 @@ class Kernel:
             "inverse_dynamics" and "forward_dynamics".
 
         Raises:
-            UnknownNameError, InputError: as of ``jvp``.
+            UnknownNameError, InputError, SingularError: as of ``jvp``.
         """
         return hessian(self._differentiated(name), args, cotangent)
 
@@ -731,7 +733,7 @@ class Kernel:
             Of the result's shape with one more axis, (..., parameters).
 
         Raises:
-            UnknownNameError, InputError: as of ``jvp``.
+            UnknownNameError, InputError, SingularError: as of ``jvp``.
         """
         return parameter_jacobian(self._differentiated(name), args, parameters)
 
@@ -952,6 +954,7 @@ class Kernel:
         samples: int | None = None,
         rtol: float = 1e-6,
         atol: ArrayLike | None = None,
+        out: Mapping[str, Array] | None = None,
     ) -> tuple[Any, dict[str, Any]]:
         """The gradient of a function of a rollout's states, exact for its steps: they are taken once more, backwards.
 
@@ -964,6 +967,7 @@ class Kernel:
             loss: ``loss(t, q, v)`` returns a value and its derivatives by q and v, of their shapes; t are times, s,
                 (samples,), q and v states as of ``rollout``.
             parameters: names of run-time parameters that the gradient is taken by as well.
+            out: arrays to write derivatives to, by the names that they are returned by; others are new.
 
         Returns:
             The value, and derivatives by name: "q" and "v" by the states at the beginning, "u", and with a controller
@@ -972,7 +976,7 @@ class Kernel:
         Raises:
             UnknownNameError: no such parameter, or the kernel was built without the method's gradient.
             InputError: as of ``rollout``; a loss that returns something else; joints that turn freely.
-            SingularError, IntegrationStopped: as of ``rollout``.
+            SingularError, IntegrationStopped: as of ``rollout``; a mechanism begins in a singular pose.
         """
         return rollout_gradient(
             self.calls,
@@ -993,7 +997,55 @@ class Kernel:
             kp=kp,
             kd=kd,
             target=target,
+            out=out,
         )
+
+    def rollout_sensitivity(
+        self,
+        q0: ArrayLike,
+        v0: ArrayLike,
+        u: ArrayLike,
+        dt: float | None = None,
+        steps: int | None = None,
+        *,
+        parameters: Sequence[str] = (),
+        along: Mapping[str, ArrayLike] | None = None,
+        method: str = "rk4",
+        every: int = 1,
+        kp: ArrayLike | None = None,
+        kd: ArrayLike | None = None,
+        target: ArrayLike | None = None,
+        duration: float | None = None,
+        samples: int | None = None,
+        rtol: float = 1e-6,
+        atol: ArrayLike | None = None,
+        out: Sequence[Array] | None = None,
+    ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        """Derivatives of a rollout's states along few directions, exact for its steps: they carry them forwards.
+
+        Steps that the error chooses count as given, as of ``rollout_gradient``.  Every direction costs some rollouts,
+        whatever the number of samples is.
+
+        Args:
+            q0, v0, u, dt, steps, method, every, kp, kd, target, duration, samples, rtol, atol: as of ``rollout``.
+            parameters: names of run-time parameters, a direction each.
+            along: directions in front of those: rates by names "q", "v" and "u", (directions, n) each, those of drives
+                (directions, rows, n) where they change with the rows of u; rates that are not given are zero.
+            out: q, v, dq and dv to write to.
+
+        Returns:
+            q and v as of ``rollout``, then dq and dv, (samples, directions, n); of many states (N, samples, directions,
+            n), all along the same directions.
+
+        Raises:
+            UnknownNameError: no such parameter, or the kernel was built without the method's sensitivity.
+            InputError: as of ``rollout``; no direction; joints that turn freely.
+            SingularError, IntegrationStopped: as of ``rollout``.
+        """
+        given = {"q0": q0, "v0": v0, "u": u, "kp": kp, "kd": kd, "target": target}
+        how: dict[str, Any] = {"method": method, "dt": dt, "steps": steps, "every": every, "duration": duration}
+        how |= {"samples": samples, "rtol": rtol, "atol": atol}
+        return rollout_sensitivity(self.calls, self._driven, given, parameters=parameters, along=along, out=out, **how)
 
     def frame_index(self, name: str) -> int:
         """The number of a frame or link in ``frames``, by which functions of C take it.

@@ -1,16 +1,18 @@
-"""A measured motion and what it says of a robot: forces; stiffness and damping with their confidence; what can be
-found of masses and inertias.
+"""What measurements say of a robot: forces; stiffness and damping; masses, inertias and friction; accuracy by ISO 9283.
 
-Uses runtime, robot, description, state, motion, pipeline and analysis.
+Uses runtime, robot, forms, description, state, motion, pipeline, analysis, simulation and sweep.
 """
 
 from .estimates import Estimate, FitResult, FittedCoordinate
 from .from_motion import ForcesResult, forces
 from .identifiable import BaseParameters, base_parameters
 from .inertial import IdentifyResult, Residuals, identify
+from .iso_9283.evaluate import accuracy
+from .iso_9283.result import AccuracyResult, load_accuracy
 from .least_squares import fit
 
 __all__ = [
+    "AccuracyResult",
     "BaseParameters",
     "Estimate",
     "FitResult",
@@ -18,8 +20,10 @@ __all__ = [
     "ForcesResult",
     "IdentifyResult",
     "Residuals",
+    "accuracy",
     "base_parameters",
     "fit",
     "forces",
     "identify",
+    "load_accuracy",
 ]

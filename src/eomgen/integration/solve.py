@@ -76,9 +76,10 @@ def integrate(
 
     Args:
         kernel: float64, with forward_dynamics and energy; implicit methods and ``atol=None`` need mass_matrix, and
-            implicit ones inverse_dynamics.  Of a robot with loops or couplings constrained_dynamics, constraint,
-            constraint_jacobian, mass_matrix and residual in their place; implicit methods take
-            forward_dynamics_jacobian there, and finite differences without it.
+            implicit ones residual_jacobian, or forward_dynamics_jacobian, or inverse_dynamics, of which they take
+            finite differences; IDA inverse_dynamics in any case, and the first for its derivatives.  Of a robot with
+            loops or couplings constrained_dynamics, constraint, constraint_jacobian, mass_matrix and residual in their
+            place; implicit methods take forward_dynamics_jacobian there, and finite differences without it.
         q0, v0: the state at t = 0, (n,).
         duration: s.
         drive, wrench, prescribed: what acts, and what moves by itself; each is described below.  C follows forces and

@@ -29,10 +29,11 @@ _NUMBER = re.compile(r"\s*[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?\s*",
 _BREAKS = "\r\n"
 
 
-def read_csv(path: Path) -> tuple[dict[str, Array], NDArray[np.int32]]:
+def read_csv(path: Path, rule: str = COLUMNS_RULE) -> tuple[dict[str, Array], NDArray[np.int32]]:
     """Columns (T,) by the names in the header, and the line that each row stands on, (T,).
 
-    Empty lines, and lines that begin with #, are left out.  A file may have 128 MiB and 6 million numbers.
+    Empty lines, and lines that begin with #, are left out.  A file may have 128 MiB and 6 million numbers.  ``rule``
+    says what columns are allowed.
 
     Raises:
         OSError: the file cannot be opened, or is larger.
@@ -42,7 +43,7 @@ def read_csv(path: Path) -> tuple[dict[str, Array], NDArray[np.int32]]:
         _look_over(stream, path)
         stream.seek(0)
         text = io.TextIOWrapper(stream, encoding="utf-8-sig", newline="")
-        reader = _Reader(path)
+        reader = _Reader(path, rule)
         while lines := text.readlines(4 * _BLOCK):
             reader.take(lines)
         return reader.columns()
@@ -74,8 +75,8 @@ def _look_over(stream: BinaryIO, path: Path) -> None:
 class _Reader:
     """Lines of a file, taken block by block."""
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
+    def __init__(self, path: Path, rule: str) -> None:
+        self._path, self._rule = path, rule
         self._header: list[str] = []
         self._tables: list[Array] = []
         self._lines: list[NDArray[np.int32]] = []
@@ -108,9 +109,7 @@ class _Reader:
     def columns(self) -> tuple[dict[str, Array], NDArray[np.int32]]:
         """Columns and lines of all that was taken; InputError where it has no rows."""
         if not self._tables:
-            raise InputError(
-                f"{self._path}: has no values; allowed: a header ({COLUMNS_RULE}), then a line for each time"
-            )
+            raise InputError(f"{self._path}: has no values; allowed: a header ({self._rule}), then a line for each row")
         table = np.empty((len(self._header), sum(map(len, self._tables))))
         np.concatenate([block.T for block in self._tables], axis=1, out=table)
         return dict(zip(self._header, table, strict=True)), np.concatenate(self._lines)

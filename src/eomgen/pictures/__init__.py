@@ -1,6 +1,7 @@
 """Figures, pages and views of robots and results.
 
-Uses runtime, robot, forms, description, state, codegen (joint), templates, pipeline, simulation, analysis and sweep.
+Uses runtime, robot, forms, description, state, codegen (joint), templates, pipeline, simulation, analysis,
+sweep and identification.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING
 from ..lazily import attributes
 
 if TYPE_CHECKING:
+    from .accuracy import plot_accuracy
     from .analysis import plot_budget, plot_compliance, plot_response, plot_tracks
     from .browser import View
     from .energy import plot_energy, plot_tracking
@@ -21,6 +23,7 @@ if TYPE_CHECKING:
     from .zeros import plot_zeros
 
 _MODULES = {  # one of them is imported when a name of it is first used: a figure of one thing waits for no other
+    "plot_accuracy": "accuracy",
     "plot_budget": "analysis",
     "plot_compliance": "analysis",
     "plot_response": "analysis",
@@ -42,6 +45,7 @@ _MODULES = {  # one of them is imported when a name of it is first used: a figur
 __all__ = [
     "Report",
     "View",
+    "plot_accuracy",
     "plot_budget",
     "plot_compliance",
     "plot_deviations",

@@ -134,14 +134,14 @@ def adaptive_rollout(
     duration: float | None,
     samples: int | None,
     *,
-    loads: Any,
-    works: bool,
     method: str,
     rtol: float,
     atol: ArrayLike | None,
     kp: ArrayLike | None,
     kd: ArrayLike | None,
     target: ArrayLike | None,
+    loads: Any = None,
+    works: bool = False,
 ) -> Rollout:
     """Integrate with error control, as ``Kernel.rollout`` describes it.
 
