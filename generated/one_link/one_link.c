@@ -411,6 +411,45 @@ int one_link_external_reactions(const double *restrict h, const double *restrict
     return 0;
 }
 
+/* Y of inverse dynamics without springs and dampers, u = Y theta; loops cut. */
+int one_link_regressor(const double *restrict h, const double *restrict q, const double *restrict v, const double *restrict a, double *restrict out)
+{
+    const double angle[PADDED(1)] = { q[1] };
+    double sine[PADDED(1)];
+    double cosine[PADDED(1)];
+    turn(angle, PADDED(1), sine, cosine);
+
+    out[3] = 0.0;
+    out[4] = 0.0;
+    out[5] = 0.0;
+    out[6] = 0.0;
+    out[7] = 0.0;
+    out[8] = 0.0;
+    out[9] = 0.0;
+    out[10] = 0.0;
+    out[11] = 0.0;
+    out[14] = 0.0;
+    out[15] = 0.0;
+    out[16] = 0.0;
+    out[17] = 0.0;
+    out[18] = 0.0;
+    out[19] = 0.0;
+    out[20] = a[1];
+    out[21] = out[20];
+    const double t8 = a[0] - h[0];
+    const double t11 = cosine[0]*t8 - h[1]*sine[0];
+    const double t14 = sine[0]*t8 + h[1]*cosine[0];
+    out[12] = -t14;
+    const double t16 = v[1]*v[1];
+    /* link1: motions of its frame per unit rates, and columns of its inertial parameters */
+    out[1] = -(cosine[0]*t16 + a[1]*sine[0]);
+    out[2] = sine[0]*t16 - a[1]*cosine[0];
+    out[0] = cosine[0]*t11 + sine[0]*t14;
+    out[13] = -t11;
+
+    return 0;
+}
+
 /* Cosine of beta of every joint with three angles, 1 for the others. */
 int one_link_euler_cosines(const double *restrict h, const double *restrict q, double *restrict out)
 {
@@ -2304,6 +2343,44 @@ static int one_link_external_reactions_lanes(const lanes *restrict h, const lane
     return 0;
 }
 
+/* Y of inverse dynamics without springs and dampers, u = Y theta; loops cut. */
+static int one_link_regressor_lanes(const lanes *restrict h, const lanes *restrict q, const lanes *restrict v, const lanes *restrict a, lanes *restrict out)
+{
+    lanes sine[1];
+    lanes cosine[1];
+    turn((const double *)(q + 1), 1 * LANES, (double *)sine, (double *)cosine);
+
+    out[3] = ALL(0.0);
+    out[4] = out[3];
+    out[5] = out[3];
+    out[6] = out[3];
+    out[7] = out[3];
+    out[8] = out[3];
+    out[9] = out[3];
+    out[10] = out[3];
+    out[11] = out[3];
+    out[14] = out[3];
+    out[15] = out[3];
+    out[16] = out[3];
+    out[17] = out[3];
+    out[18] = out[3];
+    out[19] = out[3];
+    out[20] = a[1];
+    out[21] = out[20];
+    const lanes t8 = a[0] - h[0];
+    const lanes t11 = cosine[0]*t8 - h[1]*sine[0];
+    const lanes t14 = sine[0]*t8 + h[1]*cosine[0];
+    out[12] = -t14;
+    const lanes t16 = v[1]*v[1];
+    /* link1: motions of its frame per unit rates, and columns of its inertial parameters */
+    out[1] = -(cosine[0]*t16 + a[1]*sine[0]);
+    out[2] = sine[0]*t16 - a[1]*cosine[0];
+    out[0] = cosine[0]*t11 + sine[0]*t14;
+    out[13] = -t11;
+
+    return 0;
+}
+
 /* Cosine of beta of every joint with three angles, 1 for the others. */
 static int one_link_euler_cosines_lanes(const lanes *restrict h, const lanes *restrict q, lanes *restrict out)
 {
@@ -2629,6 +2706,24 @@ long long one_link_external_reactions_batch(size_t count, const double *restrict
         gather(wrench + i * wrench_step, wrench_step, here, more, 6, wrench_lanes);
         const int status = one_link_external_reactions_lanes(h_lanes, q_lanes, wrench_lanes, out_lanes);
         scatter(out_lanes, NULL, here, more, 6, 6, out + i * 6);
+        if (status != 0) return (long long)i * 2 + status - 1;
+    }
+    return -1;
+}
+
+long long one_link_regressor_batch(size_t count, const double *restrict h, const double *restrict q, size_t q_step, const double *restrict v, size_t v_step, const double *restrict a, size_t a_step, double *restrict out)
+{
+    lanes q_lanes[2], v_lanes[2], a_lanes[2], out_lanes[22];
+    lanes h_lanes[7];
+    spread(h, h_lanes);
+    for (size_t i = 0; i < count; i += LANES) {
+        const size_t here = count - i < LANES ? count - i : LANES;
+        const int more = count - i >= AHEAD + LANES;
+        gather(q + i * q_step, q_step, here, more, 2, q_lanes);
+        gather(v + i * v_step, v_step, here, more, 2, v_lanes);
+        gather(a + i * a_step, a_step, here, more, 2, a_lanes);
+        const int status = one_link_regressor_lanes(h_lanes, q_lanes, v_lanes, a_lanes, out_lanes);
+        scatter(out_lanes, NULL, here, more, 22, 22, out + i * 22);
         if (status != 0) return (long long)i * 2 + status - 1;
     }
     return -1;

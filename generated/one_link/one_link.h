@@ -37,6 +37,7 @@
  *   energy               15      7      0      1
  *   reactions             9      6      0      1
  *   external_reactions    10     11      0      1
+ *   regressor            11      9      0      1
  *   euler_cosines         0      0      0      0
  *   rollout              22     15      2      1
  *   adaptive_rollout     36     23      3      2
@@ -125,6 +126,8 @@ int one_link_reactions(const double *h, const double *q, const double *v, const 
 long long one_link_reactions_batch(size_t count, const double *h, const double *q, size_t q_step, const double *v, size_t v_step, const double *a, size_t a_step, double *out);
 int one_link_external_reactions(const double *h, const double *q, const double *wrench, double *out);
 long long one_link_external_reactions_batch(size_t count, const double *h, const double *q, size_t q_step, const double *wrench, size_t wrench_step, double *out);
+int one_link_regressor(const double *h, const double *q, const double *v, const double *a, double *out);
+long long one_link_regressor_batch(size_t count, const double *h, const double *q, size_t q_step, const double *v, size_t v_step, const double *a, size_t a_step, double *out);
 int one_link_euler_cosines(const double *h, const double *q, double *out);
 long long one_link_euler_cosines_batch(size_t count, const double *h, const double *q, size_t q_step, double *out);
 int one_link_frame_pose(const double *h, const double *q, int frame, double *out);

@@ -18,7 +18,8 @@ from eomgen.cli import entry
 from eomgen.cli.shared import OldName
 
 ORDER = (
-    *("robots", "info", "new", "check", "schema", "derive", "generate", "simulate", "forces", "fit", "calibrate"),
+    *("robots", "info", "new", "check", "schema", "derive", "generate", "simulate", "forces", "fit", "identify"),
+    "calibrate",
     *("accuracy", "compare", "deflection", "modes", "response", "linearize", "budget", "sweep", "export", "plot"),
     *("report", "view", "bench", "cache"),
 )

@@ -568,6 +568,55 @@ class Kernel:
         """
         return self._driving("reactions", out, (q, v, a), wrench, cut=cut)
 
+    def regressor(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, out: Array | None = None) -> Array:
+        """Y(q, v, a), (n, parameters): inverse dynamics without springs and dampers is Y theta, N or N m.
+
+        The columns have the names ``regressor_names``: ten of each link that moves against its parent, with all that is
+        fixed to it, then one of every armature.  Of a link they are m (kg), m c by x, y and z (kg m) and the inertia
+        xx, xy, xz, yy, yz, zz (kg m^2) about the origin and along the axes of its own frame, not about its centre of
+        mass: "link1.m", "link1.mx", "link1.ixx"; products of inertia as in the description, minus the integral of x y.
+        Columns of links that do not hang on a coordinate are zero in its row.  Of a robot with loops: of its open tree.
+
+        Args:
+            q, v, a: (n,).
+            out: array to write to.
+        """
+        return self.calls.run("regressor", out, (q, v, a))
+
+    @property
+    def regressor_names(self) -> tuple[str, ...]:
+        """Names of the inertial parameters theta, the columns of ``regressor``.
+
+        "link1.m" ... "link1.izz" of each link, "joint1.gamma.armature" and "joint1.motor.inertia" of coordinates.
+
+        Raises:
+            UnknownNameError: the kernel was built without the regressor.
+        """
+        if "regressor" not in self.raw.functions:
+            raise self.raw.missing("regressor")
+        return tuple(self.raw.libraries.meta["regressor"])
+
+    @property
+    def regressor_values(self) -> Array:
+        """Inertial parameters theta of the description, (parameters,), kg, kg m, kg m^2; armatures as they are now.
+
+        ``regressor(q, v, a) @ regressor_values`` is inverse dynamics without springs and dampers, loops cut.
+
+        Raises:
+            UnknownNameError: the kernel was built without the regressor.
+            InputError: a run-time parameter of links was changed since.
+        """
+        names, meta = self.regressor_names, self.raw.libraries.meta
+        found = self.raw.libraries.about("regressor")["inertial"]
+        for name in found["come_from"]:
+            if self.parameters[name] != meta["parameters"][name]:
+                raise InputError(
+                    f"regressor_values: {name} is {self.parameters[name]!r} now; allowed: the description's"
+                    f" {meta['parameters'][name]!r}"
+                )
+        own = zip(names, found["values"], strict=True)
+        return np.array([self.parameters.get(f"joints.{name}", value) for name, value in own], self.dtype)
+
     def loop_reactions(
         self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, wrench: ArrayLike | None = None, out: Array | None = None
     ) -> Array:

@@ -1,4 +1,4 @@
-"""Commands about measured motions: forces, fit."""
+"""Commands about measured motions: forces, fit, identify."""
 
 from __future__ import annotations
 
@@ -52,6 +52,27 @@ def _fit(options: argparse.Namespace) -> None:
     show_result(options, found)
 
 
+def _add_identify(parser: argparse.ArgumentParser) -> None:
+    _add_motion(parser)
+    parser.add_argument(
+        "--terms",
+        nargs="+",
+        default=(),
+        metavar="TERM",
+        help="what is sought: links, rotors, viscous, dry, offset (all)",
+    )
+
+
+def _identify(options: argparse.Namespace) -> None:
+    from ...identification.identifiable import TERMS
+    from ...identification.inertial import identify
+
+    robot = read_robot(options)
+    with stage_bar("identifying") as report:
+        found = identify(robot, options.motion, terms=options.terms or TERMS, progress=report)
+    show_result(options, found)
+
+
 COMMANDS = (
     Command(
         "forces",
@@ -66,5 +87,12 @@ COMMANDS = (
         _add_fit,
         _fit,
         (("fit arm.toml measured.csv", "stiffness and damping from motion and known drives"),),
+    ),
+    Command(
+        "identify",
+        "masses, inertias and friction from a measured motion and its drives",
+        _add_identify,
+        _identify,
+        (("identify arm.toml measured.csv", "base parameters of links, rotors and friction, with residuals"),),
     ),
 )
