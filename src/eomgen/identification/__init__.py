@@ -1,6 +1,6 @@
-"""What measurements say of a robot: forces, stiffness and damping of motions; offsets and placements of poses.
+"""What measurements say of a robot: stiffness and damping; masses and friction; offsets and placements; accuracy.
 
-Uses runtime, robot, forms, description, state, motion, pipeline and analysis.
+Uses runtime, robot, forms, description, state, motion, pipeline, analysis, simulation and sweep.
 """
 
 from .calibration.calibrating import calibrate
@@ -11,20 +11,32 @@ from .choosing.chosen import PosesResult
 from .estimates import Estimate, FitResult, FittedCoordinate
 from .from_motion import ForcesResult, forces
 from .geometry.poses import Measured, MeasuredPoses, poses_from_columns, read_poses
+from .identifiable import BaseParameters, base_parameters
+from .inertial import IdentifyResult, Residuals, identify
+from .iso_9283.evaluate import accuracy
+from .iso_9283.result import AccuracyResult, load_accuracy
 from .least_squares import fit
 
 __all__ = [
+    "AccuracyResult",
+    "BaseParameters",
     "CalibrationResult",
     "Estimate",
     "FitResult",
     "FittedCoordinate",
     "ForcesResult",
+    "IdentifyResult",
     "Measured",
     "MeasuredPoses",
     "PosesResult",
+    "Residuals",
+    "accuracy",
+    "base_parameters",
     "calibrate",
     "fit",
     "forces",
+    "identify",
+    "load_accuracy",
     "load_calibration",
     "poses",
     "poses_from_columns",

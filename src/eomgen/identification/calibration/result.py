@@ -64,11 +64,11 @@ class CalibrationResult(Shown, Tabular):
     frames: Mapping[str, str]
     rows: int
     names: tuple[str, ...]
-    units: tuple[str, ...]
+    units: tuple[str, ...] = field(repr=False)
     values: Array
-    described: Array
+    described: Array = field(repr=False)
     deviations: Array
-    confidence: float
+    confidence: float = field(repr=False)
     rank: int
     rank_above_noise: int
     merged: Mapping[str, str]
@@ -76,8 +76,8 @@ class CalibrationResult(Shown, Tabular):
     residuals: Residuals
     variant: str
     noise: Mapping[str, float]
-    is_noise_known: bool
-    freedoms: float
+    is_noise_known: bool = field(repr=False)
+    freedoms: float = field(repr=False)
     chi2: float | None
     prior: float | None
     gain: Gain | None

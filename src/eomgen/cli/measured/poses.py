@@ -1,4 +1,4 @@
-"""Commands about what was measured or is to be: forces, fit, calibrate, poses."""
+"""Commands about poses to measure and measured: calibrate, poses."""
 
 from __future__ import annotations
 
@@ -6,53 +6,9 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..errors import InputError
-from ..files import FIGURE_ENDINGS
-from .shared import Command, add_json, add_robot, read_robot, show_files, show_result, stage_bar
-
-
-def _add_motion(parser: argparse.ArgumentParser) -> None:
-    add_robot(parser)
-    parser.add_argument("motion", metavar="MOTION", type=Path, help=".csv or .npz: t, coordinates, rates, drives")
-    add_json(parser)
-
-
-def _add_forces(parser: argparse.ArgumentParser) -> None:
-    _add_motion(parser)
-    parser.add_argument("--window", type=int, default=11, metavar="N", help="samples that derivatives use (11)")
-    parser.add_argument("-o", "--output", type=Path, help="write all forces over time, .csv or .npz")
-
-
-def _forces(options: argparse.Namespace) -> None:
-    from ..identification.from_motion import forces
-
-    robot = read_robot(options)
-    with stage_bar("evaluating") as report:
-        found = forces(robot, options.motion, window=options.window, progress=report)
-    if options.output is not None:
-        found.save(options.output)
-    show_result(options, found)
-
-
-def _add_fit(parser: argparse.ArgumentParser) -> None:
-    _add_motion(parser)
-    parser.add_argument("--coordinates", nargs="+", default=(), metavar="NAME", help="those to fit (all that can be)")
-    parser.add_argument("--confidence", type=float, default=0.95, metavar="P", help="of the intervals (0.95)")
-
-
-def _fit(options: argparse.Namespace) -> None:
-    from ..identification.least_squares import fit
-
-    robot = read_robot(options)
-    with stage_bar("fitting") as report:
-        found = fit(
-            robot,
-            options.motion,
-            coordinates=options.coordinates,
-            confidence=options.confidence,
-            progress=report,
-        )
-    show_result(options, found)
+from ...errors import InputError
+from ...files import FIGURE_ENDINGS
+from ..shared import Command, add_json, add_robot, read_robot, show_files, stage_bar
 
 
 def _add_calibrate(parser: argparse.ArgumentParser) -> None:
@@ -96,7 +52,7 @@ def _add_calibrate(parser: argparse.ArgumentParser) -> None:
 
 
 def _calibrate(options: argparse.Namespace) -> None:
-    from ..identification.calibration.calibrating import calibrate
+    from ...identification.calibration.calibrating import calibrate
 
     frames = _attached(options.attach)
     folds = options.folds if options.folds == "loo" else _whole("folds", options.folds)
@@ -128,7 +84,7 @@ def _calibrate(options: argparse.Namespace) -> None:
     if options.output is not None and options.output.suffix == ".npz":
         written.append(found.save(options.output))
     elif options.output is not None:
-        from ..pictures.calibration import plot_calibration
+        from ...pictures.measured import plot_calibration
 
         written.append(plot_calibration(found, options.output))
     show_files(options, found.lines(), found.as_dict(), written)
@@ -186,7 +142,7 @@ def _add_poses(parser: argparse.ArgumentParser) -> None:
 
 
 def _poses(options: argparse.Namespace) -> None:
-    from ..identification.choosing.choosing import poses
+    from ...identification.choosing.choosing import poses
 
     if options.output is not None and options.output.suffix != ".csv":
         raise InputError(f"output: {str(options.output)!r}; allowed: a path that ends in .csv")
@@ -248,20 +204,6 @@ def _whole(label: str, text: str) -> int:
 
 
 COMMANDS = (
-    Command(
-        "forces",
-        "forces and reactions that belong to a measured motion",
-        _add_forces,
-        _forces,
-        (("forces arm.toml measured.csv", "drives, springs, dampers, reactions of a measured motion"),),
-    ),
-    Command(
-        "fit",
-        "stiffness and damping from a measured motion and known drives",
-        _add_fit,
-        _fit,
-        (("fit arm.toml measured.csv", "stiffness and damping from motion and known drives"),),
-    ),
     Command(
         "calibrate",
         "offsets, placements and stiffness from measured poses",
