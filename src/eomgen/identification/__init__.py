@@ -6,6 +6,8 @@ Uses runtime, robot, forms, description, state, motion, pipeline, analysis, simu
 from .calibration.calibrating import calibrate
 from .calibration.result import CalibrationResult
 from .calibration.stored import load_calibration
+from .choosing.choosing import poses
+from .choosing.chosen import PosesResult
 from .estimates import Estimate, FitResult, FittedCoordinate
 from .from_motion import ForcesResult, forces
 from .geometry.poses import Measured, MeasuredPoses, poses_from_columns, read_poses
@@ -26,6 +28,7 @@ __all__ = [
     "IdentifyResult",
     "Measured",
     "MeasuredPoses",
+    "PosesResult",
     "Residuals",
     "accuracy",
     "base_parameters",
@@ -35,6 +38,7 @@ __all__ = [
     "identify",
     "load_accuracy",
     "load_calibration",
+    "poses",
     "poses_from_columns",
     "read_poses",
 ]
